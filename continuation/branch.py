@@ -1,0 +1,155 @@
+"""What a trace leaves behind: points in order, and a sentence that says why it ended."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from .problem import Array
+from .settings import Settings
+
+
+class End(Enum):
+    """Why a trace ended."""
+
+    REACHED_END = "reached lam_end"
+    LEFT_INTERVAL = "left the interval of lam"
+    STEP_BELOW_MINIMUM = "step below the minimum"
+    TOO_MANY_POINTS = "too many points"
+    START_NOT_CONVERGED = "start did not converge"
+    STOPPED_BY_CALLER = "stopped by the caller"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Point:
+    """One solution on a branch; its flags speak of the stretch since the point before.
+
+    Attributes
+    ----------
+    x : (N,) array
+        Unknowns.
+    lam : float
+        Parameter.
+    tangent_x : (N,) array
+        Unit tangent in the direction of travel, part of x; unit in the metric of the settings.
+    tangent_lam : float
+        The part of lam.
+    arclength : float
+        Length of the branch up to here, in the same metric.
+    step : float
+        Arclength step that led here, 0 at the start.
+    iterations : int
+        Newton solves that it took.
+    residual_norm : float
+        Max-norm of the residual.
+    fold : bool
+        The parameter turned back.
+    corner : bool
+        The tangent jumped.
+    branch_point : bool
+        Another branch was crossed (the orientation determinant changed sign).
+    jumped : bool
+        Smaller steps failed; the stretch since the point before was jumped over and is unknown.
+    fold_lam, corner_lam : float, optional
+        Where, if known: cubic Hermite estimate of the fold, meeting point of the two tangents at the corner.
+    """
+
+    x: Array
+    lam: float
+    tangent_x: Array
+    tangent_lam: float
+    arclength: float
+    step: float
+    iterations: int
+    residual_norm: float
+    fold: bool = False
+    corner: bool = False
+    branch_point: bool = False
+    jumped: bool = False
+    fold_lam: float | None = None
+    corner_lam: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Branch:
+    """Points in order, why the trace ended, and the settings that produced it.
+
+    Attributes
+    ----------
+    points : tuple of Point
+        In the order of travel; kept also when the trace failed.
+    end : End
+        Why it ended.
+    message : str
+        One line with the numbers, and what to try next where it failed.
+    settings : Settings
+        What produced it.
+    """
+
+    points: tuple[Point, ...]
+    end: End
+    message: str
+    settings: Settings
+
+    @property
+    def complete(self) -> bool:
+        """Whether `lam_end` was reached."""
+        return self.end is End.REACHED_END
+
+    @property
+    def lam(self) -> Array:
+        """Parameters of all points, (n,)."""
+        return np.array([point.lam for point in self.points])
+
+    @property
+    def x(self) -> Array:
+        """Unknowns of all points, (n, N); (0, 0) without points."""
+        return np.array([point.x for point in self.points]) if self.points else np.empty((0, 0))
+
+    @property
+    def folds(self) -> tuple[Point, ...]:
+        """Points just behind a fold."""
+        return tuple(point for point in self.points if point.fold)
+
+    @property
+    def corners(self) -> tuple[Point, ...]:
+        """Points just behind a corner."""
+        return tuple(point for point in self.points if point.corner)
+
+    @property
+    def branch_points(self) -> tuple[Point, ...]:
+        """Points just behind a crossing with another branch."""
+        return tuple(point for point in self.points if point.branch_point)
+
+    @property
+    def jumps(self) -> tuple[Point, ...]:
+        """Points just behind a stretch that had to be jumped over."""
+        return tuple(point for point in self.points if point.jumped)
+
+    def require_complete(self) -> "Branch":
+        """Return the branch itself if it reached `lam_end`.
+
+        Raises
+        ------
+        ConvergenceError
+            Otherwise; it carries this partial branch.
+        """
+        if not self.complete:
+            raise ConvergenceError(self.message, self)
+        return self
+
+
+class ConvergenceError(RuntimeError):
+    """A trace did not reach its end.
+
+    Parameters
+    ----------
+    message : str
+        One line: where, what was found, what to try.
+    branch : Branch
+        What was found before.
+    """
+
+    def __init__(self, message: str, branch: Branch) -> None:
+        super().__init__(message)
+        self.branch = branch

@@ -1,0 +1,123 @@
+"""Lengths, angles and tangents in the space of y = (x, lam)."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .problem import Array, Linearization
+from .settings import Settings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Metric:
+    """Inner product sum(weights a b) over the N + 1 entries of y."""
+
+    weights: Array
+
+    @classmethod
+    def of(cls, settings: Settings, size: int) -> "Metric":
+        """Metric of the settings for `size` unknowns.
+
+        Raises
+        ------
+        ValueError
+            If the weights have another size.
+        """
+        weights = np.ones(size) if settings.weights is None else np.asarray(settings.weights, dtype=np.float64)
+        if weights.size != size:
+            raise ValueError(f"trace: settings.weights has {weights.size} entries; x0 has {size}")
+        return cls(np.append(weights, settings.lam_weight))
+
+    def inner(self, a: Array, b: Array) -> float:
+        """Inner product."""
+        return float(a @ (self.weights * b))
+
+    def norm(self, a: Array) -> float:
+        """Length."""
+        return math.sqrt(float(a @ (self.weights * a)))
+
+    def unit(self, a: Array) -> Array:
+        """Vector of length 1 along a."""
+        return a / self.norm(a)
+
+    def angle(self, a: Array, b: Array) -> float:
+        """Angle between two unit vectors [rad], accurate for small angles too."""
+        return 2.0 * math.asin(min(1.0, 0.5 * self.norm(a - b)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """A solution with its unit tangent.
+
+    Attributes
+    ----------
+    state, tangent : (N + 1,) array
+        The solution (x, lam) and the direction of travel.
+    row : (N + 1,) array
+        The tangent times the weights of the metric: row . a is the inner product with the tangent.
+    sign : int
+        Sign of the determinant of [J; row]: constant along a curve, corners and folds included,
+        changed by simple branch points (Allgower & Georg, Numerical Continuation Methods, ch. 2 and 8).
+    """
+
+    state: Array
+    tangent: Array
+    row: Array
+    sign: int
+
+    def reversed(self) -> "Frame":
+        """Return the same solution, travelled in the other direction."""
+        return Frame(self.state, -self.tangent, -self.row, -self.sign)
+
+
+def frame_along(metric: Metric, state: Array, linearization: Linearization, row: Array) -> Frame | None:
+    """Frame whose tangent has row . tangent > 0, or None where there is no unique tangent."""
+    try:
+        dx, dlam = linearization.solve_bordered(row[:-1], float(row[-1]), np.zeros(state.size - 1), 1.0)
+    except np.linalg.LinAlgError:
+        return None
+    tangent = np.empty(state.size)
+    tangent[:-1] = dx
+    tangent[-1] = dlam
+    length = metric.norm(tangent)
+    if not (math.isfinite(length) and length > 0.0):
+        return None
+    tangent /= length
+    sign = linearization.determinant_sign(row[:-1], float(row[-1]))
+    return Frame(state, tangent, metric.weights * tangent, sign)
+
+
+def meeting(metric: Metric, first: Frame, second: Frame) -> tuple[float, float]:
+    """Lengths (a, b) with first.state + a first.tangent closest to second.state - b second.tangent.
+
+    Both positive where the path runs from the first point straight to a corner and straight on to the second.
+    """
+    chord = second.state - first.state
+    cosine = float(first.row @ second.tangent)
+    along_first, along_second = float(first.row @ chord), float(second.row @ chord)
+    sine_squared = max(1.0 - cosine**2, 1e-300)
+    return (
+        (along_first - cosine * along_second) / sine_squared,
+        (along_second - cosine * along_first) / sine_squared,
+    )
+
+
+def arc_length(chord: float, angle: float) -> float:
+    """Length of the circular arc over a chord along which the tangent turns by `angle`."""
+    half = 0.5 * angle
+    return chord if half < 1e-8 else chord * half / math.sin(half)
+
+
+def fold_lam(first: Frame, second: Frame, length: float) -> float:
+    """Parameter where it turns between two frames, on the cubic Hermite interpolant of lam over `length`.
+
+    The parameter's slopes must have opposite signs; the quadratic derivative then has one root in between.
+    """
+    lam, rise = float(first.state[-1]), float(second.state[-1] - first.state[-1])
+    m0, m1 = length * float(first.tangent[-1]), length * float(second.tangent[-1])
+    a, b, c = 3.0 * (m0 + m1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * m0 - m1), m0
+    q = -0.5 * (b + math.copysign(math.sqrt(max(b * b - 4.0 * a * c, 0.0)), b))
+    roots = [numerator / denominator for numerator, denominator in ((q, a), (c, q)) if denominator != 0.0]
+    u = min(roots, key=lambda root: abs(root - 0.5))
+    return lam + m0 * u + 0.5 * b * u**2 + a * u**3 / 3.0

@@ -1,0 +1,189 @@
+"""Newton's method on a bordered system: F = 0 together with one linear condition on the step.
+
+The state is y = (x, lam), one array of N + 1 numbers. Every step keeps row . dy = 0, so the iterates stay in the
+hyperplane of the first guess. Damping starts only where full steps do not help (a kink, or far away):
+one full step that raises the residual is forgiven; if the next one does not make up for it,
+a line search starts from the best iterate (watchdog technique, Chamberlain et al. 1982).
+"""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+import numpy as np
+
+from .problem import Array, Linearization, Problem
+from .settings import NewtonSettings
+
+_DAMPING = (0.5, 0.25, 0.125, 0.0625)
+_FORGIVEN_GROWTH = 10.0
+
+
+class Reason(Enum):
+    """Why a correction ended."""
+
+    CONVERGED = "residual below the tolerance"
+    NOT_FINITE = "residual is not finite at the first guess"
+    SINGULAR = "bordered matrix is singular"
+    NO_DECREASE = "no step along the Newton direction lowers the residual"
+    TOO_MANY_ITERATIONS = "too many iterations"
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """Where Newton's method ended.
+
+    Attributes
+    ----------
+    state : (N + 1,) array
+        Last iterate (x, lam).
+    linearization : Linearization
+        The one at `state`; serves the tangent without another evaluation.
+    iterations : int
+        Bordered solves.
+    residual_norm : float
+        Max-norm of the residual at `state`.
+    reason : Reason
+        Why it ended.
+    """
+
+    state: Array
+    linearization: Linearization
+    iterations: int
+    residual_norm: float
+    reason: Reason
+
+    @property
+    def x(self) -> Array:
+        """Unknowns, (N,)."""
+        return self.state[:-1]
+
+    @property
+    def lam(self) -> float:
+        """Parameter."""
+        return float(self.state[-1])
+
+    @property
+    def converged(self) -> bool:
+        """Whether the residual is below the tolerance."""
+        return self.reason is Reason.CONVERGED
+
+
+class Border(NamedTuple):
+    """The row that closes the system; `fixed` keeps lam to the last bit."""
+
+    row: Array
+    row_lam: float
+    fixed: bool = False
+
+
+class _Iterate(NamedTuple):
+    state: Array
+    linearization: Linearization
+    norm: float
+
+
+def solve_at(problem: Problem, x: Array, lam: float, settings: NewtonSettings) -> Correction:
+    """Solution at a fixed parameter.
+
+    Parameters
+    ----------
+    problem : Problem
+        The system.
+    x : (N,) array
+        First guess.
+    lam : float
+        Parameter, kept to the last bit.
+    settings : NewtonSettings
+        Tolerance and iteration limit.
+
+    Returns
+    -------
+    Correction
+        Converged or not; look at `converged` and `reason`.
+    """
+    state = np.append(np.asarray(x, dtype=np.float64), lam)
+    return correct(problem, state, Border(np.zeros(state.size - 1), 1.0, fixed=True), settings)
+
+
+@np.errstate(all="ignore")
+def correct(problem: Problem, state: Array, border: Border, settings: NewtonSettings) -> Correction:
+    """Solution in the hyperplane row . (y - state) = 0.
+
+    Parameters
+    ----------
+    problem : Problem
+        The system.
+    state : (N + 1,) array
+        First guess (x, lam).
+    border : Border
+        The row of the hyperplane.
+    settings : NewtonSettings
+        Tolerance and iteration limit.
+
+    Returns
+    -------
+    Correction
+        Converged or not; look at `converged` and `reason`.
+    """
+    here = best = _iterate(problem, state)
+    best_step = state
+    forgiving = True
+    for iterations in range(settings.max_iterations + 1):
+        if here.norm <= settings.tolerance:
+            return _ended(here, iterations, Reason.CONVERGED)
+        if not math.isfinite(here.norm):
+            return _ended(here, iterations, Reason.NOT_FINITE)
+        if iterations == settings.max_iterations:
+            break
+        step = _newton_step(here.linearization, border)
+        if step is None:
+            return _ended(here, iterations, Reason.SINGULAR)
+        if here is best:
+            best_step = step
+        trial = _iterate(problem, here.state + step)
+        if trial.norm < best.norm:
+            here = best = trial
+        elif forgiving and here is best and trial.norm < _FORGIVEN_GROWTH * best.norm:
+            here, forgiving = trial, False
+        else:
+            damped = _line_search(problem, best, best_step)
+            if damped is None:
+                return _ended(best, iterations + 1, Reason.NO_DECREASE)
+            here = best = damped
+    return _ended(best, settings.max_iterations, Reason.TOO_MANY_ITERATIONS)
+
+
+def _iterate(problem: Problem, state: Array) -> _Iterate:
+    linearization = problem.linearize(state[:-1], float(state[-1]))
+    return _Iterate(state, linearization, max_norm(linearization.residual))
+
+
+def max_norm(residual: Array) -> float:
+    """Largest absolute entry; nan if one is nan."""
+    return float(np.abs(residual).max())
+
+
+def _newton_step(linearization: Linearization, border: Border) -> Array | None:
+    """Newton's step within the hyperplane, or None where there is none."""
+    try:
+        dx, dlam = linearization.solve_bordered(border.row, border.row_lam, -linearization.residual, 0.0)
+    except np.linalg.LinAlgError:
+        return None
+    step = np.empty(dx.size + 1)
+    step[:-1] = dx
+    step[-1] = 0.0 if border.fixed else dlam
+    return step if math.isfinite(float(step @ step)) else None
+
+
+def _line_search(problem: Problem, best: _Iterate, step: Array) -> _Iterate | None:
+    for factor in _DAMPING:
+        state = best.state + factor * step
+        if max_norm(problem.residual(state[:-1], float(state[-1]))) < best.norm:
+            return _iterate(problem, state)
+    return None
+
+
+def _ended(last: _Iterate, iterations: int, reason: Reason) -> Correction:
+    return Correction(last.state, last.linearization, iterations, last.norm, reason)

@@ -1,0 +1,1 @@
+"""Harmonic balance for beams and structures with dry friction at a support."""

@@ -1,0 +1,152 @@
+"""The Fourier basis: the only home of the coefficient order [a_0, a_1..a_H, b_1..b_H]."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FourierBasis:
+    """Real Fourier series of one period, s = a_0 + sum a_k cos k theta + b_k sin k theta.
+
+    Attributes
+    ----------
+    H : int
+        Harmonics kept, >= 1.
+    N_t : int
+        Samples per period, > 2 H.
+
+    Examples
+    --------
+    >>> basis = FourierBasis(2, 16)
+    >>> bool(np.allclose(basis.analysis @ basis.synthesis, np.eye(5)))
+    True
+    """
+
+    H: int
+    N_t: int
+
+    def __post_init__(self) -> None:
+        """Check that the samples resolve the harmonics."""
+        if self.H < 1 or self.N_t <= 2 * self.H:
+            raise ValueError(f"FourierBasis: H = {self.H}, N_t = {self.N_t}; must have H >= 1 and N_t > 2 H")
+
+    @property
+    def size(self) -> int:
+        """Number of coefficients, 2 H + 1."""
+        return 2 * self.H + 1
+
+    @property
+    def fundamental(self) -> int:
+        """Index of the coefficient a_1."""
+        return 1
+
+    @cached_property
+    def k(self) -> Array:
+        """Harmonic number of each coefficient, (2H+1,)."""
+        numbers = np.arange(1.0, self.H + 1)
+        return np.concatenate([[0.0], numbers, numbers])
+
+    @cached_property
+    def theta(self) -> Array:
+        """Phase of the samples, (N_t,) [rad]."""
+        return 2 * np.pi * np.arange(self.N_t) / self.N_t
+
+    @cached_property
+    def synthesis(self) -> Array:
+        """Coefficients to samples, (N_t, 2H+1)."""
+        phase = np.outer(self.theta, self.k[: self.H + 1])
+        return np.hstack([np.cos(phase), np.sin(phase[:, 1:])])
+
+    @cached_property
+    def analysis(self) -> Array:
+        """Samples to coefficients (least squares), (2H+1, N_t)."""
+        rows = self.synthesis.T * (2.0 / self.N_t)
+        rows[0] /= 2.0
+        return np.ascontiguousarray(rows)
+
+    @cached_property
+    def _swapped(self) -> npt.NDArray[np.intp]:
+        """Index of the other coefficient of the same harmonic."""
+        H = self.H
+        return np.concatenate([[0], np.arange(H + 1, 2 * H + 1), np.arange(1, H + 1)])
+
+    @cached_property
+    def _signed_k(self) -> Array:
+        """Factor of each coefficient of ds/dtheta, (2H+1,): k for cosines, -k for sines."""
+        return np.where(np.arange(self.size) <= self.H, self.k, -self.k)
+
+    def derivative(self, coefficients: Array) -> Array:
+        """Coefficients of ds/dtheta, (2H+1, ...)."""
+        swapped = coefficients[self._swapped]
+        factor = self._signed_k if coefficients.ndim == 1 else self._signed_k[:, None]
+        return np.asarray(factor * swapped)
+
+    def derivative_on_right(self, matrix: Array) -> Array:
+        """Product of a (..., 2H+1) matrix with the matrix of :meth:`derivative`."""
+        return np.asarray(-self._signed_k * matrix[:, self._swapped])
+
+    def complex(self, coefficients: Array) -> npt.NDArray[np.complex128]:
+        """Amplitudes c_k with s = Re sum c_k exp(i k theta), (H+1, ...)."""
+        c = np.zeros((self.H + 1,) + coefficients.shape[1:], dtype=complex)
+        c.real = coefficients[: self.H + 1]
+        c[1:].imag = -coefficients[self.H + 1 :]
+        return c
+
+    def real(self, amplitudes: npt.NDArray[np.complex128]) -> Array:
+        """Coefficients of Re sum c_k exp(i k theta), inverse of :meth:`complex`, (2H+1, ...)."""
+        return np.concatenate([amplitudes.real, -amplitudes.imag[1:]])
+
+    @cached_property
+    def _products(self) -> sparse.csr_array:
+        """Linear map from the coefficients of a to the matrix of b -> a b, truncated to H."""
+        H, n = self.H, self.size
+        entries: list[tuple[int, int, int, float]] = []
+
+        def add(j: int, m: int, harmonic: int, sine: bool, value: float) -> None:
+            # product of basis functions j (of a) and m (of b) contributes `value` at a basis function
+            if sine and harmonic == 0 or abs(harmonic) > H:
+                return
+            if sine:
+                entries.append((H + abs(harmonic), m, j, value if harmonic > 0 else -value))
+            else:
+                entries.append((abs(harmonic), m, j, value))
+
+        for j in range(n):
+            for m in range(n):
+                p, q = int(self.k[j]), int(self.k[m])
+                j_sine, m_sine = j > H, m > H
+                if j_sine == m_sine:  # cos cos, sin sin
+                    add(j, m, p - q, False, 0.5)
+                    add(j, m, p + q, False, -0.5 if j_sine else 0.5)
+                else:  # sin cos, cos sin
+                    add(j, m, p + q, True, 0.5)
+                    add(j, m, p - q if j_sine else q - p, True, 0.5)
+        row, column, source, value = zip(*entries, strict=True)
+        flat = np.asarray(row) * n + np.asarray(column)
+        return sparse.csr_array((value, (flat, source)), shape=(n * n, n))
+
+    def multiplication(self, coefficients: Array) -> Array:
+        """Matrices that multiply a series by given ones, truncated to H.
+
+        Parameters
+        ----------
+        coefficients : (2H+1,) or (2H+1, m) array
+            One series or m of them.
+
+        Returns
+        -------
+        (2H+1, 2H+1) or (2H+1, 2H+1, m) array
+            `out[..., j] @ b` are the coefficients of a_j b.
+        """
+        return np.asarray(self._products @ coefficients).reshape((self.size, self.size) + coefficients.shape[1:])
+
+    @cached_property
+    def exact_products(self) -> "FourierBasis":
+        """The coarsest basis whose samples carry products of two series without aliasing into 0..H."""
+        return FourierBasis(self.H, 3 * self.H + 2)

@@ -1,0 +1,204 @@
+"""Time histories: the motion of a rig sampled in time, and every channel that follows from it.
+
+:class:`State` is where a march starts and stops; :class:`TimeHistory` is what it leaves behind.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from models import Rig
+from models.structure import Array, ModalStructure
+
+UNITS = {"force": "N", "acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where a rig is at one instant.
+
+    Attributes
+    ----------
+    q, qdot : (n,) array
+        Modal coordinates and velocities.
+    friction : float
+        T [N].
+    z : (states,) array
+        Internal state of the friction law.
+    time : float
+        [s]; the force is level cos(2 pi hz time).
+    """
+
+    q: Array
+    qdot: Array
+    friction: float
+    z: Array
+    time: float = 0.0
+
+    @staticmethod
+    def at_rest(rig: Rig) -> "State":
+        """Nothing moves, the contact is in its virgin state."""
+        n = rig.structure.n
+        return State(np.zeros(n), np.zeros(n), 0.0, np.zeros(rig.contact.law.states))
+
+    @property
+    def flat(self) -> Array:
+        """(q, q', T, z), (2n + 1 + states,)."""
+        return np.concatenate([self.q, self.qdot, [self.friction], self.z])
+
+    @staticmethod
+    def from_flat(x: Array, modes: int, time: float) -> "State":
+        """Inverse of :attr:`flat`."""
+        return State(x[:modes], x[modes : 2 * modes], float(x[2 * modes]), x[2 * modes + 1 :], time)
+
+
+class Signal(NamedTuple):
+    """Values of one channel, (N,), and their unit."""
+
+    values: Array
+    unit: str
+
+
+def acceleration(structure: ModalStructure, q: Array, qdot: Array, T: Array, F: Array) -> Array:
+    """Modal accelerations from the equation of motion (4), (N, n).
+
+    Parameters
+    ----------
+    structure : ModalStructure
+    q, qdot : (N, n) array
+        Modal coordinates and velocities.
+    T, F : (N,) array
+        Friction and excitation [N].
+    """
+    pushed = structure.slip_row - q @ structure.shortening
+    driven = F[:, None] * structure.excitation + T[:, None] * pushed
+    return np.asarray(driven - structure.damping * qdot - structure.omega_n**2 * q)
+
+
+def normal_reaction(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Array:
+    """Normal reaction of the support, (N,) [N]; arguments as in :func:`acceleration`."""
+    r = rig.structure.reaction
+    moved = acceleration(rig.structure, q, qdot, T, F) @ r.inertia + qdot @ r.damping
+    return np.asarray(rig.contact.normal_load + moved + T * (q @ r.stretch - r.friction_lever) - r.force_share * F)
+
+
+@dataclass(frozen=True, eq=False)
+class TimeHistory:
+    """A computed motion.
+
+    Attributes
+    ----------
+    rig : Rig
+    hz, level : float
+        Frequency [Hz] and amplitude [N] of the cosine force.
+    time : (N,) array
+        Equally spaced [s].
+    q, qdot : (N, n) array
+        Modal coordinates and velocities.
+    friction : (N,) array
+        T [N].
+    friction_rate : (N,) array
+        dT/dt by central differences of the steps [N/s].
+    samples_per_period : int
+    state : State
+        At the end of the march, to go on from.
+    lift_off : float or None
+        First time at which the reaction was negative [s], among all steps marched: from there on the tip
+        would have left the support and the motion is not to be trusted.
+    largest_residual : float
+        Of the implicit relation at the contact [N].
+    """
+
+    rig: Rig
+    hz: float
+    level: float
+    time: Array
+    q: Array
+    qdot: Array
+    friction: Array
+    friction_rate: Array
+    samples_per_period: int
+    state: State
+    lift_off: float | None
+    largest_residual: float
+
+    @cached_property
+    def force(self) -> Array:
+        """Excitation, (N,) [N]."""
+        return np.asarray(self.level * np.cos(2 * np.pi * self.hz * self.time))
+
+    @cached_property
+    def qddot(self) -> Array:
+        """Modal accelerations, (N, n)."""
+        return acceleration(self.rig.structure, self.q, self.qdot, self.friction, self.force)
+
+    @cached_property
+    def channels(self) -> dict[str, Signal]:
+        """The rig's channels, then `drive`, `slip`, `slip_velocity`, `friction` and `normal`.
+
+        Slip is the displacement of the contact point, u + C_res T; slip velocity is its rate.
+        """
+        s = self.rig.structure
+        motion = {"displacement": self.q, "velocity": self.qdot, "acceleration": self.qddot}
+        signals = {
+            c.name: Signal(
+                self.force if c.quantity == "force" else motion[c.quantity] @ s.channel_rows[c.name],
+                UNITS[c.quantity],
+            )
+            for c in self.rig.channels
+        }
+        turned = self.q @ s.shortening
+        slip = self.q @ s.slip_row - np.sum(self.q * turned, axis=1) / 2 + s.compliance * self.friction
+        speed = np.sum((s.slip_row - turned) * self.qdot, axis=1) + s.compliance * self.friction_rate
+        normal = normal_reaction(self.rig, self.q, self.qdot, self.friction, self.force)
+        return signals | {
+            "drive": Signal(self.q @ s.excitation, "m"),
+            "slip": Signal(slip, "m"),
+            "slip_velocity": Signal(speed, "m/s"),
+            "friction": Signal(self.friction, "N"),
+            "normal": Signal(normal, "N"),
+        }
+
+    def harmonics(self, channel: str, H: int, periods: int = 1) -> Array:
+        """Fourier coefficients of a channel over the last whole periods, phase reference the cosine force.
+
+        Parameters
+        ----------
+        channel : str
+            A key of :attr:`channels`.
+        H : int
+            Highest harmonic, below half the samples per period.
+        periods : int
+            How many periods are averaged.
+
+        Returns
+        -------
+        (2H+1,) array
+            [a_0, a_1..a_H, b_1..b_H] in the channel's unit.
+
+        Raises
+        ------
+        ValueError
+            If the history is shorter than that, or H too high for its sampling.
+        """
+        N_t = self.samples_per_period
+        if not 0 <= H < N_t / 2 or not 0 < periods * N_t <= len(self.time):
+            raise ValueError(
+                f"harmonics: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
+                "must be fewer than half the samples of a period, and no more periods than there are"
+            )
+        period = self.channels[channel].values[-periods * N_t :].reshape(periods, N_t).mean(axis=0)
+        spectrum = np.fft.rfft(period)[: H + 1] / N_t
+        spectrum *= np.exp(-2j * np.pi * np.arange(H + 1) * self.hz * self.time[-periods * N_t])
+        return np.concatenate([[spectrum[0].real], 2 * spectrum[1:].real, -2 * spectrum[1:].imag])
+
+    @cached_property
+    def steadiness(self) -> float:
+        """Change of the drive displacement over the last two periods, relative to its largest value; NaN if shorter."""
+        N_t = self.samples_per_period
+        if len(self.time) < 2 * N_t:
+            return float("nan")
+        before, last = self.channels["drive"].values[-2 * N_t :].reshape(2, N_t)
+        return float(np.max(np.abs(last - before)) / max(np.max(np.abs(last)), np.finfo(float).tiny))

@@ -1,0 +1,404 @@
+"""Multi-harmonic residual of a rig, as a problem for continuation.
+
+Unknowns are the modal coefficients Q (2H+1, n) and the coefficients of the friction force T (2H+1,).
+Mechanics outside the contact is linear, so the Newton system is eliminated down to the 2H+1 unknowns of T
+and the continuation parameter: its dense core is as large as the contact signal, not as the structure.
+
+Scaling. Modal rows are divided by the largest generalised excitation, the contact row by the excitation
+amplitude: a residual of 1e-9 means that every force balance, harmonic by harmonic, closes to 1e-9 of the
+excitation.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.linalg import lapack
+
+from hbm.aft import ContactForce, Environment, LawOverPeriod
+from hbm.fourier import Array, FourierBasis
+from models.friction import parameters
+from models.rig import Rig
+
+Parameter = Literal["frequency", "force"]
+
+COUPLING = 0.02
+"""Foreshortening of a mode stays out of the Newton matrix below this fraction of its least dynamic stiffness."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Unknowns in physical units: Q (2H+1, n), T (2H+1,) [N], Omega [rad/s] and force F [N]."""
+
+    Q: Array
+    T: Array
+    Omega: float
+    F: float
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What the contact sees of a state.
+
+    Attributes
+    ----------
+    p : (2H+1, n) array
+        Coefficients of du/dq_i = (c - G q)_i.
+    Gq : (2H+1, n) array
+        Coefficients of G q.
+    signals : (2H+1, 4) array
+        Coefficients of u, v, rho, eta (:data:`hbm.aft.SIGNALS`).
+    """
+
+    p: Array
+    Gq: Array
+    signals: Array
+
+
+class HarmonicBalance:
+    """A rig on a Fourier basis with one free parameter, a :class:`continuation.Problem`.
+
+    Parameters
+    ----------
+    rig : Rig
+        Structure, contact and excitation.
+    basis : FourierBasis
+        Harmonics and samples.
+    parameter : {"frequency", "force"}
+        What the continuation parameter is: Omega / omega_1 or F / amplitude.
+    hz : float
+        Excitation frequency where the parameter is the force [Hz].
+    level : float, optional
+        Force amplitude where the parameter is the frequency [N]; the rig's where omitted.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        basis: FourierBasis,
+        *,
+        parameter: Parameter = "frequency",
+        hz: float = 0.0,
+        level: float | None = None,
+    ) -> None:
+        s = rig.structure
+        self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
+        self.level = rig.excitation.amplitude if level is None else level
+        self.fixed_Omega = 2 * np.pi * hz
+        self.Omega_ref = float(s.omega_n[0])
+        self.F_ref = self.level
+        self.modal_force_ref = self.F_ref * float(np.abs(s.excitation).max())
+        # a tenfold dynamic amplification of the static response of the first mode
+        self.q_ref = 10.0 * self.modal_force_ref / self.Omega_ref**2
+        self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
+        self.law = LawOverPeriod(rig.contact.law, basis)
+        self.environment, self.dynamic_lagrangian = self._environment(rig)
+        self.coupled = self._coupled_modes()
+
+    # ---- set-up
+
+    def _environment(self, rig: Rig) -> tuple[Environment, float]:
+        """Law inputs; and the compliance lent to a set-valued law of a structure that has none.
+
+        The loan is taken back harmonic by harmonic (dynamic Lagrangian frequency-time): the law is shown
+        u - loan T, with T the unknown coefficients, so that at convergence the contact point sticks and slips
+        exactly and its motion has the coefficients of u. The answer does not depend on the loan.
+        """
+        s = self.structure
+        values = np.array([float(v) for v in parameters(rig.contact.law).values()])
+        lend = rig.contact.law.set_valued and s.compliance == 0.0
+        loan = float(np.sum((s.slip_row / s.omega_n) ** 2)) if lend else 0.0
+        return Environment(s.compliance + loan, rig.contact.normal_load, values), loan
+
+    def _coupled_modes(self) -> int:
+        """How many of the lowest modes need their foreshortening in the Newton matrix."""
+        s = self.structure
+        least_stiffness = np.minimum(s.damping * s.omega_n, s.omega_n**2)
+        coupling = self.rig.contact.normal_load * np.diag(s.shortening)
+        strong = np.flatnonzero(coupling > COUPLING * least_stiffness)
+        return int(strong[-1]) + 1 if strong.size else 0
+
+    # ---- vectors
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.basis.size * (self.structure.n + 1)
+
+    def pack(self, state: State) -> tuple[Array, float]:
+        """Scaled unknowns and continuation parameter of a state."""
+        x = np.concatenate([(state.Q / self.q_ref).ravel(), state.T / self.F_ref])
+        return x, state.Omega / self.Omega_ref if self.parameter == "frequency" else state.F / self.F_ref
+
+    def unpack(self, x: Array, lam: float) -> State:
+        """State in physical units of scaled unknowns."""
+        split = self.basis.size * self.structure.n
+        Q = x[:split].reshape(self.basis.size, -1) * self.q_ref
+        Omega, F = self.at(lam)
+        return State(Q, x[split:] * self.F_ref, Omega, F)
+
+    def at(self, lam: float) -> tuple[float, float]:
+        """Frequency [rad/s] and force amplitude [N] at a value of the continuation parameter."""
+        if self.parameter == "frequency":
+            return lam * self.Omega_ref, self.level
+        return self.fixed_Omega, lam * self.F_ref
+
+    # ---- mechanics
+
+    def kinematics(self, state: State) -> Kinematics:
+        """Slip, its velocity, and the two parts of the reaction, from the modes."""
+        s, basis, Q = self.structure, self.basis, state.Q
+        p = np.zeros_like(Q)
+        if self.coupled:
+            Gq = Q @ s.shortening
+            p -= Gq
+            fine = basis.exact_products
+            shortening = fine.analysis @ np.einsum("ti,ti->t", fine.synthesis @ Gq, fine.synthesis @ Q)
+        else:
+            Gq, shortening = p, 0.0
+        p[0] += s.slip_row
+        u = Q @ s.slip_row - 0.5 * shortening - self.dynamic_lagrangian * state.T
+        u[basis.fundamental] += s.residual.slip_by_force * state.F
+        r = s.reaction
+        signals = np.empty((basis.size, 4))
+        signals[:, 0] = u
+        signals[:, 1] = state.Omega * basis.derivative(u)
+        rho = -((basis.k * state.Omega) ** 2) * (Q @ r.inertia) + state.Omega * basis.derivative(Q @ r.damping)
+        rho[0] += self.rig.contact.normal_load
+        rho[basis.fundamental] -= r.force_share * state.F
+        signals[:, 2] = rho
+        signals[:, 3] = Q @ r.stretch
+        signals[0, 3] -= r.friction_lever
+        return Kinematics(p, Gq, signals)
+
+    def dynamic_stiffness(self, Omega: float) -> tuple[Array, Array]:
+        """Dynamic stiffness per mass-normalised mode, real and imaginary part, (H+1, n) [1/s2]."""
+        k = np.arange(self.basis.H + 1)[:, None] * Omega
+        return self.structure.omega_n**2 - k**2, k * self.structure.damping
+
+    def _modal_balance(self, state: State, kin: Kinematics) -> Array:
+        """Inertia, damping and stiffness minus friction and excitation, per mode, (2H+1, n)."""
+        s, basis = self.structure, self.basis
+        Q, Omega = state.Q, state.Omega
+        force = np.outer(state.T, s.slip_row)
+        if self.coupled:
+            force -= basis.multiplication(state.T) @ kin.Gq
+        balance = (s.omega_n**2 - (basis.k * Omega)[:, None] ** 2) * Q
+        balance += Omega * s.damping * basis.derivative(Q) - force
+        balance[basis.fundamental] -= s.excitation * state.F
+        return balance
+
+    def residual(self, x: Array, lam: float) -> Array:
+        """Scaled force balance of every mode and harmonic, then of the contact, (size,)."""
+        state = self.unpack(x, lam)
+        kin = self.kinematics(state)
+        T, _ = self.law.force(kin.signals, state.Omega, self.environment)
+        return self._scaled(self._modal_balance(state, kin), state.T - self.basis.analysis @ T)
+
+    def _scaled(self, modal: Array, contact: Array) -> Array:
+        return np.concatenate([(modal / self.modal_force_ref).ravel(), contact / self.F_ref])
+
+    def linearize(self, x: Array, lam: float) -> "Elimination":
+        """Residual with a factored linearisation."""
+        state = self.unpack(x, lam)
+        kin = self.kinematics(state)
+        contact = self.law.linearize(kin.signals, state.Omega, self.environment)
+        residual = self._scaled(self._modal_balance(state, kin), state.T - contact.coefficients)
+        return Elimination(self, state, kin, contact, residual)
+
+    def contact_state(self, state: State) -> tuple[Kinematics, Array, float]:
+        """Kinematics, friction force at the samples [N] and closure of the loop at a state."""
+        kin = self.kinematics(state)
+        T, closure = self.law.force(kin.signals, state.Omega, self.environment)
+        return kin, T.copy(), closure
+
+
+class Elimination:
+    """Linearised balance [K, -P; -E, S] of modes and contact, reduced to the contact.
+
+    K is the structure with the friction force held (its foreshortening is a parametric stiffness), P takes
+    T to the modes, E takes the modes to T through the law. The lowest `coupled` modes are
+    eliminated with a dense factorisation, the others harmonic by harmonic in closed form. The foreshortening of
+    those others, weak beside their damping, is left out here, not in the residual: it costs Newton a little of its
+    quadratic rate, never the answer.
+    """
+
+    def __init__(
+        self, problem: HarmonicBalance, state: State, kin: Kinematics, contact: ContactForce, residual: Array
+    ) -> None:
+        self.problem, self.state, self.contact, self.residual = problem, state, contact, residual
+        s, basis, m = problem.structure, problem.basis, problem.coupled
+        size = basis.size
+        self._m = m
+        real, imaginary = problem.dynamic_stiffness(state.Omega)
+        self._receptance = 1.0 / (real[:, m:] + 1j * imaginary[:, m:])
+        r = s.reaction
+        self._rows = np.stack([s.slip_row, r.inertia, r.damping, r.stretch])
+        self._law_slopes = np.hstack(
+            [b if b is not None else np.zeros((size, size)) for b in (contact.by_u, contact.by_rho, contact.by_eta)]
+        )
+        self._core = np.eye(size) - self._law_of_others()
+        if problem.dynamic_lagrangian:
+            self._core += problem.dynamic_lagrangian * self._law_slopes[:, :size]
+        modal_slope, contact_slope = self._slope()
+        self._modal_slope = modal_slope
+        self._core_lam = contact_slope + self._law_of_field(self._receptance_of(modal_slope[:, m:]))
+        if m:
+            self._p = basis.multiplication(kin.p[:, :m])  # (2H+1, 2H+1, m)
+            self._lu, self._pivots = self._factor(real[:, :m], imaginary[:, :m])
+            forces = np.empty((size, m, size + 1))
+            forces[:, :, :size] = self._p.transpose(0, 2, 1)
+            forces[:, :, size] = modal_slope[:, :m]
+            self._coupled_of = self._solve_coupled(forces)
+            law = self._law_of_coupled(self._coupled_of)
+            self._core -= law[:, :size]
+            self._core_lam += law[:, size]
+
+    # ---- coupled modes
+
+    def _factor(self, real: Array, imaginary: Array) -> tuple[Array, Array]:
+        """LU of the coupled modes' dynamic stiffness with the parametric stiffness T G."""
+        basis, m, size = self.problem.basis, self._m, self.problem.basis.size
+        product = basis.multiplication(self.state.T)
+        G = self.problem.structure.shortening[:m, :m]
+        K = np.multiply(product[:, None, :, None], G[None, :, None, :])
+        H = basis.H
+        blocks = K.reshape(size * m, size * m)
+        flat = blocks.ravel()
+        N, half = size * m, H * m
+        flat[:: N + 1] += np.concatenate([real, real[1:]]).ravel()
+        # imaginary parts stand H harmonics off the diagonal, from the first harmonic on
+        flat[m * (N + 1) + half : (m + half) * (N + 1) : N + 1] += imaginary[1:].ravel()
+        flat[(m + half) * (N + 1) - half :: N + 1] -= imaginary[1:].ravel()
+        lu, pivots, _ = lapack.dgetrf(blocks.T, overwrite_a=1)  # factored transposed: no copy
+        return lu, pivots
+
+    def _solve_coupled(self, forces: Array) -> Array:
+        """Motion (2H+1, m, r) of the coupled modes under modal forces."""
+        flat, _ = lapack.dgetrs(self._lu, self._pivots, forces.reshape(len(self._lu), -1), trans=1)
+        return np.asarray(flat.reshape(forces.shape))
+
+    def _law_of_coupled(self, modes: Array) -> Array:
+        """Change (2H+1, r) of the law's force coefficients with the coupled modes (2H+1, m, r)."""
+        basis, m = self.problem.basis, self._m
+        size, r = basis.size, modes.shape[2]
+        seen = np.empty((3, size, r))
+        np.matmul(self._p.reshape(size, size * m), modes.reshape(size * m, r), out=seen[0])
+        reaction = np.matmul(self._rows[1:, :m], modes)  # (2H+1, 3, r)
+        seen[1] = self._reaction(reaction[:, 0], reaction[:, 1])
+        seen[2] = reaction[:, 2]
+        return np.asarray(self._law_slopes @ seen.reshape(3 * size, r))
+
+    def _reaction(self, inertia: Array, damping: Array) -> Array:
+        basis, Omega = self.problem.basis, self.state.Omega
+        squared = (basis.k * Omega) ** 2
+        return Omega * basis.derivative(damping) - (squared[:, None] if inertia.ndim == 2 else squared) * inertia
+
+    # ---- other modes: their receptance is diagonal in modes and harmonics
+
+    def _receptance_of(self, forces: Array) -> Array:
+        """Motion (2H+1, n - m) of the other modes under modal forces."""
+        basis = self.problem.basis
+        return basis.real(basis.complex(forces) * self._receptance)
+
+    def _law_of_field(self, others: Array) -> Array:
+        """Change (2H+1,) of the law's force coefficients with the other modes (2H+1, n - m)."""
+        seen = others @ self._rows[:, self._m :].T
+        signals = np.concatenate([seen[:, 0], self._reaction(seen[:, 1], seen[:, 2]), seen[:, 3]])
+        return np.asarray(self._law_slopes @ signals)
+
+    def _law_of_others(self) -> Array:
+        """Change (2H+1, 2H+1) of the law's force coefficients with those of T, through the other modes."""
+        problem, basis = self.problem, self.problem.basis
+        size, H = basis.size, basis.H
+        rows = self._rows[:, self._m :] * problem.structure.slip_row[self._m :]
+        transfer = self._receptance @ rows.T  # (H+1, 4)
+        k_Omega = np.arange(H + 1) * self.state.Omega
+        rho = -(k_Omega**2) * transfer[:, 1] + 1j * k_Omega * transfer[:, 2]
+        out = np.zeros((size, size))
+        for i, t in enumerate((transfer[:, 0], rho, transfer[:, 3])):
+            slope = self._law_slopes[:, i * size : (i + 1) * size]
+            out += slope * np.concatenate([t.real, t.real[1:]])
+            # a - i b is turned by t: the sine column feeds the cosine with +imag, the cosine the sine with -imag
+            out[:, 1 : H + 1] -= slope[:, H + 1 :] * t.imag[1:]
+            out[:, H + 1 :] += slope[:, 1 : H + 1] * t.imag[1:]
+        return out
+
+    # ---- derivative to the continuation parameter
+
+    def _slope(self) -> tuple[Array, Array]:
+        """Derivative of the unscaled balances to the unscaled continuation parameter."""
+        problem, state, contact = self.problem, self.state, self.contact
+        s, basis, Q, Omega = problem.structure, problem.basis, state.Q, state.Omega
+        if problem.parameter == "frequency":
+            modal = s.damping * basis.derivative(Q) - (2 * Omega * basis.k**2)[:, None] * Q
+            d_rho = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
+            slope = -contact.by_Omega
+        else:
+            modal, d_rho, slope = np.zeros_like(Q), np.zeros(basis.size), np.zeros(basis.size)
+            modal[basis.fundamental] = -s.excitation
+            d_rho[basis.fundamental] = -s.reaction.force_share
+            if contact.by_u is not None:
+                slope = -s.residual.slip_by_force * contact.by_u[:, basis.fundamental]
+        return modal, slope if contact.by_rho is None else slope - contact.by_rho @ d_rho
+
+    # ---- the interface of continuation.Linearization
+
+    def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
+        """Core matrix with the border row; and that row's part on the modes, (2H+1, n)."""
+        problem, m = self.problem, self._m
+        size, n = problem.basis.size, problem.structure.n
+        modes = row[: size * n].reshape(size, n) / problem.q_ref
+        matrix = np.empty((size + 1, size + 1))
+        matrix[:size, :size] = self._core
+        matrix[:size, size] = self._core_lam
+        matrix[size, :size] = row[size * n :] / problem.F_ref
+        matrix[size, size] = row_lam / problem.lam_ref
+        if m:
+            through = modes[:, :m].ravel() @ self._coupled_of.reshape(size * m, size + 1)
+            matrix[size, :size] += through[:size]
+            matrix[size, size] -= through[size]
+        if n > m:
+            basis = problem.basis
+            adjoint = basis.real(basis.complex(modes[:, m:]) * self._receptance.conj())
+            matrix[size, :size] += adjoint @ problem.structure.slip_row[m:]
+            matrix[size, size] -= np.vdot(adjoint, self._modal_slope[:, m:])
+        return matrix, modes
+
+    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
+        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
+        problem, m = self.problem, self._m
+        size, n = problem.basis.size, problem.structure.n
+        matrix, modes = self._bordered(row, row_lam)
+        modal = rhs[: size * n].reshape(size, n) * problem.modal_force_ref
+        right = np.empty(size + 1)
+        right[:size] = rhs[size * n :] * problem.F_ref
+        right[size] = rhs_row
+        d_Q = np.empty((size, n))
+        if m:
+            free = self._solve_coupled(modal[:, :m, None])
+            right[:size] += self._law_of_coupled(free)[:, 0]
+            d_Q[:, :m] = free[:, :, 0]
+        if n > m:
+            d_Q[:, m:] = self._receptance_of(modal[:, m:])
+            right[:size] += self._law_of_field(d_Q[:, m:])
+        right[size] -= np.vdot(modes, d_Q)
+        _, _, solution, info = lapack.dgesv(matrix, right)
+        if info:
+            solution = np.full(size + 1, np.nan)
+        d_T, d_lam = solution[:size], float(solution[size])
+        if m:
+            d_Q[:, :m] += self._coupled_of @ np.append(d_T, -d_lam)
+        if n > m:
+            forces = np.outer(d_T, problem.structure.slip_row[m:]) - d_lam * self._modal_slope[:, m:]
+            d_Q[:, m:] += self._receptance_of(forces)
+        return np.concatenate([d_Q.ravel() / problem.q_ref, d_T / problem.F_ref]), d_lam / problem.lam_ref
+
+    def determinant_sign(self, row: Array, row_lam: float) -> int:
+        """Sign of the determinant of the bordered matrix; uncoupled modes contribute positive blocks."""
+        matrix, _ = self._bordered(row, row_lam)
+        sign = float(np.linalg.slogdet(matrix)[0])
+        if self._m:
+            swaps = int(np.count_nonzero(self._pivots != np.arange(len(self._pivots))))
+            sign *= float(np.prod(np.sign(np.diag(self._lu)))) * (-1.0) ** swaps
+        return int(sign)

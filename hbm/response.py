@@ -1,0 +1,561 @@
+"""Periodic responses of a rig: single steady states, and curves traced by continuation.
+
+:func:`frequency_response` and :func:`force_response` return a :class:`ResponseCurve`, whose points are
+:class:`PeriodicSolution` objects and whose channels are arrays with names and units.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from continuation import Branch, ConvergenceError, NewtonSettings, Point, Settings, continue_branch, solve_at
+from hbm.fourier import Array, FourierBasis
+from hbm.residual import HarmonicBalance, State
+from models.rig import Rig
+
+UNITS = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
+DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+TOLERANCE = 1e-9
+"""Every force balance closes to this fraction of the excitation, see :mod:`hbm.residual`."""
+
+SWEEP = (0.85, 1.35)
+"""Default sweep in units of the first sliding resonance."""
+
+OnPoint = Callable[[float, int], None]
+"""Called with the frequency [Hz] (or force [N]) and the number of every point found."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One period of one quantity.
+
+    Attributes
+    ----------
+    unit : str
+        SI unit.
+    coefficients : (2H+1,) array
+        Fourier coefficients a_0, a_1..a_H, b_1..b_H.
+    samples : (N_t,) array
+        Values at the phases of the basis.
+    """
+
+    unit: str
+    coefficients: Array
+    samples: Array
+
+    @property
+    def amplitude(self) -> Array:
+        """Amplitude of harmonics 0..H, (H+1,)."""
+        return amplitudes(self.coefficients)
+
+
+def amplitudes(coefficients: Array) -> Array:
+    """Amplitude of each harmonic, (..., 2H+1) -> (..., H+1)."""
+    H = coefficients.shape[-1] // 2
+    out = np.abs(coefficients[..., : H + 1])
+    out[..., 1:] = np.hypot(coefficients[..., 1 : H + 1], coefficients[..., H + 1 :])
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicSolution:
+    """One steady state of a rig.
+
+    Attributes
+    ----------
+    hz, level : float
+        Excitation frequency [Hz] and force amplitude [N].
+    basis : FourierBasis
+    state : State
+        Modal and friction coefficients.
+    channels : dict of str to Signal
+        The rig's channels, `drive` (displacement at the excitation), `slip`, `slip_velocity`, `friction`, `normal`.
+    closure : float
+        Change of the friction state over the period, relative to its range.
+    energy_error : float
+        Excitation work minus damping and friction losses over a period, relative to the excitation work.
+    """
+
+    hz: float
+    level: float
+    basis: FourierBasis
+    state: State
+    channels: Mapping[str, Signal]
+    closure: float
+    energy_error: float
+
+    @property
+    def lift_off(self) -> bool:
+        """Whether the normal reaction would turn negative: the tip leaves the support, the model does not."""
+        return bool(self.channels["normal"].samples.min() < 0.0)
+
+
+def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution:
+    """Physical channels of a solution of the harmonic balance.
+
+    Parameters
+    ----------
+    problem : HarmonicBalance
+    x : (size,) array
+        Scaled unknowns.
+    lam : float
+        Continuation parameter.
+
+    Returns
+    -------
+    PeriodicSolution
+    """
+    state = problem.unpack(x, lam)
+    kin, T, closure = problem.contact_state(state)
+    rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
+    friction = Signal("N", basis.analysis @ T, T)
+    modal_slip = kin.signals[:, 0] + problem.dynamic_lagrangian * state.T
+    slip = modal_slip + s.compliance * friction.coefficients
+    # the elastic part C T follows the force at every sample, beyond the harmonics kept
+    slip_samples = basis.synthesis @ modal_slip + s.compliance * T
+    normal = (basis.synthesis @ kin.signals[:, 2]) + (basis.synthesis @ kin.signals[:, 3]) * T
+
+    def series(unit: str, coefficients: Array) -> Signal:
+        return Signal(unit, coefficients, basis.synthesis @ coefficients)
+
+    force = np.zeros(basis.size)
+    force[basis.fundamental] = state.F
+
+    def motion(quantity: str, row: Array, by_force: float, by_friction: float) -> Signal:
+        coefficients = state.Q @ row + by_force * force + by_friction * friction.coefficients
+        for _ in range(DERIVATIVES[quantity]):
+            coefficients = Omega * basis.derivative(coefficients)
+        return series(UNITS[quantity], coefficients)
+
+    residual = s.residual
+    channels = {
+        c.name: series("N", force)
+        if c.quantity == "force"
+        else motion(c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)))
+        for c in rig.channels
+    }
+    channels |= {
+        "drive": motion("displacement", s.excitation, residual.drive_by_force, residual.slip_by_force),
+        "slip": Signal("m", slip, slip_samples),
+        "slip_velocity": series("m/s", Omega * basis.derivative(slip)),
+        "friction": friction,
+        "normal": Signal("N", basis.analysis @ normal, normal),
+    }
+    energy = _energy_error(problem, state, modal_slip, channels["drive"].coefficients, friction.coefficients)
+    return PeriodicSolution(Omega / (2 * np.pi), state.F, basis, state, channels, closure, energy)
+
+
+def _energy_error(problem: HarmonicBalance, state: State, slip: Array, drive: Array, friction: Array) -> float:
+    """Excitation work minus losses over a period, relative to the largest of them."""
+    basis, s, Omega = problem.basis, problem.structure, state.Omega
+
+    def work(force: Array, displacement: Array) -> float:
+        # mean of s1 s2' over the period from the coefficients, times the period
+        return float(np.pi * force[1:] @ basis.derivative(displacement)[1:])
+
+    force = np.zeros(basis.size)
+    force[basis.fundamental] = state.F
+    supplied = work(force, drive)
+    velocity = Omega * basis.derivative(state.Q)
+    damped = float(np.pi / Omega * np.sum(s.damping * velocity[1:] ** 2))
+    rubbed = -work(friction, slip)
+    return (supplied - damped - rubbed) / max(abs(supplied), damped, abs(rubbed), np.finfo(float).tiny)
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelCurve:
+    """One channel along a curve.
+
+    Attributes
+    ----------
+    unit : str
+    harmonics : (points, 2H+1) array
+        Coefficients a_0, a_1..a_H, b_1..b_H at every point.
+    peak : (points,) array
+        Largest magnitude over the period; of the zero-mean signal for `slip`, the maximum for `normal`.
+    rms : (points,) array
+        Root mean square over the period.
+    """
+
+    unit: str
+    harmonics: Array
+    peak: Array
+    rms: Array
+
+    @property
+    def amplitude(self) -> Array:
+        """Amplitude of harmonics 0..H, (points, H+1)."""
+        return amplitudes(self.harmonics)
+
+    @property
+    def phase(self) -> Array:
+        """Phase of harmonics 0..H against the force's cosine, (points, H+1) [rad], negative for a lag."""
+        H = self.harmonics.shape[1] // 2
+        sines = np.hstack([np.zeros((len(self.harmonics), 1)), self.harmonics[:, H + 1 :]])
+        return np.asarray(np.arctan2(-sines, self.harmonics[:, : H + 1]))
+
+
+def _peak(name: str, samples: Array) -> float:
+    if name == "normal":
+        return float(samples.max())
+    return float(np.abs(samples - samples.mean() if name == "slip" else samples).max())
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseCurve:
+    """A branch of periodic solutions in physical terms.
+
+    Attributes
+    ----------
+    rig : Rig
+        What was computed.
+    points : tuple of PeriodicSolution
+        In the order of travel.
+    branch : continuation.Branch
+        The branch in scaled unknowns: tangents, flags, why it ended.
+    problem : HarmonicBalance
+        What the branch solves.
+    """
+
+    rig: Rig
+    points: tuple[PeriodicSolution, ...]
+    branch: Branch
+    problem: HarmonicBalance
+
+    @property
+    def basis(self) -> FourierBasis:
+        """Fourier basis of the curve."""
+        return self.problem.basis
+
+    @property
+    def level(self) -> float:
+        """Nominal force amplitude [N]."""
+        return self.problem.level
+
+    @cached_property
+    def hz(self) -> Array:
+        """Excitation frequency of every point, (points,) [Hz]."""
+        return np.array([p.hz for p in self.points])
+
+    @cached_property
+    def force(self) -> Array:
+        """Force amplitude of every point, (points,) [N]."""
+        return np.array([p.level for p in self.points])
+
+    @cached_property
+    def channels(self) -> dict[str, ChannelCurve]:
+        """Channels by name: the rig's, and drive, slip, slip_velocity, friction, normal."""
+        return {name: self._channel(name) for name in self.points[0].channels}
+
+    def _channel(self, name: str) -> ChannelCurve:
+        signals = [p.channels[name] for p in self.points]
+        return ChannelCurve(
+            unit=signals[0].unit,
+            harmonics=np.array([s.coefficients for s in signals]),
+            peak=np.array([_peak(name, s.samples) for s in signals]),
+            rms=np.array([np.sqrt(np.mean(s.samples**2)) for s in signals]),
+        )
+
+    def __getitem__(self, name: str) -> ChannelCurve:
+        """Channel by name."""
+        return self.channels[name]
+
+    @property
+    def peak(self) -> PeriodicSolution:
+        """The point of largest drive displacement."""
+        return self.points[int(np.argmax(self["drive"].peak))]
+
+    def _parameter_in_units(self, lam: float) -> float:
+        Omega, F = self.problem.at(lam)
+        return Omega / (2 * np.pi) if self.problem.parameter == "frequency" else F
+
+    @property
+    def folds(self) -> list[float]:
+        """Where the curve turns back, in Hz (or N along a force curve)."""
+        return [self._parameter_in_units(p.fold_lam if p.fold_lam else p.lam) for p in self.branch.points if p.fold]
+
+    @property
+    def corners(self) -> list[float]:
+        """Where the curve has a corner (a slip phase is born or dies), in Hz (or N)."""
+        found = (p for p in self.branch.points if p.corner)
+        return [self._parameter_in_units(p.corner_lam if p.corner_lam else p.lam) for p in found]
+
+    @property
+    def lift_off(self) -> list[tuple[float, float]]:
+        """Frequency ranges (or force ranges) where the tip would lift off, [(first, last), ...]."""
+        at = self.hz if self.problem.parameter == "frequency" else self.force
+        lifted = np.array([p.lift_off for p in self.points])
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], lifted, [False]]).astype(int)))
+        return [(float(at[i:j].min()), float(at[i:j].max())) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+
+    @property
+    def complete(self) -> bool:
+        """Whether the curve reached its end."""
+        return self.branch.complete
+
+    def __str__(self) -> str:
+        """Say what was found."""
+        top = self.peak
+        text = (
+            f"{len(self.points)} points at {self.level:g} N, H = {self.basis.H}, {self.basis.N_t} samples, "
+            f"{self.problem.structure.n} modes; peak {top.channels['drive'].samples.max() * 1e3:.4g} mm "
+            f"at {top.hz:.4g} Hz; {len(self.folds)} folds, {len(self.corners)} corners"
+        )
+        return text if self.complete else f"{text}; partial: {self.branch.message}"
+
+
+def default_samples(H: int) -> int:
+    """Samples per period for H harmonics: 256, or the power of two from 12 H up."""
+    return max(256, 1 << int(np.ceil(np.log2(12 * H))))
+
+
+def steady_state(
+    rig: Rig,
+    hz: float,
+    *,
+    level: float | None = None,
+    harmonics: int = 15,
+    samples: int | None = None,
+    start: PeriodicSolution | None = None,
+) -> PeriodicSolution:
+    """One periodic response at a given frequency and force.
+
+    Parameters
+    ----------
+    rig : Rig
+    hz : float
+        Excitation frequency [Hz].
+    level : float, optional
+        Force amplitude [N]; the rig's where omitted.
+    harmonics : int
+        H.
+    samples : int, optional
+        Samples per period; :func:`default_samples` where omitted.
+    start : PeriodicSolution, optional
+        Where to start from, any number of harmonics and modes; decides the branch where there are several.
+
+    Returns
+    -------
+    PeriodicSolution
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If neither Newton nor a ramp of the force finds it.
+    """
+    basis = FourierBasis(harmonics, samples or default_samples(harmonics))
+    problem = HarmonicBalance(rig, basis, level=level)
+    lam = 2 * np.pi * hz / problem.Omega_ref
+    x = first_solution(problem, lam) if start is None else solve_near(problem, lam, start)
+    return describe(problem, x, lam)
+
+
+def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) -> Array:
+    """Solution at `lam` by Newton from another solution, padded or cut to the problem's harmonics and modes.
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If Newton does not converge.
+    """
+    result = solve_at(problem, pad(problem, start.state), lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=30))
+    if not result.converged:
+        hz = problem.at(lam)[0] / (2 * np.pi)
+        raise ConvergenceError(
+            f"steady state: no convergence at {hz:.6g} Hz from the given start, last residual "
+            f"{result.residual_norm:.2g}; {result.reason.value}; start closer, or trace the curve"
+        )
+    return result.x
+
+
+def pad(problem: HarmonicBalance, state: State) -> Array:
+    """Scaled unknowns of a state on the problem's harmonics and modes, filled with zeros or cut."""
+    H_old, n_old = state.Q.shape[0] // 2, state.Q.shape[1]
+    size, n, H = problem.basis.size, problem.structure.n, problem.basis.H
+    keep = min(H, H_old)
+    source = np.r_[0 : keep + 1, H_old + 1 : H_old + 1 + keep]
+    target = np.r_[0 : keep + 1, H + 1 : H + 1 + keep]
+    m = min(n, n_old)
+    Q, T = np.zeros((size, n)), np.zeros(size)
+    Q[target, :m] = state.Q[source, :m]
+    T[target] = state.T[source]
+    return problem.pack(State(Q, T, state.Omega, state.F))[0]
+
+
+def first_solution(problem: HarmonicBalance, lam: float) -> Array:
+    """Solution at `lam` from nothing: Newton from rest, then a ramp of the force from a stuck contact.
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If both fail; carries the partial ramp.
+    """
+    direct = solve_at(problem, np.zeros(problem.size), lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=30))
+    if direct.converged:
+        return direct.x
+    Omega, F = problem.at(lam)
+    ramp = HarmonicBalance(problem.rig, problem.basis, parameter="force", hz=Omega / (2 * np.pi), level=F)
+    settings = _settings(ramp, 1.0, 0.02)
+    branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
+    if not branch.complete:
+        raise ConvergenceError(
+            f"first solution: none at {Omega / (2 * np.pi):.6g} Hz and {F:g} N; Newton from rest ended at residual "
+            f"{direct.residual_norm:.2g}, the force ramp: {branch.message}; start further from the resonance",
+            branch,
+        )
+    return branch.points[-1].x
+
+
+def _settings(problem: HarmonicBalance, lam_end: float, step_max: float) -> Settings:
+    # the friction force follows from the motion and turns much faster: it hardly counts in the arclength
+    weights = np.ones(problem.size)
+    weights[-problem.basis.size :] = 1e-3
+    return Settings(
+        lam_end=lam_end,
+        step=step_max / 5,
+        step_min=step_max * 1e-6,
+        step_max=step_max,
+        tolerance=TOLERANCE,
+        weights=weights,
+        max_points=20000,
+    )
+
+
+def default_sweep(rig: Rig) -> tuple[float, float]:
+    """Frequency range around the first sliding resonance [Hz]."""
+    first = float(rig.structure.omega_n[0]) / (2 * np.pi)
+    return SWEEP[0] * first, SWEEP[1] * first
+
+
+def trace_frequency(
+    rig: Rig,
+    hz: tuple[float, float] | None = None,
+    *,
+    level: float | None = None,
+    harmonics: int = 15,
+    samples: int | None = None,
+    step_hz: float | None = None,
+    on_point: OnPoint | None = None,
+) -> ResponseCurve:
+    """Frequency response with given harmonics and samples; see :func:`hbm.accuracy.frequency_response`.
+
+    Parameters
+    ----------
+    rig : Rig
+    hz : (float, float), optional
+        Where to start and where to end [Hz], either may be the larger.
+    level : float, optional
+        Force amplitude [N].
+    harmonics, samples : int
+        H and N_t.
+    step_hz : float, optional
+        Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/80 of the range where omitted.
+    on_point : callable, optional
+        Progress: called with frequency and point number.
+
+    Returns
+    -------
+    ResponseCurve
+        Partial, and marked so, where a step could not be made.
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If there is no first solution.
+    """
+    begin, end = default_sweep(rig) if hz is None else hz
+    problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
+    to_lam = 2 * np.pi / problem.Omega_ref
+    step = abs(end - begin) / 80 if step_hz is None else step_hz
+    return _trace(problem, begin * to_lam, _settings(problem, end * to_lam, step * to_lam), on_point)
+
+
+def force_response(
+    rig: Rig,
+    hz: float,
+    force: tuple[float, float],
+    *,
+    harmonics: int = 15,
+    samples: int | None = None,
+    on_point: OnPoint | None = None,
+) -> ResponseCurve:
+    """Response over the force amplitude at a fixed frequency.
+
+    Parameters
+    ----------
+    rig : Rig
+    hz : float
+        Excitation frequency [Hz].
+    force : (float, float)
+        First and last force amplitude [N], > 0.
+    harmonics, samples : int
+        H and N_t.
+    on_point : callable, optional
+        Progress: called with force and point number.
+
+    Returns
+    -------
+    ResponseCurve
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If there is no first solution.
+    """
+    basis = FourierBasis(harmonics, samples or default_samples(harmonics))
+    problem = HarmonicBalance(rig, basis, parameter="force", hz=hz, level=max(force))
+    lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
+    return _trace(problem, lam0, _settings(problem, lam1, abs(lam1 - lam0) / 50), on_point)
+
+
+def _trace(problem: HarmonicBalance, lam0: float, settings: Settings, on_point: OnPoint | None) -> ResponseCurve:
+    count = 0
+
+    def report(point: Point) -> None:
+        nonlocal count
+        count += 1
+        if on_point is not None:
+            Omega, F = problem.at(point.lam)
+            on_point(Omega / (2 * np.pi) if problem.parameter == "frequency" else F, count)
+
+    branch = continue_branch(problem, first_solution(problem, lam0), lam0, settings, report)
+    points = tuple(describe(problem, p.x, p.lam) for p in branch.points)
+    return _with_peak(ResponseCurve(problem.rig, points, branch, problem))
+
+
+def _with_peak(curve: ResponseCurve) -> ResponseCurve:
+    """Add the point of largest drive displacement between the points of the trace."""
+    for _ in range(2):
+        drive = curve["drive"].peak
+        i = int(np.argmax(drive))
+        if not 0 < i < len(drive) - 1:
+            return curve
+        s = np.array([p.arclength for p in curve.branch.points[i - 1 : i + 2]])
+        quadratic = np.polyfit(s - s[1], drive[i - 1 : i + 2], 2)
+        offset = -quadratic[1] / (2 * quadratic[0])
+        if quadratic[0] >= 0.0 or not s[0] - s[1] < offset < s[2] - s[1] or abs(offset) < 1e-3 * (s[2] - s[0]):
+            return curve
+        curve = _inserted(curve, i, offset)
+    return curve
+
+
+def _inserted(curve: ResponseCurve, i: int, offset: float) -> ResponseCurve:
+    """Add the point at arclength `offset` from point i, solved at the frequency of the chord."""
+    a = curve.branch.points[i]
+    b = curve.branch.points[i + 1 if offset > 0 else i - 1]
+    fraction = offset / (b.arclength - a.arclength)
+    lam = a.lam + fraction * (b.lam - a.lam)
+    newton = NewtonSettings(tolerance=TOLERANCE, max_iterations=10)
+    result = solve_at(curve.problem, a.x + fraction * (b.x - a.x), lam, newton)
+    if not result.converged:
+        return curve
+    point = replace(
+        a, x=result.x, lam=lam, arclength=a.arclength + offset, fold=False, corner=False, branch_point=False
+    )
+    at = i + 1 if offset > 0 else i
+    points, found = list(curve.branch.points), list(curve.points)
+    points.insert(at, point)
+    found.insert(at, describe(curve.problem, result.x, lam))
+    return replace(curve, branch=replace(curve.branch, points=tuple(points)), points=tuple(found))

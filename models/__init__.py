@@ -1,0 +1,47 @@
+"""Mechanics without Fourier series and without solvers.
+
+Read :class:`Rig` first: a body (:class:`Beam` or :class:`ModalBody`), its damping, the contact
+with its friction law, the excitation and the channels. `Rig.structure` is the linear
+:class:`ModalStructure`, which knows no friction; a :class:`FrictionLaw` turns the contact's motion
+into a force. Equations and sign conventions follow Hadji & Mureithi, Shock and Vibration 2019.
+"""
+
+from models.beam import Beam
+from models.friction import (
+    LAWS,
+    ContactSample,
+    Coulomb,
+    FrictionLaw,
+    Frictionless,
+    Jenkins,
+    Parameter,
+    Stribeck,
+    Viscous,
+    describe,
+    parameters,
+)
+from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig
+from models.structure import ModalStructure, Reaction
+
+__all__ = [
+    "LAWS",
+    "Beam",
+    "Channel",
+    "Contact",
+    "ContactSample",
+    "Coulomb",
+    "Damping",
+    "Excitation",
+    "FrictionLaw",
+    "Frictionless",
+    "Jenkins",
+    "ModalBody",
+    "ModalStructure",
+    "Parameter",
+    "Reaction",
+    "Rig",
+    "Stribeck",
+    "Viscous",
+    "describe",
+    "parameters",
+]
