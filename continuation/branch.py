@@ -150,6 +150,6 @@ class ConvergenceError(RuntimeError):
         What was found before.
     """
 
-    def __init__(self, message: str, branch: Branch) -> None:
+    def __init__(self, message: str, branch: Branch | None = None) -> None:
         super().__init__(message)
         self.branch = branch

@@ -112,7 +112,9 @@ def _frame_near(problem: Problem, metric: Metric, origin: Frame, length: float, 
 
 
 @np.errstate(all="ignore")
-def turn_corner(problem: Problem, metric: Metric, frame: Frame, step: float, settings: Settings) -> Turn | None:
+def turn_corner(
+    problem: Problem, metric: Metric, frame: Frame, step: float, settings: Settings, *, both_ways: bool = False
+) -> Turn | None:
     """Step of a given length around a corner that lies within it, or None if there is none.
 
     Parameters
@@ -123,6 +125,9 @@ def turn_corner(problem: Problem, metric: Metric, frame: Frame, step: float, set
         Before the corner, in the direction of travel.
     step : float
         Length of the path from `frame` over the corner to the new solution.
+    both_ways : bool
+        Also try the far tangent against the determinant's sign: a corner that is a branch point too,
+        as where several surfaces are crossed at once.
     """
     guess = frame.state + step * frame.tangent
     linearization = problem.linearize(guess[:-1], float(guess[-1]))
@@ -132,7 +137,7 @@ def turn_corner(problem: Problem, metric: Metric, frame: Frame, step: float, set
     if far is None:
         return None
     oriented = far.reversed() if far.sign * frame.sign < 0 else far
-    for candidate in (oriented, oriented.reversed()):
+    for candidate in (oriented, oriented.reversed()) if both_ways else (oriented,):
         turn = _turn_towards(problem, metric, frame, candidate, settings)
         if turn is not None:
             return turn

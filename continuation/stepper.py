@@ -8,6 +8,7 @@ a solution half way confirms that the curve is smooth there (otherwise the step 
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,10 +23,12 @@ _GROWTH = (0.5, 2.0)
 _SUDDEN = 3.0
 _SAME_ANGLE = 0.7
 _RISE = (1.0, 3.0)
+_THOROUGH = 0.02
 _SKEW_ALLOWED, _SKEW_PER_ANGLE = 0.1, 0.25
 _BRANCH_SKEW = 0.1
 _JUMPS_IN_A_ROW = 3
 _ORDINARY_STEPS = 10
+_LONGEST_JUMP = 5.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -173,7 +176,8 @@ class Stepper:
             angle > settings.max_angle or skew > _SKEW_ALLOWED * settings.max_angle + _SKEW_PER_ANGLE * angle
         ):
             self._refused_angle = angle
-            self.refusal = f"residual {correction.residual_norm:.2g}, but the tangent turned by {angle:.2g} rad"
+            turns = f"tangent turned by {angle:.2g} rad, chord off by {skew:.2g} rad"
+            self.refusal = f"residual {correction.residual_norm:.2g}, but {turns}"
             return None
         if flipped and not self._crosses_branch(new, skew):
             self.refusal = f"residual {correction.residual_norm:.2g}, but on another branch"
@@ -200,10 +204,17 @@ class Stepper:
         return None
 
     def _skew(self, old: Frame, new: Frame) -> float:
-        """Angle between the chord and the mean of both tangents: small on one smooth curve."""
+        """Angle between the chord and the mean of both tangents: small on one smooth curve.
+
+        Infinite where lam went back although both tangents point onwards: two folds missed, or a jump to the
+        neighbouring branch across a narrow gap.
+        """
         metric = self._metric
         chord = new.state - old.state
         length = metric.norm(chord)
+        onwards = math.copysign(1.0, old.tangent[-1])
+        if onwards * float(new.tangent[-1]) > 0.0 and onwards * float(chord[-1]) < -1e-9 * length:
+            return math.inf
         return metric.angle(chord / length, metric.unit(old.tangent + new.tangent)) if length > 0.0 else 0.0
 
     def _crosses_branch(self, new: Frame, skew: float) -> bool:
@@ -250,7 +261,14 @@ class Stepper:
         return correction
 
     def _turn(self, size: float) -> Step | None:
-        turn = turn_corner(self._problem, self._metric, self.frame, size, self._settings)
+        turn = turn_corner(
+            self._problem,
+            self._metric,
+            self.frame,
+            size,
+            self._settings,
+            both_ways=size < _THOROUGH * self._step,
+        )
         if turn is None or self._bound_beyond(turn.correction.lam) is not None:
             return None  # bounds are left to the ordinary step or to a smaller turn
         angle = self._metric.angle(self.frame.tangent, turn.frame.tangent)
@@ -264,40 +282,48 @@ class Stepper:
             return None
         usual, smallest = self._settings.step, self._settings.step_min
         for size in (usual, 0.1 * usual, max(4.0 * smallest, 1e-3 * usual), 2.0 * usual, 4.0 * usual):
-            for correction in self._jumps_of(size):
-                step = self._landed(correction, size)
+            for correction, forwards in self._jumps_of(size):
+                step = self._landed(correction, forwards, size)
                 if step is not None:
                     return step
         return None
 
-    def _jumps_of(self, size: float) -> list[Correction]:
-        """Converged attempts at one size."""
+    def _jumps_of(self, size: float) -> Iterator[tuple[Correction, Array]]:
+        """Converged attempts at one size, each with the row that says what is forwards."""
         frame, metric = self.frame, self._metric
-        found = []
+        forwards = np.zeros(frame.state.size)
+        forwards[-1] = math.copysign(1.0, frame.tangent[-1])
+        ahead = frame.state + size * frame.tangent
+        bound = self._bound_beyond(float(ahead[-1]))
+        for guess in (ahead, frame.state):
+            correction = self._solve_at(guess, float(ahead[-1]) if bound is None else bound)
+            if correction is not None:
+                yield correction, forwards
         for direction in (frame.tangent, self._chord):
-            guess = frame.state + size * direction
-            lam = self._bound_beyond(float(guess[-1]))
-            at_lam = self._solve_at(guess, float(guess[-1]) if lam is None else lam)
             row = metric.weights * direction
-            across = self._correct(guess, Border(row[:-1], float(row[-1]))) if lam is None else None
-            found += [correction for correction in (at_lam, across) if correction is not None]
-        return found
+            correction = self._correct(frame.state + size * direction, Border(row[:-1], float(row[-1])))
+            if correction is not None:
+                yield correction, row
 
-    def _landed(self, correction: Correction, size: float) -> Step | None:
-        """Step that a jump makes, if it went forwards and not too far; oriented by its chord."""
+    def _landed(self, correction: Correction, forwards: Array, size: float) -> Step | None:
+        """Step that a jump makes, if it went forwards and not too far; over a corner, if one is found between."""
         metric = self._metric
         chord = correction.state - self.frame.state
         length = metric.norm(chord)
-        forwards = float(self.frame.row @ chord) > 0.0
-        if not (forwards and 0.5 * size < length < 5.0 * size) or self._bound_beyond(correction.lam) not in (
-            None,
-            correction.lam,
-        ):
+        inside = self._bound_beyond(correction.lam) in (None, correction.lam)
+        if not (inside and float(forwards @ chord) > 0.0 and self._settings.step_min < length < _LONGEST_JUMP * size):
             return None
-        frame = frame_along(metric, correction.state, correction.linearization, metric.weights * (chord / length))
+        frame = frame_along(metric, correction.state, correction.linearization, forwards)
         if frame is None:
             return None
-        return Step(frame, correction, size, length, metric.angle(self.frame.tangent, frame.tangent), jumped=True)
+        angle = metric.angle(self.frame.tangent, frame.tangent)
+        corner = None
+        if angle > self._settings.corner_angle:
+            corner = locate_corner(self._problem, metric, self.frame, frame, self._settings)
+        crossed = corner is not None and frame.sign * self.frame.sign < 0
+        if corner is not None:
+            length = corner.length
+        return Step(frame, correction, size, length, angle, corner, jumped=corner is None, branch_point=crossed)
 
     def _remember(self, step: Step) -> None:
         smooth = step.corner is None and not step.jumped

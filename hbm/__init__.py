@@ -1,1 +1,96 @@
-"""Harmonic balance for beams and structures with dry friction at a support."""
+"""Harmonic balance for beams and structures with dry friction at a support.
+
+In reading order: :func:`load_rig` makes a :class:`models.Rig` of a rig file; :func:`frequency_response` returns an
+:class:`Assessed` curve, that is a :class:`ResponseCurve` with its :class:`NumericalError`; the points of a curve are
+:class:`PeriodicSolution` objects, as :func:`steady_state` returns one; their channels are the rig's and the computed
+``drive``, ``slip``, ``slip_velocity``, ``friction``, ``normal``. :func:`simulate` marches the same rig in time and
+returns a :class:`TimeHistory`. What a user can get wrong is an :class:`InputError`; what cannot be computed, a
+:class:`ConvergenceError`. Figures are in :mod:`hbm.report`, files in :mod:`hbm.files`.
+
+Six lines from a rig to a figure::
+
+    from hbm import frequency_response, load_rig
+    from hbm.report import plot_curves
+
+    rig = load_rig("examples/paper_beam.toml")
+    found = frequency_response(rig, (45.0, 60.0))
+    print(found.curve, found.error)
+    plot_curves(found.curve).savefig("beam.png")
+
+Names are imported when they are first used, so that ``import hbm`` costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from continuation import ConvergenceError
+    from hbm.accuracy import Assessed, NumericalError, frequency_response
+    from hbm.errors import InputError
+    from hbm.files import SavedCurve, read_curves, write_curves, write_history
+    from hbm.history import TimeHistory
+    from hbm.integrate import simulate
+    from hbm.lawchoice import choose_law
+    from hbm.modes import LinearModes, linear_modes
+    from hbm.response import PeriodicSolution, ResponseCurve, force_response, steady_state, trace_frequency
+    from hbm.rigfile import load_rig
+
+    __version__: str
+
+__all__ = [
+    "Assessed",
+    "ConvergenceError",
+    "InputError",
+    "LinearModes",
+    "NumericalError",
+    "PeriodicSolution",
+    "ResponseCurve",
+    "SavedCurve",
+    "TimeHistory",
+    "choose_law",
+    "force_response",
+    "frequency_response",
+    "linear_modes",
+    "load_rig",
+    "read_curves",
+    "simulate",
+    "steady_state",
+    "trace_frequency",
+    "write_curves",
+    "write_history",
+]
+
+_HOMES = {
+    "continuation": ("ConvergenceError",),
+    "hbm.accuracy": ("Assessed", "NumericalError", "frequency_response"),
+    "hbm.errors": ("InputError",),
+    "hbm.files": ("SavedCurve", "read_curves", "write_curves", "write_history"),
+    "hbm.history": ("TimeHistory",),
+    "hbm.integrate": ("simulate",),
+    "hbm.lawchoice": ("choose_law",),
+    "hbm.modes": ("LinearModes", "linear_modes"),
+    "hbm.response": ("PeriodicSolution", "ResponseCurve", "force_response", "steady_state", "trace_frequency"),
+    "hbm.rigfile": ("load_rig",),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return _version()
+    if name not in _HOME:
+        raise AttributeError(f"module 'hbm' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("casadi-hbm")
+    except PackageNotFoundError:  # run from its sources
+        return "0+source"

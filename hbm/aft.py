@@ -59,6 +59,7 @@ class LawFunctions:
         Internal states n_z.
     active : tuple of int
         Which of (u, v, rho, eta, dt) the law depends on.
+    step : (z, signals, environment, p) -> (z_new, T), one sample
     march : (z0, signals, environment, p) -> z_end
     period : (z0, signals, environment, p) -> (T, z_end, local)
         `local` holds, sample by sample, the derivatives of (T, z) to (z before, active inputs).
@@ -67,6 +68,7 @@ class LawFunctions:
 
     states: int
     active: tuple[int, ...]
+    step: ca.Function
     march: ca.Function
     period: ca.Function
     by_parameters: Callable[[], ca.Function]
@@ -77,8 +79,9 @@ def _step(law: FrictionLaw) -> tuple[list[Any], Any, Any, Any]:
     symbolic, p = with_symbols(law)
     z = ca.SX.sym("z", law.states)
     signals, environment = ca.SX.sym("signals", len(SIGNALS)), ca.SX.sym("environment", 3)
+    u, v, rho, eta = ca.vertsplit(signals)
     C, P, dt = ca.vertsplit(environment)
-    z_new, T = symbolic.advance(z, ContactSample(*ca.vertsplit(signals), C=C, P=P, dt=dt))
+    z_new, T = symbolic.advance(z, ContactSample(u, v, rho, eta, C, P, dt))
     return [z, signals, environment, p], T, z_new, ca.vertcat(signals, dt)
 
 
@@ -112,6 +115,7 @@ def _build(law: FrictionLaw, N_t: int) -> LawFunctions:
     return LawFunctions(
         states=law.states,
         active=active,
+        step=ca.Function("step", arguments, [z_new, T]),
         march=_unrolled(ca.Function("step", arguments, [z_new]), N_t),
         period=with_derivatives(inputs[list(active)]),
         by_parameters=lru_cache(lambda: with_derivatives(p)),
@@ -128,9 +132,9 @@ def _buffered(function: ca.Function, arguments: list[Array]) -> tuple[Callable[[
     buffer, evaluate = function.buffer()
     results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
     for i, argument in enumerate(arguments):
-        buffer.set_arg(i, memoryview(argument))
+        buffer.set_arg(i, argument.data)
     for i, result in enumerate(results):
-        buffer.set_res(i, memoryview(result))
+        buffer.set_res(i, result.data)
 
     def call(_alive: object = (buffer, arguments, results)) -> None:  # CasADi holds plain pointers into these
         evaluate()
@@ -225,7 +229,8 @@ class LawOverPeriod:
             closure = float(np.abs(gap).max()) / scale
             if not closure > CLOSURE:
                 break
-            self._z += np.linalg.lstsq(np.eye(len(gap)) - _monodromy(self._local[:, 1:, : len(gap)]), gap, rcond=1e-9)[0]
+            slope = np.eye(len(gap)) - _monodromy(self._local[:, 1:, : len(gap)])
+            self._z += np.linalg.lstsq(slope, gap, rcond=1e-9)[0]
         return closure
 
     def linearize(self, signals: Array, Omega: float, environment: Environment) -> ContactForce:

@@ -93,7 +93,7 @@ class FourierBasis:
 
     def complex(self, coefficients: Array) -> npt.NDArray[np.complex128]:
         """Amplitudes c_k with s = Re sum c_k exp(i k theta), (H+1, ...)."""
-        c = np.zeros((self.H + 1,) + coefficients.shape[1:], dtype=complex)
+        c = np.zeros((self.H + 1, *coefficients.shape[1:]), dtype=complex)
         c.real = coefficients[: self.H + 1]
         c[1:].imag = -coefficients[self.H + 1 :]
         return c
@@ -110,7 +110,7 @@ class FourierBasis:
 
         def add(j: int, m: int, harmonic: int, sine: bool, value: float) -> None:
             # product of basis functions j (of a) and m (of b) contributes `value` at a basis function
-            if sine and harmonic == 0 or abs(harmonic) > H:
+            if (sine and harmonic == 0) or abs(harmonic) > H:
                 return
             if sine:
                 entries.append((H + abs(harmonic), m, j, value if harmonic > 0 else -value))
@@ -144,7 +144,7 @@ class FourierBasis:
         (2H+1, 2H+1) or (2H+1, 2H+1, m) array
             `out[..., j] @ b` are the coefficients of a_j b.
         """
-        return np.asarray(self._products @ coefficients).reshape((self.size, self.size) + coefficients.shape[1:])
+        return np.asarray(self._products @ coefficients).reshape((self.size, self.size, *coefficients.shape[1:]))
 
     @cached_property
     def exact_products(self) -> "FourierBasis":

@@ -16,6 +16,7 @@ from models import Rig
 from models.structure import Array
 
 DEFAULT_PERIODS = 50
+ANCHOR_MOBILITY = 1e-3  # cost of moving q and q' relative to the states of the friction law
 
 
 def simulate(
@@ -76,7 +77,7 @@ def simulate(
     for done in range(0, steps, steps_per_period):
         X, T, residual = stepper.march(x, min(steps_per_period, steps - done))
         recorder.add(X, T, residual)
-        x = X[:, -1]
+        x = X[-1]
         if progress is not None:
             progress(start.time + (done + len(T)) * stepper.dt)
     return recorder.history()
@@ -112,13 +113,13 @@ class _Recorder:
         self.state = start.flat
         self.friction = [np.array([start.friction])]
         self.kept: list[Array] = []
-        self._keep(self.state[:, None], 0)
+        self._keep(self.state[None], 0)
 
     def _keep(self, X: Array, at: int) -> None:
-        steps = np.arange(at, at + X.shape[1])
+        steps = np.arange(at, at + len(X))
         wanted = (steps >= self.first) & ((steps - self.first) % self.every == 0)
         if wanted.any():
-            self.kept.append(X[: 2 * self.stepper.rig.structure.n, wanted])
+            self.kept.append(X[wanted, : 2 * self.stepper.rig.structure.n])
 
     def add(self, X: Array, T: Array, residual: float) -> None:
         """Take the states and friction forces of the next steps."""
@@ -128,13 +129,13 @@ class _Recorder:
         if self.lift_off is None:
             self.lift_off = self._lift_off(X, T)
         self.steps += len(T)
-        self.state = X[:, -1]
+        self.state = X[-1]
 
     def _lift_off(self, X: Array, T: Array) -> float | None:
         s, n = self.stepper, self.stepper.rig.structure.n
         time = self.start.time + s.dt * np.arange(self.steps + 1, self.steps + 1 + len(T))
         F = s.level * np.cos(2 * np.pi * s.hz * time)
-        lifted = np.flatnonzero(normal_reaction(s.rig, X[:n].T, X[n : 2 * n].T, T, F) < 0.0)
+        lifted = np.flatnonzero(normal_reaction(s.rig, X[:, :n], X[:, n : 2 * n], T, F) < 0.0)
         return float(time[lifted[0]]) if lifted.size else None
 
     def history(self) -> TimeHistory:
@@ -142,15 +143,15 @@ class _Recorder:
         s, n = self.stepper, self.stepper.rig.structure.n
         friction = np.concatenate(self.friction)
         rate = np.gradient(friction, s.dt) if len(friction) > 1 else np.zeros(1)
-        motion = np.concatenate(self.kept, axis=1)
+        motion = np.concatenate(self.kept)
         steps = np.arange(self.first, self.steps + 1, self.every)
         return TimeHistory(
             rig=s.rig,
             hz=s.hz,
             level=s.level,
-            time=self.start.time + s.dt * steps,
-            q=motion[:n].T,
-            qdot=motion[n:].T,
+            time=np.asarray(self.start.time + s.dt * steps, dtype=float),
+            q=motion[:, :n],
+            qdot=motion[:, n:],
             friction=friction[steps],
             friction_rate=rate[steps],
             samples_per_period=s.steps_per_period // self.every,
@@ -250,23 +251,26 @@ def steady_state(
 
 
 class _Period:
-    """One period marched from a state, and how well it closes."""
+    """One period marched from a state, and how well it closes in units of `scale` (size,)."""
 
-    def __init__(self, stepper: Stepper, x: Array) -> None:
+    def __init__(self, stepper: Stepper, x: Array, scale: Array | None = None) -> None:
         self.stepper, self.x = stepper, x
         self.X, self.T, self.residual = stepper.march(x, stepper.steps_per_period)
+        self.scale = _scale(self) if scale is None else scale
+
+    def from_state(self, x: Array) -> "_Period":
+        """The period from another state."""
+        return _Period(self.stepper, x, self.scale)
 
     @property
-    def scale(self) -> Array:
-        """Largest value of each part of the state over the period, (size,)."""
-        n = self.stepper.rig.structure.n
-        parts = np.split(np.max(np.abs(self.X), axis=1), [n, 2 * n, *range(2 * n + 1, len(self.x))])
-        return np.concatenate([np.full(len(part), np.max(part, initial=0.0) or 1.0) for part in parts])
+    def steps(self) -> Array:
+        """Jacobian of each step, (steps, size, size)."""
+        return self.stepper.linearised(self.x, self.X, self.T)
 
     @property
     def gap(self) -> Array:
         """Change of the state over the period."""
-        return np.asarray(self.X[:, -1] - self.x)
+        return np.asarray(self.X[-1] - self.x)
 
     @property
     def closure(self) -> float:
@@ -276,24 +280,42 @@ class _Period:
     @property
     def monodromy(self) -> Array:
         """Derivative of the period map, the product of those of its steps."""
-        J = self.stepper.linearised(self.x, self.X, self.T)
+        J = self.steps
         while len(J) > 1:  # pairwise, so that the products are batched
             odd = J[-1:] if len(J) % 2 else J[:0]
             J = np.concatenate([J[1::2] @ J[: len(J) - 1 : 2], odd])
         return np.asarray(J[0])
 
 
+def _scale(period: _Period) -> Array:
+    """Unit of each entry of the state: what q, q', T reach in the period; for z also what it takes to change T by that.
+
+    An anchor that never moves has no size of its own.
+    """
+    n = period.stepper.rig.structure.n
+    largest = np.max(np.abs(np.vstack([period.x, period.X])), axis=0)
+    largest[:n], largest[n : 2 * n] = np.max(largest[:n]), np.max(largest[n : 2 * n])
+    pull = np.max(np.abs(period.steps[:, 2 * n, 2 * n + 1 :]), axis=0)
+    needed = np.divide(largest[2 * n], pull, out=np.zeros_like(pull), where=pull > 0.0)
+    largest[2 * n + 1 :] = np.maximum(largest[2 * n + 1 :], needed)
+    return np.where(largest > 0.0, largest, 1.0)
+
+
 def _improved(period: _Period) -> _Period:
     """A Newton step, halved while it does not help; the state the period leads to if no fraction does."""
-    scale = period.scale
-    matrix = period.monodromy * scale / scale[:, None] - np.eye(len(scale))
-    # least squares: a stuck contact leaves the map without opinion on its mean friction
-    step = np.linalg.lstsq(matrix, -period.gap / scale, rcond=1e-10)[0] * scale
+    scale, unknowns = period.scale, period.scale.copy()
+    # a stuck contact leaves the map without opinion on its mean friction: least squares, and let z stay where it is
+    unknowns[2 * period.stepper.rig.structure.n + 1 :] *= ANCHOR_MOBILITY
+    matrix = (period.monodromy - np.eye(len(scale))) * unknowns / scale[:, None]
+    step = np.linalg.lstsq(matrix, -period.gap / scale, rcond=1e-10)[0] * unknowns
     for fraction in (1.0, 0.5, 0.25, 0.125):
-        trial = _Period(period.stepper, period.x + fraction * step)
+        try:
+            trial = period.from_state(period.x + fraction * step)
+        except ArithmeticError:  # too far out for its steps to be solved
+            continue
         if trial.closure < period.closure:
             return trial
-    return _Period(period.stepper, period.X[:, -1])
+    return period.from_state(period.X[-1])
 
 
 def _periodic_history(period: _Period, time: float) -> TimeHistory:
@@ -304,10 +326,10 @@ def _periodic_history(period: _Period, time: float) -> TimeHistory:
     T = np.roll(period.T, 1)
     return replace(
         recorder.history(),
-        time=time + s.dt * np.arange(s.steps_per_period),
-        q=np.roll(period.X[:n], 1, axis=1).T,
-        qdot=np.roll(period.X[n : 2 * n], 1, axis=1).T,
+        time=np.asarray(time + s.dt * np.arange(s.steps_per_period), dtype=float),
+        q=np.roll(period.X[:, :n], 1, axis=0),
+        qdot=np.roll(period.X[:, n : 2 * n], 1, axis=0),
         friction=T,
         friction_rate=(np.roll(T, -1) - np.roll(T, 1)) / (2 * s.dt),
-        state=State.from_flat(period.X[:, -1], n, time),
+        state=State.from_flat(period.X[-1], n, time),
     )

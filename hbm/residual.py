@@ -107,7 +107,10 @@ class HarmonicBalance:
         s = self.structure
         values = np.array([float(v) for v in parameters(rig.contact.law).values()])
         lend = rig.contact.law.set_valued and s.compliance == 0.0
-        loan = float(np.sum((s.slip_row / s.omega_n) ** 2)) if lend else 0.0
+        # a tenth of what the structure yields at the first harmonic left out: less is stiffer to solve, more is blunter
+        loan = (
+            0.1 * float(np.sum(s.slip_row**2 / (s.omega_n**2 + (self.basis.H * self.Omega_ref) ** 2))) if lend else 0.0
+        )
         return Environment(s.compliance + loan, rig.contact.normal_load, values), loan
 
     def _coupled_modes(self) -> int:
@@ -117,6 +120,12 @@ class HarmonicBalance:
         coupling = self.rig.contact.normal_load * np.diag(s.shortening)
         strong = np.flatnonzero(coupling > COUPLING * least_stiffness)
         return int(strong[-1]) + 1 if strong.size else 0
+
+    def with_harmonics(self, H: int) -> "HarmonicBalance":
+        """Return the same problem with another number of harmonics on the same samples."""
+        hz = self.fixed_Omega / (2 * np.pi)
+        basis = FourierBasis(H, self.basis.N_t)
+        return HarmonicBalance(self.rig, basis, parameter=self.parameter, hz=hz, level=self.level)
 
     # ---- vectors
 
@@ -237,12 +246,16 @@ class Elimination:
         self._law_slopes = np.hstack(
             [b if b is not None else np.zeros((size, size)) for b in (contact.by_u, contact.by_rho, contact.by_eta)]
         )
-        self._core = np.eye(size) - self._law_of_others()
+        self._core = np.eye(size)
+        if s.n > m:
+            self._core -= self._law_of_others()
         if problem.dynamic_lagrangian:
             self._core += problem.dynamic_lagrangian * self._law_slopes[:, :size]
         modal_slope, contact_slope = self._slope()
         self._modal_slope = modal_slope
-        self._core_lam = contact_slope + self._law_of_field(self._receptance_of(modal_slope[:, m:]))
+        self._core_lam = contact_slope
+        if s.n > m:
+            self._core_lam = contact_slope + self._law_of_field(self._receptance_of(modal_slope[:, m:]))
         if m:
             self._p = basis.multiplication(kin.p[:, :m])  # (2H+1, 2H+1, m)
             self._lu, self._pivots = self._factor(real[:, :m], imaginary[:, :m])

@@ -10,15 +10,32 @@ from functools import cached_property
 
 import numpy as np
 
-from continuation import Branch, ConvergenceError, NewtonSettings, Point, Settings, continue_branch, solve_at
+from continuation import (
+    Border,
+    Branch,
+    ConvergenceError,
+    NewtonSettings,
+    Point,
+    Predictor,
+    Settings,
+    continue_branch,
+    correct,
+    solve_at,
+)
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance, State
 from models.rig import Rig
 
 UNITS = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
-TOLERANCE = 1e-9
+TOLERANCE = 1e-11
 """Every force balance closes to this fraction of the excitation, see :mod:`hbm.residual`."""
+
+PEAK_ACCURACY = 1e-6
+"""A peak is located to this fraction of its height."""
+
+EXCURSION = 0.3
+"""How far, relatively, a branch is followed beyond the ends of the sweep."""
 
 SWEEP = (0.85, 1.35)
 """Default sweep in units of the first sliding resonance."""
@@ -39,11 +56,14 @@ class Signal:
         Fourier coefficients a_0, a_1..a_H, b_1..b_H.
     samples : (N_t,) array
         Values at the phases of the basis.
+    peak : float
+        Largest magnitude over the period; of the zero-mean signal for a slip, the maximum for a normal reaction.
     """
 
     unit: str
     coefficients: Array
     samples: Array
+    peak: float
 
     @property
     def amplitude(self) -> Array:
@@ -57,6 +77,14 @@ def amplitudes(coefficients: Array) -> Array:
     out = np.abs(coefficients[..., : H + 1])
     out[..., 1:] = np.hypot(coefficients[..., 1 : H + 1], coefficients[..., H + 1 :])
     return out
+
+
+def _smooth_peak(samples: Array) -> float:
+    """Largest magnitude of a smooth periodic signal, by a parabola through the three samples around it."""
+    i = int(np.argmax(np.abs(samples)))
+    before, top, after = np.abs(samples[i - 1]), np.abs(samples[i]), np.abs(samples[(i + 1) % len(samples)])
+    bend = before + after - 2 * top
+    return float(top - (after - before) ** 2 / (8 * bend)) if bend < 0.0 else float(top)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +138,7 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
     state = problem.unpack(x, lam)
     kin, T, closure = problem.contact_state(state)
     rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
-    friction = Signal("N", basis.analysis @ T, T)
+    friction = Signal("N", basis.analysis @ T, T, float(np.abs(T).max()))
     modal_slip = kin.signals[:, 0] + problem.dynamic_lagrangian * state.T
     slip = modal_slip + s.compliance * friction.coefficients
     # the elastic part C T follows the force at every sample, beyond the harmonics kept
@@ -118,7 +146,8 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
     normal = (basis.synthesis @ kin.signals[:, 2]) + (basis.synthesis @ kin.signals[:, 3]) * T
 
     def series(unit: str, coefficients: Array) -> Signal:
-        return Signal(unit, coefficients, basis.synthesis @ coefficients)
+        samples = basis.synthesis @ coefficients
+        return Signal(unit, coefficients, samples, _smooth_peak(samples))
 
     force = np.zeros(basis.size)
     force[basis.fundamental] = state.F
@@ -138,10 +167,10 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
     }
     channels |= {
         "drive": motion("displacement", s.excitation, residual.drive_by_force, residual.slip_by_force),
-        "slip": Signal("m", slip, slip_samples),
+        "slip": Signal("m", slip, slip_samples, float(np.abs(slip_samples - slip_samples.mean()).max())),
         "slip_velocity": series("m/s", Omega * basis.derivative(slip)),
         "friction": friction,
-        "normal": Signal("N", basis.analysis @ normal, normal),
+        "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
     }
     energy = _energy_error(problem, state, modal_slip, channels["drive"].coefficients, friction.coefficients)
     return PeriodicSolution(Omega / (2 * np.pi), state.F, basis, state, channels, closure, energy)
@@ -197,12 +226,6 @@ class ChannelCurve:
         return np.asarray(np.arctan2(-sines, self.harmonics[:, : H + 1]))
 
 
-def _peak(name: str, samples: Array) -> float:
-    if name == "normal":
-        return float(samples.max())
-    return float(np.abs(samples - samples.mean() if name == "slip" else samples).max())
-
-
 @dataclass(frozen=True, eq=False)
 class ResponseCurve:
     """A branch of periodic solutions in physical terms.
@@ -254,7 +277,7 @@ class ResponseCurve:
         return ChannelCurve(
             unit=signals[0].unit,
             harmonics=np.array([s.coefficients for s in signals]),
-            peak=np.array([_peak(name, s.samples) for s in signals]),
+            peak=np.array([s.peak for s in signals]),
             rms=np.array([np.sqrt(np.mean(s.samples**2)) for s in signals]),
         )
 
@@ -300,7 +323,7 @@ class ResponseCurve:
         top = self.peak
         text = (
             f"{len(self.points)} points at {self.level:g} N, H = {self.basis.H}, {self.basis.N_t} samples, "
-            f"{self.problem.structure.n} modes; peak {top.channels['drive'].samples.max() * 1e3:.4g} mm "
+            f"{self.problem.structure.n} modes; peak {top.channels['drive'].peak * 1e3:.4g} mm "
             f"at {top.hz:.4g} Hz; {len(self.folds)} folds, {len(self.corners)} corners"
         )
         return text if self.complete else f"{text}; partial: {self.branch.message}"
@@ -360,7 +383,7 @@ def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) ->
     continuation.ConvergenceError
         If Newton does not converge.
     """
-    result = solve_at(problem, pad(problem, start.state), lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=30))
+    result = solve_at(problem, pad(problem, start.state), lam, _newton())
     if not result.converged:
         hz = problem.at(lam)[0] / (2 * np.pi)
         raise ConvergenceError(
@@ -385,41 +408,69 @@ def pad(problem: HarmonicBalance, state: State) -> Array:
 
 
 def first_solution(problem: HarmonicBalance, lam: float) -> Array:
-    """Solution at `lam` from nothing: Newton from rest, then a ramp of the force from a stuck contact.
+    """Solution at `lam` from nothing: Newton from rest, then from one harmonic upwards, then by a ramp of the force.
 
     Raises
     ------
     continuation.ConvergenceError
-        If both fail; carries the partial ramp.
+        If all of them fail; carries the partial ramp.
     """
-    direct = solve_at(problem, np.zeros(problem.size), lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=30))
+    direct = solve_at(problem, np.zeros(problem.size), lam, _newton())
     if direct.converged:
         return direct.x
     Omega, F = problem.at(lam)
-    ramp = HarmonicBalance(problem.rig, problem.basis, parameter="force", hz=Omega / (2 * np.pi), level=F)
-    settings = _settings(ramp, 1.0, 0.02)
-    branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
+    hz = Omega / (2 * np.pi)
+    try:
+        return _by_harmonics(problem, lam)
+    except ConvergenceError:
+        pass  # the ramp is slower and reaches further
+    ramp = HarmonicBalance(problem.rig, problem.basis, parameter="force", hz=hz, level=F)
+    branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, _settings(ramp, 1e-3, 1.0, 0.02))
     if not branch.complete:
         raise ConvergenceError(
-            f"first solution: none at {Omega / (2 * np.pi):.6g} Hz and {F:g} N; Newton from rest ended at residual "
+            f"first solution: none at {hz:.6g} Hz and {F:g} N; Newton from rest ended at residual "
             f"{direct.residual_norm:.2g}, the force ramp: {branch.message}; start further from the resonance",
             branch,
         )
     return branch.points[-1].x
 
 
-def _settings(problem: HarmonicBalance, lam_end: float, step_max: float) -> Settings:
-    # the friction force follows from the motion and turns much faster: it hardly counts in the arclength
-    weights = np.ones(problem.size)
-    weights[-problem.basis.size :] = 1e-3
+def _by_harmonics(problem: HarmonicBalance, lam: float) -> Array:
+    """Solution at `lam` from one harmonic, doubling their number."""
+    H, state = 1, None
+    while True:
+        coarse = problem.with_harmonics(min(H, problem.basis.H))
+        start = np.zeros(coarse.size) if state is None else pad(coarse, state)
+        result = solve_at(coarse, start, lam, _newton())
+        if not result.converged:
+            raise ConvergenceError(f"first solution: no convergence with {coarse.basis.H} harmonics")
+        if coarse.basis.H == problem.basis.H:
+            return result.x
+        state, H = coarse.unpack(result.x, lam), 2 * H + 1
+
+
+def _newton() -> NewtonSettings:
+    return NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
+
+
+def _settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: float) -> Settings:
+    # a reference amplitude counts as much as the whole sweep; the friction force follows from the motion and turns
+    # much faster: it hardly counts
+    weights = np.full(problem.size, (lam_end - lam0) ** 2)
+    weights[-problem.basis.size :] *= 1e-3
     return Settings(
         lam_end=lam_end,
+        # a branch may fold back past its start and return
+        lam_min=min(lam0, lam_end) * (1.0 - EXCURSION),
+        lam_max=max(lam0, lam_end) * (1.0 + EXCURSION),
         step=step_max / 5,
         step_min=step_max * 1e-6,
         step_max=step_max,
         tolerance=TOLERANCE,
         weights=weights,
         max_points=20000,
+        max_angle=1.0,
+        predictor=Predictor.CURVED,
     )
 
 
@@ -451,7 +502,7 @@ def trace_frequency(
     harmonics, samples : int
         H and N_t.
     step_hz : float, optional
-        Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/80 of the range where omitted.
+        Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/50 of the range where omitted.
     on_point : callable, optional
         Progress: called with frequency and point number.
 
@@ -468,8 +519,8 @@ def trace_frequency(
     begin, end = default_sweep(rig) if hz is None else hz
     problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     to_lam = 2 * np.pi / problem.Omega_ref
-    step = abs(end - begin) / 80 if step_hz is None else step_hz
-    return _trace(problem, begin * to_lam, _settings(problem, end * to_lam, step * to_lam), on_point)
+    step = abs(end - begin) / 50 if step_hz is None else step_hz
+    return _trace(problem, begin * to_lam, _settings(problem, begin * to_lam, end * to_lam, step * to_lam), on_point)
 
 
 def force_response(
@@ -507,7 +558,7 @@ def force_response(
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = HarmonicBalance(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
-    return _trace(problem, lam0, _settings(problem, lam1, abs(lam1 - lam0) / 50), on_point)
+    return _trace(problem, lam0, _settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point)
 
 
 def _trace(problem: HarmonicBalance, lam0: float, settings: Settings, on_point: OnPoint | None) -> ResponseCurve:
@@ -526,36 +577,45 @@ def _trace(problem: HarmonicBalance, lam0: float, settings: Settings, on_point: 
 
 
 def _with_peak(curve: ResponseCurve) -> ResponseCurve:
-    """Add the point of largest drive displacement between the points of the trace."""
-    for _ in range(2):
+    """Add points around the largest drive displacement until a parabola through them has its top among them."""
+    for _ in range(8):
         drive = curve["drive"].peak
         i = int(np.argmax(drive))
         if not 0 < i < len(drive) - 1:
             return curve
-        s = np.array([p.arclength for p in curve.branch.points[i - 1 : i + 2]])
-        quadratic = np.polyfit(s - s[1], drive[i - 1 : i + 2], 2)
-        offset = -quadratic[1] / (2 * quadratic[0])
-        if quadratic[0] >= 0.0 or not s[0] - s[1] < offset < s[2] - s[1] or abs(offset) < 1e-3 * (s[2] - s[0]):
+        s = np.array([p.arclength for p in curve.branch.points[i - 1 : i + 2]]) - curve.branch.points[i].arclength
+        quadratic = np.polyfit(s, drive[i - 1 : i + 2], 2)
+        offset = -quadratic[1] / (2 * quadratic[0]) if quadratic[0] < 0.0 else np.nan
+        gain = np.polyval(quadratic, offset) / drive[i] - 1.0
+        if not (s[0] < offset < s[2] and gain > PEAK_ACCURACY):
             return curve
-        curve = _inserted(curve, i, offset)
+        curve = _inserted(curve, i, float(offset))
     return curve
 
 
 def _inserted(curve: ResponseCurve, i: int, offset: float) -> ResponseCurve:
-    """Add the point at arclength `offset` from point i, solved at the frequency of the chord."""
-    a = curve.branch.points[i]
-    b = curve.branch.points[i + 1 if offset > 0 else i - 1]
-    fraction = offset / (b.arclength - a.arclength)
-    lam = a.lam + fraction * (b.lam - a.lam)
+    """Add the point at arclength `offset` from point i, solved across the chord to its neighbour."""
+    a, b = curve.branch.points[i], curve.branch.points[i + 1 if offset > 0 else i - 1]
+    chord = np.append(b.x - a.x, b.lam - a.lam)
+    guess = np.append(a.x, a.lam) + offset / (b.arclength - a.arclength) * chord
+    weights = curve.branch.settings.weights
+    row = chord[:-1] if weights is None else weights * chord[:-1]
     newton = NewtonSettings(tolerance=TOLERANCE, max_iterations=10)
-    result = solve_at(curve.problem, a.x + fraction * (b.x - a.x), lam, newton)
+    result = correct(curve.problem, guess, Border(row, float(chord[-1])), newton)
     if not result.converged:
         return curve
     point = replace(
-        a, x=result.x, lam=lam, arclength=a.arclength + offset, fold=False, corner=False, branch_point=False
+        a,
+        x=result.x,
+        lam=result.lam,
+        arclength=a.arclength + offset,
+        residual_norm=result.residual_norm,
+        fold=False,
+        corner=False,
+        branch_point=False,
     )
     at = i + 1 if offset > 0 else i
     points, found = list(curve.branch.points), list(curve.points)
     points.insert(at, point)
-    found.insert(at, describe(curve.problem, result.x, lam))
+    found.insert(at, describe(curve.problem, result.x, result.lam))
     return replace(curve, branch=replace(curve.branch, points=tuple(points)), points=tuple(found))

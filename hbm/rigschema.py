@@ -23,7 +23,7 @@ Key = tuple[str | int, ...]
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 # names become columns and cells of CSV files
-ChannelName = Annotated[str, Field(pattern=r'^[^\s,;"](?:[^\r\n\t,;"]*[^\s,;"])?$')]
+ChannelName = Annotated[str, Field(pattern=r'^[^\s\p{C},;"](?:[^\p{C}\p{Zl}\p{Zp},;"]*[^\s\p{C},;"])?$')]
 
 
 class Table(BaseModel):
@@ -222,7 +222,7 @@ def _unknown(schema: type[Table], key: Key) -> tuple[str, str]:
     name, accepted = str(key[-1]), list(_table_at(schema, key[:-1]).model_fields)
     if key == ("modal",):
         return "and beam are both present", "must have one of them"
-    if schema is ModalRig and name in _table_at(BeamRig, key[:-1]).model_fields:
+    if schema is ModalRig and key[0] in BeamRig.model_fields and name in _table_at(BeamRig, key[:-1]).model_fields:
         return "does not go with [modal]", f"accepted keys are {', '.join(accepted)}"
     if len(key) == 1:
         accepted += ["beam" if schema is ModalRig else "modal (instead of beam)"]
@@ -270,7 +270,7 @@ _WORDS = {
     "greater_than_equal": "must be >= {ge:g}",
     "less_than_equal": "must be <= {le:g}",
     "too_short": "must have at least one entry",
-    "string_pattern_mismatch": "must be a name without commas, semicolons, quotes, tabs or surrounding blanks",
+    "string_pattern_mismatch": "must be a name without , ; quotes, control characters or surrounding blanks",
 }
 
 

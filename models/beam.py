@@ -192,7 +192,9 @@ def beam_structure(
         compliance=L / (beam.youngs_modulus * beam.area) + arm**2 * missing_rotation if residual_compliance else 0.0,
         reaction=reaction if variable_normal_load else Reaction.constant(beam.modes),
         channel_rows={name: beam.shapes(np.array([at]))[0] for name, at in positions.items()},
-        residual=_residual_flexibility(beam, arm, excitation_position, positions) if residual_compliance else ResidualFlexibility(),
+        residual=_residual_flexibility(beam, arm, excitation_position, positions)
+        if residual_compliance
+        else ResidualFlexibility(),
     )
 
 

@@ -305,13 +305,13 @@ REFUSED = {
         BEAM,
         'name = "a1"',
         'name = "a,1"',
-        ': channels[2].name = "a,1"; must be a name without commas, semicolons, quotes, tabs or surrounding blanks',
+        ': channels[2].name = "a,1"; must be a name without , ; quotes, control characters or surrounding blanks',
     ),
     "name with a line break": (
         BEAM,
         'name = "a1"',
         'name = "a\\n1"',
-        ': channels[2].name = "a\\n1"; must be a name without commas, semicolons, quotes, tabs or surrounding blanks',
+        ': channels[2].name = "a\\n1"; must be a name without , ; quotes, control characters or surrounding blanks',
     ),
     "name of a computed channel": (
         BEAM,
@@ -343,6 +343,12 @@ REFUSED = {
         "normal_load",
         "radius = 0.005\nnormal_load",
         ": contact.radius does not go with [modal]; accepted keys are normal_load, friction",
+    ),
+    "strange key in modal": (
+        MODAL,
+        "contact_shape",
+        "colour = 1\ncontact_shape",
+        ": modal.colour is unknown; accepted keys are frequencies_hz, shapes, contact_shape, excitation_shape",
     ),
     "zero frequency": (MODAL, "[50.0, 120.0]", "[0.0, 120.0]", ": modal.frequencies_hz[1] = 0.0; must be > 0"),
     "no frequencies": (

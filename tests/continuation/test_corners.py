@@ -117,3 +117,13 @@ def test_duffing_peak_with_coarse_steps_is_not_a_corner(zeta: float) -> None:
     amplitude = np.max(np.hypot(*branch.x.T))
     # the peak 5 / Omega lies between two points that turn by at most 0.5 rad: cos(0.25) of it is met at least
     assert 0.96 * 5.0 / 1.2 < amplitude <= 5.0
+
+
+@pytest.mark.parametrize("predictor", list(Predictor))
+def test_narrow_resonance_is_not_short_cut_at_its_foot(predictor: Predictor) -> None:
+    """Linear resonance, a circle of diameter 10 in x over 0.002 in lam, with steps of a tenth of it: once around."""
+    settings = Settings(lam_end=2.5, step=1.0, step_max=5.0, predictor=predictor)
+    branch = continue_branch(duffing(0.001, 0.0, 0.02), np.array([0.02, 0.0]), 0.3, settings)
+    assert branch.complete and not branch.folds and not branch.corners
+    assert np.all(np.diff(branch.lam) > 0.0)
+    assert 10.0 * np.pi < branch.points[-1].arclength < 10.0 * np.pi + 2.2

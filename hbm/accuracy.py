@@ -1,0 +1,313 @@
+"""How far a curve is from the exact answer of its equations, and how many harmonics it needs.
+
+Everything here is measured, not assumed: some points of the curve are solved again with more harmonics,
+more samples and more modes, and the change is the estimate.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from continuation import ConvergenceError
+from hbm.fourier import Array, FourierBasis
+from hbm.residual import HarmonicBalance
+from hbm.response import (
+    OnPoint,
+    PeriodicSolution,
+    ResponseCurve,
+    default_samples,
+    default_sweep,
+    describe,
+    solve_near,
+    trace_frequency,
+)
+from models.rig import Rig
+
+TOLERANCE = 5e-3
+"""Largest accepted change of drive displacement and friction force, relative to their peak on the curve."""
+
+LADDER = (7, 9, 13, 19, 27, 39, 55)
+"""Harmonics tried by :func:`frequency_response`."""
+
+JUDGED = ("drive", "friction")
+"""Channels whose change is measured."""
+
+SAMPLES_LIMIT = 4096
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A point of a curve that was solved again with finer numerics.
+
+    Attributes
+    ----------
+    hz : float
+        Its frequency [Hz].
+    harmonics, samples, modes, total : float
+        Largest change over the period of drive displacement or friction force, relative to the peak of that channel
+        on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where
+        the finer problem was not solved.
+    """
+
+    hz: float
+    harmonics: float
+    samples: float
+    modes: float
+    total: float
+
+
+@dataclass(frozen=True)
+class NumericalError:
+    """Estimated numerical error of a curve, relative to the peak of each judged channel.
+
+    Attributes
+    ----------
+    probes : tuple of Probe
+        The points that were solved again, in order of travel.
+    at_peak : Probe
+        The one at the largest drive displacement.
+    closure : float
+        Largest change of the friction state over a period, relative to its range.
+    """
+
+    probes: tuple[Probe, ...]
+    at_peak: Probe
+    closure: float
+
+    @property
+    def worst(self) -> Probe:
+        """The probe of largest total error."""
+        return max(self.probes, key=lambda p: -1.0 if np.isnan(p.total) else p.total)
+
+    def largest(self, source: str) -> float:
+        """Largest error of one source ("harmonics", "samples", "modes" or "total") over the probes."""
+        values = [getattr(p, source) for p in self.probes]
+        return float(np.nanmax(values)) if not np.all(np.isnan(values)) else float("nan")
+
+    def __str__(self) -> str:
+        """Say the estimate and where it comes from."""
+        p, w = self.at_peak, self.worst
+        return (
+            f"{p.total:.2%} at the peak (harmonics {p.harmonics:.2%}, samples {p.samples:.2%}, modes {p.modes:.2%}), "
+            f"at most {w.total:.2%} near {w.hz:.5g} Hz; loop closure {self.closure:.0e}"
+        )
+
+
+@dataclass(frozen=True)
+class Assessed:
+    """A curve with what is known about its accuracy.
+
+    Attributes
+    ----------
+    curve : ResponseCurve
+    error : NumericalError
+    reason : str
+        Why this number of harmonics and samples.
+    warnings : tuple of str
+        What a user should know before trusting the curve.
+    """
+
+    curve: ResponseCurve
+    error: NumericalError
+    reason: str
+    warnings: tuple[str, ...]
+
+
+def frequency_response(
+    rig: Rig,
+    hz: tuple[float, float] | None = None,
+    *,
+    level: float | None = None,
+    harmonics: int | None = None,
+    tolerance: float = TOLERANCE,
+    on_point: OnPoint | None = None,
+) -> Assessed:
+    """Frequency response curve with its numerical error.
+
+    Parameters
+    ----------
+    rig : Rig
+    hz : (float, float), optional
+        Where to start and to end [Hz]; 0.85 to 1.35 of the first sliding resonance where omitted.
+    level : float, optional
+        Force amplitude [N]; the rig's where omitted.
+    harmonics : int, optional
+        H; where omitted it is raised until the curve's drive displacement and friction force change
+        less than `tolerance`.
+    tolerance : float
+        Accepted change relative to the peak.
+    on_point : callable, optional
+        Progress: called with frequency and point number.
+
+    Returns
+    -------
+    Assessed
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If there is no first solution.
+    """
+    sweep = default_sweep(rig) if hz is None else hz
+    if harmonics is None:
+        H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance)
+    else:
+        H, N_t, reason = harmonics, default_samples(harmonics), f"H = {harmonics} as asked for"
+    curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, on_point=on_point)
+    error = estimate_error(curve)
+    return Assessed(curve, error, reason, tuple(_warnings(curve, error, tolerance)))
+
+
+def choose_harmonics(
+    rig: Rig, hz: tuple[float, float], *, level: float | None = None, tolerance: float = TOLERANCE
+) -> tuple[int, int, str]:
+    """Fewest harmonics and samples of the ladder that keep the curve within the tolerance.
+
+    Parameters
+    ----------
+    rig, hz, level, tolerance
+        As for :func:`frequency_response`.
+
+    Returns
+    -------
+    H, N_t : int
+    reason : str
+    """
+    pilot = trace_frequency(rig, hz, level=level, harmonics=LADDER[0], step_hz=abs(hz[1] - hz[0]) / 25)
+    found, scales = probes(pilot), _scales(pilot)
+    N_t, change = default_samples(LADDER[-1]), np.inf
+    for H, finer in pairwise(LADDER):
+        refined = _solve_again(found, HarmonicBalance(rig, FourierBasis(finer, N_t), level=level))
+        pairs = [(a, b) for a, b in zip(found, refined, strict=True) if b is not None]
+        change = max((_change(a, b, scales) for a, b in pairs), default=np.inf)
+        if change < tolerance:
+            N_t, moved = _choose_samples(rig, found, H, level, scales, tolerance)
+            reason = (
+                f"H = {H}: {finer} harmonics change peak and friction by {change:.2%}, "
+                f"{2 * N_t} samples by {moved:.2%} (tolerance {tolerance:.2%})"
+            )
+            return H, N_t, reason
+        found = [b for _, b in pairs]
+    H = LADDER[-1]
+    return H, default_samples(H), f"H = {H}, the most that is tried: still {change:.2%} from {LADDER[-2]} harmonics"
+
+
+def _choose_samples(
+    rig: Rig,
+    found: Sequence[PeriodicSolution],
+    H: int,
+    level: float | None,
+    scales: dict[str, float],
+    tolerance: float,
+) -> tuple[int, float]:
+    """Fewest samples whose doubling changes the probed points by less than half the tolerance; and that change."""
+    N_t = default_samples(H)
+    coarse = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
+    while True:
+        fine = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, 2 * N_t), level=level))
+        changes = [_change(a, b, scales) for a, b in zip(coarse, fine, strict=True) if a is not None]
+        change = float(np.nanmax(changes)) if changes else np.inf
+        if change < tolerance / 2 or 2 * N_t > SAMPLES_LIMIT:
+            return N_t, change
+        N_t, coarse = 2 * N_t, fine
+
+
+def probes(curve: ResponseCurve, spread: int = 8) -> list[PeriodicSolution]:
+    """Points worth solving again: the peaks, the most harmonic ones, and some spread over the curve."""
+    drive, friction = curve["drive"], curve["friction"]
+    H = curve.basis.H
+    tail = np.linalg.norm(drive.amplitude[:, 2 * H // 3 :], axis=1) / drive.peak.max()
+    chosen = {int(np.argmax(drive.peak)), int(np.argmax(friction.peak)), int(np.argmax(tail))}
+    chosen |= set(np.linspace(0, len(curve.points) - 1, spread).astype(int).tolist())
+    return [curve.points[i] for i in sorted(chosen)]
+
+
+def estimate_error(curve: ResponseCurve) -> NumericalError:
+    """Estimate the numerical error of a curve by solving some of its points again, refined.
+
+    Parameters
+    ----------
+    curve : ResponseCurve
+
+    Returns
+    -------
+    NumericalError
+    """
+    rig, found = curve.rig, probes(curve)
+    H, N_t, n = curve.basis.H, curve.basis.N_t, rig.structure.n
+    finer_H, finer_N, finer_rig = int(1.5 * H) + 3, 2 * N_t, rig.with_modes(2 * n)
+    finer = {
+        "harmonics": (rig, finer_H, N_t if N_t > 4 * finer_H else finer_N),
+        "samples": (rig, H, finer_N),
+        "modes": (finer_rig, H, N_t),
+        "total": (finer_rig, finer_H, finer_N),
+    }
+    if finer_rig.structure.n == n:
+        del finer["modes"]
+    changes = {source: _changes(curve, found, *problem) for source, problem in finer.items()}
+    changes.setdefault("modes", np.full(len(found), np.nan))
+    table = tuple(
+        Probe(p.hz, **{source: float(change[i]) for source, change in changes.items()}) for i, p in enumerate(found)
+    )
+    peak = next(i for i, p in enumerate(found) if p is curve.peak)
+    return NumericalError(table, table[peak], max(p.closure for p in curve.points))
+
+
+def _changes(curve: ResponseCurve, found: Sequence[PeriodicSolution], rig: Rig, H: int, N_t: int) -> Array:
+    """Relative change of each point on another discretisation, nan where it was not found."""
+    again = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=curve.level))
+    scales = _scales(curve)
+    return np.array([_change(a, b, scales) for a, b in zip(found, again, strict=True)])
+
+
+def _solve_again(found: Sequence[PeriodicSolution], problem: HarmonicBalance) -> list[PeriodicSolution | None]:
+    """Solve points on another discretisation, each at its frequency; None where that fails."""
+    out: list[PeriodicSolution | None] = []
+    for start in found:
+        lam = 2 * np.pi * start.hz / problem.Omega_ref
+        try:
+            out.append(describe(problem, solve_near(problem, lam, start), lam))
+        except ConvergenceError:
+            out.append(None)
+    return out
+
+
+def _scales(curve: ResponseCurve) -> dict[str, float]:
+    return {name: float(curve[name].peak.max()) for name in JUDGED}
+
+
+def difference(a: PeriodicSolution, b: PeriodicSolution, channel: str) -> float:
+    """Largest difference of a channel over the period at the phases both solutions sample."""
+    sa, sb = a.channels[channel].samples, b.channels[channel].samples
+    common = int(np.gcd(len(sa), len(sb)))
+    return float(np.abs(sa[:: len(sa) // common] - sb[:: len(sb) // common]).max())
+
+
+def _change(before: PeriodicSolution, after: PeriodicSolution | None, scales: dict[str, float]) -> float:
+    """Largest relative difference over the judged channels."""
+    if after is None:
+        return float("nan")
+    return max(difference(before, after, name) / scale for name, scale in scales.items() if scale > 0.0)
+
+
+def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> Iterable[str]:
+    n, H, worst = curve.rig.structure.n, curve.basis.H, error.worst
+    if error.at_peak.modes > tolerance:
+        yield f"{2 * n} modes move the peak by {error.at_peak.modes:.2%}: set beam.modes = {2 * n}"
+    if error.at_peak.harmonics > tolerance:
+        yield f"more than {H} harmonics move the peak by {error.at_peak.harmonics:.2%}"
+    if error.largest("samples") > tolerance:
+        yield f"doubling the {curve.basis.N_t} samples moves the answer by {error.largest('samples'):.2%}"
+    if worst.total > 2 * tolerance and worst is not error.at_peak:
+        cause = "modes" if worst.modes > worst.harmonics else "harmonics"
+        yield f"near {worst.hz:.5g} Hz the error reaches {worst.total:.1%}, mostly for want of {cause}"
+    for low, high in curve.lift_off:
+        least = min(p.channels["normal"].samples.min() for p in curve.points)
+        yield (
+            f"the tip would lift off from {low:.5g} to {high:.5g} Hz (normal reaction down to {least:.3g} N); "
+            "the model keeps it on the support there"
+        )
+    if not curve.complete:
+        yield f"partial curve: {curve.branch.message}"

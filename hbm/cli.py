@@ -1,0 +1,403 @@
+"""The command ``hbm``: arguments, progress, printing, exit status; formats.md section 5.
+
+Exit status 0: done. 1: a computation failed or was interrupted; what was found is written, and marked. 2: bad
+input, nothing was written. Every failure is one line on stderr. Heavy modules are imported by the command
+that needs them.
+"""
+
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer._click.exceptions import NoArgsIsHelpError, UsageError
+from typer.core import TyperCommand, TyperGroup
+
+from hbm.errors import InputError
+
+if TYPE_CHECKING:
+    from hbm.accuracy import Assessed
+    from hbm.history import TimeHistory
+    from models.rig import Rig
+
+INTERRUPTED = 130
+"""Status that Typer gives to a keyboard interrupt."""
+
+FIGURES = (".png", ".pdf", ".svg")
+LARGEST_H = 200
+LARGEST_HISTORY = 20_000_000  # samples
+
+
+class OneLine(TyperGroup):
+    """Commands whose failures are one line on stderr and an exit status."""
+
+    def main(self, *args: Any, **options: Any) -> Any:
+        """Run, say a failure in one line, and exit."""
+        options["standalone_mode"] = False
+        sys.exit(_status(lambda: super(OneLine, self).main(*args, **options)))
+
+
+class Spread(TyperCommand):
+    """A command whose ``--level`` takes several numbers, ``--level 2 4 6``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Put the flag before each of the numbers."""
+        return super().parse_args(ctx, spread("--level", args))
+
+
+def spread(flag: str, args: Sequence[str]) -> list[str]:
+    """Repeat a flag before each of the numbers after it.
+
+    >>> spread("--level", ["rig.toml", "--level", "2", "4", "--out", "a.csv"])
+    ['rig.toml', '--level', '2', '--level', '4', '--out', 'a.csv']
+    """
+    out: list[str] = []
+    for arg in args:
+        if len(out) > 1 and out[-2] == flag and _is_number(arg):
+            out.append(flag)
+        out.append(arg)
+    return out
+
+
+app = typer.Typer(cls=OneLine, no_args_is_help=True, add_completion=True, pretty_exceptions_enable=False)
+
+RigFile = Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML).", show_default=False)]
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="replace")  # a terminal without µ is no reason to fail
+    app(prog_name="hbm")
+
+
+def _status(run: Callable[[], Any]) -> int:
+    """Exit status of a run; what went wrong goes to stderr."""
+    try:
+        status = int(run() or 0)
+    except InputError as refused:
+        return _say(str(refused), 2)
+    except (ArithmeticError, MemoryError) as failed:
+        return _say(f"hbm: {str(failed) or 'out of memory'}", 1)
+    except UsageError as misused:
+        return _say(_usage(misused), misused.exit_code)
+    return _say("hbm: interrupted, nothing written", 1) if status == INTERRUPTED else status
+
+
+def _usage(error: UsageError) -> str:
+    if isinstance(error, NoArgsIsHelpError):
+        return error.format_message()
+    path = error.ctx.command_path if error.ctx else "hbm"
+    text = error.format_message().rstrip(".")
+    return f"{path}: {text[:1].lower()}{text[1:]}; see {path} --help"
+
+
+def _say(line: str, status: int) -> int:
+    print(" ".join(line.split()), file=sys.stderr)
+    return status
+
+
+# --------------------------------------------------------------------------------------------------------- commands
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from hbm import __version__
+
+        print(f"hbm {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def hbm(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    """Harmonic balance for beams and structures that rub on a support.
+
+    Start with:  hbm frf examples/paper_beam.toml --plot beam.png
+    """
+
+
+@app.command()
+def modes(rig: RigFile) -> None:
+    """Natural frequencies, sliding and stuck, damping, and the residual compliance.
+
+    Example:  hbm modes examples/paper_beam.toml
+    """
+    from hbm.modes import linear_modes
+    from hbm.rigfile import load_rig
+    from hbm.tables import print_modes
+
+    loaded = load_rig(rig)
+    print_modes(_console(), loaded, linear_modes(loaded))
+
+
+@app.command(cls=Spread)
+def frf(
+    rig: RigFile,
+    begin: Annotated[
+        str | None, typer.Option("--from", metavar="HZ", help="First frequency; with --to. May be the higher one.")
+    ] = None,
+    end: Annotated[str | None, typer.Option("--to", metavar="HZ", help="Last frequency; with --from.")] = None,
+    level: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--level",
+            metavar="N ...",
+            help="Force amplitudes, several after one flag (--level 2 4 6.5) or the flag repeated; "
+            "the rig's where omitted.",
+        ),
+    ] = None,
+    law: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Another friction law on the same rig: parameters of the same name are the rig's, "
+            "the others published ones; the output says which.",
+        ),
+    ] = None,
+    harmonics: Annotated[
+        str, typer.Option(metavar="H|auto", help="Harmonics; auto: as many as the accuracy needs.")
+    ] = "auto",
+    out: Annotated[
+        Path | None, typer.Option(metavar="F.csv", help="Write the curves here, and what is known of them to F.json.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+) -> None:
+    """Frequency response curves, each with its numerical error.
+
+    Without --from and --to: 0.85 to 1.35 of the first sliding resonance.
+
+    Example:  hbm frf examples/paper_beam.toml --from 45 --to 60 --level 2 4 6.5 --out beam.csv --plot beam.png
+    """
+    from hbm.lawchoice import choose_law
+    from hbm.rigfile import load_rig
+
+    _check_outputs("frf", out, plot)
+    hz, levels, H = _range(begin, end), _levels(level), _harmonics(harmonics)
+    loaded = load_rig(rig)
+    if law is not None:
+        with _named("frf"):
+            choice = choose_law(loaded, law)
+        loaded = choice.rig
+        print(choice)
+    curves, failures = _responses(loaded, hz, levels or [loaded.excitation.amplitude], H)
+    failures += [_partial(c) for c in curves if not c.curve.complete]
+    if curves:
+        _deliver_curves(curves, out, plot)
+    for failure in failures:
+        _say(failure, 1)
+    if failures:
+        raise typer.Exit(1)
+
+
+@app.command()
+def simulate(
+    rig: RigFile,
+    frequency: Annotated[str, typer.Option(metavar="HZ", help="Excitation frequency.", show_default=False)],
+    duration: Annotated[
+        str | None, typer.Option(metavar="S", help="How long, in seconds; 50 periods where omitted.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="F.csv", help="Write the rig's channels over time here.")] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+    contact: Annotated[
+        bool, typer.Option("--contact", help="Also write drive, slip, slip_velocity, friction and normal to --out.")
+    ] = False,
+) -> None:
+    """Time integration from rest.
+
+    Example:  hbm simulate examples/paper_beam.toml --frequency 50 --duration 2 --out run.csv --plot run.png
+    """
+    _check_outputs("simulate", out, plot)
+    hz = _positive("simulate", "--frequency", frequency, "Hz")
+    seconds = 50.0 / hz if duration is None else _positive("simulate", "--duration", duration, "s")
+    _check_duration(hz, seconds)
+    from hbm.rigfile import load_rig
+
+    _deliver_history(_march(load_rig(rig), hz, seconds), out, plot, contact=contact)
+
+
+# ---------------------------------------------------------------------------------------------------------- options
+
+
+def _check_outputs(command: str, out: Path | None, plot: Path | None) -> None:
+    if out is None and plot is None:
+        return
+    from hbm.files import check_output
+
+    with _named(command):
+        if out is not None:
+            check_output(out, (".csv",), "--out")
+        if plot is not None:
+            check_output(plot, FIGURES, "--plot")
+
+
+@contextmanager
+def _named(command: str) -> Iterator[None]:
+    """Put the command's name before what is refused."""
+    try:
+        yield
+    except InputError as refused:
+        raise InputError(f"{command}: {refused}") from None
+
+
+def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
+    if begin is None and end is None:
+        return None
+    if begin is None or end is None:
+        given, missing = ("--from", "--to") if end is None else ("--to", "--from")
+        raise InputError(f"frf: {given} without {missing}; must have both or neither")
+    hz = _positive("frf", "--from", begin, "Hz"), _positive("frf", "--to", end, "Hz")
+    if hz[0] == hz[1]:
+        raise InputError(f"frf: --to = {end}; must differ from --from = {begin}")
+    return hz
+
+
+def _levels(texts: list[str] | None) -> list[float]:
+    levels = [_positive("frf", "--level", text, "N") for text in texts or ()]
+    for i, level in enumerate(levels):
+        if level in levels[:i]:
+            raise InputError(f"frf: --level = {level:g} twice; must be different forces")
+    return levels
+
+
+def _harmonics(text: str) -> int | None:
+    if text == "auto":
+        return None
+    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= LARGEST_H):
+        raise InputError(f"frf: --harmonics = {_quoted(text)}; must be auto or a whole number from 1 to {LARGEST_H}")
+    return int(text)
+
+
+def _positive(command: str, option: str, text: str, unit: str) -> float:
+    if not _is_number(text) or not (math.isfinite(float(text)) and float(text) > 0.0):
+        raise InputError(f"{command}: {option} = {_quoted(text)}; must be a number > 0 [{unit}]")
+    return float(text)
+
+
+def _check_duration(hz: float, seconds: float) -> None:
+    periods = hz * seconds
+    if periods * 512 < 1:
+        raise InputError(f"simulate: --duration = {seconds:g}; must be at least a step, {1 / (512 * hz):.3g} s here")
+    if periods * 512 > LARGEST_HISTORY:
+        most = LARGEST_HISTORY / 512 / hz
+        raise InputError(f"simulate: --duration = {seconds:g}; must be <= {most:.6g} s at {hz:g} Hz, for memory's sake")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _quoted(text: str) -> str:
+    return text if _is_number(text) else json.dumps(text, ensure_ascii=False)
+
+
+# -------------------------------------------------------------------------------------------------------- computing
+
+
+def _responses(
+    rig: "Rig", hz: tuple[float, float] | None, levels: Sequence[float], harmonics: int | None
+) -> tuple[list["Assessed"], list[str]]:
+    """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
+    from continuation import ConvergenceError
+    from hbm.accuracy import frequency_response
+    from hbm.progress import Sweep
+    from hbm.response import default_sweep
+
+    curves: list[Assessed] = []
+    failures: list[str] = []
+    sweep = hz or default_sweep(rig)
+    for level in levels:
+        try:
+            with Sweep(f"{level:g} N", *sweep) as progress:
+                curves.append(frequency_response(rig, sweep, level=level, harmonics=harmonics, on_point=progress.point))
+        except (ConvergenceError, ArithmeticError) as failed:
+            failures.append(f"frf: {level:g} N: {failed}")
+        except KeyboardInterrupt:
+            left = len(levels) - len(curves) - len(failures)
+            failures.append(f"frf: interrupted at {level:g} N; {left} of {len(levels)} levels not computed")
+            break
+    return curves, failures
+
+
+def _partial(assessed: "Assessed") -> str:
+    curve = assessed.curve
+    return f"frf: {curve.level:g} N: partial curve, {curve.hz[0]:.5g} to {curve.hz[-1]:.5g} Hz; {curve.branch.message}"
+
+
+def _march(rig: "Rig", hz: float, seconds: float) -> "TimeHistory":
+    from hbm.integrate import simulate as march
+    from hbm.progress import Sweep
+
+    with Sweep("time", 0.0, seconds, unit="s") as progress:
+        return march(rig, hz, duration=seconds, progress=progress.time)
+
+
+# --------------------------------------------------------------------------------------------------------- delivery
+
+
+def _console() -> Any:
+    from rich.console import Console
+
+    if sys.stdout.isatty():
+        return Console(width=max(80, Console().width))  # a narrow terminal wraps lines, no number is cut
+    return Console(width=120, force_terminal=False, color_system=None)  # piped: no escapes, nothing cut
+
+
+def _deliver_curves(curves: Sequence["Assessed"], out: Path | None, plot: Path | None) -> None:
+    written = []
+    if out is not None:
+        from hbm.files import companion, write_curves
+
+        write_curves(out, curves)
+        written += [out, companion(out)]
+    if plot is not None:
+        from hbm.files import write_figure
+        from hbm.report import plot_curves
+
+        write_figure(plot, plot_curves([c.curve for c in curves]))
+        written.append(plot)
+    from hbm.tables import print_curves
+
+    print_curves(_console(), curves)
+    _print_written(written)
+
+
+def _deliver_history(history: "TimeHistory", out: Path | None, plot: Path | None, *, contact: bool) -> None:
+    written = []
+    if out is not None:
+        from hbm.files import write_history
+
+        write_history(out, history, contact=contact)
+        written.append(out)
+    if plot is not None:
+        from hbm.files import write_figure
+        from hbm.report import plot_history
+
+        write_figure(plot, plot_history(history))
+        written.append(plot)
+    from hbm.tables import print_history
+
+    print_history(_console(), history)
+    _print_written(written)
+
+
+def _print_written(files: Sequence[Path]) -> None:
+    """Name the files, which exist before anything is printed: a closed pipe loses no result."""
+    for file in files:
+        print(f"wrote {file}")
+
+
+if __name__ == "__main__":
+    main()

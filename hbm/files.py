@@ -1,0 +1,393 @@
+"""Result files: curves and time histories written and read back, formats.md sections 3 and 4.
+
+A curve file (CSV) has a companion of the same name ending in ``.json`` with what a table of points has no
+place for: numerical error, folds, corners, lift-off, why the curve ended. Every file appears complete or not at all.
+"""
+
+import csv
+import io
+import json
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hbm.accuracy import Assessed, NumericalError
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.history import TimeHistory
+from hbm.response import ChannelCurve, ResponseCurve
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SCHEMA = 1
+KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")
+StrPath = str | os.PathLike[str]
+
+
+# ----------------------------------------------------------------------------------------------------- writing
+
+
+def write_curves(path: StrPath, curves: Sequence[Assessed]) -> None:
+    """Write curves and, beside them, their companion.
+
+    Parameters
+    ----------
+    path : str or path
+        CSV file; the companion is :func:`companion` of it.
+    curves : sequence of Assessed
+        One per level, of one rig. Columns go up to the largest H, blank where a curve has fewer.
+
+    Raises
+    ------
+    InputError
+        If the files cannot be written; then neither is.
+    """
+    write_together(
+        {
+            Path(path): _csv(_table([c.curve for c in curves])),
+            companion(path): json.dumps(_summary(curves), indent=1, allow_nan=False) + "\n",
+        }
+    )
+
+
+def companion(path: StrPath) -> Path:
+    """Where the companion of a curve file is: the same name, ending in ``.json``."""
+    return Path(path).with_suffix(".json")
+
+
+def write_history(path: StrPath, history: TimeHistory, *, contact: bool = False) -> None:
+    """Write a time history, columns ``time_s`` and one per channel.
+
+    Parameters
+    ----------
+    path : str or path
+        CSV file.
+    history : TimeHistory
+    contact : bool
+        Beside the rig's own channels, which could be measured, also the computed ones:
+        drive, slip, slip_velocity, friction, normal.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    own = {channel.name for channel in history.rig.channels}
+    signals = {name: s.values for name, s in history.channels.items() if contact or name in own}
+    columns = zip(history.time.tolist(), *(values.tolist() for values in signals.values()), strict=True)
+    write_together({Path(path): _csv(chain([["time_s", *signals]], columns))})
+
+
+def write_figure(path: StrPath, figure: "Figure") -> None:
+    """Save a figure in the format that the ending of `path` names.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written.
+    """
+    path, content = Path(path), io.BytesIO()
+    figure.savefig(content, format=path.suffix[1:].lower(), dpi=200)
+    write_together({path: content.getvalue()})
+
+
+def _csv(rows: Iterable[Iterable[Any]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)  # floats by repr: every digit
+    return text.getvalue()
+
+
+def _heading(H: int) -> list[str]:
+    return [*KEYS, "h0", *(f"h{k}_{part}" for k in range(1, H + 1) for part in ("cos", "sin"))]
+
+
+def _table(curves: Sequence[ResponseCurve]) -> Iterator[list[Any]]:
+    """Heading, and the rows of the curves filled with blanks up to the largest H."""
+    heading = _heading(max(c.basis.H for c in curves))
+    yield heading
+    for row in chain.from_iterable(map(_rows, curves)):
+        yield row + [""] * (len(heading) - len(row))
+
+
+def _rows(curve: ResponseCurve) -> Iterator[list[Any]]:
+    """Rows of a curve, point by point and channel by channel."""
+    stable = _stability(curve)
+    channels = {name: (c.peak.tolist(), c.rms.tolist(), _in_pairs(c.harmonics)) for name, c in curve.channels.items()}
+    hz, level = curve.hz.tolist(), float(curve.level)
+    for i in range(len(hz)):
+        for name, (peak, rms, coefficients) in channels.items():
+            yield [i + 1, level, hz[i], stable[i], name, peak[i], rms[i], *coefficients[i]]
+
+
+def _in_pairs(harmonics: Array) -> list[list[float]]:
+    """Reorder a_0, a_1..a_H, b_1..b_H to a_0, a_1, b_1, a_2, b_2..."""
+    H = harmonics.shape[1] // 2
+    pairs = np.arange(1, H + 1)
+    listed: list[list[float]] = harmonics[:, np.r_[0, np.column_stack([pairs, pairs + H]).ravel()]].tolist()
+    return listed
+
+
+def _stability(curve: ResponseCurve) -> list[str]:
+    """1 or 0 where the curve says, blank where it does not."""
+    stable = getattr(curve, "stable", None)
+    return [""] * len(curve.points) if stable is None else [str(int(s)) for s in stable]
+
+
+# --------------------------------------------------------------------------------------------------- companion
+
+
+def _summary(curves: Sequence[Assessed]) -> dict[str, Any]:
+    from hbm import __version__
+
+    first = curves[0].curve
+    return {
+        "schema": SCHEMA,
+        "version": __version__,
+        "rig": first.rig.name,
+        "law": first.rig.contact.law.name,
+        "units": {name: channel.unit for name, channel in first.channels.items()},
+        "levels": [_level(c) for c in curves],
+    }
+
+
+def _level(assessed: Assessed) -> dict[str, Any]:
+    curve = assessed.curve
+    return {
+        "level": float(curve.level),
+        "points": len(curve.points),
+        "complete": curve.complete,
+        "message": curve.branch.message,
+        "harmonics": curve.basis.H,
+        "samples": curve.basis.N_t,
+        "modes": curve.rig.structure.n,
+        "reason": assessed.reason,
+        "warnings": list(assessed.warnings),
+        "numerical_error": _error(assessed.error),
+        "energy_error": _number(max(abs(p.energy_error) for p in curve.points)),
+        "folds_hz": [float(hz) for hz in curve.folds],
+        "corners_hz": [float(hz) for hz in curve.corners],
+        "lift_off_hz": [[float(low), float(high)] for low, high in curve.lift_off],
+    }
+
+
+def _error(error: NumericalError) -> dict[str, Any]:
+    def probe(p: Any) -> dict[str, float | None]:
+        return {name: _number(value) for name, value in asdict(p).items()}
+
+    return {
+        "at_peak": probe(error.at_peak),
+        "worst": probe(error.worst),
+        "closure": _number(error.closure),
+        "probes": [probe(p) for p in error.probes],
+    }
+
+
+def _number(value: float) -> float | None:
+    """JSON has no nan: null where a number is not known."""
+    return float(value) if math.isfinite(value) else None
+
+
+# ----------------------------------------------------------------------------------------------------- reading
+
+
+@dataclass(frozen=True, eq=False)
+class SavedCurve:
+    """A curve read from a file.
+
+    Attributes
+    ----------
+    level : float
+        Force amplitude [N].
+    hz : (points,) array
+        Excitation frequency [Hz].
+    stable : (points,) array
+        1, 0, or nan where not computed.
+    channels : dict of str to ChannelCurve
+        As in :class:`hbm.ResponseCurve`; the unit is empty without the companion.
+    summary : dict
+        What the companion says of this level, empty without it.
+    """
+
+    level: float
+    hz: Array
+    stable: Array
+    channels: Mapping[str, ChannelCurve]
+    summary: Mapping[str, Any]
+
+    def __getitem__(self, name: str) -> ChannelCurve:
+        """Channel by name."""
+        return self.channels[name]
+
+
+def read_curves(path: StrPath) -> list[SavedCurve]:
+    """Read a curve file and, where there is one, its companion.
+
+    Parameters
+    ----------
+    path : str or path
+        CSV file of :func:`write_curves`.
+
+    Returns
+    -------
+    list of SavedCurve
+        One per level, in the order of the file.
+
+    Raises
+    ------
+    InputError
+        If the file is not a curve file.
+    """
+    rows = _read_rows(path)
+    heading = next(rows, (0, []))[1]
+    H = (len(heading) - len(KEYS) - 1) // 2
+    if heading != _heading(H):
+        raise InputError(f"{path} line 1: {','.join(heading[:9])!r}; must be {','.join(KEYS)},h0,h1_cos,h1_sin,...")
+    levels: dict[float, dict[str, list[list[float]]]] = {}
+    for line, row in rows:
+        level, channel, numbers = _parsed(row, len(heading), f"{path} line {line}")
+        levels.setdefault(level, {}).setdefault(channel, []).append(numbers)
+    summary = _read_companion(path)
+    units = summary.get("units", {})
+    said = {entry["level"]: entry for entry in summary.get("levels", [])}
+    return [_saved(level, table, units, said.get(level, {})) for level, table in levels.items()]
+
+
+def _read_rows(path: StrPath) -> Iterator[tuple[int, list[str]]]:
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as refused:
+        raise InputError(f"{path}: cannot be read ({_why(refused)}); must be a curve file (CSV)") from None
+    return ((n, row) for n, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row)
+
+
+def _parsed(row: list[str], columns: int, where: str) -> tuple[float, str, list[float]]:
+    """Level, channel, and the numbers frequency, stable, peak, rms, h0, h1_cos... with nan where blank."""
+    if len(row) != columns:
+        raise InputError(f"{where}: {len(row)} entries; must have {columns}")
+    try:
+        numbers = [float(entry) if entry else math.nan for entry in (*row[2:4], *row[5:])]
+        return float(row[1]), row[4], numbers
+    except ValueError as bad:
+        raise InputError(f"{where}: {bad}; must be a number") from None
+
+
+def _saved(
+    level: float, table: dict[str, list[list[float]]], units: Mapping[str, str], said: Mapping[str, Any]
+) -> SavedCurve:
+    arrays = {name: np.array(rows) for name, rows in table.items()}
+    first = next(iter(arrays.values()))
+    return SavedCurve(
+        level=level,
+        hz=first[:, 0],
+        stable=first[:, 1],
+        channels={name: _channel(a, units.get(name, "")) for name, a in arrays.items()},
+        summary=said,
+    )
+
+
+def _channel(a: Array, unit: str) -> ChannelCurve:
+    pairs = a[:, 5:][:, ~np.isnan(a[0, 5:])]  # blank columns belong to a curve of more harmonics
+    return ChannelCurve(unit, np.hstack([a[:, 4:5], pairs[:, ::2], pairs[:, 1::2]]), peak=a[:, 2], rms=a[:, 3])
+
+
+def _read_companion(path: StrPath) -> dict[str, Any]:
+    beside = companion(path)
+    if not beside.exists():
+        return {}
+    try:
+        summary = json.loads(beside.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as refused:
+        raise InputError(f"{beside}: cannot be read ({_why(refused)}); must be the companion of {path}") from None
+    if not isinstance(summary, dict) or summary.get("schema") != SCHEMA:
+        raise InputError(f"{beside}: not schema {SCHEMA}; must be the companion of {path}")
+    return summary
+
+
+# ------------------------------------------------------------------------------------------- complete or not at all
+
+
+def check_output(path: StrPath, endings: Sequence[str], where: str) -> None:
+    """Refuse an output file that could not be written, before anything is computed.
+
+    Parameters
+    ----------
+    path : str or path
+    endings : sequence of str
+        Accepted endings such as ``.csv``.
+    where : str
+        Option that names the file, for messages.
+
+    Raises
+    ------
+    InputError
+    """
+    path, said = Path(path), f"{where} = {json.dumps(str(path), ensure_ascii=False)}"
+    if path.suffix.lower() not in endings:
+        raise InputError(f"{said}; must end in {' or '.join(endings)}")
+    if path.is_dir():
+        raise InputError(f"{said}; is a directory, must be a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{said}; there is no directory {str(path.parent)!r}, create it first")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{said}; directory {str(path.parent)!r} cannot be written")
+
+
+def write_together(contents: Mapping[Path, str | bytes]) -> None:
+    """Write files through temporary ones beside them: all appear complete, or none.
+
+    Raises
+    ------
+    InputError
+        If one cannot be written; nothing is left behind then.
+    """
+    written: dict[Path, Path] = {}
+    placed: list[Path] = []
+    try:
+        for path, content in contents.items():
+            written[path] = _temporary(path, content)
+        for path, temporary in written.items():
+            os.replace(temporary, path)
+            placed.append(path)
+    except OSError as refused:
+        for path in placed:  # its companion is missing
+            path.unlink(missing_ok=True)
+        name = next((p for p in contents if p not in written), refused.filename2 or refused.filename)
+        raise InputError(
+            f"{name}: cannot be written ({_why(refused)}); must be a file in a writable directory"
+        ) from None
+    finally:
+        for temporary in written.values():
+            temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path, content: str | bytes) -> Path:
+    """Write content into a new file in the directory of `path`."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with open(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+        os.chmod(name, 0o666 & ~_umask())  # mkstemp makes files that only the owner can read
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(name)
+        raise
+    return Path(name)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _why(refused: Exception) -> str:
+    return (getattr(refused, "strerror", None) or str(refused)).lower()

@@ -1,0 +1,89 @@
+"""Linear modes of a rig, with the contact sliding freely and stuck."""
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import null_space
+
+from models.friction import ContactSample
+from models.rig import Rig
+from models.structure import Array
+
+SMALL_SLIP = 1e-12
+"""Slip that no law takes for sliding [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModes:
+    """Natural modes of a rig.
+
+    Attributes
+    ----------
+    sliding_hz, stuck_hz : (n,) array
+        Natural frequencies with the contact sliding freely, and held by its stiffness [Hz].
+        A rigidly held contact takes a mode away: the last entry is nan then.
+    damping_ratio : (n,) array
+        Of the sliding modes [-].
+    stiffness : float
+        Contact stiffness at rest, in series with the compliance [N/m]; inf where the contact is held rigidly.
+    """
+
+    sliding_hz: Array
+    stuck_hz: Array
+    damping_ratio: Array
+    stiffness: float
+
+
+def linear_modes(rig: Rig) -> LinearModes:
+    """Natural modes of a rig, sliding and stuck.
+
+    Parameters
+    ----------
+    rig : Rig
+
+    Returns
+    -------
+    LinearModes
+
+    Examples
+    --------
+    >>> from models.published import paper_rig
+    >>> float(linear_modes(paper_rig()).sliding_hz[0].round(3))
+    47.842
+    """
+    s, k = rig.structure, contact_stiffness(rig)
+    stuck = np.full(s.n, np.nan)
+    squares = _stuck(s.omega_n, s.slip_row, k)
+    stuck[: len(squares)] = np.sqrt(squares)
+    return LinearModes(
+        sliding_hz=s.omega_n / (2 * np.pi),
+        stuck_hz=stuck / (2 * np.pi),
+        damping_ratio=s.damping / (2 * s.omega_n),
+        stiffness=k,
+    )
+
+
+def contact_stiffness(rig: Rig) -> float:
+    """Tangential stiffness of the contact at rest, in series with the structure's compliance [N/m].
+
+    It is asked of the friction law itself, by a slip too small to slide; a law that holds the contact
+    rigidly leaves the compliance alone, or no motion at all (inf).
+    """
+    C = rig.structure.compliance
+    law = rig.contact.law
+    if law.set_valued:
+        return 1.0 / C if C > 0.0 else np.inf
+    P = rig.contact.normal_load
+    rest = ContactSample(u=SMALL_SLIP, v=0.0, rho=P, eta=0.0, C=C, P=P, dt=1e-4)
+    _, T = law.advance(ca.DM.zeros(law.states), rest)
+    return abs(float(T)) / SMALL_SLIP
+
+
+def _stuck(omega_n: Array, c: Array, k: float) -> Array:
+    """Eigenvalues of diag(omega_n^2) + k c c'; on the motions without slip where k is infinite."""
+    K = np.diag(omega_n**2)
+    if np.isfinite(k):
+        return np.asarray(np.linalg.eigvalsh(K + k * np.outer(c, c)))
+    free = null_space(c[None, :])
+    return np.asarray(np.linalg.eigvalsh(free.T @ K @ free))

@@ -1,0 +1,55 @@
+"""Progress of long work on a terminal; silent anywhere else."""
+
+import sys
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+
+class Sweep:
+    """A bar from a first to a last value, with the present value and the points found.
+
+    Parameters
+    ----------
+    title : str
+    begin, end : float
+        First and last value.
+    unit : str
+    """
+
+    def __init__(self, title: str, begin: float, end: float, unit: str = "Hz") -> None:
+        self.title, self.begin, self.end, self.unit = title, begin, end, unit
+        self.bar = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.fields[now]}"),
+            TimeElapsedColumn(),
+            console=Console(stderr=True),
+            transient=True,
+            disable=not sys.stderr.isatty(),
+        )
+        self.task = self.bar.add_task(f"{title}: preparing", total=None, now="")
+
+    def __enter__(self) -> "Sweep":
+        self.bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.bar.stop()
+
+    def point(self, value: float, number: int) -> None:
+        """Show a point found at a value."""
+        done = (value - self.begin) / (self.end - self.begin)
+        doing = "tracing" if done < 1.0 - 1e-9 else "measuring the error"
+        self._show(doing, done, f"{value:.3f} {self.unit}, {number} points")
+
+    def time(self, value: float) -> None:
+        """Show the time reached."""
+        self._show("marching", (value - self.begin) / (self.end - self.begin), f"{value:.3f} {self.unit}")
+
+    def _show(self, doing: str, done: float, now: str) -> None:
+        self.bar.update(self.task, description=f"{self.title}: {doing}", total=1.0, completed=done, now=now)

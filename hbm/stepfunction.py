@@ -1,0 +1,217 @@
+"""The compiled step: one implicit time step as a CasADi function, and its derivative.
+
+The friction T at the end of a step moves the contact by kappa T, kappa > 0 the compliance of the step. The law
+(:meth:`models.FrictionLaw.advance`) sees the contact with that displacement, and one Newton iteration after the
+other closes T = law(T); for a set-valued law kappa is folded into the series compliance instead, and its return
+mapping gives T at once. A second pass takes the foreshortening of the displacement found. The residual of the
+implicit relation, evaluated with the final displacement, is an output of every step.
+"""
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from models import ContactSample, FrictionLaw
+from models.friction import parameters, with_symbols
+from models.structure import Array
+
+NEWTON = (5, 1)  # iterations on T; again with the foreshortening of the new q, which differs by some 1e-7
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What decides the instructions of a step; everything else is a run-time parameter.
+
+    Attributes
+    ----------
+    law_type, states : type, int
+        Class of the friction law and its number of internal states.
+    modes : int
+    foreshortened, reaction_varies : bool
+        Whether G and the rows of the reaction differ from zero.
+    dissipative : bool
+        Whether the friction force is delayed by a fraction of a step, see :func:`hbm.timestep.weights`.
+    law : FrictionLaw
+        Any law of that class.
+    """
+
+    law_type: type
+    states: int
+    modes: int
+    foreshortened: bool
+    reaction_varies: bool
+    dissipative: bool
+    law: FrictionLaw = field(compare=False)
+
+    @property
+    def size(self) -> int:
+        """Length of the state vector (q, q', friction, z)."""
+        return 2 * self.modes + 1 + self.states
+
+    @property
+    def layout(self) -> dict[str, int]:
+        """Names and lengths of the run-time parameters, law parameters excluded."""
+        n = self.modes
+        rows = ("qq", "qv", "vq", "vv", "q_old", "q_new", "v_old", "v_new", "slip_row")
+        sizes = dict.fromkeys(rows, n) | dict.fromkeys(("dt", "delay", "compliance", "load"), 1)
+        if self.foreshortened:
+            sizes |= {"shortening": n * n}
+        if self.reaction_varies:
+            sizes |= {"R_q": n, "R_v": n, "eta_q": n, "eta": 1, "R_force": 1}
+        return sizes
+
+
+def _contact_equation(shape: Shape) -> tuple[ca.Function, bool]:
+    """T - law(T) with its derivative and the law's new state, as a function of the contact's scalars.
+
+    A set-valued law gets the step's compliance as a series compliance, any other the displacement itself.
+    Returns also whether the law gives T in one evaluation.
+    """
+    law, law_parameters = with_symbols(shape.law)
+    z = ca.SX.sym("z", shape.states)
+    s = ca.SX.sym("s", 10)
+    T, u, kappa, v, kappa_v, rho, eta, C, P, dt = ca.vertsplit(s)
+    folded = kappa if law.set_valued else 0.0
+    sample = ContactSample(u + (kappa - folded) * T, v + kappa_v * T, rho, eta, C + folded, P, dt)
+    z_new, force = law.advance(z, sample)
+    residual = T - force
+    slope = ca.jacobian(residual, T)
+    explicit = bool(slope.is_constant())
+    return ca.Function("contact", [s, z, law_parameters], [residual, slope, z_new]), explicit
+
+
+@dataclass(frozen=True, eq=False)
+class _Mechanics:
+    """The structure as the contact sees it, in symbols: run-time parameters `p` and the force F at the step's end."""
+
+    shape: Shape
+    p: dict[str, ca.SX]
+    F: ca.SX
+
+    def _shortening(self, q: ca.SX) -> ca.SX:
+        return ca.reshape(self.p["shortening"], self.shape.modes, self.shape.modes) @ q
+
+    def direction(self, q: ca.SX) -> ca.SX:
+        """du/dq = c - G q."""
+        row = self.p["slip_row"]
+        return row - self._shortening(q) if self.shape.foreshortened else row
+
+    def pushed(self, row: ca.SX, v: ca.SX) -> ca.SX:
+        """du/dq at the instant that the friction force of the scheme stands for, `delay` steps before `row`."""
+        if not (self.shape.foreshortened and self.shape.dissipative):
+            return row
+        return row + self.p["delay"] * self.p["dt"] * self._shortening(v)
+
+    def slip(self, q: ca.SX) -> ca.SX:
+        """Modal slip u = c.q - q'Gq / 2."""
+        return ca.dot(self.p["slip_row"] + self.direction(q), q) / 2.0
+
+    def reaction(self, q: ca.SX, v: ca.SX) -> ca.SX:
+        """R without the part that T brings by itself."""
+        p = self.p
+        if not self.shape.reaction_varies:
+            return p["load"]
+        return p["load"] + p["R_force"] * self.F - ca.dot(p["R_q"], q) - ca.dot(p["R_v"], v)
+
+    def lever(self, q: ca.SX) -> Any:
+        """dR/dT at given motion."""
+        return self.p["eta"] + ca.dot(self.p["eta_q"], q) if self.shape.reaction_varies else 0.0
+
+    def lever_through(self, q: ca.SX, q_gain: ca.SX, v_gain: ca.SX) -> Any:
+        """dR/dT with the motion that T causes within the step."""
+        if not self.shape.reaction_varies:
+            return 0.0
+        return self.lever(q) - ca.dot(self.p["R_q"], q_gain) - ca.dot(self.p["R_v"], v_gain)
+
+
+def _step(shape: Shape, iterations: tuple[int, ...]) -> tuple[list[ca.SX], list[ca.SX]]:
+    """Symbolic step: inputs (state, guess of T, drive, parameters), outputs (state, T, residual)."""
+    n, layout = shape.modes, shape.layout
+    x, guess, drive = ca.SX.sym("x", shape.size), ca.SX.sym("T0"), ca.SX.sym("drive", 2 * n + 1)
+    parts = [ca.SX.sym(name, size) for name, size in layout.items()]
+    p = dict(zip(layout, parts, strict=True))
+    law_parameters = ca.SX.sym("law", len(parameters(shape.law)))
+    q, v, held, z = x[:n], x[n : 2 * n], x[2 * n], x[2 * n + 1 :]
+    mechanics, (contact, explicit) = _Mechanics(shape, p, drive[2 * n]), _contact_equation(shape)
+    constants = [p["compliance"], p["load"], p["dt"]]
+    # (1 + delay) held_new = T + delay held
+    lag = p["delay"] / (1.0 + p["delay"]) if shape.dissipative else 0.0
+    gain = 1.0 / (1.0 + p["delay"]) if shape.dissipative else 1.0
+
+    pushed = mechanics.pushed(mechanics.direction(q), v)
+    q_free = p["qq"] * q + p["qv"] * v + p["q_old"] * pushed * held + drive[:n]
+    v_free = p["vq"] * q + p["vv"] * v + p["v_old"] * pushed * held + drive[n : 2 * n]
+    q_end, v_end = q_free + p["q_new"] * pushed * guess, v_free + p["v_new"] * pushed * guess
+    T, row, kappa = guess, pushed, ca.SX(0.0)
+    for newton in iterations if shape.foreshortened else iterations[:1]:
+        row = mechanics.direction(q_end)
+        pushed = mechanics.pushed(row, v_end)
+        q_gain, v_gain = p["q_new"] * pushed, p["v_new"] * pushed
+        q_base, v_base = q_free + lag * held * q_gain, v_free + lag * held * v_gain
+        q_gain, v_gain = gain * q_gain, gain * v_gain
+        kappa = ca.dot(row, q_gain)
+        u = mechanics.slip(q_end) + ca.dot(row, q_base - q_end)  # linearised about the last q
+        known = [u, kappa, ca.dot(row, v_base), ca.dot(row, v_gain)]
+        known += [mechanics.reaction(q_base, v_base), mechanics.lever_through(q_end, q_gain, v_gain)]
+        for _ in range(1 if explicit else newton):
+            residual, slope, _ = contact(ca.vertcat(T, *known, *constants), z, law_parameters)
+            T = T - residual / slope
+        q_end, v_end = q_base + q_gain * T, v_base + v_gain * T
+
+    final = mechanics.direction(q_end)
+    # the contact equation adds kappa T to the slip
+    known = [mechanics.slip(q_end) - kappa * T, kappa, ca.dot(final, v_end), 0.0]
+    known += [mechanics.reaction(q_end, v_end), mechanics.lever(q_end)]
+    residual, _, z_new = contact(ca.vertcat(T, *known, *constants), z, law_parameters)
+    turned = ca.sum1(ca.fabs(final - row)) / ca.sum1(ca.fabs(row)) if shape.foreshortened else 0.0
+    state = ca.vertcat(q_end, v_end, gain * T + lag * held, z_new)
+    outputs = [state, T, ca.fabs(residual) + ca.fabs(T) * turned]
+    return [x, guess, drive, ca.vertcat(*parts, law_parameters)], [ca.densify(output) for output in outputs]
+
+
+@lru_cache(maxsize=32)
+def marcher(shape: Shape, steps: int) -> ca.Function:
+    """Function (state, drive, parameters) -> (states, T, residual) over `steps` steps."""
+    (x, guess, drive, p), outputs = _step(shape, NEWTON)
+    outputs = ca.substitute(outputs, [guess], [x[2 * shape.modes]])
+    step = ca.Function("step", [x, drive, p], outputs, {"cse": True})
+    start, drives = ca.MX.sym("x", x.shape[0]), ca.MX.sym("d", drive.shape[0], steps)
+    values = ca.MX.sym("p", p.shape[0])
+    marched = step.mapaccum(steps)(start, drives, ca.repmat(values, 1, steps))
+    return ca.Function("march", [start, drives, values], marched)
+
+
+@lru_cache(maxsize=32)
+def lineariser(shape: Shape, steps: int) -> ca.Function:
+    """Jacobians of `steps` steps from the states they start at and the friction they end with.
+
+    One Newton iteration from a solution has the derivative of the solution.
+    """
+    (x, T, drive, p), outputs = _step(shape, (1, 1))
+    jacobian = ca.densify(ca.jacobian(outputs[0], x))
+    step = ca.Function("jacobian", [x, T, drive, p], [jacobian])
+    states, forces = ca.MX.sym("x", x.shape[0], steps), ca.MX.sym("T", 1, steps)
+    drives, values = ca.MX.sym("d", drive.shape[0], steps), ca.MX.sym("p", p.shape[0])
+    arguments = states, forces, drives, ca.repmat(values, 1, steps)
+    return ca.Function("linearise", [states, forces, drives, values], [step.map(steps)(*arguments)])
+
+
+def evaluate(function: ca.Function, *arguments: Array) -> list[Array]:
+    """Outputs of a dense CasADi function in its own memory order, without the copies of an ordinary call.
+
+    A (rows, columns) matrix of CasADi is a (columns, rows) array here, for arguments and outputs alike.
+    """
+    buffer, call = function.buffer()
+    inputs = [np.ascontiguousarray(a, dtype=float) for a in arguments]
+    outputs = [np.empty(function.size_out(i)[::-1]) for i in range(function.n_out())]
+    for i, array in enumerate(inputs):
+        if array.size != function.nnz_in(i):
+            raise ValueError(f"{function.name()}: argument {i} has {array.size} values; must have {function.nnz_in(i)}")
+        buffer.set_arg(i, array.data)
+    for i, array in enumerate(outputs):
+        buffer.set_res(i, array.data)
+    call()
+    return outputs

@@ -1,0 +1,99 @@
+"""The whole residual as one CasADi function: for exact sensitivities, for other solvers, and for C code.
+
+:class:`hbm.residual.HarmonicBalance` evaluates the same equations faster, with the linear modes eliminated; this one is
+what CasADi can differentiate, map over threads and generate.
+"""
+
+import casadi as ca
+import numpy as np
+
+from hbm.residual import HarmonicBalance
+
+
+def residual_function(problem: HarmonicBalance) -> ca.Function:
+    """Scaled residual of a rig as a CasADi function.
+
+    Parameters
+    ----------
+    problem : HarmonicBalance
+        Rig, basis, and what the continuation parameter is.
+
+    Returns
+    -------
+    casadi.Function
+        `(x, lam, p) -> residual`: x (size,), lam the scaled continuation parameter, p the law's parameters in the
+        order of :func:`models.friction.parameters`. It marches the law over two periods from its virgin state, which
+        closes every loop that forgets within one.
+
+    Examples
+    --------
+    >>> from models.published import paper_rig
+    >>> from hbm.fourier import FourierBasis
+    >>> function = residual_function(HarmonicBalance(paper_rig(), FourierBasis(3, 32)))
+    >>> function.name_in()
+    ['x', 'lam', 'p']
+    """
+    basis, s = problem.basis, problem.structure
+    size, n = basis.size, s.n
+    x, lam = ca.MX.sym("x", problem.size), ca.MX.sym("lam")
+    p = ca.MX.sym("p", problem.law.functions.step.size1_in(3))
+    Q = ca.reshape(x[: size * n], n, size).T * problem.q_ref
+    T = x[size * n :] * problem.F_ref
+    Omega, F = problem.at(lam)
+    signals, slope = _contact_signals(problem, Q, T, Omega, F)
+    law = ca.mtimes(basis.analysis, _force_over_period(problem, signals, Omega, p))
+    balance = _modal_balance(problem, Q, T, Omega, F, slope)
+    residual = ca.vertcat(ca.vec(balance.T) / problem.modal_force_ref, (T - law) / problem.F_ref)
+    return ca.Function("residual", [x, lam, p], [residual], ["x", "lam", "p"], ["residual"])
+
+
+def _derivative(problem: HarmonicBalance) -> ca.DM:
+    return ca.sparsify(ca.DM(problem.basis.derivative(np.eye(problem.basis.size))))
+
+
+def _first_cosine(problem: HarmonicBalance, value: ca.MX) -> ca.MX:
+    unit = ca.DM(problem.basis.size, 1)
+    unit[problem.basis.fundamental] = 1.0
+    return unit * value
+
+
+def _contact_signals(problem: HarmonicBalance, Q: ca.MX, T: ca.MX, Omega: ca.MX, F: ca.MX) -> tuple[ca.MX, ca.MX]:
+    """Coefficients (2H+1, 4) of u, v, rho, eta, and samples (N, n) of du/dq on an alias-free grid."""
+    basis, s, r = problem.basis, problem.structure, problem.structure.reaction
+    fine, D = basis.exact_products, _derivative(problem)
+    Gq = ca.mtimes(Q, s.shortening)
+    q_fine, Gq_fine = ca.mtimes(fine.synthesis, Q), ca.mtimes(fine.synthesis, Gq)
+    shortening = ca.mtimes(fine.analysis, ca.sum2(q_fine * Gq_fine)) / 2
+    u = ca.mtimes(Q, s.slip_row) - shortening + _first_cosine(problem, s.residual.slip_by_force * F)
+    u -= problem.dynamic_lagrangian * T
+    squared = ca.DM(basis.k**2) * Omega**2
+    rho = Omega * ca.mtimes(D, ca.mtimes(Q, r.damping)) - squared * ca.mtimes(Q, r.inertia)
+    rho += _first_cosine(problem, -r.force_share * F)
+    mean = ca.DM(np.eye(basis.size)[0])
+    eta = ca.mtimes(Q, r.stretch) - r.friction_lever * mean
+    signals = ca.horzcat(u, Omega * ca.mtimes(D, u), rho + problem.environment.load * mean, eta)
+    return signals, ca.repmat(ca.DM(s.slip_row).T, fine.N_t, 1) - Gq_fine
+
+
+def _force_over_period(problem: HarmonicBalance, signals: ca.MX, Omega: ca.MX, p: ca.MX) -> ca.MX:
+    """Friction force at the samples of the second period from the virgin state, (N_t,)."""
+    basis, functions, environment = problem.basis, problem.law.functions, problem.environment
+    samples = ca.mtimes(basis.synthesis, signals).T
+    inputs = ca.vertcat(environment.compliance, environment.load, 2 * np.pi / (Omega * basis.N_t))
+    period = functions.step.mapaccum("period", basis.N_t)
+    repeated = ca.repmat(inputs, 1, basis.N_t), ca.repmat(p, 1, basis.N_t)
+    states, _ = period(ca.DM.zeros(functions.states, 1), samples, *repeated)
+    _, force = period(states[:, -1], samples, *repeated)
+    return force.T
+
+
+def _modal_balance(problem: HarmonicBalance, Q: ca.MX, T: ca.MX, Omega: ca.MX, F: ca.MX, slope: ca.MX) -> ca.MX:
+    """Inertia, damping and stiffness minus friction and excitation, (2H+1, n)."""
+    basis, s = problem.basis, problem.structure
+    fine = basis.exact_products
+    stiffness = ca.repmat(ca.DM(s.omega_n**2).T, basis.size, 1)
+    inertia = ca.repmat(ca.DM(basis.k**2), 1, s.n) * Omega**2
+    damping = Omega * ca.mtimes(_derivative(problem), Q) * ca.repmat(ca.DM(s.damping).T, basis.size, 1)
+    friction = ca.mtimes(fine.analysis, slope * ca.repmat(ca.mtimes(fine.synthesis, T), 1, s.n))
+    excitation = ca.mtimes(_first_cosine(problem, F), ca.DM(s.excitation).T)
+    return (stiffness - inertia) * Q + damping - friction - excitation

@@ -1,0 +1,146 @@
+"""What the command line prints of results: tables of at most 80 columns, and lines beneath them."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from hbm.accuracy import Assessed, Probe
+from hbm.history import TimeHistory
+from hbm.modes import LinearModes
+from models.rig import Rig
+
+
+def print_modes(console: Console, rig: Rig, modes: LinearModes) -> None:
+    """Print natural frequencies, damping, and what the modes left out contribute."""
+    table = _table(rig.name, "mode", "sliding\nHz", "stuck\nHz", "damping\n%")
+    rows = zip(modes.sliding_hz, modes.stuck_hz, modes.damping_ratio, strict=True)
+    for i, (sliding, stuck, ratio) in enumerate(rows, start=1):
+        table.add_row(str(i), f"{sliding:.3f}", _number(stuck, ".3f"), f"{100 * ratio:.4g}")
+    console.print(table)
+    s = rig.structure
+    held = "rigid" if math.isinf(modes.stiffness) else f"{modes.stiffness:.4g} N/m"
+    _lines(
+        console,
+        [
+            f"contact stiffness when stuck: {held} ({rig.contact.law.name} in series with the residual compliance)",
+            f"residual compliance at the contact: {s.compliance:.4g} m/N",
+            f"static correction at the drive: {s.residual.drive_by_force:.4g} m/N by the force, "
+            f"{s.residual.slip_by_force:.4g} m/N by the friction",
+        ],
+    )
+
+
+def print_curves(console: Console, curves: Sequence[Assessed]) -> None:
+    """Print what was found at each level, how accurate it is, why, and what to beware of."""
+    console.print(_response_table(curves))
+    console.print(_numerics_table(curves))
+    for c in curves:
+        _lines(
+            console, [f"{c.curve.level:g} N: {c.reason}", *(f"{c.curve.level:g} N: warning: {w}" for w in c.warnings)]
+        )
+
+
+def _response_table(curves: Sequence[Assessed]) -> Table:
+    first = curves[0].curve.rig
+    title = f"{first.name}, {first.contact.law.name}"
+    table = _table(
+        title,
+        "level\nN",
+        "points",
+        "drive\nmm",
+        "at\nHz",
+        "slip\nµm",
+        "friction\nN",
+        "reaction\nN",
+        "folds",
+        "corners",
+    )
+    for c in (c.curve for c in curves):
+        least = min(float(p.channels["normal"].samples.min()) for p in c.points)
+        table.add_row(
+            f"{c.level:g}",
+            str(len(c.points)),
+            f"{1e3 * c['drive'].peak.max():.4g}",
+            f"{c.peak.hz:.2f}",
+            f"{1e6 * c['slip'].peak.max():.3g}",
+            f"{c['friction'].peak.max():.3g}",
+            f"{least:.3g} to {c['normal'].peak.max():.3g}",
+            str(len(c.folds)),
+            str(len(c.corners)),
+        )
+    return table
+
+
+def _numerics_table(curves: Sequence[Assessed]) -> Table:
+    table = _table(
+        "numerical error, relative to the peak",
+        "level\nN",
+        "H",
+        "samples",
+        "modes",
+        "at the peak\n%",
+        "worst\n%",
+        "at\nHz",
+        "loop\nclosure",
+    )
+    for c in curves:
+        worst: Probe = c.error.worst
+        table.add_row(
+            f"{c.curve.level:g}",
+            str(c.curve.basis.H),
+            str(c.curve.basis.N_t),
+            str(c.curve.rig.structure.n),
+            _number(100 * c.error.at_peak.total, ".2f"),
+            _number(100 * worst.total, ".2f"),
+            f"{worst.hz:.2f}",
+            f"{c.error.closure:.0e}",
+        )
+    return table
+
+
+def print_history(console: Console, history: TimeHistory) -> None:
+    """Print the last period's peaks, how steady it is, and what to beware of."""
+    title = f"{history.rig.name}, {history.level:g} N at {history.hz:g} Hz"
+    table = _table(title, "channel", "least", "largest", "unit")
+    for name, signal in history.channels.items():
+        last = signal.values[-history.samples_per_period :]
+        table.add_row(name, f"{last.min():.4g}", f"{last.max():.4g}", signal.unit)
+    console.print(table)
+    periods = (len(history.time) - 1) / history.samples_per_period
+    lines = [
+        f"{len(history.time)} samples, {periods:g} periods, {history.time[-1]:g} s; the table is of the last period"
+    ]
+    if math.isfinite(history.steadiness):
+        lines.append(f"drive displacement still changes by {history.steadiness:.2%} from one period to the next")
+    if history.lift_off is not None:
+        lines.append(
+            f"warning: the tip would lift off from {history.lift_off:.5g} s on; the model keeps it on the support"
+        )
+    _lines(console, lines)
+
+
+def _table(title: str, *headings: str) -> Table:
+    table = Table(
+        title=title,
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+        title_style="bold",
+    )
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in ("channel", "unit") else "right", no_wrap=True)
+    return table
+
+
+def _number(value: float, form: str) -> str:
+    """A number, or a dash where it is not known."""
+    return format(value, form) if math.isfinite(value) else "-"
+
+
+def _lines(console: Console, lines: Iterable[str]) -> None:
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,165 @@
+"""Friction over one period: closed forms, and derivatives against the march itself."""
+
+import numpy as np
+import pytest
+
+from hbm.aft import Environment, LawOverPeriod
+from hbm.fourier import FourierBasis
+from models import Coulomb, FrictionLaw, Jenkins, Stribeck, Viscous, parameters
+
+P, OMEGA = 83.0, 2 * np.pi * 50.0
+
+
+def signals(basis: FourierBasis, u: np.ndarray, rho: np.ndarray | None = None, eta: np.ndarray | None = None):
+    out = np.zeros((basis.size, 4))
+    out[:, 0], out[:, 1] = u, OMEGA * basis.derivative(u)
+    out[0, 2] = P
+    if rho is not None:
+        out[:, 2] += rho
+    if eta is not None:
+        out[:, 3] = eta
+    return out
+
+
+def cosine(basis: FourierBasis, amplitude: float) -> np.ndarray:
+    u = np.zeros(basis.size)
+    u[basis.fundamental] = amplitude
+    return u
+
+
+def environment(law: FrictionLaw, compliance: float) -> Environment:
+    return Environment(compliance, P, np.array(list(parameters(law).values()), dtype=float))
+
+
+@pytest.mark.parametrize("ratio", [1.01, 1.5, 3.0, 20.0])
+def test_jenkins_equivalent_stiffness_and_damping(ratio):
+    """Describing function of an elastic dry-friction element (Caughey 1960; Iwan 1966)."""
+    law, basis = Jenkins(0.5, 4e-6), FourierBasis(1, 16384)
+    limit, u_crit = law.mu * P, law.critical_slip
+    stiffness, A = limit / u_crit, ratio * u_crit
+    T = LawOverPeriod(law, basis).linearize(signals(basis, cosine(basis, A)), OMEGA, environment(law, 0.0))
+    theta = np.arccos(1.0 - 2.0 * u_crit / A)
+    k_eq = stiffness / np.pi * (theta - 0.5 * np.sin(2.0 * theta))
+    loss = 4.0 * limit * (A - u_crit)  # loop area = pi Omega c_eq A^2
+    # u = A cos: T = -k_eq u - c_eq u', u' = -A Omega sin. Sampling the corners of the loop: error O(N_t^-2)
+    assert T.coefficients[1] == pytest.approx(-k_eq * A, rel=1e-6, abs=1e-6 * limit)
+    assert T.coefficients[2] == pytest.approx(loss / (np.pi * A), rel=1e-6)
+
+
+def test_series_compliance_acts_as_a_spring_in_series():
+    law, basis = Jenkins(0.5, 4e-6), FourierBasis(5, 256)
+    C = 3e-8
+    softer = Jenkins(0.5, 4e-6 + law.mu * P * C)
+    u = signals(basis, cosine(basis, 1e-5))
+    with_C, _ = LawOverPeriod(law, basis).force(u, OMEGA, environment(law, C))
+    direct, _ = LawOverPeriod(softer, basis).force(u, OMEGA, environment(softer, 0.0))
+    assert with_C == pytest.approx(direct, abs=1e-10)
+
+
+def test_stuck_contact_is_a_spring():
+    law, basis = Jenkins(0.5, 4e-6), FourierBasis(3, 64)
+    u = np.random.default_rng(0).normal(size=basis.size) * 1e-7
+    T, _ = LawOverPeriod(law, basis).force(signals(basis, u), OMEGA, environment(law, 0.0))
+    assert T == pytest.approx(-law.mu * P / law.critical_slip * (basis.synthesis @ u), rel=1e-9, abs=1e-9)
+
+
+def test_viscous_contact_without_compliance_is_a_dashpot():
+    law, basis = Viscous(300.0), FourierBasis(3, 64)
+    u = np.random.default_rng(1).normal(size=basis.size) * 1e-6
+    s = signals(basis, u)
+    force = LawOverPeriod(law, basis).linearize(s, OMEGA, environment(law, 0.0))
+    assert force.coefficients == pytest.approx(-300.0 * s[:, 1], rel=1e-6, abs=1e-6)
+
+
+def test_viscous_contact_with_compliance_is_a_maxwell_element():
+    law, C = Viscous(300.0), 1e-6
+    errors = []
+    for N_t in (64, 128):
+        basis = FourierBasis(1, N_t)
+        s = signals(basis, cosine(basis, 1e-5))
+        a = LawOverPeriod(law, basis).linearize(s, OMEGA, environment(law, C)).coefficients
+        # T = -c (v + C dT/dt): amplitude -i Omega c u / (1 + i Omega c C)
+        exact = -1j * OMEGA * 300.0 * 1e-5 / (1.0 + 1j * OMEGA * 300.0 * C)
+        errors.append(abs(a[1] - 1j * a[2] - exact) / abs(exact))
+    assert errors[0] < 1e-3
+    assert errors[1] == pytest.approx(errors[0] / 4.0, rel=0.05)  # velocity linear between samples: second order
+
+
+LAWS_WITH_MEMORY = [
+    Jenkins(0.5, 4e-6),
+    Coulomb(0.5),
+    Stribeck(mu_static=0.5, mu=0.3, stribeck_velocity=6e-4, critical_slip=4e-6),
+    Viscous(2000.0),
+]
+
+
+@pytest.mark.parametrize("law", LAWS_WITH_MEMORY, ids=lambda law: law.name)
+@pytest.mark.parametrize("amplitude", [2e-5, 2e-6])
+def test_loops_close(law, amplitude):
+    basis = FourierBasis(5, 128)
+    u = np.random.default_rng(2).normal(size=basis.size) * amplitude
+    _, closure = LawOverPeriod(law, basis).force(signals(basis, u), OMEGA, environment(law, 3e-8))
+    assert closure < 1e-12
+
+
+@pytest.mark.parametrize("law", LAWS_WITH_MEMORY, ids=lambda law: law.name)
+@pytest.mark.parametrize("amplitude", [2e-5, 3e-6])  # slipping; and stuck after a transient
+def test_derivatives_have_a_second_order_taylor_remainder(law, amplitude):
+    """Along a random direction the remainder falls with the square of the step, unless the force is linear there."""
+    basis = FourierBasis(5, 128)
+    rng = np.random.default_rng(3)
+    decay = np.exp(-basis.k)
+    u, rho, eta = amplitude * rng.normal(size=basis.size) * decay, 8.0 * decay, -0.02 * decay
+    contact = LawOverPeriod(law, basis)
+    base = contact.linearize(signals(basis, u, rho, eta), OMEGA, environment(law, 3e-8))
+    du, drho, deta = (rng.normal(size=basis.size) * decay * scale for scale in (amplitude, 8.0, 0.02))
+    slope = sum(
+        block @ d for block, d in ((base.by_u, du), (base.by_rho, drho), (base.by_eta, deta)) if block is not None
+    )
+
+    def remainder(h: float) -> float:
+        s = signals(basis, u + h * du, rho + h * drho, eta + h * deta)
+        T, _ = contact.force(s, OMEGA, environment(law, 3e-8))
+        return float(np.abs(basis.analysis @ T - base.coefficients - h * slope).max())
+
+    scale = float(np.abs(slope).max())
+    # steps too small for any sample to change between stick and slip
+    coarse, fine = remainder(1e-6), remainder(1e-7)
+    assert coarse < 1e-8 * max(scale, 1.0)
+    assert fine < max(coarse / 30.0, 1e-10 * max(scale, 1.0))
+
+
+@pytest.mark.parametrize("law", LAWS_WITH_MEMORY, ids=lambda law: law.name)
+def test_parameter_derivatives(law):
+    basis = FourierBasis(5, 128)
+    u = 2e-5 * np.random.default_rng(4).normal(size=basis.size) * np.exp(-basis.k)
+    contact, s, env = LawOverPeriod(law, basis), signals(basis, u), environment(law, 3e-8)
+    slopes = contact.by_parameters(s, OMEGA, env)
+    for i, value in enumerate(env.parameters):
+        step = 1e-6 * value * np.eye(len(env.parameters))[i]
+        up, down = (
+            basis.analysis @ contact.force(s, OMEGA, Environment(3e-8, P, env.parameters + h))[0] for h in (step, -step)
+        )
+        assert slopes[:, i] == pytest.approx((up - down) / (2 * step[i]), rel=1e-5, abs=1e-6 * np.abs(slopes).max())
+
+
+def test_force_stays_within_the_varying_limit():
+    law, basis = Jenkins(0.5, 4e-6), FourierBasis(7, 256)
+    rng = np.random.default_rng(5)
+    rho = 25.0 * rng.normal(size=basis.size) * np.exp(-basis.k)
+    s = signals(basis, 2e-5 * rng.normal(size=basis.size), rho, np.full(basis.size, 0.01) * np.exp(-basis.k))
+    T, _ = LawOverPeriod(law, basis).force(s, OMEGA, environment(law, 0.0))
+    R = basis.synthesis @ s[:, 2] + (basis.synthesis @ s[:, 3]) * T
+    assert np.all(np.abs(T) <= law.mu * np.maximum(R, 0.0) + 1e-9)
+    assert np.count_nonzero(np.isclose(np.abs(T), law.mu * R)) > 50  # it does slip
+
+
+def test_lost_contact_leaves_no_friction():
+    law, basis = Jenkins(0.5, 4e-6), FourierBasis(1, 64)
+    rho = np.array([0.0, 2.0 * P, 0.0])  # the reaction would turn negative for a third of the period
+    s = signals(basis, cosine(basis, 1e-5), rho)
+    T, _ = LawOverPeriod(law, basis).force(s, OMEGA, environment(law, 0.0))
+    lifted = basis.synthesis @ s[:, 2] < 0.0
+    assert 10 < np.count_nonzero(lifted) < 32
+    assert np.all(T[lifted] == 0.0)
+    assert np.abs(T[~lifted]).max() > 10.0

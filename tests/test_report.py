@@ -1,0 +1,180 @@
+"""Figures show the numbers of the results, and change nothing else."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from continuation import End
+from hbm.history import TimeHistory
+from hbm.integrate import simulate
+from hbm.report import (
+    plot_contact,
+    plot_curves,
+    plot_frequency_response,
+    plot_history,
+    plot_loop,
+    plot_phase,
+)
+from hbm.response import ResponseCurve, steady_state, trace_frequency
+from hbm.rigfile import load_rig
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+PAPER = load_rig(EXAMPLES / "paper_beam.toml")
+
+
+@pytest.fixture(scope="module")
+def curves() -> list[ResponseCurve]:
+    return [trace_frequency(PAPER, (48.0, 50.0), level=level, harmonics=3) for level in (6.5, 2.0, 4.0)]
+
+
+@pytest.fixture(scope="module")
+def history() -> TimeHistory:
+    return simulate(PAPER, 50.0, duration=0.2, steps_per_period=64)
+
+
+def panels(rows: int = 1) -> list[mpl.axes.Axes]:
+    return list(np.atleast_1d(Figure().subplots(rows, 1)))
+
+
+def lines(ax: mpl.axes.Axes) -> list[Line2D]:
+    """Curves of an axes, without reference lines and markers."""
+    return [line for line in ax.lines if str(line.get_label()).endswith(" N")]
+
+
+def test_amplitude_is_the_peak_of_the_drive_in_millimetres(curves: list[ResponseCurve]) -> None:
+    (ax,) = panels()
+    assert plot_frequency_response(curves, ax) is ax
+    assert [line.get_label() for line in lines(ax)] == ["6.5 N", "2 N", "4 N"]
+    for line, curve in zip(lines(ax), curves, strict=True):
+        assert np.array_equal(line.get_xdata(), curve.hz)
+        assert np.array_equal(line.get_ydata(), curve["drive"].peak * 1e3)
+        assert line.get_linestyle() == "-"
+    assert ax.get_ylabel() == "Drive displacement,\npeak [mm]"
+    assert ax.get_xlabel() == "Excitation frequency [Hz]"
+
+
+def test_folds_and_corners_are_marked_on_the_curve(curves: list[ResponseCurve]) -> None:
+    (ax,) = panels()
+    plot_frequency_response(curves[0], ax)
+    for kind in ("fold", "corner"):
+        (marks,) = (line for line in ax.lines if line.get_label() == f"_{kind}")
+        at = [i for i, p in enumerate(curves[0].branch.points) if getattr(p, kind)]
+        assert np.array_equal(marks.get_xdata(), curves[0].hz[at])
+        assert np.array_equal(marks.get_ydata(), curves[0]["drive"].peak[at] * 1e3)
+
+
+def test_a_partial_curve_shows_where_it_ends(curves: list[ResponseCurve]) -> None:
+    (ax,) = panels()
+    partial = replace(curves[0], branch=replace(curves[0].branch, end=End.STEP_BELOW_MINIMUM))
+    plot_frequency_response(partial, ax)
+    (mark,) = (line for line in ax.lines if line.get_label() == "_ends here")
+    assert list(mark.get_xdata()) == [partial.hz[-1]]
+    assert "ends here" in [t.get_text() for t in ax.get_legend().get_texts()]
+
+
+def test_unstable_stretches_are_dashed_and_join_the_stable_ones(curves: list[ResponseCurve]) -> None:
+    curve = replace(curves[0])
+    stable = np.ones(len(curve.points), dtype=bool)
+    stable[5:9] = False
+    object.__setattr__(curve, "stable", stable)
+    (ax,) = panels()
+    plot_phase(curve, ax)
+    solid, dashed = ax.lines
+    assert (solid.get_linestyle(), dashed.get_linestyle()) == ("-", "--")
+    assert solid.get_color() == dashed.get_color()
+    assert np.array_equal(np.isnan(solid.get_ydata()), ~stable)
+    assert list(np.flatnonzero(~np.isnan(dashed.get_ydata()))) == list(range(4, 10))
+
+
+def test_more_force_is_darker_so_that_grey_print_can_be_read(curves: list[ResponseCurve]) -> None:
+    (ax,) = panels()
+    plot_frequency_response(curves, ax)
+    luminance = {
+        str(line.get_label()): np.dot((0.2126, 0.7152, 0.0722), to_rgb(line.get_color())) for line in lines(ax)
+    }
+    assert luminance["2 N"] > luminance["4 N"] + 0.1
+    assert luminance["4 N"] > luminance["6.5 N"] + 0.1
+
+
+def test_phase_is_that_of_the_fundamental(curves: list[ResponseCurve]) -> None:
+    (ax,) = panels()
+    plot_phase(curves, ax)
+    for line, curve in zip(lines(ax), curves, strict=True):
+        shown = np.radians(np.asarray(line.get_ydata()))
+        assert np.allclose(np.exp(1j * shown), np.exp(1j * curve["drive"].phase[:, 1]))
+        assert np.all((np.degrees(shown) >= -270.0) & (np.degrees(shown) <= 90.0))
+
+
+def test_contact_panels_show_slip_friction_and_both_ends_of_the_reaction(curves: list[ResponseCurve]) -> None:
+    slip, friction, normal = plot_contact(curves[0], panels(3))
+    assert np.array_equal(lines(slip)[0].get_ydata(), curves[0]["slip"].peak * 1e6)
+    assert np.array_equal(lines(friction)[0].get_ydata(), curves[0]["friction"].peak)
+    assert np.array_equal(lines(normal)[0].get_ydata(), curves[0]["normal"].peak)
+    least = [p.channels["normal"].samples.min() for p in curves[0].points]
+    assert np.array_equal(lines(normal)[1].get_ydata(), least)
+
+
+@pytest.mark.parametrize(("load", "shown"), [(83.0, False), (3.0, True)])
+def test_zero_reaction_is_drawn_where_the_tip_comes_near_to_lifting(load: float, shown: bool) -> None:
+    rig = replace(PAPER, contact=replace(PAPER.contact, normal_load=load))
+    curve = trace_frequency(rig, (40.0, 40.2), harmonics=1)
+    assert bool(curve.lift_off) is shown
+    _, _, normal = plot_contact(curve, panels(3))
+    assert ("lift-off below" in [t.get_text() for t in normal.texts]) is shown
+
+
+def test_loop_is_closed_and_within_its_limits() -> None:
+    point = steady_state(PAPER, 50.0, harmonics=3)
+    (ax,) = panels()
+    plot_loop(point, ax, mu=0.52)
+    high, low, loop = ax.lines
+    slip, T = (np.append(s, s[0]) for s in (point.channels["slip"].samples, point.channels["friction"].samples))
+    R = np.append(point.channels["normal"].samples, point.channels["normal"].samples[0])
+    assert np.array_equal(loop.get_xydata(), np.column_stack([slip * 1e6, T]))
+    assert np.array_equal(high.get_ydata(), 0.52 * R)
+    assert np.array_equal(low.get_ydata(), -0.52 * R)
+
+
+def test_page_has_five_panels_on_one_frequency_axis(curves: list[ResponseCurve]) -> None:
+    figure = plot_curves(curves)
+    labels = [ax.get_ylabel().replace("\n", " ") for ax in figure.axes]
+    assert labels == [
+        "Drive displacement, peak [mm]",
+        "Phase to the force [°]",
+        "Slip, peak [µm]",
+        "Friction force, peak [N]",
+        "Normal reaction, max and min [N]",
+    ]
+    assert {ax.get_xlim() for ax in figure.axes} == {(48.0, 50.0)} or np.allclose(figure.axes[0].get_xlim(), (48, 50))
+    assert [len(lines(ax)) for ax in figure.axes] == [3, 3, 3, 3, 6]
+    assert figure.axes[0].get_title(loc="left") == "clamped-supported beam, Table 1, coulomb-penalty"
+
+
+def test_history_shows_all_and_the_last_periods(history: TimeHistory) -> None:
+    figure = plot_history(history, periods=2)
+    whole, last = figure.axes[:2]
+    drive = history.channels["drive"].values * 1e3
+    assert np.array_equal(whole.lines[0].get_xydata(), np.column_stack([history.time, drive]))
+    assert np.array_equal(last.lines[0].get_xydata(), np.column_stack([history.time * 1e3, drive])[-129:])
+
+
+def test_nothing_global_changes(curves: list[ResponseCurve], history: TimeHistory) -> None:
+    before = dict(mpl.rcParams)
+    plot_curves(curves)
+    plot_history(history)
+    plot_loop(curves[0].peak, panels()[0])
+    assert dict(mpl.rcParams) == before
+
+
+def test_a_users_style_stays_in_force(curves: list[ResponseCurve]) -> None:
+    with mpl.rc_context({"axes.facecolor": "lightyellow", "font.size": 14.0}):
+        (ax,) = panels()
+        plot_phase(curves, ax)
+        assert ax.yaxis.label.get_size() == 14.0
+    assert ax.get_facecolor() == mpl.colors.to_rgba("lightyellow")
