@@ -1,7 +1,7 @@
 """Harmonic balance for beams and structures with dry friction at a support.
 
-In reading order: :func:`load_rig` makes a :class:`models.Rig` of a rig file; :func:`frequency_response` returns an
-:class:`Assessed` curve, that is a :class:`ResponseCurve` with its :class:`NumericalError`; the points of a curve are
+In reading order: :func:`load_rig` makes a :class:`models.Rig` of a rig file; :func:`frequency_response` returns a
+:class:`ResponseCurve` with its numerical error; the points of a curve are
 :class:`PeriodicSolution` objects, as :func:`steady_state` returns one; their channels are the rig's and the computed
 ``drive``, ``slip``, ``slip_velocity``, ``friction``, ``normal``. :func:`simulate` marches the same rig in time and
 returns a :class:`TimeHistory`. What a user can get wrong is an :class:`InputError`; what cannot be computed, a
@@ -13,9 +13,9 @@ Six lines from a rig to a figure::
     from hbm.report import plot_curves
 
     rig = load_rig("examples/paper_beam.toml")
-    found = frequency_response(rig, (45.0, 60.0))
-    print(found.curve, found.error)
-    plot_curves(found.curve).savefig("beam.png")
+    curve = frequency_response(rig, (45.0, 60.0))
+    print(curve, curve.assessment.error)
+    plot_curves(curve).savefig("beam.png")
 
 Names are imported when they are first used, so that ``import hbm`` costs nothing.
 """
@@ -25,20 +25,22 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from continuation import ConvergenceError
-    from hbm.accuracy import Assessed, NumericalError, frequency_response
+    from hbm.accuracy import frequency_response
+    from hbm.curve import Assessment, NumericalError, ResponseCurve
     from hbm.errors import InputError
     from hbm.files import SavedCurve, read_curves, write_curves, write_history
     from hbm.history import TimeHistory
     from hbm.integrate import simulate
     from hbm.lawchoice import choose_law
     from hbm.modes import LinearModes, linear_modes
-    from hbm.response import PeriodicSolution, ResponseCurve, force_response, steady_state, trace_frequency
+    from hbm.response import force_response, steady_state, trace_frequency
     from hbm.rigfile import load_rig
+    from hbm.solution import PeriodicSolution
 
     __version__: str
 
 __all__ = [
-    "Assessed",
+    "Assessment",
     "ConvergenceError",
     "InputError",
     "LinearModes",
@@ -62,15 +64,17 @@ __all__ = [
 
 _HOMES = {
     "continuation": ("ConvergenceError",),
-    "hbm.accuracy": ("Assessed", "NumericalError", "frequency_response"),
+    "hbm.accuracy": ("frequency_response",),
+    "hbm.curve": ("Assessment", "NumericalError", "ResponseCurve"),
     "hbm.errors": ("InputError",),
     "hbm.files": ("SavedCurve", "read_curves", "write_curves", "write_history"),
     "hbm.history": ("TimeHistory",),
     "hbm.integrate": ("simulate",),
     "hbm.lawchoice": ("choose_law",),
     "hbm.modes": ("LinearModes", "linear_modes"),
-    "hbm.response": ("PeriodicSolution", "ResponseCurve", "force_response", "steady_state", "trace_frequency"),
+    "hbm.response": ("force_response", "steady_state", "trace_frequency"),
     "hbm.rigfile": ("load_rig",),
+    "hbm.solution": ("PeriodicSolution",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

@@ -5,24 +5,17 @@ more samples and more modes, and the change is the estimate.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from continuation import ConvergenceError
+from hbm.curve import Assessment, NumericalError, Probe, ResponseCurve
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance
-from hbm.response import (
-    OnPoint,
-    PeriodicSolution,
-    ResponseCurve,
-    default_samples,
-    default_sweep,
-    describe,
-    solve_near,
-    trace_frequency,
-)
+from hbm.response import OnPoint, default_samples, default_sweep, solve_near, trace_frequency
+from hbm.solution import PeriodicSolution, describe
 from models.rig import Rig
 
 TOLERANCE = 5e-3
@@ -37,84 +30,6 @@ JUDGED = ("drive", "friction")
 SAMPLES_LIMIT = 4096
 
 
-@dataclass(frozen=True)
-class Probe:
-    """A point of a curve that was solved again with finer numerics.
-
-    Attributes
-    ----------
-    hz : float
-        Its frequency [Hz].
-    harmonics, samples, modes, total : float
-        Largest change over the period of drive displacement or friction force, relative to the peak of that channel
-        on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where
-        the finer problem was not solved.
-    """
-
-    hz: float
-    harmonics: float
-    samples: float
-    modes: float
-    total: float
-
-
-@dataclass(frozen=True)
-class NumericalError:
-    """Estimated numerical error of a curve, relative to the peak of each judged channel.
-
-    Attributes
-    ----------
-    probes : tuple of Probe
-        The points that were solved again, in order of travel.
-    at_peak : Probe
-        The one at the largest drive displacement.
-    closure : float
-        Largest change of the friction state over a period, relative to its range.
-    """
-
-    probes: tuple[Probe, ...]
-    at_peak: Probe
-    closure: float
-
-    @property
-    def worst(self) -> Probe:
-        """The probe of largest total error."""
-        return max(self.probes, key=lambda p: -1.0 if np.isnan(p.total) else p.total)
-
-    def largest(self, source: str) -> float:
-        """Largest error of one source ("harmonics", "samples", "modes" or "total") over the probes."""
-        values = [getattr(p, source) for p in self.probes]
-        return float(np.nanmax(values)) if not np.all(np.isnan(values)) else float("nan")
-
-    def __str__(self) -> str:
-        """Say the estimate and where it comes from."""
-        p, w = self.at_peak, self.worst
-        return (
-            f"{p.total:.2%} at the peak (harmonics {p.harmonics:.2%}, samples {p.samples:.2%}, modes {p.modes:.2%}), "
-            f"at most {w.total:.2%} near {w.hz:.5g} Hz; loop closure {self.closure:.0e}"
-        )
-
-
-@dataclass(frozen=True)
-class Assessed:
-    """A curve with what is known about its accuracy.
-
-    Attributes
-    ----------
-    curve : ResponseCurve
-    error : NumericalError
-    reason : str
-        Why this number of harmonics and samples.
-    warnings : tuple of str
-        What a user should know before trusting the curve.
-    """
-
-    curve: ResponseCurve
-    error: NumericalError
-    reason: str
-    warnings: tuple[str, ...]
-
-
 def frequency_response(
     rig: Rig,
     hz: tuple[float, float] | None = None,
@@ -123,7 +38,7 @@ def frequency_response(
     harmonics: int | None = None,
     tolerance: float = TOLERANCE,
     on_point: OnPoint | None = None,
-) -> Assessed:
+) -> ResponseCurve:
     """Frequency response curve with its numerical error.
 
     Parameters
@@ -143,7 +58,8 @@ def frequency_response(
 
     Returns
     -------
-    Assessed
+    ResponseCurve
+        With its `assessment`.
 
     Raises
     ------
@@ -157,7 +73,7 @@ def frequency_response(
         H, N_t, reason = harmonics, default_samples(harmonics), f"H = {harmonics} as asked for"
     curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, on_point=on_point)
     error = estimate_error(curve)
-    return Assessed(curve, error, reason, tuple(_warnings(curve, error, tolerance)))
+    return replace(curve, assessment=Assessment(error, reason, tuple(_warnings(curve, error, tolerance))))
 
 
 def choose_harmonics(

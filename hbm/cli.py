@@ -20,7 +20,7 @@ from typer.core import TyperCommand, TyperGroup
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
-    from hbm.accuracy import Assessed
+    from hbm.curve import ResponseCurve
     from hbm.history import TimeHistory
     from models.rig import Rig
 
@@ -189,7 +189,7 @@ def frf(
         loaded = choice.rig
         print(choice)
     curves, failures = _responses(loaded, hz, levels or [loaded.excitation.amplitude], H)
-    failures += [_partial(c) for c in curves if not c.curve.complete]
+    failures += [_partial(c) for c in curves if not c.complete]
     if curves:
         _deliver_curves(curves, out, plot)
     for failure in failures:
@@ -308,14 +308,14 @@ def _quoted(text: str) -> str:
 
 def _responses(
     rig: "Rig", hz: tuple[float, float] | None, levels: Sequence[float], harmonics: int | None
-) -> tuple[list["Assessed"], list[str]]:
+) -> tuple[list["ResponseCurve"], list[str]]:
     """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
     from continuation import ConvergenceError
     from hbm.accuracy import frequency_response
     from hbm.progress import Sweep
     from hbm.response import default_sweep
 
-    curves: list[Assessed] = []
+    curves: list[ResponseCurve] = []
     failures: list[str] = []
     sweep = hz or default_sweep(rig)
     for level in levels:
@@ -331,8 +331,7 @@ def _responses(
     return curves, failures
 
 
-def _partial(assessed: "Assessed") -> str:
-    curve = assessed.curve
+def _partial(curve: "ResponseCurve") -> str:
     return f"frf: {curve.level:g} N: partial curve, {curve.hz[0]:.5g} to {curve.hz[-1]:.5g} Hz; {curve.branch.message}"
 
 
@@ -355,7 +354,7 @@ def _console() -> Any:
     return Console(width=120, force_terminal=False, color_system=None)  # piped: no escapes, nothing cut
 
 
-def _deliver_curves(curves: Sequence["Assessed"], out: Path | None, plot: Path | None) -> None:
+def _deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None) -> None:
     written = []
     if out is not None:
         from hbm.files import companion, write_curves
@@ -366,7 +365,7 @@ def _deliver_curves(curves: Sequence["Assessed"], out: Path | None, plot: Path |
         from hbm.files import write_figure
         from hbm.report import plot_curves
 
-        write_figure(plot, plot_curves([c.curve for c in curves]))
+        write_figure(plot, plot_curves(curves))
         written.append(plot)
     from hbm.tables import print_curves
 

@@ -19,11 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hbm.accuracy import Assessed, NumericalError
+from hbm.curve import ChannelCurve, NumericalError, ResponseCurve
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.history import TimeHistory
-from hbm.response import ChannelCurve, ResponseCurve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,14 +35,14 @@ StrPath = str | os.PathLike[str]
 # ----------------------------------------------------------------------------------------------------- writing
 
 
-def write_curves(path: StrPath, curves: Sequence[Assessed]) -> None:
+def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> None:
     """Write curves and, beside them, their companion.
 
     Parameters
     ----------
     path : str or path
         CSV file; the companion is :func:`companion` of it.
-    curves : sequence of Assessed
+    curves : sequence of ResponseCurve
         One per level, of one rig. Columns go up to the largest H, blank where a curve has fewer.
 
     Raises
@@ -53,7 +52,7 @@ def write_curves(path: StrPath, curves: Sequence[Assessed]) -> None:
     """
     write_together(
         {
-            Path(path): _csv(_table([c.curve for c in curves])),
+            Path(path): _csv(_table(curves)),
             companion(path): json.dumps(_summary(curves), indent=1, allow_nan=False) + "\n",
         }
     )
@@ -145,10 +144,10 @@ def _stability(curve: ResponseCurve) -> list[str]:
 # --------------------------------------------------------------------------------------------------- companion
 
 
-def _summary(curves: Sequence[Assessed]) -> dict[str, Any]:
+def _summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
     from hbm import __version__
 
-    first = curves[0].curve
+    first = curves[0]
     return {
         "schema": SCHEMA,
         "version": __version__,
@@ -159,8 +158,8 @@ def _summary(curves: Sequence[Assessed]) -> dict[str, Any]:
     }
 
 
-def _level(assessed: Assessed) -> dict[str, Any]:
-    curve = assessed.curve
+def _level(curve: ResponseCurve) -> dict[str, Any]:
+    known = curve.assessment
     return {
         "level": float(curve.level),
         "points": len(curve.points),
@@ -169,9 +168,9 @@ def _level(assessed: Assessed) -> dict[str, Any]:
         "harmonics": curve.basis.H,
         "samples": curve.basis.N_t,
         "modes": curve.rig.structure.n,
-        "reason": assessed.reason,
-        "warnings": list(assessed.warnings),
-        "numerical_error": _error(assessed.error),
+        "reason": known.reason if known else None,
+        "warnings": list(known.warnings) if known else [],
+        "numerical_error": _error(known.error) if known else None,
         "energy_error": _number(max(abs(p.energy_error) for p in curve.points)),
         "folds_hz": [float(hz) for hz in curve.folds],
         "corners_hz": [float(hz) for hz in curve.corners],

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models import Rig
+from models import Channel, Rig
 from models.structure import Array, ModalStructure
 
 UNITS = {"force": "N", "acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
@@ -99,8 +99,8 @@ class TimeHistory:
         Modal coordinates and velocities.
     friction : (N,) array
         T [N].
-    friction_rate : (N,) array
-        dT/dt by central differences of the steps [N/s].
+    friction_rate, friction_curvature : (N,) array
+        dT/dt [N/s] and its rate [N/s2], by central differences of the steps.
     samples_per_period : int
     state : State
         At the end of the march, to go on from.
@@ -119,6 +119,7 @@ class TimeHistory:
     qdot: Array
     friction: Array
     friction_rate: Array
+    friction_curvature: Array
     samples_per_period: int
     state: State
     lift_off: float | None
@@ -135,26 +136,45 @@ class TimeHistory:
         return acceleration(self.rig.structure, self.q, self.qdot, self.friction, self.force)
 
     @cached_property
+    def force_rate(self) -> Array:
+        """Rate of the excitation, (N,) [N/s]."""
+        Omega = 2 * np.pi * self.hz
+        return np.asarray(-Omega * self.level * np.sin(Omega * self.time))
+
+    def _channel(self, channel: Channel) -> Array:
+        """Values of one channel of the rig, (N,): modes, and the static response of those left out."""
+        if channel.quantity == "force":
+            return self.force
+        modes, force, friction = {
+            "displacement": (self.q, self.force, self.friction),
+            "velocity": (self.qdot, self.force_rate, self.friction_rate),
+            "acceleration": (self.qddot, -((2 * np.pi * self.hz) ** 2) * self.force, self.friction_curvature),
+        }[channel.quantity]
+        by_force, by_friction = self.rig.structure.residual.channels.get(channel.name, (0.0, 0.0))
+        row = self.rig.structure.channel_rows[channel.name]
+        return np.asarray(modes @ row + by_force * force + by_friction * friction)
+
+    @cached_property
     def channels(self) -> dict[str, Signal]:
         """The rig's channels, then `drive`, `slip`, `slip_velocity`, `friction` and `normal`.
 
-        Slip is the displacement of the contact point, u + C_res T; slip velocity is its rate.
+        Slip is the displacement of the contact point, u + C_res T; slip velocity is its rate. Displacements include the
+        static response of the modes left out. Accelerations contain the curvature of T in this way, so that one sample
+        stands out where T has a kink; their harmonics converge.
         """
         s = self.rig.structure
-        motion = {"displacement": self.q, "velocity": self.qdot, "acceleration": self.qddot}
-        signals = {
-            c.name: Signal(
-                self.force if c.quantity == "force" else motion[c.quantity] @ s.channel_rows[c.name],
-                UNITS[c.quantity],
-            )
-            for c in self.rig.channels
-        }
+        signals = {c.name: Signal(self._channel(c), UNITS[c.quantity]) for c in self.rig.channels}
         turned = self.q @ s.shortening
         slip = self.q @ s.slip_row - np.sum(self.q * turned, axis=1) / 2 + s.compliance * self.friction
         speed = np.sum((s.slip_row - turned) * self.qdot, axis=1) + s.compliance * self.friction_rate
+        slip += s.residual.slip_by_force * self.force
+        speed += s.residual.slip_by_force * self.force_rate
+        drive = (
+            self.q @ s.excitation + s.residual.drive_by_force * self.force + s.residual.slip_by_force * self.friction
+        )
         normal = normal_reaction(self.rig, self.q, self.qdot, self.friction, self.force)
         return signals | {
-            "drive": Signal(self.q @ s.excitation, "m"),
+            "drive": Signal(drive, "m"),
             "slip": Signal(slip, "m"),
             "slip_velocity": Signal(speed, "m/s"),
             "friction": Signal(self.friction, "N"),

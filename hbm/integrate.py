@@ -65,11 +65,14 @@ def simulate(
     ArithmeticError
         If a step cannot be solved, or no stable scheme exists at this step.
     """
+    from_rest = start is None
     start = State.at_rest(rig) if start is None else start
     level = rig.excitation.amplitude if level is None else level
     duration = DEFAULT_PERIODS / hz if duration is None and hz > 0 else duration
     _check(rig, hz, duration, steps_per_period, start, every)
     stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, start.time))
+    if from_rest:
+        start = _pressed(stepper, start)
     steps = round((duration or 0.0) * hz * steps_per_period)
     first = 0 if last_periods is None else max(0, steps - last_periods * steps_per_period)
     recorder = _Recorder(stepper, start, first, every)
@@ -96,6 +99,16 @@ def _check(rig: Rig, hz: float, duration: float | None, steps_per_period: int, s
         )
     if start.flat.size != size:
         raise ValueError(f"simulate: start has {start.flat.size} values; this rig and its friction law need {size}")
+
+
+def _pressed(stepper: Stepper, rest: State) -> State:
+    """State just after the force has come on: the modes left out follow it at once and load the contact."""
+    if stepper.rig.structure.residual.slip_by_force == 0.0:
+        return rest
+    n = stepper.rig.structure.n
+    instant = replace(stepper, steps_per_period=stepper.steps_per_period * 1_000_000)
+    X, _, _ = instant.march(rest.flat, 1)
+    return replace(State.from_flat(X[0], n, rest.time), q=rest.q, qdot=rest.qdot)
 
 
 def _phase(hz: float, time: float) -> float:
@@ -142,7 +155,7 @@ class _Recorder:
         """What was kept."""
         s, n = self.stepper, self.stepper.rig.structure.n
         friction = np.concatenate(self.friction)
-        rate = np.gradient(friction, s.dt) if len(friction) > 1 else np.zeros(1)
+        rate, curvature = _differences(friction, s.dt)
         motion = np.concatenate(self.kept)
         steps = np.arange(self.first, self.steps + 1, self.every)
         return TimeHistory(
@@ -154,11 +167,20 @@ class _Recorder:
             qdot=motion[:, n:],
             friction=friction[steps],
             friction_rate=rate[steps],
+            friction_curvature=curvature[steps],
             samples_per_period=s.steps_per_period // self.every,
             state=State.from_flat(self.state, n, self.start.time + s.dt * self.steps),
             lift_off=self.lift_off,
             largest_residual=self.residual,
         )
+
+
+def _differences(T: Array, dt: float) -> tuple[Array, Array]:
+    """First and second derivative of a signal, central inside, those of the neighbours or one-sided at the ends."""
+    if len(T) < 3:
+        return np.zeros_like(T), np.zeros_like(T)
+    curvature = np.diff(T, 2) / dt**2
+    return np.gradient(T, dt), np.concatenate([curvature[:1], curvature, curvature[-1:]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,12 +346,14 @@ def _periodic_history(period: _Period, time: float) -> TimeHistory:
     recorder = _Recorder(s, State.from_flat(period.x, n, time), 0, 1)
     recorder.add(period.X, period.T, period.residual)
     T = np.roll(period.T, 1)
+    rate, curvature = _differences(np.concatenate([T[-1:], T, T[:1]]), s.dt)
     return replace(
         recorder.history(),
         time=np.asarray(time + s.dt * np.arange(s.steps_per_period), dtype=float),
         q=np.roll(period.X[:, :n], 1, axis=0),
         qdot=np.roll(period.X[:, n : 2 * n], 1, axis=0),
         friction=T,
-        friction_rate=(np.roll(T, -1) - np.roll(T, 1)) / (2 * s.dt),
+        friction_rate=rate[1:-1],
+        friction_curvature=curvature[1:-1],
         state=State.from_flat(period.X[-1], n, time),
     )

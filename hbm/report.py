@@ -14,8 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from hbm.curve import ResponseCurve
 from hbm.fourier import Array
-from hbm.response import PeriodicSolution, ResponseCurve
+from hbm.solution import PeriodicSolution
 
 if TYPE_CHECKING:
     from hbm.history import TimeHistory

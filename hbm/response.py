@@ -4,15 +4,13 @@
 :class:`PeriodicSolution` objects and whose channels are arrays with names and units.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from continuation import (
     Border,
-    Branch,
     ConvergenceError,
     NewtonSettings,
     Point,
@@ -22,12 +20,12 @@ from continuation import (
     correct,
     solve_at,
 )
+from hbm.curve import ResponseCurve
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance, State
+from hbm.solution import PeriodicSolution, describe
 from models.rig import Rig
 
-UNITS = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
-DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 TOLERANCE = 1e-11
 """Every force balance closes to this fraction of the excitation, see :mod:`hbm.residual`."""
 
@@ -42,291 +40,6 @@ SWEEP = (0.85, 1.35)
 
 OnPoint = Callable[[float, int], None]
 """Called with the frequency [Hz] (or force [N]) and the number of every point found."""
-
-
-@dataclass(frozen=True)
-class Signal:
-    """One period of one quantity.
-
-    Attributes
-    ----------
-    unit : str
-        SI unit.
-    coefficients : (2H+1,) array
-        Fourier coefficients a_0, a_1..a_H, b_1..b_H.
-    samples : (N_t,) array
-        Values at the phases of the basis.
-    peak : float
-        Largest magnitude over the period; of the zero-mean signal for a slip, the maximum for a normal reaction.
-    """
-
-    unit: str
-    coefficients: Array
-    samples: Array
-    peak: float
-
-    @property
-    def amplitude(self) -> Array:
-        """Amplitude of harmonics 0..H, (H+1,)."""
-        return amplitudes(self.coefficients)
-
-
-def amplitudes(coefficients: Array) -> Array:
-    """Amplitude of each harmonic, (..., 2H+1) -> (..., H+1)."""
-    H = coefficients.shape[-1] // 2
-    out = np.abs(coefficients[..., : H + 1])
-    out[..., 1:] = np.hypot(coefficients[..., 1 : H + 1], coefficients[..., H + 1 :])
-    return out
-
-
-def _smooth_peak(samples: Array) -> float:
-    """Largest magnitude of a smooth periodic signal, by a parabola through the three samples around it."""
-    i = int(np.argmax(np.abs(samples)))
-    before, top, after = np.abs(samples[i - 1]), np.abs(samples[i]), np.abs(samples[(i + 1) % len(samples)])
-    bend = before + after - 2 * top
-    return float(top - (after - before) ** 2 / (8 * bend)) if bend < 0.0 else float(top)
-
-
-@dataclass(frozen=True, eq=False)
-class PeriodicSolution:
-    """One steady state of a rig.
-
-    Attributes
-    ----------
-    hz, level : float
-        Excitation frequency [Hz] and force amplitude [N].
-    basis : FourierBasis
-    state : State
-        Modal and friction coefficients.
-    channels : dict of str to Signal
-        The rig's channels, `drive` (displacement at the excitation), `slip`, `slip_velocity`, `friction`, `normal`.
-    closure : float
-        Change of the friction state over the period, relative to its range.
-    energy_error : float
-        Excitation work minus damping and friction losses over a period, relative to the excitation work.
-    """
-
-    hz: float
-    level: float
-    basis: FourierBasis
-    state: State
-    channels: Mapping[str, Signal]
-    closure: float
-    energy_error: float
-
-    @property
-    def lift_off(self) -> bool:
-        """Whether the normal reaction would turn negative: the tip leaves the support, the model does not."""
-        return bool(self.channels["normal"].samples.min() < 0.0)
-
-
-def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution:
-    """Physical channels of a solution of the harmonic balance.
-
-    Parameters
-    ----------
-    problem : HarmonicBalance
-    x : (size,) array
-        Scaled unknowns.
-    lam : float
-        Continuation parameter.
-
-    Returns
-    -------
-    PeriodicSolution
-    """
-    state = problem.unpack(x, lam)
-    kin, T, closure = problem.contact_state(state)
-    rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
-    friction = Signal("N", basis.analysis @ T, T, float(np.abs(T).max()))
-    modal_slip = kin.signals[:, 0] + problem.dynamic_lagrangian * state.T
-    slip = modal_slip + s.compliance * friction.coefficients
-    # the elastic part C T follows the force at every sample, beyond the harmonics kept
-    slip_samples = basis.synthesis @ modal_slip + s.compliance * T
-    normal = (basis.synthesis @ kin.signals[:, 2]) + (basis.synthesis @ kin.signals[:, 3]) * T
-
-    def series(unit: str, coefficients: Array) -> Signal:
-        samples = basis.synthesis @ coefficients
-        return Signal(unit, coefficients, samples, _smooth_peak(samples))
-
-    force = np.zeros(basis.size)
-    force[basis.fundamental] = state.F
-
-    def motion(quantity: str, row: Array, by_force: float, by_friction: float) -> Signal:
-        coefficients = state.Q @ row + by_force * force + by_friction * friction.coefficients
-        for _ in range(DERIVATIVES[quantity]):
-            coefficients = Omega * basis.derivative(coefficients)
-        return series(UNITS[quantity], coefficients)
-
-    residual = s.residual
-    channels = {
-        c.name: series("N", force)
-        if c.quantity == "force"
-        else motion(c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)))
-        for c in rig.channels
-    }
-    channels |= {
-        "drive": motion("displacement", s.excitation, residual.drive_by_force, residual.slip_by_force),
-        "slip": Signal("m", slip, slip_samples, float(np.abs(slip_samples - slip_samples.mean()).max())),
-        "slip_velocity": series("m/s", Omega * basis.derivative(slip)),
-        "friction": friction,
-        "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
-    }
-    energy = _energy_error(problem, state, modal_slip, channels["drive"].coefficients, friction.coefficients)
-    return PeriodicSolution(Omega / (2 * np.pi), state.F, basis, state, channels, closure, energy)
-
-
-def _energy_error(problem: HarmonicBalance, state: State, slip: Array, drive: Array, friction: Array) -> float:
-    """Excitation work minus losses over a period, relative to the largest of them."""
-    basis, s, Omega = problem.basis, problem.structure, state.Omega
-
-    def work(force: Array, displacement: Array) -> float:
-        # mean of s1 s2' over the period from the coefficients, times the period
-        return float(np.pi * force[1:] @ basis.derivative(displacement)[1:])
-
-    force = np.zeros(basis.size)
-    force[basis.fundamental] = state.F
-    supplied = work(force, drive)
-    velocity = Omega * basis.derivative(state.Q)
-    damped = float(np.pi / Omega * np.sum(s.damping * velocity[1:] ** 2))
-    rubbed = -work(friction, slip)
-    return (supplied - damped - rubbed) / max(abs(supplied), damped, abs(rubbed), np.finfo(float).tiny)
-
-
-@dataclass(frozen=True, eq=False)
-class ChannelCurve:
-    """One channel along a curve.
-
-    Attributes
-    ----------
-    unit : str
-    harmonics : (points, 2H+1) array
-        Coefficients a_0, a_1..a_H, b_1..b_H at every point.
-    peak : (points,) array
-        Largest magnitude over the period; of the zero-mean signal for `slip`, the maximum for `normal`.
-    rms : (points,) array
-        Root mean square over the period.
-    """
-
-    unit: str
-    harmonics: Array
-    peak: Array
-    rms: Array
-
-    @property
-    def amplitude(self) -> Array:
-        """Amplitude of harmonics 0..H, (points, H+1)."""
-        return amplitudes(self.harmonics)
-
-    @property
-    def phase(self) -> Array:
-        """Phase of harmonics 0..H against the force's cosine, (points, H+1) [rad], negative for a lag."""
-        H = self.harmonics.shape[1] // 2
-        sines = np.hstack([np.zeros((len(self.harmonics), 1)), self.harmonics[:, H + 1 :]])
-        return np.asarray(np.arctan2(-sines, self.harmonics[:, : H + 1]))
-
-
-@dataclass(frozen=True, eq=False)
-class ResponseCurve:
-    """A branch of periodic solutions in physical terms.
-
-    Attributes
-    ----------
-    rig : Rig
-        What was computed.
-    points : tuple of PeriodicSolution
-        In the order of travel.
-    branch : continuation.Branch
-        The branch in scaled unknowns: tangents, flags, why it ended.
-    problem : HarmonicBalance
-        What the branch solves.
-    """
-
-    rig: Rig
-    points: tuple[PeriodicSolution, ...]
-    branch: Branch
-    problem: HarmonicBalance
-
-    @property
-    def basis(self) -> FourierBasis:
-        """Fourier basis of the curve."""
-        return self.problem.basis
-
-    @property
-    def level(self) -> float:
-        """Nominal force amplitude [N]."""
-        return self.problem.level
-
-    @cached_property
-    def hz(self) -> Array:
-        """Excitation frequency of every point, (points,) [Hz]."""
-        return np.array([p.hz for p in self.points])
-
-    @cached_property
-    def force(self) -> Array:
-        """Force amplitude of every point, (points,) [N]."""
-        return np.array([p.level for p in self.points])
-
-    @cached_property
-    def channels(self) -> dict[str, ChannelCurve]:
-        """Channels by name: the rig's, and drive, slip, slip_velocity, friction, normal."""
-        return {name: self._channel(name) for name in self.points[0].channels}
-
-    def _channel(self, name: str) -> ChannelCurve:
-        signals = [p.channels[name] for p in self.points]
-        return ChannelCurve(
-            unit=signals[0].unit,
-            harmonics=np.array([s.coefficients for s in signals]),
-            peak=np.array([s.peak for s in signals]),
-            rms=np.array([np.sqrt(np.mean(s.samples**2)) for s in signals]),
-        )
-
-    def __getitem__(self, name: str) -> ChannelCurve:
-        """Channel by name."""
-        return self.channels[name]
-
-    @property
-    def peak(self) -> PeriodicSolution:
-        """The point of largest drive displacement."""
-        return self.points[int(np.argmax(self["drive"].peak))]
-
-    def _parameter_in_units(self, lam: float) -> float:
-        Omega, F = self.problem.at(lam)
-        return Omega / (2 * np.pi) if self.problem.parameter == "frequency" else F
-
-    @property
-    def folds(self) -> list[float]:
-        """Where the curve turns back, in Hz (or N along a force curve)."""
-        return [self._parameter_in_units(p.fold_lam if p.fold_lam else p.lam) for p in self.branch.points if p.fold]
-
-    @property
-    def corners(self) -> list[float]:
-        """Where the curve has a corner (a slip phase is born or dies), in Hz (or N)."""
-        found = (p for p in self.branch.points if p.corner)
-        return [self._parameter_in_units(p.corner_lam if p.corner_lam else p.lam) for p in found]
-
-    @property
-    def lift_off(self) -> list[tuple[float, float]]:
-        """Frequency ranges (or force ranges) where the tip would lift off, [(first, last), ...]."""
-        at = self.hz if self.problem.parameter == "frequency" else self.force
-        lifted = np.array([p.lift_off for p in self.points])
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], lifted, [False]]).astype(int)))
-        return [(float(at[i:j].min()), float(at[i:j].max())) for i, j in zip(edges[::2], edges[1::2], strict=True)]
-
-    @property
-    def complete(self) -> bool:
-        """Whether the curve reached its end."""
-        return self.branch.complete
-
-    def __str__(self) -> str:
-        """Say what was found."""
-        top = self.peak
-        text = (
-            f"{len(self.points)} points at {self.level:g} N, H = {self.basis.H}, {self.basis.N_t} samples, "
-            f"{self.problem.structure.n} modes; peak {top.channels['drive'].peak * 1e3:.4g} mm "
-            f"at {top.hz:.4g} Hz; {len(self.folds)} folds, {len(self.corners)} corners"
-        )
-        return text if self.complete else f"{text}; partial: {self.branch.message}"
 
 
 def default_samples(H: int) -> int:

@@ -56,7 +56,7 @@ class Shape:
         """Names and lengths of the run-time parameters, law parameters excluded."""
         n = self.modes
         rows = ("qq", "qv", "vq", "vv", "q_old", "q_new", "v_old", "v_new", "slip_row")
-        sizes = dict.fromkeys(rows, n) | dict.fromkeys(("dt", "delay", "compliance", "load"), 1)
+        sizes = dict.fromkeys(rows, n) | dict.fromkeys(("dt", "delay", "compliance", "load", "slip_by_force"), 1)
         if self.foreshortened:
             sizes |= {"shortening": n * n}
         if self.reaction_varies:
@@ -85,11 +85,12 @@ def _contact_equation(shape: Shape) -> tuple[ca.Function, bool]:
 
 @dataclass(frozen=True, eq=False)
 class _Mechanics:
-    """The structure as the contact sees it, in symbols: run-time parameters `p` and the force F at the step's end."""
+    """The structure as the contact sees it, in symbols: run-time parameters `p`, the force and its rate at the step's end."""
 
     shape: Shape
     p: dict[str, ca.SX]
     F: ca.SX
+    F_rate: ca.SX
 
     def _shortening(self, q: ca.SX) -> ca.SX:
         return ca.reshape(self.p["shortening"], self.shape.modes, self.shape.modes) @ q
@@ -106,8 +107,12 @@ class _Mechanics:
         return row + self.p["delay"] * self.p["dt"] * self._shortening(v)
 
     def slip(self, q: ca.SX) -> ca.SX:
-        """Modal slip u = c.q - q'Gq / 2."""
-        return ca.dot(self.p["slip_row"] + self.direction(q), q) / 2.0
+        """Modal slip, c.q - q'Gq / 2 and what the force brings by itself."""
+        return ca.dot(self.p["slip_row"] + self.direction(q), q) / 2.0 + self.p["slip_by_force"] * self.F
+
+    def slip_velocity(self, row: ca.SX, v: ca.SX) -> ca.SX:
+        """Rate of the modal slip where du/dq is `row`."""
+        return ca.dot(row, v) + self.p["slip_by_force"] * self.F_rate
 
     def reaction(self, q: ca.SX, v: ca.SX) -> ca.SX:
         """R without the part that T brings by itself."""
@@ -130,12 +135,13 @@ class _Mechanics:
 def _step(shape: Shape, iterations: tuple[int, ...]) -> tuple[list[ca.SX], list[ca.SX]]:
     """Symbolic step: inputs (state, guess of T, drive, parameters), outputs (state, T, residual)."""
     n, layout = shape.modes, shape.layout
-    x, guess, drive = ca.SX.sym("x", shape.size), ca.SX.sym("T0"), ca.SX.sym("drive", 2 * n + 1)
+    x, guess, drive = ca.SX.sym("x", shape.size), ca.SX.sym("T0"), ca.SX.sym("drive", 2 * n + 2)
     parts = [ca.SX.sym(name, size) for name, size in layout.items()]
     p = dict(zip(layout, parts, strict=True))
     law_parameters = ca.SX.sym("law", len(parameters(shape.law)))
     q, v, held, z = x[:n], x[n : 2 * n], x[2 * n], x[2 * n + 1 :]
-    mechanics, (contact, explicit) = _Mechanics(shape, p, drive[2 * n]), _contact_equation(shape)
+    mechanics = _Mechanics(shape, p, drive[2 * n], drive[2 * n + 1])
+    contact, explicit = _contact_equation(shape)
     constants = [p["compliance"], p["load"], p["dt"]]
     # (1 + delay) held_new = T + delay held
     lag = p["delay"] / (1.0 + p["delay"]) if shape.dissipative else 0.0
@@ -154,7 +160,7 @@ def _step(shape: Shape, iterations: tuple[int, ...]) -> tuple[list[ca.SX], list[
         q_gain, v_gain = gain * q_gain, gain * v_gain
         kappa = ca.dot(row, q_gain)
         u = mechanics.slip(q_end) + ca.dot(row, q_base - q_end)  # linearised about the last q
-        known = [u, kappa, ca.dot(row, v_base), ca.dot(row, v_gain)]
+        known = [u, kappa, mechanics.slip_velocity(row, v_base), ca.dot(row, v_gain)]
         known += [mechanics.reaction(q_base, v_base), mechanics.lever_through(q_end, q_gain, v_gain)]
         for _ in range(1 if explicit else newton):
             residual, slope, _ = contact(ca.vertcat(T, *known, *constants), z, law_parameters)
@@ -163,7 +169,7 @@ def _step(shape: Shape, iterations: tuple[int, ...]) -> tuple[list[ca.SX], list[
 
     final = mechanics.direction(q_end)
     # the contact equation adds kappa T to the slip
-    known = [mechanics.slip(q_end) - kappa * T, kappa, ca.dot(final, v_end), 0.0]
+    known = [mechanics.slip(q_end) - kappa * T, kappa, mechanics.slip_velocity(final, v_end), 0.0]
     known += [mechanics.reaction(q_end, v_end), mechanics.lever(q_end)]
     residual, _, z_new = contact(ca.vertcat(T, *known, *constants), z, law_parameters)
     turned = ca.sum1(ca.fabs(final - row)) / ca.sum1(ca.fabs(row)) if shape.foreshortened else 0.0

@@ -7,7 +7,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from hbm.accuracy import Assessed, Probe
+from hbm.curve import Assessment, ResponseCurve
 from hbm.history import TimeHistory
 from hbm.modes import LinearModes
 from models.rig import Rig
@@ -33,18 +33,18 @@ def print_modes(console: Console, rig: Rig, modes: LinearModes) -> None:
     )
 
 
-def print_curves(console: Console, curves: Sequence[Assessed]) -> None:
+def print_curves(console: Console, curves: Sequence[ResponseCurve]) -> None:
     """Print what was found at each level, how accurate it is, why, and what to beware of."""
     console.print(_response_table(curves))
-    console.print(_numerics_table(curves))
-    for c in curves:
-        _lines(
-            console, [f"{c.curve.level:g} N: {c.reason}", *(f"{c.curve.level:g} N: warning: {w}" for w in c.warnings)]
-        )
+    assessed = [(c, c.assessment) for c in curves if c.assessment is not None]
+    console.print(_numerics_table(assessed))
+    for c, known in assessed:
+        remarks = [known.reason, *(f"warning: {w}" for w in known.warnings)]
+        _lines(console, [f"{c.level:g} N: {remark}" for remark in remarks])
 
 
-def _response_table(curves: Sequence[Assessed]) -> Table:
-    first = curves[0].curve.rig
+def _response_table(curves: Sequence[ResponseCurve]) -> Table:
+    first = curves[0].rig
     title = f"{first.name}, {first.contact.law.name}"
     table = _table(
         title,
@@ -58,7 +58,7 @@ def _response_table(curves: Sequence[Assessed]) -> Table:
         "folds",
         "corners",
     )
-    for c in (c.curve for c in curves):
+    for c in curves:
         least = min(float(p.channels["normal"].samples.min()) for p in c.points)
         table.add_row(
             f"{c.level:g}",
@@ -74,7 +74,7 @@ def _response_table(curves: Sequence[Assessed]) -> Table:
     return table
 
 
-def _numerics_table(curves: Sequence[Assessed]) -> Table:
+def _numerics_table(curves: Sequence[tuple[ResponseCurve, Assessment]]) -> Table:
     table = _table(
         "numerical error, relative to the peak",
         "level\nN",
@@ -86,17 +86,17 @@ def _numerics_table(curves: Sequence[Assessed]) -> Table:
         "at\nHz",
         "loop\nclosure",
     )
-    for c in curves:
-        worst: Probe = c.error.worst
+    for c, known in curves:
+        worst = known.error.worst
         table.add_row(
-            f"{c.curve.level:g}",
-            str(c.curve.basis.H),
-            str(c.curve.basis.N_t),
-            str(c.curve.rig.structure.n),
-            _number(100 * c.error.at_peak.total, ".2f"),
+            f"{c.level:g}",
+            str(c.basis.H),
+            str(c.basis.N_t),
+            str(c.rig.structure.n),
+            _number(100 * known.error.at_peak.total, ".2f"),
             _number(100 * worst.total, ".2f"),
             f"{worst.hz:.2f}",
-            f"{c.error.closure:.0e}",
+            f"{known.error.closure:.0e}",
         )
     return table
 

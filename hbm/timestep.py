@@ -171,6 +171,7 @@ class Stepper:
             "dt": self.dt,
             "delay": delay,
             "compliance": s.compliance,
+            "slip_by_force": s.residual.slip_by_force,
             "load": self.rig.contact.normal_load,
             **_reaction_rows(s),
         }
@@ -178,11 +179,12 @@ class Stepper:
         return np.concatenate([np.atleast_1d(values[name]) for name in self.shape.layout] + [law])
 
     def drive(self, steps: int) -> Array:
-        """Response (q, q') of the modes to the force over each step, and the force at its end, (steps, 2n+1)."""
+        """Response (q, q') of the modes to the force over each step; the force and its rate at its end, (steps, 2n+2)."""
         theta = self.phase + 2 * np.pi * (np.arange(steps + 1) % self.steps_per_period) / self.steps_per_period
         start = np.stack([np.cos(theta[:-1]), np.sin(theta[:-1])])
         response = np.moveaxis(self._propagators[:, :, 4:], 1, 0) * self.rig.structure.excitation[:, None]
-        return np.asarray(self.level * np.vstack([response.reshape(-1, 2) @ start, np.cos(theta[1:])]).T)
+        end = np.stack([np.cos(theta[1:]), -2 * np.pi * self.hz * np.sin(theta[1:])])
+        return np.asarray(self.level * np.vstack([response.reshape(-1, 2) @ start, end]).T)
 
     def march(self, x: Array, steps: int) -> tuple[Array, Array, float]:
         """Advance a state.

@@ -16,8 +16,8 @@ import hbm
 import hbm.accuracy
 import hbm.integrate
 from continuation import ConvergenceError, End
-from hbm.accuracy import Assessed
 from hbm.cli import app
+from hbm.curve import ResponseCurve
 from hbm.errors import InputError
 from hbm.files import read_curves
 from hbm.lawchoice import choose_law
@@ -265,40 +265,40 @@ def test_a_law_without_values_is_refused() -> None:
 
 
 @pytest.fixture(scope="module")
-def found() -> Assessed:
+def found() -> ResponseCurve:
     return hbm.accuracy.frequency_response(paper_rig(), (40.0, 40.5), harmonics=1)
 
 
 @pytest.fixture
 def failing(
-    found: Assessed, monkeypatch: pytest.MonkeyPatch
-) -> Callable[[dict[float, Callable[[Assessed], Assessed]]], None]:
+    found: ResponseCurve, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[dict[float, Callable[[ResponseCurve], ResponseCurve]]], None]:
     """Make the levels given go wrong as given; the others give a curve."""
 
-    def arrange(wrong: dict[float, Callable[[Assessed], Assessed]]) -> None:
-        def response(*_: Any, level: float, **__: Any) -> Assessed:
-            curve = replace(found.curve, problem=copy(found.curve.problem))
+    def arrange(wrong: dict[float, Callable[[ResponseCurve], ResponseCurve]]) -> None:
+        def response(*_: Any, level: float, **__: Any) -> ResponseCurve:
+            curve = replace(found, problem=copy(found.problem))
             curve.problem.level = level
-            return wrong.get(level, lambda found: found)(replace(found, curve=curve))
+            return wrong.get(level, lambda found: found)(curve)
 
         monkeypatch.setattr(hbm.accuracy, "frequency_response", response)
 
     return arrange
 
 
-def stopped(found: Assessed) -> Assessed:
-    curve = found.curve
+def stopped(found: ResponseCurve) -> ResponseCurve:
+    curve = found
     branch = replace(
         curve.branch, points=curve.branch.points[:3], end=End.STEP_BELOW_MINIMUM, message="step below the minimum"
     )
-    return replace(found, curve=replace(curve, points=curve.points[:3], branch=branch))
+    return replace(curve, points=curve.points[:3], branch=branch)
 
 
-def lost(found: Assessed) -> Assessed:
-    raise ConvergenceError("first solution: none at 40 Hz", found.curve.branch)
+def lost(found: ResponseCurve) -> ResponseCurve:
+    raise ConvergenceError("first solution: none at 40 Hz", found.branch)
 
 
-def interrupted(found: Assessed) -> Assessed:
+def interrupted(found: ResponseCurve) -> ResponseCurve:
     raise KeyboardInterrupt
 
 

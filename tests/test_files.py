@@ -12,7 +12,8 @@ import pytest
 from matplotlib.figure import Figure
 
 import hbm
-from hbm.accuracy import Assessed, frequency_response
+from hbm.accuracy import frequency_response
+from hbm.curve import ResponseCurve
 from hbm.errors import InputError
 from hbm.files import check_output, companion, read_curves, write_curves, write_figure, write_history, write_together
 from hbm.history import TimeHistory
@@ -23,7 +24,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 
 
 @pytest.fixture(scope="module")
-def curves() -> list[Assessed]:
+def curves() -> list[ResponseCurve]:
     """Two levels of the paper's beam, of different H, where it sticks."""
     rig = load_rig(EXAMPLES / "paper_beam.toml")
     return [
@@ -38,7 +39,7 @@ def history() -> TimeHistory:
 
 
 @pytest.fixture
-def written(curves: list[Assessed], tmp_path: Path) -> Path:
+def written(curves: list[ResponseCurve], tmp_path: Path) -> Path:
     write_curves(tmp_path / "curves.csv", curves)
     return tmp_path / "curves.csv"
 
@@ -49,11 +50,11 @@ def test_heading_is_the_contract(written: Path) -> None:
     assert heading == f"point,level,frequency_hz,stable,channel,peak,rms,h0,{harmonics}"
 
 
-def test_every_field_is_the_curves_to_the_last_bit(written: Path, curves: list[Assessed]) -> None:
+def test_every_field_is_the_curves_to_the_last_bit(written: Path, curves: list[ResponseCurve]) -> None:
     with written.open(newline="") as file:
         rows = list(csv.DictReader(file))
     at = 0
-    for c in (c.curve for c in curves):
+    for c in curves:
         for i, point in enumerate(c.points):
             for name in (*(f.name for f in c.rig.channels), *COMPUTED_CHANNELS):
                 row = rows[at]
@@ -72,18 +73,18 @@ def test_every_field_is_the_curves_to_the_last_bit(written: Path, curves: list[A
     assert at == len(rows)
 
 
-def test_peak_of_slip_has_no_mean_and_peak_of_normal_is_the_maximum(written: Path, curves: list[Assessed]) -> None:
+def test_peak_of_slip_has_no_mean_and_peak_of_normal_is_the_maximum(written: Path, curves: list[ResponseCurve]) -> None:
     saved = read_curves(written)[1]
-    last = curves[1].curve.points[-1].channels
+    last = curves[1].points[-1].channels
     slip, normal = last["slip"].samples, last["normal"].samples
     assert saved["slip"].peak[-1] == np.abs(slip - slip.mean()).max()
     assert saved["normal"].peak[-1] == normal.max()
 
 
-def test_curves_come_back_bit_by_bit(written: Path, curves: list[Assessed]) -> None:
+def test_curves_come_back_bit_by_bit(written: Path, curves: list[ResponseCurve]) -> None:
     saved = read_curves(written)
     assert [s.level for s in saved] == [2.0, 4.0]
-    for s, c in zip(saved, (c.curve for c in curves), strict=True):
+    for s, c in zip(saved, curves, strict=True):
         assert np.array_equal(s.hz, c.hz)
         assert np.isnan(s.stable).all()
         assert list(s.channels) == list(c.channels)
@@ -93,37 +94,38 @@ def test_curves_come_back_bit_by_bit(written: Path, curves: list[Assessed]) -> N
                 assert np.array_equal(getattr(s[name], part), getattr(channel, part))
 
 
-def test_stability_is_written_where_a_curve_knows_it(curves: list[Assessed], tmp_path: Path) -> None:
-    curve = replace(curves[0].curve)
+def test_stability_is_written_where_a_curve_knows_it(curves: list[ResponseCurve], tmp_path: Path) -> None:
+    curve = replace(curves[0])
     known = np.arange(len(curve.points)) % 2
     object.__setattr__(curve, "stable", known.astype(bool))
-    write_curves(tmp_path / "c.csv", [replace(curves[0], curve=curve)])
+    write_curves(tmp_path / "c.csv", [curve])
     assert np.array_equal(read_curves(tmp_path / "c.csv")[0].stable, known)
 
 
-def test_companion_says_what_the_table_cannot(written: Path, curves: list[Assessed]) -> None:
+def test_companion_says_what_the_table_cannot(written: Path, curves: list[ResponseCurve]) -> None:
     said = json.loads(companion(written).read_text(), parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     assert (said["schema"], said["version"]) == (1, hbm.__version__)
     assert (said["rig"], said["law"]) == ("clamped-supported beam, Table 1", "coulomb-penalty")
     assert said["units"]["drive"] == "m"
     for level, c in zip(said["levels"], curves, strict=True):
-        assert level["level"] == c.curve.level
-        assert (level["points"], level["harmonics"]) == (len(c.curve.points), c.curve.basis.H)
+        assert level["level"] == c.level
+        assert (level["points"], level["harmonics"]) == (len(c.points), c.basis.H)
         assert (level["samples"], level["modes"]) == (256, 5)
-        assert (level["complete"], level["message"]) == (True, c.curve.branch.message)
-        assert (level["reason"], level["warnings"]) == (c.reason, list(c.warnings))
-        assert level["numerical_error"]["at_peak"]["total"] == c.error.at_peak.total
-        assert [p["hz"] for p in level["numerical_error"]["probes"]] == [p.hz for p in c.error.probes]
-        assert level["numerical_error"]["closure"] == c.error.closure
-        assert level["energy_error"] == max(abs(p.energy_error) for p in c.curve.points)
-        assert (level["folds_hz"], level["corners_hz"]) == (c.curve.folds, c.curve.corners)
+        assert (level["complete"], level["message"]) == (True, c.branch.message)
+        assert (level["reason"], level["warnings"]) == (c.assessment.reason, list(c.assessment.warnings))
+        assert level["numerical_error"]["at_peak"]["total"] == c.assessment.error.at_peak.total
+        assert [p["hz"] for p in level["numerical_error"]["probes"]] == [p.hz for p in c.assessment.error.probes]
+        assert level["numerical_error"]["closure"] == c.assessment.error.closure
+        assert level["energy_error"] == max(abs(p.energy_error) for p in c.points)
+        assert (level["folds_hz"], level["corners_hz"]) == (c.folds, c.corners)
         assert level["lift_off_hz"] == []
     assert read_curves(written)[0].summary == said["levels"][0]
 
 
-def test_an_unknown_number_is_null(curves: list[Assessed], tmp_path: Path) -> None:
-    error = replace(curves[0].error, at_peak=replace(curves[0].error.at_peak, modes=float("nan")))
-    write_curves(tmp_path / "c.csv", [replace(curves[0], error=error)])
+def test_an_unknown_number_is_null(curves: list[ResponseCurve], tmp_path: Path) -> None:
+    known = curves[0].assessment
+    error = replace(known.error, at_peak=replace(known.error.at_peak, modes=float("nan")))
+    write_curves(tmp_path / "c.csv", [replace(curves[0], assessment=replace(known, error=error))])
     said = json.loads((tmp_path / "c.json").read_text())
     assert said["levels"][0]["numerical_error"]["at_peak"]["modes"] is None
 
@@ -187,7 +189,7 @@ def test_a_figure_is_what_its_ending_says(tmp_path: Path, ending: str, magic: by
 
 
 def test_nothing_is_left_when_the_second_file_cannot_be_placed(
-    curves: list[Assessed], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    curves: list[ResponseCurve], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     place = os.replace
 
@@ -206,7 +208,7 @@ def test_nothing_is_left_when_the_second_file_cannot_be_placed(
 
 
 def test_nothing_is_left_when_interrupted(
-    curves: list[Assessed], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    curves: list[ResponseCurve], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
@@ -229,7 +231,7 @@ def test_the_old_file_survives_a_failure_before_it_is_replaced(tmp_path: Path, m
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("a", "old")]
 
 
-def test_a_missing_directory_is_one_line(curves: list[Assessed], tmp_path: Path) -> None:
+def test_a_missing_directory_is_one_line(curves: list[ResponseCurve], tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         write_curves(tmp_path / "no" / "c.csv", curves)
     assert str(refused.value) == (

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from continuation import End
+from hbm.curve import ResponseCurve
 from hbm.history import TimeHistory
 from hbm.integrate import simulate
 from hbm.report import (
@@ -21,7 +22,7 @@ from hbm.report import (
     plot_loop,
     plot_phase,
 )
-from hbm.response import ResponseCurve, steady_state, trace_frequency
+from hbm.response import steady_state, trace_frequency
 from hbm.rigfile import load_rig
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -8,7 +8,8 @@ from rigs import HZ, CubicSpring, beam, oscillator
 
 from hbm.fourier import FourierBasis
 from hbm.residual import HarmonicBalance
-from hbm.response import describe, force_response, solve_near, steady_state, trace_frequency
+from hbm.response import force_response, solve_near, steady_state, trace_frequency
+from hbm.solution import describe
 from models import Coulomb, Frictionless, Jenkins, Viscous
 
 

@@ -1,0 +1,164 @@
+"""One periodic solution in physical terms: channels with names and units.
+
+:func:`describe` turns a solution of the harmonic balance into a :class:`PeriodicSolution` of :class:`Signal` objects.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.fourier import Array, FourierBasis
+from hbm.residual import HarmonicBalance, State
+
+UNITS = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
+DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One period of one quantity.
+
+    Attributes
+    ----------
+    unit : str
+        SI unit.
+    coefficients : (2H+1,) array
+        Fourier coefficients a_0, a_1..a_H, b_1..b_H.
+    samples : (N_t,) array
+        Values at the phases of the basis.
+    peak : float
+        Largest magnitude over the period; of the zero-mean signal for a slip, the maximum for a normal reaction.
+    """
+
+    unit: str
+    coefficients: Array
+    samples: Array
+    peak: float
+
+    @property
+    def amplitude(self) -> Array:
+        """Amplitude of harmonics 0..H, (H+1,)."""
+        return amplitudes(self.coefficients)
+
+
+def amplitudes(coefficients: Array) -> Array:
+    """Amplitude of each harmonic, (..., 2H+1) -> (..., H+1)."""
+    H = coefficients.shape[-1] // 2
+    out = np.abs(coefficients[..., : H + 1])
+    out[..., 1:] = np.hypot(coefficients[..., 1 : H + 1], coefficients[..., H + 1 :])
+    return out
+
+
+def _smooth_peak(samples: Array) -> float:
+    """Largest magnitude of a smooth periodic signal, by a parabola through the three samples around it."""
+    i = int(np.argmax(np.abs(samples)))
+    before, top, after = np.abs(samples[i - 1]), np.abs(samples[i]), np.abs(samples[(i + 1) % len(samples)])
+    bend = before + after - 2 * top
+    return float(top - (after - before) ** 2 / (8 * bend)) if bend < 0.0 else float(top)
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicSolution:
+    """One steady state of a rig.
+
+    Attributes
+    ----------
+    hz, level : float
+        Excitation frequency [Hz] and force amplitude [N].
+    basis : FourierBasis
+    state : State
+        Modal and friction coefficients.
+    channels : dict of str to Signal
+        The rig's channels, `drive` (displacement at the excitation), `slip`, `slip_velocity`, `friction`, `normal`.
+    closure : float
+        Change of the friction state over the period, relative to its range.
+    energy_error : float
+        Excitation work minus damping and friction losses over a period, relative to the excitation work.
+    """
+
+    hz: float
+    level: float
+    basis: FourierBasis
+    state: State
+    channels: Mapping[str, Signal]
+    closure: float
+    energy_error: float
+
+    @property
+    def lift_off(self) -> bool:
+        """Whether the normal reaction would turn negative: the tip leaves the support, the model does not."""
+        return bool(self.channels["normal"].samples.min() < 0.0)
+
+
+def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution:
+    """Physical channels of a solution of the harmonic balance.
+
+    Parameters
+    ----------
+    problem : HarmonicBalance
+    x : (size,) array
+        Scaled unknowns.
+    lam : float
+        Continuation parameter.
+
+    Returns
+    -------
+    PeriodicSolution
+    """
+    state = problem.unpack(x, lam)
+    kin, T, closure = problem.contact_state(state)
+    rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
+    friction = Signal("N", basis.analysis @ T, T, float(np.abs(T).max()))
+    modal_slip = kin.signals[:, 0] + problem.dynamic_lagrangian * state.T
+    slip = modal_slip + s.compliance * friction.coefficients
+    # the elastic part C T follows the force at every sample, beyond the harmonics kept
+    slip_samples = basis.synthesis @ modal_slip + s.compliance * T
+    normal = (basis.synthesis @ kin.signals[:, 2]) + (basis.synthesis @ kin.signals[:, 3]) * T
+
+    def series(unit: str, coefficients: Array) -> Signal:
+        samples = basis.synthesis @ coefficients
+        return Signal(unit, coefficients, samples, _smooth_peak(samples))
+
+    force = np.zeros(basis.size)
+    force[basis.fundamental] = state.F
+
+    def motion(quantity: str, row: Array, by_force: float, by_friction: float) -> Signal:
+        coefficients = state.Q @ row + by_force * force + by_friction * friction.coefficients
+        for _ in range(DERIVATIVES[quantity]):
+            coefficients = Omega * basis.derivative(coefficients)
+        return series(UNITS[quantity], coefficients)
+
+    residual = s.residual
+    channels = {
+        c.name: series("N", force)
+        if c.quantity == "force"
+        else motion(c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)))
+        for c in rig.channels
+    }
+    channels |= {
+        "drive": motion("displacement", s.excitation, residual.drive_by_force, residual.slip_by_force),
+        "slip": Signal("m", slip, slip_samples, float(np.abs(slip_samples - slip_samples.mean()).max())),
+        "slip_velocity": series("m/s", Omega * basis.derivative(slip)),
+        "friction": friction,
+        "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
+    }
+    energy = _energy_error(problem, state, modal_slip, channels["drive"].coefficients, friction.coefficients)
+    return PeriodicSolution(Omega / (2 * np.pi), state.F, basis, state, channels, closure, energy)
+
+
+def _energy_error(problem: HarmonicBalance, state: State, slip: Array, drive: Array, friction: Array) -> float:
+    """Excitation work minus losses over a period, relative to the largest of them."""
+    basis, s, Omega = problem.basis, problem.structure, state.Omega
+
+    def work(force: Array, displacement: Array) -> float:
+        # mean of s1 s2' over the period from the coefficients, times the period
+        return float(np.pi * force[1:] @ basis.derivative(displacement)[1:])
+
+    force = np.zeros(basis.size)
+    force[basis.fundamental] = state.F
+    supplied = work(force, drive)
+    velocity = Omega * basis.derivative(state.Q)
+    damped = float(np.pi / Omega * np.sum(s.damping * velocity[1:] ** 2))
+    rubbed = -work(friction, slip)
+    return (supplied - damped - rubbed) / max(abs(supplied), damped, abs(rubbed), np.finfo(float).tiny)
