@@ -24,6 +24,7 @@ from hbm.curve import ResponseCurve
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance, State
 from hbm.solution import PeriodicSolution, describe
+from hbm.threads import one_thread
 from models.rig import Rig
 
 TOLERANCE = 1e-11
@@ -47,6 +48,7 @@ def default_samples(H: int) -> int:
     return max(256, 1 << int(np.ceil(np.log2(12 * H))))
 
 
+@one_thread
 def steady_state(
     rig: Rig,
     hz: float,
@@ -88,6 +90,7 @@ def steady_state(
     return describe(problem, x, lam)
 
 
+@one_thread
 def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) -> Array:
     """Solution at `lam` by Newton from another solution, padded or cut to the problem's harmonics and modes.
 
@@ -274,6 +277,7 @@ def force_response(
     return _trace(problem, lam0, _settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point)
 
 
+@one_thread
 def _trace(problem: HarmonicBalance, lam0: float, settings: Settings, on_point: OnPoint | None) -> ResponseCurve:
     count = 0
 

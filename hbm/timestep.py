@@ -179,7 +179,7 @@ class Stepper:
         return np.concatenate([np.atleast_1d(values[name]) for name in self.shape.layout] + [law])
 
     def drive(self, steps: int) -> Array:
-        """Response (q, q') of the modes to the force over each step; the force and its rate at its end, (steps, 2n+2)."""
+        """Response (q, q') of the modes to the force over each step, force and its rate at the end, (steps, 2n+2)."""
         theta = self.phase + 2 * np.pi * (np.arange(steps + 1) % self.steps_per_period) / self.steps_per_period
         start = np.stack([np.cos(theta[:-1]), np.sin(theta[:-1])])
         response = np.moveaxis(self._propagators[:, :, 4:], 1, 0) * self.rig.structure.excitation[:, None]

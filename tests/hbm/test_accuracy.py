@@ -1,0 +1,95 @@
+"""The numerical error of a curve is measured, and the measure is honest."""
+
+import numpy as np
+import pytest
+from rigs import HZ, beam, oscillator
+
+from hbm.accuracy import choose_harmonics, difference, estimate_error, frequency_response
+from hbm.curve import ResponseCurve
+from hbm.response import default_samples, steady_state, trace_frequency
+from models import Frictionless, Viscous
+
+SWEEP = (44.0, 58.0)
+
+
+@pytest.fixture(scope="module")
+def coarse() -> ResponseCurve:
+    """Few harmonics, few samples: errors large enough to be measured."""
+    return trace_frequency(beam(), SWEEP, harmonics=5, samples=64)
+
+
+def test_estimate_is_within_a_factor_three_of_the_truth(coarse):
+    """The truth: five times the harmonics, sixteen times the samples, four times the modes."""
+    estimate = estimate_error(coarse)
+    scales = {name: coarse[name].peak.max() for name in ("drive", "friction")}
+    compared = 0
+    for probe in estimate.probes:
+        point = coarse.points[int(np.argmin(np.abs(coarse.hz - probe.hz)))]
+        reference = steady_state(beam(modes=20), point.hz, harmonics=25, samples=1024, start=point)
+        truth = max(difference(point, reference, name) / scale for name, scale in scales.items())
+        if truth > 1e-4:
+            compared += 1
+            assert truth / 3 < probe.total < 3 * truth
+    assert compared >= 5
+
+
+def test_sources_of_error_are_told_apart(coarse):
+    """The same points with enough samples lose the samples' share, and keep that of the harmonics."""
+    before = estimate_error(coarse)
+    after = estimate_error(trace_frequency(beam(), SWEEP, harmonics=5, samples=1024))
+    assert after.largest("samples") < before.largest("samples") / 20
+    assert after.largest("harmonics") > before.largest("harmonics") / 3
+
+
+def test_too_few_samples_are_said():
+    rig, coarse_samples = beam(), 32
+    curve = trace_frequency(rig, (46.0, 52.0), harmonics=5, samples=coarse_samples)
+    from hbm.accuracy import _warnings
+
+    said = list(_warnings(curve, estimate_error(curve), 5e-3))
+    assert any(w.startswith(f"doubling the {coarse_samples} samples moves the answer by") for w in said)
+
+
+def test_a_linear_rig_needs_no_more_than_the_first_rung():
+    H, N_t, reason = choose_harmonics(oscillator(Frictionless(), damping=0.1, amplitude=1.0), (0.5 * HZ, 2.0 * HZ))
+    assert (H, N_t) == (7, 256)
+    assert reason.startswith("H = 7: 9 harmonics change peak and friction by 0.00%")
+
+
+def test_chosen_harmonics_keep_the_tolerance():
+    curve = frequency_response(beam(), SWEEP, tolerance=0.01)
+    known = curve.assessment
+    assert known.error.at_peak.harmonics < 0.01
+    assert known.error.at_peak.samples < 0.01
+    assert f"H = {curve.basis.H}: " in known.reason
+
+
+def test_asked_for_harmonics_are_kept():
+    curve = frequency_response(beam(), (47.0, 50.0), harmonics=3)
+    assert curve.basis.H == 3
+    assert curve.assessment.reason == "H = 3 as asked for"
+    assert any("harmonics move the peak" in w for w in curve.assessment.warnings)
+
+
+def test_lift_off_is_a_warning():
+    curve = frequency_response(beam(Viscous(500.0)), (47.0, 48.5), harmonics=3)
+    assert any("the tip would lift off from 47." in w for w in curve.assessment.warnings)
+
+
+@pytest.mark.parametrize(("H", "N_t"), [(1, 256), (21, 256), (22, 512), (55, 1024)])
+def test_default_samples(H, N_t):
+    assert default_samples(H) == N_t
+
+
+@pytest.mark.parametrize("alpha", [0.6, 0.06])
+def test_five_modes_with_residual_flexibility_are_fifty(alpha):
+    few, many = (trace_frequency(beam(alpha=alpha, modes=n), (47.5, 50.5), harmonics=15) for n in (5, 50))
+    assert few["drive"].peak.max() == pytest.approx(many["drive"].peak.max(), rel=1e-3)
+    assert few.peak.hz == pytest.approx(many.peak.hz, rel=1e-3)
+
+
+def test_without_residual_flexibility_they_are_not():
+    without, many = (
+        trace_frequency(beam(modes=n, residual_compliance=False), (47.5, 56.0), harmonics=9) for n in (5, 50)
+    )
+    assert abs(without["drive"].peak.max() / many["drive"].peak.max() - 1.0) > 0.02
