@@ -212,6 +212,11 @@ class LawOverPeriod:
         self._parameters[:] = environment.parameters
         return self._T, self._close()
 
+    @property
+    def memory(self) -> Array:
+        """Internal state before the first sample of the last period computed, (states,)."""
+        return self._z.copy()
+
     def _close(self) -> float:
         """March from the virgin state until the loop is measured closed."""
         self._z[:] = 0.0

@@ -215,11 +215,11 @@ class HarmonicBalance:
         residual = self._scaled(self._modal_balance(state, kin), state.T - contact.coefficients)
         return Elimination(self, state, kin, contact, residual)
 
-    def contact_state(self, state: State) -> tuple[Kinematics, Array, float]:
-        """Kinematics, friction force at the samples [N] and closure of the loop at a state."""
+    def contact_state(self, state: State) -> tuple[Kinematics, Array, Array, float]:
+        """Kinematics, friction force at the samples [N], internal state before the first, and closure of the loop."""
         kin = self.kinematics(state)
         T, closure = self.law.force(kin.signals, state.Omega, self.environment)
-        return kin, T.copy(), closure
+        return kin, T.copy(), self.law.memory, closure
 
 
 class Elimination:

@@ -71,6 +71,8 @@ class PeriodicSolution:
         Modal and friction coefficients.
     channels : dict of str to Signal
         The rig's channels, `drive` (displacement at the excitation), `slip`, `slip_velocity`, `friction`, `normal`.
+    memory : (states,) array
+        Internal state of the friction law before the first sample.
     closure : float
         Change of the friction state over the period, relative to its range.
     energy_error : float
@@ -82,6 +84,7 @@ class PeriodicSolution:
     basis: FourierBasis
     state: State
     channels: Mapping[str, Signal]
+    memory: Array
     closure: float
     energy_error: float
 
@@ -107,7 +110,7 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
     PeriodicSolution
     """
     state = problem.unpack(x, lam)
-    kin, T, closure = problem.contact_state(state)
+    kin, T, memory, closure = problem.contact_state(state)
     rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
     friction = Signal("N", basis.analysis @ T, T, float(np.abs(T).max()))
     modal_slip = kin.signals[:, 0] + problem.dynamic_lagrangian * state.T
@@ -144,7 +147,7 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
         "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
     }
     energy = _energy_error(problem, state, modal_slip, channels["drive"].coefficients, friction.coefficients)
-    return PeriodicSolution(Omega / (2 * np.pi), state.F, basis, state, channels, closure, energy)
+    return PeriodicSolution(Omega / (2 * np.pi), state.F, basis, state, channels, memory, closure, energy)
 
 
 def _energy_error(problem: HarmonicBalance, state: State, slip: Array, drive: Array, friction: Array) -> float:

@@ -1,4 +1,4 @@
-"""Matrices here have some hundred rows: a second BLAS thread costs more than it brings, most of all on a busy machine."""
+"""Matrices here have some hundred rows: a second BLAS thread costs time, most of all on a busy machine."""
 
 from collections.abc import Callable
 from functools import cache, wraps

@@ -1,0 +1,24 @@
+"""From the harmonic balance to the time integration: where to start a march on a periodic solution."""
+
+import numpy as np
+
+from hbm.history import State
+from hbm.solution import PeriodicSolution
+
+
+def state_at_phase_zero(solution: PeriodicSolution) -> State:
+    """State of a periodic solution where the force is at its crest, to march or to shoot from.
+
+    Parameters
+    ----------
+    solution : PeriodicSolution
+
+    Returns
+    -------
+    hbm.history.State
+        Its time is 0. The friction law's state is the one just before, by a sample.
+    """
+    Q, H = solution.state.Q, solution.basis.H
+    velocity = 2 * np.pi * solution.hz * solution.basis.derivative(Q)
+    friction = float(solution.channels["friction"].samples[0])
+    return State(Q[: H + 1].sum(axis=0), velocity[: H + 1].sum(axis=0), friction, solution.memory)
