@@ -39,7 +39,7 @@ class Point:
     step : float
         Arclength step that led here, 0 at the start.
     iterations : int
-        Newton solves that it took.
+        Newton matrices that it took.
     residual_norm : float
         Max-norm of the residual.
     fold : bool

@@ -1,5 +1,8 @@
 """Newton's method on a bordered system: F = 0 together with one linear condition on the step.
 
+A step that lowers the residual a hundredfold or more is followed by steps with the same matrix (chord method), for as
+long as each still does: at the end of a correction a new matrix costs more than it brings.
+
 The state is y = (x, lam), one array of N + 1 numbers. Every step keeps row . dy = 0, so the iterates stay in the
 hyperplane of the first guess. Damping starts only where full steps do not help (a kink, or far away):
 one full step that raises the residual is forgiven; if the next one does not make up for it,
@@ -18,6 +21,7 @@ from .settings import NewtonSettings
 
 _DAMPING = (0.5, 0.25, 0.125, 0.0625)
 _FORGIVEN_GROWTH = 10.0
+_FAST = 0.01
 
 
 class Reason(Enum):
@@ -39,9 +43,13 @@ class Correction:
     state : (N + 1,) array
         Last iterate (x, lam).
     linearization : Linearization
-        The one at `state`; serves the tangent without another evaluation.
+        The one at `state`.
+    solved_at : (N + 1,) array
+        The iterate whose linearization gave the last step.
+    solved_with : Linearization
+        The one there. It is evaluated already: where the steps since were short it serves the tangent for nothing.
     iterations : int
-        Bordered solves.
+        Linearizations solved with.
     residual_norm : float
         Max-norm of the residual at `state`.
     reason : Reason
@@ -53,6 +61,8 @@ class Correction:
     iterations: int
     residual_norm: float
     reason: Reason
+    solved_at: Array
+    solved_with: Linearization
 
     @property
     def x(self) -> Array:
@@ -78,10 +88,16 @@ class Border(NamedTuple):
     fixed: bool = False
 
 
+class _Evaluated(NamedTuple):
+    state: Array
+    linearization: Linearization
+
+
 class _Iterate(NamedTuple):
     state: Array
     linearization: Linearization
     norm: float
+    before: _Evaluated | None = None
 
 
 def solve_at(problem: Problem, x: Array, lam: float, settings: NewtonSettings) -> Correction:
@@ -128,36 +144,42 @@ def correct(problem: Problem, state: Array, border: Border, settings: NewtonSett
         Converged or not; look at `converged` and `reason`.
     """
     here = best = _iterate(problem, state)
+    source, matrices = _Evaluated(here.state, here.linearization), 1  # a chord step is free of charge
     best_step = state
     forgiving = True
-    for iterations in range(settings.max_iterations + 1):
+    while True:
         if here.norm <= settings.tolerance:
-            return _ended(here, iterations, Reason.CONVERGED)
+            return _ended(here, matrices if here.before else 0, Reason.CONVERGED)
         if not math.isfinite(here.norm):
-            return _ended(here, iterations, Reason.NOT_FINITE)
-        if iterations == settings.max_iterations:
-            break
-        step = _newton_step(here.linearization, border)
+            return _ended(here, matrices - 1, Reason.NOT_FINITE)
+        if matrices > settings.max_iterations:
+            return _ended(best, settings.max_iterations, Reason.TOO_MANY_ITERATIONS)
+        step = _newton_step(source.linearization, here.linearization.residual, border)
         if step is None:
-            return _ended(here, iterations, Reason.SINGULAR)
+            return _ended(here, matrices, Reason.SINGULAR)
         if here is best:
             best_step = step
-        trial = _iterate(problem, here.state + step)
+        trial = _iterate(problem, here.state + step, source)
+        if trial.norm < best.norm and trial.norm <= _FAST * here.norm:
+            here = best = trial
+            continue
         if trial.norm < best.norm:
             here = best = trial
+        elif source.linearization is not here.linearization:
+            pass  # a chord step that fails does not settle whether Newton steps help
         elif forgiving and here is best and trial.norm < _FORGIVEN_GROWTH * best.norm:
             here, forgiving = trial, False
         else:
             damped = _line_search(problem, best, best_step)
             if damped is None:
-                return _ended(best, iterations + 1, Reason.NO_DECREASE)
+                return _ended(best, matrices, Reason.NO_DECREASE)
             here = best = damped
-    return _ended(best, settings.max_iterations, Reason.TOO_MANY_ITERATIONS)
+        source, matrices = _Evaluated(here.state, here.linearization), matrices + 1
 
 
-def _iterate(problem: Problem, state: Array) -> _Iterate:
+def _iterate(problem: Problem, state: Array, before: _Evaluated | None = None) -> _Iterate:
     linearization = problem.linearize(state[:-1], float(state[-1]))
-    return _Iterate(state, linearization, max_norm(linearization.residual))
+    return _Iterate(state, linearization, max_norm(linearization.residual), before)
 
 
 def max_norm(residual: Array) -> float:
@@ -165,10 +187,10 @@ def max_norm(residual: Array) -> float:
     return float(np.abs(residual).max())
 
 
-def _newton_step(linearization: Linearization, border: Border) -> Array | None:
+def _newton_step(linearization: Linearization, residual: Array, border: Border) -> Array | None:
     """Newton's step within the hyperplane, or None where there is none."""
     try:
-        dx, dlam = linearization.solve_bordered(border.row, border.row_lam, -linearization.residual, 0.0)
+        dx, dlam = linearization.solve_bordered(border.row, border.row_lam, -residual, 0.0)
     except np.linalg.LinAlgError:
         return None
     step = np.empty(dx.size + 1)
@@ -186,4 +208,5 @@ def _line_search(problem: Problem, best: _Iterate, step: Array) -> _Iterate | No
 
 
 def _ended(last: _Iterate, iterations: int, reason: Reason) -> Correction:
-    return Correction(last.state, last.linearization, iterations, last.norm, reason)
+    before = last.before or _Evaluated(last.state, last.linearization)
+    return Correction(last.state, last.linearization, iterations, last.norm, reason, *before)

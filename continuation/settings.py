@@ -26,7 +26,7 @@ class NewtonSettings:
     tolerance : float
         Largest accepted max-norm of the residual; the caller's scaling of the residual gives it meaning.
     max_iterations : int
-        Bordered solves allowed in one correction.
+        Linearizations allowed in one correction.
     """
 
     tolerance: float = 1e-9
@@ -53,7 +53,7 @@ class Settings(NewtonSettings):
     step, step_min, step_max : float
         First, smallest and largest arclength step.
     target_iterations : int
-        Newton solves per point that the step control aims at.
+        Newton matrices per point that the step control aims at.
     max_points : int
         Points after which the trace stops.
     max_angle : float

@@ -16,7 +16,7 @@ import numpy as np
 from .corner import Corner, locate_corner, turn_corner
 from .geometry import Frame, Metric, arc_length, frame_along
 from .newton import Border, Correction, correct, solve_at
-from .problem import Array, Problem
+from .problem import Array, Linearization, Problem
 from .settings import Predictor, Settings
 
 _GROWTH = (0.5, 2.0)
@@ -29,6 +29,8 @@ _BRANCH_SKEW = 0.1
 _JUMPS_IN_A_ROW = 3
 _ORDINARY_STEPS = 10
 _LONGEST_JUMP = 5.0
+_NEARBY = 0.01
+_STEEP = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,10 +160,16 @@ class Stepper:
         self.refusal = f"residual {correction.residual_norm:.2g}, but the solution is far from its guess"
         return True
 
+    def _tangent_source(self, correction: Correction, size: float) -> Linearization:
+        """Linearization for the tangent: that of the iterate before where it is as good as the last one."""
+        near = self._metric.norm(correction.state - correction.solved_at) <= _NEARBY * size
+        near &= abs(float(self.frame.tangent[-1])) > _STEEP  # a fold is located by its tangents
+        return correction.solved_with if near else correction.linearization
+
     def _judge(self, correction: Correction, size: float, *, lenient: bool) -> Step | None:
         """Step that a correction makes, or None if it should be smaller."""
         old, metric, settings = self.frame, self._metric, self._settings
-        new = frame_along(metric, correction.state, correction.linearization, old.row)
+        new = frame_along(metric, correction.state, self._tangent_source(correction, size), old.row)
         if new is None:  # no unique tangent, as on a branch point: straight on
             new = Frame(correction.state, old.tangent, old.row, old.sign)
         chord = metric.norm(new.state - old.state)

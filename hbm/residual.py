@@ -9,7 +9,9 @@ amplitude: a residual of 1e-9 means that every force balance, harmonic by harmon
 excitation.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -42,15 +44,12 @@ class Kinematics:
 
     Attributes
     ----------
-    p : (2H+1, n) array
-        Coefficients of du/dq_i = (c - G q)_i.
     Gq : (2H+1, n) array
-        Coefficients of G q.
+        Coefficients of G q; du/dq = c - G q. Zeros where the structure is not drawn in.
     signals : (2H+1, 4) array
         Coefficients of u, v, rho, eta (:data:`hbm.aft.SIGNALS`).
     """
 
-    p: Array
     Gq: Array
     signals: Array
 
@@ -93,6 +92,8 @@ class HarmonicBalance:
         self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
         self.law = LawOverPeriod(rig.contact.law, basis)
         self.environment, self.dynamic_lagrangian = self._environment(rig)
+        r = s.reaction
+        self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stretch], axis=1)
         self.coupled = self._coupled_modes()
 
     # ---- set-up
@@ -156,29 +157,32 @@ class HarmonicBalance:
 
     def kinematics(self, state: State) -> Kinematics:
         """Slip, its velocity, and the two parts of the reaction, from the modes."""
-        s, basis, Q = self.structure, self.basis, state.Q
-        p = np.zeros_like(Q)
+        s, basis, Q, Omega = self.structure, self.basis, state.Q, state.Omega
+        rows = Q @ self.rows  # slip, inertia, damping, stretch
+        signals = np.empty((basis.size, 4))
+        u = signals[:, 0]
+        u[:] = rows[:, 0]
         if self.coupled:
             Gq = Q @ s.shortening
-            p -= Gq
             fine = basis.exact_products
-            shortening = fine.analysis @ np.einsum("ti,ti->t", fine.synthesis @ Gq, fine.synthesis @ Q)
+            u -= 0.5 * (fine.analysis @ np.einsum("ti,ti->t", fine.synthesis @ Gq, fine.synthesis @ Q))
         else:
-            Gq, shortening = p, 0.0
-        p[0] += s.slip_row
-        u = Q @ s.slip_row - 0.5 * shortening - self.dynamic_lagrangian * state.T
+            Gq = np.zeros_like(Q)
+        if self.dynamic_lagrangian:
+            u -= self.dynamic_lagrangian * state.T
         u[basis.fundamental] += s.residual.slip_by_force * state.F
-        r = s.reaction
-        signals = np.empty((basis.size, 4))
-        signals[:, 0] = u
-        signals[:, 1] = state.Omega * basis.derivative(u)
-        rho = -((basis.k * state.Omega) ** 2) * (Q @ r.inertia) + state.Omega * basis.derivative(Q @ r.damping)
-        rho[0] += self.rig.contact.normal_load
-        rho[basis.fundamental] -= r.force_share * state.F
-        signals[:, 2] = rho
-        signals[:, 3] = Q @ r.stretch
-        signals[0, 3] -= r.friction_lever
-        return Kinematics(p, Gq, signals)
+        signals[:, 1] = Omega * basis.derivative(u)
+        signals[:, 2] = self._reaction_of(rows[:, 1], rows[:, 2], Omega)
+        signals[0, 2] += self.rig.contact.normal_load
+        signals[basis.fundamental, 2] -= s.reaction.force_share * state.F
+        signals[:, 3] = rows[:, 3]
+        signals[0, 3] -= s.reaction.friction_lever
+        return Kinematics(Gq, signals)
+
+    def _reaction_of(self, inertia: Array, damping: Array, Omega: float) -> Array:
+        """Coefficients of the inertial and damping part of the reaction."""
+        k_Omega = self.basis.k * Omega
+        return Omega * self.basis.derivative(damping) - k_Omega**2 * inertia
 
     def dynamic_stiffness(self, Omega: float) -> tuple[Array, Array]:
         """Dynamic stiffness per mass-normalised mode, real and imaginary part, (H+1, n) [1/s2]."""
@@ -207,19 +211,41 @@ class HarmonicBalance:
     def _scaled(self, modal: Array, contact: Array) -> Array:
         return np.concatenate([(modal / self.modal_force_ref).ravel(), contact / self.F_ref])
 
-    def linearize(self, x: Array, lam: float) -> "Elimination":
-        """Residual with a factored linearisation."""
+    def linearize(self, x: Array, lam: float) -> "Linearization":
+        """Residual with its linearisation, which is worked out when first solved with."""
         state = self.unpack(x, lam)
         kin = self.kinematics(state)
-        contact = self.law.linearize(kin.signals, state.Omega, self.environment)
-        residual = self._scaled(self._modal_balance(state, kin), state.T - contact.coefficients)
-        return Elimination(self, state, kin, contact, residual)
+        T, _ = self.law.force(kin.signals, state.Omega, self.environment)
+        residual = self._scaled(self._modal_balance(state, kin), state.T - self.basis.analysis @ T)
+        return Linearization(self, state, kin, residual)
 
     def contact_state(self, state: State) -> tuple[Kinematics, Array, Array, float]:
         """Kinematics, friction force at the samples [N], internal state before the first, and closure of the loop."""
         kin = self.kinematics(state)
         T, closure = self.law.force(kin.signals, state.Omega, self.environment)
         return kin, T.copy(), self.law.memory, closure
+
+
+class Linearization:
+    """Residual at a state, and its derivative when asked for; a :class:`continuation.Linearization`."""
+
+    def __init__(self, problem: HarmonicBalance, state: State, kin: Kinematics, residual: Array) -> None:
+        self.problem, self.state, self.kin, self.residual = problem, state, kin, residual
+
+    @cached_property
+    def elimination(self) -> "Elimination":
+        """The derivative, with the modes eliminated."""
+        problem, state = self.problem, self.state
+        contact = problem.law.linearize(self.kin.signals, state.Omega, problem.environment)
+        return Elimination(problem, state, self.kin, contact)
+
+    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
+        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
+        return self.elimination.solve_bordered(row, row_lam, rhs, rhs_row)
+
+    def determinant_sign(self, row: Array, row_lam: float) -> int:
+        """Sign of the determinant of the bordered matrix."""
+        return self.elimination.determinant_sign(row, row_lam)
 
 
 class Elimination:
@@ -232,32 +258,31 @@ class Elimination:
     quadratic rate, never the answer.
     """
 
-    def __init__(
-        self, problem: HarmonicBalance, state: State, kin: Kinematics, contact: ContactForce, residual: Array
-    ) -> None:
-        self.problem, self.state, self.contact, self.residual = problem, state, contact, residual
+    def __init__(self, problem: HarmonicBalance, state: State, kin: Kinematics, contact: ContactForce) -> None:
+        self.problem, self.state, self.contact = problem, state, contact
         s, basis, m = problem.structure, problem.basis, problem.coupled
         size = basis.size
         self._m = m
         real, imaginary = problem.dynamic_stiffness(state.Omega)
         self._receptance = 1.0 / (real[:, m:] + 1j * imaginary[:, m:])
-        r = s.reaction
-        self._rows = np.stack([s.slip_row, r.inertia, r.damping, r.stretch])
-        self._law_slopes = np.hstack(
-            [b if b is not None else np.zeros((size, size)) for b in (contact.by_u, contact.by_rho, contact.by_eta)]
-        )
+        self._rows = problem.rows.T
+        slopes = [contact.by_u, contact.by_rho, contact.by_eta]
+        self._seen = [i for i in range(3 if s.reaction.varies else 1) if slopes[i] is not None]
+        self._law_slopes = [b for i, b in enumerate(slopes) if b is not None and i in self._seen]
         self._core = np.eye(size)
         if s.n > m:
             self._core -= self._law_of_others()
-        if problem.dynamic_lagrangian:
-            self._core += problem.dynamic_lagrangian * self._law_slopes[:, :size]
+        if problem.dynamic_lagrangian and contact.by_u is not None:
+            self._core += problem.dynamic_lagrangian * contact.by_u
         modal_slope, contact_slope = self._slope()
         self._modal_slope = modal_slope
         self._core_lam = contact_slope
         if s.n > m:
             self._core_lam = contact_slope + self._law_of_field(self._receptance_of(modal_slope[:, m:]))
         if m:
-            self._p = basis.multiplication(kin.p[:, :m])  # (2H+1, 2H+1, m)
+            p = -kin.Gq[:, :m]
+            p[0] += s.slip_row[:m]
+            self._p = basis.multiplication(p)  # (2H+1, 2H+1, m)
             self._lu, self._pivots = self._factor(real[:, :m], imaginary[:, :m])
             forces = np.empty((size, m, size + 1))
             forces[:, :, :size] = self._p.transpose(0, 2, 1)
@@ -295,12 +320,18 @@ class Elimination:
         """Change (2H+1, r) of the law's force coefficients with the coupled modes (2H+1, m, r)."""
         basis, m = self.problem.basis, self._m
         size, r = basis.size, modes.shape[2]
-        seen = np.empty((3, size, r))
-        np.matmul(self._p.reshape(size, size * m), modes.reshape(size * m, r), out=seen[0])
-        reaction = np.matmul(self._rows[1:, :m], modes)  # (2H+1, 3, r)
-        seen[1] = self._reaction(reaction[:, 0], reaction[:, 1])
-        seen[2] = reaction[:, 2]
-        return np.asarray(self._law_slopes @ seen.reshape(3 * size, r))
+        seen = [self._p.reshape(size, size * m) @ modes.reshape(size * m, r)]
+        if len(self._seen) > 1:
+            reaction = np.matmul(self._rows[1:, :m], modes)  # (2H+1, 3, r)
+            seen += [self._reaction(reaction[:, 0], reaction[:, 1]), reaction[:, 2]]
+        return self._law_of_signals(seen)
+
+    def _law_of_signals(self, seen: Sequence[Array]) -> Array:
+        """Change of the law's force coefficients with those of u, rho, eta."""
+        out = np.zeros_like(seen[0])
+        for i, slope in zip(self._seen, self._law_slopes, strict=True):
+            out += slope @ seen[i]
+        return out
 
     def _reaction(self, inertia: Array, damping: Array) -> Array:
         basis, Omega = self.problem.basis, self.state.Omega
@@ -317,8 +348,7 @@ class Elimination:
     def _law_of_field(self, others: Array) -> Array:
         """Change (2H+1,) of the law's force coefficients with the other modes (2H+1, n - m)."""
         seen = others @ self._rows[:, self._m :].T
-        signals = np.concatenate([seen[:, 0], self._reaction(seen[:, 1], seen[:, 2]), seen[:, 3]])
-        return np.asarray(self._law_slopes @ signals)
+        return self._law_of_signals([seen[:, 0], self._reaction(seen[:, 1], seen[:, 2]), seen[:, 3]])
 
     def _law_of_others(self) -> Array:
         """Change (2H+1, 2H+1) of the law's force coefficients with those of T, through the other modes."""
@@ -329,8 +359,9 @@ class Elimination:
         k_Omega = np.arange(H + 1) * self.state.Omega
         rho = -(k_Omega**2) * transfer[:, 1] + 1j * k_Omega * transfer[:, 2]
         out = np.zeros((size, size))
-        for i, t in enumerate((transfer[:, 0], rho, transfer[:, 3])):
-            slope = self._law_slopes[:, i * size : (i + 1) * size]
+        of_signals = (transfer[:, 0], rho, transfer[:, 3])
+        for i, slope in zip(self._seen, self._law_slopes, strict=True):
+            t = of_signals[i]
             out += slope * np.concatenate([t.real, t.real[1:]])
             # a - i b is turned by t: the sine column feeds the cosine with +imag, the cosine the sine with -imag
             out[:, 1 : H + 1] -= slope[:, H + 1 :] * t.imag[1:]
@@ -410,8 +441,12 @@ class Elimination:
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix; uncoupled modes contribute positive blocks."""
         matrix, _ = self._bordered(row, row_lam)
-        sign = float(np.linalg.slogdet(matrix)[0])
-        if self._m:
-            swaps = int(np.count_nonzero(self._pivots != np.arange(len(self._pivots))))
-            sign *= float(np.prod(np.sign(np.diag(self._lu)))) * (-1.0) ** swaps
-        return int(sign)
+        lu, pivots, _ = lapack.dgetrf(matrix)
+        sign = _determinant_sign(lu, pivots)
+        return sign * _determinant_sign(self._lu, self._pivots) if self._m else sign
+
+
+def _determinant_sign(lu: Array, pivots: Array) -> int:
+    """Sign of the determinant of a matrix from its LU factors."""
+    negative = np.count_nonzero(lu.diagonal() < 0.0) + np.count_nonzero(pivots != np.arange(len(pivots)))
+    return 0 if not lu.diagonal().all() else -1 if negative % 2 else 1

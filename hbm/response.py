@@ -27,7 +27,7 @@ from hbm.solution import PeriodicSolution, describe
 from hbm.threads import one_thread
 from models.rig import Rig
 
-TOLERANCE = 1e-11
+TOLERANCE = 1e-9
 """Every force balance closes to this fraction of the excitation, see :mod:`hbm.residual`."""
 
 PEAK_ACCURACY = 1e-6
@@ -186,6 +186,7 @@ def _settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: f
         weights=weights,
         max_points=20000,
         max_angle=1.0,
+        corner_angle=0.3,
         predictor=Predictor.CURVED,
     )
 

@@ -85,7 +85,7 @@ def _contact_equation(shape: Shape) -> tuple[ca.Function, bool]:
 
 @dataclass(frozen=True, eq=False)
 class _Mechanics:
-    """The structure as the contact sees it, in symbols: run-time parameters `p`, the force at the step's end, its rate."""
+    """The structure as the contact sees it, in symbols: run-time parameters `p`, force and force rate at the end."""
 
     shape: Shape
     p: dict[str, ca.SX]

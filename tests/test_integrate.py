@@ -502,7 +502,7 @@ def test_harmonic_balance_finds_the_same_steady_state(law: FrictionLaw) -> None:
         ours = motion.history.harmonics(channel, 9)
         first = int(channel == "a1")  # an acceleration has no mean
         scale = np.abs(ours[1:]).max()
-        np.testing.assert_allclose(ours[first:], theirs[first:], rtol=0, atol=1e-3 * scale, err_msg=channel)
+        np.testing.assert_allclose(ours[first:], theirs[first:], rtol=0, atol=5e-4 * scale, err_msg=channel)
 
 
 # --- a law from outside the catalogue
@@ -587,7 +587,7 @@ def test_contact_agrees_with_the_finite_element_simulator(name: str, record: int
     assert motion.converged
     phase = truth["phase"] - np.arctan2(b, a) / (2 * np.pi)
     # amplitudes of half the range; modes left out (10 against a full beam) and, in R, the elements' own ringing
-    for channel, tolerance in (("slip", 0.006), ("friction", 0.008), ("normal", 0.06)):
+    for channel, tolerance in (("slip", 1e-3), ("friction", 6e-3), ("normal", 0.06)):
         ours, theirs = on_phases(motion.history, channel, phase), truth[channel]
         if not slips:  # its mean is what the contact's history left
             ours, theirs = ours - ours.mean(), theirs - theirs.mean()
