@@ -20,11 +20,12 @@ from statistics import median
 from time import perf_counter
 
 import numpy as np
+from cases import CASES, Row, damped, load, seconds
+from peers.ours import traced
 from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_info
 
-from cases import CASES, Row, damped, load, seconds
 from hbm.curve import ResponseCurve
 from hbm.fourier import FourierBasis
 from hbm.residual import HarmonicBalance
@@ -33,7 +34,6 @@ from hbm.solution import describe
 from hbm.threads import one_thread
 from models import Rig
 from models.published import paper_rig
-from peers.ours import traced
 
 ROOT = Path(__file__).parent.parent
 ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
@@ -84,9 +84,7 @@ def pieces(rig: Rig, H: int, N_t: int) -> dict[str, float]:
         "residual": seconds(lambda: problem.residual(x, lam)),
         "friction law over a period, with derivatives": seconds(by_law),
         "Newton iteration: residual, Jacobian, elimination, solve": seconds(iteration),
-        "another solve with the same Jacobian": seconds(
-            lambda: linear.solve_bordered(row, 1.0, -linear.residual, 0.0)
-        ),
+        "another solve with the same Jacobian": seconds(lambda: linear.solve_bordered(row, 1.0, -linear.residual, 0.0)),
         "sign of the determinant": seconds(lambda: linear.determinant_sign(row, 1.0)),
         "describe a point: channels, energy balance": seconds(lambda: describe(problem, x, lam)),
     }
@@ -119,7 +117,8 @@ def ours() -> None:
     """Print the times of this package."""
     rigs = {n: damped(paper_rig()).with_modes(n) for n in (5, 50)}
     measured = {
-        f"{n} modes, H = {H}": pieces(rig, H, 256) for n, rig, H in ((5, rigs[5], 15), (5, rigs[5], 9), (50, rigs[50], 9))
+        f"{n} modes, H = {H}": pieces(rig, H, 256)
+        for n, rig, H in ((5, rigs[5], 15), (5, rigs[5], 9), (50, rigs[50], 9))
     }
     table = Table("ms, N_t = 256", *measured, title="The paper's beam with all couplings: one call")
     for piece in next(iter(measured.values())):

@@ -21,13 +21,15 @@ from models.rig import Rig
 TOLERANCE = 5e-3
 """Largest accepted change of drive displacement and friction force, relative to their peak on the curve."""
 
-LADDER = (7, 9, 13, 19, 27, 39, 55)
+LADDER = (7, 9, 11, 13, 15, 19, 25, 33, 43, 55)
 """Harmonics tried by :func:`frequency_response`."""
 
 JUDGED = ("drive", "friction")
 """Channels whose change is measured."""
 
 SAMPLES_LIMIT = 4096
+SPREAD = 8
+"""Points spread over a curve that are solved again to estimate its error."""
 
 
 def frequency_response(
@@ -92,7 +94,7 @@ def choose_harmonics(
     reason : str
     """
     pilot = trace_frequency(rig, hz, level=level, harmonics=LADDER[0], step_hz=abs(hz[1] - hz[0]) / 25)
-    found, scales = probes(pilot), _scales(pilot)
+    found, scales = [pilot.points[i] for i in sorted(peaks(pilot))], _scales(pilot)
     N_t, change = default_samples(LADDER[-1]), np.inf
     for H, finer in pairwise(LADDER):
         refined = _solve_again(found, HarmonicBalance(rig, FourierBasis(finer, N_t), level=level))
@@ -130,14 +132,16 @@ def _choose_samples(
         N_t, coarse = 2 * N_t, fine
 
 
-def probes(curve: ResponseCurve, spread: int = 8) -> list[PeriodicSolution]:
-    """Points worth solving again: the peaks, the most harmonic ones, and some spread over the curve."""
-    drive, friction = curve["drive"], curve["friction"]
-    H = curve.basis.H
-    tail = np.linalg.norm(drive.amplitude[:, 2 * H // 3 :], axis=1) / drive.peak.max()
-    chosen = {int(np.argmax(drive.peak)), int(np.argmax(friction.peak)), int(np.argmax(tail))}
-    chosen |= set(np.linspace(0, len(curve.points) - 1, spread).astype(int).tolist())
-    return [curve.points[i] for i in sorted(chosen)]
+def peaks(curve: ResponseCurve) -> set[int]:
+    """Where drive displacement and friction force are largest."""
+    return {int(np.argmax(curve[name].peak)) for name in JUDGED}
+
+
+def probes(curve: ResponseCurve) -> list[PeriodicSolution]:
+    """Points worth solving again: the peaks, the one with the strongest high harmonics, some spread over the curve."""
+    tail = np.linalg.norm(curve["drive"].amplitude[:, 2 * curve.basis.H // 3 :], axis=1)
+    spread = np.linspace(0, len(curve.points) - 1, SPREAD).astype(int).tolist()
+    return [curve.points[i] for i in sorted({*peaks(curve), int(np.argmax(tail)), *spread})]
 
 
 def estimate_error(curve: ResponseCurve) -> NumericalError:

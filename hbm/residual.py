@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import lapack
 
 from hbm.aft import ContactForce, Environment, LawOverPeriod
@@ -26,6 +27,11 @@ Parameter = Literal["frequency", "force"]
 
 COUPLING = 0.02
 """Foreshortening of a mode stays out of the Newton matrix below this fraction of its least dynamic stiffness."""
+
+
+LOW_HARMONICS = 5
+RESONANT = 2e-3
+"""Among the coupled modes it stays in the matrix up to this harmonic, and above this fraction of the stiffness."""
 
 
 @dataclass(frozen=True)
@@ -94,6 +100,7 @@ class HarmonicBalance:
         self.environment, self.dynamic_lagrangian = self._environment(rig)
         r = s.reaction
         self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stretch], axis=1)
+        self.coupling = rig.contact.normal_load * np.diag(s.shortening)
         self.coupled = self._coupled_modes()
 
     # ---- set-up
@@ -118,8 +125,7 @@ class HarmonicBalance:
         """How many of the lowest modes need their foreshortening in the Newton matrix."""
         s = self.structure
         least_stiffness = np.minimum(s.damping * s.omega_n, s.omega_n**2)
-        coupling = self.rig.contact.normal_load * np.diag(s.shortening)
-        strong = np.flatnonzero(coupling > COUPLING * least_stiffness)
+        strong = np.flatnonzero(self.coupling > COUPLING * least_stiffness)
         return int(strong[-1]) + 1 if strong.size else 0
 
     def with_harmonics(self, H: int) -> "HarmonicBalance":
@@ -283,7 +289,7 @@ class Elimination:
             p = -kin.Gq[:, :m]
             p[0] += s.slip_row[:m]
             self._p = basis.multiplication(p)  # (2H+1, 2H+1, m)
-            self._lu, self._pivots = self._factor(real[:, :m], imaginary[:, :m])
+            self._factor(real[:, :m] + 1j * imaginary[:, :m])
             forces = np.empty((size, m, size + 1))
             forces[:, :, :size] = self._p.transpose(0, 2, 1)
             forces[:, :, size] = modal_slope[:, :m]
@@ -294,27 +300,40 @@ class Elimination:
 
     # ---- coupled modes
 
-    def _factor(self, real: Array, imaginary: Array) -> tuple[Array, Array]:
-        """LU of the coupled modes' dynamic stiffness with the parametric stiffness T G."""
-        basis, m, size = self.problem.basis, self._m, self.problem.basis.size
-        product = basis.multiplication(self.state.T)
-        G = self.problem.structure.shortening[:m, :m]
-        K = np.multiply(product[:, None, :, None], G[None, :, None, :])
-        H = basis.H
-        blocks = K.reshape(size * m, size * m)
-        flat = blocks.ravel()
-        N, half = size * m, H * m
-        flat[:: N + 1] += np.concatenate([real, real[1:]]).ravel()
-        # imaginary parts stand H harmonics off the diagonal, from the first harmonic on
-        flat[m * (N + 1) + half : (m + half) * (N + 1) : N + 1] += imaginary[1:].ravel()
-        flat[(m + half) * (N + 1) - half :: N + 1] -= imaginary[1:].ravel()
-        lu, pivots, _ = lapack.dgetrf(blocks.T, overwrite_a=1)  # factored transposed: no copy
-        return lu, pivots
+    def _factor(self, stiffness: npt.NDArray[np.complex128]) -> None:
+        """Receptance of the coupled modes, and LU with the parametric stiffness T G where that matters.
+
+        It matters in the low harmonics, which T couples most, and wherever a mode resonates; elsewhere the
+        coupled modes are diagonal to the accuracy that Newton needs.
+        """
+        problem, basis, m = self.problem, self.problem.basis, self._m
+        self._coupled_receptance = 1.0 / stiffness
+        strong = problem.coupling[:m] > RESONANT * np.abs(stiffness)
+        strong[: LOW_HARMONICS + 1] = True
+        cosines = np.flatnonzero(strong)
+        sines = np.flatnonzero(strong[1:]) + strong.size  # behind the (H+1) m cosines
+        self._dense = dense = np.concatenate([cosines, sines])
+        harmonic, mode = np.divmod(dense, m)
+        G = problem.structure.shortening
+        K = basis.multiplication(self.state.T)[harmonic[:, None], harmonic] * G[mode[:, None], mode]
+        values, c, turns = stiffness.ravel()[cosines], np.arange(len(cosines)), np.arange(len(sines))
+        K[c, c] += values.real
+        values, turning, turned = values[m:], c[m:], turns + len(cosines)  # harmonic 0 does not turn
+        K[turned, turned] += values.real
+        K[turning, turned] += values.imag
+        K[turned, turning] -= values.imag
+        self._lu, self._pivots, _ = lapack.dgetrf(K, overwrite_a=1)
 
     def _solve_coupled(self, forces: Array) -> Array:
         """Motion (2H+1, m, r) of the coupled modes under modal forces."""
-        flat, _ = lapack.dgetrs(self._lu, self._pivots, forces.reshape(len(self._lu), -1), trans=1)
-        return np.asarray(flat.reshape(forces.shape))
+        basis = self.problem.basis
+        flat = forces.reshape(-1, forces.shape[2])
+        if len(self._dense) == len(flat):
+            motion = np.empty(forces.shape)
+        else:
+            motion = basis.real(basis.complex(forces) * self._coupled_receptance[:, :, None])
+        motion.reshape(flat.shape)[self._dense] = lapack.dgetrs(self._lu, self._pivots, flat[self._dense])[0]
+        return motion
 
     def _law_of_coupled(self, modes: Array) -> Array:
         """Change (2H+1, r) of the law's force coefficients with the coupled modes (2H+1, m, r)."""

@@ -11,7 +11,6 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-
 from cases import Case, Row, load, seconds, timed
 
 STEP = 0.06  # arclength over coefficients and rad/s

@@ -3,8 +3,8 @@
 from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
-
 from cases import Case, Row, load, seconds, timed
+
 from hbm.curve import ResponseCurve
 from hbm.response import trace_frequency
 from hbm.threads import one_thread

@@ -13,7 +13,6 @@ from importlib.metadata import version
 from typing import Any
 
 import numpy as np
-
 from cases import Case, Row, load, seconds, timed
 
 LENGTH, OMEGA = 2e-3, 2 * np.pi * 50.0
