@@ -251,9 +251,12 @@ def compared(case_name: str) -> None:
                 f"  {row.tool}{threads}: {wall / ours_wall:.1f} times our time per curve, "
                 f"{wall / n / (ours_wall / ours_n):.1f} times per point"
             )
-            agreed = max(digits(top, true_peak), digits_at_its_top(row, reference))
+            agreed = digits(top, true_peak)
             if agreed < DIGITS:
-                lines[-1] += f"; THE PEAKS AGREE TO {agreed:.1f} DIGITS ONLY, {DIGITS} are required"
+                lines[-1] += (
+                    f"; its peak has {agreed:.1f} digits, {DIGITS} are asked for: "
+                    f"at its own highest point the two codes agree to {digits_at_its_top(row, reference):.1f}"
+                )
     console.print(table)
     for line in lines:
         console.print(line)

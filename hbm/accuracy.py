@@ -6,7 +6,6 @@ more samples and more modes, and the change is the estimate.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -14,14 +13,14 @@ from continuation import ConvergenceError
 from hbm.curve import Assessment, NumericalError, Probe, ResponseCurve
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance
-from hbm.response import OnPoint, default_samples, default_sweep, solve_near, trace_frequency
+from hbm.response import OnPoint, default_samples, default_sweep, scout_frequency, solve_near, trace_frequency
 from hbm.solution import PeriodicSolution, describe
 from models.rig import Rig
 
 TOLERANCE = 5e-3
 """Largest accepted change of drive displacement and friction force, relative to their peak on the curve."""
 
-LADDER = (7, 9, 11, 13, 15, 19, 25, 33, 43, 55)
+LADDER = (7, 9, 11, 13, 15, 17, 19, 23, 27, 33, 39, 47)
 """Harmonics tried by :func:`frequency_response`."""
 
 JUDGED = ("drive", "friction")
@@ -93,23 +92,33 @@ def choose_harmonics(
     H, N_t : int
     reason : str
     """
-    pilot = trace_frequency(rig, hz, level=level, harmonics=LADDER[0], step_hz=abs(hz[1] - hz[0]) / 25)
+    pilot = scout_frequency(rig, hz, level=level)
     found, scales = [pilot.points[i] for i in sorted(peaks(pilot))], _scales(pilot)
-    N_t, change = default_samples(LADDER[-1]), np.inf
-    for H, finer in pairwise(LADDER):
-        refined = _solve_again(found, HarmonicBalance(rig, FourierBasis(finer, N_t), level=level))
-        pairs = [(a, b) for a, b in zip(found, refined, strict=True) if b is not None]
-        change = max((_change(a, b, scales) for a, b in pairs), default=np.inf)
+    change = np.inf
+    for H in LADDER:
+        N_t = default_samples(finer(H))
+        found = _found(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
+        refined = _solve_again(found, HarmonicBalance(rig, FourierBasis(finer(H), N_t), level=level))
+        changes = [_change(a, b, scales) for a, b in zip(found, refined, strict=True)]
+        change = max(changes, default=np.inf)
         if change < tolerance:
             N_t, moved = _choose_samples(rig, found, H, level, scales, tolerance)
             reason = (
-                f"H = {H}: {finer} harmonics change peak and friction by {change:.2%}, "
+                f"H = {H}: {finer(H)} harmonics change peak and friction by {change:.2%}, "
                 f"{2 * N_t} samples by {moved:.2%} (tolerance {tolerance:.2%})"
             )
             return H, N_t, reason
-        found = [b for _, b in pairs]
-    H = LADDER[-1]
-    return H, default_samples(H), f"H = {H}, the most that is tried: still {change:.2%} from {LADDER[-2]} harmonics"
+    return H, default_samples(H), f"H = {H}, the most that is tried: still {change:.2%} from {finer(H)} harmonics"
+
+
+def finer(H: int) -> int:
+    """Harmonics that H are compared with."""
+    return 2 * H + 1
+
+
+def _found(points: Sequence[PeriodicSolution], problem: HarmonicBalance) -> list[PeriodicSolution]:
+    """Points on another discretisation, those that were found."""
+    return [p for p in _solve_again(points, problem) if p is not None]
 
 
 def _choose_samples(
@@ -157,21 +166,24 @@ def estimate_error(curve: ResponseCurve) -> NumericalError:
     """
     rig, found = curve.rig, probes(curve)
     H, N_t, n = curve.basis.H, curve.basis.N_t, rig.structure.n
-    finer_H, finer_N, finer_rig = int(1.5 * H) + 3, 2 * N_t, rig.with_modes(2 * n)
-    finer = {
+    finer_H, finer_N, finer_rig = finer(H), 2 * N_t, rig.with_modes(2 * n)
+    total = _changes(curve, found, finer_rig, finer_H, finer_N)
+    peak = next(i for i, p in enumerate(found) if p is curve.peak)
+    worst = peak if np.all(np.isnan(total)) else int(np.nanargmax(total))
+    told_apart = sorted({peak, worst})
+    shares = {
         "harmonics": (rig, finer_H, N_t if N_t > 4 * finer_H else finer_N),
         "samples": (rig, H, finer_N),
         "modes": (finer_rig, H, N_t),
-        "total": (finer_rig, finer_H, finer_N),
     }
-    if finer_rig.structure.n == n:
-        del finer["modes"]
-    changes = {source: _changes(curve, found, *problem) for source, problem in finer.items()}
-    changes.setdefault("modes", np.full(len(found), np.nan))
+    sources = {name: np.full(len(found), np.nan) for name in shares}
+    for name, finer_problem in shares.items():
+        if name != "modes" or finer_rig.structure.n > n:
+            sources[name][told_apart] = _changes(curve, [found[i] for i in told_apart], *finer_problem)
     table = tuple(
-        Probe(p.hz, **{source: float(change[i]) for source, change in changes.items()}) for i, p in enumerate(found)
+        Probe(p.hz, **{name: float(change[i]) for name, change in sources.items()}, total=float(total[i]))
+        for i, p in enumerate(found)
     )
-    peak = next(i for i, p in enumerate(found) if p is curve.peak)
     return NumericalError(table, table[peak], max(p.closure for p in curve.points))
 
 

@@ -23,7 +23,7 @@ class Probe:
     harmonics, samples, modes, total : float
         Largest change over the period of drive displacement or friction force, relative to the peak of that channel
         on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where
-        the finer problem was not solved.
+        the finer problem was not solved (the single sources are told apart at the peak and where the total is largest).
     """
 
     hz: float
@@ -176,7 +176,7 @@ class ResponseCurve:
             unit=signals[0].unit,
             harmonics=np.array([s.coefficients for s in signals]),
             peak=np.array([s.peak for s in signals]),
-            rms=np.array([np.sqrt(np.mean(s.samples**2)) for s in signals]),
+            rms=np.sqrt(np.mean(np.array([s.samples for s in signals]) ** 2, axis=1)),
         )
 
     def __getitem__(self, name: str) -> ChannelCurve:

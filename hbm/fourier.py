@@ -1,7 +1,7 @@
 """The Fourier basis: the only home of the coefficient order [a_0, a_1..a_H, b_1..b_H]."""
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -102,35 +102,6 @@ class FourierBasis:
         """Coefficients of Re sum c_k exp(i k theta), inverse of :meth:`complex`, (2H+1, ...)."""
         return np.concatenate([amplitudes.real, -amplitudes.imag[1:]])
 
-    @cached_property
-    def _products(self) -> sparse.csr_array:
-        """Linear map from the coefficients of a to the matrix of b -> a b, truncated to H."""
-        H, n = self.H, self.size
-        entries: list[tuple[int, int, int, float]] = []
-
-        def add(j: int, m: int, harmonic: int, sine: bool, value: float) -> None:
-            # product of basis functions j (of a) and m (of b) contributes `value` at a basis function
-            if (sine and harmonic == 0) or abs(harmonic) > H:
-                return
-            if sine:
-                entries.append((H + abs(harmonic), m, j, value if harmonic > 0 else -value))
-            else:
-                entries.append((abs(harmonic), m, j, value))
-
-        for j in range(n):
-            for m in range(n):
-                p, q = int(self.k[j]), int(self.k[m])
-                j_sine, m_sine = j > H, m > H
-                if j_sine == m_sine:  # cos cos, sin sin
-                    add(j, m, p - q, False, 0.5)
-                    add(j, m, p + q, False, -0.5 if j_sine else 0.5)
-                else:  # sin cos, cos sin
-                    add(j, m, p + q, True, 0.5)
-                    add(j, m, p - q if j_sine else q - p, True, 0.5)
-        row, column, source, value = zip(*entries, strict=True)
-        flat = np.asarray(row) * n + np.asarray(column)
-        return sparse.csr_array((value, (flat, source)), shape=(n * n, n))
-
     def multiplication(self, coefficients: Array) -> Array:
         """Matrices that multiply a series by given ones, truncated to H.
 
@@ -144,9 +115,32 @@ class FourierBasis:
         (2H+1, 2H+1) or (2H+1, 2H+1, m) array
             `out[..., j] @ b` are the coefficients of a_j b.
         """
-        return np.asarray(self._products @ coefficients).reshape((self.size, self.size, *coefficients.shape[1:]))
+        return np.asarray(_products(self.H) @ coefficients).reshape((self.size, self.size, *coefficients.shape[1:]))
 
     @cached_property
     def exact_products(self) -> "FourierBasis":
         """The coarsest basis whose samples carry products of two series without aliasing into 0..H."""
         return FourierBasis(self.H, 3 * self.H + 2)
+
+
+@lru_cache(maxsize=32)
+def _products(H: int) -> sparse.csr_array:
+    """Linear map from the coefficients of a to the matrix of b -> a b, truncated to H."""
+    n = 2 * H + 1
+    j, m = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
+    p, q = np.where(j > H, j - H, j), np.where(m > H, m - H, m)
+    j_sine, m_sine = j > H, m > H
+    same = j_sine == m_sine
+    # cos cos and sin sin give cosines, the mixed products sines, of the sum and of the difference
+    total, difference = p + q, np.where(same | j_sine, p - q, q - p)
+    terms = [(total, np.where(j_sine & m_sine, -0.5, 0.5)), (difference, np.full(j.shape, 0.5))]
+    rows, columns, values = [], [], []
+    for harmonic, value in terms:
+        kept = (np.abs(harmonic) <= H) & (same | (harmonic != 0))
+        row = np.where(same, np.abs(harmonic), H + np.abs(harmonic))
+        signed = np.where(same | (harmonic > 0), value, -value)
+        rows.append((row * n + m)[kept])
+        columns.append(j[kept])
+        values.append(signed[kept])
+    shape = (n * n, n)
+    return sparse.csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)

@@ -60,6 +60,38 @@ class Kinematics:
     signals: Array
 
 
+@dataclass(frozen=True)
+class DenseBlock:
+    """The coefficients whose parametric stiffness is kept in the Newton matrix.
+
+    Attributes
+    ----------
+    cosines : (c,) array of int
+        The pairs, in the order harmonic by harmonic, mode by mode.
+    coefficients : (d,) array of int
+        Their cosine, then their sine coefficients in the flat (2H+1, m) unknowns.
+    products : (d, d) array of int
+        Where each pair of coefficients finds its entry in the flat multiplication matrix of T.
+    G : (d, d) array
+        Shortening of the modes of each pair.
+    """
+
+    cosines: npt.NDArray[np.intp]
+    coefficients: npt.NDArray[np.intp]
+    products: npt.NDArray[np.intp]
+    G: Array
+
+    @staticmethod
+    def of(strong: npt.NDArray[np.bool_], shortening: Array, size: int) -> "DenseBlock":
+        """Block of the pairs `strong` (H+1, m); harmonic 0 whole."""
+        cosines = np.flatnonzero(strong)
+        sines = np.flatnonzero(strong[1:]) + strong.size  # behind the (H+1) m cosines
+        coefficients = np.concatenate([cosines, sines])
+        harmonic, mode = np.divmod(coefficients, strong.shape[1])
+        products = harmonic[:, None] * size + harmonic
+        return DenseBlock(cosines, coefficients, products, shortening[mode[:, None], mode])
+
+
 class HarmonicBalance:
     """A rig on a Fourier basis with one free parameter, a :class:`continuation.Problem`.
 
@@ -100,6 +132,7 @@ class HarmonicBalance:
         self.environment, self.dynamic_lagrangian = self._environment(rig)
         r = s.reaction
         self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stretch], axis=1)
+        self._blocks: dict[bytes, DenseBlock] = {}
         self.coupling = rig.contact.normal_load * np.diag(s.shortening)
         self.coupled = self._coupled_modes()
 
@@ -127,6 +160,13 @@ class HarmonicBalance:
         least_stiffness = np.minimum(s.damping * s.omega_n, s.omega_n**2)
         strong = np.flatnonzero(self.coupling > COUPLING * least_stiffness)
         return int(strong[-1]) + 1 if strong.size else 0
+
+    def dense_block(self, strong: npt.NDArray[np.bool_]) -> "DenseBlock":
+        """Where the (harmonic, mode) pairs `strong` (H+1, m) stand in the balance; remembered from point to point."""
+        key = strong.tobytes()
+        if key not in self._blocks:
+            self._blocks[key] = DenseBlock.of(strong, self.structure.shortening, self.basis.size)
+        return self._blocks[key]
 
     def with_harmonics(self, H: int) -> "HarmonicBalance":
         """Return the same problem with another number of harmonics on the same samples."""
@@ -310,15 +350,13 @@ class Elimination:
         self._coupled_receptance = 1.0 / stiffness
         strong = problem.coupling[:m] > RESONANT * np.abs(stiffness)
         strong[: LOW_HARMONICS + 1] = True
-        cosines = np.flatnonzero(strong)
-        sines = np.flatnonzero(strong[1:]) + strong.size  # behind the (H+1) m cosines
-        self._dense = dense = np.concatenate([cosines, sines])
-        harmonic, mode = np.divmod(dense, m)
-        G = problem.structure.shortening
-        K = basis.multiplication(self.state.T)[harmonic[:, None], harmonic] * G[mode[:, None], mode]
-        values, c, turns = stiffness.ravel()[cosines], np.arange(len(cosines)), np.arange(len(sines))
+        block = problem.dense_block(strong)
+        self._dense = block.coefficients
+        K = basis.multiplication(self.state.T).ravel()[block.products] * block.G
+        values, c = stiffness.ravel()[block.cosines], np.arange(len(block.cosines))
         K[c, c] += values.real
-        values, turning, turned = values[m:], c[m:], turns + len(cosines)  # harmonic 0 does not turn
+        values, turning = values[m:], c[m:]  # harmonic 0 does not turn
+        turned = turning - m + len(c)
         K[turned, turned] += values.real
         K[turning, turned] += values.imag
         K[turned, turning] -= values.imag

@@ -110,7 +110,10 @@ def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) ->
 
 
 def pad(problem: HarmonicBalance, state: State) -> Array:
-    """Scaled unknowns of a state on the problem's harmonics and modes, filled with zeros or cut."""
+    """Scaled unknowns of a state on the problem's harmonics and modes.
+
+    New harmonics start from zero, new modes from their linear response to excitation and friction.
+    """
     H_old, n_old = state.Q.shape[0] // 2, state.Q.shape[1]
     size, n, H = problem.basis.size, problem.structure.n, problem.basis.H
     keep = min(H, H_old)
@@ -120,6 +123,12 @@ def pad(problem: HarmonicBalance, state: State) -> Array:
     Q, T = np.zeros((size, n)), np.zeros(size)
     Q[target, :m] = state.Q[source, :m]
     T[target] = state.T[source]
+    if n > m:
+        s, basis = problem.structure, problem.basis
+        forces = np.outer(T, s.slip_row[m:])
+        forces[basis.fundamental] += state.F * s.excitation[m:]
+        real, imaginary = problem.dynamic_stiffness(state.Omega)
+        Q[:, m:] = basis.real(basis.complex(forces) / (real[:, m:] + 1j * imaginary[:, m:]))
     return problem.pack(State(Q, T, state.Omega, state.F))[0]
 
 
@@ -186,7 +195,7 @@ def _settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: f
         weights=weights,
         max_points=20000,
         max_angle=1.0,
-        corner_angle=0.3,
+        corner_angle=0.5,
         predictor=Predictor.CURVED,
     )
 
@@ -237,7 +246,19 @@ def trace_frequency(
     problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     to_lam = 2 * np.pi / problem.Omega_ref
     step = abs(end - begin) / 50 if step_hz is None else step_hz
-    return _trace(problem, begin * to_lam, _settings(problem, begin * to_lam, end * to_lam, step * to_lam), on_point)
+    settings = _settings(problem, begin * to_lam, end * to_lam, step * to_lam)
+    return _with_peak(_trace(problem, begin * to_lam, settings, on_point))
+
+
+def scout_frequency(rig: Rig, hz: tuple[float, float], *, level: float | None = None) -> ResponseCurve:
+    """Coarse frequency response with few harmonics, to see where the peaks are; no corner is looked for.
+
+    Parameters and errors as for :func:`trace_frequency`.
+    """
+    problem = HarmonicBalance(rig, FourierBasis(7, 128), level=level)
+    lam0, lam1 = (2 * np.pi * f / problem.Omega_ref for f in hz)
+    settings = _settings(problem, lam0, lam1, abs(lam1 - lam0) / 25)
+    return _trace(problem, lam0, replace(settings, max_angle=2.0, corner_angle=np.pi), None)
 
 
 def force_response(
@@ -275,7 +296,7 @@ def force_response(
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = HarmonicBalance(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
-    return _trace(problem, lam0, _settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point)
+    return _with_peak(_trace(problem, lam0, _settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
 
 
 @one_thread
@@ -291,13 +312,14 @@ def _trace(problem: HarmonicBalance, lam0: float, settings: Settings, on_point: 
 
     branch = continue_branch(problem, first_solution(problem, lam0), lam0, settings, report)
     points = tuple(describe(problem, p.x, p.lam) for p in branch.points)
-    return _with_peak(ResponseCurve(problem.rig, points, branch, problem))
+    return ResponseCurve(problem.rig, points, branch, problem)
 
 
+@one_thread
 def _with_peak(curve: ResponseCurve) -> ResponseCurve:
     """Add points around the largest drive displacement until a parabola through them has its top among them."""
     for _ in range(8):
-        drive = curve["drive"].peak
+        drive = np.array([p.channels["drive"].peak for p in curve.points])
         i = int(np.argmax(drive))
         if not 0 < i < len(drive) - 1:
             return curve

@@ -52,10 +52,11 @@ def amplitudes(coefficients: Array) -> Array:
 
 def _smooth_peak(samples: Array) -> float:
     """Largest magnitude of a smooth periodic signal, by a parabola through the three samples around it."""
-    i = int(np.argmax(np.abs(samples)))
-    before, top, after = np.abs(samples[i - 1]), np.abs(samples[i]), np.abs(samples[(i + 1) % len(samples)])
+    magnitude = np.abs(samples)
+    i = int(magnitude.argmax())
+    before, top, after = (float(magnitude[j]) for j in (i - 1, i, (i + 1) % len(samples)))
     bend = before + after - 2 * top
-    return float(top - (after - before) ** 2 / (8 * bend)) if bend < 0.0 else float(top)
+    return top - (after - before) ** 2 / (8 * bend) if bend < 0.0 else top
 
 
 @dataclass(frozen=True, eq=False)
