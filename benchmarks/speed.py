@@ -1,8 +1,11 @@
 """How fast: the parts of this package, and whole curves beside pyHarm and harmonicbalance on the same equations.
 
 Every curve is traced in a process of its own. The first run, with compilation and caches, is not counted; the times are
-medians of the next five. Comparisons are with a finely traced curve of ours. What pyHarm costs depends on the number of
-BLAS threads, so it runs twice: in the environment as it is, and with one thread.
+medians of up to five more, fewer where a tool is slow. Comparisons are with a finely traced curve of ours. The peers'
+steps are hand-picked, so a time per curve depends on that choice; a time per point less so.
+
+pyHarm runs twice: in the environment as it is, and with one BLAS thread, as this package solves. The second is the
+comparison of codes. The first measures threads that wait for one another, and varies tenfold with the load.
 
 Run: pip install '.[peers]'; python benchmarks/speed.py
 """

@@ -23,6 +23,9 @@ TOLERANCE = 5e-3
 LADDER = (7, 9, 11, 13, 15, 17, 19, 23, 27, 33, 39, 47)
 """Harmonics tried by :func:`frequency_response`."""
 
+UNDECIDED = 15
+"""Harmonics taken where the number cannot be judged."""
+
 JUDGED = ("drive", "friction")
 """Channels whose change is measured."""
 
@@ -94,13 +97,15 @@ def choose_harmonics(
     """
     pilot = scout_frequency(rig, hz, level=level)
     found, scales = [pilot.points[i] for i in sorted(peaks(pilot))], _scales(pilot)
-    change = np.inf
     for H in LADDER:
         N_t = default_samples(finer(H))
         found = _found(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
         refined = _solve_again(found, HarmonicBalance(rig, FourierBasis(finer(H), N_t), level=level))
-        changes = [_change(a, b, scales) for a, b in zip(found, refined, strict=True)]
-        change = max(changes, default=np.inf)
+        changes = [_change(a, b, scales) for a, b in zip(found, refined, strict=True) if b is not None]
+        if not changes:
+            reason = f"H = {UNDECIDED}: the peaks could not be solved again with {finer(H)} harmonics to judge by"
+            return UNDECIDED, default_samples(UNDECIDED), reason
+        change = max(changes)
         if change < tolerance:
             N_t, moved = _choose_samples(rig, found, H, level, scales, tolerance)
             reason = (

@@ -133,42 +133,62 @@ def pad(problem: HarmonicBalance, state: State) -> Array:
 
 
 def first_solution(problem: HarmonicBalance, lam: float) -> Array:
-    """Solution at `lam` from nothing: Newton from rest, then from one harmonic upwards, then by a ramp of the force.
+    """Solution at `lam` from nothing, by the first way that works.
+
+    Newton from rest; from one harmonic upwards; along a ramp of the force; along the frequency from far off, where the
+    contact sticks.
 
     Raises
     ------
     continuation.ConvergenceError
-        If all of them fail; carries the partial ramp.
+        If none does.
     """
-    direct = solve_at(problem, np.zeros(problem.size), lam, _newton())
-    if direct.converged:
-        return direct.x
+    for way in (_from_rest, _by_harmonics, _by_force, _from_afar):
+        x = way(problem, lam)
+        if x is not None:
+            return x
     Omega, F = problem.at(lam)
-    hz = Omega / (2 * np.pi)
-    try:
-        return _by_harmonics(problem, lam)
-    except ConvergenceError:
-        pass  # the ramp is slower and reaches further
-    ramp = HarmonicBalance(problem.rig, problem.basis, parameter="force", hz=hz, level=F)
-    branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, _settings(ramp, 1e-3, 1.0, 0.02))
-    if not branch.complete:
-        raise ConvergenceError(
-            f"first solution: none at {hz:.6g} Hz and {F:g} N; Newton from rest ended at residual "
-            f"{direct.residual_norm:.2g}, the force ramp: {branch.message}; start further from the resonance",
-            branch,
-        )
-    return branch.points[-1].x
+    raise ConvergenceError(
+        f"first solution: none at {Omega / (2 * np.pi):.6g} Hz and {F:g} N, neither from rest, nor with few harmonics "
+        "first, nor along a force ramp or from a far frequency; start the sweep elsewhere, or with a smaller force"
+    )
 
 
-def _by_harmonics(problem: HarmonicBalance, lam: float) -> Array:
-    """Solution at `lam` from one harmonic, doubling their number."""
+def _from_rest(problem: HarmonicBalance, lam: float) -> Array | None:
+    result = solve_at(problem, np.zeros(problem.size), lam, _newton())
+    return result.x if result.converged else None
+
+
+def _by_force(problem: HarmonicBalance, lam: float) -> Array | None:
+    Omega, F = problem.at(lam)
+    ramp = HarmonicBalance(problem.rig, problem.basis, parameter="force", hz=Omega / (2 * np.pi), level=F)
+    settings = replace(_settings(ramp, 1e-3, 1.0, 0.02), max_points=300)
+    branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
+    return pad(problem, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
+
+
+def _from_afar(problem: HarmonicBalance, lam: float) -> Array | None:
+    Omega, F = problem.at(lam)
+    sweep = HarmonicBalance(problem.rig, problem.basis, level=F)
+    end = Omega / sweep.Omega_ref
+    for far in (0.7 * end, 1.4 * end):
+        x = _from_rest(sweep, far)
+        if x is not None:
+            settings = replace(_settings(sweep, far, end, abs(end - far) / 20), max_points=300)
+            branch = continue_branch(sweep, x, far, settings)
+            if branch.complete:
+                return pad(problem, sweep.unpack(branch.points[-1].x, end))
+    return None
+
+
+def _by_harmonics(problem: HarmonicBalance, lam: float) -> Array | None:
     H, state = 1, None
     while True:
         coarse = problem.with_harmonics(min(H, problem.basis.H))
         start = np.zeros(coarse.size) if state is None else pad(coarse, state)
         result = solve_at(coarse, start, lam, _newton())
         if not result.converged:
-            raise ConvergenceError(f"first solution: no convergence with {coarse.basis.H} harmonics")
+            return None
         if coarse.basis.H == problem.basis.H:
             return result.x
         state, H = coarse.unpack(result.x, lam), 2 * H + 1

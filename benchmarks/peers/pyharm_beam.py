@@ -5,7 +5,8 @@ with the shaker, three more complete the basis. Lengths are in units of 2 mm, fr
 
 Steps and corrector were searched by hand, some 25 combinations of `ds0`, `ds_max`, `lc`, `max_iter` and both
 correctors. Of those that finish the sweep this is the fastest whose peak has four digits; where the points fall on
-the peak is partly luck (`ds0` 0.012: 3.2 digits). Many combinations stop at 47.678 Hz, where a second slip phase is born.
+the peak is partly luck (`ds0` 0.012: 3.2 digits). Many combinations stop at 47.678 Hz, where a second slip phase
+is born.
 """
 
 import logging

@@ -1,0 +1,72 @@
+"""The notebooks run, say nothing that their cells do not assert, and are the same as script and as notebook."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import jupytext
+import nbformat
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SCRIPTS = sorted((ROOT / "notebooks").glob("[0-9]*.py"))
+BY_NAME = pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
+
+
+def executed(script: Path, folder: Path) -> nbformat.NotebookNode:
+    """Run a script as a notebook, in processes of their own and on the interpreter of this test.
+
+    Whatever kernels are installed do not matter, nor what Jupyter warns about.
+    """
+    kernel = folder / "kernels" / "of-this-test" / "kernel.json"
+    kernel.parent.mkdir(parents=True)
+    argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
+    kernel.write_text(json.dumps({"argv": argv, "display_name": "of this test", "language": "python"}))
+    environment = os.environ | {
+        "JUPYTER_PATH": str(folder),
+        "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])),
+        "MPLBACKEND": "module://matplotlib_inline.backend_inline",  # figures belong in the notebook
+    }
+    environment.pop("PYTHONWARNINGS", None)
+    target = folder / f"{script.stem}.ipynb"
+    command = [sys.executable, "-m", "jupytext", str(script), "--to", "ipynb", "--output", str(target)]
+    command += ["--set-kernel", "of-this-test", "--execute", "--run-path", str(script.parent)]
+    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return nbformat.read(target, as_version=4)
+
+
+def figures(notebook: nbformat.NotebookNode) -> int:
+    outputs = (output for cell in notebook.cells for output in cell.get("outputs", []))
+    return sum("image/png" in output.get("data", {}) for output in outputs)
+
+
+def test_there_are_notebooks():
+    assert len(SCRIPTS) >= 2
+
+
+@pytest.mark.slow
+@BY_NAME
+def test_every_cell_runs_and_every_number_holds(script, tmp_path):
+    found = executed(script, tmp_path)
+    assert figures(found) == figures(nbformat.read(script.with_suffix(".ipynb"), as_version=4)) > 0
+
+
+@BY_NAME
+def test_notebook_has_the_cells_of_its_script(script):
+    cells = [
+        [(cell.cell_type, cell.source) for cell in notebook.cells]
+        for notebook in (jupytext.read(script), jupytext.read(script.with_suffix(".ipynb")))
+    ]
+    assert cells[0] == cells[1]
+
+
+@BY_NAME
+def test_notebook_was_run_from_top_to_bottom_and_is_small(script):
+    path = script.with_suffix(".ipynb")
+    code = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
+    assert not [o for cell in code for o in cell.outputs if o.output_type == "error" or o.get("name") == "stderr"]
+    assert path.stat().st_size < 1_000_000
