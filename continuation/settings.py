@@ -60,6 +60,8 @@ class Settings(NewtonSettings):
         Largest turn of the tangent over one step of a smooth piece [rad]; the step control aims at half of it.
     corner_angle : float
         Sudden turns below this angle [rad] are not looked at as corners.
+    tangent_slack : float
+        How far from a point, in steps, its tangent may be taken where that saves a linearization; exact near folds.
     weights : (N,) array, optional
         Positive weights of the unknowns in the metric; default: ones.
     lam_weight : float
@@ -83,6 +85,7 @@ class Settings(NewtonSettings):
     max_points: int = 2000
     max_angle: float = 0.5
     corner_angle: float = 0.15
+    tangent_slack: float = 1e-3
     weights: Array | None = None
     lam_weight: float = 1.0
     predictor: Predictor = Predictor.TANGENT
@@ -91,7 +94,7 @@ class Settings(NewtonSettings):
         """Refuse settings that cannot work."""
         super().__post_init__()
         self._check_interval()
-        for name in ("step", "step_min", "step_max", "max_angle", "corner_angle", "lam_weight"):
+        for name in ("step", "step_min", "step_max", "max_angle", "corner_angle", "tangent_slack", "lam_weight"):
             _check_positive(name, getattr(self, name))
         for name in ("target_iterations", "max_points"):
             _check_count(name, getattr(self, name))

@@ -29,7 +29,6 @@ _BRANCH_SKEW = 0.1
 _JUMPS_IN_A_ROW = 3
 _ORDINARY_STEPS = 10
 _LONGEST_JUMP = 5.0
-_NEARBY = 0.001
 _STEEP = 0.3
 
 
@@ -162,7 +161,7 @@ class Stepper:
 
     def _tangent_source(self, correction: Correction, size: float) -> Linearization:
         """Linearization for the tangent: that of the iterate before where it is as good as the last one."""
-        near = self._metric.norm(correction.state - correction.solved_at) <= _NEARBY * size
+        near = self._metric.norm(correction.state - correction.solved_at) <= self._settings.tangent_slack * size
         near &= abs(float(self.frame.tangent[-1])) > _STEEP  # a fold is located by its tangents
         return correction.solved_with if near else correction.linearization
 

@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from models import Channel, Rig
+from models.rig import UNITS
 from models.structure import Array, ModalStructure
-
-UNITS = {"force": "N", "acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
 
 
 @dataclass(frozen=True, eq=False)

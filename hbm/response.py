@@ -216,6 +216,7 @@ def _settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: f
         max_points=20000,
         max_angle=1.0,
         corner_angle=0.5,
+        tangent_slack=0.05,
         predictor=Predictor.CURVED,
     )
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance, State
+from models.rig import UNITS
 
-UNITS = {"force": "N", "displacement": "m", "velocity": "m/s", "acceleration": "m/s2"}
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 

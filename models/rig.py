@@ -12,6 +12,7 @@ from models.structure import Array, ModalStructure, Reaction, modal_damping
 
 Quantity = Literal["force", "acceleration", "velocity", "displacement"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
+UNITS: dict[str, str] = {"force": "N", "acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
 
 
 @dataclass(frozen=True)

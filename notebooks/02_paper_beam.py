@@ -122,7 +122,7 @@ plt.show()
 # The beam peaks at 48.83 Hz with 0.271 mm. The left flank folds, and the right one carries several lesser peaks up to
 # 56 Hz. One of them has a simple cause: three times the excitation meets the second mode, which lies
 # between 155 Hz (sliding) and 164 Hz (stuck). At 53.4 Hz the third harmonic reaches half of the first. Three times
-# 53.4 is 160 Hz, which is also what the paper gives for the second natural frequency.
+# 53.4 is 160 Hz, and about 160 Hz is what the paper calls the second natural frequency.
 #
 # ## From stuck to sliding
 #
@@ -252,7 +252,8 @@ assert rest.steadiness < 1e-6 and abs(arrived / expected - 1) < 2e-3
 # Abaqus was run for 1.2 s from rest. With $\alpha$ = 0.06 1/s a free vibration needs $2/\alpha$ = 33 s to fall by a
 # factor e, so those curves need not be steady states. It costs little to do the same here: 1.2 s from rest, 200 steps a
 # period (the paper's step is 0.1 ms), at 37 frequencies, and the largest displacement at each. The laws are the paper's
-# best: penalty with $\mu$ = 0.52, Lagrange with 0.49, and decay from 0.52 to 0.16 with Table 3's velocity.
+# best: penalty with $\mu$ = 0.52, Lagrange with 0.49 (and 0.52, as Table 4 does not say
+# which), and decay from 0.52 to 0.16 with Table 3's velocity.
 
 # %%
 sweep = np.arange(46.0, 55.01, 0.25)
@@ -274,23 +275,30 @@ def largest(histories) -> np.ndarray:
 
 
 decay = Stribeck(mu_static=0.52, mu=0.16, stribeck_velocity=6.101e-4, exponent=1.0, critical_slip=4.15e-6)
-laws = {"penalty": rig.contact.law, "Lagrange": Coulomb(0.49), "decay": decay}
+laws = {"penalty": rig.contact.law, "Lagrange": Coulomb(0.49), "Lagrange, 0.52": Coulomb(0.52), "decay": decay}
 runs = {name: transient(law) for name, law in laws.items()}
 height = {name: largest(run) for name, run in runs.items()}
 first = {name: float(sweep[y.argmax()]) for name, y in height.items()}
-abaqus = {"penalty": 53.0, "Lagrange": 52.8, "decay": 51.6}
+abaqus = {"penalty": 53.0, "Lagrange": 52.8, "Lagrange, 0.52": 52.8, "decay": 51.6}
 print("first resonance [Hz]; measured 50.0")
-print(f"{'':10}{'1.2 s':>8}{'Abaqus':>8}")
+print(f"{'':16}{'1.2 s':>8}{'Abaqus':>8}")
 for name in laws:
-    print(f"{name:10}{first[name]:8.2f}{abaqus[name]:8.1f}")
-assert first == {"penalty": 49.25, "Lagrange": 50.0, "decay": 47.75}
+    print(f"{name:16}{first[name]:8.2f}{abaqus[name]:8.1f}")
+assert first == {"penalty": 49.25, "Lagrange": 50.0, "Lagrange, 0.52": 50.75, "decay": 47.75}
 
 # %%
 at = first["Lagrange"]
-reaction = runs["Lagrange"][int(np.argmin(abs(sweep - at)))].channels["normal"].values.max()
-measured_reaction = 4.39 / 0.0493  # section 5: the Lagrange formulation is 4.39 N, or 4.93 %, above the measurement
-print(f"largest reaction {reaction:.1f} N; Abaqus {measured_reaction + 4.39:.1f} N, measured {measured_reaction:.1f} N")
-assert abs(reaction - 94.8) < 0.5 and abs(measured_reaction - 89.0) < 0.1
+# section 5: at resonance Lagrange is 4.39 N, or 4.93 %, above the measured reaction, and penalty 3.56 N
+excess = {"Lagrange": 4.39, "penalty": 3.56}
+measured_reaction = 4.39 / 0.0493
+reaction = {
+    name: float(runs[name][int(np.argmin(abs(sweep - first[name])))].channels["normal"].values.max()) for name in excess
+}
+for name, above in excess.items():
+    print(f"largest reaction, {name}: {reaction[name]:.1f} N; Abaqus {measured_reaction + above:.1f} N")
+print(f"measured: {measured_reaction:.1f} N")
+assert abs(reaction["Lagrange"] - 94.8) < 0.5 and abs(reaction["penalty"] - 101.6) < 0.7
+assert abs(measured_reaction - 89.0) < 0.1
 
 near = sweep[abs(sweep - at) <= 1.0]
 softer, stiffer = (largest(transient(Coulomb(0.49 * factor), near)).max() for factor in (0.98, 1.02))
@@ -326,19 +334,28 @@ plt.show()
 # |---|---|---|---|---|
 # | Coulomb, penalty, $\mu$ = 0.52 | 50 | 53.0 | 49.25 | 48.83 |
 # | Coulomb, Lagrange, $\mu$ = 0.49 | 50 | 52.8 | 50.00 | 49.06 |
-# | decay | 50 | 51.6 | 47.75 (lift-off) | |
+# | Coulomb, Lagrange, $\mu$ = 0.52 | 50 | 52.8 | 50.75 | |
+# | decay | 50 | 51.6 | 47.75, with lift-off | |
 #
-# What agrees: the measured resonance, to 1.5 % for penalty and to the 0.25 Hz of the sweep for Lagrange; the order,
-# decay lowest; the largest normal reaction, 94.8 N against 93.4 N (Abaqus) and 89.0 N (measured), both worked out
-# from the differences the paper gives; the second natural frequency of 160 Hz; and the kind of sensitivity to $\mu$,
-# +16 % and -11 % for a change of two percent, against +28 % and -17 %.
+# What agrees: both Coulomb laws peak near the measured 50 Hz, 1.5 % below it for penalty and on it, within the 0.25
+# Hz of the sweep, for Lagrange with $\mu$ = 0.49. The largest normal reaction with Lagrange is 94.8 N, in Abaqus 93.4
+# N, measured 89.0 N (the last two worked out from the differences the paper gives). The sensitivity to $\mu$ has the
+# same signs and the same asymmetry: +16 % and -11 % for a change of two percent, against +28 % and -17 % for the
+# paper's envelope.
 #
-# What does not: all three resonances lie 3 to 4 Hz below Abaqus. Transients are part of the answer, not all of it:
-# after 1.2 s the peak is 0.4 Hz (penalty) and 0.9 Hz (Lagrange) above that of the steady state. Three more
-# reasons remain, and the printed data cannot tell them apart. The resonance at 6.5 N sits just below a jump, where small changes in
-# friction, load or lever matter. Which of the several peaks between 45 and 56 Hz is the first is a matter of choice.
-# And the critical slip of the penalty form contains a length that the paper does not print. A shift common to all laws
-# speaks for a difference in the structure rather than in the friction.
+# What does not: every resonance lies 2 to 4 Hz below its Abaqus value. Lagrange peaks above penalty, in Abaqus
+# slightly below. With penalty the reaction reaches 101.6 N, against 92.6 N in Abaqus. And the decay law ends in
+# lift-off, so that its 47.75 Hz, close to free sliding, is no prediction at all.
 #
-# In one number: with the paper's own parameters and nothing adjusted, a beam measured at **50 Hz** resonates at
-# **49.25 Hz** (penalty) or **50.00 Hz** (Lagrange).
+# The closeness to 50 Hz deserves caution. The peaks after 1.2 s are passing states: the steady ones are 0.4 Hz
+# (penalty) and 0.9 Hz (Lagrange) lower, about 2 % below the measurement. For Lagrange, $\mu$ = 0.52 instead of 0.49 gives
+# 50.75 Hz, and the paper chose 0.49 because it fitted the experiment. Some inputs are ours, since they are not
+# printed: the critical slip (its length scale), the velocity of the decay law, the damping of mode 6 and above.
+#
+# Why the two computations differ cannot be told from the printed data. Transients are a part of it. The resonance at
+# 6.5 N sits just below a jump, where small changes in friction, load or lever matter. Several peaks lie between 45
+# and 56 Hz, and which one is called the first is a matter of choice. And the models of the structure differ: here a
+# beam on a point, there plane elements and a meshed half cylinder.
+#
+# In one number: a beam measured at **50 Hz** has its steady resonance at **48.83 Hz** with the penalty law of the
+# paper, 2.3 % lower, and at **49.25 Hz** when it is run for 1.2 s as the paper did.

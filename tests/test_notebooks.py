@@ -28,6 +28,7 @@ def executed(script: Path, folder: Path) -> nbformat.NotebookNode:
         "JUPYTER_PATH": str(folder),
         "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])),
         "MPLBACKEND": "module://matplotlib_inline.backend_inline",  # figures belong in the notebook
+        "OPENBLAS_NUM_THREADS": "1",  # more threads only wait for each other on matrices this small
     }
     environment.pop("PYTHONWARNINGS", None)
     target = folder / f"{script.stem}.ipynb"
