@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hbm.history import State, TimeHistory, normal_reaction
+from hbm.threads import one_thread
 from hbm.timestep import Stepper
 from models import Rig
 from models.structure import Array
@@ -19,6 +20,7 @@ DEFAULT_PERIODS = 50
 ANCHOR_MOBILITY = 1e-3  # cost of moving q and q' relative to the states of the friction law
 
 
+@one_thread
 def simulate(
     rig: Rig,
     hz: float,
@@ -217,6 +219,7 @@ class PeriodicMotion:
         return np.asarray(values[np.argsort(-np.abs(values))])
 
 
+@one_thread
 def steady_state(
     rig: Rig,
     hz: float,

@@ -89,6 +89,10 @@ class PeriodicSolution:
     closure: float
     energy_error: float
 
+    def __getitem__(self, name: str) -> Signal:
+        """Channel by name."""
+        return self.channels[name]
+
     @property
     def lift_off(self) -> bool:
         """Whether the normal reaction would turn negative: the tip leaves the support, the model does not."""

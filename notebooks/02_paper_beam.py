@@ -348,8 +348,8 @@ plt.show()
 # lift-off, so that its 47.75 Hz, close to free sliding, is no prediction at all.
 #
 # The closeness to 50 Hz deserves caution. The peaks after 1.2 s are passing states: the steady ones are 0.4 Hz
-# (penalty) and 0.9 Hz (Lagrange) lower, about 2 % below the measurement. For Lagrange, $\mu$ = 0.52 instead of 0.49 gives
-# 50.75 Hz, and the paper chose 0.49 because it fitted the experiment. Some inputs are ours, since they are not
+# (penalty) and 0.9 Hz (Lagrange) lower, about 2 % below the measurement. For Lagrange, $\mu$ = 0.52 instead of 0.49
+# gives 50.75 Hz, and the paper chose 0.49 because it fitted the experiment. Some inputs are ours, since they are not
 # printed: the critical slip (its length scale), the velocity of the decay law, the damping of mode 6 and above.
 #
 # Why the two computations differ cannot be told from the printed data. Transients are a part of it. The resonance at
