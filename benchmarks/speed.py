@@ -192,7 +192,7 @@ def digits(value: float, true: float) -> float:
 def digits_at_its_top(row: Row, reference: ResponseCurve) -> float:
     """Digits of a tool's largest amplitude, beside our solution at the same frequency."""
     top = int(np.argmax(row.first_harmonic))
-    lam = 2 * np.pi * row.hz[top] / reference.problem.Omega_ref
+    lam = reference.problem.lam_at(row.hz[top])
     near = reference.points[int(np.argmin(np.abs(reference.hz - row.hz[top])))]
     ours_there = describe(reference.problem, solve_near(reference.problem, lam, near), lam)
     return digits(row.first_harmonic[top], ours_there.channels["drive"].amplitude[1])

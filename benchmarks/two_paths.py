@@ -38,7 +38,7 @@ def solutions_at(curve: ResponseCurve, hz: float) -> list[PeriodicSolution]:
     problem, found = curve.problem, []
     for i in np.flatnonzero((curve.hz[:-1] - hz) * (curve.hz[1:] - hz) <= 0.0):
         near = curve.points[i if abs(curve.hz[i] - hz) <= abs(curve.hz[i + 1] - hz) else i + 1]
-        lam = 2 * np.pi * hz / problem.Omega_ref
+        lam = problem.lam_at(hz)
         solution = describe(problem, solve_near(problem, lam, near), lam)
         if not any(np.allclose(solution.state.Q, other.state.Q, rtol=1e-6) for other in found):
             found.append(solution)

@@ -203,7 +203,7 @@ def _solve_again(found: Sequence[PeriodicSolution], problem: HarmonicBalance) ->
     """Solve points on another discretisation, each at its frequency; None where that fails."""
     out: list[PeriodicSolution | None] = []
     for start in found:
-        lam = 2 * np.pi * start.hz / problem.Omega_ref
+        lam = problem.lam_at(start.hz)
         try:
             out.append(describe(problem, solve_near(problem, lam, start), lam))
         except ConvergenceError:

@@ -189,8 +189,7 @@ class ResponseCurve:
         return self.points[int(np.argmax(self["drive"].peak))]
 
     def _parameter_in_units(self, lam: float) -> float:
-        Omega, F = self.problem.at(lam)
-        return Omega / (2 * np.pi) if self.problem.parameter == "frequency" else F
+        return self.problem.hz_at(lam) if self.problem.parameter == "frequency" else self.problem.at(lam)[1]
 
     @property
     def folds(self) -> list[float]:

@@ -102,7 +102,7 @@ class HarmonicBalance:
     basis : FourierBasis
         Harmonics and samples.
     parameter : {"frequency", "force"}
-        What the continuation parameter is: Omega / omega_1 or F / amplitude.
+        What the continuation parameter is: the frequency in units of `hz_ref`, or F / amplitude.
     hz : float
         Excitation frequency where the parameter is the force [Hz].
     level : float, optional
@@ -121,12 +121,14 @@ class HarmonicBalance:
         s = rig.structure
         self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
         self.level = rig.excitation.amplitude if level is None else level
-        self.fixed_Omega = 2 * np.pi * hz
-        self.Omega_ref = float(s.omega_n[0])
+        self.fixed_hz = hz
+        omega_1 = float(s.omega_n[0])
+        self.hz_ref = 2.0 ** round(float(np.log2(omega_1 / (2 * np.pi))))  # a power of two: scaling back loses no digit
+        self.Omega_ref = 2 * np.pi * self.hz_ref
         self.F_ref = self.level
         self.modal_force_ref = self.F_ref * float(np.abs(s.excitation).max())
         # a tenfold dynamic amplification of the static response of the first mode
-        self.q_ref = 10.0 * self.modal_force_ref / self.Omega_ref**2
+        self.q_ref = 10.0 * self.modal_force_ref / omega_1**2
         self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
         self.law = LawOverPeriod(rig.contact.law, basis)
         self.environment, self.dynamic_lagrangian = self._environment(rig)
@@ -149,9 +151,7 @@ class HarmonicBalance:
         values = np.array([float(v) for v in parameters(rig.contact.law).values()])
         lend = rig.contact.law.set_valued and s.compliance == 0.0
         # a tenth of what the structure yields at the first harmonic left out: less is stiffer to solve, more is blunter
-        loan = (
-            0.1 * float(np.sum(s.slip_row**2 / (s.omega_n**2 + (self.basis.H * self.Omega_ref) ** 2))) if lend else 0.0
-        )
+        loan = 0.1 * float(np.sum(s.slip_row**2 / (s.omega_n**2 + (self.basis.H * s.omega_n[0]) ** 2))) if lend else 0.0
         return Environment(s.compliance + loan, rig.contact.normal_load, values), loan
 
     def _coupled_modes(self) -> int:
@@ -170,9 +170,8 @@ class HarmonicBalance:
 
     def with_harmonics(self, H: int) -> "HarmonicBalance":
         """Return the same problem with another number of harmonics on the same samples."""
-        hz = self.fixed_Omega / (2 * np.pi)
         basis = FourierBasis(H, self.basis.N_t)
-        return HarmonicBalance(self.rig, basis, parameter=self.parameter, hz=hz, level=self.level)
+        return HarmonicBalance(self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level)
 
     # ---- vectors
 
@@ -197,7 +196,15 @@ class HarmonicBalance:
         """Frequency [rad/s] and force amplitude [N] at a value of the continuation parameter."""
         if self.parameter == "frequency":
             return lam * self.Omega_ref, self.level
-        return self.fixed_Omega, lam * self.F_ref
+        return 2 * np.pi * self.fixed_hz, lam * self.F_ref
+
+    def hz_at(self, lam: float) -> float:
+        """Frequency [Hz] at a value of the continuation parameter."""
+        return lam * self.hz_ref if self.parameter == "frequency" else self.fixed_hz
+
+    def lam_at(self, hz: float) -> float:
+        """Value of the continuation parameter at a frequency [Hz], where the frequency is the parameter."""
+        return hz / self.hz_ref
 
     # ---- mechanics
 

@@ -85,7 +85,7 @@ def steady_state(
     """
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = HarmonicBalance(rig, basis, level=level)
-    lam = 2 * np.pi * hz / problem.Omega_ref
+    lam = problem.lam_at(hz)
     x = first_solution(problem, lam) if start is None else solve_near(problem, lam, start)
     return describe(problem, x, lam)
 
@@ -101,7 +101,7 @@ def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) ->
     """
     result = solve_at(problem, pad(problem, start.state), lam, _newton())
     if not result.converged:
-        hz = problem.at(lam)[0] / (2 * np.pi)
+        hz = problem.hz_at(lam)
         raise ConvergenceError(
             f"steady state: no convergence at {hz:.6g} Hz from the given start, last residual "
             f"{result.residual_norm:.2g}; {result.reason.value}; start closer, or trace the curve"
@@ -147,9 +147,9 @@ def first_solution(problem: HarmonicBalance, lam: float) -> Array:
         x = way(problem, lam)
         if x is not None:
             return x
-    Omega, F = problem.at(lam)
+    where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
     raise ConvergenceError(
-        f"first solution: none at {Omega / (2 * np.pi):.6g} Hz and {F:g} N, neither from rest, nor with few harmonics "
+        f"first solution: none at {where}, neither from rest, nor with few harmonics "
         "first, nor along a force ramp or from a far frequency; start the sweep elsewhere, or with a smaller force"
     )
 
@@ -160,17 +160,16 @@ def _from_rest(problem: HarmonicBalance, lam: float) -> Array | None:
 
 
 def _by_force(problem: HarmonicBalance, lam: float) -> Array | None:
-    Omega, F = problem.at(lam)
-    ramp = HarmonicBalance(problem.rig, problem.basis, parameter="force", hz=Omega / (2 * np.pi), level=F)
+    hz, F = problem.hz_at(lam), problem.at(lam)[1]
+    ramp = HarmonicBalance(problem.rig, problem.basis, parameter="force", hz=hz, level=F)
     settings = replace(_settings(ramp, 1e-3, 1.0, 0.02), max_points=300)
     branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
     return pad(problem, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
 
 
 def _from_afar(problem: HarmonicBalance, lam: float) -> Array | None:
-    Omega, F = problem.at(lam)
-    sweep = HarmonicBalance(problem.rig, problem.basis, level=F)
-    end = Omega / sweep.Omega_ref
+    sweep = HarmonicBalance(problem.rig, problem.basis, level=problem.at(lam)[1])
+    end = sweep.lam_at(problem.hz_at(lam))
     for far in (0.7 * end, 1.4 * end):
         x = _from_rest(sweep, far)
         if x is not None:
@@ -249,7 +248,7 @@ def trace_frequency(
     harmonics, samples : int
         H and N_t.
     step_hz : float, optional
-        Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/50 of the range where omitted.
+        Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/40 of the range where omitted.
     on_point : callable, optional
         Progress: called with frequency and point number.
 
@@ -265,10 +264,9 @@ def trace_frequency(
     """
     begin, end = default_sweep(rig) if hz is None else hz
     problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
-    to_lam = 2 * np.pi / problem.Omega_ref
-    step = abs(end - begin) / 50 if step_hz is None else step_hz
-    settings = _settings(problem, begin * to_lam, end * to_lam, step * to_lam)
-    return _with_peak(_trace(problem, begin * to_lam, settings, on_point))
+    lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
+    step = abs(lam1 - lam0) / 40 if step_hz is None else problem.lam_at(step_hz)
+    return _with_peak(_trace(problem, lam0, _settings(problem, lam0, lam1, step), on_point))
 
 
 def scout_frequency(rig: Rig, hz: tuple[float, float], *, level: float | None = None) -> ResponseCurve:
@@ -277,8 +275,8 @@ def scout_frequency(rig: Rig, hz: tuple[float, float], *, level: float | None = 
     Parameters and errors as for :func:`trace_frequency`.
     """
     problem = HarmonicBalance(rig, FourierBasis(7, 128), level=level)
-    lam0, lam1 = (2 * np.pi * f / problem.Omega_ref for f in hz)
-    settings = _settings(problem, lam0, lam1, abs(lam1 - lam0) / 25)
+    lam0, lam1 = map(problem.lam_at, hz)
+    settings = _settings(problem, lam0, lam1, abs(lam1 - lam0) / 20)
     return _trace(problem, lam0, replace(settings, max_angle=2.0, corner_angle=np.pi), None)
 
 
@@ -317,7 +315,7 @@ def force_response(
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = HarmonicBalance(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
-    return _with_peak(_trace(problem, lam0, _settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
+    return _with_peak(_trace(problem, lam0, _settings(problem, lam0, lam1, abs(lam1 - lam0) / 40), on_point))
 
 
 @one_thread
@@ -328,8 +326,8 @@ def _trace(problem: HarmonicBalance, lam0: float, settings: Settings, on_point: 
         nonlocal count
         count += 1
         if on_point is not None:
-            Omega, F = problem.at(point.lam)
-            on_point(Omega / (2 * np.pi) if problem.parameter == "frequency" else F, count)
+            by_frequency = problem.parameter == "frequency"
+            on_point(problem.hz_at(point.lam) if by_frequency else problem.at(point.lam)[1], count)
 
     branch = continue_branch(problem, first_solution(problem, lam0), lam0, settings, report)
     points = tuple(describe(problem, p.x, p.lam) for p in branch.points)

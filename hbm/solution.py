@@ -152,7 +152,7 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
         "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
     }
     energy = _energy_error(problem, state, modal_slip, channels["drive"].coefficients, friction.coefficients)
-    return PeriodicSolution(Omega / (2 * np.pi), state.F, basis, state, channels, memory, closure, energy)
+    return PeriodicSolution(problem.hz_at(lam), state.F, basis, state, channels, memory, closure, energy)
 
 
 def _energy_error(problem: HarmonicBalance, state: State, slip: Array, drive: Array, friction: Array) -> float:

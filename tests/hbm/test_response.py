@@ -107,7 +107,7 @@ def test_lent_compliance_matters_less_than_the_harmonics_left_out():
     lent = problem.dynamic_lagrangian / 2
     problem.environment = replace(problem.environment, compliance=problem.environment.compliance - lent)
     problem.dynamic_lagrangian -= lent
-    lam = np.pi * HZ / problem.Omega_ref
+    lam = problem.lam_at(0.5 * HZ)
     halved = describe(problem, solve_near(problem, lam, reference), lam)
     a, b, c = (p.channels["y"].samples for p in (reference, halved, finer))
     assert 0.0 < np.abs(a - b).max() < np.abs(a - c).max()
