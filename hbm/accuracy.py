@@ -29,6 +29,9 @@ UNDECIDED = 15
 JUDGED = ("drive", "friction")
 """Channels whose change is measured."""
 
+STEPS = 40
+"""Fewest steps over a sweep; there are more where the response is steep."""
+
 SAMPLES_LIMIT = 4096
 SPREAD = 8
 """Points spread over a curve that are solved again to estimate its error."""
@@ -75,7 +78,8 @@ def frequency_response(
         H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance)
     else:
         H, N_t, reason = harmonics, default_samples(harmonics), f"H = {harmonics} as asked for"
-    curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, on_point=on_point)
+    step = abs(sweep[1] - sweep[0]) / STEPS
+    curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, step_hz=step, on_point=on_point)
     error = estimate_error(curve)
     return replace(curve, assessment=Assessment(error, reason, tuple(_warnings(curve, error, tolerance))))
 

@@ -5,7 +5,7 @@ Mechanics outside the contact is linear, so the Newton system is eliminated down
 and the continuation parameter: its dense core is as large as the contact signal, not as the structure.
 
 Scaling. Modal rows are divided by the largest generalised excitation, the contact row by the excitation
-amplitude: a residual of 1e-9 means that every force balance, harmonic by harmonic, closes to 1e-9 of the
+amplitude: a residual of 1e-10 means that every force balance, harmonic by harmonic, closes to 1e-10 of the
 excitation.
 """
 

@@ -27,7 +27,7 @@ from hbm.solution import PeriodicSolution, describe
 from hbm.threads import one_thread
 from models.rig import Rig
 
-TOLERANCE = 1e-9
+TOLERANCE = 1e-10
 """Every force balance closes to this fraction of the excitation, see :mod:`hbm.residual`."""
 
 PEAK_ACCURACY = 1e-6
@@ -215,7 +215,7 @@ def _settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: f
         max_points=20000,
         max_angle=1.0,
         corner_angle=0.5,
-        tangent_slack=0.05,
+        tangent_slack=0.01,
         predictor=Predictor.CURVED,
     )
 
@@ -248,7 +248,7 @@ def trace_frequency(
     harmonics, samples : int
         H and N_t.
     step_hz : float, optional
-        Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/40 of the range where omitted.
+        Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/50 of the range where omitted.
     on_point : callable, optional
         Progress: called with frequency and point number.
 
@@ -265,7 +265,7 @@ def trace_frequency(
     begin, end = default_sweep(rig) if hz is None else hz
     problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
-    step = abs(lam1 - lam0) / 40 if step_hz is None else problem.lam_at(step_hz)
+    step = abs(lam1 - lam0) / 50 if step_hz is None else problem.lam_at(step_hz)
     return _with_peak(_trace(problem, lam0, _settings(problem, lam0, lam1, step), on_point))
 
 
@@ -315,7 +315,7 @@ def force_response(
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = HarmonicBalance(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
-    return _with_peak(_trace(problem, lam0, _settings(problem, lam0, lam1, abs(lam1 - lam0) / 40), on_point))
+    return _with_peak(_trace(problem, lam0, _settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
 
 
 @one_thread
