@@ -146,8 +146,8 @@ class ConvergenceError(RuntimeError):
     ----------
     message : str
         One line: where, what was found, what to try.
-    branch : Branch
-        What was found before.
+    branch : Branch, optional
+        What was found before, if anything.
     """
 
     def __init__(self, message: str, branch: Branch | None = None) -> None:

@@ -84,7 +84,6 @@ class Stepper:
     ) -> None:
         self._problem, self._metric, self._settings = problem, metric, settings
         self._interval = interval
-        self._upwards = settings.lam_end > float(frame.state[-1])
         self.frame = frame
         self._bend: Array | None = None  # change of the tangent per length over the last step
         self._chord = frame.tangent

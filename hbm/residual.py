@@ -52,11 +52,14 @@ class Kinematics:
     ----------
     Gq : (2H+1, n) array
         Coefficients of G q; du/dq = c - G q. Zeros where the structure is not drawn in.
+    by_T : (2H+1, 2H+1) array or None
+        Matrix that multiplies a series by T; None where the structure is not drawn in.
     signals : (2H+1, 4) array
         Coefficients of u, v, rho, eta (:data:`hbm.aft.SIGNALS`).
     """
 
     Gq: Array
+    by_T: Array | None
     signals: Array
 
 
@@ -216,26 +219,26 @@ class HarmonicBalance:
         u = signals[:, 0]
         u[:] = rows[:, 0]
         if self.coupled:
-            Gq = Q @ s.shortening
+            Gq, by_T = Q @ s.shortening, basis.multiplication(state.T)
             fine = basis.exact_products
             u -= 0.5 * (fine.analysis @ np.einsum("ti,ti->t", fine.synthesis @ Gq, fine.synthesis @ Q))
         else:
-            Gq = np.zeros_like(Q)
+            Gq, by_T = np.zeros_like(Q), None
         if self.dynamic_lagrangian:
             u -= self.dynamic_lagrangian * state.T
         u[basis.fundamental] += s.residual.slip_by_force * state.F
         signals[:, 1] = Omega * basis.derivative(u)
-        signals[:, 2] = self._reaction_of(rows[:, 1], rows[:, 2], Omega)
+        signals[:, 2] = self.reaction_of(rows[:, 1], rows[:, 2], Omega)
         signals[0, 2] += self.rig.contact.normal_load
         signals[basis.fundamental, 2] -= s.reaction.force_share * state.F
         signals[:, 3] = rows[:, 3]
         signals[0, 3] -= s.reaction.friction_lever
-        return Kinematics(Gq, signals)
+        return Kinematics(Gq, by_T, signals)
 
-    def _reaction_of(self, inertia: Array, damping: Array, Omega: float) -> Array:
-        """Coefficients of the inertial and damping part of the reaction."""
-        k_Omega = self.basis.k * Omega
-        return Omega * self.basis.derivative(damping) - k_Omega**2 * inertia
+    def reaction_of(self, inertia: Array, damping: Array, Omega: float) -> Array:
+        """Coefficients (2H+1, ...) of the reaction's part from the inertia and damping rows times the modes."""
+        squared = (self.basis.k * Omega) ** 2
+        return Omega * self.basis.derivative(damping) - (squared * inertia.T).T
 
     def dynamic_stiffness(self, Omega: float) -> tuple[Array, Array]:
         """Dynamic stiffness per mass-normalised mode, real and imaginary part, (H+1, n) [1/s2]."""
@@ -247,8 +250,8 @@ class HarmonicBalance:
         s, basis = self.structure, self.basis
         Q, Omega = state.Q, state.Omega
         force = np.outer(state.T, s.slip_row)
-        if self.coupled:
-            force -= basis.multiplication(state.T) @ kin.Gq
+        if kin.by_T is not None:
+            force -= kin.by_T @ kin.Gq
         balance = (s.omega_n**2 - (basis.k * Omega)[:, None] ** 2) * Q
         balance += Omega * s.damping * basis.derivative(Q) - force
         balance[basis.fundamental] -= s.excitation * state.F
@@ -256,20 +259,15 @@ class HarmonicBalance:
 
     def residual(self, x: Array, lam: float) -> Array:
         """Scaled force balance of every mode and harmonic, then of the contact, (size,)."""
-        state = self.unpack(x, lam)
-        kin = self.kinematics(state)
-        T, _ = self.law.force(kin.signals, state.Omega, self.environment)
-        return self._scaled(self._modal_balance(state, kin), state.T - self.basis.analysis @ T)
-
-    def _scaled(self, modal: Array, contact: Array) -> Array:
-        return np.concatenate([(modal / self.modal_force_ref).ravel(), contact / self.F_ref])
+        return self.linearize(x, lam).residual
 
     def linearize(self, x: Array, lam: float) -> "Linearization":
         """Residual with its linearisation, which is worked out when first solved with."""
         state = self.unpack(x, lam)
         kin = self.kinematics(state)
         T, _ = self.law.force(kin.signals, state.Omega, self.environment)
-        residual = self._scaled(self._modal_balance(state, kin), state.T - self.basis.analysis @ T)
+        modal, contact = self._modal_balance(state, kin), state.T - self.basis.analysis @ T
+        residual = np.concatenate([(modal / self.modal_force_ref).ravel(), contact / self.F_ref])
         return Linearization(self, state, kin, residual)
 
     def contact_state(self, state: State) -> tuple[Kinematics, Array, Array, float]:
@@ -332,11 +330,11 @@ class Elimination:
         self._core_lam = contact_slope
         if s.n > m:
             self._core_lam = contact_slope + self._law_of_field(self._receptance_of(modal_slope[:, m:]))
-        if m:
+        if kin.by_T is not None:
             p = -kin.Gq[:, :m]
             p[0] += s.slip_row[:m]
             self._p = basis.multiplication(p)  # (2H+1, 2H+1, m)
-            self._factor(real[:, :m] + 1j * imaginary[:, :m])
+            self._factor(real[:, :m] + 1j * imaginary[:, :m], kin.by_T)
             forces = np.empty((size, m, size + 1))
             forces[:, :, :size] = self._p.transpose(0, 2, 1)
             forces[:, :, size] = modal_slope[:, :m]
@@ -347,19 +345,19 @@ class Elimination:
 
     # ---- coupled modes
 
-    def _factor(self, stiffness: npt.NDArray[np.complex128]) -> None:
+    def _factor(self, stiffness: npt.NDArray[np.complex128], by_T: Array) -> None:
         """Receptance of the coupled modes, and LU with the parametric stiffness T G where that matters.
 
         It matters in the low harmonics, which T couples most, and wherever a mode resonates; elsewhere the
         coupled modes are diagonal to the accuracy that Newton needs.
         """
-        problem, basis, m = self.problem, self.problem.basis, self._m
+        problem, m = self.problem, self._m
         self._coupled_receptance = 1.0 / stiffness
         strong = problem.coupling[:m] > RESONANT * np.abs(stiffness)
         strong[: LOW_HARMONICS + 1] = True
         block = problem.dense_block(strong)
         self._dense = block.coefficients
-        K = basis.multiplication(self.state.T).ravel()[block.products] * block.G
+        K = by_T.ravel()[block.products] * block.G
         values, c = stiffness.ravel()[block.cosines], np.arange(len(block.cosines))
         K[c, c] += values.real
         values, turning = values[m:], c[m:]  # harmonic 0 does not turn
@@ -387,7 +385,8 @@ class Elimination:
         seen = [self._p.reshape(size, size * m) @ modes.reshape(size * m, r)]
         if len(self._seen) > 1:
             reaction = np.matmul(self._rows[1:, :m], modes)  # (2H+1, 3, r)
-            seen += [self._reaction(reaction[:, 0], reaction[:, 1]), reaction[:, 2]]
+            rho = self.problem.reaction_of(reaction[:, 0], reaction[:, 1], self.state.Omega)
+            seen += [rho, reaction[:, 2]]
         return self._law_of_signals(seen)
 
     def _law_of_signals(self, seen: Sequence[Array]) -> Array:
@@ -396,11 +395,6 @@ class Elimination:
         for i, slope in zip(self._seen, self._law_slopes, strict=True):
             out += slope @ seen[i]
         return out
-
-    def _reaction(self, inertia: Array, damping: Array) -> Array:
-        basis, Omega = self.problem.basis, self.state.Omega
-        squared = (basis.k * Omega) ** 2
-        return Omega * basis.derivative(damping) - (squared[:, None] if inertia.ndim == 2 else squared) * inertia
 
     # ---- other modes: their receptance is diagonal in modes and harmonics
 
@@ -412,7 +406,8 @@ class Elimination:
     def _law_of_field(self, others: Array) -> Array:
         """Change (2H+1,) of the law's force coefficients with the other modes (2H+1, n - m)."""
         seen = others @ self._rows[:, self._m :].T
-        return self._law_of_signals([seen[:, 0], self._reaction(seen[:, 1], seen[:, 2]), seen[:, 3]])
+        rho = self.problem.reaction_of(seen[:, 1], seen[:, 2], self.state.Omega)
+        return self._law_of_signals([seen[:, 0], rho, seen[:, 3]])
 
     def _law_of_others(self) -> Array:
         """Change (2H+1, 2H+1) of the law's force coefficients with those of T, through the other modes."""
