@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hbm.lawstep import law_step
 from models import Channel, Rig
 from models.rig import UNITS
 from models.structure import Array, ModalStructure
@@ -24,8 +25,8 @@ class State:
         Modal coordinates and velocities.
     friction : float
         T [N].
-    z : (states,) array
-        Internal state of the friction law.
+    z : (memory,) array
+        What the friction law remembers, :meth:`hbm.lawstep.LawStep.memory`.
     time : float
         [s]; the force is level cos(2 pi hz time).
     """
@@ -40,7 +41,7 @@ class State:
     def at_rest(rig: Rig) -> "State":
         """Nothing moves, the contact is in its virgin state."""
         n = rig.structure.n
-        return State(np.zeros(n), np.zeros(n), 0.0, np.zeros(rig.contact.law.states))
+        return State(np.zeros(n), np.zeros(n), 0.0, np.zeros(law_step(rig.contact.law).memory_size))
 
     @property
     def flat(self) -> Array:

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 from scipy.linalg import null_space
 
-from models.friction import ContactSample
+from hbm.lawstep import law_step
+from models.friction import parameters
 from models.rig import Rig
 from models.structure import Array
 
@@ -74,10 +74,13 @@ def contact_stiffness(rig: Rig) -> float:
     law = rig.contact.law
     if law.set_valued:
         return 1.0 / C if C > 0.0 else np.inf
-    P = rig.contact.normal_load
-    rest = ContactSample(u=SMALL_SLIP, v=0.0, rho=P, eta=0.0, C=C, P=P, dt=1e-4)
-    _, T = law.advance(ca.DM.zeros(law.states), rest)
-    return abs(float(T)) / SMALL_SLIP
+    P, step = rig.contact.normal_load, law_step(law)
+    rest, moved = [0.0, 0.0, P, 0.0], [SMALL_SLIP, 0.0, P, 0.0]
+    known = [np.zeros(step.states), [*rest, 0.0], C, moved, [C, P, 1e-4], list(parameters(law).values())]
+    force, slope = step.function.factory("at_rest", step.function.name_in(), ["force", "jac:force:T"])(0.0, *known)
+    return (
+        abs(float(force) / (1.0 - float(slope))) / SMALL_SLIP
+    )  # the slip is too small for a law to be anything but linear
 
 
 def _stuck(omega_n: Array, c: Array, k: float) -> Array:

@@ -14,8 +14,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from models import ContactSample, FrictionLaw
-from models.friction import parameters, with_symbols
+from hbm.lawstep import law_step
+from models import FrictionLaw
+from models.friction import parameters
 from models.structure import Array
 
 NEWTON = (5, 1)  # iterations on T; again with the foreshortening of the new q, which differs by some 1e-7
@@ -28,7 +29,7 @@ class Shape:
     Attributes
     ----------
     law_type, states : type, int
-        Class of the friction law and its number of internal states.
+        Class of the friction law and the length of what it remembers.
     modes : int
     foreshortened, reaction_varies : bool
         Whether G and the rows of the reaction differ from zero.
@@ -70,17 +71,17 @@ def _contact_equation(shape: Shape) -> tuple[ca.Function, bool]:
     A set-valued law gets the step's compliance as a series compliance, any other the displacement itself.
     Returns also whether the law gives T in one evaluation.
     """
-    law, law_parameters = with_symbols(shape.law)
-    z = ca.SX.sym("z", shape.states)
-    s = ca.SX.sym("s", 10)
+    step, law_parameters = law_step(shape.law), ca.SX.sym("p", len(parameters(shape.law)))
+    memory, s = ca.SX.sym("z", shape.states), ca.SX.sym("s", 10)
     T, u, kappa, v, kappa_v, rho, eta, C, P, dt = ca.vertsplit(s)
-    folded = kappa if law.set_valued else 0.0
-    sample = ContactSample(u + (kappa - folded) * T, v + kappa_v * T, rho, eta, C + folded, P, dt)
-    z_new, force = law.advance(z, sample)
+    folded = kappa if shape.law.set_valued else 0.0
+    z, before = step.recall(memory, P)
+    seen = ca.vertcat(u + (kappa - folded) * T, v + kappa_v * T, rho, eta)
+    force, z_new = step.function(T, z, before, C, seen, ca.vertcat(C + folded, P, dt), law_parameters)
     residual = T - force
     slope = ca.jacobian(residual, T)
-    explicit = bool(slope.is_constant())
-    return ca.Function("contact", [s, z, law_parameters], [residual, slope, z_new]), explicit
+    kept = step.memory(z_new, ca.vertcat(u + kappa * T, v + kappa_v * T, rho, eta), T, P)
+    return ca.Function("contact", [s, memory, law_parameters], [residual, slope, kept]), bool(slope.is_constant())
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ def residual_function(problem: HarmonicBalance) -> ca.Function:
     basis, s = problem.basis, problem.structure
     size, n = basis.size, s.n
     x, lam = ca.MX.sym("x", problem.size), ca.MX.sym("lam")
-    p = ca.MX.sym("p", problem.law.functions.step.size1_in(3))
+    p = ca.MX.sym("p", problem.law.functions.sample.size1_in(4))
     Q = ca.reshape(x[: size * n], n, size).T * problem.q_ref
     T = x[size * n :] * problem.F_ref
     Omega, F = problem.at(lam)
@@ -80,10 +80,11 @@ def _force_over_period(problem: HarmonicBalance, signals: ca.MX, Omega: ca.MX, p
     basis, functions, environment = problem.basis, problem.law.functions, problem.environment
     samples = ca.mtimes(basis.synthesis, signals).T
     inputs = ca.vertcat(environment.compliance, environment.load, 2 * np.pi / (Omega * basis.N_t))
-    period = functions.step.mapaccum("period", basis.N_t)
-    repeated = ca.repmat(inputs, 1, basis.N_t), ca.repmat(p, 1, basis.N_t)
-    states, _ = period(ca.DM.zeros(functions.states, 1), samples, *repeated)
-    _, force = period(states[:, -1], samples, *repeated)
+    period = functions.sample.mapaccum("period", basis.N_t)
+    before = ca.horzcat(samples[:, -1], samples[:, :-1])
+    repeated = before, samples, ca.repmat(inputs, 1, basis.N_t), ca.repmat(p, 1, basis.N_t)
+    carried, _ = period(ca.DM.zeros(functions.sample.size1_in(0), 1), *repeated)
+    _, force = period(carried[:, -1], *repeated)
     return force.T
 
 

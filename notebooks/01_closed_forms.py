@@ -122,9 +122,9 @@ class CubicSpring:
     set_valued: ClassVar[bool] = False
     gamma: Any
 
-    def advance(self, z: Any, s: ContactSample) -> tuple[Any, Any]:
+    def advance(self, z: Any, before: ContactSample, now: ContactSample) -> tuple[Any, Any]:
         """Return no state and the restoring force."""
-        return z, -self.gamma * s.u**3
+        return z, -self.gamma * now.u**3
 
 
 HZ = 1 / (2 * np.pi)  # one radian per second

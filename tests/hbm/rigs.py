@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from models import Channel, Contact, Damping, Excitation, FrictionLaw, ModalBody, Rig
+from models import Channel, Contact, ContactSample, Damping, Excitation, FrictionLaw, ModalBody, Rig
 from models.published import PAPER_PENALTY, paper_rig
 
 HZ = 1.0 / (2.0 * np.pi)  # one radian per second
@@ -33,9 +33,9 @@ class CubicSpring:
 
     gamma: Any
 
-    def advance(self, z: Any, s: Any) -> tuple[Any, Any]:
+    def advance(self, z: Any, before: ContactSample, now: ContactSample) -> tuple[Any, Any]:
         """Return no state and the restoring force."""
-        return z, -self.gamma * s.u**3
+        return z, -self.gamma * now.u**3
 
 
 def beam(law: FrictionLaw = PAPER_PENALTY, *, alpha: float = 0.6, modes: int = 5, **contact: bool) -> Rig:

@@ -1,0 +1,185 @@
+"""Coulomb's law and its kin: a limit mu R, and what happens below it."""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import casadi as ca
+
+from models.friction.elements import (
+    clip,
+    contact_velocity,
+    limits,
+    relax,
+    return_map,
+    share_within,
+    weakening,
+)
+from models.friction.law import ContactSample, Value, parameter
+
+
+@dataclass(frozen=True, eq=False)
+class Coulomb:
+    """Set-valued Coulomb friction (15): sticks exactly, slips at mu R.
+
+    The contact point itself does not move while it sticks; what moves is the structure's compliance C
+    in series with it, which must be positive. Where a structure brings none, the harmonic
+    balance supplies it and takes it back (dynamic Lagrangian, :mod:`hbm.residual`).
+    """
+
+    name: ClassVar[str] = "coulomb-lagrange"
+    states: ClassVar[int] = 1
+    set_valued: ClassVar[bool] = True
+
+    mu: Value = field(metadata=parameter("1", "friction coefficient", "(15)"))
+
+    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
+        """Return map of the series compliance alone."""
+        return return_map(z, 1.0 / now.C, self.mu, now)
+
+
+@dataclass(frozen=True, eq=False)
+class Jenkins:
+    """Coulomb friction with elastic slip, penalty form (16)-(19); k_t = mu P / critical_slip."""
+
+    name: ClassVar[str] = "coulomb-penalty"
+    states: ClassVar[int] = 1
+    set_valued: ClassVar[bool] = False
+
+    mu: Value = field(metadata=parameter("1", "friction coefficient", "(18)"))
+    critical_slip: Value = field(metadata=parameter("m", "elastic slip u_crit at which sliding starts", "(17), (19)"))
+
+    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
+        """Return map of the tangential spring in series with the structure."""
+        stiffness = 1.0 / (self.critical_slip / (self.mu * now.P) + now.C)
+        return return_map(z, stiffness, self.mu, now)
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityLimited:
+    """Coulomb friction with a linear ramp below a speed (VLFM): T = -mu R clip(v / velocity_limit).
+
+    It never sticks, it creeps. The ramp is a dashpot mu R / velocity_limit in series with the structure's
+    compliance, whose relaxation is integrated exactly for a velocity that is linear between samples.
+    """
+
+    name: ClassVar[str] = "vlfm"
+    states: ClassVar[int] = 0
+    set_valued: ClassVar[bool] = False
+
+    mu: Value = field(metadata=parameter("1", "friction coefficient", "paper's reference 3"))
+    velocity_limit: Value = field(
+        metadata=parameter("m/s", "speed below which friction ramps up", "paper's reference 3")
+    )
+
+    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
+        """Relax towards the ramp, within the limits."""
+        c_before, c_now = (self.mu * s.reaction / self.velocity_limit for s in (before, now))
+        x = now.dt / ca.fmax(now.C * (c_before + c_now) / 2.0, 1e-9 * now.dt)
+        return z, clip(relax(before.T, -c_before * before.v, -c_now * now.v, x), *limits(self.mu, now))
+
+
+@dataclass(frozen=True, eq=False)
+class Karnopp:
+    """Karnopp's zero-velocity band: the contact is held, up to mu_static R while |v| is in the band, mu R outside.
+
+    The limit is the average over the sample, so that the instant at which v leaves the band is not rounded to samples.
+    """
+
+    name: ClassVar[str] = "karnopp"
+    states: ClassVar[int] = 1
+    set_valued: ClassVar[bool] = True
+
+    mu_static: Value = field(
+        metadata=parameter("1", "friction coefficient in the band", "paper's reference 7", at_least="mu")
+    )
+    mu: Value = field(metadata=parameter("1", "friction coefficient outside", "paper's reference 7"))
+    velocity_band: Value = field(
+        metadata=parameter("m/s", "speed below which the contact counts as at rest", "paper's reference 7")
+    )
+
+    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
+        """Return map of the series compliance alone, with the limit of the band."""
+        return return_map(z, 1.0 / now.C, _banded(self, before, now), now)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceBalance:
+    """Friction that balances the other forces in a Karnopp band (FBFM), up to mu_static R; mu R outside.
+
+    Forces in balance leave no acceleration: where Karnopp's contact stands still, this one creeps on with the velocity
+    it had, at most that of the band. State: velocity of the contact itself.
+    """
+
+    name: ClassVar[str] = "fbfm"
+    states: ClassVar[int] = 1
+    set_valued: ClassVar[bool] = True
+
+    mu_static: Value = field(
+        metadata=parameter("1", "friction coefficient in the band", "paper's reference 5", at_least="mu")
+    )
+    mu: Value = field(metadata=parameter("1", "friction coefficient outside", "paper's reference 5"))
+    velocity_band: Value = field(
+        metadata=parameter("m/s", "speed below which the forces balance", "paper's reference 5")
+    )
+
+    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
+        """Return map of the series compliance, its anchor creeping on."""
+        creep = clip(z, -self.velocity_band, self.velocity_band) * now.dt
+        moved, T = return_map(before.displacement + creep, 1.0 / now.C, _banded(self, before, now), now)
+        return (moved - before.displacement) / now.dt, T
+
+
+def _banded(law: Karnopp | ForceBalance, before: ContactSample, now: ContactSample) -> Value:
+    """Friction coefficient of the sample: static in the velocity band, kinetic outside."""
+    return law.mu + (law.mu_static - law.mu) * share_within(law.velocity_band, before.v, now.v)
+
+
+@dataclass(frozen=True, eq=False)
+class SpringDamper:
+    """Spring and damper in parallel below the limit mu R (SDFM). State: their deflection [m].
+
+    While the limit holds the deflection relaxes on; it is integrated exactly for a force that is linear between samples.
+    """
+
+    name: ClassVar[str] = "sdfm"
+    states: ClassVar[int] = 1
+    set_valued: ClassVar[bool] = False
+
+    mu: Value = field(metadata=parameter("1", "friction coefficient", "paper's reference 6"))
+    stiffness: Value = field(metadata=parameter("N/m", "spring k_s of the stick phase", "paper's reference 6"))
+    damping: Value = field(
+        metadata=parameter("N s/m", "damper c_s of the stick phase", "paper's reference 6", strict=False)
+    )
+
+    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
+        """Spring and damper if stuck, within the limits; then the deflection that belongs to the force."""
+        stuck = z + now.displacement - before.displacement
+        T = clip(-self.stiffness * stuck - self.damping * contact_velocity(before, now), *limits(self.mu, now))
+        x = now.dt * self.stiffness / ca.fmax(self.damping, 1e-9 * now.dt * self.stiffness)
+        return relax(z, -before.T / self.stiffness, -T / self.stiffness, x), T
+
+
+@dataclass(frozen=True, eq=False)
+class Stribeck:
+    """Friction that falls with sliding speed (20), sticking branch as penalty with mu_static.
+
+    The limit mu(v) R applies at every instant; k_t = mu_static P / critical_slip; exponent 1 is the decay law.
+    """
+
+    name: ClassVar[str] = "stribeck"
+    states: ClassVar[int] = 1
+    set_valued: ClassVar[bool] = False
+
+    mu_static: Value = field(metadata=parameter("1", "friction coefficient at rest", "(20)", at_least="mu"))
+    mu: Value = field(metadata=parameter("1", "friction coefficient at high speed", "(20)"))
+    stribeck_velocity: Value = field(metadata=parameter("m/s", "speed v_s over which friction falls", "(20)"))
+    exponent: Value = field(
+        default=2.0, kw_only=True, metadata=parameter("1", "Stribeck exponent delta; 1 is the decay law", "(20)")
+    )
+    critical_slip: Value = field(metadata=parameter("m", "elastic slip u_crit at which sliding starts", "(17), (20)"))
+
+    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
+        """Return map with the limit of the present slip velocity."""
+        stiffness = 1.0 / (self.critical_slip / (self.mu_static * now.P) + now.C)
+        mu = weakening(self.mu_static, self.mu, self.stribeck_velocity, self.exponent, now.v)
+        return return_map(z, stiffness, mu, now)

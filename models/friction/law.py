@@ -1,0 +1,170 @@
+"""What a friction law is, and what is known of its parameters.
+
+A law advances its internal state from one sample of the contact's motion to the next and returns the friction
+force (:meth:`FrictionLaw.advance`). The harmonic balance marches it over a period, the time integrator over a
+step; derivatives come from CasADi.
+
+Signs: u and v are the *modal* slip and slip velocity, T the force on the beam, opposing v. The contact sees the series
+compliance C (C_res, and inside a time step of a set-valued law the dynamic compliance of the step): its own
+displacement is u + C T. The reaction is R = rho + eta T at each instant. Both relations make T implicit. A law may solve
+them itself, in closed form (:func:`models.friction.elements.limits`); or it uses `now.displacement` and `now.reaction`,
+which depend on `now.T`, and whoever calls it closes T = law(T) by Newton's method (:mod:`hbm.lawstep`).
+"""
+
+from dataclasses import MISSING, Field, dataclass, fields, replace
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import casadi as ca
+
+Value = Any  # a float or a CasADi expression: laws are written once for both
+
+
+class ContactSample(NamedTuple):
+    """What a law is told about one instant.
+
+    Attributes
+    ----------
+    u : modal slip [m], without the part C T that the law itself causes.
+    v : modal slip velocity [m/s].
+    rho, eta : normal reaction R = rho + eta T, [N] and [-].
+    C : series compliance [m/N], >= 0.
+    P : static normal load [N], to which nominal stiffnesses refer.
+    dt : time since the previous sample [s].
+    T : friction force [N]; at the present instant the one that the law itself is to return.
+    """
+
+    u: Value
+    v: Value
+    rho: Value
+    eta: Value
+    C: Value
+    P: Value
+    dt: Value
+    T: Value = 0.0
+
+    @property
+    def displacement(self) -> Value:
+        """Displacement of the contact itself, u + C T [m]."""
+        return self.u + self.C * self.T
+
+    @property
+    def reaction(self) -> Value:
+        """Normal reaction R = rho + eta T, none where the tip would lift off [N]."""
+        return ca.fmax(self.rho + self.eta * self.T, 0.0)
+
+
+class FrictionLaw(Protocol):
+    """A friction law: a frozen dataclass whose fields are its parameters (numbers or CasADi symbols)."""
+
+    name: ClassVar[str]
+    set_valued: ClassVar[bool]
+
+    @property
+    def states(self) -> int:
+        """Number of internal states."""
+        ...
+
+    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
+        """Advance the internal state `z` (states,) from sample `before` to `now`; return it and the force T [N]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What is known of one parameter of a law; kept in the metadata of the law's dataclass field.
+
+    Attributes
+    ----------
+    unit : str
+        SI unit, "1" for a pure number.
+    meaning : str
+        A few words.
+    source : str
+        Equation of the paper, or reference.
+    lower, upper : float
+        Bounds.
+    strict : bool
+        Whether the lower bound itself is excluded.
+    at_least : str or None
+        Another parameter of the same law that this one must not fall below.
+    """
+
+    unit: str
+    meaning: str
+    source: str
+    lower: float = 0.0
+    upper: float = float("inf")
+    strict: bool = True
+    at_least: str | None = None
+
+    @property
+    def bound(self) -> str:
+        """Bounds in words, such as ``> 0`` or ``> 0 and <= 1``."""
+        lower = f"{'>' if self.strict else '>='} {self.lower:g}"
+        return lower if self.upper == float("inf") else f"{lower} and <= {self.upper:g}"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A choice that decides the form of a law, not a number it can be differentiated to.
+
+    Attributes
+    ----------
+    meaning : str
+        A few words.
+    source : str
+        Equation of the paper, or reference.
+    instead_of : tuple of str
+        Other fields of the law that have no meaning where this one is given.
+    """
+
+    meaning: str
+    source: str
+    instead_of: tuple[str, ...] = ()
+
+
+def parameter(unit: str, meaning: str, source: str, **bounds: Any) -> dict[str, Parameter]:
+    """Metadata of a law's dataclass field; `bounds` as in :class:`Parameter`."""
+    return {"parameter": Parameter(unit, meaning, source, **bounds)}
+
+
+def setting(meaning: str, source: str, **more: Any) -> dict[str, Setting]:
+    """Metadata of a dataclass field that is a choice; `more` as in :class:`Setting`."""
+    return {"setting": Setting(meaning, source, **more)}
+
+
+def describe(law: type) -> dict[str, Parameter]:
+    """Parameters of a law class with their units, bounds and sources, in field order.
+
+    >>> from models import Jenkins
+    >>> {name: (p.unit, p.bound) for name, p in describe(Jenkins).items()}
+    {'mu': ('1', '> 0'), 'critical_slip': ('m', '> 0')}
+    """
+    return {f.name: f.metadata["parameter"] for f in fields(law) if "setting" not in f.metadata}
+
+
+def settings(law: type) -> dict[str, "Field[Any]"]:
+    """Dataclass fields of a law class that are choices, in field order."""
+    return {f.name: f for f in fields(law) if "setting" in f.metadata}
+
+
+def defaults(law: type) -> dict[str, Any]:
+    """Fields of a law class that need not be given, with their values."""
+    return {f.name: f.default for f in fields(law) if f.default is not MISSING}
+
+
+def parameters(law: FrictionLaw) -> dict[str, float]:
+    """Parameters of a law by name, in the order every solver passes them."""
+    return {f.name: getattr(law, f.name) for f in fields(law) if "setting" not in f.metadata}  # type: ignore[arg-type]
+
+
+def chosen(law: FrictionLaw) -> dict[str, Any]:
+    """Settings of a law by name."""
+    return {name: getattr(law, name) for name in settings(type(law))}
+
+
+def with_symbols(law: FrictionLaw) -> tuple[FrictionLaw, Any]:
+    """Copy a law with its parameters replaced by CasADi symbols; return it and the (p,) SX vector."""
+    names = list(parameters(law))
+    p = ca.SX.sym("p", len(names))
+    return replace(law, **{name: p[i] for i, name in enumerate(names)}), p  # type: ignore[type-var]
