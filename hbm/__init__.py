@@ -3,9 +3,11 @@
 In reading order: :func:`load_rig` makes a :class:`models.Rig` of a rig file; :func:`frequency_response` returns a
 :class:`ResponseCurve` with its numerical error; the points of a curve are
 :class:`PeriodicSolution` objects, as :func:`steady_state` returns one; their channels are the rig's and the computed
-``drive``, ``slip``, ``slip_velocity``, ``friction``, ``normal``. :func:`simulate` marches the same rig in time and
-returns a :class:`TimeHistory`. What a user can get wrong is an :class:`InputError`; what cannot be computed, a
-:class:`ConvergenceError`. Figures are in :mod:`hbm.report`, files in :mod:`hbm.files`.
+``drive``, ``slip``, ``slip_velocity``, ``friction``, ``normal``. :func:`sensitivities` differentiates one of them
+to the parameters of its rig. :func:`simulate` marches the same rig in time and
+returns a :class:`TimeHistory`; :func:`friction_loop` shows a friction law alone, under a prescribed slip. What a user
+can get wrong is an :class:`InputError`; what cannot be computed, a :class:`ConvergenceError`. Figures are in
+:mod:`hbm.report`, files in :mod:`hbm.files`.
 
 Six lines from a rig to a figure::
 
@@ -32,9 +34,11 @@ if TYPE_CHECKING:
     from hbm.history import TimeHistory
     from hbm.integrate import simulate
     from hbm.lawchoice import choose_law
+    from hbm.loop import FrictionLoop, friction_loop
     from hbm.modes import LinearModes, linear_modes
     from hbm.response import force_response, steady_state, trace_frequency
     from hbm.rigfile import load_rig
+    from hbm.sensitivity import Sensitivities, sensitivities
     from hbm.solution import PeriodicSolution
 
     __version__: str
@@ -42,19 +46,23 @@ if TYPE_CHECKING:
 __all__ = [
     "Assessment",
     "ConvergenceError",
+    "FrictionLoop",
     "InputError",
     "LinearModes",
     "NumericalError",
     "PeriodicSolution",
     "ResponseCurve",
     "SavedCurve",
+    "Sensitivities",
     "TimeHistory",
     "choose_law",
     "force_response",
     "frequency_response",
+    "friction_loop",
     "linear_modes",
     "load_rig",
     "read_curves",
+    "sensitivities",
     "simulate",
     "steady_state",
     "trace_frequency",
@@ -71,9 +79,11 @@ _HOMES = {
     "hbm.history": ("TimeHistory",),
     "hbm.integrate": ("simulate",),
     "hbm.lawchoice": ("choose_law",),
+    "hbm.loop": ("FrictionLoop", "friction_loop"),
     "hbm.modes": ("LinearModes", "linear_modes"),
     "hbm.response": ("force_response", "steady_state", "trace_frequency"),
     "hbm.rigfile": ("load_rig",),
+    "hbm.sensitivity": ("Sensitivities", "sensitivities"),
     "hbm.solution": ("PeriodicSolution",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}

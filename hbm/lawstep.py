@@ -96,11 +96,12 @@ def law_step(law: FrictionLaw) -> LawStep:
     before, signals = ca.SX.sym("before", len(BEFORE)), ca.SX.sym("signals", len(SIGNALS))
     environment = ca.SX.sym("environment", len(ENVIRONMENT))
     C, P, dt = ca.vertsplit(environment)
-    *signals_before, T_before = ca.vertsplit(before)
+    u_before, v_before, rho_before, eta_before, T_before = ca.vertsplit(before)
+    u, v, rho, eta = ca.vertsplit(signals)
     z_new, force = symbolic.advance(
         z,
-        ContactSample(*signals_before, C_before, P, dt, T_before),
-        ContactSample(*ca.vertsplit(signals), C, P, dt, T),
+        ContactSample(u_before, v_before, rho_before, eta_before, C_before, P, dt, T_before),
+        ContactSample(u, v, rho, eta, C, P, dt, T),
     )
     force, z_new = ca.densify(ca.SX(force)), ca.densify(ca.SX(z_new))
     used = ca.sum1(ca.DM(ca.jacobian(ca.vertcat(force, z_new), before).sparsity(), 1)).full().ravel()

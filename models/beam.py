@@ -178,7 +178,8 @@ def beam_structure(
     reaction = Reaction(
         inertia=inertia,
         damping=inertia * viscous_damping,
-        stretch=(weights * beam.tip_load_shape(x, 1)) @ slopes,
+        # like the shortening it comes from the axial force in the deflected beam, -T y'' in (1)
+        stretch=(weights * beam.tip_load_shape(x, 1)) @ slopes if foreshortening else np.zeros(beam.modes),
         force_share=float(beam.tip_load_shape(np.array(excitation_position))),
         friction_lever=float(arm * beam.tip_load_shape(np.array(L), 1)),
     )

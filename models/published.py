@@ -46,8 +46,9 @@ PAPER_STRIBECK = Stribeck(mu_static=0.477, mu=0.161, stribeck_velocity=6.101e-4,
 PAPER_DECAY = Stribeck(mu_static=0.477, mu=0.161, stribeck_velocity=6.101e-4, critical_slip=4.146e-6, exponent=1.0)
 # Table 3, column Dahl
 PAPER_DAHL = Dahl(mu=0.500, stiffness=1.003e7)
-# Table 3, column LuGre. Its sigma_0 = 1.140e4 N/m contradicts its own u_crit = 4.060e-6 m: mu_s P / u_crit = 1.006e7 N/m,
-# three orders larger and in line with Dahl's. The consistent value is the set to use; the printed one is kept beside it.
+# Table 3, column LuGre. Its sigma_0 = 1.140e4 N/m contradicts its own u_crit = 4.060e-6 m: mu_s P / u_crit =
+# 1.006e7 N/m, three orders larger and in line with Dahl's. The consistent value is the set to use; the printed one is
+# kept beside it.
 PAPER_LUGRE = LuGre(
     mu_static=0.492, mu=0.160, stribeck_velocity=7.152e-4, stiffness=1.006e7, bristle_damping=347.03, viscous=0.0
 )
@@ -58,8 +59,8 @@ PAPER_LUGRE_PRINTED = LuGre(
 # The paper names the laws below and identifies none of them. What they share with an identified law is taken from
 # Table 3 or section 5; the rest is assumed, and these sets show what the laws do, not what a contact is.
 ASSUMED_VLFM = VelocityLimited(mu=0.520, velocity_limit=6.101e-4)  # Coulomb's mu, Stribeck's velocity
-ASSUMED_KARNOPP = Karnopp(mu_static=0.520, mu=0.490, velocity_band=6.101e-4)  # the two mu of section 5
-ASSUMED_FBFM = ForceBalance(mu_static=0.520, mu=0.490, velocity_band=6.101e-4)
+ASSUMED_KARNOPP = Karnopp(mu_static=0.520, mu=0.490, velocity_band=1e-6)  # the two mu of section 5, a narrow band
+ASSUMED_FBFM = ForceBalance(mu_static=0.520, mu=0.490, velocity_band=1e-6)
 ASSUMED_SDFM = SpringDamper(mu=0.520, stiffness=1.04e7, damping=347.03)  # mu P / u_crit; LuGre's sigma_1
 # mu, v_s and sigma_1 of LuGre, its rest stiffness shared by three springs in series; plastic damping as presliding's
 ASSUMED_HYBRID = Hybrid(
@@ -72,9 +73,8 @@ ASSUMED_HYBRID = Hybrid(
     damping_plastic=347.03,
     damping_presliding=347.03,
 )
-ASSUMED_IWAN = Iwan(
-    mu=0.520, stiffness=1.04e7, spread=1.0
-)  # the penalty law's mu and stiffness, limits from 0 to twice the mean
+# the penalty law's mu and stiffness, limits from 0 to twice the mean
+ASSUMED_IWAN = Iwan(mu=0.520, stiffness=1.04e7, spread=1.0)
 
 
 def paper_rig(law: FrictionLaw = PAPER_PENALTY, name: str = "clamped-supported beam, Table 1") -> Rig:

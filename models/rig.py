@@ -65,6 +65,11 @@ class Damping:
             omega_n, self.mass_proportional, self.modal_ratios, self.high_mode_ratio, self.high_mode_from
         )
 
+    def by_mass_proportional(self, omega_n: Array) -> Array:
+        """Derivative of :meth:`viscous` to alpha, (n,): 1 for the modes that alpha damps, 0 for the others."""
+        unit, none = replace(self, mass_proportional=1.0), replace(self, mass_proportional=0.0)
+        return unit.viscous(omega_n) - none.viscous(omega_n)
+
 
 @dataclass(frozen=True, eq=False)
 class Contact:

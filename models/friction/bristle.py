@@ -1,9 +1,9 @@
 """Laws whose state is the deflection of bristles: Dahl, LuGre, and the hybrid model of Azizian & Mureithi.
 
 All share dz/dt = w' - |w'| z / z_max with w the displacement of the contact itself and z_max = mu(v) R / stiffness. In
-terms of the distance slid that is a relaxation towards +-z_max, integrated exactly for a z_max that moves linearly between
-samples (:func:`models.friction.elements.bristle`): second order, and stable however stiff the bristles are. What a law
-adds in proportion to velocities uses w' = v + C dT/dt at the sample.
+terms of the distance slid that is a relaxation towards +-z_max, integrated exactly for a z_max that moves linearly
+between samples (:func:`models.friction.elements.bristle`): second order, and stable however stiff the bristles are.
+What a law adds in proportion to velocities uses w' = v + C dT/dt at the sample.
 """
 
 from dataclasses import dataclass, field
@@ -11,8 +11,11 @@ from typing import ClassVar
 
 import casadi as ca
 
-from models.friction.elements import UNLOADED, bristle, contact_velocity, relax, weakening
+from models.friction.elements import UNLOADED, bristle, clip, contact_velocity, relax, weakening
 from models.friction.law import ContactSample, Value, parameter
+
+LIGHT = 1e-3
+"""Fraction of the static load below which a contact counts as hardly loaded."""
 
 GAUSSIAN = 2.0
 """Exponent of the Stribeck function of LuGre and hybrid, (23)."""
@@ -38,7 +41,7 @@ class Dahl:
         """Relax over the distance slid."""
         before = before._replace(T=-self.stiffness * z)
         reach_before, reach_now = (_limit(self.mu, s) / self.stiffness for s in (before, now))
-        z_new = bristle(z, now.displacement - before.displacement, reach_before, reach_now)
+        z_new, _ = bristle(z, now.displacement - before.displacement, reach_before, reach_now)
         return z_new, -self.stiffness * z_new
 
 
@@ -69,9 +72,14 @@ class LuGre:
     def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
         """Relax over the distance slid; add what goes with the velocities."""
         reach_before, reach_now = (_steady(self, s) / self.stiffness for s in (before, now))
-        z_new = bristle(z, now.displacement - before.displacement, reach_before, reach_now)
+        slip = now.displacement - before.displacement
+        z_new, z_change = bristle(z, slip, reach_before, reach_now)
         v = contact_velocity(before, now)
-        z_rate = v - ca.fabs(v) * z_new / reach_now
+        # z_change goes with the mean velocity of the step; to second order the velocity of its end counts, by as much
+        # as the contact is loaded: the direction of a bristle that carries nothing is a matter of rounding
+        v_mean, bent = slip / now.dt, clip(z_new / reach_now, -1.0, 1.0)
+        later = (v - v_mean - (ca.fabs(v) - ca.fabs(v_mean)) * bent) * now.reaction / (now.reaction + LIGHT * now.P)
+        z_rate = z_change / now.dt + later
         return z_new, -(self.stiffness * z_new + self.bristle_damping * z_rate + self.viscous * v)
 
 
@@ -80,14 +88,14 @@ class Hybrid:
     """Hybrid elastic-plastic-partial-slip model of Azizian & Mureithi, (21)-(23).
 
     Three massless nodes in series from the support to the sliding surface. The first is algebraic,
-    z_e = k_ep z_p / (k_e + k_ep); states: z_p and z_s. The third balance is taken with the sign k_ps (z_s - z_p), the only
-    one that is passive: the three add up to
+    z_e = k_ep z_p / (k_e + k_ep); states: z_p and z_s. The third balance is taken with the sign k_ps (z_s - z_p), the
+    only one that is passive: the three add up to
 
         resisting force = c_z (v - dz_s/dt),   c_z = g(v) / |v|,
 
-    and with f_e, f_ep, f_ps the springs' forces the power fed in, v times the resisting force, is
+    and the power fed in, v times the resisting force, is
 
-        v T_r = d/dt (stored) + c_p (dz_p/dt)^2 + c_s (dz_s/dt)^2 + c_z (v - dz_s/dt)^2 :
+        d/dt (stored in the springs) + c_p (dz_p/dt)^2 + c_s (dz_s/dt)^2 + c_z (v - dz_s/dt)^2 :
 
     what is not stored is dissipated, and nothing dissipated is negative.
     """

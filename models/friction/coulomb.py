@@ -16,6 +16,8 @@ from models.friction.elements import (
 )
 from models.friction.law import ContactSample, Value, parameter
 
+BAND_SOURCE = "paper's references 5 and 7"
+
 
 @dataclass(frozen=True, eq=False)
 class Coulomb:
@@ -83,62 +85,43 @@ class Karnopp:
     """Karnopp's zero-velocity band: the contact is held, up to mu_static R while |v| is in the band, mu R outside.
 
     The limit is the average over the sample, so that the instant at which v leaves the band is not rounded to samples.
+    v is the modal slip velocity, as in every limit: where the structure yields while the contact is held, it leaves a
+    narrow band before the contact does, and the static limit has little to say.
     """
 
     name: ClassVar[str] = "karnopp"
     states: ClassVar[int] = 1
     set_valued: ClassVar[bool] = True
 
-    mu_static: Value = field(
-        metadata=parameter("1", "friction coefficient in the band", "paper's reference 7", at_least="mu")
-    )
-    mu: Value = field(metadata=parameter("1", "friction coefficient outside", "paper's reference 7"))
+    mu_static: Value = field(metadata=parameter("1", "friction coefficient in the band", BAND_SOURCE, at_least="mu"))
+    mu: Value = field(metadata=parameter("1", "friction coefficient outside", BAND_SOURCE))
     velocity_band: Value = field(
-        metadata=parameter("m/s", "speed below which the contact counts as at rest", "paper's reference 7")
+        metadata=parameter("m/s", "speed below which the contact counts as at rest", BAND_SOURCE)
     )
 
     def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
         """Return map of the series compliance alone, with the limit of the band."""
-        return return_map(z, 1.0 / now.C, _banded(self, before, now), now)
+        within = share_within(self.velocity_band, before.v, now.v)
+        return return_map(z, 1.0 / now.C, self.mu + (self.mu_static - self.mu) * within, now)
 
 
 @dataclass(frozen=True, eq=False)
-class ForceBalance:
-    """Friction that balances the other forces in a Karnopp band (FBFM), up to mu_static R; mu R outside.
+class ForceBalance(Karnopp):
+    """Force balance in a Karnopp band (FBFM): friction balances the other forces, up to mu_static R; mu R outside.
 
-    Forces in balance leave no acceleration: where Karnopp's contact stands still, this one creeps on with the velocity
-    it had, at most that of the band. State: velocity of the contact itself.
+    Karnopp's law holds the velocity at zero and lets the force follow, this one sets the force and lets the velocity
+    follow. Step by step with last step's forces the two differ; with the reaction solved in the step, as here, a
+    massless contact in balance is one at rest, and they are the same law.
     """
 
     name: ClassVar[str] = "fbfm"
-    states: ClassVar[int] = 1
-    set_valued: ClassVar[bool] = True
-
-    mu_static: Value = field(
-        metadata=parameter("1", "friction coefficient in the band", "paper's reference 5", at_least="mu")
-    )
-    mu: Value = field(metadata=parameter("1", "friction coefficient outside", "paper's reference 5"))
-    velocity_band: Value = field(
-        metadata=parameter("m/s", "speed below which the forces balance", "paper's reference 5")
-    )
-
-    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
-        """Return map of the series compliance, its anchor creeping on."""
-        creep = clip(z, -self.velocity_band, self.velocity_band) * now.dt
-        moved, T = return_map(before.displacement + creep, 1.0 / now.C, _banded(self, before, now), now)
-        return (moved - before.displacement) / now.dt, T
-
-
-def _banded(law: Karnopp | ForceBalance, before: ContactSample, now: ContactSample) -> Value:
-    """Friction coefficient of the sample: static in the velocity band, kinetic outside."""
-    return law.mu + (law.mu_static - law.mu) * share_within(law.velocity_band, before.v, now.v)
 
 
 @dataclass(frozen=True, eq=False)
 class SpringDamper:
     """Spring and damper in parallel below the limit mu R (SDFM). State: their deflection [m].
 
-    While the limit holds the deflection relaxes on; it is integrated exactly for a force that is linear between samples.
+    While the limit holds the deflection relaxes on, integrated exactly for a force that is linear between samples.
     """
 
     name: ClassVar[str] = "sdfm"

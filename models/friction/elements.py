@@ -54,11 +54,15 @@ def relax(y: Value, target_before: Value, target_now: Value, x: Value) -> Value:
     return target_now + ca.exp(-x) * (y - target_before) - moved * _mean_decay(x)
 
 
-def bristle(z: Value, slip: Value, limit_before: Value, limit_now: Value) -> Value:
-    """Advance the bristle dz = dw - |dw| z / limit over a `slip` w, exactly for a limit that moves linearly."""
+def bristle(z: Value, slip: Value, limit_before: Value, limit_now: Value) -> tuple[Value, Value]:
+    """Advance the bristle dz = dw - |dw| z / limit over a `slip` w, exactly for a limit that moves linearly.
+
+    Returns also the slope dz/dw of the end as seen by the step, times the slip.
+    """
     sign = ca.if_else(slip < 0.0, -1.0, 1.0)  # at slip 0 the derivative is that of a bristle, not zero
     x = 2.0 * sign * slip / (limit_before + limit_now)
-    return relax(z, sign * limit_before, sign * limit_now, x)
+    z_new = relax(z, sign * limit_before, sign * limit_now, x)
+    return z_new, x * (sign * limit_now - z_new)
 
 
 def contact_velocity(before: ContactSample, now: ContactSample) -> Value:

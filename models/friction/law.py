@@ -6,9 +6,10 @@ step; derivatives come from CasADi.
 
 Signs: u and v are the *modal* slip and slip velocity, T the force on the beam, opposing v. The contact sees the series
 compliance C (C_res, and inside a time step of a set-valued law the dynamic compliance of the step): its own
-displacement is u + C T. The reaction is R = rho + eta T at each instant. Both relations make T implicit. A law may solve
-them itself, in closed form (:func:`models.friction.elements.limits`); or it uses `now.displacement` and `now.reaction`,
-which depend on `now.T`, and whoever calls it closes T = law(T) by Newton's method (:mod:`hbm.lawstep`).
+displacement is u + C T. The reaction is R = rho + eta T at each instant. Both relations make T implicit. A law may
+solve them itself, in closed form (:func:`models.friction.elements.limits`); or it uses `now.displacement` and
+`now.reaction`, which depend on `now.T`, and whoever calls it closes T = law(T) by Newton's method
+(:mod:`hbm.lawstep`).
 """
 
 from dataclasses import MISSING, Field, dataclass, fields, replace
@@ -140,7 +141,8 @@ def describe(law: type) -> dict[str, Parameter]:
     >>> {name: (p.unit, p.bound) for name, p in describe(Jenkins).items()}
     {'mu': ('1', '> 0'), 'critical_slip': ('m', '> 0')}
     """
-    return {f.name: f.metadata["parameter"] for f in fields(law) if "setting" not in f.metadata}
+    unknown = Parameter("?", "not described", "", lower=-float("inf"))
+    return {f.name: f.metadata.get("parameter", unknown) for f in fields(law) if "setting" not in f.metadata}
 
 
 def settings(law: type) -> dict[str, "Field[Any]"]:
