@@ -22,6 +22,7 @@ from hbm.errors import InputError
 if TYPE_CHECKING:
     from hbm.curve import ResponseCurve
     from hbm.history import TimeHistory
+    from hbm.lawchoice import KnownLaw
     from models.rig import Rig
 
 INTERRUPTED = 130
@@ -139,6 +140,46 @@ def modes(rig: RigFile) -> None:
     print_modes(_console(), loaded, linear_modes(loaded))
 
 
+@app.command()
+def laws(
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="NAME", help="Laws, or one's own, file.py:Class; all if omitted."),
+    ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="F.png", help="Save a figure of the laws' loops under a prescribed slip (png, pdf or svg)."
+        ),
+    ] = None,
+    slip: Annotated[
+        str | None, typer.Option(metavar="M", help="With --plot: amplitude of the slip in m; 1e-5 where omitted.")
+    ] = None,
+    frequency: Annotated[
+        str | None, typer.Option(metavar="HZ", help="With --plot: frequency of the slip; 50 where omitted.")
+    ] = None,
+    load: Annotated[str | None, typer.Option(metavar="N", help="With --plot: normal load; 83 where omitted.")] = None,
+) -> None:
+    """Friction laws: parameters, units, bounds, sources; and their loops, force against slip and slip velocity.
+
+    Example:  hbm laws dahl iwan --plot loops.png
+    """
+    _check_outputs("laws", None, plot)
+    for option, given in {"--slip": slip, "--frequency": frequency, "--load": load}.items():
+        if given is not None and plot is None:
+            raise InputError(f"laws: {option} without --plot; must have both")
+    amplitude = _positive("laws", "--slip", slip or "1e-5", "m")
+    hz = _positive("laws", "--frequency", frequency or "50", "Hz")
+    force = _positive("laws", "--load", load or "83", "N")
+    chosen = _laws(names)
+    if plot is not None:
+        _deliver_loops(_with_values(chosen, refuse=bool(names)), amplitude, hz, force, plot)
+        return
+    from hbm.tables import print_laws
+
+    print_laws(_console(), chosen, detailed=bool(names))
+
+
 @app.command(cls=Spread)
 def frf(
     rig: RigFile,
@@ -159,8 +200,8 @@ def frf(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Another friction law on the same rig: parameters of the same name are the rig's, "
-            "the others published ones; the output says which.",
+            help="Another friction law on the same rig, with its published or assumed parameters (see hbm laws); "
+            "or one's own, file.py:Class.",
         ),
     ] = None,
     harmonics: Annotated[
@@ -246,6 +287,31 @@ def _named(command: str) -> Iterator[None]:
         yield
     except InputError as refused:
         raise InputError(f"{command}: {refused}") from None
+
+
+def _laws(names: Sequence[str] | None) -> list[Any]:
+    from hbm.lawfile import find_law
+    from models import LAWS
+
+    laws = []
+    for name in names or LAWS:
+        try:
+            laws.append(find_law(name, Path()))
+        except InputError as refused:
+            raise InputError(f"laws: {_quoted(name)}; {refused}") from None
+    return laws
+
+
+def _with_values(laws: Sequence[Any], *, refuse: bool) -> list["KnownLaw"]:
+    """Laws with the parameters that are known of them; those without any are refused or left out."""
+    from hbm.lawchoice import known_law
+    from models import describe
+
+    known = {law: known_law(law) for law in laws}
+    for law, values in known.items():
+        if values is None and refuse:
+            raise InputError(f"laws: --plot of {law.name}; no parameters are known of it to draw its loops with")
+    return [values for law, values in known.items() if values is not None and (refuse or describe(law))]
 
 
 def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
@@ -352,6 +418,18 @@ def _console() -> Any:
     if sys.stdout.isatty():
         return Console(width=max(80, Console().width))  # a narrow terminal wraps lines, no number is cut
     return Console(width=120, force_terminal=False, color_system=None)  # piped: no escapes, nothing cut
+
+
+def _deliver_loops(known: Sequence["KnownLaw"], slip: float, hz: float, load: float, plot: Path) -> None:
+    from hbm.files import write_figure
+    from hbm.loop import friction_loop
+    from hbm.report import plot_loops
+    from hbm.tables import print_loops
+
+    loops = [friction_loop(k.law, slip, hz, load=load) for k in known]
+    write_figure(plot, plot_loops(loops))
+    print_loops(_console(), loops, [k.name for k in known])
+    _print_written([plot])
 
 
 def _deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None) -> None:

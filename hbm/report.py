@@ -20,6 +20,7 @@ from hbm.solution import PeriodicSolution
 
 if TYPE_CHECKING:
     from hbm.history import TimeHistory
+    from hbm.loop import FrictionLoop
 
 Curves = ResponseCurve | Sequence[ResponseCurve]
 Color = tuple[float, ...]
@@ -28,6 +29,9 @@ WIDTH = 6.3  # inches: the text width of a page
 SMALL = 8
 INK, FAINT = "0.2", "0.75"
 MARKERS = {"corner": ("|", 4.0), "fold": ("o", 3.2), "ends here": ("x", 6.0)}
+LOOP_LABELS = ("Slip [µm]", "Velocity [mm/s]")
+STYLES = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (5, 1, 1, 1)))
+OVERLAID = len(STYLES)
 PHASE_TICKS = np.arange(-270, 91, 90)
 HISTORY_ROWS = (
     ("drive", 1e3, "Drive\n[mm]"),
@@ -167,6 +171,75 @@ def plot_loop(
 
 
 # --------------------------------------------------------------------------------------------------------- whole page
+
+
+def plot_loops(loops: Sequence["FrictionLoop"]) -> Figure:
+    """Friction force against slip and against slip velocity, side by side.
+
+    Up to OVERLAID laws share two panels. More have a pair of panels each, with the other loops in grey behind.
+
+    Parameters
+    ----------
+    loops : sequence of FrictionLoop
+
+    Returns
+    -------
+    Figure
+    """
+    return _overlaid(loops) if len(loops) <= OVERLAID else _one_by_one(loops)
+
+
+def _overlaid(loops: Sequence["FrictionLoop"]) -> Figure:
+    figure = Figure(figsize=(WIDTH, 2.9), layout="constrained")
+    pair = figure.subplots(1, 2, sharey=True)
+    for i, (loop, style) in enumerate(zip(loops, STYLES, strict=False)):
+        color = colormaps["viridis"](0.05 + 0.73 * i / max(len(loops) - 1, 1))
+        for ax, x in zip(pair, _scaled(loop), strict=True):
+            ax.plot(x, _closed(loop.T), color=color, linestyle=style, linewidth=1.4, label=loop.law.name)
+    for ax, x_label, y_label in zip(pair, LOOP_LABELS, ("Friction force [N]", ""), strict=True):
+        _dressed(ax, x_label, y_label)
+    named = pair[0].get_legend_handles_labels()
+    figure.legend(*named, loc="outside upper center", ncols=OVERLAID, frameon=False, fontsize=SMALL, labelcolor=INK)
+    return figure
+
+
+def _one_by_one(loops: Sequence["FrictionLoop"]) -> Figure:
+    rows = -(-len(loops) // 2)
+    figure = Figure(figsize=(WIDTH, 1.2 * rows + 0.4), layout="constrained")
+    grid = figure.subplots(rows, 4, sharex="col", sharey=True)
+    free = [(0, 2)] if len(loops) % 2 else []
+    places = [(row, column) for column in (0, 2) for row in range(rows) if (row, column) not in free]
+    for loop, (row, column) in zip(loops, places, strict=True):
+        _small_multiple(grid[row, column : column + 2], loop, loops)
+    for row, column in free:
+        _say_what_is_drawn(grid[row, column : column + 2], loops[0])
+    for ax, label in zip(grid[-1], LOOP_LABELS * 2, strict=True):
+        ax.set_xlabel(label, color=INK)
+    figure.supylabel("Friction force [N]", color=INK, fontsize=10)
+    return figure
+
+
+def _small_multiple(pair: Sequence[Axes], loop: "FrictionLoop", loops: Sequence["FrictionLoop"]) -> None:
+    for k, ax in enumerate(pair):
+        for other in loops:
+            ax.plot(_scaled(other)[k], _closed(other.T), color="0.87", linewidth=0.5, label=f"_{other.law.name}")
+        ax.plot(_scaled(loop)[k], _closed(loop.T), color=_colors([loop])[0], linewidth=1.3, label=loop.law.name)
+        _dressed(ax, "", "")
+    pair[0].set_title(loop.law.name, fontsize=SMALL + 1, loc="left", color=INK)
+
+
+def _say_what_is_drawn(pair: Sequence[Axes], loop: "FrictionLoop") -> None:
+    """Fill a place that no law takes."""
+    text = f"slip ±{np.ptp(loop.u) * 5e5:.3g} µm at {loop.hz:g} Hz,\nload {loop.load:g} N; grey: the other laws"
+    note = pair[0].text(0.0, 0.5, text, transform=pair[0].transAxes, va="center", fontsize=SMALL, color=INK)
+    note.set_in_layout(False)
+    for ax in pair:
+        ax.set_axis_off()
+
+
+def _scaled(loop: "FrictionLoop") -> tuple[Array, Array]:
+    """Slip [µm] and slip velocity [mm/s], closed."""
+    return _closed(loop.u) * 1e6, _closed(loop.v) * 1e3
 
 
 def plot_curves(curves: Curves) -> Figure:

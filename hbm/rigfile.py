@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hbm.errors import InputError
+from hbm.lawfile import find_law
 from hbm.rigschema import (
     BeamRig,
     Complaint,
@@ -21,12 +22,14 @@ from hbm.rigschema import (
     ModalRig,
     ModalTable,
     Table,
+    dotted,
     first_complaint,
     found,
     law_table,
     root_schema,
 )
-from models import LAWS, Beam, Channel, Contact, Damping, Excitation, FrictionLaw, ModalBody, Rig, describe
+from models import Beam, Channel, Contact, Damping, Excitation, FrictionLaw, ModalBody, Rig, describe
+from models.friction import settings
 
 COMPUTED_CHANNELS = ("drive", "slip", "slip_velocity", "friction", "normal")
 
@@ -37,7 +40,7 @@ def load_rig(path: str | PathLike[str]) -> Rig:
     Parameters
     ----------
     path : str or path
-        TOML file, formats.md section 1.
+        TOML file, formats.md section 1. A law of one's own, ``file.py:Class``, is run: read files you trust.
 
     Returns
     -------
@@ -60,7 +63,7 @@ def rig_from_dict(table: Mapping[str, Any], source: str) -> Rig:
     table : mapping
         What :func:`tomllib.load` returns for a rig file.
     source : str
-        Name of the file, for messages.
+        Name of the file, for messages; the file of a law of one's own is looked for beside it.
 
     Returns
     -------
@@ -74,13 +77,15 @@ def rig_from_dict(table: Mapping[str, Any], source: str) -> Rig:
     table = dict(table)
     if not table:
         raise InputError(f"{source}: is empty; must have name, beam or modal, damping, contact, excitation")
-    if complaint := first_complaint(table):
+    folder = Path(source).parent
+    if complaint := first_complaint(table, folder):
         raise InputError(f"{source}: {complaint}")
     file = root_schema(table).model_validate(table)
-    law = law_table(LAWS[file.contact.friction["law"]]).model_validate(file.contact.friction)
-    for complaint in _contradictions(file, law):
+    kind = find_law(file.contact.friction["law"], folder)
+    law = law_table(kind).model_validate(file.contact.friction)
+    for complaint in _contradictions(file, kind, law):
         raise InputError(f"{source}: {complaint}")
-    return _rig(file, law)
+    return _rig(file, _law(kind, law))
 
 
 def _read(path: Path, source: str) -> str:
@@ -114,12 +119,12 @@ def _parse(text: str, source: str) -> dict[str, Any]:
 # ------------------------------------------------------------------------------ entries that contradict each other
 
 
-def _contradictions(file: BeamRig | ModalRig, law: Table) -> Iterator[Complaint]:
+def _contradictions(file: BeamRig | ModalRig, kind: type, law: Table) -> Iterator[Complaint]:
     if isinstance(file, ModalRig):
         yield from _of_modes(file.modal, channels=len(file.channels))
     modes = file.beam.modes if isinstance(file, BeamRig) else len(file.modal.frequencies_hz)
     yield from _of_damping(file.damping, modes)
-    yield from _of_law(law)
+    yield from _of_law(kind, law)
     if isinstance(file, BeamRig):
         yield from _of_positions(file)
     yield from _of_channels(file.channels)
@@ -158,12 +163,17 @@ def _of_damping(damping: DampingTable, modes: int) -> Iterator[Complaint]:
         yield Complaint(key, _has(damping.modal_ratios), f"must have 1, or {modes}, one per mode")
 
 
-def _of_law(law: Table) -> Iterator[Complaint]:
-    values = law.model_dump()
-    for name, p in describe(LAWS[values["law"]]).items():
+def _of_law(kind: type, law: Table) -> Iterator[Complaint]:
+    table, values = ("contact", "friction"), law.model_dump()
+    for name, p in describe(kind).items():
         if p.at_least and values[name] < values[p.at_least]:
             accepted = f"must be >= {p.at_least} = {values[p.at_least]}"
-            yield Complaint(("contact", "friction", name), found(values[name]), accepted)
+            yield Complaint((*table, name), found(values[name]), accepted)
+    for name, f in settings(kind).items():
+        for other in f.metadata["setting"].instead_of:
+            if {name, other} <= law.model_fields_set:
+                both = f"and {dotted((*table, other))} are both present"
+                yield Complaint((*table, name), both, "must have one of them")
 
 
 def _of_positions(file: BeamRig) -> Iterator[Complaint]:
@@ -191,12 +201,12 @@ def _of_channels(channels: list[Any]) -> Iterator[Complaint]:
 # ------------------------------------------------------------------------------------------------ the rig itself
 
 
-def _rig(file: BeamRig | ModalRig, law: Table) -> Rig:
+def _rig(file: BeamRig | ModalRig, law: FrictionLaw) -> Rig:
     return Rig(
         name=file.name,
         body=Beam(**file.beam.model_dump()) if isinstance(file, BeamRig) else _modal_body(file.modal),
         damping=_damping(file.damping),
-        contact=Contact(law=_law(law), **file.contact.model_dump(exclude={"friction"})),
+        contact=Contact(law=law, **file.contact.model_dump(exclude={"friction"})),
         excitation=Excitation(**file.excitation.model_dump()),
         channels=tuple(Channel(**channel.model_dump()) for channel in file.channels),
     )
@@ -217,7 +227,7 @@ def _damping(damping: DampingTable) -> Damping:
     return Damping(mass_proportional=damping.mass_proportional or 0.0, modal_ratios=ratios, **entries)
 
 
-def _law(law: Table) -> FrictionLaw:
-    values = law.model_dump()
-    made: FrictionLaw = LAWS[values.pop("law")](**values)
+def _law(kind: type, law: Table) -> FrictionLaw:
+    values = law.model_dump(exclude={"law"})
+    made: FrictionLaw = kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
     return made

@@ -9,14 +9,19 @@ import difflib
 import json
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from functools import cache
-from typing import Annotated, Any, NamedTuple, get_args
+from math import isfinite
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import ErrorDetails
 
-from models import LAWS, Beam, Contact, Damping, describe
+from hbm.errors import InputError
+from hbm.lawfile import accepted_laws, find_law
+from models import LAWS, Beam, Contact, Damping, Parameter, describe
+from models.friction import defaults
 from models.rig import Quantity
 
 Key = tuple[str | int, ...]
@@ -24,6 +29,10 @@ Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
 # names become columns and cells of CSV files
 ChannelName = Annotated[str, Field(pattern=r'^[^\s\p{C},;"](?:[^\p{C}\p{Zl}\p{Zp},;"]*[^\s\p{C},;"])?$')]
+
+
+MOST_ENTRIES = 200
+"""Elements of a law, of which each costs a state."""
 
 
 class Table(BaseModel):
@@ -128,12 +137,42 @@ class ModalRig(Table):
 @cache
 def law_table(law: type) -> type[Table]:
     """Schema of ``[contact.friction]`` for one law, made from the law's fields."""
-    defaults = {f.name: ... if f.default is MISSING else f.default for f in fields(law)}
+    known, hints, optional = describe(law), get_type_hints(law), defaults(law)
     entries: dict[str, Any] = {"law": (str, ...)}
-    for name, p in describe(law).items():
-        bound = Field(gt=p.lower) if p.strict else Field(ge=p.lower)
-        entries[name] = (Annotated[float, bound], defaults[name])
+    for f in fields(law):
+        accepted = _number(known[f.name]) if f.name in known else _choice(hints[f.name])
+        default = optional.get(f.name, ...)
+        entries[f.name] = (accepted, list(default) if isinstance(default, tuple) else default)
     return create_model(f"{law.__name__}Table", __base__=Table, **entries)
+
+
+def _number(p: Parameter) -> Any:
+    bounds: dict[str, Any] = {"gt" if p.strict else "ge": p.lower, "le": p.upper}
+    return Annotated[float, Field(**{sign: bound for sign, bound in bounds.items() if isfinite(bound)})]
+
+
+def _choice(hint: Any) -> Any:
+    """Schema of a setting of the type `hint`: counts and arrays of positive numbers are limited."""
+    if hint is int:
+        return Annotated[int, Field(ge=1, le=MOST_ENTRIES)]
+    if get_origin(hint) is tuple:
+        return Annotated[list[Positive], Field(min_length=1, max_length=MOST_ENTRIES)]
+    return hint
+
+
+def accepted_setting(law: type, name: str) -> str:
+    """What a rig file may hold for a setting of a law, in a few words.
+
+    >>> from models import Iwan
+    >>> [accepted_setting(Iwan, name) for name in ("elements", "distribution", "limits")]
+    ['1 to 200', '"uniform"', 'array of > 0']
+    """
+    hint = get_type_hints(law)[name]
+    if hint is int:
+        return f"1 to {MOST_ENTRIES}"
+    if get_origin(hint) is tuple:
+        return "array of > 0"
+    return " or ".join(json.dumps(choice) for choice in get_args(hint)) or getattr(hint, "__name__", str(hint))
 
 
 class Complaint(NamedTuple):
@@ -152,13 +191,16 @@ def root_schema(table: dict[str, Any]) -> type[BeamRig] | type[ModalRig]:
     return ModalRig if "modal" in table and "beam" not in table else BeamRig
 
 
-def first_complaint(table: dict[str, Any]) -> Complaint | None:
-    """First departure from the schema in the order of the file, a missing key at the end of its table."""
+def first_complaint(table: dict[str, Any], folder: Path) -> Complaint | None:
+    """First departure from the schema in the order of the file, a missing key at the end of its table.
+
+    `folder` is where the file of a law of one's own is looked for.
+    """
     contact = table.get("contact")
     friction = contact.get("friction") if isinstance(contact, dict) else None
     complaints = [*_of_schema(root_schema(table), table, ())]
     if isinstance(friction, dict):
-        complaints += _of_friction(friction)
+        complaints += _of_friction(friction, folder)
     if "beam" not in table and "modal" not in table:  # what the other tables may hold depends on it
         complaints = [c for c in complaints if len(c.key) == 1]
     return min(complaints, key=lambda c: _rank(table, c.key), default=None)
@@ -187,14 +229,19 @@ def _of_schema(schema: type[Table], table: dict[str, Any], prefix: Key) -> Itera
             yield _complaint(schema, error, prefix)
 
 
-def _of_friction(friction: dict[str, Any]) -> Iterator[Complaint]:
-    key, law = ("contact", "friction", "law"), friction.get("law")
+def _of_friction(friction: dict[str, Any], folder: Path) -> Iterator[Complaint]:
+    key, name = ("contact", "friction", "law"), friction.get("law")
     if "law" not in friction:
-        yield Complaint(key, "is missing", one_of(LAWS))
-    elif not isinstance(law, str) or law not in LAWS:
-        yield Complaint(key, found(law), one_of(LAWS) + _did_you_mean(law, LAWS))
+        yield Complaint(key, "is missing", f"must be {accepted_laws()}")
+    elif not isinstance(name, str):
+        yield Complaint(key, found(name), f"must be {accepted_laws()}")
     else:
-        yield from _of_schema(law_table(LAWS[law]), friction, key[:-1])
+        try:
+            law = find_law(name, folder)
+        except InputError as refused:
+            yield Complaint(key, found(name), str(refused))
+        else:
+            yield from _of_schema(law_table(law), friction, key[:-1])
 
 
 def _complaint(schema: type[Table], error: ErrorDetails, prefix: Key) -> Complaint:
@@ -206,7 +253,7 @@ def _complaint(schema: type[Table], error: ErrorDetails, prefix: Key) -> Complai
     elif error["type"] == "extra_forbidden":
         words = _unknown(schema, key)
     else:
-        words = found(error["input"]), _accepted(error)
+        words = found(error["input"]), _accepted(schema, error)
     return Complaint(prefix + key, *words)
 
 
@@ -232,9 +279,10 @@ def _unknown(schema: type[Table], key: Key) -> tuple[str, str]:
 def _foreign_parameter(schema: type[Table], name: str, value: Any) -> tuple[str, str]:
     accepted = list(schema.model_fields)
     accepts = f"accepted keys are {', '.join(accepted)}"
-    owners = [law for law, kind in LAWS.items() if name in describe(kind)]
-    if owners:
-        return f"{found(value)} is a parameter of {' and '.join(owners)}", accepts
+    *others, last = [law for law, kind in LAWS.items() if name in {f.name for f in fields(kind)}] or [""]
+    if last:
+        owners = f"{', '.join(others)} and {last}" if others else last
+        return f"{found(value)} is a parameter of {owners}", accepts
     return "is unknown", accepts + _did_you_mean(name, accepted)
 
 
@@ -247,16 +295,29 @@ def _table_at(schema: type[Table], key: Key) -> type[Table]:
     return schema
 
 
-def _accepted(error: ErrorDetails) -> str:
+def _accepted(schema: type[Table], error: ErrorDetails) -> str:
     """What is accepted where pydantic found something else."""
     kind, context = error["type"], error.get("ctx", {})
     if kind == "list_type" and isinstance(error["input"], dict):
         return f"must be an array of tables, [[{error['loc'][-1]}]]"
     if kind == "literal_error":
         return one_of(re.findall("'([^']*)'", context["expected"]))
+    if kind in _BOUNDS and (bounds := _bounds(schema, error["loc"])):
+        return f"must be {' and '.join(bounds)}"
     return _WORDS.get(kind, error["msg"]).format(**context)
 
 
+def _bounds(schema: type[Table], key: Key) -> list[str]:
+    """Every bound of the number under `key`, not only the one it exceeds."""
+    if not isinstance(key[-1], str):
+        return []
+    known = _table_at(schema, key[:-1]).model_fields[key[-1]].metadata
+    limits = [(sign, getattr(bound, name)) for bound in known for name, sign in _SIGNS.items() if hasattr(bound, name)]
+    return [f"{sign} {limit:g}" for sign, limit in limits]
+
+
+_BOUNDS = ("greater_than", "greater_than_equal", "less_than_equal")
+_SIGNS = {"gt": ">", "ge": ">=", "le": "<="}
 _WORDS = {
     "float_type": "must be a number",
     "int_type": "must be a whole number",
@@ -270,6 +331,7 @@ _WORDS = {
     "greater_than_equal": "must be >= {ge:g}",
     "less_than_equal": "must be <= {le:g}",
     "too_short": "must have at least one entry",
+    "too_long": "must have at most {max_length} entries",
     "string_pattern_mismatch": "must be a name without , ; quotes, control characters or surrounding blanks",
 }
 

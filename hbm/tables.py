@@ -1,16 +1,33 @@
 """What the command line prints of results: tables of at most 80 columns, and lines beneath them."""
 
+import inspect
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import MISSING, Field, fields
+from typing import Any
 
 from rich import box
 from rich.console import Console
+from rich.padding import Padding
 from rich.table import Table
+from rich.text import Text
 
 from hbm.curve import Assessment, ResponseCurve
 from hbm.history import TimeHistory
+from hbm.lawchoice import KnownLaw, known_law, plain
+from hbm.loop import FrictionLoop
 from hbm.modes import LinearModes
+from hbm.rigschema import accepted_setting
+from models.friction import describe
 from models.rig import Rig
+
+TEXTS = ("channel", "unit", "law", "values")
+"""Headings of columns that hold no numbers."""
+
+LAWS_FOOT = (
+    "Columns: key of the rig file, value, unit, accepted values, meaning and source.",
+    "Equations and references: Hadji & Mureithi, Shock and Vibration 2019.",
+)
 
 
 def print_modes(console: Console, rig: Rig, modes: LinearModes) -> None:
@@ -122,6 +139,70 @@ def print_history(console: Console, history: TimeHistory) -> None:
     _lines(console, lines)
 
 
+def print_laws(console: Console, laws: Sequence[Any], *, detailed: bool) -> None:
+    """Print friction laws with their parameters, and of each the first line it is described by, or all of them."""
+    for law in laws:
+        known, paragraphs = known_law(law), _paragraphs(law)
+        values = "" if not fields(law) else f"  {known.source if known else 'no values are known'}"
+        console.print(Text.assemble((law.name, "bold"), (values, "dim")), highlight=False)
+        for paragraph in paragraphs if detailed else paragraphs[:1]:
+            _indented(console, Text(paragraph))
+            if detailed:
+                console.print()
+        _indented(console, _parameter_table(law, known))
+        console.print()
+    _lines(console, LAWS_FOOT)
+
+
+def _paragraphs(law: type) -> list[str]:
+    """Describe a law by its docstring: paragraphs without their line ends, equations as they are."""
+    blocks = (inspect.getdoc(law) or "").replace("`", "").split("\n\n")
+    return [block if block.startswith(" ") else " ".join(block.split()) for block in blocks]
+
+
+def _indented(console: Console, what: Any) -> None:
+    console.print(Padding(what, (0, 0, 0, 2)), highlight=False)
+
+
+def _parameter_table(law: type, known: KnownLaw | None) -> Table:
+    table = Table.grid(padding=(0, 2, 0, 0))
+    for least, justify in ((17, "left"), (8, "right"), (5, "left"), (5, "left")):
+        table.add_column(justify=justify, min_width=least, no_wrap=True)  # type: ignore[arg-type]
+    table.add_column()
+    for f in fields(law):
+        value = getattr(known.law if known else law, f.name, ())
+        shown = "-" if value == () else plain(value)
+        table.add_row(*map(Text, (f.name, shown, *_unit_bound_and_meaning(law, f))))
+    return table
+
+
+def _unit_bound_and_meaning(law: type, f: "Field[Any]") -> tuple[str, str, str]:
+    optional = "" if f.default in (MISSING, ()) else f"; {plain(f.default)} if left out"
+    p = describe(law).get(f.name)
+    if p is not None:
+        bound = f">= {p.at_least}" if p.at_least else p.bound
+        return "" if p.unit == "1" else p.unit, bound, f"{p.meaning}; {p.source}{optional}"
+    s = f.metadata["setting"]
+    others = f"; instead of {', '.join(s.instead_of)}" if s.instead_of else ""
+    return "", accepted_setting(law, f.name), f"{s.meaning}; {s.source}{optional}{others}"
+
+
+def print_loops(console: Console, loops: Sequence[FrictionLoop], sets: Sequence[str]) -> None:
+    """Print the largest force and the energy lost per period of some laws' loops, and their sets of parameters."""
+    first = loops[0]
+    amplitude = f"{1e6 * (first.u.max() - first.u.min()) / 2:g}"
+    table = _table(
+        f"slip of {amplitude} µm at {first.hz:g} Hz, load {first.load:g} N",
+        "law",
+        "largest force\nN",
+        "lost per period\nmJ",
+        "values",
+    )
+    for loop, name in zip(loops, sets, strict=True):
+        table.add_row(loop.law.name, f"{abs(loop.T).max():.4g}", f"{1e3 * loop.dissipated:.4g}", name)
+    console.print(table)
+
+
 def _table(title: str, *headings: str) -> Table:
     table = Table(
         title=title,
@@ -132,7 +213,7 @@ def _table(title: str, *headings: str) -> Table:
         title_style="bold",
     )
     for heading in headings:
-        table.add_column(heading, justify="left" if heading in ("channel", "unit") else "right", no_wrap=True)
+        table.add_column(heading, justify="left" if heading in TEXTS else "right", no_wrap=True)
     return table
 
 

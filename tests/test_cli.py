@@ -1,5 +1,7 @@
 """The command: what it prints, what it writes, and the one line and status with which it refuses or fails."""
 
+import io
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner, Result
 
 import hbm
@@ -22,8 +25,18 @@ from hbm.errors import InputError
 from hbm.files import read_curves
 from hbm.lawchoice import choose_law
 from hbm.modes import contact_stiffness, linear_modes
-from models import LAWS
-from models.published import PAPER_COULOMB, PAPER_STRIBECK, paper_rig
+from hbm.tables import print_laws
+from models import LAWS, FrictionLaw, Jenkins, describe
+from models.published import (
+    ASSUMED_IWAN,
+    ASSUMED_VLFM,
+    PAPER_COULOMB,
+    PAPER_DAHL,
+    PAPER_LUGRE,
+    PAPER_PENALTY,
+    PAPER_STRIBECK,
+    paper_rig,
+)
 
 ROOT = Path(__file__).parents[1]
 PAPER = str(ROOT / "examples" / "paper_beam.toml")
@@ -76,15 +89,30 @@ def python(code: str) -> str:
         (["frf", PAPER, "--harmonics", "0"], "frf: --harmonics = 0; must be auto or a whole number from 1 to 200"),
         (["frf", PAPER, "--harmonics", "x"], 'frf: --harmonics = "x"; must be auto or a whole number from 1 to 200'),
         (["frf", PAPER, "--harmonics", "2.5"], "frf: --harmonics = 2.5; must be auto or a whole number from 1 to 200"),
-        (["frf", PAPER, "--law", "glue"], f'frf: --law = "glue"; must be one of {", ".join(LAWS)}'),
+        (
+            ["frf", PAPER, "--law", "xyz"],
+            f'frf: --law = "xyz"; must be one of {", ".join(LAWS)}, or file.py:Class',
+        ),
         (
             ["frf", PAPER, "--law", "viscous"],
-            'frf: --law = "viscous"; neither the rig file nor a published set has its coefficient; '
-            "write the law with its parameters in the rig file",
+            'frf: --law = "viscous"; no parameters are known of it; write the law with its parameters in the rig file',
         ),
         (["frf", PAPER, "--out", "c.txt"], 'frf: --out = "c.txt"; must end in .csv'),
         (["frf", PAPER, "--out", "no/c.csv"], "frf: --out = \"no/c.csv\"; there is no directory 'no', create it first"),
         (["frf", PAPER, "--plot", "c.jpg"], 'frf: --plot = "c.jpg"; must end in .png or .pdf or .svg'),
+        (
+            ["laws", "dahl", "lugree"],
+            f'laws: "lugree"; must be one of {", ".join(LAWS)}, or file.py:Class; did you mean lugre?',
+        ),
+        (["laws", "--slip", "1e-5"], "laws: --slip without --plot; must have both"),
+        (["laws", "--load", "80"], "laws: --load without --plot; must have both"),
+        (["laws", "--plot", "l.png", "--slip", "0"], "laws: --slip = 0; must be a number > 0 [m]"),
+        (["laws", "--plot", "l.png", "--frequency", "x"], 'laws: --frequency = "x"; must be a number > 0 [Hz]'),
+        (["laws", "--plot", "l.txt"], 'laws: --plot = "l.txt"; must end in .png or .pdf or .svg'),
+        (
+            ["laws", "viscous", "--plot", "l.png"],
+            "laws: --plot of viscous; no parameters are known of it to draw its loops with",
+        ),
         (["simulate", PAPER], "hbm simulate: missing option '--frequency'; see hbm simulate --help"),
         (["simulate", PAPER, "--frequency", "0"], "simulate: --frequency = 0; must be a number > 0 [Hz]"),
         (
@@ -233,32 +261,97 @@ def test_levels_may_be_repeated_or_listed() -> None:
 def test_another_law_says_where_its_parameters_come_from() -> None:
     result = run("frf", PAPER, *QUICK, "--law", "coulomb-lagrange")
     assert result.exit_code == 0
-    assert result.stdout.splitlines()[0] == "law coulomb-lagrange: mu = 0.52 (the rig file)"
+    first = "law coulomb-lagrange, the paper's parameters (models.published.PAPER_COULOMB): mu = 0.52"
+    assert result.stdout.splitlines()[0] == first
     assert "Table 1, coulomb-lagrange" in result.stdout
 
 
-def test_law_parameters_are_kept_filled_and_never_contradict() -> None:
-    choice = choose_law(paper_rig(), "stribeck")  # mu = 0.52 of the rig exceeds the published mu_static = 0.477
-    law: Any = choice.rig.contact.law
-    assert (law.mu_static, law.mu, law.critical_slip) == (PAPER_STRIBECK.mu_static, PAPER_STRIBECK.mu, 4.15e-6)
-    published = "models.published.PAPER_STRIBECK"
-    assert choice.sources == {
-        "mu_static": published,
-        "mu": published,
-        "stribeck_velocity": published,
-        "exponent": published,
-        "critical_slip": "the rig file",
-    }
+@pytest.mark.parametrize(
+    ("name", "published"),
+    [
+        ("stribeck", PAPER_STRIBECK),
+        ("dahl", PAPER_DAHL),
+        ("lugre", PAPER_LUGRE),  # not the printed one, whose stiffness contradicts itself
+        ("vlfm", ASSUMED_VLFM),
+        ("iwan", ASSUMED_IWAN),
+    ],
+)
+def test_another_law_comes_with_its_whole_published_set(name: str, published: FrictionLaw) -> None:
+    """The rig's own mu = 0.52 means nothing beside a fitted mu_static = 0.492."""
+    choice = choose_law(paper_rig(), name)
+    assert choice.rig.contact.law is published
+
+
+def test_assumed_values_are_called_so() -> None:
+    assert str(choose_law(paper_rig(), "iwan")) == (
+        "law iwan, assumed parameters (models.published.ASSUMED_IWAN): "
+        "mu = 0.52, stiffness = 1.04e7, spread = 1, elements = 10, distribution = uniform"
+    )
 
 
 def test_the_rigs_own_law_stays_as_it_is() -> None:
-    rig = paper_rig()
-    assert choose_law(rig, "coulomb-penalty").rig is rig
+    rig = paper_rig(Jenkins(mu=0.4, critical_slip=1e-6))
+    choice = choose_law(rig, "coulomb-penalty")
+    assert choice.rig is rig
+    assert str(choice) == "law coulomb-penalty, the rig file's parameters: mu = 0.4, critical_slip = 1e-6"
+
+
+def test_a_law_without_parameters_needs_none() -> None:
+    assert str(choose_law(paper_rig(), "none")) == "law none: no parameters"
 
 
 def test_a_law_without_values_is_refused() -> None:
-    with pytest.raises(InputError, match="has its coefficient"):
+    with pytest.raises(InputError, match="no parameters are known of it"):
         choose_law(paper_rig(), "viscous")
+
+
+# ---------------------------------------------------------------------------------------------------------------- laws
+
+
+def test_laws_lists_every_law_and_parameter_with_everything_known_of_it() -> None:
+    result = run("laws")
+    assert (result.exit_code, result.stderr) == (0, "")
+    text = " ".join(result.stdout.split())
+    for name, law in LAWS.items():
+        assert any(line.split()[:1] == [name] for line in result.stdout.splitlines())
+        for key, p in describe(law).items():
+            bound = f">= {p.at_least}" if p.at_least else p.bound
+            pattern = (
+                rf"{key} \S+ {'' if p.unit == '1' else p.unit + ' '}{re.escape(f'{bound} {p.meaning}; {p.source}')}"
+            )
+            assert re.search(pattern, text), (name, key)
+    assert "elements 10 1 to 200 number of Jenkins elements" in text
+    assert "array of > 0 limit of each element" in text
+    assert "bristle_damping 347.03 N s/m" in text
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_laws_cut_nothing_at_any_width(width: int) -> None:
+    wide, narrow = (Console(width=columns, record=True, file=io.StringIO()) for columns in (400, width))
+    for console in (wide, narrow):
+        print_laws(console, list(LAWS.values()), detailed=False)
+    text = narrow.export_text(clear=False)
+    assert max(map(len, text.splitlines())) <= width
+    assert sorted(text.split()) == sorted(wide.export_text().split())  # every word, where the lines are broken aside
+
+
+def test_one_law_is_told_in_full() -> None:
+    result = run("laws", "lugre")
+    assert "g = R [mu + (mu_static - mu) exp(-(v / v_s)^2)]." in result.stdout
+    assert "the paper's parameters (models.published.PAPER_LUGRE)" in result.stdout
+    assert "dahl" not in result.stdout
+
+
+def test_laws_draws_loops_and_prints_what_they_lose(tmp_path: Path) -> None:
+    plot = tmp_path / "l.png"
+    result = run("laws", "coulomb-penalty", "none", "--plot", str(plot), "--slip", "2e-5", "--load", "100")
+    assert (result.exit_code, result.stderr) == (0, "")
+    rows = [line.split() for line in result.stdout.splitlines()]
+    u_crit = PAPER_PENALTY.critical_slip  # at the load given: k_t = mu P / u_crit
+    lost = 4 * 0.52 * 100.0 * (2e-5 - u_crit)
+    assert ["coulomb-penalty", "52", f"{1e3 * lost:.4g}", "PAPER_PENALTY"] in rows
+    assert plot.read_bytes().startswith(b"\x89PNG")
+    assert result.stdout.splitlines()[-1] == f"wrote {plot}"
 
 
 # ---------------------------------------------------------------------------------------------- failures of computation
@@ -398,6 +491,10 @@ def test_only_figures_load_matplotlib() -> None:
 def test_version() -> None:
     done = command("--version")
     assert (done.stdout, done.returncode) == (f"hbm {hbm.__version__}\n", 0)
+
+
+def test_the_help_of_laws_has_an_example() -> None:
+    assert "Example:  hbm laws dahl iwan --plot loops.png" in run("laws", "--help").stdout
 
 
 @pytest.mark.parametrize("name", ["modes", "frf", "simulate"])

@@ -25,14 +25,22 @@ from models import (
     Contact,
     ContactSample,
     Coulomb,
+    Dahl,
     Damping,
     Excitation,
+    ForceBalance,
     FrictionLaw,
     Frictionless,
+    Hybrid,
+    Iwan,
     Jenkins,
+    Karnopp,
+    LuGre,
     ModalBody,
     Rig,
+    SpringDamper,
     Stribeck,
+    VelocityLimited,
     Viscous,
 )
 
@@ -42,7 +50,25 @@ JENKINS = Jenkins(mu=0.52, critical_slip=4.15e-6)
 COULOMB = Coulomb(mu=0.52)
 STRIBECK = Stribeck(mu_static=0.5, mu=0.3, stribeck_velocity=5e-3, critical_slip=4e-6)
 VISCOUS = Viscous(coefficient=50.0)
-EVERY_LAW = [Frictionless(), COULOMB, JENKINS, STRIBECK, VISCOUS, Viscous(coefficient=5000.0)]
+DAHL = Dahl(mu=0.5, stiffness=1e7)
+LUGRE = LuGre(0.52, 0.49, 5e-3, 1e7, bristle_damping=300.0, viscous=0.0)
+HYBRID = Hybrid(0.52, 0.49, 5e-3, 1.5e7, 6e7, 6e7, damping_plastic=300.0, damping_presliding=300.0)
+EVERY_LAW = [
+    Frictionless(),
+    COULOMB,
+    JENKINS,
+    STRIBECK,
+    VISCOUS,
+    Viscous(coefficient=5000.0),
+    VelocityLimited(mu=0.52, velocity_limit=1e-3),
+    Karnopp(mu_static=0.495, mu=0.49, velocity_band=1e-3),  # larger jumps at the band: no periodic motion
+    SpringDamper(mu=0.52, stiffness=1e7, damping=300.0),
+    ForceBalance(mu_static=0.52, mu=0.49, velocity_band=1e-5),
+    DAHL,
+    LUGRE,
+    HYBRID,
+    Iwan(mu=0.52, stiffness=1e7, elements=5),
+]
 
 
 def label(law: FrictionLaw) -> str:
@@ -519,10 +545,10 @@ class TwoElements:
     mu: float
     critical_slip: float
 
-    def advance(self, z: ca.SX, s: ContactSample) -> tuple[ca.SX, ca.SX]:
-        k, high = self.mu * s.P / self.critical_slip / 2, self.mu * s.rho / 2
-        forces = [ca.fmin(ca.fmax(k * (z[i] - s.u), -high), high) for i in range(2)]
-        return ca.vertcat(*(s.u + force / k for force in forces)), forces[0] + forces[1]
+    def advance(self, z: ca.SX, before: ContactSample, now: ContactSample) -> tuple[ca.SX, ca.SX]:
+        k, high = self.mu * now.P / self.critical_slip / 2, self.mu * now.rho / 2
+        forces = [ca.fmin(ca.fmax(k * (z[i] - now.u), -high), high) for i in range(2)]
+        return ca.vertcat(*(now.u + force / k for force in forces)), forces[0] + forces[1]
 
 
 def test_a_law_with_more_states_needs_nothing_but_its_definition() -> None:

@@ -14,16 +14,19 @@ from continuation import End
 from hbm.curve import ResponseCurve
 from hbm.history import TimeHistory
 from hbm.integrate import simulate
+from hbm.loop import FrictionLoop, friction_loop
 from hbm.report import (
     plot_contact,
     plot_curves,
     plot_frequency_response,
     plot_history,
     plot_loop,
+    plot_loops,
     plot_phase,
 )
 from hbm.response import steady_state, trace_frequency
 from hbm.rigfile import load_rig
+from models.published import ASSUMED_IWAN, PAPER_COULOMB, PAPER_DAHL, PAPER_PENALTY
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 PAPER = load_rig(EXAMPLES / "paper_beam.toml")
@@ -163,6 +166,43 @@ def test_history_shows_all_and_the_last_periods(history: TimeHistory) -> None:
     drive = history.channels["drive"].values * 1e3
     assert np.array_equal(whole.lines[0].get_xydata(), np.column_stack([history.time, drive]))
     assert np.array_equal(last.lines[0].get_xydata(), np.column_stack([history.time * 1e3, drive])[-129:])
+
+
+def loops(*names: str) -> list[FrictionLoop]:
+    sets = {"dahl": PAPER_DAHL, "penalty": PAPER_PENALTY, "iwan": ASSUMED_IWAN, "coulomb": PAPER_COULOMB}
+    return [friction_loop(sets[name], 1e-5, 50.0, load=83.0, samples=64) for name in names]
+
+
+def test_a_few_loops_share_two_panels() -> None:
+    drawn = loops("dahl", "iwan")
+    figure = plot_loops(drawn)
+    assert [ax.get_xlabel() for ax in figure.axes] == ["Slip [µm]", "Velocity [mm/s]"]
+    for ax, x in zip(figure.axes, ("u", "v"), strict=True):
+        assert [line.get_label() for line in ax.lines] == ["dahl", "iwan"]
+        for line, loop in zip(ax.lines, drawn, strict=True):
+            scaled = getattr(loop, x) * {"u": 1e6, "v": 1e3}[x]
+            assert np.array_equal(line.get_xdata(), np.append(scaled, scaled[0]))
+            assert np.array_equal(line.get_ydata(), np.append(loop.T, loop.T[0]))
+    assert len({(line.get_linestyle(), line.get_color()) for line in figure.axes[0].lines}) == 2
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["dahl", "iwan"]
+
+
+@pytest.mark.parametrize("odd", [False, True])
+def test_many_loops_have_a_pair_of_panels_each_before_the_others(odd: bool) -> None:
+    drawn = loops("coulomb", "penalty", "dahl", "iwan", "dahl", *["iwan"] * (not odd))
+    figure = plot_loops(drawn)
+    panels = np.reshape(figure.axes, (3, 4))
+    order = [(row, column) for column in (0, 2) for row in range(3)]
+    if odd:
+        order.remove((0, 2))
+        assert panels[0, 2].texts[0].get_text() == "slip ±10 µm at 50 Hz,\nload 83 N; grey: the other laws"
+    for (row, column), loop in zip(order, drawn, strict=True):
+        assert panels[row, column].get_title(loc="left") == loop.law.name
+        for ax, x in zip(panels[row, column : column + 2], (loop.u * 1e6, loop.v * 1e3), strict=True):
+            *others, own = ax.lines
+            assert len(others) == len(drawn)
+            assert np.array_equal(own.get_xdata(), np.append(x, x[0]))
+            assert np.array_equal(own.get_ydata(), np.append(loop.T, loop.T[0]))
 
 
 def test_nothing_global_changes(curves: list[ResponseCurve], history: TimeHistory) -> None:

@@ -10,8 +10,16 @@ import pytest
 from hbm.errors import InputError
 from hbm.rigfile import COMPUTED_CHANNELS, load_rig, rig_from_dict
 from models import LAWS, Beam, ModalBody, Rig
-from models.friction import Parameter, describe, parameter, parameters
-from models.published import PAPER_COULOMB, PAPER_DECAY, PAPER_PENALTY, PAPER_STRIBECK, paper_rig
+from models.friction import Parameter, chosen, describe, parameter, parameters, settings
+from models.published import (
+    ASSUMED_IWAN,
+    PAPER_COULOMB,
+    PAPER_DAHL,
+    PAPER_DECAY,
+    PAPER_PENALTY,
+    PAPER_STRIBECK,
+    paper_rig,
+)
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -75,11 +83,16 @@ mu = 0.161
 stribeck_velocity = 6e-4
 critical_slip = 4e-6
 """
+IWAN = 'law = "iwan"\nmu = 0.5\nstiffness = 1e7\n'
+SPREAD, ELEMENTS, LIMITS = (f": contact.friction.{key}" for key in ("spread", "elements", "limits"))
 PENALTY = 'law = "coulomb-penalty"\nmu = 0.52\ncritical_slip = 4.15e-6\n'
 
 BEAM_KEYS = "length, width, thickness, youngs_modulus, density, modes"
 CONTACT_KEYS = "normal_load, friction, radius, variable_normal_load, residual_compliance, foreshortening"
-LAW_NAMES = "none, coulomb-lagrange, coulomb-penalty, stribeck, viscous"
+LAW_NAMES = (
+    "coulomb-lagrange, coulomb-penalty, vlfm, karnopp, sdfm, fbfm, stribeck, dahl, lugre, hybrid, iwan, viscous, none, "
+    "or file.py:Class"
+)
 
 # (base, text replaced, replacement, message after "<path>")
 REFUSED = {
@@ -90,8 +103,8 @@ REFUSED = {
     "zero thickness": (BEAM, "thickness = 0.00478", "thickness = 0.0", ": beam.thickness = 0.0; must be > 0"),
     "negative radius": (BEAM, "radius = 0.005", "radius = -0.005", ": contact.radius = -0.005; must be >= 0"),
     "no load": (BEAM, "normal_load = 83.0", "normal_load = 0.0", ": contact.normal_load = 0.0; must be > 0"),
-    "no modes": (BEAM, "density", "modes = 0\ndensity", ": beam.modes = 0; must be >= 1"),
-    "too many modes": (BEAM, "density", "modes = 9999\ndensity", ": beam.modes = 9999; must be <= 1000"),
+    "no modes": (BEAM, "density", "modes = 0\ndensity", ": beam.modes = 0; must be >= 1 and <= 1000"),
+    "too many modes": (BEAM, "density", "modes = 9999\ndensity", ": beam.modes = 9999; must be >= 1 and <= 1000"),
     "negative damping": (BEAM, "= 0.06\n", "= -0.06\n", ": damping.mass_proportional = -0.06; must be >= 0"),
     "negative critical slip": (
         BEAM,
@@ -237,11 +250,11 @@ REFUSED = {
         ": damping.modal_ratios and damping.mass_proportional are both present; must have one of them",
     ),
     # the law and its parameters
-    "law not yet there": (
+    "law of nobody": (
         BEAM,
         "coulomb-penalty",
-        "vlfm",
-        f': contact.friction.law = "vlfm"; must be one of {LAW_NAMES}',
+        "xyz",
+        f': contact.friction.law = "xyz"; must be one of {LAW_NAMES}',
     ),
     "misspelt law": (
         BEAM,
@@ -262,6 +275,50 @@ REFUSED = {
         "crit_slip",
         ": contact.friction.crit_slip is unknown; accepted keys are law, mu, critical_slip; "
         "did you mean critical_slip?",
+    ),
+    "damping of bristles": (
+        BEAM,
+        PENALTY,
+        'law = "coulomb-lagrange"\nmu = 0.5\nbristle_damping = 1.0\n',
+        ": contact.friction.bristle_damping = 1.0 is a parameter of lugre; accepted keys are law, mu",
+    ),
+    "setting of another law": (
+        BEAM,
+        PENALTY,
+        PENALTY + "elements = 5\n",
+        ": contact.friction.elements = 5 is a parameter of iwan; accepted keys are law, mu, critical_slip",
+    ),
+    "spread below zero": (BEAM, PENALTY, IWAN + "spread = -0.1\n", f"{SPREAD} = -0.1; must be >= 0 and <= 1"),
+    "spread above one": (BEAM, PENALTY, IWAN + "spread = 1.5\n", f"{SPREAD} = 1.5; must be >= 0 and <= 1"),
+    "no elements": (BEAM, PENALTY, IWAN + "elements = 0\n", f"{ELEMENTS} = 0; must be >= 1 and <= 200"),
+    "too many elements": (BEAM, PENALTY, IWAN + "elements = 201\n", f"{ELEMENTS} = 201; must be >= 1 and <= 200"),
+    "half an element": (BEAM, PENALTY, IWAN + "elements = 2.5\n", f"{ELEMENTS} = 2.5; must be a whole number"),
+    "unknown distribution": (
+        BEAM,
+        PENALTY,
+        IWAN + 'distribution = "normal"\n',
+        ': contact.friction.distribution = "normal"; must be one of uniform',
+    ),
+    "no limits": (BEAM, PENALTY, IWAN + "limits = []\n", f"{LIMITS} is an empty array; must have at least one entry"),
+    "number for the limits": (BEAM, PENALTY, IWAN + "limits = 3.0\n", f"{LIMITS} = 3.0; must be an array"),
+    "zero limit": (BEAM, PENALTY, IWAN + "limits = [1.0, 0.0]\n", f"{LIMITS}[2] = 0.0; must be > 0"),
+    "too many limits": (
+        BEAM,
+        PENALTY,
+        IWAN + f"limits = {[1.0] * 201}\n",
+        f"{LIMITS} is an array; must have at most 200 entries",
+    ),
+    "limits and elements": (
+        BEAM,
+        PENALTY,
+        IWAN + "limits = [1.0, 2.0]\nelements = 2\n",
+        f"{LIMITS} and contact.friction.elements are both present; must have one of them",
+    ),
+    "limits and spread": (
+        BEAM,
+        PENALTY,
+        IWAN + "spread = 0.5\nlimits = [1.0, 2.0]\n",
+        f"{LIMITS} and contact.friction.spread are both present; must have one of them",
     ),
     "friction that rises": (
         BEAM,
@@ -520,7 +577,7 @@ def test_stribeck_exponent_defaults_to_two() -> None:
 @pytest.mark.parametrize("law", LAWS)
 def test_every_law_is_read_and_each_of_its_parameters_checked(law: str) -> None:
     known: dict[str, Parameter] = describe(LAWS[law])
-    assert list(known) == [f.name for f in fields(LAWS[law])]
+    assert [*known, *settings(LAWS[law])] == [f.name for f in fields(LAWS[law])]
     table = tomllib.loads(BEAM)
     table["contact"]["friction"] = {"law": law} | dict.fromkeys(known, 0.5)
     rig = rig_from_dict(table, "rig.toml")
@@ -531,6 +588,14 @@ def test_every_law_is_read_and_each_of_its_parameters_checked(law: str) -> None:
         with pytest.raises(InputError) as refused:
             rig_from_dict(table, "rig.toml")
         assert str(refused.value) == f"rig.toml: contact.friction.{name} = {p.lower - 1.0}; must be {p.bound}"
+
+
+def test_settings_are_read_and_arrays_become_tuples() -> None:
+    elements = rig_from_dict(tomllib.loads(BEAM.replace(PENALTY, IWAN + "elements = 4\n")), "rig.toml").contact.law
+    assert chosen(elements) == {"elements": 4, "distribution": "uniform", "limits": ()}
+    limits = rig_from_dict(tomllib.loads(BEAM.replace(PENALTY, IWAN + "limits = [1, 2.5]\n")), "rig.toml").contact.law
+    assert chosen(limits) == {"elements": 10, "distribution": "uniform", "limits": (1.0, 2.5)}
+    assert limits.states == 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -566,6 +631,8 @@ def same(a: Rig, b: Rig) -> bool:
         ("paper_beam_lagrange", PAPER_COULOMB),
         ("paper_beam_stribeck", PAPER_STRIBECK),
         ("paper_beam_decay", PAPER_DECAY),
+        ("paper_beam_dahl", PAPER_DAHL),
+        ("paper_beam_iwan", ASSUMED_IWAN),
     ],
 )
 def test_examples_are_the_published_parameter_sets(example: str, law) -> None:

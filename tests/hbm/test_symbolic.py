@@ -7,14 +7,39 @@ import pytest
 from hbm.fourier import FourierBasis
 from hbm.residual import HarmonicBalance, State
 from hbm.symbolic import residual_function
-from models import LAWS, Coulomb, Frictionless, Jenkins, Rig, Stribeck, Viscous, parameters
+from models import (
+    LAWS,
+    Coulomb,
+    Dahl,
+    ForceBalance,
+    Frictionless,
+    Hybrid,
+    Iwan,
+    Jenkins,
+    Karnopp,
+    LuGre,
+    Rig,
+    SpringDamper,
+    Stribeck,
+    VelocityLimited,
+    Viscous,
+    parameters,
+)
 from models.published import paper_rig
 
 LAW_SETS = {
     "none": Frictionless(),
     "coulomb-lagrange": Coulomb(0.5),
     "coulomb-penalty": Jenkins(0.52, 4.15e-6),
+    "vlfm": VelocityLimited(mu=0.52, velocity_limit=6e-4),
+    "karnopp": Karnopp(mu_static=0.52, mu=0.49, velocity_band=6e-4),
+    "sdfm": SpringDamper(mu=0.52, stiffness=1.04e7, damping=347.0),
+    "fbfm": ForceBalance(mu_static=0.52, mu=0.49, velocity_band=6e-4),
     "stribeck": Stribeck(mu_static=0.5, mu=0.3, stribeck_velocity=6e-4, critical_slip=4e-6),
+    "dahl": Dahl(mu=0.5, stiffness=1e7),
+    "lugre": LuGre(0.5, 0.3, 2e-3, 1e7, bristle_damping=347.0, viscous=10.0),
+    "hybrid": Hybrid(0.5, 0.3, 2e-3, 1.5e7, 6e7, 6e7, 300.0, 200.0),
+    "iwan": Iwan(mu=0.52, stiffness=1.04e7, elements=4),
     "viscous": Viscous(400.0),
 }
 

@@ -5,49 +5,43 @@ from dataclasses import fields, replace
 import casadi as ca
 import numpy as np
 import pytest
+from marching import P, cycle, history, march, one_sample, triangle
 
 from models import LAWS, Coulomb, Frictionless, Jenkins, Stribeck, Viscous, describe, parameters
-from models.friction import ContactSample, limits, with_symbols
-from models.published import PAPER_COULOMB, PAPER_DECAY, PAPER_PENALTY, PAPER_STRIBECK
+from models.friction import ContactSample, settings, with_symbols
+from models.friction.elements import limits
+from models.published import (
+    ASSUMED_FBFM,
+    ASSUMED_HYBRID,
+    ASSUMED_IWAN,
+    ASSUMED_KARNOPP,
+    ASSUMED_SDFM,
+    ASSUMED_VLFM,
+    PAPER_COULOMB,
+    PAPER_DAHL,
+    PAPER_DECAY,
+    PAPER_LUGRE,
+    PAPER_PENALTY,
+    PAPER_STRIBECK,
+)
 
-P = 83.0
 EXAMPLES = {
     "none": Frictionless(),
     "coulomb-lagrange": PAPER_COULOMB,
     "coulomb-penalty": PAPER_PENALTY,
+    "vlfm": ASSUMED_VLFM,
+    "karnopp": ASSUMED_KARNOPP,
+    "sdfm": ASSUMED_SDFM,
+    "fbfm": ASSUMED_FBFM,
     "stribeck": PAPER_STRIBECK,
     "decay": PAPER_DECAY,
+    "dahl": PAPER_DAHL,
+    "lugre": PAPER_LUGRE,
+    "hybrid": ASSUMED_HYBRID,
+    "iwan": ASSUMED_IWAN,
     "viscous": Viscous(coefficient=120.0),
 }
 SLIDING = [name for name, law in EXAMPLES.items() if type(law) in (Coulomb, Jenkins, Stribeck)]
-
-
-def march(law, u, v, *, R=P, eta=0.0, C=5e-9, dt=1e-4, z0=None):
-    """Force and states along a history; R, the reaction at T = 0, and eta may vary with the samples."""
-    z, inputs = ca.SX.sym("z", law.states), ca.SX.sym("w", 4)
-    sample = ContactSample(u=inputs[0], v=inputs[1], rho=inputs[2], eta=inputs[3], C=C, P=P, dt=dt)
-    step = ca.Function("step", [z, inputs], list(law.advance(z, sample)))
-    rows = np.vstack(np.broadcast_arrays(u, v, R, eta))
-    if law.states == 0:
-        return step.map(rows.shape[1])(np.zeros((0, rows.shape[1])), rows)[1].full().ravel(), None
-    start = np.zeros(law.states) if z0 is None else z0
-    states, T = step.mapaccum(rows.shape[1])(start, rows)
-    return T.full().ravel(), states.full()
-
-
-def history(seed: int, n: int = 400, scale: float = 4e-5):
-    """Random walk of the slip with its velocity, and a reaction that swings between 0.2 and 1.8 P."""
-    rng = np.random.default_rng(seed)
-    u = scale * np.cumsum(rng.standard_normal(n)) / 10
-    R = P * (1.0 + 0.8 * np.sin(np.cumsum(0.3 * rng.random(n))))
-    return u, np.gradient(u, 1e-4), R
-
-
-def triangle(U: float, n: int) -> np.ndarray:
-    """Slip 0, U, -U, U: n samples per quarter, corners on samples."""
-    return U * np.concatenate(
-        [np.linspace(0, 1, n + 1), np.linspace(1, -1, 2 * n + 1)[1:], np.linspace(-1, 1, 2 * n + 1)[1:]]
-    )
 
 
 def plain_loop(u, v, R, eta, *, k, mu):
@@ -200,12 +194,19 @@ def test_stribeck_without_a_fall_is_the_penalty_law() -> None:
     np.testing.assert_allclose(march(flat, u, v, R=R)[0], march(PAPER_PENALTY, u, v, R=R)[0], rtol=1e-13)
 
 
+def force_at(force: ca.SX, now: ca.SX, values: list[float]) -> ca.DM:
+    return ca.Function("force", [now], [force])(values)
+
+
 @pytest.mark.parametrize("exponent", [0.5, 1.0, 2.0])
 def test_stribeck_has_a_finite_derivative_at_rest(exponent: float) -> None:
-    v = ca.SX.sym("v")
-    law = replace(PAPER_STRIBECK, exponent=exponent)
-    slope = ca.Function("slope", [v], [ca.jacobian(law.coefficient(v), v)])
-    assert float(slope(0.0)) == 0.0
+    function, _ = one_sample(replace(PAPER_STRIBECK, exponent=exponent))
+    T, z, before, constants = 0.0, [0.0], ca.DM.zeros(5), [0.0, 1e-4]
+    now = ca.SX.sym("now", 4)
+    force, _ = function(T, z, before, now, constants)
+    slope = ca.Function("slope", [now], [ca.jacobian(force, now[1])])
+    assert float(force_at(force, now, [1e-3, 0.0, P, 0.0])) < -0.4 * P  # it slides
+    assert float(slope([1e-3, 0.0, P, 0.0])) == 0.0
 
 
 # -------------------------------------------------------------------------------------------------------- viscous
@@ -221,7 +222,7 @@ def maxwell(c: float, C: float, v0: float, slope: float, T0: float, t: np.ndarra
 def test_viscous_contact_is_a_maxwell_element_exact_for_linear_velocity(dt: float) -> None:
     c, C, v0, slope, T0 = 120.0, 1e-6, 0.02, 30.0, 5.0
     t = dt * np.arange(1, 41)
-    T, _ = march(Viscous(c), 0.0, v0 + slope * t, C=C, dt=dt, z0=np.array([T0, v0]))
+    T, _ = march(Viscous(c), 0.0, v0 + slope * t, C=C, dt=dt, before={"T": T0, "v": v0})
     expected = maxwell(c, C, v0, slope, T0, t)
     # 1 - exp(-x) loses eps / x of c dv where a step is a small part x of the relaxation time
     np.testing.assert_allclose(T, expected, rtol=1e-11, atol=1e-11)
@@ -268,33 +269,39 @@ def test_force_is_odd_in_the_motion(name: str) -> None:
     u, v, R = history(15)
     forward, _ = march(EXAMPLES[name], u, v, R=R)
     backward, _ = march(EXAMPLES[name], -u, -v, R=R)
-    np.testing.assert_allclose(backward, -forward, atol=1e-12)
+    np.testing.assert_allclose(backward, -forward, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_work_over_a_closed_cycle_is_lost_to_friction(name: str) -> None:
-    """Excitation pays: - sum T v dt >= 0 over a period of the steady loop."""
-    t = np.linspace(0, 3, 3 * 512, endpoint=False)
-    omega = 2 * np.pi * 50.0
-    T, _ = march(EXAMPLES[name], 2e-5 * np.sin(2 * np.pi * t), 2e-5 * omega * np.cos(2 * np.pi * t), dt=1 / (50 * 512))
-    lost = -np.sum(T[-512:] * np.cos(2 * np.pi * t[-512:]))
-    assert lost == 0.0 if name == "none" else lost > 0.0
+@pytest.mark.parametrize("seed", range(3))
+def test_work_over_a_closed_cycle_is_lost_to_friction(name: str, seed: int) -> None:
+    """Excitation pays: the work against friction over a closed cycle is positive under any reaction.
+
+    What the compliance in series stores comes back.
+    """
+    u, v, R, dt = cycle(seed)
+    T, _ = march(EXAMPLES[name], np.tile(u, 2), np.tile(v, 2), R=np.tile(R, 2), C=2e-8, dt=dt)
+    T = T[len(u) :]
+    lost = -np.sum(T * v) * dt
+    assert lost == 0.0 if name == "none" else lost > 1e-3 * np.abs(T).max() * np.abs(u).max()
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_symbols_for_parameters_give_the_same_force(name: str) -> None:
     law = EXAMPLES[name]
     symbolic, p = with_symbols(law)
-    z, sample = np.full(law.states, 1e-6), ContactSample(3e-6, 2e-3, 70.0, -0.02, 1e-8, P, 1e-4)
-    force = ca.Function("force", [p], [symbolic.advance(ca.DM(z), sample)[1]])
-    expected = float(ca.DM(law.advance(ca.DM(z), sample)[1]))
-    assert float(force(list(parameters(law).values()))) == pytest.approx(expected, rel=1e-14)
+    before = ContactSample(2e-6, 1e-3, 75.0, -0.01, 1e-8, P, 1e-4, -20.0)
+    now = ContactSample(3e-6, 2e-3, 70.0, -0.02, 1e-8, P, 1e-4, -25.0)
+    z = ca.DM(np.full(law.states, 1e-6))
+    force = ca.Function("force", [p], [symbolic.advance(z, before, now)[1]])
+    expected = float(ca.DM(law.advance(z, before, now)[1]))
+    assert float(force(list(parameters(law).values()))) == pytest.approx(expected, rel=1e-13)
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_parameters_are_described_where_they_are_declared(name: str) -> None:
     described = describe(LAWS[name])
-    assert list(described) == [f.name for f in fields(LAWS[name])]
+    assert [*described, *settings(LAWS[name])] == [f.name for f in fields(LAWS[name])]
     for p in described.values():
         assert p.unit
         assert p.meaning
