@@ -3,7 +3,7 @@
 :func:`describe` turns a solution of the harmonic balance into a :class:`PeriodicSolution` of :class:`Signal` objects.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,6 +97,25 @@ class PeriodicSolution:
     def lift_off(self) -> bool:
         """Whether the normal reaction would turn negative: the tip leaves the support, the model does not."""
         return bool(self.channels["normal"].samples.min() < 0.0)
+
+    @property
+    def work_rate(self) -> float:
+        """Wear work rate [W], the mean of R |v| over the period (26), v the velocity of the contact point itself.
+
+        The paper prints R v, whose mean over a period can be zero where the contact slides; wear has no sign. Where the
+        reaction would be negative the tip is off its support and does not wear.
+        """
+        return self.hz * _path_work(np.abs, np.maximum(self["normal"].samples, 0.0), self["slip"].samples)
+
+    @property
+    def friction_loss(self) -> float:
+        """Energy that friction takes from the structure in one period [J], the area of the loop of T over the slip."""
+        return -_path_work(np.asarray, self["friction"].samples, self["slip"].samples)
+
+
+def _path_work(measure: Callable[[Array], Array], force: Array, slip: Array) -> float:
+    """Sum of the force over the slip's steps, trapezoidal; from samples, so that a stuck contact does no work."""
+    return float(0.5 * (force + np.roll(force, -1)) @ measure(np.roll(slip, -1) - slip))
 
 
 def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution:

@@ -40,6 +40,8 @@ PAPER_CHANNELS = (
 PAPER_COULOMB = Coulomb(mu=0.520)
 # The paper prints u_crit = F_f l_i (19) with F_f = 0.0015 and no l_i; 4.15e-6 m is Table 3's Stribeck u_crit, rounded.
 PAPER_PENALTY = Jenkins(mu=0.520, critical_slip=4.15e-6)
+# Hence l_i = 2.77 mm, for the other slip tolerances of sections 5 and 6. An assumption: nothing printed confirms it.
+PAPER_CONTACT_LENGTH = 4.15e-6 / 0.0015
 # Table 3, column Stribeck
 PAPER_STRIBECK = Stribeck(mu_static=0.477, mu=0.161, stribeck_velocity=6.101e-4, critical_slip=4.146e-6, exponent=2.0)
 # Section 3.2: the decay law is exponent 1. Table 3 identifies exponent 2 only; the other values are kept.
@@ -75,6 +77,9 @@ ASSUMED_HYBRID = Hybrid(
 )
 # the penalty law's mu and stiffness, limits from 0 to twice the mean
 ASSUMED_IWAN = Iwan(mu=0.520, stiffness=1.04e7, spread=1.0)
+
+# Figure 9c: mu_s = 0.52 and F_f = 0.0015 of the best penalty case, mu_c = 0.16 of Table 3; its velocity is Table 3's.
+PAPER_FIGURE_9C = Stribeck(mu_static=0.52, mu=0.16, stribeck_velocity=6.101e-4, critical_slip=4.15e-6, exponent=1.0)
 
 
 def paper_rig(law: FrictionLaw = PAPER_PENALTY, name: str = "clamped-supported beam, Table 1") -> Rig:

@@ -61,7 +61,7 @@ EVERY_LAW = [
     VISCOUS,
     Viscous(coefficient=5000.0),
     VelocityLimited(mu=0.52, velocity_limit=1e-3),
-    Karnopp(mu_static=0.495, mu=0.49, velocity_band=1e-3),  # larger jumps at the band: no periodic motion
+    Karnopp(mu_static=0.495, mu=0.49, velocity_band=1e-3),  # with larger jumps steps are not solved
     SpringDamper(mu=0.52, stiffness=1e7, damping=300.0),
     ForceBalance(mu_static=0.52, mu=0.49, velocity_band=1e-5),
     DAHL,

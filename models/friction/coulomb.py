@@ -7,7 +7,6 @@ import casadi as ca
 
 from models.friction.elements import (
     clip,
-    contact_velocity,
     limits,
     relax,
     return_map,
@@ -136,10 +135,17 @@ class SpringDamper:
 
     def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
         """Spring and damper if stuck, within the limits; then the deflection that belongs to the force."""
+        k, c = self.stiffness, self.damping
         stuck = z + now.displacement - before.displacement
-        T = clip(-self.stiffness * stuck - self.damping * contact_velocity(before, now), *limits(self.mu, now))
-        x = now.dt * self.stiffness / ca.fmax(self.damping, 1e-9 * now.dt * self.stiffness)
-        return relax(z, -before.T / self.stiffness, -T / self.stiffness, x), T
+        x = now.dt / ca.fmax(c * now.C, 1e-9 * now.dt)  # the damper in series with the structure's compliance
+        held_before, held = -k * z - c * before.v, -k * stuck - c * now.v
+        held = relax(before.T, held_before, held, x)
+        T = clip(held, *limits(self.mu, now))
+        # what the limit cuts off lets spring and damper go back, each exactly for a cut that is linear over the step
+        limit_before = self.mu * before.reaction
+        cut_before, cut = held_before - clip(held_before, -limit_before, limit_before), held - T
+        back = relax(0.0, cut_before / k, cut / k, now.dt * k / ca.fmax(c, 1e-9 * now.dt * k))
+        return stuck + back, T
 
 
 @dataclass(frozen=True, eq=False)

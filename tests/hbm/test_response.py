@@ -154,3 +154,20 @@ def test_lift_off_is_reported():
     assert 47.5 < low < high < 48.2
     lowest = np.array([p.channels["normal"].samples.min() for p in curve.points])
     assert np.all((lowest < 0.0) == ((curve.hz >= low) & (curve.hz <= high)))
+
+
+def test_work_rate_and_loss_of_a_jenkins_loop():
+    """Loop area 4 mu R (U - mu R / k_t); the slip travels 4 U a period, on the spring or sliding."""
+    point = steady_state(oscillator(Jenkins(0.35, 0.35), damping=0.02, amplitude=1.0), 0.9 * HZ, harmonics=31)
+    U = point["slip"].peak
+    assert U > 0.5
+    assert point.friction_loss == pytest.approx(4 * 0.35 * (U - 0.35), rel=1e-3)  # 512 samples cut the corners
+    assert point.work_rate == pytest.approx(point.hz * 4 * U, rel=1e-3)
+
+
+def test_stuck_coulomb_contact_does_no_work():
+    point = steady_state(beam(Coulomb(0.49)), 42.0, harmonics=9)
+    assert point["friction"].peak > 30.0
+    # against 17 mW of the modal slip, rounding only
+    assert point.work_rate < 1e-12
+    assert abs(point.friction_loss) < 1e-15
