@@ -15,8 +15,8 @@ from hbm.lawstep import ENVIRONMENT, SIGNALS, law_step
 from hbm.recurrence import backwards, forwards, in_time, monodromy, periodic_adjoint, radius, sources, through_states
 from models.friction import FrictionLaw
 
-NEWTON, THOROUGH = 3, 9
-"""Iterations on T = law(T) at each sample; and where those left more than CLOSURE."""
+NEWTON = (2, 3, 9)
+"""Iterations on T = law(T) at each sample, enough for most; more where those left more than CLOSURE."""
 
 MOST_PERIODS = 8
 """Newton iterations on the state that a period maps on itself."""
@@ -104,11 +104,11 @@ class LawOverPeriod:
         self._shown: tuple[Array | None, float] = (None, 0.0)
         self._signals, self._environment = np.zeros((basis.N_t, len(SIGNALS))), np.zeros(len(ENVIRONMENT))
         self._fades = False  # whether the state before the period fades without ever being forgotten
-        self._bind(NEWTON)
+        self._bind(NEWTON[0])
 
     def _bind(self, iterations: int) -> None:
         """Functions that solve T = law(T) with so many iterations, and the buffers they read and fill."""
-        self.functions = law_functions(self._law, self.basis.N_t, iterations)
+        self.functions, self._iterations = law_functions(self._law, self.basis.N_t, iterations), iterations
         self._carried = np.zeros(self.functions.period.size1_in(0))
         self._z = self._carried[: self.functions.states]
         self._parameters = np.zeros(self.functions.period.size1_in(3))
@@ -142,11 +142,16 @@ class LawOverPeriod:
         self._environment[:] = environment.compliance, environment.load, 2 * np.pi / (Omega * self.basis.N_t)
         self._parameters[:] = environment.parameters
         closure = self._close()
-        if not closure <= CLOSURE and self._unsolved.any():
-            self._bind(THOROUGH)
+        while not self._solved and self._iterations < NEWTON[-1]:
+            self._bind(next(n for n in NEWTON if n > self._iterations))
             self._parameters[:] = environment.parameters
             closure = self._close()
         return self._T, closure
+
+    @property
+    def _solved(self) -> bool:
+        """Whether T = law(T) holds at every sample of the last period."""
+        return bool(np.abs(self._unsolved).max() <= CLOSURE * np.abs(self._T).max())
 
     @property
     def memory(self) -> Array:
@@ -177,10 +182,10 @@ class LawOverPeriod:
         n, closure = self.functions.states, np.inf
         for _ in range(MOST_PERIODS):
             self._period()
+            if not self._solved and self._iterations < NEWTON[-1]:
+                return closure
             gap = self._end[:n] - self._z
-            if not (
-                gap.any() or self._unsolved.any()
-            ):  # the usual case: friction that slips forgets where it came from
+            if not gap.any() and not self._unsolved.any():  # friction that slips forgets where it came from
                 return 0.0
             pull = self._pull
             closure = self._open_force(pull * gap)

@@ -21,7 +21,8 @@ def monodromy(A: Array) -> Array:
 
 def radius(A: Array) -> float:
     """Spectral radius of the product of the state transitions."""
-    return float(np.abs(np.linalg.eigvals(monodromy(A))).max(initial=0.0))
+    over_period = monodromy(A)
+    return float(np.abs(over_period if len(over_period) == 1 else np.linalg.eigvals(over_period)).max(initial=0.0))
 
 
 def through_states(adjoint: Array, local: Array, i: int) -> Array:

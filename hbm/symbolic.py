@@ -7,6 +7,8 @@ what CasADi can differentiate, map over threads and generate.
 import casadi as ca
 import numpy as np
 
+from hbm.aft import NEWTON
+from hbm.lawperiod import law_functions
 from hbm.residual import HarmonicBalance
 
 
@@ -36,7 +38,7 @@ def residual_function(problem: HarmonicBalance) -> ca.Function:
     basis, s = problem.basis, problem.structure
     size, n = basis.size, s.n
     x, lam = ca.MX.sym("x", problem.size), ca.MX.sym("lam")
-    p = ca.MX.sym("p", problem.law.functions.sample.size1_in(4))
+    p = ca.MX.sym("p", len(problem.environment.parameters))
     Q = ca.reshape(x[: size * n], n, size).T * problem.q_ref
     T = x[size * n :] * problem.F_ref
     Omega, F = problem.at(lam)
@@ -77,7 +79,8 @@ def _contact_signals(problem: HarmonicBalance, Q: ca.MX, T: ca.MX, Omega: ca.MX,
 
 def _force_over_period(problem: HarmonicBalance, signals: ca.MX, Omega: ca.MX, p: ca.MX) -> ca.MX:
     """Friction force at the samples of the second period from the virgin state, (N_t,)."""
-    basis, functions, environment = problem.basis, problem.law.functions, problem.environment
+    basis, environment = problem.basis, problem.environment
+    functions = law_functions(problem.rig.contact.law, basis.N_t, NEWTON[-1])
     samples = ca.mtimes(basis.synthesis, signals).T
     inputs = ca.vertcat(environment.compliance, environment.load, 2 * np.pi / (Omega * basis.N_t))
     period = functions.sample.mapaccum("period", basis.N_t)

@@ -8,6 +8,7 @@ import casadi as ca
 from models.friction.elements import (
     clip,
     limits,
+    mean_decay,
     relax,
     return_map,
     share_within,
@@ -120,7 +121,9 @@ class ForceBalance(Karnopp):
 class SpringDamper:
     """Spring and damper in parallel below the limit mu R (SDFM). State: their deflection [m].
 
-    While the limit holds the deflection relaxes on, integrated exactly for a force that is linear between samples.
+    At all times damping dz/dt + stiffness z = -T. Stuck in series with the structure's compliance, T + stiffness z
+    relaxes towards -damping v / (1 + stiffness C), exactly for a velocity that is linear between samples. What the
+    limit cuts off that force lets the deflection go back.
     """
 
     name: ClassVar[str] = "sdfm"
@@ -134,18 +137,23 @@ class SpringDamper:
     )
 
     def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
-        """Spring and damper if stuck, within the limits; then the deflection that belongs to the force."""
-        k, c = self.stiffness, self.damping
-        stuck = z + now.displacement - before.displacement
-        x = now.dt / ca.fmax(c * now.C, 1e-9 * now.dt)  # the damper in series with the structure's compliance
-        held_before, held = -k * z - c * before.v, -k * stuck - c * now.v
-        held = relax(before.T, held_before, held, x)
+        """Spring and damper as if stuck; then what is cut off, and how far the deflection goes back."""
+        k, C = self.stiffness, now.C
+        c = ca.fmax(self.damping, 1e-9 * now.dt * k)
+        yielding, x_slip = 1.0 + k * C, now.dt * k / c  # relaxation times per sample: of the spring and damper alone
+        x_series = now.dt / ca.fmax(c * C, 1e-9 * now.dt)  # and of the damper with the compliance
+        damped = relax(before.T + k * z, -c * before.v / yielding, -c * now.v / yielding, x_series + x_slip)
+        stuck = (z + now.u - before.u + C * (damped - before.T)) / yielding
+        held = damped - k * stuck
         T = clip(held, *limits(self.mu, now))
-        # what the limit cuts off lets spring and damper go back, each exactly for a cut that is linear over the step
-        limit_before = self.mu * before.reaction
-        cut_before, cut = held_before - clip(held_before, -limit_before, limit_before), held - T
-        back = relax(0.0, cut_before / k, cut / k, now.dt * k / ca.fmax(c, 1e-9 * now.dt * k))
-        return stuck + back, T
+
+        cut, grown = held - T, 1.0 - ca.exp(-x_series - x_slip)
+        settled, limit = -c * before.v / yielding - k * z, self.mu * before.reaction
+        start = settled - clip(settled, -limit, limit)
+        start = clip(start, ca.fmin(2.0 * cut / grown, 0.0), ca.fmax(2.0 * cut / grown, 0.0))
+        at_once = relax(0.0, 1.0, 1.0, x_slip) - x_slip * ca.exp(-x_slip) * mean_decay(x_series)
+        back = start * at_once + (cut - start * grown) * relax(0.0, 0.0, 1.0, x_slip)
+        return stuck + back / k, T
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,7 +38,7 @@ def weakening(mu_static: Value, mu: Value, velocity: Value, exponent: Value, v: 
     return mu + (mu_static - mu) * ca.exp(-(speed**exponent))
 
 
-def _mean_decay(x: Value) -> Value:
+def mean_decay(x: Value) -> Value:
     """(1 - exp(-x)) / x, also at x = 0."""
     large = ca.fmax(x, 1e-4)
     series = 1.0 - x / 2.0 * (1.0 - x / 3.0 * (1.0 - x / 4.0))
@@ -51,7 +51,7 @@ def relax(y: Value, target_before: Value, target_now: Value, x: Value) -> Value:
     For x -> 0 nothing changes, for x -> infinity y is the target: stiff relaxation needs no small steps.
     """
     moved = target_now - target_before
-    return target_now + ca.exp(-x) * (y - target_before) - moved * _mean_decay(x)
+    return target_now + ca.exp(-x) * (y - target_before) - moved * mean_decay(x)
 
 
 def bristle(z: Value, slip: Value, limit_before: Value, limit_now: Value) -> tuple[Value, Value]:

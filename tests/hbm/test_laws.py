@@ -99,10 +99,10 @@ LOOPS = [
     # where the contact grips within a sample: first order, seen above 500 samples
     (Karnopp(0.52, 0.45, 1e-3), COMPLIANCE, 7e-3, 0.1),
     (ForceBalance(0.52, 0.45, 1e-3), COMPLIANCE, 7e-3, 0.1),
-    # second order once the samples resolve damping / stiffness = 35 us: above 1000 a period
-    (SpringDamper(0.5, 1e7, 347.0), 0.0, 1e-3, 0.6),
-    (SpringDamper(0.5, 1e7, 347.0), COMPLIANCE, 1.5e-3, 0.5),
-    (SpringDamper(0.5, 1e7, 5000.0), 0.0, 1e-3, 1.0),
+    (SpringDamper(0.5, 1e7, 347.0), 0.0, 3e-4, 1.6),
+    (SpringDamper(0.5, 1e7, 347.0), COMPLIANCE, 3e-4, 1.6),
+    (SpringDamper(0.5, 1e7, 5000.0), 0.0, 6e-4, 1.6),
+    (SpringDamper(0.5, 1e7, 5000.0), COMPLIANCE, 2e-4, 1.6),
     (Stribeck(0.5, 0.3, 2e-3, critical_slip=4e-6), 0.0, 3e-4, 1.6),
     (Stribeck(0.5, 0.3, 2e-3, critical_slip=4e-6), COMPLIANCE, 3e-4, 1.6),
     (Dahl(0.5, 1e7), 0.0, 1e-4, 1.8),
