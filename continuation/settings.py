@@ -52,6 +52,9 @@ class Settings(NewtonSettings):
         The trace also ends where the curve leaves this interval; default: the interval from the start to `lam_end`.
     step, step_min, step_max : float
         First, smallest and largest arclength step.
+    relative_step : float
+        Largest step as a fraction of |x|, where that is more than `step_max`: a resonance a hundred times as high needs
+        not a hundred times as many points.
     target_iterations : int
         Newton matrices per point that the step control aims at.
     max_points : int
@@ -81,6 +84,7 @@ class Settings(NewtonSettings):
     step: float = 0.05
     step_min: float = 1e-6
     step_max: float = 0.5
+    relative_step: float = 0.0
     target_iterations: int = 3
     max_points: int = 2000
     max_angle: float = 0.5
@@ -96,6 +100,8 @@ class Settings(NewtonSettings):
         self._check_interval()
         for name in ("step", "step_min", "step_max", "max_angle", "corner_angle", "tangent_slack", "lam_weight"):
             _check_positive(name, getattr(self, name))
+        if not (math.isfinite(self.relative_step) and self.relative_step >= 0.0):
+            raise ValueError(f"Settings: relative_step = {self.relative_step:g}; must be >= 0")
         for name in ("target_iterations", "max_points"):
             _check_count(name, getattr(self, name))
         if not self.step_min <= self.step <= self.step_max:

@@ -334,7 +334,8 @@ class Stepper:
     def _remember(self, step: Step) -> None:
         smooth = step.corner is None and not step.jumped
         length = max(step.length, self._settings.step_min)
-        ahead = self._settings.step_max if smooth else step.size
+        longest = self._longest(step)
+        ahead = longest if smooth else step.size
         if smooth:
             ahead = self._next_size(step, step.angle / length)
         self._bend = (step.frame.tangent - self.frame.tangent) / length if smooth else None
@@ -343,8 +344,13 @@ class Stepper:
         self._since_jump = 0 if step.jumped else self._since_jump + 1
         if step.jumped or self._since_jump > _ORDINARY_STEPS:
             self._jumps = self._jumps + 1 if step.jumped else 0
-        self._step = min(max(ahead, self._settings.step_min), self._settings.step_max)
+        self._step = min(max(ahead, self._settings.step_min), longest)
         self.frame = step.frame
+
+    def _longest(self, step: Step) -> float:
+        """Largest step from a point: `step_max`, or a fraction of the size of x."""
+        unknowns = np.append(step.frame.state[:-1], 0.0)
+        return max(self._settings.step_max, self._settings.relative_step * self._metric.norm(unknowns))
 
     def _next_size(self, step: Step, curvature: float) -> float:
         """Step after a smooth one: from the Newton count, and from the curvature if it keeps rising as it did."""

@@ -100,7 +100,7 @@ def choose_harmonics(
     reason : str
     """
     pilot = scout_frequency(rig, hz, level=level)
-    found, scales = [pilot.points[i] for i in sorted(peaks(pilot))], _scales(pilot)
+    found, scales = _telling_points(pilot), _scales(pilot)
     for H in LADDER:
         N_t = default_samples(finer(H))
         found = _found(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
@@ -118,6 +118,20 @@ def choose_harmonics(
             )
             return H, N_t, reason
     return H, default_samples(H), f"H = {H}, the most that is tried: still {change:.2%} from {finer(H)} harmonics"
+
+
+def _telling_points(curve: ResponseCurve) -> list[PeriodicSolution]:
+    """Peaks of a curve, by which to choose harmonics and samples.
+
+    Where the tip lifts off they are no prediction, and resolving them would cost the rest of the curve dearly: then the
+    largest motion that keeps the contact stands for them.
+    """
+    found = [curve.points[i] for i in sorted(peaks(curve))]
+    in_contact = [p for p in curve.points if not p.lift_off]
+    if not in_contact or not any(p.lift_off for p in found):
+        return found
+    largest = max(in_contact, key=lambda p: p.channels["drive"].peak)
+    return [p for p in found if not p.lift_off] or [largest]
 
 
 def finer(H: int) -> int:

@@ -33,6 +33,9 @@ TOLERANCE = 1e-10
 PEAK_ACCURACY = 1e-6
 """A peak is located to this fraction of its height."""
 
+RELATIVE_STEP = 0.01
+"""Largest step as a fraction of the motion, where that is more than the step asked for: on tall resonances."""
+
 EXCURSION = 0.3
 """How far, relatively, a branch is followed beyond the ends of the sweep."""
 
@@ -210,6 +213,7 @@ def _settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: f
         step=step_max / 5,
         step_min=step_max * 1e-6,
         step_max=step_max,
+        relative_step=RELATIVE_STEP,
         tolerance=TOLERANCE,
         weights=weights,
         max_points=20000,

@@ -171,3 +171,20 @@ def test_determinant_sign_agrees_with_numpy_for_several_rows() -> None:
             assert linearization.determinant_sign(row[:4], row[4]) == np.sign(np.linalg.det(bordered))
             dx, dlam = linearization.solve_bordered(row[:4], row[4], np.ones(4), 2.0)
             assert bordered @ np.append(dx, dlam) == pytest.approx([1.0, 1.0, 1.0, 1.0, 2.0], abs=1e-10)
+
+
+def test_a_tall_resonance_takes_fewer_points_with_relative_steps() -> None:
+    """A Lorentzian of height 1000 and width 0.02."""
+    spike = scalar(
+        lambda x, lam: x * (1.0 + (100.0 * (lam - 1.0)) ** 2) / 1000.0 - 1.0,
+        lambda x, lam: (1.0 + (100.0 * (lam - 1.0)) ** 2) / 1000.0,
+        lambda x, lam: x * 20.0 * (lam - 1.0),
+    )
+    points = {}
+    for relative in (0.0, 0.05):
+        settings = Settings(lam_end=1.25, step=0.5, step_max=2.0, relative_step=relative, max_points=5000)
+        branch = continue_branch(spike, np.array([1000.0 / 626.0]), 0.75, settings)
+        assert branch.end is End.REACHED_END
+        assert np.max(branch.x) == pytest.approx(1000.0, rel=2e-2)
+        points[relative] = len(branch.points)
+    assert points[0.05] < points[0.0] / 4
