@@ -15,7 +15,8 @@ from hbm.residual import HarmonicBalance, State
 from hbm.response import pad, steady_state, trace_frequency
 from hbm.solution import PeriodicSolution, describe
 from hbm.symbolic import residual_function
-from models import Coulomb, Damping, FrictionLaw, Frictionless, Jenkins, Rig, Stribeck, Viscous, parameters
+from models import Coulomb, Damping, FrictionLaw, Frictionless, Jenkins, LuGre, Rig, Stribeck, Viscous, parameters
+from models.published import ASSUMED_HYBRID, ASSUMED_IWAN, ASSUMED_SDFM, ASSUMED_VLFM, PAPER_DAHL
 
 JENKINS = Jenkins(0.52, 4.15e-6)
 COULOMB = Coulomb(0.52)
@@ -259,3 +260,32 @@ def test_damping_that_ratios_replace_has_no_effect():
     rig = replace(beam(JENKINS), damping=Damping(modal_ratios=(0.001,)))
     s = sensitivities(rig, steady_state(rig, 49.0, harmonics=5))
     assert not s["drive"].coefficients[:, s.parameters.index("damping.mass_proportional")].any()
+
+
+# ---- every law with states, or with a force that depends on itself
+
+IMPLICIT = [
+    PAPER_DAHL,
+    LuGre(0.52, 0.49, 2e-3, 1e7, bristle_damping=347.0, viscous=10.0),
+    replace(ASSUMED_HYBRID, mu_static=0.52, mu=0.49, stribeck_velocity=2e-3),
+    replace(ASSUMED_IWAN, spread=0.8),
+    ASSUMED_SDFM,
+    ASSUMED_VLFM,
+]
+
+
+@pytest.mark.parametrize("law", IMPLICIT, ids=lambda law: law.name)
+def test_law_parameters_against_solutions_beside(law: FrictionLaw) -> None:
+    rig = beam(law)
+    found = steady_state(rig, 51.0, harmonics=7, samples=256)
+    exact = sensitivities(rig, found)["drive"].coefficients
+
+    def drive(name: str, value: float) -> np.ndarray:
+        beside = beam(replace(law, **{name: value}))
+        return steady_state(beside, 51.0, harmonics=7, samples=256, start=found)["drive"].coefficients
+
+    for i, (name, value) in enumerate(parameters(law).items()):
+        step = 1e-5 * value
+        differences = (drive(name, value + step) - drive(name, value - step)) / (2 * step)
+        # the residual floor of the two solutions, for parameters that hardly matter
+        assert exact[:, i] == pytest.approx(differences, rel=0.0, abs=1e-4 * np.abs(exact[:, i]).max())
