@@ -5,14 +5,14 @@ which quantities of the sample before it uses. The harmonic balance and the time
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from models.friction import ContactSample, FrictionLaw, chosen, settings, with_symbols
+from models.friction import ContactSample, FrictionLaw, chosen, describe, with_symbols
 
 SIGNALS = ("u", "v", "rho", "eta")
 """Signals of the contact, in the order of :class:`models.friction.ContactSample`."""
@@ -74,16 +74,26 @@ class LawStep:
         return BEFORE.index("T") in self.remembered
 
 
+Form = tuple[type, tuple[tuple[str, Any], ...]]
+"""What decides the instructions of a law, its class and settings; parameters are run-time inputs."""
+
+
+def form(law: FrictionLaw) -> Form:
+    """Class and settings of a law, to remember what is built of it by."""
+    return type(law), tuple(chosen(law).items())
+
+
 def per_law(build: Callable[..., Any]) -> Callable[..., Any]:
-    """Remember what is built of a law by its class and settings: parameters are run-time inputs."""
+    """Remember what is built of a law by its form."""
 
     @lru_cache(maxsize=64)
-    def remembered(law_type: type, made_of: tuple[tuple[str, Any], ...], *rest: Any) -> Any:
-        ones = {f.name: 1.0 for f in fields(law_type) if f.name not in settings(law_type)}
+    def remembered(of: Form, *rest: Any) -> Any:
+        law_type, made_of = of
+        ones = dict.fromkeys(describe(law_type), 1.0)
         return build(law_type(**ones, **dict(made_of)), *rest)
 
     def built(law: FrictionLaw, *rest: Any) -> Any:
-        return remembered(type(law), tuple(chosen(law).items()), *rest)
+        return remembered(form(law), *rest)
 
     return built
 

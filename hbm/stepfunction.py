@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from hbm.lawstep import law_step
+from hbm.lawstep import Form, law_step
 from models import FrictionLaw
 from models.friction import parameters
 from models.structure import Array
@@ -28,18 +28,18 @@ class Shape:
 
     Attributes
     ----------
-    law_type, states : type, int
-        Class of the friction law and the length of what it remembers.
+    form, states : Form, int
+        Class and settings of the friction law, and the length of what it remembers.
     modes : int
     foreshortened, reaction_varies : bool
         Whether G and the rows of the reaction differ from zero.
     dissipative : bool
         Whether the friction force is delayed by a fraction of a step, see :func:`hbm.timestep.weights`.
     law : FrictionLaw
-        Any law of that class.
+        Any law of that form.
     """
 
-    law_type: type
+    form: Form
     states: int
     modes: int
     foreshortened: bool

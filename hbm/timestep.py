@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import expm
 
-from hbm.lawstep import law_step
+from hbm.lawstep import form, law_step
 from hbm.stepfunction import Shape, evaluate, lineariser, marcher
 from models import Rig
 from models.friction import parameters
@@ -143,7 +143,7 @@ class Stepper:
         """Key of the compiled step."""
         structure, law = self.rig.structure, self.rig.contact.law
         return Shape(
-            law_type=type(law),
+            form=form(law),
             states=law_step(law).memory_size,
             modes=structure.n,
             foreshortened=bool(structure.shortening.any()),

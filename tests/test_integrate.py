@@ -618,3 +618,15 @@ def test_contact_agrees_with_the_finite_element_simulator(name: str, record: int
         if not slips:  # its mean is what the contact's history left
             ours, theirs = ours - ours.mean(), theirs - theirs.mean()
         assert np.abs(ours - theirs).max() < tolerance * np.ptp(theirs) / 2, channel
+
+
+def test_settings_of_a_law_are_part_of_its_step() -> None:
+    """Two laws with as many states and other settings, one after the other, do not share a compiled step."""
+
+    def friction(*limits: float) -> float:
+        law = Iwan(mu=0.52, stiffness=1.04e7, limits=limits)
+        return float(np.abs(simulate(modal_rig(law), 45.0, duration=4 / 45.0).friction).mean())
+
+    equal, unequal = friction(1.0, 1.0), friction(1.0, 9.0)
+    assert abs(unequal / equal - 1.0) > 1e-3
+    assert friction(1.0, 1.0) == equal
