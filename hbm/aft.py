@@ -234,12 +234,6 @@ class LawOverPeriod:
             by_Omega += by_v @ signals[:, 1] / Omega
         return ContactForce(T, basis.analysis @ T, by_u, by_rho, by_eta, by_Omega)
 
-    def by_parameters(self, signals: Array, Omega: float, environment: Environment) -> Array:
-        """Derivatives of the force's coefficients to the law's parameters, (2H+1, p)."""
-        p = len(environment.parameters)
-        change = InputChange(np.zeros((self.basis.size, 3, p)), np.zeros(p), np.eye(p + 1, p))
-        return np.asarray(self.basis.analysis @ self.along(signals, Omega, environment, change))
-
     def along(self, signals: Array, Omega: float, environment: Environment, change: InputChange) -> Array:
         """Change of the force at the samples with everything that it depends on, (N_t, p).
 

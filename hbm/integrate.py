@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hbm.history import State, TimeHistory, normal_reaction
+from hbm.recurrence import monodromy
 from hbm.threads import one_thread
 from hbm.timestep import Stepper
 from models import Rig
@@ -305,11 +306,7 @@ class _Period:
     @property
     def monodromy(self) -> Array:
         """Derivative of the period map, the product of those of its steps."""
-        J = self.steps
-        while len(J) > 1:  # pairwise, so that the products are batched
-            odd = J[-1:] if len(J) % 2 else J[:0]
-            J = np.concatenate([J[1::2] @ J[: len(J) - 1 : 2], odd])
-        return np.asarray(J[0])
+        return monodromy(self.steps)
 
 
 def _scale(period: _Period) -> Array:

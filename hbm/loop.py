@@ -8,6 +8,7 @@ import numpy.typing as npt
 
 from hbm.aft import Environment, LawOverPeriod
 from hbm.fourier import Array, FourierBasis
+from hbm.solution import path_work
 from models import FrictionLaw, parameters
 
 RIGID = 1e-5
@@ -112,7 +113,18 @@ def friction_loop(
     u, v, R, _ = (basis.synthesis @ signals).T
     w = u + compliance * T
     return FrictionLoop(
-        law, hz, load, compliance, basis.theta / Omega, u, v, w, T, R, dissipated=_area(w, T), closure=closure
+        law,
+        hz,
+        load,
+        compliance,
+        basis.theta / Omega,
+        u,
+        v,
+        w,
+        T,
+        R,
+        dissipated=-path_work(np.asarray, T, w),
+        closure=closure,
     )
 
 
@@ -144,8 +156,3 @@ def _check(u: Array, R: Array, hz: float, load: float, compliance: float, sample
             raise ValueError(f"friction_loop: {name} = {value}; must be {'>=' if name == 'compliance' else '>'} 0")
     if samples < 16:
         raise ValueError(f"friction_loop: samples = {samples}; must be >= 16")
-
-
-def _area(w: Array, T: Array) -> float:
-    """Work done against T over the period [J], by the trapezoidal rule."""
-    return -float(np.sum((T + np.roll(T, -1)) / 2.0 * (np.roll(w, -1) - w)))

@@ -10,7 +10,7 @@ FEW_STATES = 2
 
 
 def monodromy(A: Array) -> Array:
-    """Product of the state transitions (N_t, n_z, n_z) over the period."""
+    """Product of the state transitions (N, n, n) over a period."""
     if A.shape[1] == 1:
         return np.asarray(np.multiply.reduce(A[:, 0, 0])).reshape(1, 1)
     while len(A) > 1:  # pairwise, so that the products are batched

@@ -105,15 +105,15 @@ class PeriodicSolution:
         The paper prints R v, whose mean over a period can be zero where the contact slides; wear has no sign. Where the
         reaction would be negative the tip is off its support and does not wear.
         """
-        return self.hz * _path_work(np.abs, np.maximum(self["normal"].samples, 0.0), self["slip"].samples)
+        return self.hz * path_work(np.abs, np.maximum(self["normal"].samples, 0.0), self["slip"].samples)
 
     @property
     def friction_loss(self) -> float:
         """Energy that friction takes from the structure in one period [J], the area of the loop of T over the slip."""
-        return -_path_work(np.asarray, self["friction"].samples, self["slip"].samples)
+        return -path_work(np.asarray, self["friction"].samples, self["slip"].samples)
 
 
-def _path_work(measure: Callable[[Array], Array], force: Array, slip: Array) -> float:
+def path_work(measure: Callable[[Array], Array], force: Array, slip: Array) -> float:
     """Sum of the force over the slip's steps, trapezoidal; from samples, so that a stuck contact does no work."""
     return float(0.5 * (force + np.roll(force, -1)) @ measure(np.roll(slip, -1) - slip))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hbm.aft import Environment, LawOverPeriod
+from hbm.aft import Environment, InputChange, LawOverPeriod
 from hbm.fourier import FourierBasis
 from models import (
     LAWS,
@@ -164,7 +164,9 @@ def test_parameter_derivatives(law):
     basis = FourierBasis(5, 128)
     u = 2e-5 * np.random.default_rng(4).normal(size=basis.size) * np.exp(-basis.k)
     contact, s, env = LawOverPeriod(law, basis), signals(basis, u), environment(law, 3e-8)
-    slopes = contact.by_parameters(s, OMEGA, env)
+    p = len(env.parameters)
+    change = InputChange(np.zeros((basis.size, 3, p)), np.zeros(p), np.eye(p + 1, p))
+    slopes = basis.analysis @ contact.along(s, OMEGA, env, change)
     for i, value in enumerate(env.parameters):
         step = 1e-6 * value * np.eye(len(env.parameters))[i]
         up, down = (
