@@ -54,7 +54,7 @@ class MeasuredSpectra:
     @property
     def H(self) -> int:
         """Highest harmonic listed."""
-        return self.std.shape[2] - 1
+        return int(self.std.shape[2]) - 1
 
     @property
     def measured(self) -> npt.NDArray[np.bool_]:

@@ -148,10 +148,16 @@ class Rig:
         return _of_beam(self, self.body) if isinstance(self.body, Beam) else _of_modes(self, self.body)
 
     def with_modes(self, modes: int) -> "Rig":
-        """Return the same beam rig on another number of modes; a modal rig is returned as it is."""
+        """Return the same beam rig on another number of modes; a modal rig is returned as it is.
+
+        Where each mode has a damping ratio of its own, modes beyond those listed have that of the last.
+        """
         if not isinstance(self.body, Beam):
             return self
-        return replace(self, body=replace(self.body, modes=modes))
+        damping, ratios = self.damping, self.damping.modal_ratios
+        if ratios is not None and len(ratios) > 1:
+            damping = replace(damping, modal_ratios=(ratios + ratios[-1:] * modes)[:modes])
+        return replace(self, body=replace(self.body, modes=modes), damping=damping)
 
 
 def _of_beam(rig: Rig, beam: Beam) -> ModalStructure:

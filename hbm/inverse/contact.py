@@ -1,0 +1,164 @@
+"""From the friction force to everything at the contact: slip, reaction, energy, and their uncertainty."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from hbm.fourier import Array
+from hbm.inverse.contactforce import ForceEstimate, product, to_amplitudes, to_samples
+from hbm.inverse.reconstruction import Estimates, LawInputs
+from hbm.inverse.sensing import Complex, Sensing, dynamic_stiffness
+
+SAMPLES = 256
+"""Samples per period, at least."""
+
+MOST_UNSEEN = 256
+"""Harmonics above those measured that are counted in the uncertainty, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Signals at the contact of r records, harmonics 0..H, N samples.
+
+    Attributes
+    ----------
+    sensing : Sensing
+    estimate : ForceEstimate
+    amplitudes : dict of str to (r, H+1) complex array
+        `friction`, `slip`, `slip_velocity`, `normal`, and what laws are shown: `modal_slip`, `rho`, `eta`.
+    samples : dict of str to (r, N) array
+    """
+
+    sensing: Sensing
+    estimate: ForceEstimate
+    amplitudes: dict[str, Complex]
+    samples: dict[str, Array]
+
+    @property
+    def load(self) -> float:
+        """Static normal load [N]."""
+        return float(self.sensing.rig.contact.normal_load)
+
+    # ---- uncertainty
+
+    @cached_property
+    def _rows(self) -> dict[str, Complex]:
+        """Linear forms of (friction, force, q) that each signal is, (r, H+1, 2 + n)."""
+        return _rows(self.sensing, self.sensing.i_omega)
+
+    def _deviations(self, name: str) -> Complex:
+        """Deviations of a signal's harmonics, (r, H+1, m), see :attr:`ForceEstimate.factor`."""
+        return np.asarray(np.einsum("rkj,rkjm->rkm", self._rows[name], self.estimate.factor))
+
+    def std(self, name: str) -> Array:
+        """Standard deviation of each cosine and sine of a signal by noise, (r, H+1)."""
+        return np.asarray(np.linalg.norm(self._deviations(name), axis=2))
+
+    def mean_std(self, name: str) -> Array:
+        """Standard deviation of a signal's mean where the contact slips, (r,).
+
+        The mean friction comes from the force at two instants, see :func:`hbm.inverse.reconstruct.reconstruct`.
+        """
+        at_once = np.sqrt(np.sum(self.std("friction")[:, 1:] ** 2, axis=1) + self.unseen("friction") ** 2)
+        return np.asarray(np.abs(self._rows[name][:, 0] @ self._static) * at_once / np.sqrt(2.0))
+
+    @property
+    def _static(self) -> Array:
+        """Static change of (friction, force, q) per mean friction, (2 + n,)."""
+        s = self.sensing.structure
+        return np.concatenate([[1.0, 0.0], s.slip_row / s.omega_n**2])
+
+    def unseen(self, name: str) -> Array:
+        """Standard deviation of a signal by the harmonics above those measured, (r,)."""
+        H = self.sensing.H
+        k = np.arange(H + 1, min(8 * H, H + MOST_UNSEEN) + 1)
+        i_omega = self.sensing.i_omega[:, 1:2] * k
+        pushes = self.sensing.structure.slip_row / dynamic_stiffness(self.sensing.structure, i_omega)
+        per_friction = np.concatenate([np.ones((*i_omega.shape, 1)), np.zeros((*i_omega.shape, 1)), pushes], axis=2)
+        gain = np.einsum("rkj,rkj->rk", _rows(self.sensing, i_omega)[name], per_friction)
+        return np.asarray(np.linalg.norm(gain * self.estimate.expected(k), axis=1))
+
+    # ---- energy
+
+    @cached_property
+    def energy(self) -> Estimates:
+        """Energy that friction takes per period, - Int T du [J]."""
+        T, u = self.amplitudes["friction"], self.amplitudes["slip"]
+        k = np.arange(T.shape[1])
+        lost = np.pi * np.sum(k * (T.conj() * u).imag, axis=1)
+        change = np.pi * k[:, None] * (T.conj()[..., None] * self._deviations("slip"))
+        change = change - np.pi * k[:, None] * (u.conj()[..., None] * self._deviations("friction"))
+        return Estimates(lost, np.sqrt(np.sum(np.abs(change) ** 2, axis=(1, 2))), "J")
+
+    @cached_property
+    def work_rate(self) -> Estimates:
+        """Wear work rate, the mean of R |v| (26) [W]."""
+        R, v = np.maximum(self.samples["normal"], 0.0), self.samples["slip_velocity"]
+        H = self.sensing.H
+        by_R, by_v = to_amplitudes(np.abs(v), H).conj(), to_amplitudes(R * np.sign(v), H).conj()
+        by_R[:, 1:] /= 2
+        by_v[:, 1:] /= 2
+        change = by_R[..., None] * self._deviations("normal") + by_v[..., None] * self._deviations("slip_velocity")
+        return Estimates((R * np.abs(v)).mean(axis=1), np.linalg.norm(change, axis=(1, 2)), "W")
+
+    # ---- for friction laws
+
+    @property
+    def law_inputs(self) -> LawInputs:
+        """What a friction law is shown."""
+        shown = ("modal_slip", "rho", "eta")
+        factor = np.stack([self._deviations(name) for name in ("friction", *shown)], axis=2)
+        u, rho, eta = (self.amplitudes[name] for name in shown)
+        return LawInputs(u, rho, eta, factor)
+
+
+def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:
+    """Signals at the contact that follow from force and motion; physics.md section 2.
+
+    Parameters
+    ----------
+    sensing : Sensing
+    estimate : ForceEstimate
+
+    Returns
+    -------
+    Contact
+    """
+    s, H = sensing.structure, sensing.H
+    N = max(SAMPLES, 1 << int(np.ceil(np.log2(8 * H))))
+    state = np.concatenate([np.stack([estimate.friction, estimate.force], axis=2), estimate.q], axis=2)
+    amplitudes = {name: np.einsum("rkj,rkj->rk", row, state) for name, row in _rows(sensing, sensing.i_omega).items()}
+    if s.shortening.any():
+        drawn_in = product(estimate.q, estimate.q @ s.shortening).sum(axis=2) / 2
+        for name in ("slip", "modal_slip"):
+            amplitudes[name] -= drawn_in
+        amplitudes["slip_velocity"] -= sensing.i_omega * drawn_in
+    amplitudes["rho"][:, 0] += sensing.rig.contact.normal_load
+    amplitudes["eta"][:, 0] -= s.reaction.friction_lever
+    samples = {name: to_samples(c, N) for name, c in amplitudes.items()}
+    samples["normal"] = samples["rho"] + samples["eta"] * samples["friction"]
+    amplitudes["normal"] = to_amplitudes(samples["normal"], H)
+    return Contact(sensing, estimate, amplitudes, samples)
+
+
+def _rows(sensing: Sensing, i_omega: Complex) -> dict[str, Complex]:
+    """Signals as linear forms of (friction, force, q) at i k Omega (r, K), products left out, (r, K, 2 + n)."""
+    s = sensing.structure
+    one, reaction = np.ones(i_omega.shape), s.reaction
+
+    def row(friction: float, force: float, q: Complex | Array) -> Complex:
+        head = np.stack([friction * one, force * one], axis=2)
+        return np.concatenate([head, np.broadcast_to(q, (*i_omega.shape, s.n))], axis=2).astype(complex)
+
+    inertia = i_omega[..., None] ** 2 * reaction.inertia + i_omega[..., None] * reaction.damping
+    slip = row(s.compliance, s.residual.slip_by_force, s.slip_row)
+    return {
+        "friction": row(1.0, 0.0, np.zeros(s.n)),
+        "slip": slip,
+        "slip_velocity": i_omega[..., None] * slip,
+        "normal": row(-reaction.friction_lever, -reaction.force_share, inertia),
+        "modal_slip": row(0.0, s.residual.slip_by_force, s.slip_row),
+        "rho": row(0.0, -reaction.force_share, inertia),
+        "eta": row(0.0, 0.0, reaction.stretch),
+    }

@@ -1,0 +1,251 @@
+"""The friction force that the sensors imply: a regularised weighted least-squares problem at every harmonic.
+
+The structure is linear outside the contact, so that each harmonic of the responses is a known combination of that
+harmonic of the friction force and of the excitation, plus the small product of friction and motion (foreshortening),
+which is iterated. Boundary conditions and the balance of forces hold exactly, whatever the noise. Unknown are two
+complex numbers per harmonic, weighed by the standard deviations of all that was measured.
+
+Harmonics that the sensors hardly see are held by a prior: friction falls with the number k of the harmonic like
+k^-p. Its size, for odd and for even harmonics, and its order p are those that make the measured record most
+likely (empirical Bayes, the Gaussian form of generalised Tikhonov regularisation): the noise decides, not a hand.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.fourier import Array
+from hbm.inverse.sensing import Complex, Sensing
+
+Indices = npt.NDArray[np.signedinteger[Any]]
+
+ORDERS = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
+"""Orders p of the prior that are tried; a force that jumps has 1, one with corners 2."""
+
+SIZES = np.logspace(-6, 1, 57)
+"""Sizes that are tried, relative to the largest harmonic."""
+
+AS_LIKELY = 2.0
+"""Largest size counts whose log-likelihood is so close to the best: the upper end of its 95 % interval."""
+
+UNBOUND = 1e3
+"""Before a prior is known: friction harmonics up to this many times the load or the force."""
+
+COUPLED = 1e-10
+"""The product of friction and motion is iterated until it changes by less than this fraction."""
+
+MOST_ITERATIONS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class ForceEstimate:
+    """Friction, excitation and motion of r records at harmonics 0..H, and their joint uncertainty.
+
+    Attributes
+    ----------
+    friction, force : (r, H+1) complex array
+        Amplitudes [N]; harmonic 0 of friction is what was assumed.
+    q : (r, H+1, n) complex array
+        Modal coordinates.
+    factor : (r, H+1, 2 + n, m) complex array
+        Deviations of (friction, force, q) are ``factor @ xi``, xi of independent numbers whose real and imaginary parts
+        have unit variance.
+    residual : (r, H+1, c) complex array
+        Measured less explained, in standard deviations.
+    leverage : (r, H+1, c) array
+        Share of each measurement that the fit follows, 0..1.
+    resolution : (r, H+1) array
+        Standard deviation of friction by the sensors alone, without the prior [N]; inf where they see nothing of it.
+    condition : (r, H+1) array
+        Condition number of telling friction from force, columns scaled to equal length; inf where not measured.
+    order : (r,) array
+        p of the prior.
+    size : (r, 2) array
+        Most likely size of the even and of the odd harmonics, at harmonic 1 [N].
+    """
+
+    friction: Complex
+    force: Complex
+    q: Complex
+    factor: Complex
+    residual: Complex
+    leverage: Array
+    resolution: Array
+    condition: Array
+    order: Array
+    size: Array
+
+    def expected(self, k: Indices) -> Array:
+        """Size of friction harmonics `k` (m,) above those measured, (r, m) [N]."""
+        return _decay(self.order, self.size, k)
+
+
+def regularised(sensing: Sensing, mean: Array) -> ForceEstimate:
+    """Friction force by regularised weighted least squares, with the balance of forces as a constraint.
+
+    Parameters
+    ----------
+    sensing : Sensing
+    mean : (r,) array
+        Mean friction, which no accelerometer sees [N].
+
+    Returns
+    -------
+    ForceEstimate
+    """
+    shape = sensing.i_omega.shape
+    largest = np.maximum(np.abs(sensing.force).max(axis=1), sensing.rig.contact.normal_load)
+    unbound = np.broadcast_to(UNBOUND * np.maximum(largest, sensing.spectra.level)[:, None], shape)
+    free = _solve(sensing, mean, unbound)
+    order, size, largest_size = prior(np.abs(free.friction[:, 1:]), free.resolution[:, 1:])
+    expected = np.zeros(shape)
+    expected[:, 1:] = _decay(order, largest_size, np.arange(1, shape[1]))
+    held = _solve(sensing, mean, expected)
+    return ForceEstimate(
+        friction=held.friction,
+        force=held.force,
+        q=held.q,
+        factor=held.factor,
+        residual=held.residual,
+        leverage=held.leverage,
+        resolution=free.resolution,
+        condition=_condition(sensing),
+        order=order,
+        size=size,
+    )
+
+
+def _decay(order: Array, size: Array, k: Indices) -> Array:
+    """Sizes of harmonics `k` (m,), (r, m)."""
+    return np.asarray(size[:, k % 2] * (1.0 * k) ** -order[:, None])
+
+
+def prior(amplitude: Array, std: Array) -> tuple[Array, Array, Array]:
+    """Order and sizes of the prior that make amplitudes of harmonics 1..H most likely.
+
+    Parameters
+    ----------
+    amplitude : (r, H) array
+        Magnitude of each harmonic by the sensors alone [N].
+    std : (r, H) array
+        Standard deviation of each of its cos and sin; inf where not measured [N].
+
+    Returns
+    -------
+    order : (r,) array
+        One of `ORDERS`.
+    size, largest : (r, 2) arrays
+        Of even and of odd harmonics: the most likely, and the largest as likely within the noise [N].
+    """
+    k = np.arange(1, amplitude.shape[1] + 1)
+    decay = k ** -ORDERS[:, None]
+    orders, (sizes, largest) = np.empty(len(amplitude)), np.empty((2, len(amplitude), 2))
+    for r, (a, s) in enumerate(zip(amplitude, std, strict=True)):
+        seen = np.isfinite(s)
+        tried = SIZES * max(float(a[seen].max(initial=0.0)), np.finfo(float).tiny)
+        variance = (tried[:, None, None] * decay) ** 2 + np.where(seen, s, 1.0) ** 2
+        terms = np.where(seen, -np.log(variance) - a**2 / (2 * variance), 0.0)  # cos and sin
+        likelihood = [terms[..., k % 2 == odd].sum(axis=2) for odd in (0, 1)]  # (sizes, orders)
+        best = int(np.argmax(likelihood[0].max(axis=0) + likelihood[1].max(axis=0)))
+        orders[r] = ORDERS[best]
+        sizes[r] = [tried[int(np.argmax(of[:, best]))] for of in likelihood]
+        largest[r] = [tried[np.flatnonzero(of[:, best] >= of[:, best].max() - AS_LIKELY)[-1]] for of in likelihood]
+    return orders, sizes, largest
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Estimate under one prior, see :class:`ForceEstimate`."""
+
+    friction: Complex
+    force: Complex
+    q: Complex
+    factor: Complex
+    residual: Complex
+    leverage: Array
+    resolution: Array
+
+
+def _solve(sensing: Sensing, mean: Array, expected: Array) -> _Solution:
+    """Least squares for friction and for what the measured force is off by, each of an expected size."""
+    s = sensing.structure
+    size = np.stack([expected, sensing.force_std], axis=2)
+    columns = np.stack([sensing.by_friction, sensing.by_force], axis=3)
+    A = sensing.weight[..., None] * columns * size[:, :, None]
+    A_h = A.conj().swapaxes(2, 3)
+    inverse = np.linalg.inv(np.eye(2) + A_h @ A)
+    gain = size[..., None] * (inverse @ A_h)
+    pushes = np.stack([s.slip_row, s.excitation])
+    known = sensing.measured - sensing.by_force * sensing.force[..., None]
+
+    coupling = np.zeros(sensing.stiffness.shape, dtype=complex)
+    for _ in range(MOST_ITERATIONS):
+        left = sensing.weight * (known - sensing.by_modal_forces(coupling))
+        found = (gain @ left[..., None])[..., 0]
+        friction, force = found[..., 0].copy(), sensing.force + found[..., 1]
+        friction[:, 0] = mean
+        q = (np.stack([friction, force], axis=2) @ pushes + coupling) / sensing.stiffness
+        before, coupling = coupling, shortening_forces(sensing, friction, q)
+        if np.abs(coupling - before).max() <= COUPLED * max(np.abs(friction).max(), np.finfo(float).tiny):
+            break
+    root = size[..., None] * np.linalg.cholesky(inverse)
+    leverage = np.einsum("rkci,rkij,rkcj->rkc", A, inverse, A.conj()).real
+    scaled = (A @ (found / np.where(size > 0.0, size, 1.0))[..., None])[..., 0]
+    seen = sensing.weight.any(axis=2)
+    return _Solution(
+        friction=friction,
+        force=force,
+        q=q,
+        factor=np.concatenate([root, np.swapaxes(pushes / sensing.stiffness[..., None, :], 2, 3) @ root], axis=2),
+        residual=left - scaled,
+        leverage=leverage,
+        resolution=np.where(seen, np.linalg.norm(root[:, :, 0], axis=2), np.inf),
+    )
+
+
+def shortening_forces(sensing: Sensing, friction: Complex, q: Complex) -> Complex:
+    """Forces -T G q of friction on the deflected structure, (r, H+1, n)."""
+    G = sensing.structure.shortening
+    if not G.any():
+        return np.zeros_like(q)
+    return -product(friction[..., None], q @ G)
+
+
+def product(a: Complex, b: Complex) -> Complex:
+    """Amplitudes of the product of two series along axis 1, harmonics 0..H."""
+    H = a.shape[1] - 1
+    N = 1 << int(np.ceil(np.log2(3 * H + 2)))  # no alias reaches 0..H
+    return to_amplitudes(to_samples(a, N) * to_samples(b, N), H)
+
+
+def to_samples(amplitudes: Complex, N: int) -> Array:
+    """Samples (r, N, ...) of Re sum c_k exp(i k theta) from amplitudes (r, H+1, ...)."""
+    half = amplitudes / 2
+    half[:, 0] = amplitudes[:, 0]
+    return np.asarray(np.fft.irfft(half, N, axis=1) * N)
+
+
+def to_amplitudes(samples: Array, H: int) -> Complex:
+    """Amplitudes (r, H+1, ...) of samples (r, N, ...)."""
+    amplitudes = np.fft.rfft(samples, axis=1)[:, : H + 1] * (2.0 / samples.shape[1])
+    amplitudes[:, 0] /= 2.0
+    return np.asarray(amplitudes)
+
+
+def _condition(sensing: Sensing) -> Array:
+    """Condition number of the columns for friction and for force, the measured force included, (r, H+1)."""
+    columns = sensing.weight[..., None] * np.stack([sensing.by_friction, sensing.by_force], axis=3)
+    known = sensing.force_std > 0.0
+    row = np.zeros((*columns.shape[:2], 1, 2), dtype=complex)
+    row[..., 0, 1] = np.where(known, 1.0 / np.where(known, sensing.force_std, 1.0), 0.0)
+    A = np.concatenate([columns, row], axis=2)
+    length = np.linalg.norm(A, axis=2)
+    exact = ~known  # an excitation that is known exactly cannot be confused with friction
+    A = A / np.where(length > 0.0, length, 1.0)[:, :, None]
+    values = np.linalg.svd(A, compute_uv=False)
+    condition = np.where(
+        values[..., 1] > 0.0, values[..., 0] / np.where(values[..., 1] > 0.0, values[..., 1], 1.0), np.inf
+    )
+    return np.asarray(np.where(length[..., 0] > 0.0, np.where(exact, 1.0, condition), np.inf))

@@ -1,0 +1,129 @@
+"""Inverse harmonic balance: friction, reaction and slip at the contact from accelerations along the beam.
+
+:func:`reconstruct` is the entry. Which formulation finds the force is a name of `FORMULATIONS`; what follows from the
+force, slip and reaction, energy and uncertainty, is the same for all of them.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.inverse.contact import Contact, contact_of
+from hbm.inverse.contactforce import ForceEstimate, regularised
+from hbm.inverse.reconstruction import SIGNALS, EstimatedSignal, Estimates, Misfit, Reconstruction
+from hbm.inverse.sensing import Sensing, sensing
+from hbm.spectra import MeasuredSpectra
+from models.rig import Rig
+
+FORMULATIONS: dict[str, Callable[[Sensing, Array], ForceEstimate]] = {"regularised": regularised}
+"""How the force is found, see docs/inverse.md; the first is the default."""
+
+MEAN_ROUNDS = 4
+"""The mean friction and the motion are found in turns; the motion hardly depends on it."""
+
+SIGNIFICANT = 5.0
+OPEN = 0.01
+"""A contact slips where its loop is open by so many standard deviations, and by this share of the box around it."""
+
+
+def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regularised") -> Reconstruction:
+    """Reconstruct what happens at the contact.
+
+    Parameters
+    ----------
+    rig : Rig
+        Its friction law is not used.
+    spectra : MeasuredSpectra
+        Accelerations, velocities or displacements along the structure and, if measured, the force.
+    formulation : str
+        A name of `FORMULATIONS`.
+
+    Returns
+    -------
+    Reconstruction
+
+    Raises
+    ------
+    InputError
+        If the formulation is unknown, or no response was measured.
+
+    References
+    ----------
+    physics.md section 5; (6)-(14), (26).
+    """
+    if formulation not in FORMULATIONS:
+        raise InputError(f'reconstruct: formulation = "{formulation}"; must be one of {", ".join(FORMULATIONS)}')
+    seen = sensing(rig, spectra)
+    mean = np.zeros(len(spectra))
+    slips = np.zeros(len(spectra), dtype=bool)
+    for _ in range(MEAN_ROUNDS):
+        contact = contact_of(seen, FORMULATIONS[formulation](seen, mean))
+        slips = _slips(contact)
+        mean = np.where(slips, mean + _asymmetry(contact), 0.0)
+    return _reconstruction(contact, formulation, slips)
+
+
+def _slips(contact: Contact) -> npt.NDArray[np.bool_]:
+    """Whether the loop of friction over slip is open, beyond doubt and more than by its corners, (r,)."""
+    energy = contact.energy
+    span = np.ptp(contact.samples["friction"], axis=1) * np.ptp(contact.samples["slip"], axis=1)
+    return np.asarray((energy.value > SIGNIFICANT * energy.std) & (energy.value > OPEN * span))
+
+
+def _asymmetry(contact: Contact) -> Array:
+    """Mean friction that is missing, (r,) [N].
+
+    No accelerometer sees it. A contact that slips both ways reaches the same limit |T| / R both ways, whatever its law,
+    unless friction depends on the direction.
+    """
+    R = np.maximum(contact.samples["normal"], 0.01 * contact.load)
+    ratio = contact.samples["friction"] / R
+    r = np.arange(len(ratio))
+    i, j = ratio.argmax(axis=1), ratio.argmin(axis=1)
+    return np.asarray(-(ratio[r, i] + ratio[r, j]) / (1.0 / R[r, i] + 1.0 / R[r, j]))
+
+
+def _reconstruction(contact: Contact, formulation: str, slips: npt.NDArray[np.bool_]) -> Reconstruction:
+    """Signals with standard deviations, inflated where the sensors contradict the structure."""
+    seen, estimate = contact.sensing, contact.estimate
+    misfit = misfit_of(seen, estimate)
+    inflation = np.where(misfit.consistent, 1.0, np.sqrt(np.maximum(misfit.reduced, 1.0)))
+    signals = {name: _signal(contact, name, inflation, slips) for name in SIGNALS}
+    energy, work = contact.energy, contact.work_rate
+    return Reconstruction(
+        rig=seen.rig,
+        spectra=seen.spectra,
+        formulation=formulation,
+        signals=signals,
+        slips=slips,
+        energy_per_cycle=Estimates(energy.value, energy.std * inflation, "J"),
+        work_rate=Estimates(work.value, work.std * inflation, "W"),
+        misfit=misfit,
+        resolution=estimate.resolution,
+        condition=estimate.condition,
+        law_inputs=contact.law_inputs,
+        warnings=(),
+    )
+
+
+def misfit_of(seen: Sensing, estimate: ForceEstimate) -> Misfit:
+    """Squared residuals of the channels beside what noise leaves of them."""
+    measured = seen.weight > 0.0
+    return Misfit(
+        channels=seen.channels,
+        chi2=np.sum(np.abs(estimate.residual) ** 2, axis=1),
+        expected=np.sum(2.0 * (measured - estimate.leverage), axis=1),
+    )
+
+
+def _signal(contact: Contact, name: str, inflation: Array, slips: npt.NDArray[np.bool_]) -> EstimatedSignal:
+    amplitudes, samples = contact.amplitudes[name], contact.samples[name]
+    std = contact.std(name) * inflation[:, None]
+    mean_std = np.where(slips, contact.mean_std(name), 0.0)
+    noise = np.sqrt(np.sum(std[:, 1:] ** 2, axis=1) + mean_std**2)
+    std[:, 0] = mean_std
+    total = np.hypot(noise, contact.unseen(name))
+    return EstimatedSignal(SIGNALS[name], amplitudes, std, samples, np.broadcast_to(total[:, None], samples.shape))

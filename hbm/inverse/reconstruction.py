@@ -1,0 +1,184 @@
+"""What the inverse harmonic balance returns: contact signals with their uncertainty, and how well the sensors fit."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.inverse.sensing import Complex
+from hbm.spectra import MeasuredSpectra
+from models.rig import Rig
+
+SIGNALS = {"slip": "m", "slip_velocity": "m/s", "friction": "N", "normal": "N"}
+"""Contact signals that are reconstructed, with their units."""
+
+CONSISTENT = 1e-3
+"""Sensors contradict the structure where their misfit is less probable than this by noise alone."""
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatedSignal:
+    """One contact signal of r records over a period, with standard deviations.
+
+    Attributes
+    ----------
+    unit : str
+    amplitudes : (r, H+1) complex array
+        s = Re sum c_k exp(i k Omega t).
+    amplitude_std : (r, H+1) array
+        Of each of the cosine and sine coefficients.
+    samples : (r, N) array
+        Values at the phases 0, 1/N... of the period.
+    std : (r, N) array
+        Of the samples: noise, and the harmonics above those measured.
+    """
+
+    unit: str
+    amplitudes: Complex
+    amplitude_std: Array
+    samples: Array
+    std: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Estimates:
+    """A number per record with its standard deviation and unit; `value` and `std` are (r,) arrays."""
+
+    value: Array
+    std: Array
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Misfit:
+    """How far the sensors are from the fitted motion, per record and response channel.
+
+    Attributes
+    ----------
+    channels : tuple of str, (c,)
+    chi2 : (r, c) array
+        Squared residuals, in units of the standard deviations, summed over harmonics.
+    expected : (r, c) array
+        What noise alone leaves of it on the mean; the degrees of freedom.
+    """
+
+    channels: tuple[str, ...]
+    chi2: Array
+    expected: Array
+
+    @property
+    def reduced(self) -> Array:
+        """Of each record, 1 where only noise is left, nan without degrees of freedom; (r,)."""
+        expected = self.expected.sum(axis=1)
+        return np.asarray(
+            np.divide(self.chi2.sum(axis=1), expected, out=np.full(len(expected), np.nan), where=expected > 0)
+        )
+
+    @property
+    def probability(self) -> Array:
+        """Of a misfit as large or larger by noise alone, (r,)."""
+        return np.asarray(stats.chi2.sf(self.chi2.sum(axis=1), np.maximum(self.expected.sum(axis=1), 1e-9)))
+
+    @property
+    def consistent(self) -> npt.NDArray[np.bool_]:
+        """Whether noise alone explains the misfit of a record, (r,)."""
+        return self.probability > CONSISTENT
+
+
+@dataclass(frozen=True, eq=False)
+class LawInputs:
+    """What a friction law is shown in each record, and how uncertain all of it is together.
+
+    Attributes
+    ----------
+    u, rho, eta : (r, H+1) complex arrays
+        Modal slip (without the residual compliance's part), and the reaction R = rho + eta T.
+    factor : (r, H+1, 4, m) complex array
+        Deviations of (T, u, rho, eta) are ``factor @ xi``, real and imaginary parts of xi independent, unit variance.
+    """
+
+    u: Complex
+    rho: Complex
+    eta: Complex
+    factor: Complex
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """Contact forces and motion of r measured records.
+
+    Attributes
+    ----------
+    rig : Rig
+        With the number of modes that was used.
+    spectra : MeasuredSpectra
+        What was used of the measurement.
+    formulation : str
+    signals : dict of str to EstimatedSignal
+        `slip`, `slip_velocity`, `friction`, `normal`.
+    slips : (r,) bool array
+        Whether the contact slips. Where it does not, its mean friction cannot be known: it counts as zero, and mean
+        slip with it.
+    energy_per_cycle, work_rate : Estimates
+        Energy lost to friction per period [J], and the wear work rate (26) [W], the mean of R |v|.
+    misfit : Misfit
+    resolution : (r, H+1) array
+        Standard deviation of harmonics of friction by the sensors alone [N].
+    condition : (r, H+1) array
+        Condition number of telling friction from the excitation, harmonic by harmonic.
+    law_inputs : LawInputs
+    warnings : tuple of str
+        What to beware of, a line each, with numbers.
+    """
+
+    rig: Rig
+    spectra: MeasuredSpectra
+    formulation: str
+    signals: Mapping[str, EstimatedSignal]
+    slips: npt.NDArray[np.bool_]
+    energy_per_cycle: Estimates
+    work_rate: Estimates
+    misfit: Misfit
+    resolution: Array
+    condition: Array
+    law_inputs: LawInputs
+    warnings: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """Number of records."""
+        return len(self.spectra)
+
+    def __getitem__(self, name: str) -> EstimatedSignal:
+        """Signal by name."""
+        return self.signals[name]
+
+    @property
+    def H(self) -> int:
+        """Highest harmonic."""
+        return self.spectra.H
+
+    @property
+    def phase(self) -> Array:
+        """Phases of the samples, (N,), 0..1 of a period."""
+        N = self.signals["friction"].samples.shape[1]
+        return np.asarray(np.arange(N) / N)
+
+    def index(self, record: int) -> int:
+        """Place of a record by its number.
+
+        Raises
+        ------
+        InputError
+            If it is not there.
+        """
+        found = np.flatnonzero(self.spectra.records == record)
+        if len(found) == 0:
+            raise InputError(
+                f"{self.spectra.source}: no record {record}; records are "
+                f"{', '.join(map(str, self.spectra.records.tolist()))}"
+            )
+        return int(found[0])

@@ -1,0 +1,189 @@
+"""What the sensors of a rig see of the contact: responses to friction and force, harmonic by harmonic.
+
+:func:`sensing` puts measured spectra beside the linear structure: complex amplitudes, weights, and receptances of all
+records at once. Everything here is linear; the product of friction and motion (foreshortening) enters as one more
+excitation of the modes.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.solution import DERIVATIVES
+from hbm.spectra import MeasuredSpectra
+from models.beam import Beam
+from models.rig import Rig
+from models.structure import ModalStructure
+
+Complex = npt.NDArray[np.complex128]
+
+STATIC_FROM = 5.0
+"""Modes are kept up to this many times the highest frequency measured; those above answer statically."""
+
+MOST_MODES = 30
+
+UNKNOWN_FORCE = 10.0
+"""Without a force channel the fundamental is unknown, within this many times the nominal level."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sensing:
+    """Measured spectra and the linear structure they were measured on; r records, harmonics 0..H, c channels, n modes.
+
+    Attributes
+    ----------
+    rig : Rig
+        With as many modes as the highest harmonic needs.
+    spectra : MeasuredSpectra
+    channels : tuple of str, (c,)
+        Response channels measured.
+    i_omega : (r, H+1) complex array
+        i k Omega [rad/s].
+    stiffness : (r, H+1, n) complex array
+        Modal dynamic stiffness, omega_n^2 - (k Omega)^2 + i k Omega d [1/s2].
+    measured : (r, H+1, c) complex array
+        Amplitudes, 0 where not measured.
+    weight : (r, H+1, c) array
+        1 / std, 0 where not measured; harmonic 0 is not used.
+    force, force_std : (r, H+1) complex array and array
+        Measured excitation and its standard deviation, of each of cos and sin [N].
+    """
+
+    rig: Rig
+    spectra: MeasuredSpectra
+    channels: tuple[str, ...]
+    i_omega: Complex
+    stiffness: Complex
+    measured: Complex
+    weight: Array
+    force: Complex
+    force_std: Array
+
+    @property
+    def structure(self) -> ModalStructure:
+        """The linear structure."""
+        return self.rig.structure
+
+    @property
+    def H(self) -> int:
+        """Highest harmonic."""
+        return int(self.i_omega.shape[1]) - 1
+
+    @cached_property
+    def rows(self) -> Array:
+        """Mode shapes at the channels, (c, n)."""
+        return np.array([self.structure.channel_rows[name] for name in self.channels])
+
+    @cached_property
+    def factor(self) -> Complex:
+        """From displacement to each channel's quantity, (r, H+1, c)."""
+        quantity = {channel.name: channel.quantity for channel in self.rig.channels}
+        times = np.array([DERIVATIVES[quantity[name]] for name in self.channels])
+        return np.asarray(self.i_omega[..., None] ** times)
+
+    @cached_property
+    def by_friction(self) -> Complex:
+        """Response of each channel per friction force, (r, H+1, c)."""
+        static = [self.structure.residual.channels.get(name, (0.0, 0.0))[1] for name in self.channels]
+        return self._response(self.structure.slip_row, np.array(static))
+
+    @cached_property
+    def by_force(self) -> Complex:
+        """Response of each channel per excitation force, (r, H+1, c)."""
+        static = [self.structure.residual.channels.get(name, (0.0, 0.0))[0] for name in self.channels]
+        return self._response(self.structure.excitation, np.array(static))
+
+    def _response(self, excitation: Array, static: Array) -> Complex:
+        return np.asarray(self.factor * ((excitation / self.stiffness) @ self.rows.T + static))
+
+    def by_modal_forces(self, forces: Complex) -> Complex:
+        """Response of each channel to forces on the modes (r, H+1, n), (r, H+1, c)."""
+        return np.asarray(self.factor * ((forces / self.stiffness) @ self.rows.T))
+
+    def without(self, channel: str) -> "Sensing":
+        """Everything but one response channel."""
+        keep = [i for i, name in enumerate(self.channels) if name != channel]
+        return replace(
+            self,
+            channels=tuple(self.channels[i] for i in keep),
+            measured=self.measured[:, :, keep],
+            weight=self.weight[:, :, keep],
+        )
+
+
+def sensing(rig: Rig, spectra: MeasuredSpectra) -> Sensing:
+    """Put measured spectra beside the linear structure of a rig.
+
+    Parameters
+    ----------
+    rig : Rig
+    spectra : MeasuredSpectra
+
+    Returns
+    -------
+    Sensing
+
+    Raises
+    ------
+    InputError
+        If no response was measured.
+    """
+    forces = [c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels]
+    channels = tuple(c.name for c in rig.response_channels if c.name in spectra.channels)
+    if not channels:
+        raise InputError(
+            f"{spectra.source}: holds no response channel; must hold at least one of "
+            f"{', '.join(c.name for c in rig.response_channels)}"
+        )
+    fine = _fine(rig, spectra)
+    i_omega = np.asarray(2j * np.pi * spectra.hz[:, None] * np.arange(spectra.H + 1), dtype=np.complex128)
+    measured = np.stack([spectra.amplitudes(name) for name in channels], axis=2)
+    std = np.stack([spectra.std[:, spectra.index(name)] for name in channels], axis=2)
+    usable = np.isfinite(std)
+    usable[:, 0] = False  # accelerometers and vibrometers see no mean
+    force, force_std = _force(spectra, forces[0] if forces else None)
+    return Sensing(
+        rig=fine,
+        spectra=spectra,
+        channels=channels,
+        i_omega=i_omega,
+        stiffness=dynamic_stiffness(fine.structure, i_omega),
+        measured=np.where(usable, measured, 0.0),
+        weight=np.where(usable, 1.0 / np.where(usable, std, 1.0), 0.0),
+        force=force,
+        force_std=force_std,
+    )
+
+
+def dynamic_stiffness(structure: ModalStructure, i_omega: Complex) -> Complex:
+    """Modal dynamic stiffness at i k Omega (...), (..., n)."""
+    s = i_omega[..., None]
+    return np.asarray(structure.omega_n**2 + s**2 + s * structure.damping)
+
+
+def _fine(rig: Rig, spectra: MeasuredSpectra) -> Rig:
+    """The rig on as many modes as move dynamically at the highest harmonic measured, at least its own."""
+    if not isinstance(rig.body, Beam):
+        return rig
+    highest = 2 * np.pi * spectra.hz.max() * spectra.H
+    dynamic = int(np.sum(replace(rig.body, modes=MOST_MODES).natural_frequencies() < STATIC_FROM * highest))
+    return rig.with_modes(max(rig.body.modes, dynamic))
+
+
+def _force(spectra: MeasuredSpectra, channel: str | None) -> tuple[Complex, Array]:
+    """Measured force; harmonics that were not measured count as absent."""
+    shape = (len(spectra), spectra.H + 1)
+    if channel is None:
+        std = np.zeros(shape)
+        std[:, 1] = UNKNOWN_FORCE * spectra.level
+        return np.zeros(shape, dtype=complex), std
+    listed = spectra.std[:, spectra.index(channel)]
+    absent = ~np.isfinite(listed)
+    absent[:, 0] = True
+    force, std = np.where(absent, 0.0, spectra.amplitudes(channel)), np.where(absent, 0.0, listed)
+    std[:, 1] = np.where(absent[:, 1], UNKNOWN_FORCE * spectra.level, std[:, 1])
+    return force, std
