@@ -83,13 +83,22 @@ class Contact:
 
     @cached_property
     def energy(self) -> Estimates:
-        """Energy that friction takes per period, - Int T du [J]."""
-        T, u = self.amplitudes["friction"], self.amplitudes["slip"]
+        """Energy that friction takes per period, - Int T du [J].
+
+        It is what the excitation brings less what damping takes, and varies like that: as an area, most of what changes
+        in T and u cancels, down to the terms that the linear deviations leave out.
+        """
+        s, state = self.sensing.structure, self.estimate
+        T, u, F = self.amplitudes["friction"], self.amplitudes["slip"], state.force
         k = np.arange(T.shape[1])
+        drive = state.q @ s.excitation + s.residual.slip_by_force * T + s.residual.drive_by_force * F
+        by_force = s.residual.drive_by_force * F.conj() - drive.conj()
+        head = np.stack([s.residual.slip_by_force * F.conj(), by_force], axis=2)
+        damped = 2j * self.sensing.i_omega[..., None].imag * s.damping * state.q.conj()
+        weights = np.concatenate([head, F.conj()[..., None] * s.excitation + damped], axis=2)
+        change = np.einsum("k,rkj,rkjm->rkm", np.pi * k, weights, state.factor)
         lost = np.pi * np.sum(k * (T.conj() * u).imag, axis=1)
-        change = np.pi * k[:, None] * (T.conj()[..., None] * self._deviations("slip"))
-        change = change - np.pi * k[:, None] * (u.conj()[..., None] * self._deviations("friction"))
-        return Estimates(lost, np.sqrt(np.sum(np.abs(change) ** 2, axis=(1, 2))), "J")
+        return Estimates(lost, np.linalg.norm(change, axis=(1, 2)), "J")
 
     @cached_property
     def work_rate(self) -> Estimates:

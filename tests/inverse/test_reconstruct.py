@@ -1,0 +1,179 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from hbm.errors import InputError
+from hbm.inverse.contactforce import prior
+from hbm.inverse.reconstruct import reconstruct
+from hbm.spectra import MeasuredSpectra
+from models.published import paper_rig
+from models.rig import Channel
+from tests.inverse.measurement import SAMPLES, Truth, measured, respond, with_noise
+
+POSITIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.58)
+CHANNELS = (
+    Channel("force", "force", 0.555),
+    *(Channel(f"a{i}", "acceleration", x) for i, x in enumerate(POSITIONS, start=1)),
+)
+RIG = replace(paper_rig(), channels=CHANNELS)
+STD = {"force": 1e-4, **{f"a{i}": 0.02 for i in range(1, 7)}}
+THETA = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
+
+
+def friction_of(k: np.ndarray, amplitude: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    return (amplitude * np.cos(np.outer(THETA, k) + phase)).sum(axis=1)
+
+
+def excess(friction: np.ndarray, normal: np.ndarray) -> float:
+    """By how much the limit |T| / R is larger forwards than backwards."""
+    return float((friction / normal).max() + (friction / normal).min())
+
+
+def record(hz: float, size: float, seed: int) -> tuple[float, Truth]:
+    """A force of harmonics up to 9 that fall like k^-2, with the mean that makes its limits equal both ways."""
+    rng = np.random.default_rng(seed)
+    k = np.arange(1, 10)
+    amplitude = size * k**-2.0 * np.where(k % 2, 1.0, 0.3)
+    alternating = friction_of(k, amplitude, rng.uniform(0, 2 * np.pi, len(k)))
+    force = 6.5 * np.exp(1j * rng.uniform(0, 2 * np.pi))
+    mean = 0.0
+    for _ in range(6):
+        truth = respond(RIG, hz, force, alternating + mean)
+        mean = brentq(lambda m, R=truth.normal: excess(alternating + m, R), -40.0, 40.0)
+    return hz, truth
+
+
+RECORDS = [record(46.0, 20.0, 1), record(50.0, 40.0, 2), record(54.0, 30.0, 3), record(57.5, 10.0, 4)]
+
+
+@pytest.fixture(scope="module")
+def clean() -> MeasuredSpectra:
+    return measured(RIG, RECORDS, STD, 9)
+
+
+def stacked(name: str) -> np.ndarray:
+    return np.array([getattr(truth, name) for _, truth in RECORDS])
+
+
+def zero_mean(samples: np.ndarray) -> np.ndarray:
+    return samples - samples.mean(axis=1, keepdims=True)
+
+
+def within(estimate: np.ndarray, truth: np.ndarray, std: np.ndarray) -> np.ndarray:
+    return np.abs(estimate - truth) < 1.96 * std
+
+
+def test_noiseless_records_give_friction_slip_and_reaction_back(clean: MeasuredSpectra) -> None:
+    """To 5e-4 of their peaks: what the two models' ways of cutting off modes and harmonics differ by."""
+    found = reconstruct(RIG, replace(clean, std=clean.std / 100))
+    assert found.slips.tolist() == [True, True, True, False]
+    for name in ("friction", "slip", "normal"):
+        truth, samples = stacked(name), found[name].samples
+        assert np.abs(zero_mean(samples) - zero_mean(truth)).max() < 5e-4 * np.abs(truth).max()
+        means = samples.mean(axis=1), truth.mean(axis=1)
+        assert np.allclose(means[0][:3], means[1][:3], atol=5e-4 * np.abs(truth).max())  # the stuck one's is not known
+
+
+def test_slip_velocity_is_the_derivative_of_slip(clean: MeasuredSpectra) -> None:
+    found = reconstruct(RIG, clean)
+    u, v = found["slip"].samples, found["slip_velocity"].samples
+    over = np.fft.irfft(1j * np.arange(u.shape[1] // 2 + 1) * np.fft.rfft(u, axis=1), u.shape[1], axis=1)
+    # the products of harmonics up to H reach 2 H: slip keeps those up to H, like every signal
+    assert np.allclose(v, 2 * np.pi * clean.hz[:, None] * over, atol=1e-9 * np.abs(v).max())
+
+
+def test_energy_is_the_area_of_the_loop_and_work_rate_the_mean_of_load_times_speed(clean: MeasuredSpectra) -> None:
+    found = reconstruct(RIG, clean)
+    T, u, R = stacked("friction"), stacked("slip"), stacked("normal")
+    area = -np.sum((T + np.roll(T, -1, axis=1)) / 2 * (np.roll(u, -1, axis=1) - u), axis=1)
+    assert np.allclose(found.energy_per_cycle.value, area, rtol=2e-3, atol=2e-6)  # trapezoids of 256 samples
+    path = np.sum((R + np.roll(R, -1, axis=1)) / 2 * np.abs(np.roll(u, -1, axis=1) - u), axis=1)
+    assert np.allclose(found.work_rate.value, clean.hz * path, rtol=3e-3)
+
+
+def repeated(spectra: MeasuredSpectra, times: int) -> MeasuredSpectra:
+    again = {name: np.concatenate([getattr(spectra, name)] * times) for name in ("level", "hz", "coefficients", "std")}
+    return replace(spectra, records=np.arange(1, times * len(spectra) + 1), **again)
+
+
+def test_intervals_of_95_percent_hold_the_truth_93_to_97_times_of_100(clean: MeasuredSpectra) -> None:
+    """Monte Carlo over 500 draws of the noise: harmonics of every signal, energy and work rate."""
+    draws = 500
+    found = reconstruct(RIG, with_noise(repeated(clean, draws), np.random.default_rng(20261121)))
+    exact = reconstruct(RIG, replace(clean, std=clean.std / 1000))  # free of noise and prior
+    covered = {}
+    for name in ("friction", "slip", "normal"):
+        error = found[name].amplitudes[:, 1:] - np.tile(exact[name].amplitudes[:, 1:], (draws, 1))
+        std = found[name].amplitude_std[:, 1:]
+        covered[name] = np.mean([within(error.real, 0.0, std), within(error.imag, 0.0, std)])
+    for name in ("energy_per_cycle", "work_rate"):
+        estimate, true = getattr(found, name), np.tile(getattr(exact, name).value, draws)
+        covered[name] = np.mean(within(estimate.value, true, estimate.std))
+    assert all(0.93 < share < 0.97 for share in covered.values()), covered
+
+
+def test_shifting_the_time_origin_shifts_the_signals(clean: MeasuredSpectra) -> None:
+    """By a quarter of a period, which moves samples by a quarter of their number."""
+    turn = np.exp(1j * np.pi / 2 * np.arange(clean.H + 1))
+    c = np.stack([clean.amplitudes(name) for name in clean.channels], axis=1) * turn
+    shifted = replace(clean, coefficients=np.concatenate([c.real, -c.imag[:, :, 1:]], axis=2))
+    here, there = reconstruct(RIG, clean), reconstruct(RIG, shifted)
+    for name in ("friction", "slip", "normal"):
+        moved = np.roll(here[name].samples, -here[name].samples.shape[1] // 4, axis=1)
+        assert np.allclose(there[name].samples, moved, atol=1e-7 * np.abs(moved).max())
+
+
+def test_without_a_force_channel_the_responses_give_the_force_too(clean: MeasuredSpectra) -> None:
+    """Six sensors, two unknowns: friction stays within its wider error bars."""
+    found = reconstruct(RIG, clean.without("force"))
+    with_force = reconstruct(RIG, clean)
+    error = found["friction"].amplitudes[:, 1] - with_force["friction"].amplitudes[:, 1]
+    assert np.all(np.abs(error) < 3 * found["friction"].amplitude_std[:, 1])
+    assert np.all(found["friction"].amplitude_std[:, 1] > with_force["friction"].amplitude_std[:, 1])
+
+
+def test_harmonics_that_were_not_measured_have_the_uncertainty_of_the_prior(clean: MeasuredSpectra) -> None:
+    found = reconstruct(RIG, clean.select(harmonics=[1, 2, 3, 4, 5, 6, 8, 9]))
+    friction = found["friction"]
+    assert np.all(np.isinf(found.resolution[:, 7]))
+    assert np.allclose(friction.amplitudes[:, 7], 0.0)
+    true = np.abs(reconstruct(RIG, clean)["friction"].amplitudes[:, 7])
+    assert np.all((true < 3 * friction.amplitude_std[:, 7]) & (friction.amplitude_std[:, 7] < 20 * true))
+
+
+def test_the_prior_finds_the_decay_and_the_sizes_of_a_spectrum() -> None:
+    """200 draws of 30 harmonics that fall like k^-2, even ones a tenth of the odd ones, under small noise."""
+    rng = np.random.default_rng(7)
+    k = np.arange(1, 31)
+    size = k**-2.0 * np.where(k % 2, 1.0, 0.1)
+    draws = np.abs(size * (rng.normal(size=(200, 30)) + 1j * rng.normal(size=(200, 30))))
+    order, likely, largest = prior(draws, np.full((200, 30), 1e-5))
+    assert np.mean(order == 2.0) > 0.9
+    assert np.allclose(np.median(likely, axis=0), [0.1, 1.0], rtol=0.35)  # sizes are tried in steps of a third
+    assert np.all(largest >= likely)
+
+
+def test_contradicting_sensors_widen_the_error_bars(clean: MeasuredSpectra) -> None:
+    """Noise five times what is stated: chi2 says so, and the standard deviations follow."""
+    rng = np.random.default_rng(3)
+    noisy = with_noise(replace(clean, std=5 * clean.std), rng)
+    stated = replace(noisy, std=clean.std)
+    found, honest = reconstruct(RIG, stated), reconstruct(RIG, noisy)
+    assert not found.misfit.consistent.any()
+    assert honest.misfit.consistent.all()
+    assert np.allclose(found.misfit.reduced, 25.0, rtol=0.4)
+    ratio = found["friction"].amplitude_std[:, 1] / honest["friction"].amplitude_std[:, 1]
+    assert np.allclose(ratio, 1.0, rtol=0.25)
+
+
+def test_what_cannot_be_reconstructed_is_refused_in_one_line(clean: MeasuredSpectra) -> None:
+    with pytest.raises(InputError, match=r'^reconstruct: formulation = "magic"; must be one of regularised'):
+        reconstruct(RIG, clean, formulation="magic")
+    with pytest.raises(
+        InputError, match=r"^spectra: holds no response channel; must hold at least one of a1, a2, a3, a4, a5, a6$"
+    ):
+        reconstruct(RIG, clean.select(channels=["force"]))
+    with pytest.raises(InputError, match=r"^spectra: no record 9; records are 1, 2, 3, 4$"):
+        reconstruct(RIG, clean).index(9)
