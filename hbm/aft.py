@@ -85,11 +85,14 @@ class InputChange:
         Of the fundamental frequency.
     law : (parameters + 1, p) array
         Of the law's parameters, then of the static load (the load within rho not included).
+    compliance : (p,) array, optional
+        Of the series compliance; none where omitted.
     """
 
     signals: Array
     Omega: Array
     law: Array
+    compliance: Array | None = None
 
 
 class LawOverPeriod:
@@ -266,14 +269,15 @@ class LawOverPeriod:
         return march(start)[0]
 
     def _sampled(self, signals: Array, Omega: float, change: InputChange) -> Array:
-        """Change of the active inputs, the parameters and the load at the samples, (N_t, inputs, p)."""
+        """Change of the active inputs, the parameters, the load and the compliance at the samples, (N_t, inputs, p)."""
         u, rho, eta = change.signals.transpose(1, 0, 2)
         v = Omega * self.basis.derivative(u) + np.outer(signals[:, 1] / Omega, change.Omega)
         now = [self.basis.synthesis @ coefficients for coefficients in (u, v, rho, eta)]
         before = [np.roll(moving, 1, axis=0) for moving in now]
         dt = np.broadcast_to(-2 * np.pi / (Omega**2 * self.basis.N_t) * change.Omega, now[0].shape)
         inputs = [*now, dt, *before]
-        law = [np.broadcast_to(value, dt.shape) for value in change.law]
+        compliance = np.zeros_like(change.Omega) if change.compliance is None else change.compliance
+        law = [np.broadcast_to(value, dt.shape) for value in (*change.law, compliance)]
         return np.stack([*(inputs[i] for i in self.functions.active), *law], axis=1)
 
     def _gradients(self, local: Array, evaluate: Callable[[], None]) -> list[Array]:

@@ -80,7 +80,7 @@ def acceleration(structure: ModalStructure, q: Array, qdot: Array, T: Array, F: 
 def normal_reaction(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Array:
     """Normal reaction of the support, (N,) [N]; arguments as in :func:`acceleration`."""
     r = rig.structure.reaction
-    moved = acceleration(rig.structure, q, qdot, T, F) @ r.inertia + qdot @ r.damping
+    moved = acceleration(rig.structure, q, qdot, T, F) @ r.inertia + qdot @ r.damping + q @ r.stiffness
     return np.asarray(rig.contact.normal_load + moved + T * (q @ r.stretch - r.friction_lever) - r.force_share * F)
 
 

@@ -37,8 +37,8 @@ class LawFunctions:
     period : (carried, signals, environment, p) -> (T, gap, local, carried)
         `gap` is what T = law(T) is short of, sample by sample; `local` holds the derivatives of (T, states) to (states
         before, active inputs).
-    tangent : like `period`, with derivatives to (states before, active inputs, p, static load); built when first asked
-        for.
+    tangent : like `period`, with derivatives to (states before, active inputs, p, static load, compliance); built when
+        first asked for.
     """
 
     states: int
@@ -135,7 +135,8 @@ def law_functions(law: FrictionLaw, N_t: int, iterations: int) -> LawFunctions:
     sample = _Sample(law_step(law))
     depends = ca.sum1(ca.DM(sample.slopes(sample.inputs).sparsity(), 1)).full().ravel()[sample.states.numel() :]
     active = tuple(int(i) for i in np.flatnonzero(depends))
-    inputs, load = sample.inputs[list(active)], sample.environment[ENVIRONMENT.index("P")]
+    inputs = sample.inputs[list(active)]
+    constants = [sample.environment[ENVIRONMENT.index(name)] for name in ("P", "C")]
     gap = sample.force - sample.T if sample.step.implicit else ca.SX(0.0)
 
     def stepped(*outputs: Any) -> ca.Function:
@@ -152,7 +153,7 @@ def law_functions(law: FrictionLaw, N_t: int, iterations: int) -> LawFunctions:
         sample=stepped(sample.T),
         march=_unrolled(stepped(), N_t),
         period=with_derivatives(inputs),
-        tangent=lru_cache(lambda: with_derivatives(ca.vertcat(inputs, sample.p, load))),
+        tangent=lru_cache(lambda: with_derivatives(ca.vertcat(inputs, sample.p, *constants))),
     )
 
 

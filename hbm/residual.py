@@ -136,7 +136,7 @@ class HarmonicBalance:
         self.law = LawOverPeriod(rig.contact.law, basis)
         self.environment, self.dynamic_lagrangian = self._environment(rig)
         r = s.reaction
-        self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stretch], axis=1)
+        self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stiffness, r.stretch], axis=1)
         self._blocks: dict[bytes, DenseBlock] = {}
         self.coupling = rig.contact.normal_load * np.diag(s.shortening)
         self.coupled = self._coupled_modes()
@@ -214,7 +214,7 @@ class HarmonicBalance:
     def kinematics(self, state: State) -> Kinematics:
         """Slip, its velocity, and the two parts of the reaction, from the modes."""
         s, basis, Q, Omega = self.structure, self.basis, state.Q, state.Omega
-        rows = Q @ self.rows  # slip, inertia, damping, stretch
+        rows = Q @ self.rows  # slip, three of the reaction, stretch
         signals = np.empty((basis.size, 4))
         u = signals[:, 0]
         u[:] = rows[:, 0]
@@ -228,17 +228,26 @@ class HarmonicBalance:
             u -= self.dynamic_lagrangian * state.T
         u[basis.fundamental] += s.residual.slip_by_force * state.F
         signals[:, 1] = Omega * basis.derivative(u)
-        signals[:, 2] = self.reaction_of(rows[:, 1], rows[:, 2], Omega)
+        signals[:, 2] = self.reaction_of(rows[:, 1:4], Omega)
         signals[0, 2] += self.rig.contact.normal_load
         signals[basis.fundamental, 2] -= s.reaction.force_share * state.F
-        signals[:, 3] = rows[:, 3]
+        signals[:, 3] = rows[:, 4]
         signals[0, 3] -= s.reaction.friction_lever
         return Kinematics(Gq, by_T, signals)
 
-    def reaction_of(self, inertia: Array, damping: Array, Omega: float) -> Array:
-        """Coefficients (2H+1, ...) of the reaction's part from the inertia and damping rows times the modes."""
+    def reaction_of(self, rows: Array, Omega: float) -> Array:
+        """Coefficients (2H+1, ...) of the reaction's part from the modes.
+
+        Parameters
+        ----------
+        rows : (2H+1, 3, ...) array
+            Coefficients of the inertia, damping and stiffness rows times the modes.
+        Omega : float
+            [rad/s].
+        """
+        inertia, damping, stiffness = rows[:, 0], rows[:, 1], rows[:, 2]
         squared = (self.basis.k * Omega) ** 2
-        return Omega * self.basis.derivative(damping) - (squared * inertia.T).T
+        return Omega * self.basis.derivative(damping) - (squared * inertia.T).T + stiffness
 
     def dynamic_stiffness(self, Omega: float) -> tuple[Array, Array]:
         """Dynamic stiffness per mass-normalised mode, real and imaginary part, (H+1, n) [1/s2]."""
@@ -329,7 +338,7 @@ class Elimination:
         self._modal_slope = modal_slope
         self._core_lam = contact_slope
         if s.n > m:
-            self._core_lam = contact_slope + self._law_of_field(self._receptance_of(modal_slope[:, m:]))
+            self._core_lam = contact_slope + self._law_of_field(self._receptance_of(modal_slope[:, m:, None]))[:, 0]
         if kin.by_T is not None:
             p = -kin.Gq[:, :m]
             p[0] += s.slip_row[:m]
@@ -384,9 +393,8 @@ class Elimination:
         size, r = basis.size, modes.shape[2]
         seen = [self._p.reshape(size, size * m) @ modes.reshape(size * m, r)]
         if len(self._seen) > 1:
-            reaction = np.matmul(self._rows[1:, :m], modes)  # (2H+1, 3, r)
-            rho = self.problem.reaction_of(reaction[:, 0], reaction[:, 1], self.state.Omega)
-            seen += [rho, reaction[:, 2]]
+            reaction = np.matmul(self._rows[1:, :m], modes)  # (2H+1, 4, r)
+            seen += [self.problem.reaction_of(reaction, self.state.Omega), reaction[:, 3]]
         return self._law_of_signals(seen)
 
     def _law_of_signals(self, seen: Sequence[Array]) -> Array:
@@ -399,26 +407,26 @@ class Elimination:
     # ---- other modes: their receptance is diagonal in modes and harmonics
 
     def _receptance_of(self, forces: Array) -> Array:
-        """Motion (2H+1, n - m) of the other modes under modal forces."""
+        """Motion (2H+1, n - m, r) of the other modes under modal forces."""
         basis = self.problem.basis
-        return basis.real(basis.complex(forces) * self._receptance)
+        return basis.real(basis.complex(forces) * self._receptance[:, :, None])
 
     def _law_of_field(self, others: Array) -> Array:
-        """Change (2H+1,) of the law's force coefficients with the other modes (2H+1, n - m)."""
-        seen = others @ self._rows[:, self._m :].T
-        rho = self.problem.reaction_of(seen[:, 1], seen[:, 2], self.state.Omega)
-        return self._law_of_signals([seen[:, 0], rho, seen[:, 3]])
+        """Change (2H+1, r) of the law's force coefficients with the other modes (2H+1, n - m, r)."""
+        seen = np.matmul(self._rows[:, self._m :], others)
+        rho = self.problem.reaction_of(seen[:, 1:4], self.state.Omega)
+        return self._law_of_signals([seen[:, 0], rho, seen[:, 4]])
 
     def _law_of_others(self) -> Array:
         """Change (2H+1, 2H+1) of the law's force coefficients with those of T, through the other modes."""
         problem, basis = self.problem, self.problem.basis
         size, H = basis.size, basis.H
         rows = self._rows[:, self._m :] * problem.structure.slip_row[self._m :]
-        transfer = self._receptance @ rows.T  # (H+1, 4)
+        transfer = self._receptance @ rows.T  # (H+1, 5)
         k_Omega = np.arange(H + 1) * self.state.Omega
-        rho = -(k_Omega**2) * transfer[:, 1] + 1j * k_Omega * transfer[:, 2]
+        rho = -(k_Omega**2) * transfer[:, 1] + 1j * k_Omega * transfer[:, 2] + transfer[:, 3]
         out = np.zeros((size, size))
-        of_signals = (transfer[:, 0], rho, transfer[:, 3])
+        of_signals = (transfer[:, 0], rho, transfer[:, 4])
         for i, slope in zip(self._seen, self._law_slopes, strict=True):
             t = of_signals[i]
             out += slope * np.concatenate([t.real, t.real[1:]])
@@ -470,32 +478,36 @@ class Elimination:
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
-        problem, m = self.problem, self._m
+        x, lam = self.solve_columns(row, row_lam, rhs[:, None], rhs_row)
+        return x[:, 0], float(lam[0])
+
+    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
+        """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
+        problem, m, r = self.problem, self._m, rhs.shape[1]
         size, n = problem.basis.size, problem.structure.n
         matrix, modes = self._bordered(row, row_lam)
-        modal = rhs[: size * n].reshape(size, n) * problem.modal_force_ref
-        right = np.empty(size + 1)
+        modal = rhs[: size * n].reshape(size, n, r) * problem.modal_force_ref
+        right = np.empty((size + 1, r))
         right[:size] = rhs[size * n :] * problem.F_ref
         right[size] = rhs_row
-        d_Q = np.empty((size, n))
+        d_Q = np.empty((size, n, r))
         if m:
-            free = self._solve_coupled(modal[:, :m, None])
-            right[:size] += self._law_of_coupled(free)[:, 0]
-            d_Q[:, :m] = free[:, :, 0]
+            d_Q[:, :m] = self._solve_coupled(modal[:, :m])
+            right[:size] += self._law_of_coupled(np.ascontiguousarray(d_Q[:, :m]))
         if n > m:
             d_Q[:, m:] = self._receptance_of(modal[:, m:])
             right[:size] += self._law_of_field(d_Q[:, m:])
-        right[size] -= np.vdot(modes, d_Q)
+        right[size] -= modes.ravel() @ d_Q.reshape(size * n, r)
         _, _, solution, info = lapack.dgesv(matrix, right)
         if info:
-            solution = np.full(size + 1, np.nan)
-        d_T, d_lam = solution[:size], float(solution[size])
+            solution = np.full((size + 1, r), np.nan)
+        d_T, d_lam = solution[:size], solution[size]
         if m:
-            d_Q[:, :m] += self._coupled_of @ np.append(d_T, -d_lam)
+            d_Q[:, :m] += self._coupled_of @ np.vstack([d_T, -d_lam])
         if n > m:
-            forces = np.outer(d_T, problem.structure.slip_row[m:]) - d_lam * self._modal_slope[:, m:]
-            d_Q[:, m:] += self._receptance_of(forces)
-        return np.concatenate([d_Q.ravel() / problem.q_ref, d_T / problem.F_ref]), d_lam / problem.lam_ref
+            slopes = problem.structure.slip_row[m:, None] * d_T[:, None] - d_lam * self._modal_slope[:, m:, None]
+            d_Q[:, m:] += self._receptance_of(slopes)
+        return np.concatenate([d_Q.reshape(size * n, r) / problem.q_ref, d_T / problem.F_ref]), d_lam / problem.lam_ref
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix; uncoupled modes contribute positive blocks."""

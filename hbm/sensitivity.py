@@ -7,9 +7,12 @@ balance until nothing changes: the derivatives are those of the discretised equa
 Where a sample changes between stick and slip, the discretised balance has a kink and its derivative is one-sided: that
 of the side the solution lies on. Between such changes the derivative is exact for the samples given; its jumps fall
 with their number (on the paper's beam near resonance, a few per cent with 256 samples).
+
+Held, too, is the compliance lent to a set-valued law of a rigid structure (:class:`hbm.residual.HarmonicBalance`), on
+which a solution depends only through the harmonics left out.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +22,7 @@ from hbm.fourier import Array
 from hbm.residual import HarmonicBalance, Linearization
 from hbm.solution import DERIVATIVES, PeriodicSolution
 from hbm.threads import one_thread
+from models.change import Scalar, structure_change, structure_scalars
 from models.friction import describe, parameters
 from models.rig import Rig
 
@@ -30,16 +34,8 @@ MOST_REFINEMENTS = 50
 UNBALANCED = 1e-6
 """A state that misses the balance by more than this fraction of the excitation is not a solution of the rig."""
 
-RIG_PARAMETERS = {
-    "contact.normal_load": "N",
-    "excitation.amplitude": "N",
-    "frequency_hz": "Hz",
-    "damping.mass_proportional": "1/s",
-}
-"""Parameters besides the law's, with their units; they come last."""
-
-LOAD, FORCE, HZ, ALPHA = range(-len(RIG_PARAMETERS), 0)
-"""Their columns."""
+FRICTION = "contact.friction."
+LOAD, FORCE, HZ, ALPHA = "contact.normal_load", "excitation.amplitude", "frequency_hz", "damping.mass_proportional"
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +66,11 @@ class Sensitivities:
     solution : PeriodicSolution
         What is differentiated.
     parameters, units : tuple of str, (p,)
-        Keys of the rig file: the friction law's, then those of `RIG_PARAMETERS`.
+        Keys of the rig file.
     values : (p,) array
         Their values; force and frequency are those of the solution.
     Q, T : (2H+1, n, p) and (2H+1, p) arrays
-        Derivatives of the unknowns, :class:`hbm.residual.State`.
+        Derivatives of the unknowns, :class:`hbm.residual.State`; where the structure changes, in the modes it has now.
     channels : dict of str to ChannelSensitivity
         The channels of the solution.
     refinements : int
@@ -106,7 +102,7 @@ class Sensitivities:
 
 
 @one_thread
-def sensitivities(rig: Rig, solution: PeriodicSolution) -> Sensitivities:
+def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | None = None) -> Sensitivities:
     """Exact derivatives of a periodic solution to the parameters of its rig.
 
     Parameters
@@ -115,6 +111,9 @@ def sensitivities(rig: Rig, solution: PeriodicSolution) -> Sensitivities:
         The rig of the solution; its force amplitude may differ.
     solution : PeriodicSolution
         Steady state or point of a curve.
+    keys : sequence of str, optional
+        What to differentiate to, of :func:`rig_scalars`; where omitted the friction law's parameters, normal load,
+        force, frequency and mass-proportional damping.
 
     Returns
     -------
@@ -123,7 +122,7 @@ def sensitivities(rig: Rig, solution: PeriodicSolution) -> Sensitivities:
     Raises
     ------
     ValueError
-        If the solution is not one of this rig.
+        If the solution is not one of this rig, or a key not one of its numbers.
     ArithmeticError
         At a fold, where the solution has no derivative at held frequency and force.
 
@@ -146,23 +145,36 @@ def sensitivities(rig: Rig, solution: PeriodicSolution) -> Sensitivities:
             f"sensitivities: the state misses the rig's balance by {missed:.2g} of the excitation; "
             "must be a solution of this rig"
         )
-    modal, inputs = _held(here)
-    balance = _LinearBalance(here)
-    law = problem.basis.analysis @ _friction(here, inputs)
-    x, refinements = _refined(here, balance, balance.scaled(-modal, law))
+    known = rig_scalars(rig, solution)
+    keys = (*_law_keys(rig), LOAD, FORCE, HZ, ALPHA) if keys is None else tuple(keys)
+    unknown = [key for key in keys if key not in known]
+    if unknown or not keys:
+        found = f"{unknown[0]} is not a number of the rig" if unknown else "no keys"
+        raise ValueError(f"sensitivities: {found}; must be some of {', '.join(known)}")
+    held, balance = _Held(here, keys), _LinearBalance(here)
+    law = problem.basis.analysis @ _friction(here, held.inputs)
+    x, refinements = _refined(here, balance, balance.scaled(-held.modal, law))
     d_Q, d_T = balance.unpack(x)
-    inputs = replace(inputs, signals=inputs.signals + balance.signals(d_Q, d_T))
-    friction = _friction(here, inputs)
-    channels = _channels(problem, solution, _Change(d_Q, inputs.signals, friction))
-    return Sensitivities(solution, *_parameters(rig, solution), d_Q, d_T, channels, refinements)
+    inputs = replace(held.inputs, signals=held.inputs.signals + balance.signals(d_Q, d_T))
+    channels = _channels(solution, held, _Change(d_Q, inputs.signals, _friction(here, inputs)))
+    values, units = zip(*(known[key] for key in keys), strict=True)
+    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements)
 
 
-def _parameters(rig: Rig, solution: PeriodicSolution) -> tuple[tuple[str, ...], tuple[str, ...], Array]:
-    """Keys, units and values of the parameters."""
-    law = [(f"contact.friction.{name}", p.unit) for name, p in describe(type(rig.contact.law)).items()]
-    names, units = zip(*law, *RIG_PARAMETERS.items(), strict=True)
-    ours = [rig.contact.normal_load, solution.level, solution.hz, rig.damping.mass_proportional]
-    return names, units, np.array([*parameters(rig.contact.law).values(), *ours])
+def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
+    """Numbers that a solution depends on, with the keys of the rig file; force and frequency are the solution's."""
+    law = rig.contact.law
+    described = zip(_law_keys(rig), parameters(law).values(), describe(type(law)).values(), strict=True)
+    return {key: Scalar(value, p.unit) for key, value, p in described} | {
+        LOAD: Scalar(rig.contact.normal_load, "N"),
+        FORCE: Scalar(solution.level, "N"),
+        HZ: Scalar(solution.hz, "Hz"),
+        **structure_scalars(rig),
+    }
+
+
+def _law_keys(rig: Rig) -> list[str]:
+    return [FRICTION + name for name in describe(type(rig.contact.law))]
 
 
 @dataclass(frozen=True)
@@ -177,25 +189,73 @@ class _Change:
 # ---- with the unknowns held
 
 
-def _held(here: Linearization) -> tuple[Array, InputChange]:
-    """Derivatives of the modal balance (2H+1, n, p) and of the law's inputs to the parameters, Q and T held."""
-    problem, state = here.problem, here.state
-    s, basis, Q, Omega = problem.structure, problem.basis, state.Q, state.Omega
-    of_law = len(problem.environment.parameters) + 1  # the load, which it sees too, comes first of the others
-    count = of_law - 1 + len(RIG_PARAMETERS)
-    modal, signals, d_Omega = np.zeros((*Q.shape, count)), np.zeros((basis.size, 3, count)), np.zeros(count)
-    u, rho, _ = signals.transpose(1, 0, 2)
-    rho[0, LOAD] = 1.0
-    modal[basis.fundamental, :, FORCE] = -s.excitation
-    u[basis.fundamental, FORCE] = s.residual.slip_by_force
-    rho[basis.fundamental, FORCE] = -s.reaction.force_share
-    turning = -2 * Omega * basis.k**2
-    modal[:, :, HZ] = 2 * np.pi * (s.damping * basis.derivative(Q) + turning[:, None] * Q)
-    rho[:, HZ] = 2 * np.pi * (basis.derivative(Q @ s.reaction.damping) + turning * (Q @ s.reaction.inertia))
-    d_Omega[HZ] = 2 * np.pi
-    modal[:, :, ALPHA] = Omega * basis.derivative(Q) * problem.rig.damping.by_mass_proportional(s.omega_n)
-    rho[:, ALPHA] = modal[:, :, ALPHA] @ s.reaction.inertia
-    return modal, InputChange(signals, d_Omega, np.eye(of_law, count))
+class _Held:
+    """Derivatives to p parameters with the unknowns Q and T held.
+
+    Attributes
+    ----------
+    structure : StructureChange
+    force, hz : (p,) array
+        1 where the parameter is the force, the frequency; else 0.
+    modal : (2H+1, n, p) array
+        Of the modal balance.
+    inputs : InputChange
+        Of what the law is shown.
+    """
+
+    def __init__(self, here: Linearization, keys: tuple[str, ...]) -> None:
+        self.problem, self.state = here.problem, here.state
+        self.keys, self.structure = keys, structure_change(here.problem.rig, keys)
+        self.load, self.force, self.hz = (np.array([float(key == name) for key in keys]) for name in (LOAD, FORCE, HZ))
+        law = np.array([[key == name for key in keys] for name in _law_keys(here.problem.rig)], dtype=float)
+        compliance = self.structure.flexibility[:, 0, 0]
+        law = np.vstack([law.reshape(-1, len(keys)), self.load])
+        self.inputs = InputChange(self._signals(), 2 * np.pi * self.hz, law, compliance)
+        self.modal = self._modal(here.kin.by_T)
+
+    def through(self, rows: Array) -> Array:
+        """Coefficients (2H+1, p) of the modes seen through rows (p, n)."""
+        return np.asarray(self.state.Q @ rows.T)
+
+    def static(self, flexibility: Array, friction: Array) -> Array:
+        """What friction (2H+1,) and excitation do by flexibilities (p, 2), (2H+1, p)."""
+        moved = np.outer(friction, flexibility[:, 0])
+        moved[self.problem.basis.fundamental] += flexibility[:, 1] * self.state.F
+        return moved
+
+    def _signals(self) -> Array:
+        """Of u, rho, eta, (2H+1, 3, p)."""
+        problem, d, Q = self.problem, self.structure, self.state.Q
+        s, basis, Omega = problem.structure, problem.basis, self.state.Omega
+        fundamental = basis.fundamental
+        u = self.through(d.rows[:, 0]) + self.static(d.flexibility[:, 0] * [0.0, 1.0], self.state.T)
+        u[fundamental] += s.residual.slip_by_force * self.force
+        if problem.coupled:
+            fine = basis.exact_products
+            q = fine.synthesis @ Q
+            u -= 0.5 * fine.analysis @ np.einsum("ti,pij,tj->tp", q, d.shortening, q, optimize=True)
+        rows = np.stack([self.through(row) for row in (d.inertia, d.reaction_damping, d.reaction_stiffness)], axis=1)
+        rho = problem.reaction_of(rows, Omega)
+        faster = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
+        rho += np.outer(faster, 2 * np.pi * self.hz)
+        rho[0] += self.load
+        rho[fundamental] -= s.reaction.force_share * self.force + d.force_share * self.state.F
+        eta = self.through(d.stretch)
+        eta[0] -= d.friction_lever
+        return np.stack([u, rho, eta], axis=1)
+
+    def _modal(self, by_T: Array | None) -> Array:
+        problem, state, d = self.problem, self.state, self.structure
+        s, basis, Q, Omega = problem.structure, problem.basis, state.Q, state.Omega
+        velocity, squared = Omega * basis.derivative(Q), (basis.k * Omega)[:, None] ** 2
+        modal = np.einsum("pij,kj->kip", d.stiffness, Q) + np.einsum("pij,kj->kip", d.damping, velocity)
+        modal -= np.einsum("pij,kj->kip", d.mass, squared * Q)
+        modal -= np.einsum("k,pi->kip", state.T, d.rows[:, 0])
+        if by_T is not None:
+            modal += np.einsum("kl,pij,lj->kip", by_T, d.shortening, Q, optimize=True)
+        modal[basis.fundamental] -= np.outer(s.excitation, self.force) + state.F * d.rows[:, 1].T
+        faster = s.damping * basis.derivative(Q) - 2 * Omega * basis.k[:, None] ** 2 * Q
+        return np.asarray(modal + np.multiply.outer(faster, 2 * np.pi * self.hz))
 
 
 def _friction(here: Linearization, inputs: InputChange) -> Array:
@@ -223,8 +283,8 @@ class _LinearBalance:
         """Change (2H+1, 3, p) of u, rho, eta with the unknowns (2H+1, n, p) and (2H+1, p)."""
         problem = self.problem
         u = np.tensordot(self._slip_by_modes, d_Q, axes=2) - problem.dynamic_lagrangian * d_T
-        inertia, damping, eta = np.einsum("kip,ir->rkp", d_Q, problem.rows[:, 1:])
-        return np.stack([u, problem.reaction_of(inertia, damping, self.state.Omega), eta], axis=1)
+        rows = np.einsum("kip,ir->krp", d_Q, problem.rows[:, 1:])
+        return np.stack([u, problem.reaction_of(rows, self.state.Omega), rows[:, 3]], axis=1)
 
     def __matmul__(self, x: Array) -> Array:
         """Scaled change (size, p) of the balance with the scaled unknowns (size, p)."""
@@ -263,7 +323,7 @@ def _refined(here: Linearization, balance: _LinearBalance, right: Array) -> tupl
     held = np.zeros(len(right))  # border that holds the frequency
     x, left = np.zeros_like(right), right
     for count in range(MOST_REFINEMENTS + 1):
-        step = np.stack([here.solve_bordered(held, 1.0, column, 0.0)[0] for column in left.T], axis=1)
+        step, _ = here.elimination.solve_columns(held, 1.0, left, 0.0)
         x += step
         if np.all(np.abs(step).max(axis=0) <= REFINED * np.abs(x).max(axis=0)):
             return x, count
@@ -278,47 +338,51 @@ def _refined(here: Linearization, balance: _LinearBalance, right: Array) -> tupl
 # ---- channels
 
 
-def _channels(problem: HarmonicBalance, solution: PeriodicSolution, change: _Change) -> dict[str, ChannelSensitivity]:
+def _channels(solution: PeriodicSolution, held: _Held, change: _Change) -> dict[str, ChannelSensitivity]:
     """Derivatives of the channels, which are linear in motion, signals and friction, see :mod:`hbm.solution`."""
+    problem, d = held.problem, held.structure
     s, basis, Omega = problem.structure, problem.basis, solution.state.Omega
-    friction = basis.analysis @ change.friction
-    force = np.zeros_like(friction)
-    force[basis.fundamental, FORCE] = 1.0
-    modal_slip = change.signals[:, 0] + problem.dynamic_lagrangian * friction
-    slip = modal_slip + s.compliance * friction
-    slip_samples = basis.synthesis @ modal_slip + s.compliance * change.friction
+    T, d_T = solution["friction"], basis.analysis @ change.friction
+    force = np.zeros_like(d_T)
+    force[basis.fundamental] = held.force
+    modal_slip = change.signals[:, 0] + problem.dynamic_lagrangian * d_T
+    yielding = d.flexibility[:, 0, 0]
+    slip = modal_slip + s.compliance * d_T + np.outer(T.coefficients, yielding)
+    slip_samples = basis.synthesis @ modal_slip + s.compliance * change.friction + np.outer(T.samples, yielding)
     normal = _normal(problem, solution, change)
 
     def motion(name: str, displacement: Array, times: int) -> ChannelSensitivity:
         coefficients = displacement
         for _ in range(times):
             coefficients = Omega * basis.derivative(coefficients)
-        if times:
-            coefficients[:, HZ] += times / solution.hz * solution[name].coefficients  # of Omega to that power
+        if times:  # of Omega to that power
+            coefficients += np.outer(solution[name].coefficients, times / solution.hz * held.hz)
         samples = basis.synthesis @ coefficients
         return ChannelSensitivity(coefficients, samples, _smooth_peak(solution[name].samples, samples))
 
-    def moved(row: Array, by_force: float, by_friction: float) -> Array:
-        return row @ change.Q + by_force * force + by_friction * friction
+    def moved(place: int, row: Array, by_force: float, by_friction: float) -> Array:
+        still = held.through(d.rows[:, place]) + held.static(d.flexibility[:, place], T.coefficients)
+        return row @ change.Q + by_force * force + by_friction * d_T + still
 
     residual = s.residual
+    places = {c.name: i for i, c in enumerate(problem.rig.response_channels, start=2)}
     channels = {
         c.name: motion(c.name, force, 0)
         if c.quantity == "force"
         else motion(
             c.name,
-            moved(s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0))),
+            moved(places[c.name], s.channel_rows[c.name], *residual.channels[c.name]),
             DERIVATIVES[c.quantity],
         )
         for c in problem.rig.channels
     }
     zero_mean = slip_samples - slip_samples.mean(axis=0)
-    u, T, R = (solution[name].samples for name in ("slip", "friction", "normal"))
+    u, R = solution["slip"].samples, solution["normal"].samples
     return channels | {
-        "drive": motion("drive", moved(s.excitation, residual.drive_by_force, residual.slip_by_force), 0),
+        "drive": motion("drive", moved(1, s.excitation, residual.drive_by_force, residual.slip_by_force), 0),
         "slip": ChannelSensitivity(slip, slip_samples, _largest(u - u.mean(), zero_mean)),
         "slip_velocity": motion("slip_velocity", slip, 1),
-        "friction": ChannelSensitivity(friction, change.friction, _largest(T, change.friction)),
+        "friction": ChannelSensitivity(d_T, change.friction, _largest(T.samples, change.friction)),
         "normal": ChannelSensitivity(basis.analysis @ normal, normal, normal[R.argmax()]),
     }
 

@@ -70,7 +70,7 @@ def _contact_signals(problem: HarmonicBalance, Q: ca.MX, T: ca.MX, Omega: ca.MX,
     u -= problem.dynamic_lagrangian * T
     squared = ca.DM(basis.k**2) * Omega**2
     rho = Omega * ca.mtimes(D, ca.mtimes(Q, r.damping)) - squared * ca.mtimes(Q, r.inertia)
-    rho += _first_cosine(problem, -r.force_share * F)
+    rho += ca.mtimes(Q, r.stiffness) + _first_cosine(problem, -r.force_share * F)
     mean = ca.DM(np.eye(basis.size)[0])
     eta = ca.mtimes(Q, r.stretch) - r.friction_lever * mean
     signals = ca.horzcat(u, Omega * ca.mtimes(D, u), rho + problem.environment.load * mean, eta)

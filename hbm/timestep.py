@@ -248,7 +248,7 @@ def _reaction_rows(structure: ModalStructure) -> dict[str, Array | float]:
     """R = P + R_force F - R_q.q - R_v.q' + T (eta + eta_q.q), with q'' from the equation of motion (4)."""
     r = structure.reaction
     return {
-        "R_q": r.inertia * structure.omega_n**2,
+        "R_q": r.inertia * structure.omega_n**2 - r.stiffness,
         "R_v": r.inertia * structure.damping - r.damping,
         "R_force": float(r.inertia @ structure.excitation) - r.force_share,
         "eta": float(r.inertia @ structure.slip_row) - r.friction_lever,

@@ -1,12 +1,15 @@
 """Mechanics without Fourier series and without solvers.
 
-Read :class:`Rig` first: a body (:class:`Beam` or :class:`ModalBody`), its damping, the contact
-with its friction law, the excitation and the channels. `Rig.structure` is the linear
-:class:`ModalStructure`, which knows no friction; a :class:`FrictionLaw` turns the contact's motion
-into a force. Equations and sign conventions follow Hadji & Mureithi, Shock and Vibration 2019.
+Read :class:`Rig` first: a body (:class:`Beam` or :class:`ModalBody`), its damping, the contact with its friction law,
+the excitation, the channels, and :class:`Attachments` of a beam. `Rig.structure` is the linear
+:class:`ModalStructure`, which knows no friction, and :func:`structure_change` its exact derivatives; a
+:class:`FrictionLaw` turns the contact's motion into a force. Equations and sign conventions follow Hadji & Mureithi,
+Shock and Vibration 2019.
 """
 
+from models.assembly import Attachments, PointMass, PointSpring, Resonator
 from models.beam import Beam
+from models.change import structure_change, structure_scalars
 from models.friction import (
     LAWS,
     ContactSample,
@@ -33,6 +36,7 @@ from models.structure import ModalStructure, Reaction
 
 __all__ = [
     "LAWS",
+    "Attachments",
     "Beam",
     "Channel",
     "Contact",
@@ -52,7 +56,10 @@ __all__ = [
     "ModalBody",
     "ModalStructure",
     "Parameter",
+    "PointMass",
+    "PointSpring",
     "Reaction",
+    "Resonator",
     "Rig",
     "SpringDamper",
     "Stribeck",
@@ -60,4 +67,6 @@ __all__ = [
     "Viscous",
     "describe",
     "parameters",
+    "structure_change",
+    "structure_scalars",
 ]

@@ -2,16 +2,20 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 
-from models.beam import Beam, beam_structure
+from models.assembly import MORE_MODES, Assembly, Attachments, Layout, assembled
+from models.beam import Beam
 from models.friction import FrictionLaw
-from models.structure import Array, ModalStructure, Reaction, modal_damping
+from models.reduction import Dampers, Reduction, Switches
+from models.structure import Array, ModalStructure, modal_damping
 
 Quantity = Literal["force", "acceleration", "velocity", "displacement"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
+Numbers = npt.NDArray[np.intp]
 UNITS: dict[str, str] = {"force": "N", "acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
 
 
@@ -59,16 +63,23 @@ class Damping:
     high_mode_ratio: float = 0.02
     high_mode_from: int = 6
 
-    def viscous(self, omega_n: Array) -> Array:
-        """Viscous damping coefficients of the modes, strain-rate part left out, (n,) [1/s]."""
-        return modal_damping(
-            omega_n, self.mass_proportional, self.modal_ratios, self.high_mode_ratio, self.high_mode_from
-        )
+    def dampers(self, omega_n: Array, numbers: Numbers) -> Dampers:
+        """Damping of modes that count as modes `numbers` (n,) of the beam."""
+        viscous = self._viscous(omega_n, numbers)
+        # what is not alpha is a ratio, 2 zeta omega_n
+        slope = replace(self, mass_proportional=0.0)._viscous(omega_n, numbers) / (2 * omega_n**2)
+        return Dampers(viscous, slope, self.stiffness_proportional)
 
-    def by_mass_proportional(self, omega_n: Array) -> Array:
-        """Derivative of :meth:`viscous` to alpha, (n,): 1 for the modes that alpha damps, 0 for the others."""
-        unit, none = replace(self, mass_proportional=1.0), replace(self, mass_proportional=0.0)
-        return unit.viscous(omega_n) - none.viscous(omega_n)
+    def dampers_change(self, name: str, omega_n: Array, numbers: Numbers) -> Dampers:
+        """Derivative of :meth:`dampers` to one of its fields, at held frequencies."""
+        settings: list[dict[str, Any]] = [{name: 1.0}, {name: 2.0}]  # it is linear
+        one, two = (replace(self, **setting).dampers(omega_n, numbers) for setting in settings)
+        return Dampers(two.viscous - one.viscous, two.slope - one.slope, two.strain_rate - one.strain_rate)
+
+    def _viscous(self, omega_n: Array, numbers: Numbers) -> Array:
+        return modal_damping(
+            omega_n, self.mass_proportional, self.modal_ratios, self.high_mode_ratio, self.high_mode_from, numbers
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +139,8 @@ class Rig:
     contact : Contact
     excitation : Excitation
     channels : tuple of Channel
+    attachments : Attachments
+        What is attached to a beam.
     """
 
     name: str
@@ -136,6 +149,7 @@ class Rig:
     contact: Contact
     excitation: Excitation
     channels: tuple[Channel, ...] = field(default=())
+    attachments: Attachments = field(default=Attachments())
 
     @property
     def response_channels(self) -> tuple[Channel, ...]:
@@ -145,7 +159,49 @@ class Rig:
     @cached_property
     def structure(self) -> ModalStructure:
         """The linear structure in modes, with the rows that couple it to the contact."""
-        return _of_beam(self, self.body) if isinstance(self.body, Beam) else _of_modes(self, self.body)
+        return self.reduction.structure([c.name for c in self.response_channels])
+
+    @cached_property
+    def reduction(self) -> Reduction:
+        """Where the structure comes from: mass and stiffness on more shapes than are kept.
+
+        Raises
+        ------
+        ValueError
+            If something is attached to a body given by its modes.
+        """
+        contact, numbers = self.contact, self.mode_numbers
+        if isinstance(self.body, ModalBody):
+            if self.attachments:
+                raise ValueError(f"{self.name}: has attachments and is given by its modes; must be a beam")
+            assembly = _of_modes(self, self.body)
+        else:
+            assembly = assembled(self.layout, residual=contact.residual_compliance)
+        switches = Switches(contact.variable_normal_load, contact.residual_compliance, contact.foreshortening)
+        return Reduction(assembly, len(numbers), lambda omega_n: self.damping.dampers(omega_n, numbers), switches)
+
+    @property
+    def mode_numbers(self) -> Numbers:
+        """Which mode of the bare structure each mode counts as where modes are damped by number."""
+        if isinstance(self.body, ModalBody):
+            return np.arange(1, len(self.body.frequencies_hz) + 1)
+        return _numbers(self.body, self.attachments)
+
+    @property
+    def layout(self) -> Layout:
+        """Geometry of a beam rig.
+
+        Raises
+        ------
+        ValueError
+            If the rig is given by its modes.
+        """
+        if isinstance(self.body, ModalBody):
+            raise ValueError(f"{self.name}: is given by its modes; must be a beam")
+        more = MORE_MODES if self.attachments else 0
+        positions = tuple(c.position for c in self.response_channels)
+        beam = replace(self.body, modes=self.body.modes + more)
+        return Layout(beam, self.contact.radius, self.excitation.position, positions, self.attachments)
 
     def with_modes(self, modes: int) -> "Rig":
         """Return the same beam rig on another number of modes; a modal rig is returned as it is.
@@ -160,31 +216,23 @@ class Rig:
         return replace(self, body=replace(self.body, modes=modes), damping=damping)
 
 
-def _of_beam(rig: Rig, beam: Beam) -> ModalStructure:
-    return beam_structure(
-        beam,
-        radius=rig.contact.radius,
-        excitation_position=rig.excitation.position,
-        viscous_damping=rig.damping.viscous(beam.natural_frequencies()),
-        stiffness_proportional=rig.damping.stiffness_proportional,
-        variable_normal_load=rig.contact.variable_normal_load,
-        residual_compliance=rig.contact.residual_compliance,
-        foreshortening=rig.contact.foreshortening,
-        positions={c.name: c.position for c in rig.response_channels},
-    )
+def _numbers(beam: Beam, attachments: Attachments) -> Numbers:
+    """Which mode of the bare beam each mode kept counts as, so that a resonator of no mass changes nothing.
+
+    The mode that a resonator adds among them counts as the first.
+    """
+    omega_n = beam.natural_frequencies()
+    swinging = 2 * np.pi * np.array([float(r.frequency_hz) for r in attachments.resonators])
+    added = swinging[swinging < omega_n[-1]]
+    numbers = np.concatenate([np.arange(1, beam.modes + 1), np.ones(len(added), dtype=int)])
+    return np.asarray(numbers[np.argsort(np.concatenate([omega_n, added]), kind="stable")])
 
 
-def _of_modes(rig: Rig, body: ModalBody) -> ModalStructure:
-    omega_n = 2 * np.pi * np.asarray(body.frequencies_hz)
-    n = len(omega_n)
-    rows = dict(zip((c.name for c in rig.channels), map(np.asarray, body.shapes), strict=True))
-    return ModalStructure(
-        omega_n=omega_n,
-        damping=rig.damping.viscous(omega_n) + rig.damping.stiffness_proportional * omega_n**2,
-        slip_row=np.asarray(body.contact_shape),
-        shortening=np.zeros((n, n)),
-        excitation=np.asarray(body.excitation_shape),
-        compliance=0.0,
-        reaction=Reaction.constant(n),
-        channel_rows={c.name: rows[c.name] for c in rig.response_channels},
-    )
+def _of_modes(rig: Rig, body: ModalBody) -> Assembly:
+    squares = (2 * np.pi * np.asarray(body.frequencies_hz)) ** 2
+    n = len(squares)
+    shapes = dict(zip((c.name for c in rig.channels), body.shapes, strict=True))
+    seen = [shapes[c.name] for c in rig.response_channels]
+    rows = np.array([body.contact_shape, body.excitation_shape, *seen, np.zeros(n)])
+    none = np.zeros((1, n))
+    return Assembly(np.eye(n), np.diag(squares), np.zeros((n, n)), rows, np.zeros((len(rows), 2)), none, none)

@@ -12,7 +12,7 @@ Array = npt.NDArray[np.float64]
 class Reaction:
     """Normal reaction of the support as a linear form of the motion.
 
-    ``R = P + inertia.q'' + damping.q' + T (stretch.q - friction_lever) - force_share F``
+    ``R = P + inertia.q'' + damping.q' + stiffness.q + T (stretch.q - friction_lever) - force_share F``
     (physics.md section 2, the weak form tested with the static tip-load shape).
     All rows are zero where the reaction is held constant.
 
@@ -21,7 +21,10 @@ class Reaction:
     inertia : (n,) array
         Integral of rho A phi_i s [kg per unit of mass-normalised q].
     damping : (n,) array
-        Same row times the viscous (not the strain-rate) damping of each mode.
+        Same row times the viscous damping of each mode; strain-rate damping like the stiffness.
+    stiffness : (n,) array
+        Elastic forces on the support [N per unit of q]: of attached springs, of a clamp that turns, of a support that
+        yields; zero for the bare beam.
     stretch : (n,) array
         Integral of phi_i' s' [-].
     force_share : float
@@ -32,6 +35,7 @@ class Reaction:
 
     inertia: Array
     damping: Array
+    stiffness: Array
     stretch: Array
     force_share: float
     friction_lever: float
@@ -40,12 +44,13 @@ class Reaction:
     def constant(n: int) -> "Reaction":
         """Return the reaction R = P of a structure with `n` modes."""
         zero = np.zeros(n)
-        return Reaction(zero, zero, zero, 0.0, 0.0)
+        return Reaction(zero, zero, zero, zero, 0.0, 0.0)
 
     @property
     def varies(self) -> bool:
         """Whether R differs from the static load at all."""
-        return bool(self.inertia.any() or self.stretch.any() or self.force_share or self.friction_lever)
+        rows = (self.inertia, self.stiffness, self.stretch)
+        return bool(any(row.any() for row in rows) or self.force_share or self.friction_lever)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +124,7 @@ def modal_damping(
     modal_ratios: tuple[float, ...] | None = None,
     high_mode_ratio: float = 0.02,
     high_mode_from: int = 6,
+    numbers: npt.NDArray[np.intp] | None = None,
 ) -> Array:
     """Viscous damping coefficients of the modes, without the strain-rate part.
 
@@ -134,6 +140,8 @@ def modal_damping(
         Damping ratio of the modes from `high_mode_from` (counted from 1) up; 0 leaves them at alpha.
     high_mode_from : int
         First mode that carries `high_mode_ratio`.
+    numbers : (n,) array of int, optional
+        Which mode of the beam each one counts as; 1, 2... where omitted.
 
     Returns
     -------
@@ -145,12 +153,13 @@ def modal_damping(
     ValueError
         If `modal_ratios` has neither one entry nor one per mode.
     """
+    numbers = np.arange(1, len(omega_n) + 1) if numbers is None else numbers
     if modal_ratios is not None:
-        if len(modal_ratios) not in (1, len(omega_n)):
-            raise ValueError(f"modal_ratios has {len(modal_ratios)} entries; must have 1 or {len(omega_n)}")
-        return np.asarray(2.0 * np.asarray(modal_ratios) * omega_n)
+        if len(modal_ratios) not in (1, numbers.max()):
+            raise ValueError(f"modal_ratios has {len(modal_ratios)} entries; must have 1 or {numbers.max()}")
+        return np.asarray(2.0 * np.resize(modal_ratios, numbers.max())[numbers - 1] * omega_n)
     damping = np.full(len(omega_n), float(mass_proportional))
     if high_mode_ratio > 0.0:
-        high = np.arange(1, len(omega_n) + 1) >= high_mode_from
+        high = numbers >= high_mode_from
         damping[high] = 2.0 * high_mode_ratio * omega_n[high]
     return damping

@@ -5,6 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
+from changed import changed
 from rigs import HZ, CubicSpring, beam, oscillator
 from scipy.optimize import brentq
 
@@ -13,9 +14,25 @@ from hbm import ResponseCurve, Sensitivities, sensitivities
 from hbm.fourier import FourierBasis
 from hbm.residual import HarmonicBalance, State
 from hbm.response import pad, steady_state, trace_frequency
+from hbm.sensitivity import rig_scalars
 from hbm.solution import PeriodicSolution, describe
 from hbm.symbolic import residual_function
-from models import Coulomb, Damping, FrictionLaw, Frictionless, Jenkins, LuGre, Rig, Stribeck, Viscous, parameters
+from models import (
+    Attachments,
+    Coulomb,
+    Damping,
+    FrictionLaw,
+    Frictionless,
+    Jenkins,
+    LuGre,
+    PointMass,
+    PointSpring,
+    Resonator,
+    Rig,
+    Stribeck,
+    Viscous,
+    parameters,
+)
 from models.published import ASSUMED_HYBRID, ASSUMED_IWAN, ASSUMED_SDFM, ASSUMED_VLFM, PAPER_DAHL
 
 JENKINS = Jenkins(0.52, 4.15e-6)
@@ -157,18 +174,12 @@ def test_unknowns_change_as_the_symbolic_residual_says(law, parameter):
 # ---- differences of solutions
 
 
-def changed(rig: Rig, key: str, value: float) -> Rig:
-    match key.split("."):
-        case ["contact", "friction", name]:
-            return replace(rig, contact=replace(rig.contact, law=replace(rig.contact.law, **{name: value})))
-        case [table, name]:
-            return replace(rig, **{table: replace(getattr(rig, table), **{name: value})})
-    return rig
-
-
-def resolved(rig: Rig, hz: float, near: PeriodicSolution) -> PeriodicSolution:
-    """Solution to rounding, from a near one."""
+def resolved(rig: Rig, hz: float, near: PeriodicSolution, loan: float = 0.0) -> PeriodicSolution:
+    """Solution to rounding, from a near one; with the loan of another rig to a rigid contact."""
     problem = HarmonicBalance(rig, near.basis)
+    if loan:
+        problem.environment = replace(problem.environment, compliance=loan)
+        problem.dynamic_lagrangian = loan
     lam = problem.lam_at(hz)
     result = solve_at(problem, pad(problem, near.state), lam, NewtonSettings(tolerance=1e-13, max_iterations=8))
     assert result.residual_norm < 5e-12
@@ -212,6 +223,109 @@ def test_channels_change_as_neighbouring_solutions_do(law: FrictionLaw, hz: floa
                 difference = (np.asarray(getattr(up[name], what)) - getattr(down[name], what)) / (2 * step)
                 tolerance = 2e-6 * max(np.abs(slope).max(), solution[name].peak)
                 assert slope == pytest.approx(difference, abs=tolerance), (key, name, what)
+
+
+# ---- every number of the rig
+
+ATTACHED = Attachments(
+    clamp_stiffness=5e3,
+    tip_stiffness=50.0,
+    masses=(PointMass(0.01, 0.4),),
+    springs=(PointSpring(500.0, 0.25),),
+    resonators=(Resonator(0.02, 70.0, 0.3),),
+)
+SOFT = replace(ATTACHED, support_stiffness=1e6)
+EVERY_NUMBER = [
+    (JENKINS, 45.0, Attachments(), {}),  # sticks
+    (JENKINS, 49.0, Attachments(), {}),  # near resonance
+    (JENKINS, 47.0, SOFT, {}),
+    (JENKINS, 49.0, ATTACHED, {}),
+    (JENKINS, 47.0, SOFT, {"variable_normal_load": False}),
+    (COULOMB, 49.0, ATTACHED, {"foreshortening": False}),
+    (COULOMB, 49.0, Attachments(), {"residual_compliance": False}),  # dynamic Lagrangian
+    (STRIBECK, 49.0, SOFT, {}),
+]
+
+
+@pytest.mark.parametrize(("law", "hz", "attachments", "contact"), EVERY_NUMBER)
+def test_every_number_of_the_rig_changes_the_solution_as_its_derivative_says(law, hz, attachments, contact):
+    """Central differences of solutions: what they err by falls like the square of the step, down to their rounding.
+
+    Length and thickness move the resonance most, and with it the samples that change between stick and slip: their
+    steps are shorter. Solutions are rounded to 1e-14, their differences to 1e-7 of the step, of the channel's peak.
+    """
+    rig = replace(beam(law, modes=6, **contact), attachments=attachments)
+    solution = resolved(rig, hz, steady_state(rig, hz))
+    known = rig_scalars(rig, solution)
+    keys = tuple(key for key, (value, _) in known.items() if value)
+    s = sensitivities(rig, solution, keys)
+    rigid = rig.structure.compliance == 0.0  # the slip is a difference of what cancels: rounded a hundred times more
+    loan = HarmonicBalance(rig, solution.basis).dynamic_lagrangian  # held, as the derivatives hold it
+    assert s.parameters == keys and s.units == tuple(known[key].unit for key in keys)
+    for i, (key, value) in enumerate(zip(keys, s.values, strict=True)):
+
+        def neighbour(relative: float, key: str = key, value: float = value) -> PeriodicSolution:
+            moved = value * (1.0 + relative)
+            return resolved(changed(rig, key, moved), moved if key == "frequency_hz" else hz, solution, loan)
+
+        step = 1e-7 if key in ("beam.length", "beam.thickness") else 1e-6
+        step = 1e-5 if rigid and step == 1e-6 else step
+        around = [(h, neighbour(h), neighbour(-h)) for h in (4 * step, step)]
+        for name, channel in s.channels.items():
+            for what in ("coefficients", "samples", "peak"):
+                exact = value * np.asarray(getattr(channel, what)[..., i])
+                coarse, fine = (
+                    np.abs((np.asarray(getattr(up[name], what)) - getattr(down[name], what)) / (2 * h) - exact).max()
+                    for h, up, down in around
+                )
+                rounding = (1e-11 / step if rigid else 1e-6) * max(np.abs(exact).max(), solution[name].peak)
+                assert fine < max(rounding, coarse / 12.0), (key, name, what)
+
+
+@pytest.mark.parametrize("attachments", [ATTACHED, SOFT], ids=["attached", "soft"])
+@pytest.mark.parametrize("law", [JENKINS, COULOMB, STRIBECK, PAPER_DAHL], ids=lambda law: law.name)
+def test_work_of_the_force_is_lost_with_everything_attached(law, attachments):
+    rig = replace(beam(law, modes=6), attachments=attachments)
+    solution = steady_state(rig, 47.5)
+    assert solution["slip"].peak > 5e-6  # it slips
+    assert abs(solution.energy_error) < 1e-6
+
+
+def test_a_key_that_is_none_of_the_rig_is_refused():
+    rig = beam(JENKINS)
+    solution = steady_state(rig, 49.0, harmonics=5)
+    names = "contact.friction.mu, contact.friction.critical_slip, contact.normal_load, excitation.amplitude, "
+    for keys, found in {
+        ("attachments.clamp_stiffness",): "attachments.clamp_stiffness is not a number of the rig",
+        (): "no keys",
+    }.items():
+        with pytest.raises(ValueError) as refused:
+            sensitivities(rig, solution, keys)
+        assert str(refused.value).startswith(f"sensitivities: {found}; must be some of {names}")
+
+
+def test_attachments_of_no_size_change_no_solution_and_have_derivatives():
+    """The neutral values of the diagnosis; one-sided differences of second order to small sizes."""
+    bare = beam(JENKINS, modes=6)
+    nothing = Attachments(
+        tip_stiffness=0.0,
+        masses=(PointMass(0.0, 0.4),),
+        springs=(PointSpring(0.0, 0.25),),
+        resonators=(Resonator(0.0, 70.0, 0.3),),
+    )
+    rig = replace(bare, attachments=nothing)
+    solution = resolved(bare, 49.0, steady_state(bare, 49.0))
+    same = resolved(rig, 49.0, solution)
+    for name, channel in solution.channels.items():
+        assert same[name].samples == pytest.approx(channel.samples, abs=1e-11 * channel.peak), name
+    sizes = {"masses[0].mass": 1e-6, "springs[0].stiffness": 0.1, "tip_stiffness": 1e-4, "resonators[0].mass": 1e-6}
+    s = sensitivities(rig, same, [f"attachments.{key}" for key in sizes])
+    for i, (key, size) in enumerate(zip(s.parameters, sizes.values(), strict=True)):
+        half, whole = (resolved(changed(rig, key, h), 49.0, same) for h in (size / 2, size))
+        for name in ("drive", "slip", "normal", "a3"):
+            differences = 4 * half[name].coefficients - whole[name].coefficients - 3 * same[name].coefficients
+            exact = s[name].coefficients[:, i]
+            assert exact == pytest.approx(differences / size, abs=1e-6 * np.abs(exact).max()), (key, name)
 
 
 def test_derivatives_are_one_sided_where_a_sample_starts_to_slip():
@@ -289,3 +403,22 @@ def test_law_parameters_against_solutions_beside(law: FrictionLaw) -> None:
         differences = (drive(name, value + step) - drive(name, value - step)) / (2 * step)
         # the residual floor of the two solutions, for parameters that hardly matter
         assert exact[:, i] == pytest.approx(differences, rel=0.0, abs=1e-4 * np.abs(exact[:, i]).max())
+
+
+@pytest.mark.parametrize("law", [*IMPLICIT, COULOMB, STRIBECK], ids=lambda law: law.name)
+def test_what_moves_the_compliance_against_solutions_beside(law: FrictionLaw) -> None:
+    """Every law is shown the series compliance, which radius and modulus change."""
+    rig = beam(law)
+    found = steady_state(rig, 51.0, harmonics=7, samples=256)
+    s = sensitivities(rig, found, ["contact.radius", "beam.youngs_modulus"])
+    for i, (key, value) in enumerate(zip(s.parameters, s.values, strict=True)):
+        step = 1e-6 * value
+        up, down = (
+            steady_state(changed(rig, key, moved), 51.0, harmonics=7, samples=256, start=found)
+            for moved in (value + step, value - step)
+        )
+        for name in ("drive", "slip", "friction"):
+            exact = s[name].coefficients[:, i]
+            differences = (up[name].coefficients - down[name].coefficients) / (2 * step)
+            # the residual floor of the two solutions
+            assert exact == pytest.approx(differences, rel=0.0, abs=1e-4 * np.abs(exact).max()), (key, name)

@@ -1,5 +1,7 @@
 """The CasADi residual and the eliminated one are two codes for the same equations."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from hbm.residual import HarmonicBalance, State
 from hbm.symbolic import residual_function
 from models import (
     LAWS,
+    Attachments,
     Coulomb,
     Dahl,
     ForceBalance,
@@ -18,6 +21,8 @@ from models import (
     Jenkins,
     Karnopp,
     LuGre,
+    PointSpring,
+    Resonator,
     Rig,
     SpringDamper,
     Stribeck,
@@ -103,3 +108,16 @@ def test_generated_c_has_no_dependencies(tmp_path, monkeypatch):
     text = (tmp_path / "residual.c").read_text()
     assert "int residual(const casadi_real** arg" in text
     assert all(line.startswith("#include <math.h>") for line in text.splitlines() if line.startswith("#include"))
+
+
+def test_residual_functions_agree_with_everything_attached() -> None:
+    """Here the reaction has an elastic part."""
+    attached = Attachments(
+        tip_stiffness=50.0, springs=(PointSpring(500.0, 0.25),), resonators=(Resonator(0.02, 70.0, 0.3),)
+    )
+    rig = replace(paper_rig(), attachments=attached)
+    assert np.abs(rig.structure.reaction.stiffness).max() > 0.0
+    problem = HarmonicBalance(rig, FourierBasis(5, 64))
+    x, lam = problem.pack(slipping_state(problem, 3))
+    symbolic = residual_function(problem)(x, lam, problem.environment.parameters).full().ravel()
+    assert symbolic == pytest.approx(problem.residual(x, lam), abs=1e-12 * np.abs(symbolic).max())

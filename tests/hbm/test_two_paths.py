@@ -1,5 +1,7 @@
 """Harmonic balance against time integration: two codes that share the mechanics and the law, and no method."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rigs import beam
@@ -8,7 +10,7 @@ from hbm.handover import state_at_phase_zero
 from hbm.integrate import simulate
 from hbm.integrate import steady_state as shoot
 from hbm.response import steady_state
-from models import Coulomb, FrictionLaw, Jenkins, Stribeck, Viscous
+from models import Attachments, Coulomb, FrictionLaw, Jenkins, PointMass, PointSpring, Resonator, Stribeck, Viscous
 
 CHANNELS = ("drive", "slip", "friction", "normal")
 CASES = [
@@ -50,3 +52,25 @@ def test_march_from_rest_settles_on_the_harmonic_balance():
     for name in CHANNELS:
         theirs = history.harmonics(name, 5)
         assert np.abs(harmonics(solution.channels[name].coefficients) - theirs[1:]).max() < 5e-3 * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize("support", [None, 1e6], ids=["rigid support", "support yields"])
+def test_attached_springs_masses_and_resonators_act_alike_in_time(support: float | None):
+    """0.5 % of each channel's peak; the reaction has an elastic part here."""
+    attached = Attachments(
+        clamp_stiffness=5e3,
+        support_stiffness=support,
+        tip_stiffness=50.0,
+        masses=(PointMass(0.01, 0.4),),
+        springs=(PointSpring(500.0, 0.25),),
+        resonators=(Resonator(0.02, 70.0, 0.3),),
+    )
+    rig = replace(beam(Jenkins(0.52, 4.15e-6), modes=6), attachments=attached)
+    solution = steady_state(rig, 47.5, harmonics=25, samples=1024)
+    motion = shoot(rig, 47.5, start=state_at_phase_zero(solution), steps_per_period=2048)
+    assert motion.converged
+    for name in CHANNELS:
+        values = motion.history.channels[name].values
+        ours, theirs = solution.channels[name].coefficients, motion.history.harmonics(name, 5)
+        peak = np.abs(values - values.mean()).max()
+        assert np.abs(harmonics(ours) - theirs[1:]).max() < 5e-3 * peak, name

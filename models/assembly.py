@@ -1,0 +1,388 @@
+"""A beam with whatever is attached to it: mass, stiffness and rows on fixed shapes, numbers or symbols.
+
+The shapes are the modes of the bare clamped-pinned beam, one static shape more for each end that yields, and the
+displacements of attached resonators. What the modes left out answer statically is exact: the difference of the beam's
+influence function and the modal sum (residual flexibility: Craig & Kurdila, Fundamentals of Structural Dynamics, 2006,
+chapter 17), also under the forces of attached springs. Everything is a closed form of lengths, moduli and positions:
+one definition serves the simulation and, differentiated by CasADi, its derivatives.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from models.beam import Beam, lift_shape, rotation_shape, shapes_of_waves, unit_shapes, wavenumbers
+from models.structure import Array
+
+Value = Any
+Matrix = Any
+
+MORE_MODES = 20
+"""Modes of the bare beam beyond those kept, to build the modes of a beam with attachments from."""
+
+LEAST_MASS = 1e-15
+"""Of the beam's mass, lent to a resonator: one of no mass would not know where it is."""
+
+
+class PointMass(NamedTuple):
+    """A lumped mass [kg] at a position [m]."""
+
+    mass: Value
+    position: Value
+
+
+class PointSpring(NamedTuple):
+    """A spring to the ground [N/m] at a position [m]."""
+
+    stiffness: Value
+    position: Value
+
+
+class Resonator(NamedTuple):
+    """A mass [kg] on a spring that alone would swing at a frequency [Hz], attached at a position [m]."""
+
+    mass: Value
+    frequency_hz: Value
+    position: Value
+
+    @property
+    def stiffness(self) -> Value:
+        """Of its spring [N/m]."""
+        return self.mass * (2 * np.pi * self.frequency_hz) ** 2
+
+
+@dataclass(frozen=True)
+class Attachments:
+    """What is attached to a clamped-supported beam, linearly; nothing by default.
+
+    Attributes
+    ----------
+    clamp_stiffness : Value or None
+        Rotational spring instead of the rigid clamp [N m/rad].
+    support_stiffness : Value or None
+        Vertical spring under the support instead of a rigid one [N/m]; its force is the reaction, P - k y(L).
+    tip_stiffness : Value or None
+        Rotational spring at x = L [N m/rad].
+    masses : tuple of PointMass
+    springs : tuple of PointSpring
+    resonators : tuple of Resonator
+    """
+
+    clamp_stiffness: Value | None = None
+    support_stiffness: Value | None = None
+    tip_stiffness: Value | None = None
+    masses: tuple[PointMass, ...] = ()
+    springs: tuple[PointSpring, ...] = ()
+    resonators: tuple[Resonator, ...] = ()
+
+    def __bool__(self) -> bool:
+        return self != Attachments()
+
+    def scalars(self) -> dict[str, Value]:
+        """Everything that is a number, with names like ``masses[0].position``."""
+        ends = {name: getattr(self, name) for name in ENDS}
+        return {name: value for name, value in ends.items() if value is not None} | {
+            f"{kind}[{i}].{name}": value
+            for kind in LISTS
+            for i, entry in enumerate(getattr(self, kind))
+            for name, value in entry._asdict().items()
+        }
+
+    def with_scalars(self, values: Iterator[Value]) -> "Attachments":
+        """The same attachments with other values, in the order of :meth:`scalars`."""
+        ends = {name: next(values) for name in ENDS if getattr(self, name) is not None}
+        lists = {
+            kind: tuple(entry._make(next(values) for _ in entry) for entry in getattr(self, kind)) for kind in LISTS
+        }
+        return Attachments(**ends, **lists)
+
+
+ENDS = tuple(f.name for f in fields(Attachments) if f.default is None)
+LISTS = tuple(f.name for f in fields(Attachments) if f.default is not None)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A beam, where forces act on it, what is attached, and where its motion is seen; numbers or symbols.
+
+    Attributes
+    ----------
+    beam : Beam
+    radius : Value
+        Of the half cylinder [m].
+    excitation : Value
+        X_f [m].
+    channels : tuple of Value
+        Positions of the response channels [m].
+    attachments : Attachments
+    """
+
+    beam: Beam
+    radius: Value
+    excitation: Value
+    channels: tuple[Value, ...] = ()
+    attachments: Attachments = field(default=Attachments())
+
+    def scalars(self) -> dict[str, Value]:
+        """Everything that is a number; keys of the rig file, channels by their place: ``channels[0].position``."""
+        return {
+            **{f"beam.{name}": getattr(self.beam, name) for name in BEAM},
+            "contact.radius": self.radius,
+            "excitation.position": self.excitation,
+            **{f"channels[{i}].position": x for i, x in enumerate(self.channels)},
+            **{f"attachments.{name}": value for name, value in self.attachments.scalars().items()},
+        }
+
+    def with_scalars(self, values: Sequence[Value]) -> "Layout":
+        """The same layout with other values, in the order of :meth:`scalars`."""
+        each = iter(values)
+        beam = replace(self.beam, **{name: next(each) for name in BEAM})
+        radius, excitation, channels = next(each), next(each), tuple(next(each) for _ in self.channels)
+        return Layout(beam, radius, excitation, channels, self.attachments.with_scalars(each))
+
+    @property
+    def form(self) -> "Layout":
+        """The layout with every value zero: what decides the instructions that assemble it."""
+        return self.with_scalars([0.0] * len(self.scalars()))
+
+
+BEAM = ("length", "width", "thickness", "youngs_modulus", "density")
+
+
+class Assembly(NamedTuple):
+    """Mass, stiffness and rows of d coordinates; CasADi matrices, or arrays.
+
+    Rows are in the order slip, drive, channels, reaction: what is seen is ``rows d + flexibility (T, F)``, with the
+    friction T and the excitation F. The reaction's are its elastic part; it adds
+    ``P + inertia d'' + T stretch d`` (:class:`models.structure.Reaction`), the balance of a lift of the tip whether or
+    not the support yields.
+
+    Attributes
+    ----------
+    mass, stiffness, shortening : (d, d) matrices
+    rows : (3 + c, d) matrix
+    flexibility : (3 + c, 2) matrix
+    inertia, stretch : (1, d) matrices
+    """
+
+    mass: Matrix
+    stiffness: Matrix
+    shortening: Matrix
+    rows: Matrix
+    flexibility: Matrix
+    inertia: Matrix
+    stretch: Matrix
+
+
+def assembled(layout: Layout, *, residual: bool = True) -> Assembly:
+    """Assemble numbers.
+
+    Parameters
+    ----------
+    layout : Layout
+        Of numbers.
+    residual : bool
+        Whether the static response of the modes left out is kept.
+
+    Returns
+    -------
+    Assembly
+        Of arrays.
+    """
+    function = _function(layout.form, residual)
+    return Assembly(*(part.full() for part in function(list(layout.scalars().values()))))
+
+
+def assembled_change(layout: Layout, key: str, *, residual: bool = True) -> Assembly:
+    """Exact derivative of :func:`assembled` to one of the layout's scalars, by its name in :meth:`Layout.scalars`."""
+    change = _change_function(layout.form, residual)
+    scalars = layout.scalars()
+    direction = [float(name == key) for name in scalars]
+    return Assembly(*(part.full() for part in change(list(scalars.values()), direction)))
+
+
+@lru_cache(maxsize=64)
+def _function(form: Layout, residual: bool) -> ca.Function:
+    """(scalars) -> assembly, for layouts of a form."""
+    p = ca.MX.sym("p", len(form.scalars()))
+    parts = _Assembler(form.with_scalars(ca.vertsplit(p)), residual).assembly()
+    return ca.Function("assembly", [p], [ca.densify(part) for part in parts])
+
+
+@lru_cache(maxsize=64)
+def _change_function(form: Layout, residual: bool) -> ca.Function:
+    """(scalars, direction) -> derivative of the assembly along the direction."""
+    p, direction = (ca.MX.sym(name, len(form.scalars())) for name in ("p", "direction"))
+    parts = _function(form, residual).call([p], True, False)
+    return ca.Function("change", [p, direction], [ca.densify(ca.jtimes(part, p, direction)) for part in parts])
+
+
+STATIC = (rotation_shape, lift_shape)
+STATIC_BENDING = np.array([[3.0, -3.0], [-3.0, 3.0]])
+"""Integrals of products of their curvatures over xi; those with the curvatures of the modes vanish."""
+
+
+@lru_cache(maxsize=16)
+def _integrals(modes: int) -> tuple[Array, Array]:
+    """Integrals over xi of products of all shapes (modes, rotation, lift), and of products of their slopes."""
+    # the fastest oscillation of a product is 2 b_n: 4 points per mode and a margin are exact to rounding
+    nodes, weights = np.polynomial.legendre.leggauss(4 * modes + 40)
+    xi, weights = (nodes + 1) / 2, weights / 2
+    b = wavenumbers(modes)
+
+    def gram(order: int) -> Array:
+        static = np.stack([shape(xi, order) for shape in STATIC], axis=1)
+        shapes = np.hstack([unit_shapes(b, xi, order), static])
+        return np.asarray((shapes.T * weights) @ shapes)
+
+    products = gram(0)
+    products[:modes, :modes] = np.eye(modes)
+    return products, gram(1)
+
+
+class _Assembler:
+    """Entries of an :class:`Assembly` in symbols; shapes in the order (modes, rotation of the clamp, lift of the tip).
+
+    A port is where a force acts or a displacement is seen: the rotation of the tip first, then points on the beam in
+    the order excitation, channels, masses, springs, resonators. What is attached changes, in turn: the matrices; the
+    `rows` of the ports on the coordinates and their `flexibility`; the `share` of a unit force at each port that goes
+    into the support; and the rows `elastic` and `inertia` of the reaction.
+    """
+
+    def __init__(self, layout: Layout, residual: bool) -> None:
+        ends = layout.attachments
+        self.beam, self.ends, self.channels, self.residual = layout.beam, ends, len(layout.channels), residual
+        self.N, self.L, self.EI = self.beam.modes, self.beam.length, self.beam.bending_stiffness
+        self.mass = self.beam.mass_per_length * self.L
+        self.resonators = [r._replace(mass=r.mass + LEAST_MASS * self.mass) for r in ends.resonators]
+        self.arm = layout.radius + self.beam.thickness / 2
+        attached = [entry.position for kind in LISTS for entry in getattr(ends, kind)]
+        self.x = ca.vertcat(layout.excitation, *layout.channels, *attached)
+        self.lift = self.N + 1
+        yields = {self.N: ends.clamp_stiffness, self.lift: ends.support_stiffness}
+        self.kept = [*range(self.N), *(shape for shape, stiffness in yields.items() if stiffness is not None)]
+        self.d = len(self.kept) + len(ends.resonators)
+        # a mode's deflection is its unit shape over the root of the mass, the rotation's is L times its shape
+        self.scale = ca.vertcat(ca.repmat(1 / ca.sqrt(self.mass), self.N), self.L, 1.0)
+        self.omega_squared = ca.DM(wavenumbers(self.N) ** 4) * self.EI / (self.mass * self.L**3)
+
+    def assembly(self) -> Assembly:
+        """Everything, attachments included."""
+        self.bare()
+        self.attach_springs()
+        self.attach_masses()
+        seen = 2 + self.channels
+        arms = ca.diag(ca.vertcat(self.arm, ca.DM.ones(seen - 1)))
+        by_forces = arms @ self.flexibility[:seen, :2] @ arms[:2, :2]
+        by_forces[0, 0] += self.residual * self.L / (self.beam.youngs_modulus * self.beam.area)
+        shares = (arms[:2, :2] @ self.share[:2]).T
+        return Assembly(
+            mass=self.M,
+            stiffness=self.K,
+            shortening=self.G,
+            rows=ca.vertcat(arms @ self.rows[:seen, :], self.elastic),
+            flexibility=ca.vertcat(by_forces, -shares),
+            inertia=self.inertia,
+            stretch=self.stretch,
+        )
+
+    # ---- step by step
+
+    def bare(self) -> None:
+        """The beam with its clamp."""
+        shapes, (products, slopes) = self.shapes(), _integrals(self.N)
+        inertia, drawn = self.of_shapes(products, self.mass), self.of_shapes(slopes, 1 / self.L)
+        self.rows, self.share = self.on_coordinates(shapes[self.kept, :].T), shapes[self.lift, :].T
+        self.flexibility = self.omitted_flexibility()
+        self.M, self.G = (_padded(matrix[self.kept, self.kept], self.d) for matrix in (inertia, drawn))
+        self.M[: self.N, : self.N] = ca.DM.eye(self.N)  # exactly
+        self.inertia, self.stretch = (self.on_coordinates(matrix[self.lift, self.kept]) for matrix in (inertia, drawn))
+        self.K, self.elastic = self.bending()
+
+    def attach_springs(self) -> None:
+        """Springs of the tip, to the ground and of resonators, whose forces are held @ (W d + what forces add)."""
+        at, stiffness, W = self.springs()
+        if not at:
+            return
+        compliant = self.flexibility[at, :]
+        held = ca.solve(ca.DM.eye(len(at)) + stiffness @ compliant[:, at], stiffness)
+        self.K += W.T @ held @ W
+        self.elastic += self.share[at].T @ held @ W
+        self.rows -= compliant.T @ held @ W
+        self.share -= compliant.T @ held @ self.share[at]
+        self.flexibility -= compliant.T @ held @ compliant
+
+    def attach_masses(self) -> None:
+        """Point masses, and those of resonators."""
+        for port, body in enumerate(self.ends.masses, start=2 + self.channels):
+            self.M += body.mass * self.rows[port, :].T @ self.rows[port, :]
+            self.inertia += body.mass * self.share[port] * self.rows[port, :]
+        for place, swinging in enumerate(self.resonators, start=len(self.kept)):
+            self.M[place, place] += swinging.mass
+
+    # ---- on all shapes
+
+    def shapes(self) -> Matrix:
+        """Rotation of the tip and deflections at the ports, per shape, (N + 2, ports)."""
+        b, xi = ca.DM(wavenumbers(self.N)), (self.x / self.L).T
+        waves = ca.repmat(b, 1, xi.shape[1])
+        unit = shapes_of_waves(waves, b @ (1.0 - xi), 0, ca)
+        points = ca.vertcat(unit, *(shape(xi) for shape in STATIC))
+        turned = ca.vertcat(shapes_of_waves(b, 0 * b, 1, ca), *(shape(1.0, 1) for shape in STATIC)) / self.L
+        return ca.horzcat(self.scale * turned, ca.repmat(self.scale, 1, xi.shape[1]) * points)
+
+    def omitted_flexibility(self) -> Matrix:
+        """Motion of each port by a unit load at each other, of the clamped-pinned beam less its modes, symmetric."""
+        ports = self.x.shape[0] + 1
+        if not self.residual:
+            return ca.DM.zeros(ports, ports)
+        # Beam: a cantilever's, less what the reaction of the support takes back
+        near = ca.fmin(ca.repmat(self.x, 1, ports - 1), ca.repmat(self.x.T, ports - 1, 1))
+        far = ca.repmat(self.x, 1, ports - 1) + ca.repmat(self.x.T, ports - 1, 1) - near
+        share = lift_shape(self.x / self.L)
+        points = near**2 * (3 * far - near) / (6 * self.EI) - self.L**3 / (3 * self.EI) * share @ share.T
+        by_moment = (self.x**3 - self.L * self.x**2) / (4 * self.EI * self.L)
+        exact = ca.blockcat([[self.L / (4 * self.EI), by_moment.T], [by_moment, points]])
+        modes = self.shapes()[: self.N, :]
+        return exact - modes.T @ (modes / ca.repmat(self.omega_squared, 1, ports))
+
+    def of_shapes(self, integrals: Array, factor: Value) -> Matrix:
+        """A factor times integrals of products of shapes, (N + 2, N + 2)."""
+        return factor * (self.scale @ self.scale.T) * ca.DM(integrals)
+
+    # ---- on the coordinates
+
+    def on_coordinates(self, on_kept: Matrix) -> Matrix:
+        """Rows on the kept shapes, with zeros for the resonators."""
+        return ca.horzcat(on_kept, ca.DM.zeros(on_kept.shape[0], self.d - len(self.kept)))
+
+    def bending(self) -> tuple[Matrix, Matrix]:
+        """Bending stiffness with the springs of clamp and support, and the row of the lift of the tip without them."""
+        static = self.EI / self.L**3 * (self.scale[self.N :] @ self.scale[self.N :].T) * ca.DM(STATIC_BENDING)
+        moving = [i - self.N for i in self.kept[self.N :]]
+        elastic = ca.horzcat(ca.DM.zeros(1, self.N), static[1, moving])
+        ends = [k for k in (self.ends.clamp_stiffness, self.ends.support_stiffness) if k is not None]
+        K = ca.diagcat(ca.diag(self.omega_squared), static[moving, moving] + ca.diag(ca.vertcat(*ends)))
+        return _padded(ca.densify(K), self.d), self.on_coordinates(elastic)
+
+    def springs(self) -> tuple[list[int], Matrix, Matrix]:
+        """Ports of the attached springs, their stiffnesses (s, s), and the rows of their stretching (s, d)."""
+        ends, first = self.ends, 2 + self.channels + len(self.ends.masses)
+        at = list(range(first, self.rows.shape[0]))
+        stiff = [*(spring.stiffness for spring in ends.springs), *(spring.stiffness for spring in self.resonators)]
+        W = self.rows[at, :]
+        for i in range(len(ends.resonators)):
+            W[len(ends.springs) + i, len(self.kept) + i] -= 1.0
+        if ends.tip_stiffness is not None:
+            at, stiff, W = [0, *at], [ends.tip_stiffness, *stiff], ca.vertcat(self.rows[0, :], W)
+        return at, ca.diag(ca.vertcat(*stiff)), W
+
+
+def _padded(block: Matrix, size: int) -> Matrix:
+    """A matrix with `block` in its upper corner and zeros elsewhere."""
+    more = size - block.size1()
+    return ca.densify(ca.diagcat(block, ca.DM.zeros(more, more))) if more else block
