@@ -31,15 +31,24 @@ if TYPE_CHECKING:
     from hbm.curve import Assessment, NumericalError, ResponseCurve
     from hbm.errors import InputError
     from hbm.files import SavedCurve, read_curves, write_curves, write_history
+    from hbm.harmonicestimate import HarmonicEstimate
+    from hbm.harmonics import harmonic_spectra
     from hbm.history import TimeHistory
+    from hbm.historyfile import load_history
+    from hbm.identification.identify import Identification, identify
+    from hbm.identification.lawfit import LawFit
+    from hbm.identification.outputerror import SpectraFit, fit_spectra
     from hbm.integrate import simulate
     from hbm.lawchoice import choose_law
     from hbm.loop import FrictionLoop, friction_loop
     from hbm.modes import LinearModes, linear_modes
+    from hbm.recording import Recording
     from hbm.response import force_response, steady_state, trace_frequency
     from hbm.rigfile import load_rig
     from hbm.sensitivity import Sensitivities, sensitivities
     from hbm.solution import PeriodicSolution
+    from hbm.spectra import MeasuredSpectra
+    from hbm.spectrafile import load_spectra, write_spectra
 
     __version__: str
 
@@ -47,20 +56,31 @@ __all__ = [
     "Assessment",
     "ConvergenceError",
     "FrictionLoop",
+    "HarmonicEstimate",
+    "Identification",
     "InputError",
+    "LawFit",
     "LinearModes",
+    "MeasuredSpectra",
     "NumericalError",
     "PeriodicSolution",
+    "Recording",
     "ResponseCurve",
     "SavedCurve",
     "Sensitivities",
+    "SpectraFit",
     "TimeHistory",
     "choose_law",
+    "fit_spectra",
     "force_response",
     "frequency_response",
     "friction_loop",
+    "harmonic_spectra",
+    "identify",
     "linear_modes",
+    "load_history",
     "load_rig",
+    "load_spectra",
     "read_curves",
     "sensitivities",
     "simulate",
@@ -68,6 +88,7 @@ __all__ = [
     "trace_frequency",
     "write_curves",
     "write_history",
+    "write_spectra",
 ]
 
 _HOMES = {
@@ -76,22 +97,33 @@ _HOMES = {
     "hbm.curve": ("Assessment", "NumericalError", "ResponseCurve"),
     "hbm.errors": ("InputError",),
     "hbm.files": ("SavedCurve", "read_curves", "write_curves", "write_history"),
+    "hbm.harmonicestimate": ("HarmonicEstimate",),
+    "hbm.harmonics": ("harmonic_spectra",),
     "hbm.history": ("TimeHistory",),
+    "hbm.historyfile": ("load_history",),
+    "hbm.identification.identify": ("Identification", "identify"),
+    "hbm.identification.lawfit": ("LawFit",),
+    "hbm.identification.outputerror": ("SpectraFit", "fit_spectra"),
     "hbm.integrate": ("simulate",),
     "hbm.lawchoice": ("choose_law",),
     "hbm.loop": ("FrictionLoop", "friction_loop"),
     "hbm.modes": ("LinearModes", "linear_modes"),
     "hbm.response": ("force_response", "steady_state", "trace_frequency"),
+    "hbm.recording": ("Recording",),
     "hbm.rigfile": ("load_rig",),
     "hbm.sensitivity": ("Sensitivities", "sensitivities"),
     "hbm.solution": ("PeriodicSolution",),
+    "hbm.spectra": ("MeasuredSpectra",),
+    "hbm.spectrafile": ("load_spectra", "write_spectra"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        return _version()
+        from hbm.version import installed_version
+
+        return installed_version()
     if name not in _HOME:
         raise AttributeError(f"module 'hbm' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)
@@ -99,12 +131,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__, "__version__"})
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("casadi-hbm")
-    except PackageNotFoundError:  # run from its sources
-        return "0+source"

@@ -23,6 +23,7 @@ from hbm.curve import ChannelCurve, NumericalError, ResponseCurve
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.history import TimeHistory
+from hbm.version import installed_version
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,7 +53,7 @@ def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> None:
     """
     write_together(
         {
-            Path(path): _csv(_table(curves)),
+            Path(path): csv_text(_table(curves)),
             companion(path): json.dumps(_summary(curves), indent=1, allow_nan=False) + "\n",
         }
     )
@@ -83,7 +84,7 @@ def write_history(path: StrPath, history: TimeHistory, *, contact: bool = False)
     own = {channel.name for channel in history.rig.channels}
     signals = {name: s.values for name, s in history.channels.items() if contact or name in own}
     columns = zip(history.time.tolist(), *(values.tolist() for values in signals.values()), strict=True)
-    write_together({Path(path): _csv(chain([["time_s", *signals]], columns))})
+    write_together({Path(path): csv_text(chain([["time_s", *signals]], columns))})
 
 
 def write_figure(path: StrPath, figure: "Figure") -> None:
@@ -99,7 +100,8 @@ def write_figure(path: StrPath, figure: "Figure") -> None:
     write_together({path: content.getvalue()})
 
 
-def _csv(rows: Iterable[Iterable[Any]]) -> str:
+def csv_text(rows: Iterable[Iterable[Any]]) -> str:
+    """Rows as the text of a CSV file."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)  # floats by repr: every digit
     return text.getvalue()
@@ -145,12 +147,10 @@ def _stability(curve: ResponseCurve) -> list[str]:
 
 
 def _summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
-    from hbm import __version__
-
     first = curves[0]
     return {
         "schema": SCHEMA,
-        "version": __version__,
+        "version": installed_version(),
         "rig": first.rig.name,
         "law": first.rig.contact.law.name,
         "units": {name: channel.unit for name, channel in first.channels.items()},
@@ -245,7 +245,7 @@ def read_curves(path: StrPath) -> list[SavedCurve]:
     InputError
         If the file is not a curve file.
     """
-    rows = _read_rows(path)
+    rows = read_rows(path, "a curve file (CSV)")
     heading = next(rows, (0, []))[1]
     H = (len(heading) - len(KEYS) - 1) // 2
     if heading != _heading(H):
@@ -260,12 +260,26 @@ def read_curves(path: StrPath) -> list[SavedCurve]:
     return [_saved(level, table, units, said.get(level, {})) for level, table in levels.items()]
 
 
-def _read_rows(path: StrPath) -> Iterator[tuple[int, list[str]]]:
+def read_rows(path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
+    """Rows of a CSV file with the numbers of their lines; empty lines are left out.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read: it must be `kind`.
+    """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as refused:
-        raise InputError(f"{path}: cannot be read ({_why(refused)}); must be a curve file (CSV)") from None
-    return ((n, row) for n, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row)
+        raise InputError(f"{path}: cannot be read ({why(refused)}); must be {kind}") from None
+    return _numbered(csv.reader(io.StringIO(text)), path, kind)
+
+
+def _numbered(rows: Iterator[list[str]], path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
+    try:
+        yield from ((line, row) for line, row in enumerate(rows, start=1) if row)
+    except csv.Error as refused:  # a quotation mark that is never closed
+        raise InputError(f"{path}: cannot be read ({refused}); must be {kind}") from None
 
 
 def _parsed(row: list[str], columns: int, where: str) -> tuple[float, str, list[float]]:
@@ -305,7 +319,7 @@ def _read_companion(path: StrPath) -> dict[str, Any]:
     try:
         summary = json.loads(beside.read_text(encoding="utf-8"))
     except (OSError, ValueError) as refused:
-        raise InputError(f"{beside}: cannot be read ({_why(refused)}); must be the companion of {path}") from None
+        raise InputError(f"{beside}: cannot be read ({why(refused)}); must be the companion of {path}") from None
     if not isinstance(summary, dict) or summary.get("schema") != SCHEMA:
         raise InputError(f"{beside}: not schema {SCHEMA}; must be the companion of {path}")
     return summary
@@ -361,7 +375,7 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
             path.unlink(missing_ok=True)
         name = next((p for p in contents if p not in written), refused.filename2 or refused.filename)
         raise InputError(
-            f"{name}: cannot be written ({_why(refused)}); must be a file in a writable directory"
+            f"{name}: cannot be written ({why(refused)}); must be a file in a writable directory"
         ) from None
     finally:
         for temporary in written.values():
@@ -388,5 +402,6 @@ def _umask() -> int:
     return mask
 
 
-def _why(refused: Exception) -> str:
+def why(refused: Exception) -> str:
+    """Why a file was not read or written, in the words of the system."""
     return (getattr(refused, "strerror", None) or str(refused)).lower()

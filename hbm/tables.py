@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from hbm.curve import Assessment, ResponseCurve
+from hbm.harmonicestimate import HarmonicEstimate
 from hbm.history import TimeHistory
 from hbm.lawchoice import KnownLaw, known_law, plain
 from hbm.loop import FrictionLoop
@@ -137,6 +138,34 @@ def print_history(console: Console, history: TimeHistory) -> None:
             f"warning: the tip would lift off from {history.lift_off:.5g} s on; the model keeps it on the support"
         )
     _lines(console, lines)
+
+
+def print_spectra(console: Console, records: Sequence[HarmonicEstimate], levels: Sequence[float]) -> None:
+    """Print the fundamental of each channel of each record, how sure and steady it is, and what to beware of."""
+    for number, (record, level) in enumerate(zip(records, levels, strict=True), start=1):
+        table = _table(
+            f"record {number}: {record.source}, {level:.4g} N at {record.hz:.8g} Hz",
+            "channel",
+            "fundamental\n|c1|",
+            "std\n ",
+            "unit",
+            "trend\n%",
+            "steady",
+            "between harmonics\n% of rms",
+        )
+        for q in record.quality:
+            known = math.isfinite(q.steadiness.p_steady)
+            table.add_row(
+                q.name,
+                f"{q.amplitude:.5g}",
+                f"{q.std:.2g}",
+                record.units.get(q.name) or "SI",
+                _number(100 * q.steadiness.change, ".2g"),
+                ("yes" if q.steadiness.steady else "no") if known else "-",
+                f"{100 * q.leftover.share:.2g}",
+            )
+        console.print(table)
+        _lines(console, str(record).splitlines())
 
 
 def print_laws(console: Console, laws: Sequence[Any], *, detailed: bool) -> None:

@@ -249,7 +249,7 @@ def test_linear_rig_peaks_at_its_closed_form(tmp_path: Path) -> None:
 
 
 def test_levels_may_be_repeated_or_listed() -> None:
-    from hbm.cli import spread
+    from hbm.clioptions import spread
 
     assert spread("--level", ["--level", "2", "--level", "4"]) == ["--level", "2", "--level", "4"]
     assert spread("--level", ["--level", "2", "4", "-1", "rig.toml", "5"]) == [
