@@ -41,8 +41,8 @@ MOST_ITERATIONS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class ForceEstimate:
-    """Friction, excitation and motion of r records at harmonics 0..H, and their joint uncertainty.
+class Solution:
+    """Friction, excitation and motion of r records at harmonics 0..H under one prior, and their joint uncertainty.
 
     Attributes
     ----------
@@ -59,12 +59,6 @@ class ForceEstimate:
         Share of each measurement that the fit follows, 0..1.
     resolution : (r, H+1) array
         Standard deviation of friction by the sensors alone, without the prior [N]; inf where they see nothing of it.
-    condition : (r, H+1) array
-        Condition number of telling friction from force, columns scaled to equal length; inf where not measured.
-    order : (r,) array
-        p of the prior.
-    size : (r, 2) array
-        Most likely size of the even and of the odd harmonics, at harmonic 1 [N].
     """
 
     friction: Complex
@@ -74,6 +68,25 @@ class ForceEstimate:
     residual: Complex
     leverage: Array
     resolution: Array
+
+
+S = TypeVar("S", bound=Solution)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceEstimate(Solution):
+    """The solution under the prior that is most likely.
+
+    Attributes
+    ----------
+    condition : (r, H+1) array
+        Condition number of telling friction from force, columns scaled to equal length; inf where not measured.
+    order : (r,) array
+        p of the prior.
+    size : (r, 2) array
+        Most likely size of the even and of the odd harmonics, at harmonic 1 [N].
+    """
+
     condition: Array
     order: Array
     size: Array
@@ -97,22 +110,6 @@ def regularised(sensing: Sensing, mean: Array) -> ForceEstimate:
     ForceEstimate
     """
     return most_likely(sensing, lambda expected, _: _solve(sensing, mean, expected))
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """Estimate under one prior, see :class:`ForceEstimate`."""
-
-    friction: Complex
-    force: Complex
-    q: Complex
-    factor: Complex
-    residual: Complex
-    leverage: Array
-    resolution: Array
-
-
-S = TypeVar("S", bound=Solution)
 
 
 def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S]) -> ForceEstimate:
