@@ -24,7 +24,7 @@ from rich.table import Table
 
 from hbm.inverse.reconstruct import FORMULATIONS, reconstruct
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models import Beam, Channel, Damping, Rig
 from models.published import paper_rig
 from tests.truth.laws import Coulomb

@@ -14,10 +14,9 @@ import typer
 from typer._click.exceptions import NoArgsIsHelpError, UsageError
 from typer.core import TyperGroup
 
-from hbm.cli_identify import SpreadIdentify, identify
-from hbm.cli_inverse import SpreadInverse, inverse
-from hbm.cli_spectra import SpreadSpectra, spectra
-from hbm.clioptions import (
+from hbm.commands.identify import SpreadIdentify, identify
+from hbm.commands.inverse import SpreadInverse, inverse
+from hbm.commands.options import (
     RigFile,
     Spread,
     check_outputs,
@@ -28,6 +27,7 @@ from hbm.clioptions import (
     quoted,
     say,
 )
+from hbm.commands.spectra import SpreadSpectra, spectra
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -113,9 +113,9 @@ def modes(rig: RigFile) -> None:
 
     Example:  hbm modes examples/paper_beam.toml
     """
+    from hbm.commands.tables import print_modes
     from hbm.modes import linear_modes
     from hbm.rigfile import load_rig
-    from hbm.tables import print_modes
 
     loaded = load_rig(rig)
     print_modes(console(), loaded, linear_modes(loaded))
@@ -156,7 +156,7 @@ def laws(
     if plot is not None:
         _deliver_loops(_with_values(chosen, refuse=bool(names)), amplitude, hz, force, plot)
         return
-    from hbm.tables import print_laws
+    from hbm.commands.tables import print_laws
 
     print_laws(console(), chosen, detailed=bool(names))
 
@@ -325,7 +325,7 @@ def _responses(
     """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
     from continuation import ConvergenceError
     from hbm.accuracy import frequency_response
-    from hbm.progress import Sweep
+    from hbm.commands.progress import Sweep
     from hbm.response import default_sweep
 
     curves: list[ResponseCurve] = []
@@ -349,8 +349,8 @@ def _partial(curve: "ResponseCurve") -> str:
 
 
 def _march(rig: "Rig", hz: float, seconds: float) -> "TimeHistory":
+    from hbm.commands.progress import Sweep
     from hbm.integrate import simulate as march
-    from hbm.progress import Sweep
 
     with Sweep("time", 0.0, seconds, unit="s") as progress:
         return march(rig, hz, duration=seconds, progress=progress.time)
@@ -360,10 +360,10 @@ def _march(rig: "Rig", hz: float, seconds: float) -> "TimeHistory":
 
 
 def _deliver_loops(known: Sequence["KnownLaw"], slip: float, hz: float, load: float, plot: Path) -> None:
-    from hbm.files import write_figure
+    from hbm.commands.tables import print_loops
     from hbm.loop import friction_loop
     from hbm.report import plot_loops
-    from hbm.tables import print_loops
+    from hbm.results.files import write_figure
 
     loops = [friction_loop(k.law, slip, hz, load=load) for k in known]
     write_figure(plot, plot_loops(loops))
@@ -374,17 +374,17 @@ def _deliver_loops(known: Sequence["KnownLaw"], slip: float, hz: float, load: fl
 def _deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None) -> None:
     written = []
     if out is not None:
-        from hbm.files import companion, write_curves
+        from hbm.results.files import companion, write_curves
 
         write_curves(out, curves)
         written += [out, companion(out)]
     if plot is not None:
-        from hbm.files import write_figure
         from hbm.report import plot_curves
+        from hbm.results.files import write_figure
 
         write_figure(plot, plot_curves(curves))
         written.append(plot)
-    from hbm.tables import print_curves
+    from hbm.commands.tables import print_curves
 
     print_curves(console(), curves)
     print_written(written)
@@ -393,17 +393,17 @@ def _deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: P
 def _deliver_history(history: "TimeHistory", out: Path | None, plot: Path | None, *, contact: bool) -> None:
     written = []
     if out is not None:
-        from hbm.files import write_history
+        from hbm.results.files import write_history
 
         write_history(out, history, contact=contact)
         written.append(out)
     if plot is not None:
-        from hbm.files import write_figure
         from hbm.report import plot_history
+        from hbm.results.files import write_figure
 
         write_figure(plot, plot_history(history))
         written.append(plot)
-    from hbm.tables import print_history
+    from hbm.commands.tables import print_history
 
     print_history(console(), history)
     print_written(written)

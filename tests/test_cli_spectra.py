@@ -7,11 +7,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from hbm.cli import app
-from hbm.files import write_history
 from hbm.integrate import simulate
+from hbm.measurement.spectrafile import load_spectra
 from hbm.response import steady_state
+from hbm.results.files import write_history
 from hbm.rigfile import load_rig
-from hbm.spectrafile import load_spectra
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 RIG = str(EXAMPLES / "one_mode.toml")  # channels force and a1

@@ -14,11 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from hbm.identifyreport import FILES as IDENTIFY_FILES
-from hbm.identifyreport import IdentifiedLaw, Value, identify_contents, identify_plates
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.inversereport import DRAWINGS, FILES, Drawing, inverse_contents, inverse_page, with_std
-from hbm.plates import plate_files
 from hbm.report import page as pages
 from hbm.report.identification import (
     ParameterByLevel,
@@ -39,6 +35,10 @@ from hbm.report.inverse import (
     representative,
 )
 from hbm.report.page import LARGEST, Page, Section, Table, page_html
+from hbm.results.identifyreport import FILES as IDENTIFY_FILES
+from hbm.results.identifyreport import IdentifiedLaw, Value, identify_contents, identify_plates
+from hbm.results.inversereport import DRAWINGS, FILES, Drawing, inverse_contents, inverse_page, with_std
+from hbm.results.plates import plate_files
 from tests.contactdata import STATES, reconstruction
 
 VOID = {"meta", "img", "br", "link", "hr", "input"}

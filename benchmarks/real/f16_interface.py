@@ -8,9 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
-from hbm.harmonics import HarmonicEstimate, harmonic_spectra
-from hbm.historyfile import load_history
-from hbm.recording import recording
+from hbm.measurement.harmonics import HarmonicEstimate, harmonic_spectra
+from hbm.measurement.historyfile import load_history
+from hbm.measurement.recording import recording
 from hbm.report.style import INK, SMALL, WIDTH, dressed, graded
 
 from .common import DATA, Finding, read_rows, table, with_std, write_history

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models.friction import Frictionless
 from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig
 

@@ -23,11 +23,11 @@ from hbm.identification.start import Candidate, Scales, candidate, scales_of
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.inverse.sensing import Complex
+from hbm.measurement.spectra import MeasuredSpectra
 from hbm.residual import HarmonicBalance, State
 from hbm.response import TOLERANCE, default_samples, first_solution, pad
 from hbm.sensitivity import FORCE, sensitivities
 from hbm.solution import PeriodicSolution, describe
-from hbm.spectra import MeasuredSpectra
 from hbm.threads import one_thread
 from models.friction import FrictionLaw
 from models.rig import Rig

@@ -9,7 +9,7 @@ from scipy import optimize
 from hbm.fourier import Array
 from hbm.inverse.readings import Others, Readings
 from hbm.inverse.sensing import Complex
-from hbm.spectra import MeasuredSpectra
+from hbm.measurement.spectra import MeasuredSpectra
 from models.beam import Beam
 from models.rig import Rig
 

@@ -10,7 +10,7 @@ from hbm.inverse.readings import Readings, even
 from hbm.inverse.reconstruction import CONSISTENT
 from hbm.inverse.resolution import harmonics
 from hbm.inverse.sensing import UNKNOWN_FORCE
-from hbm.spectra import MeasuredSpectra
+from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
 
 DEAD = 0.05

@@ -19,7 +19,7 @@ from hbm.inverse.reconstruction import SIGNALS, EstimatedSignal, Estimates, Misf
 from hbm.inverse.resolution import resolution_of
 from hbm.inverse.sensing import Sensing, sensing
 from hbm.inverse.sensorcheck import check_sensors
-from hbm.spectra import MeasuredSpectra
+from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
 
 FORMULATIONS: dict[str, Callable[[Sensing, Array], ForceEstimate]] = {

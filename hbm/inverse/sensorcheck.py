@@ -17,7 +17,7 @@ from hbm.inverse.findings import assumed, disagreement, sentence
 from hbm.inverse.readings import Others, Readings, by_noise, even, readings
 from hbm.inverse.rivals import structure_score
 from hbm.inverse.sensing import Complex, Sensing, sensing
-from hbm.spectra import MeasuredSpectra
+from hbm.measurement.spectra import MeasuredSpectra
 from models.beam import Beam
 from models.rig import Rig
 

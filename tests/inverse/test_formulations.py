@@ -12,7 +12,7 @@ from hbm.inverse.contact import Contact, contact_of
 from hbm.inverse.reconstruct import FORMULATIONS, reconstruct
 from hbm.inverse.sensing import sensing
 from hbm.inverse.shapes import Functions, by_force, by_moment, fitted_shapes, series, spline
-from hbm.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models import Beam
 from models.published import paper_rig
 from models.rig import Channel, ModalBody

@@ -9,7 +9,7 @@ from hbm.fourier import Array
 from hbm.inverse.contactforce import regularised
 from hbm.inverse.placement import FREQUENCIES, Placement, _Expected, place_sensors
 from hbm.inverse.sensing import sensing
-from hbm.spectra import spectra_of
+from hbm.measurement.spectra import spectra_of
 from models.published import paper_rig
 from models.rig import Channel
 

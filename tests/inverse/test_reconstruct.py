@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 from hbm.errors import InputError
 from hbm.inverse.contactforce import prior
 from hbm.inverse.reconstruct import reconstruct
-from hbm.spectra import MeasuredSpectra
+from hbm.measurement.spectra import MeasuredSpectra
 from models.published import paper_rig
 from models.rig import Channel
 from tests.inverse.measurement import SAMPLES, Truth, measured, respond, with_noise

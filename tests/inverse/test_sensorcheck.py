@@ -5,7 +5,7 @@ import pytest
 
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.sensorcheck import check_sensors
-from hbm.spectra import MeasuredSpectra
+from hbm.measurement.spectra import MeasuredSpectra
 from models.published import paper_rig
 from models.rig import Channel, Rig
 from tests.inverse.measurement import SAMPLES, measured, respond, with_noise

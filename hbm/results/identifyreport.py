@@ -13,14 +13,14 @@ from hbm.fourier import Array
 from hbm.identification.lawfit import LawFit
 from hbm.identification.outputerror import SpectraFit
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.inversefiles import record_columns
-from hbm.inversereport import with_std
-from hbm.outputs import Columns, columns_text
-from hbm.plates import Plate, plate_contents, plate_files
 from hbm.report import identification as figures
 from hbm.report.identification import ParameterByLevel
 from hbm.report.page import Page, Section, Table, page_html
 from hbm.report.style import closed
+from hbm.results.inversefiles import record_columns
+from hbm.results.inversereport import with_std
+from hbm.results.outputs import Columns, columns_text
+from hbm.results.plates import Plate, plate_contents, plate_files
 from hbm.version import installed_version
 
 PAGE_FILE, LAW_FILE, PARAMETER_FILE = "report.html", "laws.csv", "parameters.csv"

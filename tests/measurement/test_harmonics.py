@@ -5,10 +5,10 @@ import pytest
 
 from hbm.errors import InputError
 from hbm.fourier import Array
-from hbm.harmonicestimate import HarmonicEstimate, spectra_of_records
-from hbm.harmonics import harmonic_spectra
-from hbm.recording import Recording, recording
-from hbm.steadiness import clipped
+from hbm.measurement.harmonicestimate import HarmonicEstimate, spectra_of_records
+from hbm.measurement.harmonics import harmonic_spectra
+from hbm.measurement.recording import Recording, recording
+from hbm.measurement.steadiness import clipped
 
 HZ, RATE, H = 50.3, 1600.0, 5  # 31.8 samples per period
 TRUE = np.array([0.1, 1.0, 0.2, 0.3, 0.05, 0.02, -0.5, 0.1, 0.0, 0.03, 0.01])
@@ -70,7 +70,7 @@ def test_phases_refer_to_the_zero_of_time_whatever_settles() -> None:
 def test_standard_deviations_are_honest(periods: int) -> None:
     """95 % intervals of 1.96 std hold the truth in 95 % of 400 records, and (estimate - truth)/std has variance 1.
 
-    Student's distribution: a std from few degrees of freedom is raised by the root of nu/(nu - 2), see hbm.harmonics.
+    Student's distribution: a std from few degrees of freedom is raised by the root of nu/(nu - 2).
     4000 numbers with cos and sin sharing a std: coverage is known to 0.5 %, so 93.5 to 96.5 % is three deviations.
     From two or four periods the variance of the ratio has hardly a variance itself: judged from 8 on.
     """

@@ -57,7 +57,7 @@ def check_outputs(command: str, out: Path | None, plot: Path | None) -> None:
     """Refuse a table (csv) or a figure that could not be written, before anything is computed."""
     if out is None and plot is None:
         return
-    from hbm.files import check_output
+    from hbm.textfiles import check_output
 
     with named(command):
         if out is not None:

@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.errors import InputError
-from hbm.exchange import Named, write_arrays
-from hbm.files import StrPath, csv_text, read_rows
 from hbm.fourier import Array
 from hbm.inverse.reconstruction import SIGNALS, Reconstruction
-from hbm.outputs import columns_text, write_folder
+from hbm.measurement.exchange import Named, write_arrays
+from hbm.results.outputs import columns_text, write_folder
+from hbm.textfiles import StrPath, csv_text, read_rows
 
 RECORD = ("record", "level", "frequency_hz")
 COLUMNS = (*RECORD, "phase", *(f"{name}{part}" for name in SIGNALS for part in ("", "_std")))

@@ -1,7 +1,7 @@
 """Recordings: what was measured over time, in SI units on one time axis.
 
-:class:`Recording` is what :mod:`hbm.historyfile` reads and :mod:`hbm.harmonics` turns into spectra;
-:func:`recording` makes one of whatever a file holds, or refuses it.
+:class:`Recording` is what :mod:`hbm.measurement.historyfile` reads and :mod:`hbm.measurement.harmonics` turns into
+spectra; :func:`recording` makes one of whatever a file holds, or refuses it.
 """
 
 from collections.abc import Mapping

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.fourier import Array
-from hbm.spectra import MeasuredSpectra
-from hbm.steadiness import Leftover, Steadiness
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.measurement.steadiness import Leftover, Steadiness
 
 LEAST_SHARE = 0.001
 """Trends and lines below this part of the amplitude are not warned of, however significant."""

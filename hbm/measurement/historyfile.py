@@ -1,7 +1,7 @@
 """Time histories of measurements read from files: CSV, MAT (v5 and v7.3), UFF58, TDMS, and SEP005 dictionaries.
 
-Every reader only finds time, channels and units; :func:`hbm.recording.recording` checks and converts them. Without a
-unit, values must be in SI.
+Every reader only finds time, channels and units; :func:`hbm.measurement.recording.recording` checks and converts them.
+Without a unit, values must be in SI.
 
 ========  ==================================================  ============================  =========================
 format    time                                                channel names                 units
@@ -27,9 +27,9 @@ import numpy as np
 
 from hbm.errors import InputError
 from hbm.extras import extra
-from hbm.files import StrPath, why
 from hbm.fourier import Array
-from hbm.recording import Recording, recording, renamed
+from hbm.measurement.recording import Recording, recording, renamed
+from hbm.textfiles import StrPath, why
 
 TIMES = ("time_s", "time", "t")
 KIND = "a time history"

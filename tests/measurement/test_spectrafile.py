@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from hbm.errors import InputError
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectrafile import load_spectra, write_spectra
 from hbm.rigfile import load_rig
-from hbm.spectra import MeasuredSpectra, spectra_of
-from hbm.spectrafile import load_spectra, write_spectra
 from models import Channel, Rig
 from models.published import paper_rig
 
-SHARED = Path(__file__).parents[2] / "shared" / "data" / "examples"
+SHARED = Path(__file__).parents[3] / "shared" / "data" / "examples"
 HEADING = "record,level,frequency_hz,channel,harmonic,cos,sin,std"
 GOOD = "3,4.7,54.112,a1,1,-1.5,0.25,1e-3"
 

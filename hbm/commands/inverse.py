@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.clioptions import RigFile, Spread, console, named, print_written, quoted
+from hbm.commands.options import RigFile, Spread, console, named, print_written, quoted
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.inverse.reconstruction import Reconstruction
-    from hbm.spectra import MeasuredSpectra
+    from hbm.measurement.spectra import MeasuredSpectra
     from models.rig import Rig
 
 COMMAND = "inverse"
@@ -130,8 +130,8 @@ def record_numbers(command: str, option: str, texts: Sequence[str] | None) -> li
 
 def check_out(command: str, out: Path) -> None:
     """Refuse a folder that could not be written, before anything is computed."""
-    from hbm.inversereport import FILES
-    from hbm.outputs import check_folder
+    from hbm.results.inversereport import FILES
+    from hbm.results.outputs import check_folder
 
     with named(command):
         check_folder(out, FILES, "--out")
@@ -147,8 +147,8 @@ def check_formulation(command: str, name: str) -> None:
 
 def load(rig: Path, spectra: Path, records: Sequence[int] = ()) -> tuple["Rig", "MeasuredSpectra"]:
     """The rig and its spectra, of the records named or of all."""
+    from hbm.measurement.spectrafile import load_spectra
     from hbm.rigfile import load_rig
-    from hbm.spectrafile import load_spectra
 
     loaded = load_rig(rig)
     measured = load_spectra(spectra, loaded)
@@ -184,10 +184,10 @@ def working(doing: str) -> Iterator[None]:
 
 
 def _deliver(found: "Reconstruction", records: Sequence[int] | None, out: Path) -> None:
-    from hbm.inversefiles import NEEDED_FOR_NETCDF, NETCDF_FILE, has_netcdf
-    from hbm.inversereport import FILES, inverse_contents
-    from hbm.inversetables import print_reconstruction
-    from hbm.outputs import write_folder
+    from hbm.commands.inversetables import print_reconstruction
+    from hbm.results.inversefiles import NEEDED_FOR_NETCDF, NETCDF_FILE, has_netcdf
+    from hbm.results.inversereport import FILES, inverse_contents
+    from hbm.results.outputs import write_folder
 
     with working("drawing"):
         contents = inverse_contents(found, records)

@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
+from hbm.commands.tables import _lines, _table
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.inversereport import LEVEL_NOTE, level_table
-from hbm.tables import _lines, _table
+from hbm.results.inversereport import LEVEL_NOTE, level_table
 
 if TYPE_CHECKING:
-    from hbm.identifyreport import IdentifiedLaw
+    from hbm.results.identifyreport import IdentifiedLaw
 
 
 def print_reconstruction(console: Console, reconstruction: Reconstruction) -> None:
@@ -28,7 +28,7 @@ def print_laws_found(
     console: Console, reconstruction: Reconstruction, laws: Sequence["IdentifiedLaw"], warnings: Sequence[str]
 ) -> None:
     """Print how laws fit, the best first, with their parameters, and what to beware of."""
-    from hbm.identifyreport import law_table
+    from hbm.results.identifyreport import law_table
 
     headings, rows = law_table(laws)
     table = _table(f"{reconstruction.rig.name}, {len(reconstruction)} records", *map(_stacked, headings[:-1]))

@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.cli_inverse import SpectraFile, check_formulation, load, reconstructed, record_numbers, working
-from hbm.clioptions import RigFile, Spread, console, named, print_written, say
+from hbm.commands.inverse import SpectraFile, check_formulation, load, reconstructed, record_numbers, working
+from hbm.commands.options import RigFile, Spread, console, named, print_written, say
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.identification.identify import Identification
     from hbm.identification.outputerror import SpectraFit
     from hbm.inverse.reconstruction import Reconstruction
-    from hbm.spectra import MeasuredSpectra
+    from hbm.measurement.spectra import MeasuredSpectra
     from models.rig import Rig
 
 COMMAND = "identify"
@@ -67,8 +67,8 @@ def identify(
 
     Example:  hbm identify rig.toml spectra.csv --law coulomb-penalty --law stribeck --by-level --out laws
     """
-    from hbm.identifyreport import FILES
-    from hbm.outputs import check_folder
+    from hbm.results.identifyreport import FILES
+    from hbm.results.outputs import check_folder
 
     held = record_numbers(COMMAND, "--held-out", held_out)
     with named(COMMAND):
@@ -78,9 +78,9 @@ def identify(
     for name in law or ():
         _check_law(name)
     loaded, measured = load(rig, spectra)
+    from hbm.commands.progress import Work
     from hbm.identification.identify import LAWS
     from hbm.identification.identify import identify as fit_laws
-    from hbm.progress import Work
 
     contact = reconstructed(COMMAND, loaded, measured, formulation)
     with Work() as work:
@@ -96,8 +96,8 @@ def _on_spectra(
 ) -> tuple["SpectraFit | None", str]:
     """The best law fitted to the spectra of the records that are not held out, or why it failed."""
     from continuation import ConvergenceError
+    from hbm.commands.progress import Work
     from hbm.identification.outputerror import fit_spectra
-    from hbm.progress import Work
 
     try:
         with Work() as work:
@@ -118,9 +118,9 @@ def _check_law(name: str) -> None:
 
 
 def _deliver(found: "Identification", contact: "Reconstruction", again: "SpectraFit | None", out: Path) -> None:
-    from hbm.identifyreport import FILES, identified_law, identify_contents, law_warnings
-    from hbm.inversetables import print_laws_found
-    from hbm.outputs import write_folder
+    from hbm.commands.inversetables import print_laws_found
+    from hbm.results.identifyreport import FILES, identified_law, identify_contents, law_warnings
+    from hbm.results.outputs import write_folder
 
     by_level = {name: {level: fits[name] for level, fits in found.levels.items()} for name in found.fits}
     laws = [identified_law(fit, contact, by_level[name]) for name, fit in found.fits.items()]

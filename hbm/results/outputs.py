@@ -10,7 +10,7 @@ from typing import Any
 import numpy.typing as npt
 
 from hbm.errors import InputError
-from hbm.files import StrPath, csv_text, why, write_together
+from hbm.textfiles import StrPath, csv_text, why, write_together
 
 Columns = Mapping[str, npt.NDArray[Any]]
 """A table by its columns, all of one length."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from matplotlib.figure import Figure
 
-from hbm.outputs import Columns, columns_text
 from hbm.report.page import Section, figure_bytes, settle
+from hbm.results.outputs import Columns, columns_text
 
 FOLDER = "figures"
 

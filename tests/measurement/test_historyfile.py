@@ -12,8 +12,8 @@ import pyuff
 from scipy.io import savemat
 
 from hbm.errors import InputError
-from hbm.historyfile import load_history
-from hbm.recording import Recording
+from hbm.measurement.historyfile import load_history
+from hbm.measurement.recording import Recording
 
 RATE = 2048.0
 N = 300

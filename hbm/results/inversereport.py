@@ -11,14 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.figure import Figure
 
-from hbm import inversefiles
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.inversefiles import energy_columns, reconstruction_contents, record_columns
-from hbm.outputs import Columns
-from hbm.plates import Plate, plate_contents, plate_files
 from hbm.report import inverse as figures
 from hbm.report.page import Page, Section, Table, page_html
 from hbm.report.style import closed
+from hbm.results import inversefiles
+from hbm.results.inversefiles import energy_columns, reconstruction_contents, record_columns
+from hbm.results.outputs import Columns
+from hbm.results.plates import Plate, plate_contents, plate_files
 from hbm.version import installed_version
 
 Records = Sequence[int] | None

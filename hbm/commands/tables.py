@@ -13,10 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from hbm.curve import Assessment, ResponseCurve
-from hbm.harmonicestimate import HarmonicEstimate
 from hbm.history import TimeHistory
 from hbm.lawchoice import KnownLaw, known_law, plain
 from hbm.loop import FrictionLoop
+from hbm.measurement.harmonicestimate import HarmonicEstimate
 from hbm.modes import LinearModes
 from hbm.rigschema import accepted_setting
 from models.friction import describe

@@ -12,11 +12,11 @@ import xarray
 from scipy.io import loadmat, savemat
 
 from hbm.errors import InputError
-from hbm.exchange import write_arrays, write_recording
-from hbm.historyfile import load_history
-from hbm.recording import recording
-from hbm.spectra import MeasuredSpectra, spectra_of
-from hbm.spectrafile import load_spectra, write_spectra
+from hbm.measurement.exchange import write_arrays, write_recording
+from hbm.measurement.historyfile import load_history
+from hbm.measurement.recording import recording
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectrafile import load_spectra, write_spectra
 from models import Channel, Rig
 from models.published import paper_rig
 

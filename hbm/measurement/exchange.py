@@ -1,7 +1,7 @@
 """Spectra and recordings for other programs: NetCDF (xarray), MAT (SciPy) and UFF58 (pyuff).
 
 Each format is made and taken apart by the library its users know. Contents are built as bytes, so that a file
-appears complete or not at all (:func:`hbm.files.write_together`).
+appears complete or not at all (:func:`hbm.textfiles.write_together`).
 """
 
 import io
@@ -14,10 +14,10 @@ import numpy as np
 
 from hbm.errors import InputError
 from hbm.extras import extra
-from hbm.files import StrPath, write_together
 from hbm.fourier import Array
-from hbm.recording import Recording
-from hbm.spectra import MeasuredSpectra
+from hbm.measurement.recording import Recording
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.textfiles import StrPath, write_together
 
 PARTS = ("cos", "sin")
 UFF_TYPES = {"N": 13, "m/s2": 12, "m/s": 11, "m": 8}

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.clioptions import Spread, console, is_number, named, positive, print_written, quoted
+from hbm.commands.options import Spread, console, is_number, named, positive, print_written, quoted
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
-    from hbm.harmonicestimate import HarmonicEstimate
-    from hbm.recording import Recording
+    from hbm.measurement.harmonicestimate import HarmonicEstimate
+    from hbm.measurement.recording import Recording
     from models.rig import Rig
 
 COMMAND = "spectra"
@@ -70,19 +70,19 @@ def spectra(
 
     Example:  hbm spectra run1.csv run2.csv --fundamental 48 49.5 --settle 2 --rig rig.toml --out spectra.csv
     """
-    from hbm.files import check_output
-    from hbm.spectrafile import WRITTEN
+    from hbm.measurement.spectrafile import WRITTEN
+    from hbm.textfiles import check_output
 
     with named(COMMAND):
         check_output(out, WRITTEN, "--out")
     hz = _per_file("--fundamental", fundamental, "Hz", histories)
     levels = _per_file("--level", level, "N", histories) if level else None
     H, seconds, columns = _harmonics(harmonics), _settle(settle), _columns(channel or ())
-    from hbm.harmonicestimate import spectra_of_records
-    from hbm.harmonics import harmonic_spectra
+    from hbm.commands.tables import print_spectra
+    from hbm.measurement.harmonicestimate import spectra_of_records
+    from hbm.measurement.harmonics import harmonic_spectra
+    from hbm.measurement.spectrafile import write_spectra
     from hbm.rigfile import load_rig
-    from hbm.spectrafile import write_spectra
-    from hbm.tables import print_spectra
 
     loaded = None if rig is None else load_rig(rig)
     recordings = [_recorded(path, columns, loaded) for path in histories]
@@ -139,7 +139,7 @@ def _columns(texts: Sequence[str]) -> dict[str, str]:
 
 def _recorded(path: Path, columns: dict[str, str], rig: "Rig | None") -> "Recording":
     """A history whose channels are the rig's, in their units."""
-    from hbm.historyfile import load_history
+    from hbm.measurement.historyfile import load_history
     from models.rig import UNITS
 
     recorded = load_history(path, columns)

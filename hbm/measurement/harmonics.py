@@ -23,9 +23,9 @@ from scipy.optimize import minimize_scalar
 
 from hbm.errors import InputError
 from hbm.fourier import Array
-from hbm.harmonicestimate import ChannelQuality, HarmonicEstimate
-from hbm.recording import Recording
-from hbm.steadiness import clipped, leftover, steadiness
+from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
+from hbm.measurement.recording import Recording
+from hbm.measurement.steadiness import clipped, leftover, steadiness
 
 FEWEST_BLOCKS = 4
 BLOCKS = 32

@@ -1,7 +1,7 @@
 """Spectra files: measured harmonic coefficients read, checked and written, formats.md section 2.
 
 The CSV file is the contract; NetCDF and MAT files hold the same numbers and are read back through the same checks,
-see :mod:`hbm.exchange`.
+see :mod:`hbm.measurement.exchange`.
 """
 
 import json
@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hbm.errors import InputError
-from hbm.exchange import mat_bytes, mat_rows, netcdf_bytes, netcdf_rows, uff_bytes
-from hbm.files import StrPath, csv_text, read_rows, write_together
-from hbm.spectra import MeasuredSpectra
+from hbm.measurement.exchange import mat_bytes, mat_rows, netcdf_bytes, netcdf_rows, uff_bytes
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.textfiles import StrPath, csv_text, read_rows, write_together
 from models.rig import Rig
 
 COLUMNS = ("record", "level", "frequency_hz", "channel", "harmonic", "cos", "sin", "std")
