@@ -126,9 +126,11 @@ def _deliver(found: "Identification", contact: "Reconstruction", again: "Spectra
     laws = [identified_law(fit, contact, by_level[name]) for name, fit in found.fits.items()]
     warnings: Sequence[str] = [*contact.warnings, *(line for fit in found.fits.values() for line in law_warnings(fit))]
     with working("drawing"):
-        contents = identify_contents(contact, laws, output_error=again, warnings=warnings)
+        verdict = found.comparison.verdict
+        contents = identify_contents(contact, laws, verdict=verdict, output_error=again, warnings=warnings)
     written = write_folder(out, contents, FILES)
     print_laws_found(console(), contact, laws, warnings)
+    print(verdict)
     if again is not None:
         print(again)
     print_written(written)

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from hbm.commands.tables import _lines, _table
+from hbm.commands.tables import print_lines, titled_table
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.results.inversereport import LEVEL_NOTE, level_table
 
@@ -17,11 +17,11 @@ def print_reconstruction(console: Console, reconstruction: Reconstruction) -> No
     """Print what was found at each level, and what to beware of."""
     headings, rows = level_table(reconstruction)
     title = f"{reconstruction.rig.name}, {reconstruction.formulation}"
-    table = _table(title, *map(_stacked, headings))
+    table = titled_table(title, *map(_stacked, headings))
     for row in rows:
         table.add_row(*row)
     console.print(table)
-    _lines(console, [LEVEL_NOTE, *(f"warning: {warning}" for warning in reconstruction.warnings)])
+    print_lines(console, [LEVEL_NOTE, *(f"warning: {warning}" for warning in reconstruction.warnings)])
 
 
 def print_laws_found(
@@ -31,13 +31,13 @@ def print_laws_found(
     from hbm.results.identifyreport import law_table
 
     headings, rows = law_table(laws)
-    table = _table(f"{reconstruction.rig.name}, {len(reconstruction)} records", *map(_stacked, headings[:-1]))
+    table = titled_table(f"{reconstruction.rig.name}, {len(reconstruction)} records", *map(_stacked, headings[:-1]))
     for *row, _ in rows:
         table.add_row(*row)
     console.print(table)
     for *row, values in rows:
-        _lines(console, [f"{row[0]}: {values}"])
-    _lines(console, [f"warning: {warning}" for warning in warnings])
+        print_lines(console, [f"{row[0]}: {values}"])
+    print_lines(console, [f"warning: {warning}" for warning in warnings])
 
 
 def _stacked(heading: str) -> str:

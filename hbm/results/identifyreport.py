@@ -137,6 +137,7 @@ def identify_contents(
     reconstruction: Reconstruction,
     laws: Sequence[IdentifiedLaw],
     *,
+    verdict: str = "",
     output_error: SpectraFit | None = None,
     warnings: Sequence[str] = (),
 ) -> dict[str, str | bytes]:
@@ -147,6 +148,8 @@ def identify_contents(
     reconstruction : Reconstruction
         What the laws were fitted to.
     laws : sequence of IdentifiedLaw
+    verdict : str
+        Which law is best, and which cannot be told from it.
     output_error : SpectraFit, optional
         The best law fitted to the spectra themselves.
     warnings : sequence of str
@@ -159,7 +162,7 @@ def identify_contents(
     contents: dict[str, str | bytes] = {
         LAW_FILE: columns_text(law_columns(laws)),
         PARAMETER_FILE: columns_text(parameter_columns(laws)),
-        PAGE_FILE: page_html(identify_page(reconstruction, laws, plates, output_error, warnings)),
+        PAGE_FILE: page_html(identify_page(reconstruction, laws, plates, verdict, output_error, warnings)),
     }
     if output_error is not None:
         contents[OUTPUT_ERROR_FILE] = columns_text(output_error_columns(output_error))
@@ -333,8 +336,9 @@ def identify_page(
     reconstruction: Reconstruction,
     laws: Sequence[IdentifiedLaw],
     plates: Sequence[Plate],
-    output_error: SpectraFit | None = None,
-    warnings: Sequence[str] = (),
+    verdict: str,
+    output_error: SpectraFit | None,
+    warnings: Sequence[str],
 ) -> Page:
     """The page about identified laws, with its figures."""
     best, r = ranked(laws)[0], reconstruction
@@ -348,6 +352,7 @@ def identify_page(
         lead=(
             f"{len(laws)} friction law{'s' * (len(laws) > 1)} fitted to the friction force that was reconstructed from "
             f"{len(r)} records, weighed by its uncertainty.",
+            *filter(None, [verdict]),
         ),
         warnings=warnings,
         summary=(
