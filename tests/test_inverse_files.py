@@ -163,7 +163,7 @@ def test_nothing_is_left_of_a_folder_that_could_not_be_written(tmp_path: Path, m
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "a.txt")
 
-    monkeypatch.setattr("hbm.results.files.os.replace", full)
+    monkeypatch.setattr("hbm.textfiles.os.replace", full)
     with pytest.raises(InputError, match="no space left on device"):
         write_folder(tmp_path / "out", {"a.txt": "1", "figures/b.txt": b"2"})
     assert list(tmp_path.iterdir()) == []

@@ -28,6 +28,9 @@ ORDERS = np.array([0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
 SIZES = 57
 """Sizes that are tried, from a tenth of the smallest harmonic to ten times the largest, each divided by k^-p."""
 
+MOST_NUMBERS = 4_000_000
+"""Likelihoods that are held in memory at once."""
+
 AS_LIKELY = 2.0
 """Largest size counts whose log-likelihood is so close to the best: the upper end of its 95 % interval."""
 
@@ -169,25 +172,37 @@ def prior(amplitude: Array, std: Array) -> tuple[Array, Array, Array]:
     size, largest : (r, 2) arrays
         Of even and of odd harmonics: the most likely, and the largest as likely within the noise [N].
     """
-    k = np.arange(1, amplitude.shape[1] + 1)
-    decay = k ** -ORDERS[:, None]
-    orders, (sizes, largest) = np.empty(len(amplitude)), np.empty((2, len(amplitude), 2))
-    for r, (a, s) in enumerate(zip(amplitude, std, strict=True)):
-        seen = np.isfinite(s)
-        own = np.maximum(a[seen] / decay[:, seen], np.finfo(float).tiny)
-        tried = np.geomspace(0.1 * own.min(axis=1), 10.0 * own.max(axis=1), SIZES)  # (sizes, orders)
-        variance = (tried[:, :, None] * decay) ** 2 + np.where(seen, s, 1.0) ** 2
-        terms = np.where(seen, -np.log(variance) - a**2 / (2 * variance), 0.0)  # cos and sin
-        kinds = [seen & (k % 2 == odd) for odd in (0, 1)]
-        kinds = [kind if kind.any() else seen for kind in kinds]  # harmonics of a kind not measured are like the others
-        likelihood = [terms[..., kind].sum(axis=2) for kind in kinds]  # (sizes, orders)
-        best = int(np.argmax(likelihood[0].max(axis=0) + likelihood[1].max(axis=0)))
-        orders[r] = ORDERS[best]
-        for kind, of in enumerate(likelihood):
-            sizes[r, kind] = tried[np.argmax(of[:, best]), best]
-            likely = np.flatnonzero(of[:, best] >= of[:, best].max() - AS_LIKELY)
-            largest[r, kind] = tried[likely[-1], best]
-    return orders, sizes, largest
+    parts = max(1, amplitude.size * SIZES * len(ORDERS) // MOST_NUMBERS)
+    rows = zip(np.array_split(amplitude, parts), np.array_split(std, parts), strict=True)
+    orders, sizes, largest = zip(*(_most_likely_decay(a, s) for a, s in rows), strict=True)
+    return np.concatenate(orders), np.concatenate(sizes), np.concatenate(largest)
+
+
+def _most_likely_decay(a: Array, std: Array) -> tuple[Array, Array, Array]:
+    """Order and sizes of some records at once, see :func:`prior`."""
+    k, every = np.arange(1, a.shape[1] + 1), np.arange(len(a))
+    decay, seen = k ** -ORDERS[:, None], np.isfinite(std)
+    own = np.maximum(a[:, None] / decay, np.finfo(float).tiny)  # (r, orders, H)
+    low = np.where(seen[:, None], own, np.inf).min(axis=2)
+    low, high = np.where(np.isfinite(low), low, 1.0), np.where(seen[:, None], own, 0.0).max(axis=2)
+    tried = np.geomspace(0.1 * low, 10.0 * np.maximum(high, low), SIZES, axis=1)  # (r, sizes, orders)
+    variance = (tried[..., None] * decay) ** 2 + np.where(seen, std, 1.0)[:, None, None] ** 2
+    terms = np.where(
+        seen[:, None, None], -np.log(variance) - a[:, None, None] ** 2 / (2 * variance), 0.0
+    )  # cos and sin
+    likelihood = np.stack([_of_kind(terms, seen, k % 2 == odd) for odd in (0, 1)], axis=1)  # (r, kinds, sizes, orders)
+    best = likelihood.max(axis=2).sum(axis=1).argmax(axis=1)
+    likelihood, tried = likelihood[every, :, :, best], tried[every, :, best]  # (r, kinds, sizes), (r, sizes)
+    likely = likelihood >= likelihood.max(axis=2, keepdims=True) - AS_LIKELY
+    last = SIZES - 1 - likely[..., ::-1].argmax(axis=2)
+    return ORDERS[best], tried[every[:, None], likelihood.argmax(axis=2)], tried[every[:, None], last]
+
+
+def _of_kind(terms: Array, seen: npt.NDArray[np.bool_], kind: npt.NDArray[np.bool_]) -> Array:
+    """Sum over harmonics of a kind; where none was measured they are like the others, (r, sizes, orders)."""
+    chosen = seen & kind
+    chosen = np.where(chosen.any(axis=1, keepdims=True), chosen, seen)
+    return np.asarray(np.einsum("rsoh,rh->rso", terms, chosen))
 
 
 def _solve(sensing: Sensing, mean: Array, expected: Array) -> Solution:
