@@ -5,9 +5,14 @@ In reading order: :func:`load_rig` makes a :class:`models.Rig` of a rig file; :f
 :class:`PeriodicSolution` objects, as :func:`steady_state` returns one; their channels are the rig's and the computed
 ``drive``, ``slip``, ``slip_velocity``, ``friction``, ``normal``. :func:`sensitivities` differentiates one of them
 to the parameters of its rig. :func:`simulate` marches the same rig in time and
-returns a :class:`TimeHistory`; :func:`friction_loop` shows a friction law alone, under a prescribed slip. What a user
-can get wrong is an :class:`InputError`; what cannot be computed, a :class:`ConvergenceError`. Figures are in
-:mod:`hbm.report`, files in :mod:`hbm.files`.
+returns a :class:`TimeHistory`; :func:`friction_loop` shows a friction law alone, under a prescribed slip.
+
+From measurements: :func:`load_history` and :func:`harmonic_spectra` make :class:`MeasuredSpectra` of recordings,
+:func:`load_spectra` reads them; :func:`reconstruct` finds friction, reaction and slip at the contact with their
+uncertainty, a :class:`Reconstruction`; :func:`identify` fits friction laws to it, :func:`fit_spectra` the whole rig
+to the spectra; :func:`place_sensors` says where sensors belong. What a user can get wrong is an
+:class:`InputError`; what cannot be computed, a :class:`ConvergenceError`. Figures are in :mod:`hbm.report`, files
+in :mod:`hbm.results.files`.
 
 Six lines from a rig to a figure::
 
@@ -30,13 +35,25 @@ if TYPE_CHECKING:
     from hbm.accuracy import frequency_response
     from hbm.curve import Assessment, NumericalError, ResponseCurve
     from hbm.errors import InputError
-    from hbm.files import SavedCurve, read_curves, write_curves, write_history
     from hbm.history import TimeHistory
+    from hbm.identification.identify import Identification, identify
+    from hbm.identification.lawfit import LawFit
+    from hbm.identification.outputerror import SpectraFit, fit_spectra
     from hbm.integrate import simulate
+    from hbm.inverse.placement import Placement, place_sensors
+    from hbm.inverse.reconstruct import reconstruct
+    from hbm.inverse.reconstruction import Reconstruction
     from hbm.lawchoice import choose_law
     from hbm.loop import FrictionLoop, friction_loop
+    from hbm.measurement.harmonicestimate import HarmonicEstimate
+    from hbm.measurement.harmonics import harmonic_spectra
+    from hbm.measurement.historyfile import load_history
+    from hbm.measurement.recording import Recording
+    from hbm.measurement.spectra import MeasuredSpectra
+    from hbm.measurement.spectrafile import load_spectra, write_spectra
     from hbm.modes import LinearModes, linear_modes
     from hbm.response import force_response, steady_state, trace_frequency
+    from hbm.results.files import SavedCurve, read_curves, write_curves, write_history
     from hbm.rigfile import load_rig
     from hbm.sensitivity import Sensitivities, sensitivities
     from hbm.solution import PeriodicSolution
@@ -47,27 +64,43 @@ __all__ = [
     "Assessment",
     "ConvergenceError",
     "FrictionLoop",
+    "HarmonicEstimate",
+    "Identification",
     "InputError",
+    "LawFit",
     "LinearModes",
+    "MeasuredSpectra",
     "NumericalError",
     "PeriodicSolution",
+    "Placement",
+    "Reconstruction",
+    "Recording",
     "ResponseCurve",
     "SavedCurve",
     "Sensitivities",
+    "SpectraFit",
     "TimeHistory",
     "choose_law",
+    "fit_spectra",
     "force_response",
     "frequency_response",
     "friction_loop",
+    "harmonic_spectra",
+    "identify",
     "linear_modes",
+    "load_history",
     "load_rig",
+    "load_spectra",
+    "place_sensors",
     "read_curves",
+    "reconstruct",
     "sensitivities",
     "simulate",
     "steady_state",
     "trace_frequency",
     "write_curves",
     "write_history",
+    "write_spectra",
 ]
 
 _HOMES = {
@@ -75,13 +108,25 @@ _HOMES = {
     "hbm.accuracy": ("frequency_response",),
     "hbm.curve": ("Assessment", "NumericalError", "ResponseCurve"),
     "hbm.errors": ("InputError",),
-    "hbm.files": ("SavedCurve", "read_curves", "write_curves", "write_history"),
     "hbm.history": ("TimeHistory",),
+    "hbm.identification.identify": ("Identification", "identify"),
+    "hbm.identification.lawfit": ("LawFit",),
+    "hbm.identification.outputerror": ("SpectraFit", "fit_spectra"),
     "hbm.integrate": ("simulate",),
+    "hbm.inverse.placement": ("Placement", "place_sensors"),
+    "hbm.inverse.reconstruct": ("reconstruct",),
+    "hbm.inverse.reconstruction": ("Reconstruction",),
     "hbm.lawchoice": ("choose_law",),
     "hbm.loop": ("FrictionLoop", "friction_loop"),
+    "hbm.measurement.harmonicestimate": ("HarmonicEstimate",),
+    "hbm.measurement.harmonics": ("harmonic_spectra",),
+    "hbm.measurement.historyfile": ("load_history",),
+    "hbm.measurement.recording": ("Recording",),
+    "hbm.measurement.spectra": ("MeasuredSpectra",),
+    "hbm.measurement.spectrafile": ("load_spectra", "write_spectra"),
     "hbm.modes": ("LinearModes", "linear_modes"),
     "hbm.response": ("force_response", "steady_state", "trace_frequency"),
+    "hbm.results.files": ("SavedCurve", "read_curves", "write_curves", "write_history"),
     "hbm.rigfile": ("load_rig",),
     "hbm.sensitivity": ("Sensitivities", "sensitivities"),
     "hbm.solution": ("PeriodicSolution",),
@@ -91,7 +136,9 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        return _version()
+        from hbm.version import installed_version
+
+        return installed_version()
     if name not in _HOME:
         raise AttributeError(f"module 'hbm' has no attribute {name!r}")
     return getattr(import_module(_HOME[name]), name)
@@ -99,12 +146,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__, "__version__"})
-
-
-def _version() -> str:
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("casadi-hbm")
-    except PackageNotFoundError:  # run from its sources
-        return "0+source"

@@ -5,18 +5,29 @@ input, nothing was written. Every failure is one line on stderr. Heavy modules a
 that needs them.
 """
 
-import json
-import math
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer._click.exceptions import NoArgsIsHelpError, UsageError
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 
+from hbm.commands.identify import SpreadIdentify, identify
+from hbm.commands.inverse import SpreadInverse, inverse
+from hbm.commands.options import (
+    RigFile,
+    Spread,
+    check_outputs,
+    console,
+    named,
+    positive,
+    print_written,
+    quoted,
+    say,
+)
+from hbm.commands.spectra import SpreadSpectra, spectra
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,7 +39,6 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 """Status that Typer gives to a keyboard interrupt."""
 
-FIGURES = (".png", ".pdf", ".svg")
 LARGEST_H = 200
 LARGEST_HISTORY = 20_000_000  # samples
 
@@ -42,31 +52,7 @@ class OneLine(TyperGroup):
         sys.exit(_status(lambda: super(OneLine, self).main(*args, **options)))
 
 
-class Spread(TyperCommand):
-    """A command whose ``--level`` takes several numbers, ``--level 2 4 6``."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> Any:
-        """Put the flag before each of the numbers."""
-        return super().parse_args(ctx, spread("--level", args))
-
-
-def spread(flag: str, args: Sequence[str]) -> list[str]:
-    """Repeat a flag before each of the numbers after it.
-
-    >>> spread("--level", ["rig.toml", "--level", "2", "4", "--out", "a.csv"])
-    ['rig.toml', '--level', '2', '--level', '4', '--out', 'a.csv']
-    """
-    out: list[str] = []
-    for arg in args:
-        if len(out) > 1 and out[-2] == flag and _is_number(arg):
-            out.append(flag)
-        out.append(arg)
-    return out
-
-
 app = typer.Typer(cls=OneLine, no_args_is_help=True, add_completion=True, pretty_exceptions_enable=False)
-
-RigFile = Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML).", show_default=False)]
 
 
 def main() -> None:
@@ -82,12 +68,12 @@ def _status(run: Callable[[], Any]) -> int:
     try:
         status = int(run() or 0)
     except InputError as refused:
-        return _say(str(refused), 2)
+        return say(str(refused), 2)
     except (ArithmeticError, MemoryError) as failed:
-        return _say(f"hbm: {str(failed) or 'out of memory'}", 1)
+        return say(f"hbm: {str(failed) or 'out of memory'}", 1)
     except UsageError as misused:
-        return _say(_usage(misused), misused.exit_code)
-    return _say("hbm: interrupted, nothing written", 1) if status == INTERRUPTED else status
+        return say(_usage(misused), misused.exit_code)
+    return say("hbm: interrupted, nothing written", 1) if status == INTERRUPTED else status
 
 
 def _usage(error: UsageError) -> str:
@@ -96,11 +82,6 @@ def _usage(error: UsageError) -> str:
     path = error.ctx.command_path if error.ctx else "hbm"
     text = error.format_message().rstrip(".")
     return f"{path}: {text[:1].lower()}{text[1:]}; see {path} --help"
-
-
-def _say(line: str, status: int) -> int:
-    print(" ".join(line.split()), file=sys.stderr)
-    return status
 
 
 # --------------------------------------------------------------------------------------------------------- commands
@@ -132,12 +113,12 @@ def modes(rig: RigFile) -> None:
 
     Example:  hbm modes examples/paper_beam.toml
     """
+    from hbm.commands.tables import print_modes
     from hbm.modes import linear_modes
     from hbm.rigfile import load_rig
-    from hbm.tables import print_modes
 
     loaded = load_rig(rig)
-    print_modes(_console(), loaded, linear_modes(loaded))
+    print_modes(console(), loaded, linear_modes(loaded))
 
 
 @app.command()
@@ -164,20 +145,20 @@ def laws(
 
     Example:  hbm laws dahl iwan --plot loops.png
     """
-    _check_outputs("laws", None, plot)
+    check_outputs("laws", None, plot)
     for option, given in {"--slip": slip, "--frequency": frequency, "--load": load}.items():
         if given is not None and plot is None:
             raise InputError(f"laws: {option} without --plot; must have both")
-    amplitude = _positive("laws", "--slip", slip or "1e-5", "m")
-    hz = _positive("laws", "--frequency", frequency or "50", "Hz")
-    force = _positive("laws", "--load", load or "83", "N")
+    amplitude = positive("laws", "--slip", slip or "1e-5", "m")
+    hz = positive("laws", "--frequency", frequency or "50", "Hz")
+    force = positive("laws", "--load", load or "83", "N")
     chosen = _laws(names)
     if plot is not None:
         _deliver_loops(_with_values(chosen, refuse=bool(names)), amplitude, hz, force, plot)
         return
-    from hbm.tables import print_laws
+    from hbm.commands.tables import print_laws
 
-    print_laws(_console(), chosen, detailed=bool(names))
+    print_laws(console(), chosen, detailed=bool(names))
 
 
 @app.command(cls=Spread)
@@ -221,11 +202,11 @@ def frf(
     from hbm.lawchoice import choose_law
     from hbm.rigfile import load_rig
 
-    _check_outputs("frf", out, plot)
+    check_outputs("frf", out, plot)
     hz, levels, H = _range(begin, end), _levels(level), _harmonics(harmonics)
     loaded = load_rig(rig)
     if law is not None:
-        with _named("frf"):
+        with named("frf"):
             choice = choose_law(loaded, law)
         loaded = choice.rig
         print(choice)
@@ -234,7 +215,7 @@ def frf(
     if curves:
         _deliver_curves(curves, out, plot)
     for failure in failures:
-        _say(failure, 1)
+        say(failure, 1)
     if failures:
         raise typer.Exit(1)
 
@@ -256,37 +237,21 @@ def simulate(
 
     Example:  hbm simulate examples/paper_beam.toml --frequency 50 --duration 2 --out run.csv --plot run.png
     """
-    _check_outputs("simulate", out, plot)
-    hz = _positive("simulate", "--frequency", frequency, "Hz")
-    seconds = 50.0 / hz if duration is None else _positive("simulate", "--duration", duration, "s")
+    check_outputs("simulate", out, plot)
+    hz = positive("simulate", "--frequency", frequency, "Hz")
+    seconds = 50.0 / hz if duration is None else positive("simulate", "--duration", duration, "s")
     _check_duration(hz, seconds)
     from hbm.rigfile import load_rig
 
     _deliver_history(_march(load_rig(rig), hz, seconds), out, plot, contact=contact)
 
 
+app.command(cls=SpreadSpectra)(spectra)
+app.command(cls=SpreadInverse)(inverse)
+app.command(cls=SpreadIdentify)(identify)
+
+
 # ---------------------------------------------------------------------------------------------------------- options
-
-
-def _check_outputs(command: str, out: Path | None, plot: Path | None) -> None:
-    if out is None and plot is None:
-        return
-    from hbm.files import check_output
-
-    with _named(command):
-        if out is not None:
-            check_output(out, (".csv",), "--out")
-        if plot is not None:
-            check_output(plot, FIGURES, "--plot")
-
-
-@contextmanager
-def _named(command: str) -> Iterator[None]:
-    """Put the command's name before what is refused."""
-    try:
-        yield
-    except InputError as refused:
-        raise InputError(f"{command}: {refused}") from None
 
 
 def _laws(names: Sequence[str] | None) -> list[Any]:
@@ -298,7 +263,7 @@ def _laws(names: Sequence[str] | None) -> list[Any]:
         try:
             laws.append(find_law(name, Path()))
         except InputError as refused:
-            raise InputError(f"laws: {_quoted(name)}; {refused}") from None
+            raise InputError(f"laws: {quoted(name)}; {refused}") from None
     return laws
 
 
@@ -320,14 +285,14 @@ def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
     if begin is None or end is None:
         given, missing = ("--from", "--to") if end is None else ("--to", "--from")
         raise InputError(f"frf: {given} without {missing}; must have both or neither")
-    hz = _positive("frf", "--from", begin, "Hz"), _positive("frf", "--to", end, "Hz")
+    hz = positive("frf", "--from", begin, "Hz"), positive("frf", "--to", end, "Hz")
     if hz[0] == hz[1]:
         raise InputError(f"frf: --to = {end}; must differ from --from = {begin}")
     return hz
 
 
 def _levels(texts: list[str] | None) -> list[float]:
-    levels = [_positive("frf", "--level", text, "N") for text in texts or ()]
+    levels = [positive("frf", "--level", text, "N") for text in texts or ()]
     for i, level in enumerate(levels):
         if level in levels[:i]:
             raise InputError(f"frf: --level = {level:g} twice; must be different forces")
@@ -338,14 +303,8 @@ def _harmonics(text: str) -> int | None:
     if text == "auto":
         return None
     if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= LARGEST_H):
-        raise InputError(f"frf: --harmonics = {_quoted(text)}; must be auto or a whole number from 1 to {LARGEST_H}")
+        raise InputError(f"frf: --harmonics = {quoted(text)}; must be auto or a whole number from 1 to {LARGEST_H}")
     return int(text)
-
-
-def _positive(command: str, option: str, text: str, unit: str) -> float:
-    if not _is_number(text) or not (math.isfinite(float(text)) and float(text) > 0.0):
-        raise InputError(f"{command}: {option} = {_quoted(text)}; must be a number > 0 [{unit}]")
-    return float(text)
 
 
 def _check_duration(hz: float, seconds: float) -> None:
@@ -357,18 +316,6 @@ def _check_duration(hz: float, seconds: float) -> None:
         raise InputError(f"simulate: --duration = {seconds:g}; must be <= {most:.6g} s at {hz:g} Hz, for memory's sake")
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _quoted(text: str) -> str:
-    return text if _is_number(text) else json.dumps(text, ensure_ascii=False)
-
-
 # -------------------------------------------------------------------------------------------------------- computing
 
 
@@ -378,7 +325,7 @@ def _responses(
     """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
     from continuation import ConvergenceError
     from hbm.accuracy import frequency_response
-    from hbm.progress import Sweep
+    from hbm.commands.progress import Sweep
     from hbm.response import default_sweep
 
     curves: list[ResponseCurve] = []
@@ -402,8 +349,8 @@ def _partial(curve: "ResponseCurve") -> str:
 
 
 def _march(rig: "Rig", hz: float, seconds: float) -> "TimeHistory":
+    from hbm.commands.progress import Sweep
     from hbm.integrate import simulate as march
-    from hbm.progress import Sweep
 
     with Sweep("time", 0.0, seconds, unit="s") as progress:
         return march(rig, hz, duration=seconds, progress=progress.time)
@@ -412,68 +359,54 @@ def _march(rig: "Rig", hz: float, seconds: float) -> "TimeHistory":
 # --------------------------------------------------------------------------------------------------------- delivery
 
 
-def _console() -> Any:
-    from rich.console import Console
-
-    if sys.stdout.isatty():
-        return Console(width=max(80, Console().width))  # a narrow terminal wraps lines, no number is cut
-    return Console(width=120, force_terminal=False, color_system=None)  # piped: no escapes, nothing cut
-
-
 def _deliver_loops(known: Sequence["KnownLaw"], slip: float, hz: float, load: float, plot: Path) -> None:
-    from hbm.files import write_figure
+    from hbm.commands.tables import print_loops
     from hbm.loop import friction_loop
     from hbm.report import plot_loops
-    from hbm.tables import print_loops
+    from hbm.results.files import write_figure
 
     loops = [friction_loop(k.law, slip, hz, load=load) for k in known]
     write_figure(plot, plot_loops(loops))
-    print_loops(_console(), loops, [k.name for k in known])
-    _print_written([plot])
+    print_loops(console(), loops, [k.name for k in known])
+    print_written([plot])
 
 
 def _deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None) -> None:
     written = []
     if out is not None:
-        from hbm.files import companion, write_curves
+        from hbm.results.files import companion, write_curves
 
         write_curves(out, curves)
         written += [out, companion(out)]
     if plot is not None:
-        from hbm.files import write_figure
         from hbm.report import plot_curves
+        from hbm.results.files import write_figure
 
         write_figure(plot, plot_curves(curves))
         written.append(plot)
-    from hbm.tables import print_curves
+    from hbm.commands.tables import print_curves
 
-    print_curves(_console(), curves)
-    _print_written(written)
+    print_curves(console(), curves)
+    print_written(written)
 
 
 def _deliver_history(history: "TimeHistory", out: Path | None, plot: Path | None, *, contact: bool) -> None:
     written = []
     if out is not None:
-        from hbm.files import write_history
+        from hbm.results.files import write_history
 
         write_history(out, history, contact=contact)
         written.append(out)
     if plot is not None:
-        from hbm.files import write_figure
         from hbm.report import plot_history
+        from hbm.results.files import write_figure
 
         write_figure(plot, plot_history(history))
         written.append(plot)
-    from hbm.tables import print_history
+    from hbm.commands.tables import print_history
 
-    print_history(_console(), history)
-    _print_written(written)
-
-
-def _print_written(files: Sequence[Path]) -> None:
-    """Name the files, which exist before anything is printed: a closed pipe loses no result."""
-    for file in files:
-        print(f"wrote {file}")
+    print_history(console(), history)
+    print_written(written)
 
 
 if __name__ == "__main__":

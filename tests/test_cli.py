@@ -20,12 +20,12 @@ import hbm.accuracy
 import hbm.integrate
 from continuation import ConvergenceError, End
 from hbm.cli import app
+from hbm.commands.tables import print_laws
 from hbm.curve import ResponseCurve
 from hbm.errors import InputError
-from hbm.files import read_curves
 from hbm.lawchoice import choose_law
 from hbm.modes import contact_stiffness, linear_modes
-from hbm.tables import print_laws
+from hbm.results.files import read_curves
 from models import LAWS, FrictionLaw, Jenkins, describe
 from models.published import (
     ASSUMED_IWAN,
@@ -249,7 +249,7 @@ def test_linear_rig_peaks_at_its_closed_form(tmp_path: Path) -> None:
 
 
 def test_levels_may_be_repeated_or_listed() -> None:
-    from hbm.cli import spread
+    from hbm.commands.options import spread
 
     assert spread("--level", ["--level", "2", "--level", "4"]) == ["--level", "2", "--level", "4"]
     assert spread("--level", ["--level", "2", "4", "-1", "rig.toml", "5"]) == [
@@ -484,7 +484,8 @@ def test_help_and_version_load_nothing_heavy(args: list[str]) -> None:
 
 
 def test_only_figures_load_matplotlib() -> None:
-    code = "import sys, hbm, hbm.files, hbm.tables, hbm.progress\nhbm.simulate\nprint('matplotlib' in sys.modules)"
+    modules = "sys, hbm, hbm.results.files, hbm.commands.tables, hbm.commands.progress"
+    code = f"import {modules}\nhbm.simulate\nprint('matplotlib' in sys.modules)"
     assert python(code) == "False\n"
 
 

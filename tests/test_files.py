@@ -15,10 +15,11 @@ import hbm
 from hbm.accuracy import frequency_response
 from hbm.curve import ResponseCurve
 from hbm.errors import InputError
-from hbm.files import check_output, companion, read_curves, write_curves, write_figure, write_history, write_together
 from hbm.history import TimeHistory
 from hbm.integrate import simulate
+from hbm.results.files import companion, read_curves, write_curves, write_figure, write_history
 from hbm.rigfile import COMPUTED_CHANNELS, load_rig
+from hbm.textfiles import check_output, write_together
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

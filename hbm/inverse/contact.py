@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from hbm.fourier import Array
 from hbm.inverse.contactforce import ForceEstimate, product, to_amplitudes, to_samples
@@ -55,13 +56,16 @@ class Contact:
         """Standard deviation of each cosine and sine of a signal by noise, (r, H+1)."""
         return np.asarray(np.linalg.norm(self._deviations(name), axis=2))
 
-    def mean_std(self, name: str) -> Array:
-        """Standard deviation of a signal's mean where the contact slips, (r,).
+    def mean_std(self, name: str, slips: npt.NDArray[np.bool_]) -> Array:
+        """Standard deviation of a signal's mean, (r,).
 
-        The mean friction comes from the force at two instants, see :func:`hbm.inverse.reconstruct.reconstruct`.
+        The mean friction of a contact that slips comes from the force at two instants, see
+        :func:`hbm.inverse.reconstruct.reconstruct`. One that sticks may keep any mean; what else follows from it is
+        taken to be as uncertain as if it were as large as friction itself.
         """
         at_once = np.sqrt(np.sum(self.std("friction")[:, 1:] ** 2, axis=1) + self.unseen("friction") ** 2)
-        return np.asarray(np.abs(self._rows[name][:, 0] @ self._static) * at_once / np.sqrt(2.0))
+        mean = np.where(slips, at_once / np.sqrt(2.0), self.samples["friction"].std(axis=1))
+        return np.asarray(np.abs(self._rows[name][:, 0] @ self._static) * mean)
 
     @property
     def _static(self) -> Array:
@@ -160,7 +164,7 @@ def _rows(sensing: Sensing, i_omega: Complex) -> dict[str, Complex]:
         head = np.stack([friction * one, force * one], axis=2)
         return np.concatenate([head, np.broadcast_to(q, (*i_omega.shape, s.n))], axis=2).astype(complex)
 
-    inertia = i_omega[..., None] ** 2 * reaction.inertia + i_omega[..., None] * reaction.damping
+    inertia = i_omega[..., None] ** 2 * reaction.inertia + i_omega[..., None] * reaction.damping + reaction.stiffness
     slip = row(s.compliance, s.residual.slip_by_force, s.slip_row)
     return {
         "friction": row(1.0, 0.0, np.zeros(s.n)),

@@ -10,8 +10,9 @@ k^-p. Its size, for odd and for even harmonics, and its order p are those that m
 likely (empirical Bayes, the Gaussian form of generalised Tikhonov regularisation): the noise decides, not a hand.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -21,11 +22,14 @@ from hbm.inverse.sensing import Complex, Sensing
 
 Indices = npt.NDArray[np.signedinteger[Any]]
 
-ORDERS = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
+ORDERS = np.array([0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
 """Orders p of the prior that are tried; a force that jumps has 1, one with corners 2."""
 
-SIZES = np.logspace(-6, 1, 57)
-"""Sizes that are tried, relative to the largest harmonic."""
+SIZES = 57
+"""Sizes that are tried, from a tenth of the smallest harmonic to ten times the largest, each divided by k^-p."""
+
+MOST_NUMBERS = 4_000_000
+"""Likelihoods that are held in memory at once."""
 
 AS_LIKELY = 2.0
 """Largest size counts whose log-likelihood is so close to the best: the upper end of its 95 % interval."""
@@ -40,8 +44,8 @@ MOST_ITERATIONS = 60
 
 
 @dataclass(frozen=True, eq=False)
-class ForceEstimate:
-    """Friction, excitation and motion of r records at harmonics 0..H, and their joint uncertainty.
+class Solution:
+    """Friction, excitation and motion of r records at harmonics 0..H under one prior, and their joint uncertainty.
 
     Attributes
     ----------
@@ -58,12 +62,6 @@ class ForceEstimate:
         Share of each measurement that the fit follows, 0..1.
     resolution : (r, H+1) array
         Standard deviation of friction by the sensors alone, without the prior [N]; inf where they see nothing of it.
-    condition : (r, H+1) array
-        Condition number of telling friction from force, columns scaled to equal length; inf where not measured.
-    order : (r,) array
-        p of the prior.
-    size : (r, 2) array
-        Most likely size of the even and of the odd harmonics, at harmonic 1 [N].
     """
 
     friction: Complex
@@ -73,6 +71,25 @@ class ForceEstimate:
     residual: Complex
     leverage: Array
     resolution: Array
+
+
+S = TypeVar("S", bound=Solution)
+
+
+@dataclass(frozen=True, eq=False)
+class ForceEstimate(Solution):
+    """The solution under the prior that is most likely.
+
+    Attributes
+    ----------
+    condition : (r, H+1) array
+        Condition number of telling friction from force, columns scaled to equal length; inf where not measured.
+    order : (r,) array
+        p of the prior.
+    size : (r, 2) array
+        Most likely size of the even and of the odd harmonics, at harmonic 1 [N].
+    """
+
     condition: Array
     order: Array
     size: Array
@@ -95,14 +112,30 @@ def regularised(sensing: Sensing, mean: Array) -> ForceEstimate:
     -------
     ForceEstimate
     """
+    return most_likely(sensing, lambda expected, _: _solve(sensing, mean, expected))
+
+
+def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S]) -> ForceEstimate:
+    """Solve with friction unbound, then with the prior that this makes most likely.
+
+    Parameters
+    ----------
+    sensing : Sensing
+    solve : callable
+        Solution by the sizes (r, H+1) that are expected of friction, and the solution before.
+
+    Returns
+    -------
+    ForceEstimate
+    """
     shape = sensing.i_omega.shape
     largest = np.maximum(np.abs(sensing.force).max(axis=1), sensing.rig.contact.normal_load)
     unbound = np.broadcast_to(UNBOUND * np.maximum(largest, sensing.spectra.level)[:, None], shape)
-    free = _solve(sensing, mean, unbound)
+    free = solve(unbound, None)
     order, size, largest_size = prior(np.abs(free.friction[:, 1:]), free.resolution[:, 1:])
     expected = np.zeros(shape)
     expected[:, 1:] = _decay(order, largest_size, np.arange(1, shape[1]))
-    held = _solve(sensing, mean, expected)
+    held = solve(expected, free)
     return ForceEstimate(
         friction=held.friction,
         force=held.force,
@@ -139,36 +172,40 @@ def prior(amplitude: Array, std: Array) -> tuple[Array, Array, Array]:
     size, largest : (r, 2) arrays
         Of even and of odd harmonics: the most likely, and the largest as likely within the noise [N].
     """
-    k = np.arange(1, amplitude.shape[1] + 1)
-    decay = k ** -ORDERS[:, None]
-    orders, (sizes, largest) = np.empty(len(amplitude)), np.empty((2, len(amplitude), 2))
-    for r, (a, s) in enumerate(zip(amplitude, std, strict=True)):
-        seen = np.isfinite(s)
-        tried = SIZES * max(float(a[seen].max(initial=0.0)), np.finfo(float).tiny)
-        variance = (tried[:, None, None] * decay) ** 2 + np.where(seen, s, 1.0) ** 2
-        terms = np.where(seen, -np.log(variance) - a**2 / (2 * variance), 0.0)  # cos and sin
-        likelihood = [terms[..., k % 2 == odd].sum(axis=2) for odd in (0, 1)]  # (sizes, orders)
-        best = int(np.argmax(likelihood[0].max(axis=0) + likelihood[1].max(axis=0)))
-        orders[r] = ORDERS[best]
-        sizes[r] = [tried[int(np.argmax(of[:, best]))] for of in likelihood]
-        largest[r] = [tried[np.flatnonzero(of[:, best] >= of[:, best].max() - AS_LIKELY)[-1]] for of in likelihood]
-    return orders, sizes, largest
+    parts = max(1, amplitude.size * SIZES * len(ORDERS) // MOST_NUMBERS)
+    rows = zip(np.array_split(amplitude, parts), np.array_split(std, parts), strict=True)
+    orders, sizes, largest = zip(*(_most_likely_decay(a, s) for a, s in rows), strict=True)
+    return np.concatenate(orders), np.concatenate(sizes), np.concatenate(largest)
 
 
-@dataclass(frozen=True, eq=False)
-class _Solution:
-    """Estimate under one prior, see :class:`ForceEstimate`."""
+def _most_likely_decay(a: Array, std: Array) -> tuple[Array, Array, Array]:
+    """Order and sizes of some records at once, see :func:`prior`."""
+    k, every = np.arange(1, a.shape[1] + 1), np.arange(len(a))
+    decay, seen = k ** -ORDERS[:, None], np.isfinite(std)
+    own = np.maximum(a[:, None] / decay, np.finfo(float).tiny)  # (r, orders, H)
+    low = np.where(seen[:, None], own, np.inf).min(axis=2)
+    low, high = np.where(np.isfinite(low), low, 1.0), np.where(seen[:, None], own, 0.0).max(axis=2)
+    tried = np.geomspace(0.1 * low, 10.0 * np.maximum(high, low), SIZES, axis=1)  # (r, sizes, orders)
+    variance = (tried[..., None] * decay) ** 2 + np.where(seen, std, 1.0)[:, None, None] ** 2
+    terms = np.where(
+        seen[:, None, None], -np.log(variance) - a[:, None, None] ** 2 / (2 * variance), 0.0
+    )  # cos and sin
+    likelihood = np.stack([_of_kind(terms, seen, k % 2 == odd) for odd in (0, 1)], axis=1)  # (r, kinds, sizes, orders)
+    best = likelihood.max(axis=2).sum(axis=1).argmax(axis=1)
+    likelihood, tried = likelihood[every, :, :, best], tried[every, :, best]  # (r, kinds, sizes), (r, sizes)
+    likely = likelihood >= likelihood.max(axis=2, keepdims=True) - AS_LIKELY
+    last = SIZES - 1 - likely[..., ::-1].argmax(axis=2)
+    return ORDERS[best], tried[every[:, None], likelihood.argmax(axis=2)], tried[every[:, None], last]
 
-    friction: Complex
-    force: Complex
-    q: Complex
-    factor: Complex
-    residual: Complex
-    leverage: Array
-    resolution: Array
+
+def _of_kind(terms: Array, seen: npt.NDArray[np.bool_], kind: npt.NDArray[np.bool_]) -> Array:
+    """Sum over harmonics of a kind; where none was measured they are like the others, (r, sizes, orders)."""
+    chosen = seen & kind
+    chosen = np.where(chosen.any(axis=1, keepdims=True), chosen, seen)
+    return np.asarray(np.einsum("rsoh,rh->rso", terms, chosen))
 
 
-def _solve(sensing: Sensing, mean: Array, expected: Array) -> _Solution:
+def _solve(sensing: Sensing, mean: Array, expected: Array) -> Solution:
     """Least squares for friction and for what the measured force is off by, each of an expected size."""
     s = sensing.structure
     size = np.stack([expected, sensing.force_std], axis=2)
@@ -180,7 +217,7 @@ def _solve(sensing: Sensing, mean: Array, expected: Array) -> _Solution:
     pushes = np.stack([s.slip_row, s.excitation])
     known = sensing.measured - sensing.by_force * sensing.force[..., None]
 
-    coupling = np.zeros(sensing.stiffness.shape, dtype=complex)
+    coupling, change = np.zeros(sensing.stiffness.shape, dtype=complex), np.inf
     for _ in range(MOST_ITERATIONS):
         left = sensing.weight * (known - sensing.by_modal_forces(coupling))
         found = (gain @ left[..., None])[..., 0]
@@ -188,13 +225,15 @@ def _solve(sensing: Sensing, mean: Array, expected: Array) -> _Solution:
         friction[:, 0] = mean
         q = (np.stack([friction, force], axis=2) @ pushes + coupling) / sensing.stiffness
         before, coupling = coupling, shortening_forces(sensing, friction, q)
-        if np.abs(coupling - before).max() <= COUPLED * max(np.abs(friction).max(), np.finfo(float).tiny):
+        last, change = change, float(np.abs(coupling - before).max())
+        still = change <= COUPLED * max(np.abs(friction).max(), np.finfo(float).tiny)
+        if still or change > last:  # it grows where sensors contradict each other grossly: the misfit says so
             break
     root = size[..., None] * np.linalg.cholesky(inverse)
     leverage = np.einsum("rkci,rkij,rkcj->rkc", A, inverse, A.conj()).real
     scaled = (A @ (found / np.where(size > 0.0, size, 1.0))[..., None])[..., 0]
     seen = sensing.weight.any(axis=2)
-    return _Solution(
+    return Solution(
         friction=friction,
         force=force,
         q=q,

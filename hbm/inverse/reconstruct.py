@@ -5,6 +5,7 @@ force, slip and reaction, energy and uncertainty, is the same for all of them.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -13,13 +14,21 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.inverse.contact import Contact, contact_of
 from hbm.inverse.contactforce import ForceEstimate, regularised
+from hbm.inverse.kinematic import modal, nnm, nnm_spline
 from hbm.inverse.reconstruction import SIGNALS, EstimatedSignal, Estimates, Misfit, Reconstruction
+from hbm.inverse.resolution import resolution_of
 from hbm.inverse.sensing import Sensing, sensing
-from hbm.spectra import MeasuredSpectra
+from hbm.inverse.sensorcheck import check_sensors
+from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
 
-FORMULATIONS: dict[str, Callable[[Sensing, Array], ForceEstimate]] = {"regularised": regularised}
-"""How the force is found, see docs/inverse.md; the first is the default."""
+FORMULATIONS: dict[str, Callable[[Sensing, Array], ForceEstimate]] = {
+    "regularised": regularised,
+    "modal": modal,
+    "nnm": nnm,
+    "nnm-spline": nnm_spline,
+}
+"""How the force is found, see docs/inverse.md; the first is the default, the others fit the deflection first."""
 
 MEAN_ROUNDS = 4
 """The mean friction and the motion are found in turns; the motion hardly depends on it."""
@@ -56,14 +65,16 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
     """
     if formulation not in FORMULATIONS:
         raise InputError(f'reconstruct: formulation = "{formulation}"; must be one of {", ".join(FORMULATIONS)}')
-    seen = sensing(rig, spectra)
+    check = check_sensors(rig, spectra)
+    seen = sensing(rig, check.spectra)
     mean = np.zeros(len(spectra))
     slips = np.zeros(len(spectra), dtype=bool)
     for _ in range(MEAN_ROUNDS):
         contact = contact_of(seen, FORMULATIONS[formulation](seen, mean))
         slips = _slips(contact)
         mean = np.where(slips, mean + _asymmetry(contact), 0.0)
-    return _reconstruction(contact, formulation, slips)
+    warnings = (*check.findings, *resolution_of(contact.estimate).warnings)
+    return replace(_reconstruction(contact, formulation, slips), warnings=warnings)
 
 
 def _slips(contact: Contact) -> npt.NDArray[np.bool_]:
@@ -122,7 +133,7 @@ def misfit_of(seen: Sensing, estimate: ForceEstimate) -> Misfit:
 def _signal(contact: Contact, name: str, inflation: Array, slips: npt.NDArray[np.bool_]) -> EstimatedSignal:
     amplitudes, samples = contact.amplitudes[name], contact.samples[name]
     std = contact.std(name) * inflation[:, None]
-    mean_std = np.where(slips, contact.mean_std(name), 0.0)
+    mean_std = np.where(slips | (name == "normal"), contact.mean_std(name, slips), 0.0)
     noise = np.sqrt(np.sum(std[:, 1:] ** 2, axis=1) + mean_std**2)
     std[:, 0] = mean_std
     total = np.hypot(noise, contact.unseen(name))

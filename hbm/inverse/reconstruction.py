@@ -10,7 +10,7 @@ from scipy import stats
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.inverse.sensing import Complex
-from hbm.spectra import MeasuredSpectra
+from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
 
 SIGNALS = {"slip": "m", "slip_velocity": "m/s", "friction": "N", "normal": "N"}

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from hbm.errors import InputError
 from hbm.fourier import Array
+from hbm.measurement.spectra import MeasuredSpectra
 from hbm.solution import DERIVATIVES
-from hbm.spectra import MeasuredSpectra
 from models.beam import Beam
 from models.rig import Rig
 from models.structure import ModalStructure

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models import Beam, Rig
 
 H_TRUE = 12

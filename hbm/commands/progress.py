@@ -20,16 +20,7 @@ class Sweep:
 
     def __init__(self, title: str, begin: float, end: float, unit: str = "Hz") -> None:
         self.title, self.begin, self.end, self.unit = title, begin, end, unit
-        self.bar = Progress(
-            SpinnerColumn(),
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=24),
-            TextColumn("{task.fields[now]}"),
-            TimeElapsedColumn(),
-            console=Console(stderr=True),
-            transient=True,
-            disable=not sys.stderr.isatty(),
-        )
+        self.bar = _bar()
         self.task = self.bar.add_task(f"{title}: preparing", total=None, now="")
 
     def __enter__(self) -> "Sweep":
@@ -53,3 +44,37 @@ class Sweep:
 
     def _show(self, doing: str, done: float, now: str) -> None:
         self.bar.update(self.task, description=f"{self.title}: {doing}", total=1.0, completed=done, now=now)
+
+
+class Work:
+    """A bar of work of known extent, with what is being done in words."""
+
+    def __init__(self) -> None:
+        self.bar = _bar()
+        self.task = self.bar.add_task("preparing", total=1.0, now="")
+
+    def __enter__(self) -> "Work":
+        self.bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.bar.stop()
+
+    def show(self, doing: str, done: float) -> None:
+        """Show what is being done, and the fraction of the work done."""
+        self.bar.update(self.task, description=doing, completed=done)
+
+
+def _bar() -> Progress:
+    return Progress(
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.fields[now]}"),
+        TimeElapsedColumn(),
+        console=Console(stderr=True),
+        transient=True,
+        disable=not sys.stderr.isatty(),
+    )

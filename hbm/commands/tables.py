@@ -16,6 +16,7 @@ from hbm.curve import Assessment, ResponseCurve
 from hbm.history import TimeHistory
 from hbm.lawchoice import KnownLaw, known_law, plain
 from hbm.loop import FrictionLoop
+from hbm.measurement.harmonicestimate import HarmonicEstimate
 from hbm.modes import LinearModes
 from hbm.rigschema import accepted_setting
 from models.friction import describe
@@ -32,14 +33,14 @@ LAWS_FOOT = (
 
 def print_modes(console: Console, rig: Rig, modes: LinearModes) -> None:
     """Print natural frequencies, damping, and what the modes left out contribute."""
-    table = _table(rig.name, "mode", "sliding\nHz", "stuck\nHz", "damping\n%")
+    table = titled_table(rig.name, "mode", "sliding\nHz", "stuck\nHz", "damping\n%")
     rows = zip(modes.sliding_hz, modes.stuck_hz, modes.damping_ratio, strict=True)
     for i, (sliding, stuck, ratio) in enumerate(rows, start=1):
         table.add_row(str(i), f"{sliding:.3f}", _number(stuck, ".3f"), f"{100 * ratio:.4g}")
     console.print(table)
     s = rig.structure
     held = "rigid" if math.isinf(modes.stiffness) else f"{modes.stiffness:.4g} N/m"
-    _lines(
+    print_lines(
         console,
         [
             f"contact stiffness when stuck: {held} ({rig.contact.law.name} in series with the residual compliance)",
@@ -57,13 +58,13 @@ def print_curves(console: Console, curves: Sequence[ResponseCurve]) -> None:
     console.print(_numerics_table(assessed))
     for c, known in assessed:
         remarks = [known.reason, *(f"warning: {w}" for w in known.warnings)]
-        _lines(console, [f"{c.level:g} N: {remark}" for remark in remarks])
+        print_lines(console, [f"{c.level:g} N: {remark}" for remark in remarks])
 
 
 def _response_table(curves: Sequence[ResponseCurve]) -> Table:
     first = curves[0].rig
     title = f"{first.name}, {first.contact.law.name}"
-    table = _table(
+    table = titled_table(
         title,
         "level\nN",
         "points",
@@ -92,7 +93,7 @@ def _response_table(curves: Sequence[ResponseCurve]) -> Table:
 
 
 def _numerics_table(curves: Sequence[tuple[ResponseCurve, Assessment]]) -> Table:
-    table = _table(
+    table = titled_table(
         "numerical error, relative to the peak",
         "level\nN",
         "H",
@@ -121,7 +122,7 @@ def _numerics_table(curves: Sequence[tuple[ResponseCurve, Assessment]]) -> Table
 def print_history(console: Console, history: TimeHistory) -> None:
     """Print the last period's peaks, how steady it is, and what to beware of."""
     title = f"{history.rig.name}, {history.level:g} N at {history.hz:g} Hz"
-    table = _table(title, "channel", "least", "largest", "unit")
+    table = titled_table(title, "channel", "least", "largest", "unit")
     for name, signal in history.channels.items():
         last = signal.values[-history.samples_per_period :]
         table.add_row(name, f"{last.min():.4g}", f"{last.max():.4g}", signal.unit)
@@ -136,7 +137,35 @@ def print_history(console: Console, history: TimeHistory) -> None:
         lines.append(
             f"warning: the tip would lift off from {history.lift_off:.5g} s on; the model keeps it on the support"
         )
-    _lines(console, lines)
+    print_lines(console, lines)
+
+
+def print_spectra(console: Console, records: Sequence[HarmonicEstimate], levels: Sequence[float]) -> None:
+    """Print the fundamental of each channel of each record, how sure and steady it is, and what to beware of."""
+    for number, (record, level) in enumerate(zip(records, levels, strict=True), start=1):
+        table = titled_table(
+            f"record {number}: {record.source}, {level:.4g} N at {record.hz:.8g} Hz",
+            "channel",
+            "fundamental\n|c1|",
+            "std\n ",
+            "unit",
+            "trend\n%",
+            "steady",
+            "between harmonics\n% of rms",
+        )
+        for q in record.quality:
+            known = math.isfinite(q.steadiness.p_steady)
+            table.add_row(
+                q.name,
+                f"{q.amplitude:.5g}",
+                f"{q.std:.2g}",
+                record.units.get(q.name) or "SI",
+                _number(100 * q.steadiness.change, ".2g"),
+                ("yes" if q.steadiness.steady else "no") if known else "-",
+                f"{100 * q.leftover.share:.2g}",
+            )
+        console.print(table)
+        print_lines(console, str(record).splitlines())
 
 
 def print_laws(console: Console, laws: Sequence[Any], *, detailed: bool) -> None:
@@ -151,7 +180,7 @@ def print_laws(console: Console, laws: Sequence[Any], *, detailed: bool) -> None
                 console.print()
         _indented(console, _parameter_table(law, known))
         console.print()
-    _lines(console, LAWS_FOOT)
+    print_lines(console, LAWS_FOOT)
 
 
 def _paragraphs(law: type) -> list[str]:
@@ -191,7 +220,7 @@ def print_loops(console: Console, loops: Sequence[FrictionLoop], sets: Sequence[
     """Print the largest force and the energy lost per period of some laws' loops, and their sets of parameters."""
     first = loops[0]
     amplitude = f"{1e6 * (first.u.max() - first.u.min()) / 2:g}"
-    table = _table(
+    table = titled_table(
         f"slip of {amplitude} µm at {first.hz:g} Hz, load {first.load:g} N",
         "law",
         "largest force\nN",
@@ -203,7 +232,8 @@ def print_loops(console: Console, loops: Sequence[FrictionLoop], sets: Sequence[
     console.print(table)
 
 
-def _table(title: str, *headings: str) -> Table:
+def titled_table(title: str, *headings: str) -> Table:
+    """A table without lines between its columns, numbers to the right."""
     table = Table(
         title=title,
         title_justify="left",
@@ -222,6 +252,7 @@ def _number(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else "-"
 
 
-def _lines(console: Console, lines: Iterable[str]) -> None:
+def print_lines(console: Console, lines: Iterable[str]) -> None:
+    """Print lines as they are; only a terminal wraps them."""
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

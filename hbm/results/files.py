@@ -4,14 +4,10 @@ A curve file (CSV) has a companion of the same name ending in ``.json`` with wha
 place for: numerical error, folds, corners, lift-off, why the curve ended. Every file appears complete or not at all.
 """
 
-import csv
 import io
 import json
 import math
-import os
-import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
@@ -23,13 +19,14 @@ from hbm.curve import ChannelCurve, NumericalError, ResponseCurve
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.history import TimeHistory
+from hbm.textfiles import StrPath, csv_text, read_rows, why, write_together
+from hbm.version import installed_version
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SCHEMA = 1
 KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")
-StrPath = str | os.PathLike[str]
 
 
 # ----------------------------------------------------------------------------------------------------- writing
@@ -52,7 +49,7 @@ def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> None:
     """
     write_together(
         {
-            Path(path): _csv(_table(curves)),
+            Path(path): csv_text(_table(curves)),
             companion(path): json.dumps(_summary(curves), indent=1, allow_nan=False) + "\n",
         }
     )
@@ -83,7 +80,7 @@ def write_history(path: StrPath, history: TimeHistory, *, contact: bool = False)
     own = {channel.name for channel in history.rig.channels}
     signals = {name: s.values for name, s in history.channels.items() if contact or name in own}
     columns = zip(history.time.tolist(), *(values.tolist() for values in signals.values()), strict=True)
-    write_together({Path(path): _csv(chain([["time_s", *signals]], columns))})
+    write_together({Path(path): csv_text(chain([["time_s", *signals]], columns))})
 
 
 def write_figure(path: StrPath, figure: "Figure") -> None:
@@ -97,12 +94,6 @@ def write_figure(path: StrPath, figure: "Figure") -> None:
     path, content = Path(path), io.BytesIO()
     figure.savefig(content, format=path.suffix[1:].lower(), dpi=200)
     write_together({path: content.getvalue()})
-
-
-def _csv(rows: Iterable[Iterable[Any]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)  # floats by repr: every digit
-    return text.getvalue()
 
 
 def _heading(H: int) -> list[str]:
@@ -145,12 +136,10 @@ def _stability(curve: ResponseCurve) -> list[str]:
 
 
 def _summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
-    from hbm import __version__
-
     first = curves[0]
     return {
         "schema": SCHEMA,
-        "version": __version__,
+        "version": installed_version(),
         "rig": first.rig.name,
         "law": first.rig.contact.law.name,
         "units": {name: channel.unit for name, channel in first.channels.items()},
@@ -245,7 +234,7 @@ def read_curves(path: StrPath) -> list[SavedCurve]:
     InputError
         If the file is not a curve file.
     """
-    rows = _read_rows(path)
+    rows = read_rows(path, "a curve file (CSV)")
     heading = next(rows, (0, []))[1]
     H = (len(heading) - len(KEYS) - 1) // 2
     if heading != _heading(H):
@@ -258,14 +247,6 @@ def read_curves(path: StrPath) -> list[SavedCurve]:
     units = summary.get("units", {})
     said = {entry["level"]: entry for entry in summary.get("levels", [])}
     return [_saved(level, table, units, said.get(level, {})) for level, table in levels.items()]
-
-
-def _read_rows(path: StrPath) -> Iterator[tuple[int, list[str]]]:
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as refused:
-        raise InputError(f"{path}: cannot be read ({_why(refused)}); must be a curve file (CSV)") from None
-    return ((n, row) for n, row in enumerate(csv.reader(io.StringIO(text)), start=1) if row)
 
 
 def _parsed(row: list[str], columns: int, where: str) -> tuple[float, str, list[float]]:
@@ -305,88 +286,7 @@ def _read_companion(path: StrPath) -> dict[str, Any]:
     try:
         summary = json.loads(beside.read_text(encoding="utf-8"))
     except (OSError, ValueError) as refused:
-        raise InputError(f"{beside}: cannot be read ({_why(refused)}); must be the companion of {path}") from None
+        raise InputError(f"{beside}: cannot be read ({why(refused)}); must be the companion of {path}") from None
     if not isinstance(summary, dict) or summary.get("schema") != SCHEMA:
         raise InputError(f"{beside}: not schema {SCHEMA}; must be the companion of {path}")
     return summary
-
-
-# ------------------------------------------------------------------------------------------- complete or not at all
-
-
-def check_output(path: StrPath, endings: Sequence[str], where: str) -> None:
-    """Refuse an output file that could not be written, before anything is computed.
-
-    Parameters
-    ----------
-    path : str or path
-    endings : sequence of str
-        Accepted endings such as ``.csv``.
-    where : str
-        Option that names the file, for messages.
-
-    Raises
-    ------
-    InputError
-    """
-    path, said = Path(path), f"{where} = {json.dumps(str(path), ensure_ascii=False)}"
-    if path.suffix.lower() not in endings:
-        raise InputError(f"{said}; must end in {' or '.join(endings)}")
-    if path.is_dir():
-        raise InputError(f"{said}; is a directory, must be a file")
-    if not path.parent.is_dir():
-        raise InputError(f"{said}; there is no directory {str(path.parent)!r}, create it first")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"{said}; directory {str(path.parent)!r} cannot be written")
-
-
-def write_together(contents: Mapping[Path, str | bytes]) -> None:
-    """Write files through temporary ones beside them: all appear complete, or none.
-
-    Raises
-    ------
-    InputError
-        If one cannot be written; nothing is left behind then.
-    """
-    written: dict[Path, Path] = {}
-    placed: list[Path] = []
-    try:
-        for path, content in contents.items():
-            written[path] = _temporary(path, content)
-        for path, temporary in written.items():
-            os.replace(temporary, path)
-            placed.append(path)
-    except OSError as refused:
-        for path in placed:  # its companion is missing
-            path.unlink(missing_ok=True)
-        name = next((p for p in contents if p not in written), refused.filename2 or refused.filename)
-        raise InputError(
-            f"{name}: cannot be written ({_why(refused)}); must be a file in a writable directory"
-        ) from None
-    finally:
-        for temporary in written.values():
-            temporary.unlink(missing_ok=True)
-
-
-def _temporary(path: Path, content: str | bytes) -> Path:
-    """Write content into a new file in the directory of `path`."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with open(handle, "wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
-        os.chmod(name, 0o666 & ~_umask())  # mkstemp makes files that only the owner can read
-    except BaseException:
-        with suppress(OSError):
-            os.unlink(name)
-        raise
-    return Path(name)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
-
-
-def _why(refused: Exception) -> str:
-    return (getattr(refused, "strerror", None) or str(refused)).lower()

@@ -1,0 +1,136 @@
+"""The command ``hbm identify``: parameters of friction laws from measured spectra, compared."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hbm.commands.inverse import SpectraFile, check_formulation, load, reconstructed, record_numbers, working
+from hbm.commands.options import RigFile, Spread, console, named, print_written, say
+from hbm.errors import InputError
+
+if TYPE_CHECKING:
+    from hbm.identification.identify import Identification
+    from hbm.identification.outputerror import SpectraFit
+    from hbm.inverse.reconstruction import Reconstruction
+    from hbm.measurement.spectra import MeasuredSpectra
+    from models.rig import Rig
+
+COMMAND = "identify"
+
+
+class SpreadIdentify(Spread):
+    """The command whose ``--held-out`` takes several numbers."""
+
+    flags = ("--held-out",)
+
+
+def identify(
+    rig: RigFile,
+    spectra: SpectraFile,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Write everything here; made if its parent exists.", show_default=False)
+    ],
+    law: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--law",
+            metavar="NAME",
+            help="A friction law (see hbm laws), or one's own, file.py:Class; repeated for each. "
+            "Those that the paper identifies where omitted.",
+        ),
+    ] = None,
+    by_level: Annotated[bool, typer.Option("--by-level", help="Fit each force level by itself too.")] = False,
+    held_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--held-out",
+            metavar="N ...",
+            help="Records no fit sees and all laws are scored on; each fifth of the records in turn where omitted.",
+        ),
+    ] = None,
+    output_error: Annotated[
+        bool,
+        typer.Option(
+            "--output-error", help="Then fit the best law to the spectra themselves, through the whole model."
+        ),
+    ] = False,
+    formulation: Annotated[
+        str | None, typer.Option(metavar="NAME", help="How the force is found; regularised where omitted.")
+    ] = None,
+) -> None:
+    """Parameters of friction laws, with uncertainty, from measured spectra; which law is best.
+
+    Writes the laws and their parameters as tables, figures with the numbers of each curve, and one page that opens
+    offline, report.html.
+
+    Example:  hbm identify rig.toml spectra.csv --law coulomb-penalty --law stribeck --by-level --out laws
+    """
+    from hbm.results.identifyreport import FILES
+    from hbm.results.outputs import check_folder
+
+    held = record_numbers(COMMAND, "--held-out", held_out)
+    with named(COMMAND):
+        check_folder(out, FILES, "--out")
+    if formulation is not None:
+        check_formulation(COMMAND, formulation)
+    for name in law or ():
+        _check_law(name)
+    loaded, measured = load(rig, spectra)
+    from hbm.commands.progress import Work
+    from hbm.identification.identify import LAWS
+    from hbm.identification.identify import identify as fit_laws
+
+    contact = reconstructed(COMMAND, loaded, measured, formulation)
+    with Work() as work:
+        found = fit_laws(loaded, contact, law or LAWS, held_out=held or None, by_level=by_level, on_progress=work.show)
+    again, failure = _on_spectra(loaded, measured, held, found) if output_error else (None, "")
+    _deliver(found, contact, again, out)
+    if failure:
+        raise typer.Exit(say(failure, 1))
+
+
+def _on_spectra(
+    rig: "Rig", spectra: "MeasuredSpectra", held: Sequence[int], found: "Identification"
+) -> tuple["SpectraFit | None", str]:
+    """The best law fitted to the spectra of the records that are not held out, or why it failed."""
+    from continuation import ConvergenceError
+    from hbm.commands.progress import Work
+    from hbm.identification.outputerror import fit_spectra
+
+    try:
+        with Work() as work:
+            used = spectra.split(held)[0] if held else spectra
+            return fit_spectra(rig, used, found.best, on_progress=work.show), ""
+    except ConvergenceError as failed:
+        return None, f"{COMMAND}: --output-error: {failed}"
+
+
+def _check_law(name: str) -> None:
+    """Refuse a law that there is not."""
+    from hbm.lawfile import find_law
+
+    try:
+        find_law(name, Path())
+    except InputError as refused:
+        raise InputError(f'{COMMAND}: --law = "{name}"; {refused}') from None
+
+
+def _deliver(found: "Identification", contact: "Reconstruction", again: "SpectraFit | None", out: Path) -> None:
+    from hbm.commands.inversetables import print_laws_found
+    from hbm.results.identifyreport import FILES, identified_law, identify_contents, law_warnings
+    from hbm.results.outputs import write_folder
+
+    by_level = {name: {level: fits[name] for level, fits in found.levels.items()} for name in found.fits}
+    laws = [identified_law(fit, contact, by_level[name]) for name, fit in found.fits.items()]
+    warnings: Sequence[str] = [*contact.warnings, *(line for fit in found.fits.values() for line in law_warnings(fit))]
+    with working("drawing"):
+        verdict = found.comparison.verdict
+        contents = identify_contents(contact, laws, verdict=verdict, output_error=again, warnings=warnings)
+    written = write_folder(out, contents, FILES)
+    print_laws_found(console(), contact, laws, warnings)
+    print(verdict)
+    if again is not None:
+        print(again)
+    print_written(written)

@@ -1,0 +1,198 @@
+"""The command ``hbm inverse``: what happens at the contact, from measured spectra."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hbm.commands.options import RigFile, Spread, console, named, print_written, quoted
+from hbm.errors import InputError
+
+if TYPE_CHECKING:
+    from hbm.inverse.reconstruction import Reconstruction
+    from hbm.measurement.spectra import MeasuredSpectra
+    from models.rig import Rig
+
+COMMAND = "inverse"
+LARGEST_RECORD = 10**15
+MOST_SENSORS = 1000
+
+SpectraFile = Annotated[
+    Path,
+    typer.Argument(metavar="SPECTRA", help="Spectra file (csv, nc or mat), see hbm spectra.", show_default=False),
+]
+
+
+class SpreadInverse(Spread):
+    """The command whose ``--record`` takes several numbers."""
+
+    flags = ("--record",)
+
+
+def inverse(
+    rig: RigFile,
+    spectra: SpectraFile,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write everything into this folder; made if its parent exists.")
+    ] = None,
+    formulation: Annotated[
+        str | None, typer.Option(metavar="NAME", help="How the force is found; regularised where omitted.")
+    ] = None,
+    record: Annotated[
+        list[str] | None, typer.Option("--record", metavar="N ...", help="Only these records, and draw all of them.")
+    ] = None,
+    design: Annotated[
+        bool,
+        typer.Option("--design", help="Print where sensors see friction best, for these frequencies and this noise."),
+    ] = False,
+    sensors: Annotated[
+        str | None, typer.Option(metavar="COUNT", help="With --design: how many; as many as measured where omitted.")
+    ] = None,
+) -> None:
+    """Friction force, reaction, slip and slip velocity with uncertainty, from measured spectra.
+
+    Writes signals, energy and harmonics as tables and arrays, figures with the numbers of each curve, and one page that
+    opens offline, report.html.
+
+    Example:  hbm inverse rig.toml spectra.csv --out contact
+    """
+    if out is None and not design:
+        raise InputError(f"{COMMAND}: --out is missing; must name a folder, or --design be asked for")
+    count = _count(sensors, design)
+    numbers = record_numbers(COMMAND, "--record", record)
+    if out is not None:
+        check_out(COMMAND, out)
+    if formulation is not None:
+        check_formulation(COMMAND, formulation)
+    loaded, measured = load(rig, spectra, numbers)
+    if design:
+        _print_design(loaded, measured, count)
+    if out is not None:
+        _deliver(reconstructed(COMMAND, loaded, measured, formulation), numbers or None, out)
+
+
+def _count(text: str | None, design: bool) -> int | None:
+    if text is None:
+        return None
+    if not design:
+        raise InputError(f"{COMMAND}: --sensors without --design; must have both")
+    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= MOST_SENSORS):
+        raise InputError(f"{COMMAND}: --sensors = {quoted(text)}; must be a whole number from 1 to {MOST_SENSORS}")
+    return int(text)
+
+
+def _print_design(rig: "Rig", spectra: "MeasuredSpectra", count: int | None) -> None:
+    """Where to put sensors, for the frequencies, the harmonics and the noise of the measurement."""
+    import numpy as np
+
+    from hbm.inverse.placement import place_sensors
+
+    channels = {c.name: c.quantity for c in rig.channels if c.name in spectra.channels}
+    responses = [name for name, quantity in channels.items() if quantity != "force"]
+    if not responses:
+        raise InputError(f"{spectra.source}: holds no response channel; must hold one, its noise is designed for")
+    quantity = channels[responses[0]]
+
+    def noise(names: Sequence[str]) -> float:
+        return float(np.nanmedian(np.concatenate([spectra.std[:, spectra.index(name), 1:].ravel() for name in names])))
+
+    forces = [name for name, quantity in channels.items() if quantity == "force"]
+    with named(COMMAND), working("trying positions"):
+        placed = place_sensors(
+            rig,
+            count=count or len(responses),
+            hz=(float(spectra.hz.min()), float(spectra.hz.max())),
+            harmonics=spectra.H,
+            noise=noise([name for name in responses if channels[name] == quantity]),
+            quantity=quantity,
+            force_noise=noise(forces) if forces else None,
+        )
+    print(placed)
+
+
+# ---------------------------------------------------------------------------------------------------------- shared
+
+
+def record_numbers(command: str, option: str, texts: Sequence[str] | None) -> list[int]:
+    """Numbers of records in an option's texts."""
+    numbers: list[int] = []
+    for text in texts or ():
+        if not (text.isascii() and text.lstrip("+-").isdigit() and abs(int(text[:20])) < LARGEST_RECORD):
+            raise InputError(f"{command}: {option} = {quoted(text)}; must be the number of a record")
+        if int(text) in numbers:
+            raise InputError(f"{command}: {option} = {text} twice; must be different records")
+        numbers.append(int(text))
+    return numbers
+
+
+def check_out(command: str, out: Path) -> None:
+    """Refuse a folder that could not be written, before anything is computed."""
+    from hbm.results.inversereport import FILES
+    from hbm.results.outputs import check_folder
+
+    with named(command):
+        check_folder(out, FILES, "--out")
+
+
+def check_formulation(command: str, name: str) -> None:
+    """Refuse a formulation that there is not."""
+    from hbm.inverse.reconstruct import FORMULATIONS
+
+    if name not in FORMULATIONS:
+        raise InputError(f"{command}: --formulation = {quoted(name)}; must be one of {', '.join(FORMULATIONS)}")
+
+
+def load(rig: Path, spectra: Path, records: Sequence[int] = ()) -> tuple["Rig", "MeasuredSpectra"]:
+    """The rig and its spectra, of the records named or of all."""
+    from hbm.measurement.spectrafile import load_spectra
+    from hbm.rigfile import load_rig
+
+    loaded = load_rig(rig)
+    measured = load_spectra(spectra, loaded)
+    return loaded, measured.select(records=records) if records else measured
+
+
+def reconstructed(command: str, rig: "Rig", spectra: "MeasuredSpectra", formulation: str | None) -> "Reconstruction":
+    """Contact signals; what cannot be computed is said with the command's name."""
+    from numpy.linalg import LinAlgError
+
+    from hbm.inverse.reconstruct import reconstruct
+
+    try:
+        with working(f"reconstructing {len(spectra)} records"):
+            if formulation is None:
+                return reconstruct(rig, spectra)
+            return reconstruct(rig, spectra, formulation=formulation)
+    except LinAlgError as failed:
+        raise ArithmeticError(f"{command}: {spectra.source}: {failed}") from None
+
+
+@contextmanager
+def working(doing: str) -> Iterator[None]:
+    """Show on a terminal what is being done."""
+    from rich.console import Console
+
+    terminal = Console(stderr=True)
+    if not sys.stderr.isatty():
+        yield
+        return
+    with terminal.status(doing):
+        yield
+
+
+def _deliver(found: "Reconstruction", records: Sequence[int] | None, out: Path) -> None:
+    from hbm.commands.inversetables import print_reconstruction
+    from hbm.results.inversefiles import NEEDED_FOR_NETCDF, NETCDF_FILE, has_netcdf
+    from hbm.results.inversereport import FILES, inverse_contents
+    from hbm.results.outputs import write_folder
+
+    with working("drawing"):
+        contents = inverse_contents(found, records)
+    written = write_folder(out, contents, FILES)
+    print_reconstruction(console(), found)
+    print_written(written)
+    if not has_netcdf():
+        print(f"no {NETCDF_FILE}: needs {' and '.join(NEEDED_FOR_NETCDF)}; pip install 'casadi-hbm[io]'")

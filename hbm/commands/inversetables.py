@@ -1,0 +1,45 @@
+"""What the command line prints of a reconstruction and of friction laws identified from it."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from hbm.commands.tables import print_lines, titled_table
+from hbm.inverse.reconstruction import Reconstruction
+from hbm.results.inversereport import LEVEL_NOTE, level_table
+
+if TYPE_CHECKING:
+    from hbm.results.identifyreport import IdentifiedLaw
+
+
+def print_reconstruction(console: Console, reconstruction: Reconstruction) -> None:
+    """Print what was found at each level, and what to beware of."""
+    headings, rows = level_table(reconstruction)
+    title = f"{reconstruction.rig.name}, {reconstruction.formulation}"
+    table = titled_table(title, *map(_stacked, headings))
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+    print_lines(console, [LEVEL_NOTE, *(f"warning: {warning}" for warning in reconstruction.warnings)])
+
+
+def print_laws_found(
+    console: Console, reconstruction: Reconstruction, laws: Sequence["IdentifiedLaw"], warnings: Sequence[str]
+) -> None:
+    """Print how laws fit, the best first, with their parameters, and what to beware of."""
+    from hbm.results.identifyreport import law_table
+
+    headings, rows = law_table(laws)
+    table = titled_table(f"{reconstruction.rig.name}, {len(reconstruction)} records", *map(_stacked, headings[:-1]))
+    for *row, _ in rows:
+        table.add_row(*row)
+    console.print(table)
+    for *row, values in rows:
+        print_lines(console, [f"{row[0]}: {values}"])
+    print_lines(console, [f"warning: {warning}" for warning in warnings])
+
+
+def _stacked(heading: str) -> str:
+    """A heading of two lines: the unit, and the second of two words, below."""
+    return heading.replace(" [", "\n").rstrip("]").replace("worst ", "worst\n").replace("BIC ", "BIC\n")

@@ -1,0 +1,108 @@
+"""What the commands share: options read and refused, outputs checked, the console, lines on stderr."""
+
+import json
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import typer
+from typer.core import TyperCommand
+
+from hbm.errors import InputError
+
+FIGURES = (".png", ".pdf", ".svg")
+
+RigFile = Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML).", show_default=False)]
+
+
+class Spread(TyperCommand):
+    """A command with flags that take several numbers, ``--level 2 4 6``."""
+
+    flags: ClassVar[tuple[str, ...]] = ("--level",)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> Any:
+        """Put the flag before each of the numbers."""
+        for flag in self.flags:
+            args = spread(flag, args)
+        return super().parse_args(ctx, args)
+
+
+def spread(flag: str, args: Sequence[str]) -> list[str]:
+    """Repeat a flag before each of the numbers after it.
+
+    >>> spread("--level", ["rig.toml", "--level", "2", "4", "--out", "a.csv"])
+    ['rig.toml', '--level', '2', '--level', '4', '--out', 'a.csv']
+    """
+    out: list[str] = []
+    for arg in args:
+        if len(out) > 1 and out[-2] == flag and is_number(arg):
+            out.append(flag)
+        out.append(arg)
+    return out
+
+
+@contextmanager
+def named(command: str) -> Iterator[None]:
+    """Put the command's name before what is refused."""
+    try:
+        yield
+    except InputError as refused:
+        raise InputError(f"{command}: {refused}") from None
+
+
+def check_outputs(command: str, out: Path | None, plot: Path | None) -> None:
+    """Refuse a table (csv) or a figure that could not be written, before anything is computed."""
+    if out is None and plot is None:
+        return
+    from hbm.textfiles import check_output
+
+    with named(command):
+        if out is not None:
+            check_output(out, (".csv",), "--out")
+        if plot is not None:
+            check_output(plot, FIGURES, "--plot")
+
+
+def positive(command: str, option: str, text: str, unit: str) -> float:
+    """A number > 0 of an option's text, or a refusal."""
+    if not is_number(text) or not (math.isfinite(float(text)) and float(text) > 0.0):
+        raise InputError(f"{command}: {option} = {quoted(text)}; must be a number > 0 [{unit}]")
+    return float(text)
+
+
+def is_number(text: str) -> bool:
+    """Whether :class:`float` reads it."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def quoted(text: str) -> str:
+    """Text as it is shown in a refusal: numbers bare, the rest in quotation marks."""
+    return text if is_number(text) else json.dumps(text, ensure_ascii=False)
+
+
+def say(line: str, status: int) -> int:
+    """Say one line on stderr, and return the status."""
+    print(" ".join(line.split()), file=sys.stderr)
+    return status
+
+
+def console() -> Any:
+    """Where tables are printed, a :class:`rich.console.Console`."""
+    from rich.console import Console
+
+    if sys.stdout.isatty():
+        return Console(width=max(80, Console().width))  # a narrow terminal wraps lines, no number is cut
+    return Console(width=120, force_terminal=False, color_system=None)  # piped: no escapes, nothing cut
+
+
+def print_written(files: Sequence[Path]) -> None:
+    """Name the files, which exist before anything is printed: a closed pipe loses no result."""
+    for file in files:
+        print(f"wrote {file}")

@@ -1,0 +1,67 @@
+"""From coordinates and their covariance to parameters: values, standard deviations, and which are not determined."""
+
+import numpy as np
+
+from hbm.fourier import Array
+from hbm.identification.coordinates import Coordinates
+from hbm.identification.lawfit import FittedParameter, FittedParameters
+from hbm.identification.start import Scales
+
+AT_BOUND = 1e-3
+"""A coordinate is at its bound when it is this close."""
+
+
+def fitted_parameters(coordinates: Coordinates, x: Array, covariance: Array, scales: Scales) -> FittedParameters:
+    """Parameters of a law at fitted coordinates.
+
+    Parameters
+    ----------
+    coordinates : Coordinates
+    x : (n,) array
+    covariance : (n, n) array
+        Of the coordinates.
+    scales : Scales
+        For slip speeds in reasons.
+
+    Returns
+    -------
+    FittedParameters
+    """
+    by_x = coordinates.slopes(x)
+    of_parameters = by_x @ covariance @ by_x.T
+    values, std = coordinates.values(x), np.sqrt(np.diag(of_parameters))
+    reasons = _reasons(
+        coordinates, x, np.sqrt(np.diag(covariance)), dict(zip(coordinates.parameters, std, strict=True))
+    )
+    speeds = f"; slip speeds in these records peak between {scales.slowest:.2g} and {scales.fastest:.2g} m/s"
+    entries = tuple(
+        FittedParameter(
+            name,
+            p.unit,
+            float(v),
+            float(s),
+            name in coordinates.held,
+            reasons[name] + (speeds if p.unit == "m/s" else "") if name in reasons else "",
+        )
+        for (name, p), v, s in zip(coordinates.parameters.items(), values, std, strict=True)
+    )
+    return FittedParameters(entries, of_parameters)
+
+
+def _reasons(coordinates: Coordinates, x: Array, std_x: Array, std: dict[str, float]) -> dict[str, str]:
+    """Why parameters are not determined, by name."""
+    values = dict(zip(coordinates.parameters, coordinates.values(x), strict=True))
+    low, high = coordinates.bounds
+    reasons = {}
+    for i, name in enumerate(coordinates.free):
+        p = coordinates.parameters[name]
+        at_bound = min(x[i] - low[i], high[i] - x[i]) < AT_BOUND
+        if p.at_least is not None and x[i] - low[i] < 2 * std_x[i]:
+            reasons[name] = f"within 2 std of {p.at_least}, which it cannot fall below"
+        elif not p.strict and x[i] - low[i] < 2 * std_x[i]:
+            reasons[name] = f"within 2 std of {p.lower:g}, no effect of it is seen"
+        elif at_bound:
+            reasons[name] = "at the end of the range it was looked for in"
+        elif std[name] > abs(values[name]):
+            reasons[name] = "its std exceeds its value"
+    return reasons

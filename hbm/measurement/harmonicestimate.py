@@ -1,0 +1,191 @@
+"""What was found of a record: harmonics with standard deviations, how good the record is, and sentences about it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.fourier import Array
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.measurement.steadiness import Leftover, Steadiness
+
+LEAST_SHARE = 0.001
+"""Trends and lines below this part of the amplitude are not warned of, however significant."""
+LEAST_TURN = 0.005
+"""Turn of all phases [rad] that is not warned of."""
+
+
+@dataclass(frozen=True)
+class ChannelQuality:
+    """What is known of one channel of a record.
+
+    Attributes
+    ----------
+    name : str
+    amplitude, std : float
+        Of the fundamental, |c_1| and standard deviation of each of cos and sin, in the channel's unit.
+    correlation : float
+        rho of neighbouring blocks that the standard deviation of the fundamental was raised for, 0 where not.
+    steadiness : Steadiness
+    leftover : Leftover
+    clipped : bool
+        Whether it is flat-topped.
+    """
+
+    name: str
+    amplitude: float
+    std: float
+    correlation: float
+    steadiness: Steadiness
+    leftover: Leftover
+    clipped: bool
+
+
+@dataclass(frozen=True, eq=False)
+class HarmonicEstimate:
+    """Harmonics of one record.
+
+    Attributes
+    ----------
+    source : str
+    hz : float
+        Fundamental [Hz].
+    hz_std : float
+        Its standard deviation where it was refined, nan where it was given.
+    periods, blocks : int
+        Whole periods used, and blocks they were divided into; 0 blocks: std from what is left between the harmonics.
+    channels : tuple of str, (c,)
+        Those that are not constant.
+    coefficients : (c, 2H+1) array
+        a_0, a_1..a_H, b_1..b_H; phases refer to the zero of the recording's time.
+    std : (c, H+1) array
+        Standard deviation of each of cos and sin.
+    units : dict of str to str
+        As in the recording.
+    quality : tuple of ChannelQuality, (c,)
+    dead : tuple of str
+        Constant channels, left out.
+    """
+
+    source: str
+    hz: float
+    hz_std: float
+    periods: int
+    blocks: int
+    channels: tuple[str, ...]
+    coefficients: Array
+    std: Array
+    units: Mapping[str, str]
+    quality: tuple[ChannelQuality, ...]
+    dead: tuple[str, ...]
+
+    @property
+    def H(self) -> int:
+        """Highest harmonic."""
+        return int(self.std.shape[1]) - 1
+
+    def amplitude(self, channel: str) -> float:
+        """Amplitude of the fundamental of a channel."""
+        return self.quality[self.channels.index(channel)].amplitude
+
+    def __str__(self) -> str:
+        """What was done, and what to beware of, in sentences."""
+        blocks = (
+            f"standard deviations from the scatter of {self.blocks} blocks"
+            if self.blocks
+            else "too few for blocks: standard deviations from what is left between the harmonics"
+        )
+        refined = f" +/- {self.hz_std:.2g}" if np.isfinite(self.hz_std) else ""
+        first = f"fundamental {self.hz:.8g}{refined} Hz, {self.periods} periods; {blocks}"
+        return "\n".join([first, *(f"warning: {w}" for w in self.warnings)])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the record, one sentence each."""
+        return tuple(_warnings(self))
+
+
+def _warnings(e: HarmonicEstimate) -> Iterator[str]:
+    for name in e.dead:
+        yield f"{name} is constant: left out"
+    if not e.blocks:
+        yield f"{e.periods} whole {'period' if e.periods == 1 else 'periods'}: nothing can be said of steadiness"
+    off = _frequency_error(e)
+    if off:
+        yield (
+            f"all phases turn by {off[0]:.3g} rad over the record: "
+            f"the fundamental lies {off[1]:+.2g} Hz from the one given; refine it"
+        )
+    for q in e.quality:
+        s = q.steadiness
+        if not off and not s.steady and np.isfinite(s.decay_rate):
+            yield (
+                f"{q.name} is not steady: a transient dies out at {s.decay_rate:.3g} +/- {s.decay_rate_std:.1g} 1/s, "
+                f"{s.beat_hz:+.2g} Hz beside the fundamental; {s.left:.2%} of the amplitude is left of it at the end"
+            )
+        elif not off and not s.steady and s.change > LEAST_SHARE:
+            yield (
+                f"{q.name} is not steady: "
+                f"its fundamental changes by {s.change:.2%} +/- {s.change_std:.1%} over the record"
+            )
+        if not off and np.isfinite(q.leftover.line_hz) and q.leftover.line_share > LEAST_SHARE:
+            yield (
+                f"{q.name} has a line at {q.leftover.line_hz:.4g} Hz, between the harmonics, "
+                f"of {q.leftover.line_share:.2%} of its rms"
+            )
+        if q.clipped:
+            yield f"{q.name} is flat-topped: was it clipped?"
+
+
+def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
+    """Turn of all phases [rad] and what a frequency that was given is off [Hz], where all channels turn alike."""
+    if np.isfinite(e.hz_std):  # a refined one is as right as one frequency can be
+        return None
+    turns = np.array([q.steadiness.turning for q in e.quality])
+    stds = np.array([q.steadiness.change_std for q in e.quality])
+    if not np.isfinite(stds).all():
+        return None
+    surest = int(np.argmin(stds))
+    turn, std = float(turns[surest]), float(stds[surest])
+    alike = np.abs(turns - turn) < 0.1 * abs(turn) + 5.0 * np.hypot(stds, std)
+    if abs(turn) < max(LEAST_TURN, 5.0 * std) or not alike.all():
+        return None
+    return turn, turn * e.hz / e.periods / (2.0 * np.pi)
+
+
+def spectra_of_records(
+    estimates: Sequence[HarmonicEstimate], levels: Sequence[float], channels: Sequence[str], source: str = "spectra"
+) -> MeasuredSpectra:
+    """Put records together, numbered from 1 in their order.
+
+    Parameters
+    ----------
+    estimates : sequence of HarmonicEstimate
+        Of the same H.
+    levels : sequence of float
+        Nominal force amplitude of each record [N].
+    channels : sequence of str
+        Order of the channels; those in none of the records are left out.
+    source : str
+        For messages.
+
+    Returns
+    -------
+    MeasuredSpectra
+    """
+    kept = tuple(name for name in channels if any(name in e.channels for e in estimates))
+    shape = len(estimates), len(kept)
+    coefficients = np.full((*shape, 2 * estimates[0].H + 1), np.nan)
+    std = np.full((*shape, estimates[0].H + 1), np.nan)
+    for i, e in enumerate(estimates):
+        for j, name in enumerate(e.channels):
+            coefficients[i, kept.index(name)], std[i, kept.index(name)] = e.coefficients[j], e.std[j]
+    return MeasuredSpectra(
+        source=source,
+        records=np.arange(1, len(estimates) + 1),
+        level=np.array(levels, dtype=float),
+        hz=np.array([e.hz for e in estimates]),
+        channels=kept,
+        coefficients=coefficients,
+        std=std,
+    )

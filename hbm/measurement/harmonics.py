@@ -1,0 +1,282 @@
+"""Harmonic coefficients of a recording, with standard deviations, and what is wrong with the record.
+
+:func:`harmonic_spectra` fits the harmonics by least squares over whole periods; samples need not fall on equal phases
+of the period. The standard deviations come from the record itself:
+
+- of four periods or more, from the scatter of the same coefficients between blocks of whole periods (at most 63
+  blocks), cos and sin pooled. What is correlated from block to block, as drift and transients are, would make it too
+  small: the variance is raised by (1 + rho)/(1 - rho) where the correlation rho of neighbours is significant.
+- of fewer, from what is left between the harmonics around each (of one period, from all that the fit leaves over).
+
+A scatter of nu degrees of freedom says little when nu is small. What is given is the standard deviation of Student's
+distribution, larger by the root of nu/(nu - 2): then (measured - true)/std has the variance 1 that a chi square
+assumes, and an interval of 1.96 std holds the truth in 95 % of all records, to 1 % from four blocks up.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import minimize_scalar
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
+from hbm.measurement.recording import Recording
+from hbm.measurement.steadiness import clipped, leftover, steadiness
+
+FEWEST_BLOCKS = 4
+BLOCKS = 32
+
+
+# --------------------------------------------------------------------------------------------------------- estimation
+
+
+def harmonic_spectra(
+    recorded: Recording, hz: float, harmonics: int = 9, *, settle: float = 0.0, refine: str | None = None
+) -> HarmonicEstimate:
+    """Estimate the harmonics of a recording of one steady state.
+
+    Parameters
+    ----------
+    recorded : Recording
+    hz : float
+        Fundamental frequency [Hz], > 0.
+    harmonics : int
+        Highest harmonic H, >= 1, below half the sampling rate.
+    settle : float
+        Time at the beginning that is left out [s].
+    refine : str, optional
+        Channel whose fundamental the frequency is refined with, within half a period over the record.
+
+    Returns
+    -------
+    HarmonicEstimate
+
+    Raises
+    ------
+    InputError
+        If the record is shorter than a period, sampled too slowly, or holds no maximum to refine at.
+    """
+    t, Y = _settled(recorded, settle)
+    names = tuple(recorded.channels)
+    hz_std = float("nan")
+    _check(recorded, t, hz, harmonics)
+    if refine is not None:
+        hz, hz_std = _refined(recorded, t, hz, min(harmonics, 3), refine)
+    periods = int((t[-1] - t[0] + recorded.step) * hz * (1.0 + 1e-9) + 1e-6)
+    inside = t < t[0] + periods / hz - 0.5 * recorded.step
+    t, Y = t[inside], Y[inside]
+    dead = np.ptp(Y, axis=0) <= 1e-12 * np.max(np.abs(Y), axis=0)
+    if dead.all():
+        raise InputError(f"{recorded.source}: every channel is constant; must have one that moves")
+    alive = [i for i, constant in enumerate(dead) if not constant]
+    measured = replace(
+        recorded,
+        time=t,
+        channels={names[i]: Y[:, i] for i in alive},
+        units={names[i]: recorded.units.get(names[i], "") for i in alive},
+    )
+    return replace(
+        _estimate(measured, hz, harmonics, periods),
+        hz_std=hz_std,
+        dead=tuple(name for name, constant in zip(names, dead, strict=True) if constant),
+    )
+
+
+def _settled(recorded: Recording, settle: float) -> tuple[Array, Array]:
+    kept = recorded.time >= recorded.time[0] + settle - 1e-9 * recorded.step
+    if kept.sum() < 3:
+        length = recorded.time[-1] - recorded.time[0]
+        raise InputError(
+            f"{recorded.source}: settle = {settle:g} s leaves nothing; must be < {length:.6g} s, its length"
+        )
+    return recorded.time[kept], np.column_stack([values[kept] for values in recorded.channels.values()])
+
+
+def _check(recorded: Recording, t: Array, hz: float, harmonics: int) -> None:
+    length, rate = t[-1] - t[0] + recorded.step, 1.0 / recorded.step
+    if length * hz * (1.0 + 1e-9) + 1e-6 < 1.0:
+        raise InputError(
+            f"{recorded.source}: {length:.4g} s are {length * hz:.3g} periods of {hz:g} Hz; must be at least one period"
+        )
+    if 2.0 * harmonics * hz >= rate * (1.0 - 1e-9):
+        raise InputError(
+            f"{recorded.source}: harmonic {harmonics} of {hz:g} Hz at {rate:.6g} samples/s; "
+            f"must be below {rate / 2:.6g} Hz, half the sampling rate; "
+            f"try at most {int(rate / 2 / hz * (1 - 1e-9))} harmonics"
+        )
+    largest = float(np.diff(t).max())
+    if largest > 0.5 / (harmonics * hz):
+        raise InputError(
+            f"{recorded.source}: a gap of {largest:.4g} s between samples; "
+            f"must be < {0.5 / (harmonics * hz):.4g} s, half a period of harmonic {harmonics}"
+        )
+
+
+def _estimate(measured: Recording, hz: float, H: int, periods: int) -> HarmonicEstimate:
+    """Coefficients, standard deviations and quality of channels that are alive, over whole periods."""
+    t, Y = measured.time, np.column_stack(list(measured.channels.values()))
+    length = max(1, periods // BLOCKS)
+    blocks = periods // length if periods >= FEWEST_BLOCKS else 0
+    edges = t[0] + np.arange(1, max(blocks, 1)) * length / hz - 0.5 * measured.step
+    sums = list(_normal_equations(t, Y, hz, H, edges))
+    coefficients = np.linalg.solve(sum(G for G, _ in sums), sum(r for _, r in sums)).T
+    residual = np.concatenate([y - _design(x, hz, H) @ coefficients.T for x, y in _chunks(t, Y, edges)])
+    by_block = np.stack([np.linalg.solve(G, r).T for G, r in sums]) if blocks else np.empty((0, *coefficients.shape))
+    if blocks:
+        std, rho = _of_blocks(by_block, periods / length)
+    else:
+        std, rho = _of_residual(residual, periods, H), np.zeros((Y.shape[1], H + 1))
+    std = np.maximum(std, np.finfo(float).eps * np.std(Y, axis=0)[:, None])  # what the arithmetic can resolve
+    c = by_block[:, :, 1] - 1j * by_block[:, :, H + 1]
+    middles = t[0] + (np.arange(blocks) + 0.5) * length / hz
+    quality = tuple(
+        ChannelQuality(
+            name=name,
+            amplitude=float(np.hypot(coefficients[j, 1], coefficients[j, H + 1])),
+            std=float(std[j, 1]),
+            correlation=float(rho[j, 1]),
+            steadiness=steadiness(middles, c[:, j]),
+            leftover=leftover(_even(t, residual[:, j]), float(np.std(Y[:, j])), periods, hz),
+            clipped=clipped(Y[:, j]),
+        )
+        for j, name in enumerate(measured.channels)
+    )
+    return HarmonicEstimate(
+        source=measured.source,
+        hz=hz,
+        hz_std=float("nan"),
+        periods=periods,
+        blocks=blocks,
+        channels=tuple(measured.channels),
+        coefficients=np.asarray(coefficients, dtype=float),
+        std=std,
+        units=measured.units,
+        quality=quality,
+        dead=(),
+    )
+
+
+def _design(t: Array, hz: float, H: int) -> Array:
+    """Columns 1, cos k Omega t, sin k Omega t, (N, 2H+1)."""
+    powers = np.empty((H, len(t)), dtype=complex)
+    powers[0] = np.exp(2j * np.pi * hz * t)
+    for k in range(1, H):
+        powers[k] = powers[k - 1] * powers[0]
+    return np.column_stack([np.ones(len(t)), powers.real.T, powers.imag.T])
+
+
+def _chunks(t: Array, Y: Array, edges: Array) -> Iterator[tuple[Array, Array]]:
+    at = [0, *np.searchsorted(t, edges).tolist(), len(t)]
+    for first, last in pairwise(at):
+        yield t[first:last], Y[first:last]
+
+
+def _normal_equations(t: Array, Y: Array, hz: float, H: int, edges: Array) -> Iterator[tuple[Array, Array]]:
+    """Normal matrix and right-hand side of each block; their sums are those of the whole record."""
+    for x, y in _chunks(t, Y, edges):
+        A = _design(x, hz, H)
+        yield A.T @ A, A.T @ y
+
+
+# ------------------------------------------------------------------------------------------------ standard deviations
+
+
+def _of_blocks(by_block: Array, blocks: float) -> tuple[Array, Array]:
+    """Standard deviation of the mean from the scatter of blocks, (c, H+1), and the correlation it was raised for.
+
+    Parameters
+    ----------
+    by_block : (B, c, 2H+1) array
+    blocks : float
+        Length of the record in blocks, B or up to one more.
+    """
+    B, H = len(by_block), by_block.shape[2] // 2
+    deviation = by_block - by_block.mean(axis=0)
+    square = _pooled(np.sum(deviation**2, axis=0), H)
+    product = _pooled(np.sum(deviation[1:] * deviation[:-1], axis=0), H)
+    pairs = np.where(np.arange(H + 1), 2, 1)
+    rho = _significant_correlation(square, product, B, pairs)
+    variance = square / (pairs * (B - 1) - 2) / blocks * (1.0 + rho) / (1.0 - rho)
+    return np.sqrt(variance), rho
+
+
+def _pooled(of_coefficients: Array, H: int) -> Array:
+    """Sum over cos and sin, (c, 2H+1) to (c, H+1)."""
+    out = of_coefficients[:, : H + 1].copy()
+    out[:, 1:] += of_coefficients[:, H + 1 :]
+    return out
+
+
+def _significant_correlation(square: Array, product: Array, B: int, pairs: npt.NDArray[np.int_]) -> Array:
+    """Correlation of neighbouring blocks, (c, H+1), 0 where it may be chance.
+
+    Own correlation of a harmonic above three standard deviations of chance, or that of all harmonics of the channel
+    together, which shows less, above two. A mean taken off biases a correlation by -1/B.
+    """
+    tiny = np.finfo(float).tiny
+    own = product / np.maximum(square, tiny) + 1.0 / B
+    shared = np.mean(own[:, 1:], axis=1, keepdims=True) if own.shape[1] > 1 else np.zeros((len(own), 1))
+    values = B * int(pairs[1:].sum())
+    shared = np.where(shared > 2.0 / np.sqrt(max(values, 1)), shared, 0.0)
+    own = np.where(own > 3.0 / np.sqrt(B * pairs), own, 0.0)
+    return np.minimum(np.maximum(own, shared), 0.98)
+
+
+def _of_residual(residual: Array, periods: int, H: int) -> Array:
+    """Standard deviation from the power that the fit leaves around each harmonic, (c, H+1)."""
+    N = len(residual)
+    if periods == 1:  # nothing lies between the harmonics: noise is taken for white
+        freedom = max(N - 2 * H - 1, 3)
+        white = np.sum(residual**2, axis=0) / (freedom - 2)
+        return np.asarray(np.sqrt(white[:, None] * np.where(np.arange(H + 1), 2.0, 1.0) / N))
+    power = np.abs(np.fft.rfft(residual, axis=0)) ** 2
+    out = np.empty((residual.shape[1], H + 1))
+    for k in range(H + 1):
+        near = np.arange(max(k - 1, 0) * periods + 1, (k + 1) * periods)
+        near = near[(near % periods != 0) & (near < len(power))]
+        freedom = 2 * len(near)
+        variance = power[near].mean(axis=0) / N**2 * (2.0 if k else 1.0)
+        out[:, k] = np.sqrt(variance * (freedom / (freedom - 2) if freedom > 2 else 3.0))
+    return out
+
+
+def _even(t: Array, values: Array) -> Array:
+    """Values at equally spaced times."""
+    even = np.linspace(t[0], t[-1], len(t))
+    return values if np.allclose(t, even, rtol=0.0, atol=1e-3 * (t[1] - t[0])) else np.interp(even, t, values)
+
+
+# -------------------------------------------------------------------------------------------- the frequency, refined
+
+
+def _refined(recorded: Recording, t: Array, hz: float, H: int, channel: str) -> tuple[float, float]:
+    """Frequency at which the harmonics of a channel hold most power, and its standard deviation [Hz]."""
+    if channel not in recorded.channels:
+        have = ", ".join(recorded.channels)
+        raise InputError(
+            f'{recorded.source}: no channel "{channel}" to refine the fundamental with; channels are {have}'
+        )
+    y = recorded.channels[channel][-len(t) :]
+    centred, duration = t - t.mean(), float(t[-1] - t[0])
+
+    def left(f: float) -> float:
+        A = _design(centred, f, H)
+        return float(np.sum((y - A @ np.linalg.solve(A.T @ A, A.T @ y)) ** 2))
+
+    reach = 0.5 / duration
+    found = minimize_scalar(left, bounds=(hz - reach, hz + reach), method="bounded", options={"xatol": 1e-7 * reach})
+    best = float(found.x)
+    if abs(best - hz) > 0.98 * reach:
+        raise InputError(
+            f"{recorded.source}: no maximum of {channel} within {reach:.3g} Hz of {hz:g} Hz; "
+            "must be closer to the fundamental"
+        )
+    A = _design(centred, best, H)
+    a = np.linalg.lstsq(A, y, rcond=None)[0]
+    noise = np.sum((y - A @ a) ** 2) / max(len(y) - 2 * H - 1, 1)
+    amplitude = max(float(np.hypot(a[1], a[H + 1])), np.finfo(float).tiny)
+    return best, float(np.sqrt(24.0 * noise / len(y)) / (2.0 * np.pi * amplitude * duration))  # Rife and Boorstyn 1974

@@ -1,0 +1,336 @@
+"""Time histories of measurements read from files: CSV, MAT (v5 and v7.3), UFF58, TDMS, and SEP005 dictionaries.
+
+Every reader only finds time, channels and units; :func:`hbm.measurement.recording.recording` checks and converts them.
+Without a unit, values must be in SI.
+
+========  ==================================================  ============================  =========================
+format    time                                                channel names                 units
+========  ==================================================  ============================  =========================
+CSV       first column, ``time_s``                            heading                       SI
+MAT       ``time_s``, ``time`` or ``t``; or a scalar ``fs``   the other vectors             struct ``units``, or SI
+UFF58     abscissa, in s; the step has 6 digits in the file   response entity, or node and  axis label, or the system
+          and is taken for 1/n s where that is all it can be  direction, ``3+Y``            of data set 164, or SI
+TDMS      ``wf_increment``, or a channel ``time_s``           channel, or group/channel     ``unit_string``, or SI
+SEP005    ``time`` or ``fs``                                  ``name``                      ``unit_str``
+========  ==================================================  ============================  =========================
+"""
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from math import floor, log10
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hbm.errors import InputError
+from hbm.extras import extra
+from hbm.fourier import Array
+from hbm.measurement.recording import Recording, recording, renamed
+from hbm.textfiles import StrPath, why
+
+TIMES = ("time_s", "time", "t")
+KIND = "a time history"
+
+
+class Found(NamedTuple):
+    """What a reader found in a file: time, values by channel, units by channel."""
+
+    time: Any
+    channels: Mapping[str, Any]
+    units: Mapping[str, str]
+
+
+def load_history(source: StrPath | Sequence[Mapping[str, Any]], channels: Mapping[str, str] | None = None) -> Recording:
+    """Read a measured time history.
+
+    Parameters
+    ----------
+    source : str, path or list of dict
+        CSV, MAT, UFF58 (``.uff``, ``.unv``) or TDMS file, by its ending; or SEP005 dictionaries, one per channel.
+    channels : mapping of str to str, optional
+        Name of a channel to its name in the file; all, under their own names, if omitted.
+
+    Returns
+    -------
+    Recording
+        In SI units.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, channels do not fit together, or a unit is not known.
+    """
+    if isinstance(source, str) or hasattr(source, "__fspath__"):
+        where, found = str(source), _read(Path(source))
+    else:
+        where = "SEP005"
+        found = _sep005(where, source)
+    values, units = renamed(where, found.channels, found.units, channels or {})
+    return recording(where, found.time, values, units)
+
+
+def _read(path: Path) -> Found:
+    reader = READERS.get(path.suffix.lower())
+    if reader is None:
+        raise InputError(f"{path}: not {KIND}; must end in {' or '.join(READERS)}")
+    if not path.is_file():
+        found = "is a directory" if path.is_dir() else "no such file"
+        raise InputError(f"{path}: {found}; must be {KIND}")
+    return reader(path)
+
+
+# ---------------------------------------------------------------------------------------------------------------- CSV
+
+
+def _csv(path: Path) -> Found:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as refused:
+        raise InputError(f"{path}: cannot be read ({why(refused)}); must be {KIND} (CSV)") from None
+    heading, _, rest = text.partition("\n")
+    names = [name.strip() for name in next(csv.reader([heading]), [])]
+    if names[:1] != ["time_s"] or len(names) < 2 or not all(names):
+        raise InputError(f'{path} line 1: columns "{heading.strip()[:60]}"; must be time_s and one per channel')
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f'{path} line 1: column "{name}" a second time; must be once')
+    table = _table(path, rest, names)
+    return Found(table[:, 0], {name: table[:, i] for i, name in enumerate(names) if i}, {})
+
+
+def _table(path: Path, text: str, names: list[str]) -> Array:
+    """Numbers beneath the heading; where that fails, the first line to blame."""
+    if not text.strip():
+        raise InputError(f"{path}: no samples; must have one row per sample")
+    try:
+        table = np.loadtxt(io.StringIO(text), delimiter=",", ndmin=2, comments=None)
+        if table.shape[1] == len(names) and np.isfinite(table).all():
+            return table
+    except ValueError:
+        pass
+    for line, row in enumerate(csv.reader(io.StringIO(text)), start=2):
+        _check_row(f"{path} line {line}", row, names)
+    raise InputError(f"{path}: cannot be read as numbers; must be {KIND} (CSV)")
+
+
+def _check_row(where: str, row: list[str], names: list[str]) -> None:
+    if row and len(row) != len(names):
+        raise InputError(f"{where}: {len(row)} entries; must have {len(names)}")
+    for name, entry in zip(names, row, strict=False):
+        try:
+            finite = np.isfinite(float(entry))
+        except ValueError:
+            finite = False
+        if not finite:
+            raise InputError(
+                f"{where}: {name} = {json.dumps(entry.strip()[:60], ensure_ascii=False)}; must be a finite number"
+            )
+
+
+# ---------------------------------------------------------------------------------------------------------------- MAT
+
+
+def _mat(path: Path) -> Found:
+    reader = extra("pymatreader", str(path))
+    try:
+        content = reader.read_mat(path)
+    except Exception as refused:  # pymatreader lets through whatever SciPy and h5py raise
+        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a MAT file (v5 or v7.3)") from None
+    units = content.get("units")
+    numbers = {name: values for name, values in content.items() if not name.startswith("__") and _numeric(values)}
+    vectors = {name: np.squeeze(values) for name, values in numbers.items() if np.size(values) > 1}
+    time = next((vectors.pop(name) for name in TIMES if name in vectors), None)
+    if time is None and not vectors:
+        raise InputError(f"{path}: no vectors; must have {', '.join(TIMES)} or a scalar fs, and one vector per channel")
+    if time is None:
+        time = _of_rate(path, content.get("fs"), len(next(iter(vectors.values()))))
+    said = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
+    return Found(time, vectors, said)
+
+
+def _numeric(values: Any) -> bool:
+    return isinstance(values, int | float | np.ndarray) and np.asarray(values).dtype.kind in "iufb"
+
+
+def _of_rate(path: StrPath, rate: Any, samples: int) -> Array:
+    if not isinstance(rate, int | float) or not (0.0 < rate < float("inf")):
+        raise InputError(f"{path}: no time; must have a vector {', '.join(TIMES)}, or a scalar fs > 0 [Hz]")
+    return np.arange(samples, dtype=np.float64) / float(rate)
+
+
+# -------------------------------------------------------------------------------------------------------------- UFF58
+
+
+def _uff(path: Path) -> Found:
+    reader = extra("pyuff", str(path))
+    try:
+        sets = reader.UFF(str(path)).read_sets()
+    except Exception as refused:  # pyuff raises bare exceptions
+        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a UFF file") from None
+    sets = sets if isinstance(sets, list) else [sets]
+    responses = [s for s in sets if s.get("type") == 58 and s.get("func_type") == 1]
+    if not responses:
+        raise InputError(f"{path}: no time response; must have data sets 58 of function type 1")
+    system: dict[str, Any] = next((s for s in sets if s.get("type") == 164), {})
+    axes = [_uff_time(s) for s in responses]
+    for name, axis in zip(_uff_names(responses), axes, strict=True):
+        _same_time(str(path), name, axis, axes[0])
+    names = _unique(str(path), _uff_names(responses))
+    scaled = [_uff_values(s, system) for s in responses]
+    return Found(
+        axes[0],
+        {name: values for name, (values, _) in zip(names, scaled, strict=True)},
+        {name: unit for name, (_, unit) in zip(names, scaled, strict=True)},
+    )
+
+
+def _uff_names(sets: list[dict[str, Any]]) -> list[str]:
+    """Response entities where each has its own, otherwise node and direction."""
+    entities = [str(s["rsp_ent_name"]).strip() for s in sets]
+    if len(set(entities)) == len(sets) and not {"", "NONE"} & set(entities):
+        return entities
+    return [f"{int(s['rsp_node'])}{_direction(int(s['rsp_dir']))}" for s in sets]
+
+
+def _direction(code: int) -> str:
+    """Direction of data set 58: +Y for 2, -Z for -3, +RX for 4."""
+    axes = ("", "X", "Y", "Z", "RX", "RY", "RZ")
+    return f"{'-' if code < 0 else '+'}{axes[abs(code)]}" if 0 < abs(code) < len(axes) else ""
+
+
+def _uff_time(s: dict[str, Any]) -> Array:
+    """Abscissa; its digits are too few for a long record, so that a step of 1/n s within them is taken for it."""
+    x = np.asarray(s["x"], dtype=float)
+    if not s["abscissa_spacing"] or len(x) < 2:
+        return x
+    step = float(s["abscissa_inc"])
+    if not step > 0.0:
+        return x
+    rate, rounding = round(1.0 / step), 0.51 * 10.0 ** (floor(log10(step)) - 5)
+    exact = 1.0 / rate if rate and abs(1.0 / rate - step) <= rounding else step
+    return np.asarray(float(s["abscissa_min"]) + exact * np.arange(len(x)), dtype=float)
+
+
+def _uff_values(s: dict[str, Any], system: Mapping[str, Any]) -> tuple[Array, str]:
+    """Values and their unit: the label's, or SI by the units of the file's data set 164."""
+    label = str(s.get("ordinate_axis_units_lab", "")).strip()
+    if label and label != "NONE":
+        return np.asarray(s["data"]), label
+    unit, dimension = {8: ("m", "length"), 11: ("m/s", "length"), 12: ("m/s2", "length")}.get(
+        int(s.get("ordinate_spec_data_type", 0)), ("", "")
+    )
+    if int(s.get("ordinate_spec_data_type", 0)) in (9, 13):
+        unit, dimension = "N", "force"
+    return np.asarray(s["data"]) / float(system.get(dimension, 1.0)), unit
+
+
+# --------------------------------------------------------------------------------------------------------------- TDMS
+
+
+def _tdms(path: Path) -> Found:
+    reader = extra("nptdms", str(path))
+    try:
+        with path.open("rb") as stream:
+            groups = reader.TdmsFile.read(stream).groups()
+        found = [(c.group_name, c.name, c[:], dict(c.properties)) for group in groups for c in group.channels()]
+    except Exception as refused:  # nptdms lets through whatever struct and NumPy raise
+        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a TDMS file") from None
+    if not found:
+        raise InputError(f"{path}: no channels; must have at least one")
+    alone = [name for _, name, _, _ in found]
+    names = alone if len(set(alone)) == len(alone) else [f"{group}/{name}" for group, name, _, _ in found]
+    times = {name: values for name, (_, plain, values, _) in zip(names, found, strict=True) if plain in TIMES}
+    kept = [(name, values, said) for name, (_, _, values, said) in zip(names, found, strict=True) if name not in times]
+    time = next(iter(times.values()), None)
+    if time is None:
+        axes = {name: _tdms_time(path, name, values, said) for name, values, said in kept}
+        time = next(iter(axes.values()))
+        for name, axis in axes.items():
+            _same_time(str(path), name, axis, time)
+    return Found(
+        time,
+        {name: values for name, values, _ in kept},
+        {name: str(said.get("unit_string", "")) for name, _, said in kept},
+    )
+
+
+def _tdms_time(path: Path, name: str, values: Any, said: Mapping[str, Any]) -> Array:
+    step = said.get("wf_increment")
+    if not isinstance(step, int | float) or not step > 0.0:
+        raise InputError(f"{path}: {name} has no wf_increment; must have it, or a channel {' or '.join(TIMES)}")
+    return np.asarray(float(said.get("wf_start_offset", 0.0)) + float(step) * np.arange(len(values)), dtype=float)
+
+
+# ------------------------------------------------------------------------------------------------------------- SEP005
+
+
+def _sep005(where: str, entries: Sequence[Mapping[str, Any]]) -> Found:
+    schema = extra("sdypy_sep005", where).Sep005Data
+    from pydantic import ValidationError
+
+    if not entries:
+        raise InputError(f"{where}: no channels; must have at least one")
+    checked = []
+    for i, entry in enumerate(entries, start=1):
+        try:
+            plain = dict(entry)
+            if plain.get("time") is not None:
+                plain["time"] = np.asarray(plain["time"], dtype=float).tolist()
+            checked.append(schema.model_validate(plain))
+        except (ValidationError, TypeError, ValueError) as refused:
+            raise InputError(f"{where} channel {i}: {_complaint(refused)}; must be a channel of SEP005") from None
+    axes = [_sep005_time(channel) for channel in checked]
+    for channel, axis in zip(checked, axes, strict=True):
+        _same_time(where, channel.name, axis, axes[0])
+    names = _unique(where, [channel.name for channel in checked])
+    return Found(
+        axes[0],
+        {name: channel.data for name, channel in zip(names, checked, strict=True)},
+        {name: channel.unit_str for name, channel in zip(names, checked, strict=True)},
+    )
+
+
+def _sep005_time(channel: Any) -> Array:
+    if channel.time is not None:
+        return np.asarray(channel.time, dtype=float)
+    return np.asarray(np.arange(len(channel.data)) / float(channel.fs))
+
+
+def _complaint(refused: Exception) -> str:
+    """First error of pydantic, with its key."""
+    listed = getattr(refused, "errors", None)
+    if listed is None:
+        return _first_line(refused)
+    first = listed()[0]
+    key = ".".join(map(str, first["loc"][:1]))
+    return f"{key}: {first['msg']}" if key else str(first["msg"])
+
+
+# ------------------------------------------------------------------------------------------------------------- common
+
+
+def _same_time(where: str, name: str, axis: Array, first: Array) -> None:
+    """All channels of a recording are sampled together."""
+    if len(axis) != len(first):
+        raise InputError(f"{where}: {name} has {len(axis)} samples, the first channel {len(first)}; must have as many")
+    if len(axis) > 1 and not np.allclose(axis, first, rtol=0.0, atol=1e-6 * abs(first[1] - first[0])):
+        raise InputError(f"{where}: {name} is sampled at other times than the first channel; must be at the same")
+
+
+def _unique(where: str, names: list[str]) -> list[str]:
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f'{where}: channel "{name}" a second time; must be once')
+    return names
+
+
+def _first_line(refused: Exception) -> str:
+    text = (str(refused).strip() or type(refused).__name__).splitlines()[0].rstrip(".")
+    return text[:1].lower() + text[1:]
+
+
+READERS = {".csv": _csv, ".mat": _mat, ".uff": _uff, ".unv": _uff, ".tdms": _tdms}
+"""Reader by ending."""

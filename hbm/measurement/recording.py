@@ -1,0 +1,152 @@
+"""Recordings: what was measured over time, in SI units on one time axis.
+
+:class:`Recording` is what :mod:`hbm.measurement.historyfile` reads and :mod:`hbm.measurement.harmonics` turns into
+spectra; :func:`recording` makes one of whatever a file holds, or refuses it.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+
+ACCEPTED_UNITS: dict[str, tuple[float, str]] = {
+    **{"N": (1.0, "N"), "kN": (1e3, "N"), "mN": (1e-3, "N"), "lbf": (4.4482216152605, "N")},
+    **{"m/s2": (1.0, "m/s2"), "mm/s2": (1e-3, "m/s2"), "g": (9.80665, "m/s2"), "mg": (9.80665e-3, "m/s2")},
+    **{"m/s": (1.0, "m/s"), "mm/s": (1e-3, "m/s"), "in/s": (0.0254, "m/s")},
+    **{"m": (1.0, "m"), "mm": (1e-3, "m"), "um": (1e-6, "m"), "nm": (1e-9, "m"), "in": (0.0254, "m")},
+}
+"""Factor to SI and SI unit; g is the standard gravity, an acceleration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Channels measured over time.
+
+    Attributes
+    ----------
+    source : str
+        Where it comes from, for messages.
+    time : (N,) array
+        Increasing [s]; its zero is the phase reference of all channels.
+    channels : dict of str to (N,) array
+        Values in SI units.
+    units : dict of str to str
+        SI unit of each channel, empty where the source does not say: then it must be SI.
+    """
+
+    source: str
+    time: Array
+    channels: Mapping[str, Array]
+    units: Mapping[str, str]
+
+    @property
+    def step(self) -> float:
+        """Mean time between samples [s]."""
+        return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+
+def recording(
+    source: str, time: npt.ArrayLike, channels: Mapping[str, npt.ArrayLike], units: Mapping[str, str] | None = None
+) -> Recording:
+    """Check what was read and convert it to SI.
+
+    Parameters
+    ----------
+    source : str
+        For messages.
+    time : (N,) array
+        [s].
+    channels : mapping of str to (N,) array
+        Values as recorded.
+    units : mapping of str to str, optional
+        Units as recorded, of any of the channels.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    InputError
+        If lengths differ, a number is not finite, time does not increase, or a unit is not known.
+    """
+    said = dict(units or {})
+    t = _samples(source, "time", time)
+    if not channels:
+        raise InputError(f"{source}: no channel; must have time and at least one channel")
+    scaled = {name: _scale(source, name, said.get(name, "")) for name in channels}
+    values = {name: scaled[name][0] * _samples(source, name, given) for name, given in channels.items()}
+    for name, v in values.items():
+        if len(v) != len(t):
+            raise InputError(f"{source}: {name} has {len(v)} samples, time has {len(t)}; must have as many")
+    if len(t) < 3:
+        raise InputError(f"{source}: {len(t)} samples; must have at least 3")
+    if not np.all(np.diff(t) > 0.0):
+        at = int(np.argmin(np.diff(t) > 0.0)) + 1
+        raise InputError(f"{source}: time is {t[at]:g} s at sample {at + 1} after {t[at - 1]:g} s; must increase")
+    return Recording(source, t, values, {name: unit for name, (_, unit) in scaled.items()})
+
+
+def renamed(
+    source: str, channels: Mapping[str, npt.ArrayLike], units: Mapping[str, str], columns: Mapping[str, str]
+) -> tuple[dict[str, npt.ArrayLike], dict[str, str]]:
+    """Keep the columns named, under new names.
+
+    Parameters
+    ----------
+    source : str
+        For messages.
+    channels, units : mapping
+        By column, as in :func:`recording`.
+    columns : mapping of str to str
+        New name to column; all under their own names if empty.
+
+    Returns
+    -------
+    channels, units : dict
+        By new name.
+
+    Raises
+    ------
+    InputError
+        If a column is not there.
+    """
+    if not columns:
+        return dict(channels), dict(units)
+    for column in columns.values():
+        if column not in channels:
+            raise InputError(f'{source}: no channel "{column}"; channels are {", ".join(channels) or "none"}')
+    return (
+        {name: channels[column] for name, column in columns.items()},
+        {name: units.get(column, "") for name, column in columns.items()},
+    )
+
+
+def _samples(source: str, name: str, values: npt.ArrayLike) -> Array:
+    try:
+        numbers = np.squeeze(np.asarray(values, dtype=float))
+    except (TypeError, ValueError):
+        raise InputError(f"{source}: {name} is not numbers; must be one number per sample") from None
+    if numbers.ndim != 1:
+        shape = " x ".join(map(str, numbers.shape)) or "one number"
+        raise InputError(f"{source}: {name} is {shape}; must be one number per sample")
+    if not np.isfinite(numbers).all():
+        at = int(np.argmin(np.isfinite(numbers)))
+        raise InputError(f"{source}: {name} is {numbers[at]} at sample {at + 1}; must be a finite number")
+    return numbers
+
+
+def _scale(source: str, name: str, unit: str) -> tuple[float, str]:
+    """Factor to SI and SI unit; nothing said means SI."""
+    plain = unit.strip()
+    for written, meant in (("^", ""), ("**", ""), ("²", "2"), ("µ", "u"), ("μ", "u")):
+        plain = plain.replace(written, meant)
+    if not plain:
+        return 1.0, ""
+    if plain not in ACCEPTED_UNITS:
+        raise InputError(f'{source}: unit of {name} is "{unit}"; must be one of {", ".join(ACCEPTED_UNITS)}')
+    return ACCEPTED_UNITS[plain]

@@ -1,0 +1,242 @@
+"""Spectra files: measured harmonic coefficients read, checked and written, formats.md section 2.
+
+The CSV file is the contract; NetCDF and MAT files hold the same numbers and are read back through the same checks,
+see :mod:`hbm.measurement.exchange`.
+"""
+
+import json
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from hbm.errors import InputError
+from hbm.measurement.exchange import mat_bytes, mat_rows, netcdf_bytes, netcdf_rows, uff_bytes
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.textfiles import StrPath, csv_text, read_rows, write_together
+from models.rig import Rig
+
+COLUMNS = ("record", "level", "frequency_hz", "channel", "harmonic", "cos", "sin", "std")
+READ = (".csv", ".nc", ".mat")
+WRITTEN = (*READ, ".uff")
+LARGEST_HARMONIC = 1000
+
+WHOLE = re.compile(r"[+-]?[0-9]{1,15}")
+HOW_STD = "estimate it from the time history with hbm spectra"
+
+
+class Row(NamedTuple):
+    """One coefficient pair and where it stands."""
+
+    where: str
+    record: int
+    level: float
+    hz: float
+    channel: str
+    harmonic: int
+    cos: float
+    sin: float
+    std: float
+
+
+# ------------------------------------------------------------------------------------------------------------ reading
+
+
+def load_spectra(path: StrPath, rig: Rig) -> MeasuredSpectra:
+    """Read a spectra file.
+
+    Parameters
+    ----------
+    path : str or path
+        CSV, NetCDF or MAT file, by its ending.
+    rig : Rig
+        Its channels are accepted, in any order of rows.
+
+    Returns
+    -------
+    MeasuredSpectra
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or says something that is not accepted.
+    """
+    source, ending = str(path), Path(path).suffix.lower()
+    if ending not in READ:
+        raise InputError(f"{source}: not a spectra file; must end in {' or '.join(READ)}")
+    if not Path(path).exists():
+        raise InputError(f"{source}: no such file; must be a spectra file")
+    tables = {".csv": _csv_rows, ".nc": netcdf_rows, ".mat": mat_rows}
+    return _assembled(source, (_row(where, cells) for where, cells in tables[ending](path)), rig)
+
+
+def _csv_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
+    rows = read_rows(path, "a spectra file (CSV)")
+    line, heading = next(rows, (1, []))
+    if not heading:
+        raise InputError(f"{path}: is empty; must have the columns {','.join(COLUMNS)}")
+    if [name.strip() for name in heading] != list(COLUMNS):
+        raise InputError(f"{path} line {line}: {_wrong_heading(heading)}; must be {','.join(COLUMNS)}")
+    for line, row in rows:
+        where = f"{path} line {line}"
+        if len(row) != len(COLUMNS):
+            raise InputError(f"{where}: {len(row)} entries; must have {len(COLUMNS)}")
+        yield where, row
+
+
+def _wrong_heading(heading: list[str]) -> str:
+    names = [name.strip() for name in heading]
+    missing = [name for name in COLUMNS if name not in names]
+    unknown = [_shown(name) for name in names if name not in COLUMNS]
+    if missing:
+        return f"no column {', '.join(missing)}"
+    if unknown:
+        return f"unknown column {', '.join(unknown)}"
+    return f"columns are {','.join(names)}"
+
+
+def _row(where: str, cells: list[str]) -> Row:
+    """Check the entries of one row, in their order."""
+    record = _whole(where, "record", cells[0])
+    level = _positive(where, "level", cells[1], "N")
+    hz = _positive(where, "frequency_hz", cells[2], "Hz")
+    channel, harmonic = cells[3].strip(), _whole(where, "harmonic", cells[4])
+    if not 0 <= harmonic <= LARGEST_HARMONIC:
+        raise InputError(f"{where}: harmonic = {harmonic}; must be a whole number from 0 to {LARGEST_HARMONIC}")
+    cos, sin = _finite(where, "cos", cells[5]), _finite(where, "sin", cells[6])
+    if harmonic == 0 and sin != 0.0:
+        raise InputError(f"{where}: sin of harmonic 0 = {sin:g}; must be 0")
+    if not cells[7].strip():
+        raise InputError(f"{where}: std is missing; must be > 0, for each of cos and sin; {HOW_STD}")
+    std = _number(where, "std", cells[7], "must be a number > 0")
+    if not 0.0 < std < math.inf:
+        raise InputError(f"{where}: std = {std:g}; must be > 0, for each of cos and sin; {HOW_STD}")
+    return Row(where, record, level, hz, channel, harmonic, cos, sin, std)
+
+
+def _number(where: str, name: str, text: str, accepted: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{where}: {name} = {_shown(text)}; {accepted}") from None
+
+
+def _finite(where: str, name: str, text: str) -> float:
+    value = _number(where, name, text, "must be a number")
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {name} = {value}; must be finite, harmonics not measured are left out")
+    return value
+
+
+def _positive(where: str, name: str, text: str, unit: str) -> float:
+    value = _number(where, name, text, f"must be a number > 0 [{unit}]")
+    if not 0.0 < value < math.inf:
+        raise InputError(f"{where}: {name} = {value:g}; must be a number > 0 [{unit}]")
+    return value
+
+
+def _whole(where: str, name: str, text: str) -> int:
+    if not WHOLE.fullmatch(text.strip()):
+        raise InputError(f"{where}: {name} = {_shown(text)}; must be a whole number")
+    return int(text)
+
+
+def _shown(text: str) -> str:
+    """An entry in quotation marks, on one line."""
+    return json.dumps(text.strip()[:60], ensure_ascii=False)
+
+
+def _assembled(source: str, rows: Iterable[Row], rig: Rig) -> MeasuredSpectra:
+    """Put rows into arrays; of rows that contradict each other the later is refused."""
+    names = [channel.name for channel in rig.channels]
+    states: dict[int, tuple[float, float]] = {}
+    entries: dict[tuple[int, str, int], Row] = {}
+    for row in rows:
+        if row.channel not in names:
+            accepted = f"channels are {', '.join(names)}" if names else "it has none"
+            raise InputError(f"{row.where}: channel {_shown(row.channel)} is not in the rig; {accepted}")
+        _same_state(row, states.setdefault(row.record, (row.level, row.hz)))
+        key = row.record, row.channel, row.harmonic
+        if key in entries:
+            raise InputError(
+                f"{row.where}: record {row.record}, {row.channel}, harmonic {row.harmonic} a second time; "
+                "must be once in a file"
+            )
+        entries[key] = row
+    if not entries:
+        raise InputError(f"{source}: no rows; must have at least one coefficient")
+    return _arrays(source, states, entries, names)
+
+
+def _same_state(row: Row, state: tuple[float, float]) -> None:
+    for what, value, first, unit in zip(("level", "frequency"), (row.level, row.hz), state, ("N", "Hz"), strict=True):
+        if value != first:
+            raise InputError(
+                f"{row.where}: record {row.record} has {what} {value:.10g} {unit} and before {first:.10g} {unit}; "
+                "must be the same in a record"
+            )
+
+
+def _arrays(
+    source: str,
+    states: Mapping[int, tuple[float, float]],
+    entries: Mapping[tuple[int, str, int], Row],
+    names: list[str],
+) -> MeasuredSpectra:
+    records = sorted(states)
+    channels = tuple(name for name in names if any(key[1] == name for key in entries))
+    H = max(harmonic for _, _, harmonic in entries)
+    coefficients = np.full((len(records), len(channels), 2 * H + 1), np.nan)
+    std = np.full((len(records), len(channels), H + 1), np.nan)
+    record_at = {record: i for i, record in enumerate(records)}
+    channel_at = {name: j for j, name in enumerate(channels)}
+    for (record, channel, k), row in entries.items():
+        i, j = record_at[record], channel_at[channel]
+        coefficients[i, j, k] = row.cos
+        if k:
+            coefficients[i, j, H + k] = row.sin
+        std[i, j, k] = row.std
+    level, hz = np.array([states[record] for record in records]).T
+    return MeasuredSpectra(source, np.array(records, dtype=np.int64), level, hz, channels, coefficients, std)
+
+
+# ------------------------------------------------------------------------------------------------------------ writing
+
+
+def write_spectra(path: StrPath, spectra: MeasuredSpectra, units: Mapping[str, str] | None = None) -> None:
+    """Write a spectra file.
+
+    Parameters
+    ----------
+    path : str or path
+        CSV (every digit), NetCDF, MAT or UFF58 file, by its ending.
+    spectra : MeasuredSpectra
+    units : mapping of str to str, optional
+        Units of channels, for the formats that have a place for them.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written; nothing is written then.
+    """
+    path = Path(path)
+    contents = {".nc": netcdf_bytes, ".mat": mat_bytes, ".uff": uff_bytes}
+    ending = path.suffix.lower()
+    if ending not in WRITTEN:
+        raise InputError(f"{path}: not a spectra file; must end in {' or '.join(WRITTEN)}")
+    if ending == ".csv":
+        write_together({path: csv_text(_table(spectra))})
+    else:
+        write_together({path: contents[ending](str(path), spectra, units or {})})
+
+
+def _table(spectra: MeasuredSpectra) -> Iterator[list[object]]:
+    yield list(COLUMNS)
+    H, level, hz = spectra.H, spectra.level.tolist(), spectra.hz.tolist()
+    coefficients, std = spectra.coefficients.tolist(), spectra.std.tolist()
+    for i, j, k in np.argwhere(spectra.measured).tolist():
+        pair = (coefficients[i][j][k], coefficients[i][j][H + k] if k else 0.0)
+        yield [int(spectra.records[i]), level[i], hz[i], spectra.channels[j], k, *pair, std[i][j][k]]

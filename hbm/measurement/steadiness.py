@@ -1,0 +1,230 @@
+"""Is a record a steady state? What its blocks, and what its harmonics leave over, say of one channel.
+
+The fundamental's complex amplitude is followed from block to block. In a steady state it is constant but for noise.
+A linear transient adds ``d exp((-lambda + i delta) t)``: it dies out at the rate lambda, and turns because the
+structure rings at its own frequency, delta / 2 pi beside the fundamental.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+from scipy.signal.windows import blackmanharris
+from scipy.stats import f as f_distribution
+
+from hbm.fourier import Array
+
+Complex = npt.NDArray[np.complex128]
+
+SIGNIFICANT = 1e-4
+"""Probability below which steadiness is given up: a false alarm in ten thousand channels."""
+FEWEST_FOR_LINES = 12
+"""Periods below which a line cannot be told from the harmonics beside it."""
+UNPROMISING = 0.1
+"""Probability, at the best of a coarse search, from which a transient is not looked for further."""
+FEWEST_BLOCKS = 8
+"""Below these a transient has more parameters than is reasonable for so few amplitudes."""
+
+
+@dataclass(frozen=True)
+class Steadiness:
+    """How constant the amplitude of the fundamental is.
+
+    Attributes
+    ----------
+    change, change_std : float
+        Size of the linear trend from beginning to end, relative to the mean amplitude, and its standard deviation;
+        nan of too few blocks.
+    turning : float
+        Part of the trend that turns the phase [rad].
+    p_steady : float
+        Probability of a variation as large as this in a steady state with independent noise.
+    decay_rate, decay_rate_std : float
+        lambda [1/s] of a transient, nan where none is significant.
+    beat_hz : float
+        delta / 2 pi [Hz] of the transient.
+    left : float
+        What is left of the transient at the end, relative to the mean amplitude.
+    """
+
+    change: float
+    change_std: float
+    turning: float
+    p_steady: float
+    decay_rate: float = float("nan")
+    decay_rate_std: float = float("nan")
+    beat_hz: float = float("nan")
+    left: float = float("nan")
+
+    @property
+    def steady(self) -> bool:
+        """Whether nothing significant speaks against it."""
+        return not self.p_steady < SIGNIFICANT
+
+
+def steadiness(t: Array, c: Complex) -> Steadiness:
+    """Judge complex amplitudes of blocks.
+
+    Parameters
+    ----------
+    t : (B,) array
+        Middle of each block [s], equally spaced.
+    c : (B,) complex array
+        Amplitude of the fundamental.
+
+    Returns
+    -------
+    Steadiness
+    """
+    B = len(t)
+    if B < 3 or not c.any():
+        nan = float("nan")
+        return Steadiness(nan, nan, nan, nan)
+    mean = c.mean()
+    x = t - t.mean()
+    slope = (x @ (c - mean)) / (x @ x)
+    left = float(np.sum(np.abs(c - mean - slope * x) ** 2))
+    variance = left / (2 * (B - 2))  # of each of real and imaginary part
+    duration = B * (t[1] - t[0])
+    trend = slope * duration / mean
+    trend_std = float(np.sqrt(variance / (x @ x)) * duration / abs(mean))
+    p = _probability(abs(slope) ** 2 * (x @ x), 2, left, 2 * (B - 2))
+    known = Steadiness(abs(trend), trend_std, float(trend.imag), p)
+    return _transient(t, c, known) if B >= FEWEST_BLOCKS else known
+
+
+def _probability(explained: float, parameters: int, left: float, freedom: int) -> float:
+    """F test: probability that noise alone is explained so well."""
+    if left <= 0.0:
+        return 1.0 if explained <= 0.0 else 0.0
+    return float(f_distribution.sf(explained / parameters / (left / freedom), parameters, freedom))
+
+
+def _transient(t: Array, c: Complex, known: Steadiness) -> Steadiness:
+    """Add a transient, where the amplitudes are explained by one; p is corrected for the search over the beat."""
+    B, x = len(t), (t - t[0]) / (t[1] - t[0])  # time in blocks
+    whole, start = float(np.sum(np.abs(c - c.mean()) ** 2)), _start(x, c)
+
+    def probability(left: float) -> float:
+        return min(1.0, B * _probability(whole - left, 4, left, 2 * B - 6))
+
+    p = probability(float(np.sum(np.abs(_deviation(x, c, start)) ** 2)))
+    if p > UNPROMISING:
+        return replace(known, p_steady=min(1.0, 2.0 * min(p, known.p_steady)))
+    fit = least_squares(lambda s: _parts(_deviation(x, c, s)), start, x_scale=(1.0 / B, 1.0 / B))
+    left = 2.0 * float(fit.cost)
+    known = replace(known, p_steady=min(1.0, 2.0 * min(probability(left), known.p_steady)))
+    covariance = np.linalg.pinv(fit.jac.T @ fit.jac) * left / (2 * B - 6)
+    rate, rate_std = fit.x[0] / (t[1] - t[0]), float(np.sqrt(covariance[0, 0])) / (t[1] - t[0])
+    if probability(left) >= SIGNIFICANT or rate < 2.0 * rate_std:  # noise, or it varies and does not die out
+        return known
+    amplitude = _transient_amplitude(x, c, fit.x)
+    return replace(
+        known,
+        decay_rate=float(rate),
+        decay_rate_std=rate_std,
+        beat_hz=float(fit.x[1] / (2.0 * np.pi * (t[1] - t[0]))),
+        left=float(abs(amplitude * np.exp(-fit.x[0] * (B - 0.5)) / c.mean())),
+    )
+
+
+def _start(x: Array, c: Complex) -> Array:
+    """Best decay rate and beat of a grid, per block."""
+    B = len(x)
+    rates, beats = np.meshgrid(np.geomspace(0.2, 0.5 * B, 6) / B, np.linspace(-np.pi, np.pi, 2 * B, endpoint=False))
+    shapes = _shape(x, rates.reshape(-1, 1), beats.reshape(-1, 1))
+    shapes = shapes - shapes.mean(axis=1, keepdims=True)
+    explained = np.abs(shapes.conj() @ (c - c.mean())) ** 2 / np.sum(np.abs(shapes) ** 2, axis=1)
+    best = int(np.argmax(explained))
+    return np.array([rates.flat[best], beats.flat[best]])
+
+
+def _shape(x: Array, rate: npt.ArrayLike, beat: npt.ArrayLike) -> Complex:
+    shape: Complex = np.exp((-np.asarray(rate) + 1j * np.asarray(beat)) * x)
+    return shape
+
+
+def _transient_amplitude(x: Array, c: Complex, s: Array) -> complex:
+    """Amplitude of the transient that fits best beside a constant, at a rate and beat."""
+    shape = _shape(x, *s)
+    shape = shape - shape.mean()
+    return complex(np.vdot(shape, c) / max(np.vdot(shape, shape).real, np.finfo(float).tiny))
+
+
+def _deviation(x: Array, c: Complex, s: Array) -> Complex:
+    shape = _shape(x, *s)
+    return np.asarray(c - c.mean() - _transient_amplitude(x, c, s) * (shape - shape.mean()))
+
+
+def _parts(z: Complex) -> Array:
+    return np.concatenate([z.real, z.imag])
+
+
+# ------------------------------------------------------------------------------------------ what harmonics leave over
+
+
+@dataclass(frozen=True)
+class Leftover:
+    """Content of a channel between the harmonics.
+
+    Attributes
+    ----------
+    share : float
+        Its rms relative to the rms of the channel about its mean.
+    line_hz, line_share : float
+        Frequency [Hz] of a line that stands out of the noise, and its rms relative to the rms of the channel; nan if
+        none does.
+    """
+
+    share: float
+    line_hz: float
+    line_share: float
+
+
+def leftover(residual: Array, rms: float, periods: int, hz: float) -> Leftover:
+    """Look between the harmonics of what a fit has left.
+
+    Parameters
+    ----------
+    residual : (N,) array
+        Equally spaced over whole periods.
+    rms : float
+        Of the channel about its mean.
+    periods : int
+        Periods in it.
+    hz : float
+        Fundamental [Hz].
+
+    Returns
+    -------
+    Leftover
+    """
+    windowed = periods >= FEWEST_FOR_LINES
+    reach = 4 if windowed else 0  # bins: half the main lobe
+    window = blackmanharris(len(residual), sym=False) if windowed else 1.0
+    power = np.abs(np.fft.rfft(residual * window)) ** 2
+    bins = np.arange(len(power))
+    between = np.abs((bins + periods / 2) % periods - periods / 2) > reach
+    between[-5:] = False  # half the sampling rate has another distribution
+    total = float(power.sum())
+    if total == 0.0 or not between.any():
+        return Leftover(0.0, float("nan"), float("nan"))
+
+    def share(chosen: "npt.NDArray[np.bool_] | slice") -> float:
+        return float(np.sqrt(np.mean(residual**2) * power[chosen].sum() / total)) / rms
+
+    top = int(np.argmax(np.where(between, power, 0.0)))
+    floor = float(np.median(power[between & (np.abs(bins - top) <= 4 * periods)])) / np.log(2.0)
+    if not windowed or power[top] < floor * (np.log(len(power)) + 9.2):  # noise comes so high once in 10 000 records
+        return Leftover(share(between), float("nan"), float("nan"))
+    line = slice(max(top - reach, 0), top + reach + 1)
+    centre = float(power[line] @ bins[line] / power[line].sum())
+    return Leftover(share(between), centre * hz / periods, share(line))
+
+
+def clipped(values: Array) -> bool:
+    """Whether a channel is flat-topped: far more samples at its extreme than at the value next to it."""
+    found, counts = np.unique(values, return_counts=True)
+    fewest = max(8.0, 0.003 * len(values))
+    return len(found) > 2 and bool(counts[-1] >= max(fewest, 5 * counts[-2]) or counts[0] >= max(fewest, 5 * counts[1]))

@@ -1,0 +1,217 @@
+"""Figures of frequency responses."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hbm.curve import ResponseCurve
+from hbm.fourier import Array
+from hbm.report.style import FAINT, INK, SMALL, WIDTH, Color, dressed, level_colors, new_axes
+
+Curves = ResponseCurve | Sequence[ResponseCurve]
+
+MARKERS = {"corner": ("|", 4.0), "fold": ("o", 3.2), "ends here": ("x", 6.0)}
+PHASE_TICKS = np.arange(-270, 91, 90)
+
+
+def plot_curves(curves: Curves) -> Figure:
+    """Page with everything about some frequency responses: amplitude, phase, slip, friction, reaction.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+        Levels to overlay.
+
+    Returns
+    -------
+    Figure
+    """
+    curves = _listed(curves)
+    figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
+    rows = figure.subplots(5, 1, sharex=True, height_ratios=(2.4, 1, 1.2, 1.2, 1.4)).tolist()
+    plot_frequency_response(curves, rows[0])
+    plot_phase(curves, rows[1])
+    plot_contact(curves, rows[2:])
+    for ax in rows[:-1]:
+        ax.set_xlabel("")
+    ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
+    rows[0].set_xlim(min(ends), max(ends))
+    rig = curves[0].rig
+    rows[0].set_title(f"{rig.name}, {rig.contact.law.name}", fontsize=10, loc="left", color=INK)
+    figure.align_ylabels()
+    return figure
+
+
+def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bool = True) -> Axes:
+    """Peak drive displacement over the excitation frequency.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+        Levels to overlay.
+    ax : Axes, optional
+        Where to draw; new axes where omitted.
+    label : bool
+        Add a legend of the levels and of the markers: folds, corners, the end of a partial curve.
+
+    Returns
+    -------
+    Axes
+    """
+    curves, ax = _listed(curves), new_axes(ax)
+    for curve, color in zip(curves, level_colors(curves), strict=True):
+        y = curve["drive"].peak * 1e3
+        _draw(ax, curve, y, color)
+        _mark(ax, curve, y, color)
+    ax.set_ylim(bottom=0.0)
+    if label:
+        _explain(ax)
+    return dressed(ax, "Excitation frequency [Hz]", "Drive displacement,\npeak [mm]")
+
+
+def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
+    """Phase of the drive displacement's fundamental against the force, from -270 to 90 degrees.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+    """
+    curves, ax = _listed(curves), new_axes(ax)
+    for curve, color in zip(curves, level_colors(curves), strict=True):
+        _draw(ax, curve, phase_degrees(curve), color)
+    low, high = ax.get_ylim()
+    ax.set_yticks([t for t in PHASE_TICKS if low - 45 < t < high + 45])
+    return dressed(ax, "Excitation frequency [Hz]", "Phase to\nthe force [°]")
+
+
+def phase_degrees(curve: ResponseCurve) -> Array:
+    """Phase of the drive displacement's fundamental [°], in -270..90, negative for a lag."""
+    return np.asarray(np.mod(np.degrees(curve["drive"].phase[:, 1]) + 270.0, 360.0) - 270.0)
+
+
+def plot_contact(curves: Curves, axes: Sequence[Axes] | None = None) -> tuple[Axes, Axes, Axes]:
+    """Slip, friction force and normal reaction over the excitation frequency.
+
+    Slip and friction are peaks over the period; of the reaction the largest and the least are drawn, with the
+    static load and, where the reaction comes near it, the zero at which the tip lifts off.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+    axes : sequence of three Axes, optional
+
+    Returns
+    -------
+    tuple of Axes
+        Slip, friction, reaction.
+    """
+    curves = _listed(curves)
+    slip, friction, normal = _stack(3) if axes is None else axes
+    for curve, color in zip(curves, level_colors(curves), strict=True):
+        _draw(slip, curve, curve["slip"].peak * 1e6, color)
+        _draw(friction, curve, curve["friction"].peak, color)
+        _draw(normal, curve, curve["normal"].peak, color)
+        _draw(normal, curve, least_reaction(curve), color, linewidth=0.9)
+    slip.set_ylim(bottom=0.0)
+    friction.set_ylim(bottom=0.0)
+    _mark_static_load(normal, curves)
+    dressed(slip, "", "Slip,\npeak [µm]")
+    dressed(friction, "", "Friction force,\npeak [N]")
+    dressed(normal, "Excitation frequency [Hz]", "Normal reaction,\nmax and min [N]")
+    return slip, friction, normal
+
+
+def least_reaction(curve: ResponseCurve) -> Array:
+    """Least normal reaction over the period at every point, (points,) [N]."""
+    return np.array([p.channels["normal"].samples.min() for p in curve.points])
+
+
+def _listed(curves: Curves) -> list[ResponseCurve]:
+    return [curves] if isinstance(curves, ResponseCurve) else list(curves)
+
+
+def _stack(rows: int) -> Sequence[Axes]:
+    import matplotlib.pyplot as plt
+
+    axes: Sequence[Axes] = (
+        plt.figure(figsize=(WIDTH, 5.0), layout="constrained").subplots(rows, 1, sharex=True).tolist()
+    )
+    return axes
+
+
+def _draw(ax: Axes, curve: ResponseCurve, y: Array, color: Color, linewidth: float = 1.4) -> None:
+    """Draw a line over the frequency, dashed where the curve says it is unstable."""
+    label = f"{curve.level:g} N"
+    stable = getattr(curve, "stable", None)
+    if stable is None or np.all(stable):
+        ax.plot(curve.hz, y, color=color, linewidth=linewidth, label=label)
+        return
+    ok = np.asarray(stable, dtype=bool)
+    ax.plot(curve.hz, np.where(ok, y, np.nan), color=color, linewidth=linewidth, label=label)
+    ax.plot(
+        curve.hz, np.where(_with_neighbours(~ok), y, np.nan), color=color, linewidth=linewidth, linestyle=(0, (3, 1.5))
+    )
+
+
+def _with_neighbours(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Mask that also covers the entries beside it: the segments that lead there."""
+    wide = mask.copy()
+    wide[1:] |= mask[:-1]
+    wide[:-1] |= mask[1:]
+    return wide
+
+
+def _mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
+    """Discreet markers where the curve turns back, has corners, or ends too early."""
+    points = curve.branch.points
+    at = {
+        "corner": [i for i, p in enumerate(points) if p.corner],
+        "fold": [i for i, p in enumerate(points) if p.fold],
+        "ends here": [] if curve.complete else [len(points) - 1],
+    }
+    for kind, (marker, size) in MARKERS.items():
+        ax.plot(
+            curve.hz[at[kind]],
+            y[at[kind]],
+            linestyle="none",
+            marker=marker,
+            markersize=size,
+            color=color,
+            markerfacecolor="white",
+            markeredgewidth=0.8,
+            label=f"_{kind}",
+        )
+
+
+def _explain(ax: Axes) -> None:
+    """Legend: one entry per level, one per kind of marker that is there."""
+    shown = {str(line.get_label()).removeprefix("_"): line for line in ax.lines if np.size(line.get_xdata())}
+    order = sorted(shown, key=lambda text: text in MARKERS)
+    ax.legend([shown[t] for t in order], order, frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+
+
+def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve]) -> None:
+    """Line at the static load, and at zero where the reaction comes near it."""
+    P = curves[0].rig.contact.normal_load
+    ax.axhline(P, color=FAINT, linewidth=0.8, zorder=0)
+    ax.annotate("$P$", (1.0, P), (3, 0), ax.get_yaxis_transform(), "offset points", va="center", fontsize=SMALL)
+    if min(float(least_reaction(c).min()) for c in curves) < 0.25 * P:
+        ax.axhline(0.0, color="0.35", linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=0)
+        ax.text(
+            0.995,
+            0.0,
+            "lift-off below",
+            transform=ax.get_yaxis_transform(),
+            ha="right",
+            va="bottom",
+            fontsize=SMALL,
+            color="0.35",
+        )

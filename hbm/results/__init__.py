@@ -1,0 +1,1 @@
+"""Results on disk: tables, figures with the numbers of their curves, and pages that open offline."""

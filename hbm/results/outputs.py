@@ -1,0 +1,104 @@
+"""Folders of results: refused before anything is computed, written complete or not at all; and their tables."""
+
+import json
+import math
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from hbm.errors import InputError
+from hbm.textfiles import StrPath, csv_text, why, write_together
+
+Columns = Mapping[str, npt.NDArray[Any]]
+"""A table by its columns, all of one length."""
+
+
+def check_folder(path: StrPath, names: Iterable[str], where: str) -> None:
+    """Refuse a folder that could not be written.
+
+    Parameters
+    ----------
+    path : str or path
+        Must exist or be made in an existing directory.
+    names : iterable of str
+        Files that will be written, relative to it; ``figures/a.png`` is in a folder of its own.
+    where : str
+        Option that names the folder, for messages.
+
+    Raises
+    ------
+    InputError
+    """
+    path, said = Path(path), f"{where} = {json.dumps(str(path), ensure_ascii=False)}"
+    parent = path.absolute().parent
+    if path.exists() and not path.is_dir():
+        raise InputError(f"{said}; is a file, must be a directory")
+    if not parent.is_dir():
+        raise InputError(f"{said}; there is no directory {str(path.parent)!r}, create it first")
+    if not os.access(path if path.is_dir() else parent, os.W_OK | os.X_OK):
+        raise InputError(f"{said}; directory {str(path if path.is_dir() else path.parent)!r} cannot be written")
+    for name in names:
+        inside = [path / folder for folder in Path(name).parents if folder != Path()]
+        blocked = next((folder for folder in inside if folder.exists() and not folder.is_dir()), None)
+        if blocked is not None:
+            raise InputError(f"{said}; {str(blocked)!r} is a file, must be a directory")
+        if (path / name).is_dir():
+            raise InputError(f"{said}; {str(path / name)!r} is a directory, must be a file")
+
+
+def write_folder(path: StrPath, contents: Mapping[str, str | bytes], owned: Iterable[str] = ()) -> list[Path]:
+    """Write files into a folder: all appear complete, or none; what else is in the folder stays.
+
+    Parameters
+    ----------
+    path : str or path
+        Made where it does not exist.
+    contents : mapping of str to str or bytes
+        By file, relative to the folder.
+    owned : iterable of str
+        Files of an earlier run that are removed if they are not among `contents`.
+
+    Returns
+    -------
+    list of Path
+        Files written, in order.
+
+    Raises
+    ------
+    InputError
+        If one cannot be written; folders that were made are removed again.
+    """
+    path = Path(path)
+    check_folder(path, contents, "folder")
+    files = {path / name: content for name, content in contents.items()}
+    made: list[Path] = []
+    try:
+        for folder in sorted({path, *(file.parent for file in files)}):
+            if not folder.is_dir():
+                folder.mkdir()
+                made.append(folder)
+        write_together(files)
+    except (OSError, InputError) as refused:
+        for folder in reversed(made):
+            folder.rmdir()
+        if isinstance(refused, InputError):
+            raise
+        raise InputError(f"{refused.filename}: cannot be made ({why(refused)}); must be a directory") from None
+    for name in set(owned) - set(contents):
+        (path / name).unlink(missing_ok=True)
+    return list(files)
+
+
+def columns_text(columns: Columns) -> str:
+    """Columns as the text of a CSV file; blank where a number is not finite."""
+    lists = [values.tolist() for values in columns.values()]
+    return csv_text([list(columns), *([_entry(value) for value in row] for row in zip(*lists, strict=True))])
+
+
+def _entry(value: Any) -> Any:
+    if isinstance(value, bool):
+        return int(value)
+    return "" if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,123 @@
+"""Text files: rows of CSV in and out, and writing files that appear complete or not at all."""
+
+import csv
+import io
+import json
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from hbm.errors import InputError
+
+StrPath = str | os.PathLike[str]
+
+
+def csv_text(rows: Iterable[Iterable[Any]]) -> str:
+    """Rows as the text of a CSV file."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)  # floats by repr: every digit
+    return text.getvalue()
+
+
+def read_rows(path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
+    """Rows of a CSV file with the numbers of their lines; empty lines are left out.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read: it must be `kind`.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as refused:
+        raise InputError(f"{path}: cannot be read ({why(refused)}); must be {kind}") from None
+    return _numbered(csv.reader(io.StringIO(text)), path, kind)
+
+
+def _numbered(rows: Iterator[list[str]], path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
+    try:
+        yield from ((line, row) for line, row in enumerate(rows, start=1) if row)
+    except csv.Error as refused:  # a quotation mark that is never closed
+        raise InputError(f"{path}: cannot be read ({refused}); must be {kind}") from None
+
+
+def check_output(path: StrPath, endings: Sequence[str], where: str) -> None:
+    """Refuse an output file that could not be written, before anything is computed.
+
+    Parameters
+    ----------
+    path : str or path
+    endings : sequence of str
+        Accepted endings such as ``.csv``.
+    where : str
+        Option that names the file, for messages.
+
+    Raises
+    ------
+    InputError
+    """
+    path, said = Path(path), f"{where} = {json.dumps(str(path), ensure_ascii=False)}"
+    if path.suffix.lower() not in endings:
+        raise InputError(f"{said}; must end in {' or '.join(endings)}")
+    if path.is_dir():
+        raise InputError(f"{said}; is a directory, must be a file")
+    if not path.parent.is_dir():
+        raise InputError(f"{said}; there is no directory {str(path.parent)!r}, create it first")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(f"{said}; directory {str(path.parent)!r} cannot be written")
+
+
+def write_together(contents: Mapping[Path, str | bytes]) -> None:
+    """Write files through temporary ones beside them: all appear complete, or none.
+
+    Raises
+    ------
+    InputError
+        If one cannot be written; nothing is left behind then.
+    """
+    written: dict[Path, Path] = {}
+    placed: list[Path] = []
+    try:
+        for path, content in contents.items():
+            written[path] = _temporary(path, content)
+        for path, temporary in written.items():
+            os.replace(temporary, path)
+            placed.append(path)
+    except OSError as refused:
+        for path in placed:  # its companion is missing
+            path.unlink(missing_ok=True)
+        name = next((p for p in contents if p not in written), refused.filename2 or refused.filename)
+        raise InputError(
+            f"{name}: cannot be written ({why(refused)}); must be a file in a writable directory"
+        ) from None
+    finally:
+        for temporary in written.values():
+            temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path, content: str | bytes) -> Path:
+    """Write content into a new file in the directory of `path`."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with open(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+        os.chmod(name, 0o666 & ~_umask())  # mkstemp makes files that only the owner can read
+    except BaseException:
+        with suppress(OSError):
+            os.unlink(name)
+        raise
+    return Path(name)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def why(refused: Exception) -> str:
+    """Why a file was not read or written, in the words of the system."""
+    return (getattr(refused, "strerror", None) or str(refused)).lower()

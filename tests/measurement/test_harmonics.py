@@ -1,0 +1,294 @@
+"""Harmonics of recordings whose harmonics are known: right coefficients, honest deviations, faults found."""
+
+import numpy as np
+import pytest
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.measurement.harmonicestimate import HarmonicEstimate, spectra_of_records
+from hbm.measurement.harmonics import harmonic_spectra
+from hbm.measurement.recording import Recording, recording
+from hbm.measurement.steadiness import clipped
+
+HZ, RATE, H = 50.3, 1600.0, 5  # 31.8 samples per period
+TRUE = np.array([0.1, 1.0, 0.2, 0.3, 0.05, 0.02, -0.5, 0.1, 0.0, 0.03, 0.01])
+LEVEL, PHASE = 2.0, 0.3
+
+
+def times(periods: float) -> Array:
+    return np.arange(round(periods * RATE / HZ) + 7) / RATE
+
+
+def harmonics(t: Array) -> Array:
+    theta = 2.0 * np.pi * HZ * t[:, None] * np.arange(1, H + 1)
+    return np.asarray(TRUE[0] + np.cos(theta) @ TRUE[1 : H + 1] + np.sin(theta) @ TRUE[H + 1 :])
+
+
+def force(t: Array) -> Array:
+    return np.asarray(LEVEL * np.cos(2.0 * np.pi * HZ * t + PHASE))
+
+
+def record(periods: float, seed: int = 0, *, noise: float = 0.01, added: Array | float = 0.0) -> Recording:
+    t, rng = times(periods), np.random.default_rng(seed)
+    signals = {"force": force(t), "a1": harmonics(t) + added}
+    return recording("run.csv", t, {name: s + noise * rng.standard_normal(len(t)) for name, s in signals.items()})
+
+
+def at(e: HarmonicEstimate, name: str) -> int:
+    return e.channels.index(name)
+
+
+# ---------------------------------------------------------------------------------------------------------- the numbers
+
+
+@pytest.mark.parametrize("periods", [1.3, 3.0, 40.0, 100.7])
+def test_noiseless_harmonics_are_exact(periods: float) -> None:
+    """Samples fall on no equal phases of the period; least squares does not mind."""
+    e = harmonic_spectra(record(periods, noise=0.0), HZ, H)
+    assert e.coefficients[at(e, "a1")] == pytest.approx(TRUE, abs=1e-12)
+    c = LEVEL * np.exp(1j * PHASE)
+    assert e.coefficients[at(e, "force")][[1, H + 1]] == pytest.approx([c.real, -c.imag], abs=1e-12)
+    assert e.amplitude("force") == pytest.approx(LEVEL)
+    assert e.periods == int(periods)
+
+
+def test_unequal_steps_are_exact_too() -> None:
+    rng = np.random.default_rng(2)
+    t = np.sort(rng.uniform(0.0, 1.0, 5000))
+    e = harmonic_spectra(recording("run.csv", t, {"a1": harmonics(t)}), HZ, H)
+    assert e.coefficients[0] == pytest.approx(TRUE, abs=1e-11)
+
+
+def test_phases_refer_to_the_zero_of_time_whatever_settles() -> None:
+    t = times(40.0) + 12.3
+    for settle in (0.0, 0.2071):
+        e = harmonic_spectra(recording("run.csv", t, {"a1": harmonics(t)}), HZ, H, settle=settle)
+        assert e.coefficients[0] == pytest.approx(TRUE, abs=1e-10)
+
+
+@pytest.mark.parametrize("periods", [2, 4, 8, 33])
+def test_standard_deviations_are_honest(periods: int) -> None:
+    """95 % intervals of 1.96 std hold the truth in 95 % of 400 records, and (estimate - truth)/std has variance 1.
+
+    Student's distribution: a std from few degrees of freedom is raised by the root of nu/(nu - 2).
+    4000 numbers with cos and sin sharing a std: coverage is known to 0.5 %, so 93.5 to 96.5 % is three deviations.
+    From two or four periods the variance of the ratio has hardly a variance itself: judged from 8 on.
+    """
+    z = []
+    for seed in range(400):
+        e = harmonic_spectra(record(periods, seed), HZ, H)
+        i = at(e, "a1")
+        z.append((e.coefficients[i] - TRUE)[1:] / np.tile(e.std[i, 1:], 2))
+    assert e.periods == periods
+    assert 0.935 < np.mean(np.abs(z) < 1.96) < 0.965
+    if periods >= 8:
+        assert np.mean(np.square(z)) == pytest.approx(1.0, abs=0.08)
+
+
+def test_deviation_of_white_noise_is_its_closed_form() -> None:
+    """Sigma sqrt(2/N) for cos and sin, sigma/sqrt(N) for the mean: 62 and 31 degrees of freedom, so to 40 %."""
+    e = harmonic_spectra(record(320.0), HZ, H)
+    N = round(320 * RATE / HZ)
+    expected = np.r_[1.0, np.full(H, np.sqrt(2.0))] * 0.01 / np.sqrt(N)
+    assert np.max(np.abs(np.log(e.std / expected))) < np.log(1.4)
+
+
+def test_one_period_takes_noise_for_white() -> None:
+    z = []
+    for seed in range(300):
+        e = harmonic_spectra(record(1.0, seed), HZ, H)
+        i = at(e, "a1")
+        z.append((e.coefficients[i] - TRUE) / np.r_[e.std[i], e.std[i, 1:]])
+    assert np.mean(np.abs(z) < 1.96) == pytest.approx(0.95, abs=0.02)
+
+
+def test_correlated_noise_raises_the_deviation() -> None:
+    """A random walk of the amplitude: blocks are not independent, and taken so the intervals would hold far less."""
+    t = times(96.0)
+    z, naive = [], []
+    for seed in range(100):
+        rng = np.random.default_rng([7, seed])
+        walk = 1e-4 * np.cumsum(rng.standard_normal(len(t)))
+        walk -= walk.mean()
+        e = harmonic_spectra(record(96.0, seed, noise=1e-3, added=walk * np.cos(2.0 * np.pi * HZ * t)), HZ, H)
+        i = at(e, "a1")
+        error, rho = (e.coefficients[i] - TRUE)[1], e.quality[i].correlation
+        z.append(error / e.std[i, 1])
+        naive.append(z[-1] * np.sqrt((1.0 + rho) / (1.0 - rho)))
+    assert np.mean(np.abs(z) < 1.96) > 0.93
+    assert np.std(naive) > 2.0 * np.std(z)
+
+
+# -------------------------------------------------------------------------------------------------------- the frequency
+
+
+def test_refined_frequency_is_right_to_its_deviation() -> None:
+    z = []
+    for seed in range(40):
+        e = harmonic_spectra(record(60.0, seed), HZ + 0.02, H, refine="force")
+        z.append((e.hz - HZ) / e.hz_std)
+    assert np.std(z) == pytest.approx(1.0, abs=0.3)
+    assert abs(np.mean(z)) < 0.5
+
+
+def test_a_wrong_fundamental_is_told_with_its_error() -> None:
+    e = harmonic_spectra(record(100.0), HZ + 0.02, H)
+    assert e.warnings == (
+        "all phases turn by -0.248 rad over the record: the fundamental lies -0.02 Hz from the one given; refine it",
+    )
+    refined = harmonic_spectra(record(100.0), HZ + 0.02, H, refine="force")
+    assert refined.warnings == ()
+    assert refined.hz == pytest.approx(HZ, abs=3.0 * refined.hz_std)
+    assert str(refined) == (
+        "fundamental 50.299969 +/- 3.5e-05 Hz, 100 periods; standard deviations from the scatter of 33 blocks"
+    )
+
+
+# --------------------------------------------------------------------------------------------------------------- faults
+
+
+def test_a_good_record_is_not_warned_of() -> None:
+    """A channel in ten thousand is to be: of 100 records of two channels none or one."""
+    warned = [harmonic_spectra(record(48.0, seed), HZ, H).warnings for seed in range(100)]
+    assert sum(map(bool, warned)) <= 1
+
+
+@pytest.mark.parametrize(("rate", "beat"), [(1.5, 2.2), (3.0, -5.0), (0.8, 0.0)])
+def test_a_transient_is_found_with_its_decay_rate(rate: float, beat: float) -> None:
+    """The structure rings at its own frequency, beat beside the excitation, and dies out."""
+    t = times(100.0)
+    ringing = 0.05 * np.exp(-rate * t) * np.cos(2.0 * np.pi * (HZ + beat) * t + 1.0)
+    z = []
+    for seed in range(20):
+        e = harmonic_spectra(record(100.0, seed, added=ringing), HZ, H)
+        s = e.quality[at(e, "a1")].steadiness
+        assert e.quality[at(e, "force")].steadiness.steady and not s.steady
+        assert s.beat_hz == pytest.approx(beat, abs=0.05)
+        assert any(w.startswith("a1 is not steady: a transient dies out at ") for w in e.warnings)
+        z.append((s.decay_rate - rate) / s.decay_rate_std)
+    assert np.std(z) < 1.6
+    assert abs(np.mean(z)) < 0.8
+    left = 0.05 * np.exp(-rate * t[-1]) / np.hypot(TRUE[1], TRUE[H + 1])
+    assert s.left == pytest.approx(left, rel=0.5, abs=1e-3)
+
+
+def test_a_growing_amplitude_is_a_trend_not_a_decay() -> None:
+    t = times(100.0)
+    e = harmonic_spectra(record(100.0, added=0.03 * t / t[-1] * np.cos(2.0 * np.pi * HZ * t)), HZ, H)
+    s = e.quality[at(e, "a1")].steadiness
+    assert s.change == pytest.approx(0.03 / np.hypot(TRUE[1] + 0.015, TRUE[H + 1]), rel=0.05)
+    assert np.isnan(s.decay_rate)
+    assert e.warnings == (
+        f"a1 is not steady: its fundamental changes by {s.change:.2%} +/- {s.change_std:.1%} over the record",
+    )
+
+
+def test_a_line_between_the_harmonics_is_found() -> None:
+    """Amplitude 0.02 at 131.7 Hz, 2.6 harmonics; rms of the channel by Parseval."""
+    t = times(100.0)
+    e = harmonic_spectra(record(100.0, added=0.02 * np.cos(2.0 * np.pi * 131.7 * t)), HZ, H)
+    rms = np.sqrt(np.sum(TRUE[1:] ** 2) / 2.0 + 0.02**2 / 2.0 + 0.01**2)
+    found = e.quality[at(e, "a1")].leftover
+    assert found.line_hz == pytest.approx(131.7, abs=0.05)
+    assert found.line_share == pytest.approx(0.02 / np.sqrt(2.0) / rms, rel=0.05)
+    assert found.share == pytest.approx(np.sqrt(0.02**2 / 2.0 + 0.01**2) / rms, rel=0.05)
+    assert e.warnings == (f"a1 has a line at 131.7 Hz, between the harmonics, of {found.line_share:.2%} of its rms",)
+
+
+def test_harmonics_beyond_h_are_not_taken_for_something_between() -> None:
+    e = harmonic_spectra(record(100.0, noise=1e-4), HZ, 2)
+    assert e.warnings == ()
+    assert e.quality[at(e, "a1")].leftover.share < 2e-3
+
+
+def test_clipped_and_dead_channels_are_told() -> None:
+    good = record(20.0)
+    flat = np.clip(good.channels["a1"], -0.8, 0.9)
+    e = harmonic_spectra(
+        recording("run.csv", good.time, {"force": good.channels["force"], "a1": flat, "a2": 0.0 * flat + 0.7}), HZ, H
+    )
+    assert (e.channels, e.dead) == (("force", "a1"), ("a2",))
+    assert e.warnings == ("a2 is constant: left out", "a1 is flat-topped: was it clipped?")
+
+
+@pytest.mark.parametrize("steps", [20, 1000, 30_000])
+def test_a_coarse_converter_is_not_clipping(steps: int) -> None:
+    """A sine in steps of the converter stays longest at its top, without being flat."""
+    t = times(50.0)
+    assert not clipped(np.round(steps * np.cos(2.0 * np.pi * HZ * t)))
+    assert clipped(np.minimum(np.round(steps * np.cos(2.0 * np.pi * HZ * t)), 0.9 * steps))
+
+
+def test_few_periods_are_told() -> None:
+    assert str(harmonic_spectra(record(3.0), HZ, H)).splitlines() == [
+        "fundamental 50.3 Hz, 3 periods; "
+        "too few for blocks: standard deviations from what is left between the harmonics",
+        "warning: 3 whole periods: nothing can be said of steadiness",
+    ]
+
+
+# ------------------------------------------------------------------------------------------------------------- refusals
+
+
+@pytest.mark.parametrize(
+    ("changed", "line"),
+    [
+        ({"hz": 3.0}, "run.csv: 0.2044 s are 0.613 periods of 3 Hz; must be at least one period"),
+        (
+            {"H": 60},
+            "run.csv: harmonic 60 of 50.3 Hz at 1600 samples/s; must be below 800 Hz, half the sampling rate; "
+            "try at most 15 harmonics",
+        ),
+        ({"settle": 1.0}, "run.csv: settle = 1 s leaves nothing; must be < 0.20375 s, its length"),
+        (
+            {"refine": "a9"},
+            'run.csv: no channel "a9" to refine the fundamental with; channels are force, a1',
+        ),
+        (
+            {"hz": 55.0, "refine": "force"},
+            "run.csv: no maximum of force within 2.45 Hz of 55 Hz; must be closer to the fundamental",
+        ),
+    ],
+)
+def test_what_cannot_be_estimated_is_refused(changed: dict[str, object], line: str) -> None:
+    options = {"hz": HZ, "H": H, "settle": 0.0, "refine": None, **changed}
+    with pytest.raises(InputError) as refused:
+        harmonic_spectra(
+            record(10.05),
+            options["hz"],  # type: ignore[arg-type]
+            options["H"],  # type: ignore[arg-type]
+            settle=options["settle"],  # type: ignore[arg-type]
+            refine=options["refine"],  # type: ignore[arg-type]
+        )
+    assert str(refused.value) == line
+
+
+def test_a_gap_and_a_dead_record_are_refused() -> None:
+    t = times(40.0)
+    kept = (t < 0.3) | (t > 0.33)
+    with pytest.raises(InputError) as refused:
+        harmonic_spectra(recording("run.csv", t[kept], {"a1": harmonics(t[kept])}), HZ, H)
+    assert str(refused.value) == (
+        "run.csv: a gap of 0.03125 s between samples; must be < 0.001988 s, half a period of harmonic 5"
+    )
+    with pytest.raises(InputError) as refused:
+        harmonic_spectra(recording("run.csv", t, {"a1": 0.0 * t}), HZ, H)
+    assert str(refused.value) == "run.csv: every channel is constant; must have one that moves"
+
+
+# ------------------------------------------------------------------------------------------------------------- together
+
+
+def test_records_are_put_together_in_the_order_of_the_rig() -> None:
+    first = harmonic_spectra(record(10.0), HZ, H)
+    t = times(10.0)
+    second = harmonic_spectra(recording("b.csv", t, {"force": force(t)}), HZ + 0.1, H)
+    spectra = spectra_of_records([first, second], [2.0, 3.0], ["a0", "a1", "force"])
+    assert spectra.channels == ("a1", "force")
+    assert (spectra.records.tolist(), spectra.level.tolist(), spectra.hz.tolist()) == (
+        [1, 2],
+        [2.0, 3.0],
+        [HZ, HZ + 0.1],
+    )
+    np.testing.assert_array_equal(spectra.coefficients[0], first.coefficients[::-1])
+    assert not spectra.measured[1, 0].any() and spectra.measured[1, 1].all()

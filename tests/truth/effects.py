@@ -1,0 +1,241 @@
+"""Hidden effects: what the true rig has and the nominal one lacks, as changes of the elements or forces on them.
+
+A new one is a class here: it names the places where it wants a node, changes the matrices (`build`), and, if it is
+nonlinear, gives its rows over the degrees of freedom (`rows`) and the force it exerts through them (`forces`).
+Effects in the friction law are laws (`laws.py`); those in the force and the sensors are fields of the rig.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tests.truth.beam import FiniteElements, hermite
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Where a nonlinear effect finds itself in a trial of the end of a step.
+
+    `y`, `y_rate` (records, copies, rows): what its rows read; `q`, `Gq` (records, copies, n) the coordinates and the
+    geometric matrix times them; `phase` of the excitation 0..1; `flexibility` (records, 1, rows) response of each row
+    to its own force within the step.
+    """
+
+    y: Array
+    y_rate: Array
+    q: Array
+    Gq: Array
+    phase: float
+    flexibility: Array
+
+
+class Effect:
+    """No effect: what the others inherit. `states` counts what a nonlinear one remembers."""
+
+    states = 0
+    nonlinear = False
+
+    def places(self) -> list[float]:
+        """Positions where a node of the mesh is wanted."""
+        return []
+
+    def build(self, fe: FiniteElements) -> None:
+        """Change the matrices."""
+
+    def rows(self, fe: FiniteElements) -> Array:
+        """Displacements that the effect reads, and along which it pushes, (rows, degrees of freedom)."""
+        return np.zeros((0, fe.size))
+
+    def static_rows(self, fe: FiniteElements) -> Array:
+        """Loads whose static deflection the reduced structure must hold exactly."""
+        return self.rows(fe)
+
+    def forces(self, at: Motion, start: Array, tried: Array) -> tuple[Array, Array]:
+        """Forces along the rows (records, copies, rows), and what is remembered at the end of the step.
+
+        `start` is what was remembered at its beginning, `tried` at its end in the trial before this one.
+        """
+        return np.zeros_like(at.y), start
+
+    def tension(self, at: Motion) -> Array | float:
+        """Axial force besides friction (records, copies)."""
+        return 0.0
+
+
+@dataclass(frozen=True)
+class AddedMass(Effect):
+    mass: float
+    position: float
+
+    def places(self) -> list[float]:
+        return [self.position]
+
+    def build(self, fe: FiniteElements) -> None:
+        fe.M += self.mass * np.outer(fe.row(self.position), fe.row(self.position))
+
+
+@dataclass(frozen=True)
+class AddedSpring(Effect):
+    stiffness: float
+    position: float
+
+    def places(self) -> list[float]:
+        return [self.position]
+
+    def build(self, fe: FiniteElements) -> None:
+        fe.K += self.stiffness * np.outer(fe.row(self.position), fe.row(self.position))
+
+
+@dataclass(frozen=True)
+class AttachedResonator(Effect):
+    mass: float
+    frequency_hz: float
+    position: float
+
+    def places(self) -> list[float]:
+        return [self.position]
+
+    def build(self, fe: FiniteElements) -> None:
+        dof = fe.extra()
+        stretch = fe.unit(dof) - fe.row(self.position)
+        fe.M[dof, dof] += self.mass
+        fe.K += self.mass * (2 * np.pi * self.frequency_hz) ** 2 * np.outer(stretch, stretch)
+
+
+@dataclass(frozen=True)
+class ClampRotation(Effect):
+    stiffness: float
+
+    def build(self, fe: FiniteElements) -> None:
+        fe.fixed.discard(1)
+        fe.K[1, 1] += self.stiffness
+
+
+@dataclass(frozen=True)
+class SupportRotationSpring(Effect):
+    stiffness: float
+
+    def build(self, fe: FiniteElements) -> None:
+        fe.K[fe.tip + 1, fe.tip + 1] += self.stiffness
+
+
+@dataclass(frozen=True)
+class SupportFlexibility(Effect):
+    """The support is a vertical spring: the tip moves."""
+
+    stiffness: float
+
+    def build(self, fe: FiniteElements) -> None:
+        fe.fixed.discard(fe.tip)
+        fe.K[fe.tip, fe.tip] += self.stiffness
+        fe.support = self.stiffness
+
+
+@dataclass(frozen=True)
+class MidplaneStretching(Effect):
+    """Axial restraint: -(k/2) (y'Gy) G y."""
+
+    axial_stiffness: float
+    nonlinear = True
+
+    def tension(self, at: Motion) -> Array:
+        return self.axial_stiffness / 2 * np.einsum("rci,rci->rc", at.q, at.Gq)
+
+
+@dataclass(frozen=True)
+class QuadraticDrag(Effect):
+    """-c y_t |y_t| per length, by two Gauss points an element."""
+
+    coefficient: float
+    nonlinear = True
+
+    def rows(self, fe: FiniteElements) -> Array:
+        rows = []
+        for i, h in enumerate(np.diff(fe.nodes)):
+            for xi in (0.5 - 0.5 / np.sqrt(3), 0.5 + 0.5 / np.sqrt(3)):
+                row = np.zeros(fe.size)
+                row[2 * i : 2 * i + 4] = hermite(xi, h) * (h / 2) ** (1 / 3)  # its cube is the weight
+                rows.append(row)
+        return np.array(rows)
+
+    def static_rows(self, fe: FiniteElements) -> Array:
+        return np.zeros((0, fe.size))
+
+    def forces(self, at: Motion, start: Array, tried: Array) -> tuple[Array, Array]:
+        return -self.coefficient * at.y_rate * np.abs(at.y_rate), start
+
+
+@dataclass(frozen=True)
+class ImpactStop(Effect):
+    """One-sided spring where y > gap."""
+
+    gap: float
+    stiffness: float
+    position: float
+    nonlinear = True
+
+    def places(self) -> list[float]:
+        return [self.position]
+
+    def rows(self, fe: FiniteElements) -> Array:
+        return fe.row(self.position)[None]
+
+    def forces(self, at: Motion, start: Array, tried: Array) -> tuple[Array, Array]:
+        return -self.stiffness * np.maximum(at.y - self.gap, 0.0), start
+
+
+@dataclass(frozen=True)
+class PointForce(Effect):
+    """Any force at a point: `law(y, y_rate, phase)`; for causes that no catalogue knows."""
+
+    position: float
+    law: Callable[[Array, Array, float], Array]
+    nonlinear = True
+
+    def places(self) -> list[float]:
+        return [self.position]
+
+    def rows(self, fe: FiniteElements) -> Array:
+        return fe.row(self.position)[None]
+
+    def forces(self, at: Motion, start: Array, tried: Array) -> tuple[Array, Array]:
+        return self.law(at.y, at.y_rate, at.phase), start
+
+
+@dataclass(frozen=True)
+class AxialPumping(Effect):
+    """An axial force of amplitude [N] at a multiple of the excitation; outside the catalogue."""
+
+    amplitude: float
+    multiple: int = 2
+    nonlinear = True
+
+    def tension(self, at: Motion) -> float:
+        return self.amplitude * np.cos(2 * np.pi * self.multiple * at.phase)
+
+
+@dataclass(frozen=True)
+class ClampFriction(Effect):
+    """A Jenkins element is all that holds the clamp's rotation: a spring, less what slides of it."""
+
+    limit: float
+    stiffness: float
+    nonlinear = True
+    states = 1
+
+    def build(self, fe: FiniteElements) -> None:
+        fe.fixed.discard(1)
+        fe.K[1, 1] += self.stiffness
+
+    def rows(self, fe: FiniteElements) -> Array:
+        return fe.unit(1)[None]
+
+    def forces(self, at: Motion, start: Array, tried: Array) -> tuple[Array, Array]:
+        k, soft = self.stiffness, at.flexibility
+        trial = k * (at.y - soft * k * (tried - start) - start)
+        excess = trial - np.clip(trial, -self.limit, self.limit)
+        slid = start + excess / (k * (1 - soft * k))
+        return k * slid, slid

@@ -1,0 +1,349 @@
+"""Periodic steady states of the true rig: a slow ramp of the force from rest, then shooting, all records at once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from tests.truth.march import Batch, Instant, State
+from tests.truth.rig import TrueRig
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Record:
+    """One steady state: force `amplitude` cos(Omega t - phase), level its nominal amplitude [N]."""
+
+    level: float
+    hz: float
+    phase: float = 0.0
+    amplitude: float | None = None
+
+    @property
+    def force(self) -> float:
+        return self.level if self.amplitude is None else self.amplitude
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a steady state is found. Newton is given the slow modes; the others forget within a period."""
+
+    ramp: int = 40
+    hold: int = 10
+    coarse: int = 256
+    slow_modes: int = 10
+    perturbation: float = 1e-6
+    tolerance: float = 1e-9
+    iterations: int = 12
+    retries: int = 2
+    growth: float = 1e-5  # of a Floquet multiplier over one that is still called stable (a stuck contact has one at 1)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Steady states over one period at N samples, time origin that of the force; (records, N) unless stated.
+
+    acceleration (records, sensors, N) as each sensor reads it but for gain and delay; v is du/dt; `energy` the balance
+    of a period's work relative to the work of the force (or of the dissipation, where that is larger).
+    """
+
+    rig: TrueRig
+    records: tuple[Record, ...]
+    steps: int
+    converged: Array
+    stable: Array
+    multiplier: Array
+    residual: Array
+    min_R: Array
+    energy: Array
+    force: Array
+    acceleration: Array
+    T: Array
+    R: Array
+    u: Array
+    v: Array
+    state: State
+
+    @property
+    def lifted(self) -> Array:
+        """Records in which the tip would lift off."""
+        return self.min_R <= 0.0
+
+    @property
+    def usable(self) -> Array:
+        """Converged, stable, in contact."""
+        return self.converged & self.stable & ~self.lifted
+
+    def where(self, keep: Array) -> "Truth":
+        """Some of the records."""
+        picked = {
+            f.name: getattr(self, f.name)[keep] for f in fields(self) if isinstance(getattr(self, f.name), np.ndarray)
+        }
+        records = tuple(r for r, k in zip(self.records, keep, strict=True) if k)
+        return replace(self, records=records, state=self.state.map(lambda a: a[keep]), **picked)
+
+
+def scattered(records: Sequence[tuple[float, float]], rng: np.random.Generator, scatter: float = 0.02) -> list[Record]:
+    """Records (level, hz) whose force misses its level by `scatter`, at any phase."""
+    return [
+        Record(level, hz, rng.uniform(0, 2 * np.pi), level * (1 + scatter * rng.standard_normal()))
+        for level, hz in records
+    ]
+
+
+def force_over(rig: TrueRig, records: Sequence[Record], steps: int) -> Array:
+    """Force at the instants of a period, both ends included (records, steps + 1)."""
+    theta = 2 * np.pi * np.arange(steps + 1) / steps
+    rows = []
+    for r in records:
+        tones = sum(t.ratio * np.cos(t.harmonic * (theta - r.phase) - t.phase) for t in rig.distortion)
+        rows.append(r.force * (np.cos(theta - r.phase) + tones))
+    return np.array(rows)
+
+
+def ramp(batch: Batch, force: Array, start: State, periods: int, hold: int) -> tuple[State, State]:
+    """March under a force that grows to its full size; the state, and the largest size of each part in the end."""
+    now, N = batch.begin(start, 0 * force[:, :1]), batch.steps
+    largest = start.map(np.abs)
+    for k in range(periods + hold):
+        for i in range(1, N + 1):
+            grown = min(1.0, (k + i / N) / max(periods, 1))
+            now = batch.advance(now, np.sin(np.pi / 2 * grown) ** 2 * force[:, i : i + 1], i / N)
+            if k == periods + hold - 1:
+                pairs = [(getattr(largest, f.name), getattr(now.state, f.name)) for f in fields(State)]
+                largest = State(*(np.maximum(a, np.abs(b)) for a, b in pairs))
+    return now.state, largest
+
+
+@dataclass
+class Progress:
+    """The best states so far, what they leave to close, the step taken from them and the share of it."""
+
+    state: State
+    residual: Array
+    step: Array
+    damping: Array
+
+
+@dataclass
+class Shooting:
+    """Newton on the map of a period, for the records that still need it."""
+
+    batch: Batch
+    force: Array
+    size: State
+    settings: Settings
+
+    def __post_init__(self) -> None:
+        self.K = int(min(self.settings.slow_modes, self.batch.dynamic.sum(axis=1).min()))
+        # in units of the largest modal energy a period of a conserving system turns its state and stretches nothing
+        omega = np.sqrt(np.where(self.batch.dynamic, self.batch.m["omega2"], np.inf))[:, None]
+        speed = np.maximum(np.where(np.isfinite(omega), omega * self.size.q, 0.0), self.size.v).max(-1, keepdims=True)
+        size = replace(self.size, q=speed / np.where(np.isfinite(omega), omega, 1.0), v=speed + 0 * self.size.v)
+        self.floor = size.map(lambda a: np.maximum(a, 1e-3 * a.max(axis=0, keepdims=True) + 1e-30))
+        self.unit = self._slow(self.floor)[:, 0]
+
+    def _slow(self, s: State) -> Array:
+        return np.concatenate([s.q[..., : self.K], s.v[..., : self.K], s.law, s.hidden], axis=-1)
+
+    def _with(self, s: State, slow: Array, records: Array | int = 0) -> State:
+        """Copies of a state with their slow parts replaced; the fast modes follow the friction force statically."""
+        copies = s.map(lambda a: np.repeat(a[:, :1], slow.shape[1], axis=1).copy())
+        K, L = self.K, s.law.shape[-1]
+        copies.q[..., :K], copies.v[..., :K] = slow[..., :K], slow[..., K : 2 * K]
+        copies.law[...], copies.hidden[...] = slow[..., 2 * K : 2 * K + L], slow[..., 2 * K + L :]
+        law, m = self.batch.law, self.batch.m
+        soft = (m["contact"] / m["omega2"])[:, None, K:]
+        more = law.force(copies.law) - law.force(s.law[:, :1])
+        copies.q[..., K:] += more[..., None] * (soft if len(soft) == 1 else soft[records])
+        return copies
+
+    def after_period(self, state: State, todo: Array, derivative: bool) -> tuple[State, Array, Array, Array]:
+        """State after a period, the largest gap to its beginning, the gap and derivative of the slow part, in units."""
+        batch = self.batch if todo.all() else self.batch.select(todo)
+        start, unit = state.map(lambda a: a[todo]), self.unit[todo]
+        slow, eps = self._slow(start), self.settings.perturbation
+        width = slow.shape[-1]
+        shifts = np.concatenate([np.zeros((1, width)), eps * np.eye(width)])[: None if derivative else 1]
+        after = batch.period(self._with(start, slow + shifts * unit[:, None], todo), self.force[todo])
+        mapped = self._slow(after) / unit[:, None]
+        end = after.map(lambda a: a[:, :1])
+        gaps = State(*(e - s for e, s in pairs(end, start)))
+        moving = batch.dynamic[:, None]
+        gaps = replace(gaps, q=np.where(moving, gaps.q, 0.0), v=np.where(moving, gaps.v, 0.0))
+        floor = self.floor.map(lambda a: a[todo])
+        worst = np.max([np.abs(g / f).max(axis=(1, 2)) for g, f in pairs(gaps, floor) if g.size], axis=0)
+        return end, worst, mapped[:, 0] - slow[:, 0] / unit, ((mapped[:, 1:] - mapped[:, :1]) / eps).swapaxes(1, 2)
+
+    def solve(self, state: State) -> tuple[State, Array, Array]:
+        """State, residual and largest Floquet multiplier of each record.
+
+        A derivative serves for as long as it brings the residual down tenfold; the last is taken near the solution.
+        """
+        records, width = len(self.batch.omega), self.unit.shape[1]
+        last = Progress(state.map(np.copy), np.full(records, np.inf), np.zeros((records, width)), np.ones(records))
+        trial, jacobian = state.map(np.copy), np.zeros((records, width, width))
+        taken_at, renew = np.full(records, np.inf), np.ones(records, bool)
+        todo = np.ones(records, bool)
+        for _ in range(self.settings.iterations):
+            for derivative in (True, False):
+                now = todo & (renew == derivative)
+                if not now.any():
+                    continue
+                end, worst, gap, J = self.after_period(trial, now, derivative)
+                for i, r in enumerate(np.flatnonzero(now)):
+                    if derivative:
+                        jacobian[r], taken_at[r] = J[i], worst[i]
+                    renew[r] = worst[i] > 0.1 * last.residual[r] and not derivative
+                    if worst[i] > 4 * last.residual[r] and last.damping[r] > 0.05:  # too long a step: halve it
+                        last.damping[r] /= 2
+                        self._put(trial, r, last.state, r, last.damping[r] * last.step[r])
+                        renew[r] = True
+                        continue
+                    last.residual[r], last.damping[r] = worst[i], min(1.0, 2 * last.damping[r])
+                    last.step[r] = np.linalg.lstsq(np.eye(width) - jacobian[r], gap[i], rcond=5e-5)[0]
+                    self._put(last.state, r, trial, r)
+                    self._put(trial, r, end, i)  # the fast modes take the place they have after a period
+                    slow = self._slow(last.state)[r] + last.damping[r] * last.step[r] * self.unit[r]
+                    self._put(trial, r, self._with(trial.map(lambda a, r=r: a[r : r + 1]), slow[None], [r]), 0)
+            todo = last.residual > self.settings.tolerance
+            if not todo.any():
+                break
+        stale = (taken_at > 1e-5) & ~todo
+        if stale.any():
+            jacobian[stale] = self.after_period(last.state, stale, True)[3]
+        return last.state, last.residual, np.abs(np.linalg.eigvals(jacobian)).max(axis=1)
+
+    def _put(self, into: State, r: int, source: State, i: int, step: Array | None = None) -> None:
+        """Copy record i of source to record r, its slow part moved by step."""
+        one = source.map(lambda a: a[i : i + 1])
+        if step is not None:
+            one = self._with(one, self._slow(one) + step * self.unit[r], [r])
+        for a, b in pairs(into, one):
+            a[r] = b[0]
+
+
+def pairs(a: State, b: State) -> list[tuple[Array, Array]]:
+    return [(getattr(a, f.name), getattr(b, f.name)) for f in fields(State)]
+
+
+def shoot(batch: Batch, force: Array, start: State, size: State, settings: Settings) -> tuple[State, Array, Array]:
+    """Steady states by Newton from `start`, residuals and multipliers."""
+    return Shooting(batch, force, size, settings).solve(start)
+
+
+def simulate_records(
+    rig: TrueRig | Sequence[TrueRig],
+    records: Sequence[Record | tuple[float, ...]],
+    steps: int = 1024,
+    settings: Settings | None = None,
+    start: State | None = None,
+) -> Truth:
+    """Steady states of the rig under each record: (level, hz[, phase[, amplitude]]).
+
+    A sequence of rigs, one per record, is for properties that drift: the rigs may differ in numbers only, and in those
+    of nonlinear effects, of sensors' faults and of the force's distortion not at all: the first rig's count.
+    """
+    settings = settings or Settings()
+    rigs = [rig] if isinstance(rig, TrueRig) else list(rig)
+    asked = tuple(r if isinstance(r, Record) else Record(*r) for r in records)
+    omega = 2 * np.pi * np.array([r.hz for r in asked])
+    coarse, fine = Batch(rigs, omega, settings.coarse), Batch(rigs, omega, steps)
+    rough, exact = force_over(rigs[0], asked, settings.coarse), force_over(rigs[0], asked, steps)
+    if start is None:
+        rising = Batch(rigs, omega, settings.coarse, tolerance=1e-8)
+        state, size = ramp(rising, rough, coarse.rest_state(), settings.ramp, settings.hold)
+        for _ in range(settings.retries + 1):
+            found, residual, _ = shoot(coarse, rough, state, size, replace(settings, tolerance=1e-6))
+            bad = residual > 1e-4
+            if not bad.any():
+                break
+            marched, _ = ramp(coarse, rough, state, 0, 60)
+            state = merged(found, marched, bad)
+        state = merged(found, state, bad)
+    else:
+        state, size = start, ramp(coarse, rough, start, 0, 1)[1]
+    state, residual, multiplier = shoot(fine, exact, state, size, settings)
+    return observe(fine, asked, state, exact, residual, multiplier, settings)
+
+
+def merged(a: State, b: State, second: Array) -> State:
+    """Records of a, but those of b where `second`."""
+    return State(*(np.where(second[:, None, None], y, x) for x, y in pairs(a, b)))
+
+
+def observe(
+    batch: Batch,
+    records: tuple[Record, ...],
+    state: State,
+    force: Array,
+    residual: Array,
+    multiplier: Array,
+    settings: Settings,
+) -> Truth:
+    """One period of the steady states, sample by sample."""
+    now, seen = batch.begin(state, force[:, :1]), []
+    for i in range(1, batch.steps + 1):
+        now = batch.advance(now, force[:, i : i + 1], i / batch.steps)
+        seen.append(now)
+    seen = seen[-1:] + seen[:-1]  # the end of the period is its beginning
+    over = {name: np.array([getattr(s, name)[:, 0] for s in seen]).swapaxes(0, 1) for name in ("T", "R", "u")}
+    rest_rate = derivative(np.array([s.rest[:, 0] for s in seen]).T, batch.omega)
+    v = np.array([s.v_slip[:, 0] for s in seen]).T + rest_rate
+    sensors = np.broadcast_to(batch.m["sensors"], (len(records), *batch.m["sensors"].shape[1:]))
+    q = np.array([s.state.q[:, 0] for s in seen])
+    still = np.where(batch.dynamic, 0.0, q)
+    moving = np.array([batch.acceleration(s)[:, 0] for s in seen])
+    acceleration = np.einsum("nri,rsi->rsn", moving, sensors)
+    acceleration += second_derivative(np.einsum("nri,rsi->rsn", still, sensors), batch.omega)
+    return Truth(
+        rig=batch.rig,
+        records=records,
+        steps=batch.steps,
+        converged=residual <= settings.tolerance,
+        stable=multiplier <= 1.0 + settings.growth,
+        multiplier=multiplier,
+        residual=residual,
+        min_R=over["R"].min(axis=1),
+        energy=energy_balance(batch, seen, force[:, :-1]),
+        force=force[:, :-1],
+        acceleration=acceleration,
+        v=v,
+        state=state,
+        **over,
+    )
+
+
+def derivative(x: Array, omega: Array) -> Array:
+    """Central difference of periodic samples along the last axis."""
+    dt = 2 * np.pi / omega / x.shape[-1]
+    return (np.roll(x, -1, -1) - np.roll(x, 1, -1)) / (2 * dt[:, None])
+
+
+def second_derivative(x: Array, omega: Array, harmonics: int = 40) -> Array:
+    """Spectral second derivative of what follows the forces statically, to a finite harmonic."""
+    N = x.shape[-1]
+    k = np.arange(N // 2 + 1)
+    keep = np.where(k <= harmonics, -(k**2.0), 0.0)
+    return np.fft.irfft(np.fft.rfft(x) * keep, n=N) * omega[:, None, None] ** 2
+
+
+def energy_balance(batch: Batch, seen: list[Instant], force: Array) -> Array:
+    """Work of the force less what damping, friction and hidden effects take, relative to the larger side."""
+    q, v = (np.array([getattr(s.state, name)[:, 0] for s in seen]) for name in ("q", "v"))
+    T, u = np.array([s.T[:, 0] for s in seen]), np.array([s.u[:, 0] for s in seen])
+    y = np.einsum("nri,ri->nr", q, batch.m["drive"] * np.ones((q.shape[1], 1)))
+
+    def work(load: Array, motion: Array) -> Array:
+        return ((load + np.roll(load, -1, 0)) / 2 * (np.roll(motion, -1, 0) - motion)).sum(axis=0)
+
+    given = work(force.T, y)
+    lost = (batch.m["damping"] * np.where(batch.dynamic, v, 0.0) ** 2).sum(axis=2).sum(axis=0) * batch.dt[:, 0]
+    known = force.T[..., None] * batch.m["drive"] + T[..., None] * batch.m["contact"]
+    p, Gq = (np.array([getattr(s, name)[:, 0] for s in seen]) for name in ("p", "Gq"))
+    hidden = (p - known + T[..., None] * Gq) if batch.hidden else 0.0 * p
+    taken = -work(hidden, q).sum(axis=1) if batch.hidden else 0.0
+    rubbed = -work(T, u)
+    scale = np.maximum(np.abs(given), np.abs(lost) + np.abs(rubbed) + np.abs(taken))
+    return (given - lost - rubbed - taken) / scale
