@@ -1,0 +1,72 @@
+"""What a cause is: a missing effect as a small change of the rig, its parameters numbers of the changed rig."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+from models.rig import Rig
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One parameter of a cause.
+
+    Attributes
+    ----------
+    name : str
+        As in a diagnosis, formats.md section 6.
+    unit : str
+        SI unit, "1" for a pure number.
+    key : str
+        The number of the extended rig that it is, a dotted key such as ``attachments.clamp_stiffness``.
+    lower, upper : float
+        Bounds, both included.
+    neutral : float
+        Value at which the cause changes nothing; may be inf.
+    starts : tuple of float
+        Where fits start, within the bounds; the first makes so small an effect that the score test may use it as
+        neutral.
+    """
+
+    name: str
+    unit: str
+    key: str
+    lower: float
+    upper: float
+    neutral: float
+    starts: tuple[float, ...]
+
+
+class Cause(Protocol):
+    """A missing effect that may explain measurements; one object is one candidate, such as the gain of one channel.
+
+    Attributes
+    ----------
+    name : str
+        Of formats.md section 6.
+    meaning, looks_like, confused_with : str
+        In words: what it does, how it shows, and what shows alike.
+    """
+
+    name: ClassVar[str]
+    meaning: ClassVar[str]
+    looks_like: ClassVar[str]
+    confused_with: ClassVar[str]
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["Cause"]:
+        """What of this kind may be wrong with a rig; nothing where it makes no sense."""
+        ...
+
+    @property
+    def label(self) -> str:
+        """Name that tells candidates apart, such as ``sensor-gain a3``."""
+        ...
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """Parameters, for a rig that is not extended yet."""
+        ...
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """The rig with the effect; `values` by the names of :meth:`unknowns`."""
+        ...
