@@ -12,22 +12,22 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from continuation import ConvergenceError, NewtonSettings, solve_at
+from continuation import ConvergenceError
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.fit import whitened
 from hbm.identification.identify import HELD
 from hbm.identification.judgement import fitted_parameters
 from hbm.identification.lawfit import FittedParameter, FittedParameters, LawFit, Quality
-from hbm.identification.observed import SAMPLES, Motion, motion_of
+from hbm.identification.observed import SAMPLES
+from hbm.identification.records import Measurement, Record, force_columns, measurement_of, parts, solve_record
 from hbm.identification.start import Candidate, Scales, candidate, scales_of
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.inverse.sensing import Complex
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.residual import HarmonicBalance, State
-from hbm.response import TOLERANCE, default_samples, first_solution, pad
+from hbm.response import default_samples
 from hbm.sensitivity import FORCE, sensitivities
-from hbm.solution import PeriodicSolution, describe
+from hbm.solution import PeriodicSolution
 from hbm.threads import one_thread
 from models.friction import FrictionLaw
 from models.rig import Rig
@@ -144,69 +144,11 @@ def fit_spectra(
     given = law.law if isinstance(law, LawFit) else law
     of = candidate(given, given, scales, hold)
     tell = on_progress if on_progress is not None else lambda doing, done: None
-    data = _measurement(seen)
+    data = measurement_of(seen)
     H, numerics = _numerics(seen.rig, data, of, harmonics)
     model = _Forward(seen.rig, data, of, H)
     x, jacobian = _search(model, of, tell)
     return _result(model, of, x, jacobian, numerics, scales)
-
-
-# ---- measurement
-
-
-@dataclass(frozen=True, eq=False)
-class _Record:
-    """One record, turned so that its force is a cosine."""
-
-    number: int
-    hz: float
-    force: float
-    force_std: float
-    measured: Array  # (2, c, H): real and imaginary part of the amplitudes, nan where not measured
-    std: Array  # (c, H)
-    start: State
-
-    @property
-    def listed(self) -> npt.NDArray[np.bool_]:
-        """What was measured, (2, c, H)."""
-        return np.isfinite(self.measured)
-
-
-@dataclass(frozen=True, eq=False)
-class _Measurement:
-    records: tuple[_Record, ...]
-    channels: tuple[str, ...]
-    H: int
-    speed: Array
-
-
-def _measurement(r: Reconstruction) -> _Measurement:
-    motion = motion_of(r)
-    records = tuple(_turned(r, motion, i) for i in range(len(r)))
-    speed = np.abs(r["slip_velocity"].samples).max(axis=1)
-    return _Measurement(records, motion.sensing.channels, r.H, speed)
-
-
-def _turned(r: Reconstruction, motion: Motion, i: int) -> _Record:
-    seen, H = motion.sensing, r.H
-    level = float(r.spectra.level[i])
-    known = bool(seen.force[i].any())  # without a force channel the level with phase 0 stands for it
-    force = complex(seen.force[i, 1]) if known else complex(level)
-    turn = np.exp(-1j * np.angle(force) * np.arange(H + 1))
-    listed = seen.weight[i].T > 0.0
-    amplitudes = np.where(listed, (seen.measured[i] * turn[:, None]).T, np.nan)[:, 1:]
-    std = np.where(listed, 1.0 / np.where(listed, seen.weight[i].T, 1.0), np.nan)[:, 1:]
-    basis = FourierBasis(H, 3 * H + 2)
-    Q, T = basis.real(motion.q[i] * turn[:, None]), basis.real(r["friction"].amplitudes[i] * turn)
-    return _Record(
-        number=int(r.spectra.records[i]),
-        hz=float(r.spectra.hz[i]),
-        force=abs(force),
-        force_std=float(seen.force_std[i, 1]) if known else 0.0,
-        measured=np.array([amplitudes.real, amplitudes.imag]),
-        std=std,
-        start=State(Q, T, 2 * np.pi * float(r.spectra.hz[i]), abs(force)),
-    )
 
 
 # ---- simulation
@@ -230,7 +172,7 @@ class _Simulated:
 class _Forward:
     """Steady states of all records, each from its last one."""
 
-    def __init__(self, rig: Rig, data: _Measurement, of: Candidate, H: int) -> None:
+    def __init__(self, rig: Rig, data: Measurement, of: Candidate, H: int) -> None:
         self.rig, self.data, self.of = rig, data, of
         self.basis = FourierBasis(H, max(SAMPLES, default_samples(H)))
         self.found: dict[int, _Simulated] = {}
@@ -249,10 +191,10 @@ class _Forward:
             self._advance(rig, record, x, last)
         return [self.found.get(record.number) for record in self.data.records]
 
-    def _advance(self, rig: Rig, record: _Record, x: Array, last: _Simulated | None) -> None:
+    def _advance(self, rig: Rig, record: Record, x: Array, last: _Simulated | None) -> None:
         self.evaluations += 1
         try:
-            solution = solve_record(rig, self.basis, record, last)
+            solution = solve_record(rig, self.basis, record, None if last is None else last.solution)
             self.found[record.number] = self._differentiated(rig, solution, x)
             self.failed.pop(record.number, None)
         except (ConvergenceError, ArithmeticError, ValueError) as reason:
@@ -262,38 +204,22 @@ class _Forward:
         by = sensitivities(rig, solution)
         by_law = self.of.coordinates.slopes(x)
         slopes = [by[name].coefficients for name in self.data.channels]
-        p, force = len(by_law), by.parameters.index(FORCE)
+        p, force, H = len(by_law), by.parameters.index(FORCE), self.data.H
         return _Simulated(
             x=x.copy(),
             solution=solution,
             amplitudes=self._amplitudes(solution),
-            by_x=np.stack([self._parts(s[:, :p] @ by_law) for s in slopes], axis=1),
-            by_force=np.stack([self._parts(s[:, force]) for s in slopes], axis=1),
+            by_x=np.stack([parts(self.basis, s[:, :p] @ by_law, H) for s in slopes], axis=1),
+            by_force=np.stack([parts(self.basis, s[:, force], H) for s in slopes], axis=1),
         )
 
     def _amplitudes(self, solution: PeriodicSolution) -> Array:
-        return np.stack([self._parts(solution[name].coefficients) for name in self.data.channels], axis=1)
-
-    def _parts(self, coefficients: Array) -> Array:
-        """Real and imaginary part of amplitudes 1..H of those measured, (2, H, ...)."""
-        amplitudes = self.basis.complex(coefficients)[1 : self.data.H + 1]
-        return np.array([amplitudes.real, amplitudes.imag])
+        return np.stack(
+            [parts(self.basis, solution[name].coefficients, self.data.H) for name in self.data.channels], axis=1
+        )
 
 
-def solve_record(rig: Rig, basis: FourierBasis, record: _Record, last: _Simulated | None) -> PeriodicSolution:
-    """Steady state of a record, from its last one or from the reconstruction, else from nothing."""
-    problem = HarmonicBalance(rig, basis, level=record.force)
-    lam = problem.lam_at(record.hz)
-    start = record.start if last is None else last.solution.state
-    result = solve_at(problem, pad(problem, start), lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=40))
-    if result.converged:
-        return describe(problem, result.x, lam)
-    if last is not None:
-        raise ConvergenceError(f"no convergence, last residual {result.residual_norm:.2g}; {result.reason.value}")
-    return describe(problem, first_solution(problem, lam), lam)
-
-
-def _numerics(rig: Rig, data: _Measurement, of: Candidate, harmonics: int | None) -> tuple[int, str]:
+def _numerics(rig: Rig, data: Measurement, of: Candidate, harmonics: int | None) -> tuple[int, str]:
     """Harmonics whose increase moves the fastest slipping records by less than the noise."""
     tried = tuple(H for H in HARMONICS if H > data.H) or (2 * data.H,) if harmonics is None else (harmonics,)
     probed = replace(data, records=tuple(data.records[i] for i in np.argsort(-data.speed)[:PROBED]))
@@ -316,7 +242,7 @@ def _numerics(rig: Rig, data: _Measurement, of: Candidate, harmonics: int | None
     )
 
 
-def _probe(rig: Rig, probed: _Measurement, of: Candidate, H: int) -> list[Array | None]:
+def _probe(rig: Rig, probed: Measurement, of: Candidate, H: int) -> list[Array | None]:
     model = _Forward(replace(rig, contact=replace(rig.contact, law=of.law)), probed, of, H)
     out: list[Array | None] = []
     for record in probed.records:
@@ -364,7 +290,7 @@ def _uncertainty(of: Candidate, jacobian: Array) -> Array:
     return np.asarray(np.linalg.inv(jacobian.T @ jacobian + np.diag(1.0 / width**2)))
 
 
-def _simulated(model: _Forward, x: Array) -> list[tuple[_Record, _Simulated]]:
+def _simulated(model: _Forward, x: Array) -> list[tuple[Record, _Simulated]]:
     found = zip(model.data.records, model.simulate(x), strict=True)
     pairs = [(record, simulated) for record, simulated in found if simulated is not None]
     if not pairs:
@@ -378,12 +304,10 @@ def _roots(model: _Forward, x: Array) -> list[Array]:
     return [_root(record, simulated) for record, simulated in _simulated(model, x)]
 
 
-def _root(record: _Record, simulated: _Simulated) -> Array:
-    listed, k = record.listed, np.arange(1, record.std.shape[1] + 1)
+def _root(record: Record, simulated: _Simulated) -> Array:
+    listed = record.listed
     variance = np.broadcast_to(record.std**2, listed.shape)[listed]
-    real, imaginary = simulated.amplitudes
-    by_phase = np.array([-imaginary, real]) * k  # the phase of the force turns harmonic k by k times as much
-    columns = record.force_std * np.array([simulated.by_force[listed], by_phase[listed] / record.force])
+    columns = force_columns(record, simulated.amplitudes, simulated.by_force)[:, listed]
     return np.asarray(np.linalg.cholesky(np.diag(variance) + columns.T @ columns))
 
 

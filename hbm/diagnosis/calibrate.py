@@ -1,0 +1,53 @@
+"""The calibrated nominal: numbers of the rig file moved within what they may be off by.
+
+Calibrated are the friction law, the normal load, Young's modulus and the mass-proportional damping
+(:data:`hbm.diagnosis.nominal.TOLERANCES`). `trusted` holds them near the rig file by those tolerances; `profiled` lets
+all but the load go free, so that nothing they can explain is blamed on anything else. The load stays: friction sees
+only its product with mu.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from hbm.diagnosis.fit import Evaluation, fit_model
+from hbm.diagnosis.model import Model
+from hbm.diagnosis.nominal import tolerances
+from hbm.diagnosis.records import Campaign, Solutions
+from hbm.diagnosis.screen import coarse, spread
+from hbm.sensitivity import LOAD
+from models.rig import Rig
+
+FEW = 8
+LAST_STEPS = 8
+"""Records of the first fit; steps of the second."""
+
+FAR = 3.5
+"""A calibrated number so many tolerances from the rig file is no longer within tolerance."""
+
+
+def trusted(rig: Rig, given: Mapping[str, float] | None = None) -> Model:
+    """The nominal rig within tolerances; `given` replaces the default ones."""
+    return Model(rig, tolerances(rig) if given is None else dict(given))
+
+
+def profiled(model: Model) -> Model:
+    """The same with its calibrated numbers free, the load excepted."""
+    return Model(model.nominal, {key: std if key == LOAD else np.inf for key, std in model.calibrated.items()})
+
+
+def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
+    """Fit the calibrated numbers, first on few records, coarsely."""
+    few = coarse(campaign, [n for n in spread(campaign, FEW) if n in last])
+    rough = fit_model(model, few, model.start, last, settled=1.0)
+    return fit_model(model, campaign, rough.x, last, LAST_STEPS)
+
+
+def off(trust: Model, e: Evaluation) -> dict[str, float]:
+    """Calibrated numbers that are further from the rig file than tolerances explain, in tolerances."""
+    pulls = {
+        f.name: (float(x) - f.expected) / trust.calibrated[f.name]
+        for f, x in zip(e.model.free, e.x, strict=True)
+        if f.cause < 0
+    }
+    return {key: pull for key, pull in sorted(pulls.items(), key=lambda p: -abs(p[1])) if abs(pull) > FAR}

@@ -1,0 +1,407 @@
+"""From a rig and measured spectra to a diagnosis: calibrate, screen, fit, decide, and score on records held out.
+
+:func:`diagnose` is the entry. Only the records to fit reach a fit; those held out are opened once, at the end.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+
+import numpy as np
+
+import models.causes
+from continuation import ConvergenceError
+from hbm.diagnosis.calibrate import calibrate, off, profiled, trusted
+from hbm.diagnosis.decide import Decision, accepted, best_of, sidak, suspicious, tied, weights
+from hbm.diagnosis.fit import Evaluation, evaluate, fit_model
+from hbm.diagnosis.heldout import check_held_out, choose_held_out
+from hbm.diagnosis.misfit import Misfit, likeliest, misfit, misfit_of_new
+from hbm.diagnosis.model import Model
+from hbm.diagnosis.nominal import WrongValue
+from hbm.diagnosis.numerics import Numerics, choose
+from hbm.diagnosis.race import race
+from hbm.diagnosis.records import Campaign
+from hbm.diagnosis.screen import Screening, screen
+from hbm.diagnosis.separate import separate
+from hbm.diagnosis.verdict import Diagnosis, Errors, Estimate, Ranked, Verdict
+from hbm.errors import InputError
+from hbm.identification.records import measurement_of
+from hbm.inverse.reconstruct import reconstruct
+from hbm.inverse.sensing import sensing
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.threads import one_thread
+from models.causes.cause import Cause
+from models.rig import Rig
+
+PAIRS_WITH = 2
+"""Single causes from which pairs are built."""
+
+LINEARISED = 4
+"""Times the prediction of records held out is linearised anew where the first does not fit."""
+
+OnProgress = Callable[[str, float], None]
+
+
+@one_thread
+def diagnose(
+    rig: Rig,
+    spectra: MeasuredSpectra,
+    *,
+    held_out: Iterable[int] | None = None,
+    causes: Iterable[Cause | type[Cause]] | None = None,
+    tolerances: Mapping[str, float] | None = None,
+    on_progress: OnProgress | None = None,
+) -> Diagnosis:
+    """Say what a simulation gets wrong, which missing effect explains it, and what the extended model gains.
+
+    Parameters
+    ----------
+    rig : Rig
+        The nominal rig.
+    spectra : MeasuredSpectra
+    held_out : iterable of int, optional
+        Records that no fit sees; where omitted a level and a frequency band, see :mod:`hbm.diagnosis.heldout`.
+    causes : iterable of Cause, optional
+        Candidates, or classes of them; the whole catalogue and every nominal value where omitted.
+    tolerances : mapping of str to float, optional
+        What numbers of the rig file are off by at most, relative standard deviations by their keys; within these
+        nothing is called wrong. :data:`hbm.diagnosis.nominal.TOLERANCES` where omitted.
+    on_progress : callable, optional
+        Called with what is done and the fraction done.
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        If no response was measured, a record to hold out is not there, or a rig cannot be told from its measurements.
+    ConvergenceError
+        If the steady state of no record is found.
+    """
+    held = choose_held_out(spectra) if held_out is None else tuple(held_out)
+    check_held_out(spectra, held)
+    train, unseen = spectra.split(held) if held else (spectra, None)
+    search = _Search(rig, train, list(_candidates(rig, causes)), tolerances, on_progress or (lambda doing, done: None))
+    return _Report(search, search.decide(), unseen, held).diagnosis()
+
+
+def _candidates(rig: Rig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
+    if causes is None:
+        causes = [WrongValue, *getattr(models.causes, "CATALOGUE", ())]
+    for cause in causes:
+        if isinstance(cause, type):
+            yield from cause.candidates(rig)
+        else:
+            yield cause
+
+
+def campaign_of(
+    rig: Rig, spectra: MeasuredSpectra, numerics: Numerics | None = None
+) -> tuple[Campaign, tuple[str, ...]]:
+    """Records of spectra, with the discretisation that resolves them; and what the sensors say of each other.
+
+    Raises
+    ------
+    InputError
+        If no response was measured.
+    """
+    seen = reconstruct(rig, spectra)
+    data = measurement_of(seen, sensing(seen.rig, spectra))
+    if not any(r.listed.any() for r in data.records):
+        raise InputError(f"{spectra.source}: no harmonic of any response was measured; must have one")
+    return Campaign(data, choose(seen.rig, data) if numerics is None else numerics), seen.warnings
+
+
+class _Search:
+    """The search on the records fitted."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        spectra: MeasuredSpectra,
+        candidates: Sequence[Cause],
+        tolerances: Mapping[str, float] | None,
+        tell: OnProgress,
+    ) -> None:
+        self.rig, self.spectra, self.candidates, self.tell = rig, spectra, candidates, tell
+        tell("sensors and numerics", 0.0)
+        self.campaign, self.sensors = campaign_of(rig, spectra)
+        if self.campaign.points <= len(trusted(rig, tolerances).free) + 1:
+            raise InputError(
+                f"{spectra.source}: {self.campaign.points} coefficients; must be more than the "
+                f"{len(trusted(rig, tolerances).free) + 1} numbers to fit"
+            )
+        tell("nominal", 0.05)
+        bare = Model(rig, {})
+        self.nominal = evaluate(bare, self.campaign, bare.start, {})
+        tell("calibration", 0.1)
+        self.trust = trusted(rig, tolerances)
+        self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
+        tell("screening", 0.2)
+        self.screening: Screening = screen(self.calibrated, self.campaign, candidates)
+        self.notes: list[str] = []
+
+    @property
+    def tried(self) -> int:
+        """Candidates, each shape that was scanned counted."""
+        return max(self.screening.tried, 1)
+
+    def decide(self) -> Decision:
+        """Consistent, one cause, one beside free calibration, or two; the first that will do."""
+        fit = misfit(self.calibrated, self.campaign)
+        within = not off(self.trust, self.calibrated)
+        if fit.fits and within and not suspicious(self.screening, len(self.calibrated.white)):
+            return Decision(self.calibrated, None, ())
+        first = self._race(self.calibrated, self.screening, 0.25)
+        if first.best is not None and misfit(first.best, self.campaign).fits:
+            return first
+        if fit.fits and first.best is None:
+            return first
+        second = self._profiled()
+        if second.best is not None and misfit(second.best, self.campaign).fits:
+            return second
+        return self._pairs(first, second)
+
+    def _race(self, base: Evaluation, screening: Screening | None, done: float) -> Decision:
+        fits = best_of(race(base, self.campaign, self.candidates, screening, lambda doing: self.tell(doing, done)))
+        best = next((e for e in fits[:1] if accepted(base, e, self.tried)), None)
+        return Decision(base, best, tuple(fits))
+
+    def _profiled(self) -> Decision:
+        """Causes over a nominal whose calibrated numbers are free: several of them may be wrong."""
+        self.tell("free calibration", 0.5)
+        base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
+        physical = [c for c in self.candidates if not isinstance(c, WrongValue)]
+        if misfit(base, self.campaign).fits and accepted(self.calibrated, base, self.tried):
+            return self._several(base)
+        screening = screen(base, self.campaign, physical)
+        fits = best_of(race(base, self.campaign, physical, screening, lambda doing: self.tell(doing, 0.6)))
+        best = next((e for e in fits[:1] if accepted(base, e, self.tried)), None)
+        return Decision(base, best, tuple(fits))
+
+    def _several(self, base: Evaluation) -> Decision:
+        """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
+        wrong = off(self.trust, base) or {base.model.free[0].name: 0.0}
+        model = Model(self.rig, self.trust.calibrated, tuple(WrongValue(key) for key in wrong))
+        x = {f.name: v for f, v in zip(base.model.free, base.x, strict=True)}
+        keys = list(wrong)
+        names = [f.name if f.cause < 0 else keys[f.cause] for f in model.free]
+        start = np.array([f.of(np.exp(x[name])) for f, name in zip(model.free, names, strict=True)])
+        best = fit_model(model, self.campaign, start, base.solutions)
+        return Decision(self.calibrated, best, (best,))
+
+    def _pairs(self, *earlier: Decision) -> Decision:
+        """Two causes: one more over the best ones."""
+        fits = [e for d in earlier for e in d.fits]
+        if not fits:
+            return earlier[0]
+        out: list[Evaluation] = []
+        for single in best_of(fits)[:PAIRS_WITH]:
+            rest = [c for c in self.candidates if c not in single.model.causes]
+            screening = screen(single, self.campaign, rest)
+            out += race(single, self.campaign, rest, screening, lambda doing: self.tell(f"two causes: {doing}", 0.75))
+        ranked = best_of([*out, *fits])
+        pair = next((e for e in ranked[:1] if accepted(self.calibrated, e, self.tried**2)), None)
+        return Decision(self.calibrated, pair, tuple(ranked[:10]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Scored:
+    """A model on the records held out."""
+
+    evaluation: Evaluation
+    misfit: Misfit
+
+    @property
+    def errors(self) -> Errors:
+        return Errors(self.misfit.nrmse, self.evaluation.white.chi2 / len(self.evaluation.white))
+
+
+class _Report:
+    """The decision scored on the records held out, and said."""
+
+    def __init__(
+        self, search: _Search, decision: Decision, unseen: MeasuredSpectra | None, held: tuple[int, ...]
+    ) -> None:
+        self.search, self.decision, self.held = search, decision, held
+        search.tell("records held out", 0.9)
+        self.hidden = None if unseen is None else campaign_of(search.rig, unseen)[0]
+        self.nominal = self._scored(search.nominal)
+        self.calibrated = self._scored(search.calibrated)
+        self.fits = [(e, self._scored(e)) for e in decision.fits]
+        self.best = next(((e, s) for e, s in self.fits if e is decision.best), None)
+
+    def _scored(self, e: Evaluation) -> _Scored | None:
+        if self.hidden is None:
+            return None
+        try:
+            there = evaluate(e.model, self.hidden, e.x, {})
+        except (ConvergenceError, ValueError):
+            return None
+        best = misfit_of_new(there, e.x, e.covariance, self.hidden)
+        return _Scored(there, replace(self._within(there, e, best), nrmse=best.nrmse))
+
+    def _within(self, there: Evaluation, e: Evaluation, found: Misfit) -> Misfit:
+        """Misfit linearised where it is least within the covariance of the numbers; they stay as they were fitted."""
+        low, high = e.model.bounds()
+        for _ in range(LINEARISED if len(e.x) and self.hidden is not None else 0):
+            if found.fits or self.hidden is None:
+                break
+            try:
+                x = np.clip(likeliest(there, e.x, e.covariance), low, high)
+                there = evaluate(e.model, self.hidden, x, there.solutions)
+            except (ConvergenceError, ValueError):
+                break
+            found = min(found, misfit_of_new(there, e.x, e.covariance, self.hidden), key=lambda m: -m.probability)
+        return found
+
+    def diagnosis(self) -> Diagnosis:
+        verdict = self._verdict()
+        best = self.decision.best if verdict == "cause-found" else None
+        ties = tied(self.decision.fits, best) if best is not None else []
+        bics = [self.search.calibrated.bic, *(e.bic for e in self.decision.fits)]
+        place = 0 if best is None else 1 + self.decision.fits.index(best)
+        confidence = float(weights(bics)[place]) if verdict != "unexplained" else self._unexplained_by()
+        return Diagnosis(
+            verdict=verdict,
+            cause=None if best is None else _name(best),
+            parameters={} if best is None else estimates(best),
+            confidence=confidence,
+            not_separable=tuple(_name(e) for e in ties),
+            separate_by=self._advice(best, ties),
+            errors=self._errors(best),
+            held_out_records=self.held,
+            ranking=tuple(self._ranked(e, s) for e, s in self.fits),
+            evidence=tuple(self._evidence(verdict, best)),
+            extended=None if best is None else best.model.rig(best.x),
+        )
+
+    def _verdict(self) -> Verdict:
+        search, calibrated = self.search, self.calibrated
+        if self.best is None:
+            fits = misfit(search.calibrated, search.campaign).fits and (
+                calibrated is None or calibrated.misfit.fits
+            )  # fmt: skip
+            return "consistent" if fits else "unexplained"
+        _, scored = self.best
+        if scored is None:
+            return "cause-found"
+        before = np.inf if calibrated is None else calibrated.misfit.chi2
+        holds = scored.misfit.fits and scored.misfit.chi2 < before + 1.0  # both with what their numbers leave open
+        return "cause-found" if holds else "unexplained"
+
+    def _unexplained_by(self) -> float:
+        """How improbable the misfit of the best model is by noise."""
+        e = self.decision.best or self.search.calibrated
+        return 1.0 - misfit(e, self.search.campaign).probability
+
+    def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:
+        search = self.search
+        models = {"nominal": (search.nominal, self.nominal), "calibrated": (search.calibrated, self.calibrated)}
+        if best is not None and self.best is not None:
+            models["extended"] = (best, self.best[1])
+        out = {}
+        for name, (e, scored) in models.items():
+            m = misfit(e, search.campaign)
+            out[name] = {"train": Errors(m.nrmse, e.white.chi2 / len(e.white))}
+            out[name] |= {} if scored is None else {"held_out": scored.errors}
+        return out
+
+    def _ranked(self, e: Evaluation, scored: _Scored | None) -> Ranked:
+        nrmse = None if scored is None else scored.misfit.nrmse
+        return Ranked(e.model.label, _name(e), estimates(e), e.bic, e.chi2, nrmse)
+
+    def _advice(self, best: Evaluation | None, ties: list[Evaluation]) -> str:
+        if best is None or not ties:
+            return ""
+        self.search.tell("what would separate", 0.95)
+        found = separate(best, ties[0], self.search.campaign)
+        return "" if found is None else str(found)
+
+    def _evidence(self, verdict: str, best: Evaluation | None) -> Iterator[str]:
+        search = self.search
+        records, points = len(search.campaign.numbers), search.campaign.points
+        held = f", {len(self.held)} held out" if self.held else "; none held out: too few records or levels"
+        yield f"{records} records with {points} coefficients fitted{held}."
+        yield f"{search.campaign.numerics}."
+        if len(np.unique(search.spectra.level)) == 1:
+            yield "One level only: damping laws, and friction from its amplitude, cannot be told apart."
+        yield from (f"Sensors: {line}." for line in search.sensors)
+        yield from self._misfits()
+        yield from self._moved()
+        yield from self._scores()
+        if best is not None:
+            yield from self._found(best)
+        elif verdict == "unexplained" and self.decision.fits:
+            tried = self.decision.fits[0]
+            m = misfit(tried, search.campaign)
+            yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances; worst {m.worst.what}."
+
+    def _misfits(self) -> Iterator[str]:
+        search = self.search
+        for name, e, scored in (
+            ("nominal", search.nominal, self.nominal),
+            ("calibrated", search.calibrated, self.calibrated),
+        ):
+            m = misfit(e, search.campaign)
+            hidden = "" if scored is None else f", {scored.errors.chi2_reduced:.4g} on those held out"
+            yield (
+                f"The {name} model is off by {m.nrmse:.3%}, {e.white.chi2 / len(e.white):.4g} noise variances on the "
+                f"mean{hidden}; probability by noise {m.probability:.2g}"
+                + ("." if m.fits else f", most clearly in {m.worst.what} ({m.worst.chi2_reduced:.3g}).")
+            )
+            if e.missing:
+                yield f"No steady state of the {name} model was found for records {', '.join(map(str, e.missing))}."
+
+    def _moved(self) -> Iterator[str]:
+        for key, pull in off(self.search.trust, self.search.calibrated).items():
+            yield f"Calibration moves {key} by {pull:+.1f} tolerances."
+
+    def _scores(self) -> Iterator[str]:
+        screening = self.search.screening
+        if not screening.scores or not screening.scores[0].drop:
+            return
+        told = ", ".join(f"{s.cause.label} {s.drop:.3g}" for s in screening.scores[:4])
+        yield (
+            f"Score test on {screening.records} records, predicted fall of chi2: {told}; chance reaches "
+            f"{sidak(self.search.tried):.3g} in one of a hundred searches over {self.search.tried} candidates."
+        )
+        first = screening.scores[0].cause.label
+        alike = screening.look_alikes(first)
+        if alike:
+            yield f"Looks like {first}: " + ", ".join(f"{name} (cosine {c:.3f})" for name, c in alike.items()) + "."
+
+    def _found(self, best: Evaluation) -> Iterator[str]:
+        base = self.search.calibrated
+        scored = self.best[1] if self.best is not None else None
+        hidden = "" if scored is None else f"; on records held out {scored.errors.chi2_reduced:.4g} noise variances"
+        yield (
+            f"{best.model.label} lowers chi2 from {base.chi2:.5g} to {best.chi2:.5g} "
+            f"(BIC by {base.bic - best.bic:.4g}){hidden}."
+        )
+        for i, cause in enumerate(best.model.causes[1:], start=1):
+            said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
+            yield f"Beside it: {cause.label}, {said}."
+
+
+def _name(e: Evaluation) -> str:
+    """Name of the first cause, as formats.md has it."""
+    return _named(e.model.causes[0])
+
+
+def _named(cause: Cause) -> str:
+    return cause.label if isinstance(cause, WrongValue) else cause.name
+
+
+def estimates(e: Evaluation) -> dict[str, Estimate]:
+    """Parameters of the first cause of a fitted model."""
+    cause, std = e.model.causes[0], e.std
+    named: dict[str, Estimate] = {}
+    if is_dataclass(cause) and not isinstance(cause, WrongValue):
+        named = {f.name: Estimate(v) for f in fields(cause) for v in [getattr(cause, f.name)] if isinstance(v, str)}
+    return named | {
+        f.name: Estimate(f.value(x), float(s), f.unit)
+        for f, x, s in zip(e.model.free, e.x, std, strict=True)
+        if f.cause == 0
+    }

@@ -1,0 +1,208 @@
+"""Least squares of a model over the records of a campaign, through the harmonic balance (output error).
+
+The force noise of each record is profiled out: the covariance follows the model, and chi2 of different models compare.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from continuation import ConvergenceError
+from hbm.diagnosis.model import Model
+from hbm.diagnosis.records import FAILURES, Campaign, Simulated, Solutions, Whitened
+from hbm.fourier import Array
+
+STEPS = 15
+"""Steps of least squares, at most."""
+
+SETTLED = 0.05
+PART = 1e-3
+"""Least squares ends when a step promises to lower chi2 by less than this, or by less than this part of its excess."""
+
+DAMPED = 1e-6
+ROUNDING = 1e-13
+LEAST_DAMPED = 1e-10
+MOST_DAMPED = 1e4
+
+MOST = 0.7
+"""Longest step of a coordinate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A model at coordinates beside the records.
+
+    Attributes
+    ----------
+    model : Model
+    x : (n,) array
+    found : dict of int to Simulated
+        By record.
+    white : Whitened
+        Its Jacobian is to the coordinates.
+    missing : tuple of int
+        Records without a steady state.
+    """
+
+    model: Model
+    x: Array
+    found: dict[int, Simulated]
+    white: Whitened
+    missing: tuple[int, ...]
+
+    @property
+    def pulls(self) -> Array:
+        """Calibrated numbers less expected, in standard deviations, (n,); 0 where nothing is expected."""
+        return np.array([(v - f.expected) / f.std for f, v in zip(self.model.free, self.x, strict=True)])
+
+    @property
+    def chi2(self) -> float:
+        """Of the records and of what is expected of the calibrated numbers."""
+        return self.white.chi2 + float(self.pulls @ self.pulls)
+
+    @property
+    def solutions(self) -> Solutions:
+        """Steady states by record."""
+        return {number: s.solution for number, s in self.found.items()}
+
+    @property
+    def information(self) -> Array:
+        """Inverse covariance of the coordinates by records and expectation, (n, n)."""
+        J = self.white.jacobian
+        return np.asarray(J.T @ J + np.diag([1.0 / f.std**2 for f in self.model.free]))
+
+    @property
+    def covariance(self) -> Array:
+        """Of the coordinates, (n, n); what no record sees is known to within its bounds."""
+        low, high = self.model.bounds()
+        width = np.where(np.isfinite(high - low), high - low, 1e6)
+        return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / width**2)))
+
+    @property
+    def std(self) -> Array:
+        """Of the values, (n,)."""
+        slopes = np.array([f.slope(v) for f, v in zip(self.model.free, self.x, strict=True)])
+        return np.asarray(np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion."""
+        return self.chi2 + self.model.counted * float(np.log(len(self.white)))
+
+
+def evaluate(model: Model, campaign: Campaign, x: Array, last: Solutions) -> Evaluation:
+    """A model at coordinates.
+
+    Raises
+    ------
+    ConvergenceError
+        If the steady state of no record is found.
+    """
+    keys, by_x = model.by_x(x)
+    found = campaign.simulate(model.rig(x), keys, last)
+    missing = tuple(number for number in campaign.numbers if number not in found)
+    return Evaluation(model, x, found, campaign.whiten(found, by_x), missing)
+
+
+def fit_model(
+    model: Model, campaign: Campaign, x: Array, last: Solutions, steps: int = STEPS, settled: float = SETTLED
+) -> Evaluation:
+    """Coordinates of least chi2 near `x` (Gauss and Newton, steps shortened or damped where that fails).
+
+    Parameters
+    ----------
+    model : Model
+    campaign : Campaign
+    x : (n,) array
+        Where to start.
+    last : mapping of int to PeriodicSolution
+        Where steady states start.
+    steps : int
+        Evaluations, at most.
+    settled : float
+        Promised fall of chi2 at which the search ends.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    ConvergenceError
+        If the steady state of no record is found at `x`.
+    """
+    low, high = model.bounds()
+    here, damping, part = evaluate(model, campaign, np.clip(x, low, high), last), DAMPED, 1.0
+    for _ in range(steps if len(x) else 0):
+        step, promised = _step(here, damping, low, high)
+        if abs(promised) < max(settled, PART * (here.chi2 - len(here.white))):
+            break
+        if promised < 0.0:  # at a corner of the bounds
+            damping = max(damping, DAMPED) * 100.0
+            if damping > MOST_DAMPED:
+                break
+            continue
+        part = min(part, float(MOST / max(np.abs(step).max(), 1e-300)))
+        try:
+            there = evaluate(model, campaign, np.clip(here.x + part * step, low, high), here.solutions)
+            gained = _chi2_of_both(here, there)
+        except FAILURES:
+            gained = -1.0
+        if gained > 0.0:
+            # valleys are narrow and bent: the direction is kept, and followed further while it pays
+            here, damping = there, max(damping / 10.0, LEAST_DAMPED)
+            part = min(1.0, part * 4.0)
+        else:
+            part *= 0.25
+            if part < 0.01:
+                damping, part = damping * 1e3, 1.0
+        if damping > MOST_DAMPED:
+            break
+    return here
+
+
+def _chi2_of_both(before: Evaluation, after: Evaluation) -> float:
+    """Fall of chi2 on the records both have found; losing records counts as no fall."""
+    if len(after.missing) > len(before.missing):
+        return -1.0
+    lost = set(before.missing) | set(after.missing)
+    if not lost:
+        return before.chi2 - after.chi2
+    kept = [float(np.sum(e.white.residual[~np.isin(e.white.record, list(lost))] ** 2)) for e in (before, after)]
+    return kept[0] - kept[1] + float(before.pulls @ before.pulls - after.pulls @ after.pulls)
+
+
+def _step(here: Evaluation, damping: float, low: Array, high: Array) -> tuple[Array, float]:
+    """Step within the bounds, and the fall of chi2 it promises."""
+    std = np.array([f.std for f in here.model.free])
+    gradient = here.white.jacobian.T @ here.white.residual - here.pulls / std
+    A = here.information
+    step, moving = np.zeros(len(gradient)), np.ones(len(gradient), dtype=bool)
+    for _ in range(len(gradient)):  # coordinates that would leave the bounds stop there, the others make the best of it
+        B, left = A[np.ix_(moving, moving)], gradient[moving] - A[np.ix_(moving, ~moving)] @ step[~moving]
+        size = np.sqrt(np.maximum(np.diag(B), 1e-300))
+        B = B / np.outer(size, size) + max(damping, ROUNDING) * np.eye(len(B))
+        step[moving] = np.linalg.solve(B, left / size) / size
+        inside = np.clip(here.x + step, low, high) - here.x
+        leaving = moving & (inside != step)
+        if not leaving.any():
+            break
+        step, moving = inside, moving & ~leaving
+        if not moving.any():
+            break
+    return step, float(2.0 * gradient @ step - step @ A @ step)
+
+
+def best_start(model: Model, campaign: Campaign, starts: list[Array], last: Solutions) -> list[tuple[float, Array]]:
+    """Starts by their chi2 on a few records, the least first; those without steady states are left out."""
+    found = []
+    for x in starts:
+        try:
+            solutions = campaign.solve(model.rig(x), last)
+        except FAILURES:
+            continue
+        if len(solutions) == len(campaign.numbers):
+            found.append((float(sum(campaign.chi2(solutions).values())), x))
+    if not found:
+        raise ConvergenceError(f"{model.label}: no start has steady states")
+    return sorted(found, key=lambda pair: pair[0])

@@ -1,0 +1,59 @@
+"""Which records are held out, where the caller does not say: whole ones, a level and a band that no fit has seen."""
+
+import numpy as np
+
+from hbm.errors import InputError
+from hbm.measurement.spectra import MeasuredSpectra
+
+LEVELS = 3
+"""From so many levels up one of them is held out, the middle one."""
+
+PER_LEVEL = 2
+BAND = 6
+"""One in so many frequencies is held out, adjacent ones, above the middle of the range."""
+
+FEWEST = 4
+"""Records below which nothing can be held out."""
+
+
+def choose_held_out(spectra: MeasuredSpectra) -> tuple[int, ...]:
+    """Numbers of records to hold out; none where there are too few.
+
+    Parameters
+    ----------
+    spectra : MeasuredSpectra
+
+    Returns
+    -------
+    tuple of int
+    """
+    if len(spectra) < FEWEST:
+        return ()
+    levels, frequencies = np.unique(spectra.level), np.unique(spectra.hz)
+    held = np.zeros(len(spectra), dtype=bool)
+    if len(levels) >= LEVELS and len(spectra) >= PER_LEVEL * len(levels):
+        held |= spectra.level == levels[len(levels) // 2]
+    if len(frequencies) >= FEWEST:
+        width = max(1, len(frequencies) // BAND)
+        first = min((3 * len(frequencies)) // 5, len(frequencies) - width - 1)
+        band = frequencies[first : first + width]
+        held |= (band[0] <= spectra.hz) & (spectra.hz <= band[-1])
+    if held.all() or not held.any() or (~held).sum() < 2:
+        return ()
+    return tuple(int(n) for n in spectra.records[held])
+
+
+def check_held_out(spectra: MeasuredSpectra, held_out: tuple[int, ...]) -> None:
+    """Refuse records that are not there.
+
+    Raises
+    ------
+    InputError
+        With those that are.
+    """
+    unknown = [n for n in held_out if n not in spectra.records]
+    if unknown:
+        raise InputError(
+            f"{spectra.source}: no record {unknown[0]} to hold out; records are "
+            f"{', '.join(map(str, spectra.records.tolist()))}"
+        )

@@ -1,0 +1,255 @@
+"""Score test of every candidate cause: what its first small effect would take from chi2, calibration held harmless.
+
+The signature of a cause is the exact derivative of the steady states to its parameters where it has next to no effect,
+less what the calibrated numbers can do as well. A number that only shapes an effect (a place, a frequency) is scanned.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.diagnosis.fit import Evaluation, evaluate
+from hbm.diagnosis.model import Model
+from hbm.diagnosis.nominal import WrongValue, nominal_scalars
+from hbm.diagnosis.numerics import Numerics
+from hbm.diagnosis.records import FAILURES, Campaign
+from hbm.fourier import Array, FourierBasis
+from models.causes.cause import Cause, Unknown
+from models.rig import Rig
+
+Mask = npt.NDArray[np.bool_]
+
+RECORDS = 10
+"""Records whose derivatives make the signatures, spread over levels and frequencies."""
+
+COARSE = (15, 256)
+"""Harmonics and samples for the derivatives; the misfit itself is that of the fine simulation."""
+
+VISIBLE = 0.05
+"""Beside the first number of a cause those count whose range moves the records by this share of what its range does."""
+
+SEEN = 1e-6
+"""A signature of which calibration leaves less than this share is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """What a candidate promises.
+
+    Attributes
+    ----------
+    cause : Cause
+    drop : float
+        Predicted fall of chi2 on the records looked at.
+    z : float
+        The same in standard deviations, signed like the change of the first parameter away from no effect.
+    signature : (m,) array
+        Unit vector in standard deviations; zero where the cause is not seen.
+    start : dict of str to float
+        Shape of the best one.
+    """
+
+    cause: Cause
+    drop: float
+    z: float
+    signature: Array
+    start: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Screening:
+    """Scores, the best first; how many records they saw; how many candidates, of every shape, were tried."""
+
+    scores: tuple[Score, ...]
+    records: int
+    tried: int
+
+    def cosines(self) -> Array:
+        """Between signatures, (k, k): 1 where two causes look alike whatever their size."""
+        S = np.array([s.signature for s in self.scores])
+        return np.asarray(np.abs(S @ S.T))
+
+    def look_alikes(self, label: str, least: float = 0.9) -> dict[str, float]:
+        """Candidates whose signature is like that of one, with the cosine."""
+        labels = [s.cause.label for s in self.scores]
+        row = self.cosines()[labels.index(label)]
+        return {
+            name: float(c) for name, c in sorted(zip(labels, row, strict=True), key=lambda p: -p[1])
+            if c >= least and name != label
+        }  # fmt: skip
+
+
+def spread(campaign: Campaign, number: int) -> list[int]:
+    """Numbers of records spread over levels and frequencies, those that slip most among them."""
+    order = np.lexsort(([r.hz for r in campaign.data.records], [r.force for r in campaign.data.records]))
+    fastest = np.argsort(-campaign.data.speed)[: number // 3]
+    even = order[np.unique(np.linspace(0, len(order) - 1, number - len(fastest)).round().astype(int))]
+    return [campaign.data.records[i].number for i in sorted({*fastest.tolist(), *even.tolist()})]
+
+
+def coarse(campaign: Campaign, numbers: Sequence[int]) -> Campaign:
+    """Some records on few harmonics and samples, for what need not be exact."""
+    H, N_t = max(COARSE[0], campaign.data.H + 4), COARSE[1]
+    numerics = campaign.numerics
+    return replace(
+        campaign.of(numbers), numerics=Numerics(FourierBasis(H, N_t), numerics.modes, numerics.left, numerics.change)
+    )
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A candidate with one of its shapes; `place` is its cause in the model of its group, -1 for a nominal value."""
+
+    cause: Cause
+    start: dict[str, float]
+    place: int
+
+
+def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) -> Screening:
+    """Score every candidate over a calibrated model.
+
+    Effects next to none do not meet: candidates are put into one rig together, as many as change different numbers of
+    it, and differentiated to all at once.
+
+    Parameters
+    ----------
+    base : Evaluation
+        The calibrated model on the records.
+    campaign : Campaign
+    candidates : sequence of Cause
+
+    Returns
+    -------
+    Screening
+    """
+    few = coarse(campaign, [n for n in spread(campaign, RECORDS) if n in base.found])
+    seen = np.isin(base.white.record, few.numbers)
+    best: dict[str, Score] = {}
+    tried = 0
+    for model, entries in _groups(base.model, candidates):
+        tried += len(entries)
+        for score in _scores(base, few, base.white.residual[seen], model, entries):
+            other = best.get(score.cause.label)
+            if other is None or score.drop > other.drop or not other.signature.any():
+                best[score.cause.label] = score
+    for cause in candidates:
+        best.setdefault(cause.label, Score(cause, 0.0, 0.0, np.zeros(int(seen.sum())), {}))
+    return Screening(tuple(sorted(best.values(), key=lambda s: -s.drop)), len(few.numbers), tried)
+
+
+def _shapes(model: Model) -> list[dict[str, float]]:
+    """Starts of the last cause of a model, without effect and of every shape."""
+    strength, *shape = model.unknowns[-1]
+    return [
+        {strength.name: strength.starts[0]} | dict(zip((u.name for u in shape), values, strict=True))
+        for values in product(*(u.starts for u in shape))
+    ]
+
+
+def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[_Entry]]]:
+    """Candidates with their shapes, those together that change different numbers of the rig."""
+    wrong = [c for c in candidates if isinstance(c, WrongValue)]
+    calibrated = dict(base.calibrated)
+    taken = {u.key for unknowns in base.unknowns for u in unknowns}
+    freed = {c.key: np.inf for c in wrong if c.key not in calibrated and c.key not in taken}
+    groups = []
+    if wrong:
+        own = [_Entry(c, {}, -1) for c in wrong if c.key not in taken]
+        groups.append((Model(base.nominal, {**calibrated, **freed}, base.causes), own))
+    together, rig = base, _neutral(base)
+    entries: list[_Entry] = []
+    for cause in candidates:
+        if isinstance(cause, WrongValue):
+            continue
+        for start in _shapes(base.extended_by(cause)):
+            more = cause.extend(rig, start)
+            if _meets(base, rig, more, cause):
+                alone = base.extended_by(cause)
+                groups.append((alone, [_Entry(cause, start, len(base.causes))]))
+                continue
+            entries.append(_Entry(cause, start, len(together.causes)))
+            together, rig = together.extended_by(cause), more
+    return [*groups, (together, entries)] if entries else groups
+
+
+def _neutral(model: Model) -> Rig:
+    return model.rig(model.start)
+
+
+def _meets(base: Model, rig: Rig, more: Rig, cause: Cause) -> bool:
+    """Whether a cause changes numbers that are there, or of what law there is: then it is scored alone."""
+    before, after = nominal_scalars(rig), nominal_scalars(more)
+    return type(rig.contact.law) is not type(more.contact.law) or any(after.get(k) != v for k, v in before.items())
+
+
+def _scores(
+    base: Evaluation, few: Campaign, residual: Array, model: Model, entries: Sequence[_Entry]
+) -> Iterator[Score]:
+    known = {(f.cause, f.name): x for f, x in zip(base.model.free, base.x, strict=True)}
+    own = {e.place: e.start for e in entries}
+    x = np.array([
+        f.of(own.get(f.cause, {}).get(f.name, f.start)) if f.cause >= len(base.model.causes)
+        else known.get((f.cause, f.name), f.of(f.start))
+        for f in model.free
+    ])  # fmt: skip
+    try:
+        e = evaluate(model, few, x, base.solutions)
+    except FAILURES:
+        return
+    if e.missing:
+        return
+    for entry in entries:
+        name = entry.cause.key if isinstance(entry.cause, WrongValue) else ""
+        mine = [f.name == name and f.cause < 0 if name else f.cause == entry.place for f in model.free]
+        others = [
+            ((f.cause < 0 and f.name in base.model.calibrated) or 0 <= f.cause < len(base.model.causes)) and not m
+            for f, m in zip(model.free, mine, strict=True)
+        ]
+        strength = entry.cause.unknowns(model.nominal)[0] if name else model.unknowns[entry.place][0]
+        drop, z, signature = _projected(e, residual, np.array(mine), np.array(others), strength)
+        yield Score(entry.cause, drop, z, signature, entry.start)
+
+
+def starting(model: Model, base: Evaluation, start: dict[str, float]) -> Array:
+    """Coordinates with the calibrated numbers (and earlier causes) of another model and the last cause at a start."""
+    known = {(f.cause, f.name): x for f, x in zip(base.model.free, base.x, strict=True)}
+    last = len(model.causes) - 1
+    return np.array(
+        [
+            f.of(start[f.name]) if f.cause == last and f.name in start else known.get((f.cause, f.name), f.of(f.start))
+            for f in model.free
+        ]
+    )
+
+
+def _projected(
+    e: Evaluation, residual: Array, own: Mask, others: Mask, strength: Unknown
+) -> tuple[float, float, Array]:
+    """Predicted drop, its signed root by the strength alone, and the unit signature of the strength."""
+    free = e.model.free
+    expected = np.array([0.0 if mine else 1.0 / f.std for f, mine in zip(free, own, strict=True)])
+    J = np.vstack([e.white.jacobian, np.diag(expected)])
+    r = np.concatenate([residual, -np.where(own, 0.0, e.pulls)])
+    known, mine = J[:, others], J[:, own]
+    whole = float(np.linalg.norm(mine[:, 0]))
+    if known.shape[1]:
+        Q, _ = np.linalg.qr(known / np.maximum(np.linalg.norm(known, axis=0), 1e-300))
+        r, mine = r - Q @ (Q.T @ r), mine - Q @ (Q.T @ mine)
+    first = mine[:, 0]
+    size = float(np.linalg.norm(first))
+    if size <= SEEN * whole or size == 0.0:
+        return 0.0, 0.0, np.zeros(len(residual))
+    z = float(first @ r) / size
+    first_free = next(f for f, m in zip(free, own, strict=True) if m)
+    toward = first_free.of(strength.starts[-1]) - first_free.of(strength.starts[0])
+    one_sided = strength.neutral <= strength.lower or strength.neutral >= strength.upper
+    if one_sided and z * toward < 0.0:
+        return 0.0, 0.0, first[: len(residual)] / size
+    reach = np.array([min(np.ptp(f.bounds), 10.0) for f in free])[own]
+    effect = np.linalg.norm(mine, axis=0) * reach
+    U, _ = np.linalg.qr(mine[:, effect >= VISIBLE * effect[0]])
+    relief = float(np.sum(np.where(own, e.pulls, 0.0) ** 2))  # a nominal value that is wrong is not held to tolerance
+    return float(np.sum((U.T @ r) ** 2)) + relief, z * (np.sign(toward) or 1.0), first[: len(residual)] / size

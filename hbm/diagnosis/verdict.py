@@ -1,0 +1,163 @@
+"""What a diagnosis says: :class:`Diagnosis`, in sentences and as the JSON of formats.md section 4."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from models.rig import Rig
+
+Verdict = Literal["consistent", "cause-found", "unexplained"]
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number, its standard deviation and unit; a name, such as a channel's, has neither."""
+
+    value: float | str
+    std: float = 0.0
+    unit: str = "1"
+
+    def json(self) -> dict[str, Any]:
+        """As in a diagnosis file."""
+        if isinstance(self.value, str):
+            return {"value": self.value}
+        return {"value": self.value, "std": self.std, "unit": self.unit}
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a model is from records: relative rms error, and mean square in standard deviations."""
+
+    nrmse: float
+    chi2_reduced: float
+
+    def json(self) -> dict[str, float]:
+        """As in a diagnosis file."""
+        return {"nrmse": self.nrmse, "chi2_reduced": self.chi2_reduced}
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """A candidate after its fit.
+
+    Attributes
+    ----------
+    label, name : str
+        With and without its channel.
+    parameters : dict of str to Estimate
+    bic, chi2 : float
+        On the records fitted.
+    held_out_nrmse : float or None
+        None where it was not scored on the records held out.
+    """
+
+    label: str
+    name: str
+    parameters: Mapping[str, Estimate]
+    bic: float
+    chi2: float
+    held_out_nrmse: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What the simulation gets wrong, the cause, and what the extended model gains.
+
+    Attributes
+    ----------
+    verdict : str
+        consistent, cause-found or unexplained.
+    cause : str or None
+        Of formats.md section 6.
+    parameters : dict of str to Estimate
+    confidence : float
+        Weight of the verdict's model among all that were fitted (Bayesian information criterion).
+    not_separable : tuple of str
+        Candidates that these records cannot tell from the cause.
+    separate_by : str
+        The measurement that would.
+    errors : dict
+        nominal, calibrated, extended -> train, held_out -> Errors.
+    held_out_records : tuple of int
+    ranking : tuple of Ranked
+    evidence : tuple of str
+        A sentence per observation.
+    extended : Rig or None
+        The rig with the cause.
+    """
+
+    verdict: Verdict
+    cause: str | None
+    parameters: Mapping[str, Estimate]
+    confidence: float
+    not_separable: tuple[str, ...]
+    separate_by: str
+    errors: Mapping[str, Mapping[str, Errors]]
+    held_out_records: tuple[int, ...]
+    ranking: tuple[Ranked, ...]
+    evidence: tuple[str, ...]
+    extended: Rig | None = field(default=None, repr=False)
+
+    @property
+    def gain(self) -> dict[str, float]:
+        """Errors of the extended model on the records held out over those of the calibrated one; 1 without a cause."""
+        before, after = (self.errors.get(name, {}).get("held_out") for name in ("calibrated", "extended"))
+        if before is None or after is None:
+            return {"held_out_nrmse_ratio": 1.0, "held_out_chi2_ratio": 1.0}
+        return {
+            "held_out_nrmse_ratio": after.nrmse / before.nrmse,
+            "held_out_chi2_ratio": after.chi2_reduced / before.chi2_reduced,
+        }
+
+    def json(self) -> dict[str, Any]:
+        """As a diagnosis file has it."""
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "cause": self.cause,
+            "parameters": {name: p.json() for name, p in self.parameters.items()},
+            "confidence": self.confidence,
+            "not_separable": list(self.not_separable),
+            "separate_by": self.separate_by,
+            "errors": {
+                model: {part: e.json() for part, e in parts.items()} for model, parts in self.errors.items()
+            },
+            "gain": self.gain,
+            "held_out_records": list(self.held_out_records),
+            "ranking": [_ranked(r) for r in self.ranking],
+            "evidence": list(self.evidence),
+        }  # fmt: skip
+
+    def __str__(self) -> str:
+        return "\n".join([self._headline(), *(f"  {line}" for line in self.evidence), *self._advice()])
+
+    def _headline(self) -> str:
+        if self.verdict == "consistent":
+            return "Consistent: no discrepancy beyond noise."
+        if self.verdict == "unexplained":
+            return "Unexplained: there is a discrepancy, and no cause that was tried explains it."
+        said = ", ".join(_said(name, p) for name, p in self.parameters.items())
+        ratio = self.gain["held_out_nrmse_ratio"]
+        return (
+            f"Cause found: {self.cause}{f' ({said})' if said else ''}, confidence {self.confidence:.2f}; "
+            f"error on records held out {ratio:.3g} times that of the calibrated nominal."
+        )
+
+    def _advice(self) -> list[str]:
+        if not self.not_separable:
+            return []
+        return [f"Not told apart: {', '.join(self.not_separable)}.", f"To tell them apart: {self.separate_by}"]
+
+
+def _said(name: str, p: Estimate) -> str:
+    return f"{name} {p.value}" if isinstance(p.value, str) else f"{name} = {p.value:.4g} +- {p.std:.2g} {p.unit}"
+
+
+def _ranked(r: Ranked) -> dict[str, Any]:
+    return {
+        "cause": r.label if r.label.startswith("parameter:") else r.name,
+        "parameters": {name: p.json() for name, p in r.parameters.items()},
+        "bic": r.bic,
+        "held_out_nrmse": r.held_out_nrmse,
+    }

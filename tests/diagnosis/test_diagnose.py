@@ -1,0 +1,209 @@
+"""Diagnosis of the example measurements, whose answers are known, with a small catalogue; some of the records."""
+
+import json
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from stubs import STUBS, AddedMass, ClampRotation
+
+from hbm import load_rig, load_spectra
+from hbm.diagnosis.calibrate import calibrate, trusted
+from hbm.diagnosis.decide import sidak
+from hbm.diagnosis.diagnose import campaign_of, diagnose
+from hbm.diagnosis.fit import evaluate, fit_model
+from hbm.diagnosis.heldout import choose_held_out
+from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.model import Model, free_of
+from hbm.diagnosis.nominal import WrongValue, with_values
+from hbm.diagnosis.records import uncorrelated
+from hbm.diagnosis.screen import screen
+from hbm.errors import InputError
+from models.causes.cause import Unknown
+
+EXAMPLES = Path("/work/shared/data/examples")
+pytestmark = pytest.mark.skipif(not EXAMPLES.exists(), reason=f"the example measurements are not at {EXAMPLES}")
+CAUSES = (WrongValue, *STUBS)
+E = "beam.youngs_modulus"
+
+
+@cache
+def example(name, every):
+    rig = load_rig(EXAMPLES / name / "rig.toml")
+    spectra = load_spectra(EXAMPLES / name / "spectra.csv", rig)
+    return rig, spectra.select(records=spectra.records[::every])
+
+
+def truth(name):
+    return json.loads((EXAMPLES / "answers.json").read_text())[name]["parameters"]
+
+
+@cache
+def diagnosed(name, every, stiffer=1.0):
+    rig, spectra = example(name, every)
+    rig = with_values(rig, {E: stiffer * rig.body.youngs_modulus})
+    return diagnose(rig, spectra, causes=CAUSES)
+
+
+@cache
+def calibrated(name, every):
+    rig, spectra = example(name, every)
+    campaign, _ = campaign_of(rig, spectra)
+    bare = Model(rig, {})
+    nominal = evaluate(bare, campaign, bare.start, {})
+    return campaign, calibrate(trusted(rig), campaign, nominal.solutions)
+
+
+# ---- verdicts
+
+
+def test_nothing_is_found_where_nothing_is_wrong():
+    found = diagnosed("null", 4)
+    assert found.verdict == "consistent"
+    assert found.cause is None and found.extended is None and found.parameters == {}
+    assert found.errors["nominal"]["held_out"].chi2_reduced == pytest.approx(1.0, abs=0.2)
+    assert set(found.errors) == {"nominal", "calibrated"}
+
+
+def test_elastic_clamp_is_found_with_its_stiffness():
+    found = diagnosed("clamp_rotation", 1)
+    assert (found.verdict, found.cause) == ("cause-found", "clamp-rotation")
+    stiffness = found.parameters["stiffness"]
+    assert abs(stiffness.value - truth("clamp_rotation")["stiffness"]) < 3 * stiffness.std
+    assert found.gain["held_out_chi2_ratio"] < 0.9
+    assert found.errors["extended"]["held_out"].chi2_reduced < 1.2
+    assert found.extended.attachments.clamp_stiffness == stiffness.value
+
+
+def test_wrong_youngs_modulus_is_called_by_its_key():
+    found = diagnosed("null", 4, stiffer=1.08)
+    assert (found.verdict, found.cause) == ("cause-found", f"parameter:{E}")
+    value = found.parameters["value"]
+    assert value.unit == "Pa"
+    assert abs(value.value - example("null", 4)[0].body.youngs_modulus) < 3 * value.std
+    assert found.gain["held_out_nrmse_ratio"] <= 1.0
+
+
+# ---- report
+
+
+def test_report_is_the_contract():
+    wanted = {
+        "schema", "verdict", "cause", "parameters", "confidence", "not_separable", "separate_by", "errors", "gain",
+        "held_out_records", "ranking", "evidence",
+    }  # fmt: skip
+    for found in (diagnosed("null", 4), diagnosed("null", 4, stiffer=1.08), diagnosed("clamp_rotation", 1)):
+        table = json.loads(json.dumps(found.json(), allow_nan=False))
+        assert set(table) == wanted
+        assert table["schema"] == 1 and 0.0 <= table["confidence"] <= 1.0
+        assert set(table["gain"]) == {"held_out_nrmse_ratio", "held_out_chi2_ratio"}
+        assert all(set(p) == {"value", "std", "unit"} for p in table["parameters"].values())
+        assert all(set(r) == {"cause", "parameters", "bic", "held_out_nrmse"} for r in table["ranking"])
+        assert all(set(e) == {"nrmse", "chi2_reduced"} for parts in table["errors"].values() for e in parts.values())
+        assert table["evidence"] and str(found).count("\n") >= len(table["evidence"])
+
+
+# ---- its parts
+
+
+def test_score_of_a_small_effect_is_the_fall_of_chi2_of_a_refit():
+    # a radius off by 3 %, on eight records, all of which the score test looks at
+    rig, spectra = example("null", 6)
+    radius = WrongValue("contact.radius")
+    wrong = with_values(rig, {"contact.radius": 1.03 * rig.contact.radius})
+    campaign, _ = campaign_of(wrong, spectra)
+    bare = Model(wrong, {})
+    nominal = evaluate(bare, campaign, bare.start, {})
+    base = calibrate(trusted(wrong), campaign, nominal.solutions)
+    score = screen(base, campaign, [radius]).scores[0]
+    model = base.model.extended_by(radius)
+    start = np.append(base.x, model.free[-1].of(wrong.contact.radius))
+    refitted = fit_model(model, campaign, start, base.solutions)
+    assert score.drop == pytest.approx(base.chi2 - refitted.chi2, rel=0.15)
+
+
+def test_score_test_names_the_clamp_and_the_look_alikes():
+    campaign, base = calibrated("clamp_rotation", 2)
+    candidates = [c for kind in CAUSES for c in kind.candidates(base.model.nominal)]
+    found = screen(base, campaign, candidates)
+    assert found.scores[0].cause == ClampRotation()
+    assert found.tried == len(candidates) + 2 * 3  # mass and spring at four places each
+    cosines = found.cosines()
+    assert np.all(cosines <= 1.0 + 1e-9)
+
+
+def test_jacobian_is_the_derivative_of_the_simulation():
+    campaign, base = calibrated("null", 6)
+    model = base.model.extended_by(AddedMass())
+    x = np.concatenate([base.x, [0.2, 0.6]])
+    few = campaign.of(campaign.numbers[:2])
+    here = evaluate(model, few, x, base.solutions)
+    for i in range(len(x)):
+        step = np.zeros(len(x))
+        step[i] = 1e-5
+        there = evaluate(model, few, x + step, here.solutions)
+        slope = (here.white.raw - there.white.raw) / 1e-5
+        std = here.white.raw / here.white.residual  # approximately: the force's noise is shared
+        assert np.linalg.norm(slope / std - here.white.jacobian[:, i]) < 0.2 * np.linalg.norm(slope / std)
+
+
+def test_whitening_gives_the_inverse_covariance():
+    rng = np.random.default_rng(1)
+    A, B = rng.normal(size=(6, 2)), rng.normal(size=(6, 3))
+    white = uncorrelated(A, B)
+    assert white.T @ white == pytest.approx(B.T @ np.linalg.inv(np.eye(6) + A @ A.T) @ B)
+
+
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        Unknown("mass", "kg", "", 0.0, 1.0, 0.0, (1e-6, 0.1)),
+        Unknown("stiffness", "N m/rad", "", 1e3, 1e8, np.inf, (1e7, 1e4)),
+        Unknown("velocity", "m/s", "", 1e-5, 1.0, 1.0, (0.1, 1e-3)),
+    ],
+)
+def test_coordinates_are_inverted_and_differentiated(unknown):
+    free = free_of(unknown, 0)
+    for value in unknown.starts:
+        x = free.of(value)
+        assert free.value(x) == pytest.approx(value)
+        assert free.slope(x) == pytest.approx((free.value(x * (1 + 1e-6)) - free.value(x)) / (1e-6 * x), rel=1e-4)
+
+
+def test_misfit_says_where_it_is():
+    campaign, base = calibrated("null", 6)
+    assert misfit(base, campaign).fits
+    spoilt = base.white.residual + 6.0 * ((base.white.record == campaign.numbers[1]) & (base.white.harmonic == 2))
+    white = type(base.white)(**{**vars(base.white), "residual": spoilt})
+    found = misfit(type(base)(base.model, base.x, base.found, white, ()), campaign)
+    assert not found.fits
+    assert any(f"record {campaign.numbers[1]} " in cell.what for cell in found.cells)
+
+
+def test_a_level_and_a_band_are_held_out():
+    _, spectra = example("null", 1)
+    held = choose_held_out(spectra)
+    levels = spectra.level[np.isin(spectra.records, held)]
+    assert np.sum(levels == np.unique(spectra.level)[1]) == 16
+    others = spectra.hz[np.isin(spectra.records, held) & (spectra.level != np.unique(spectra.level)[1])]
+    assert len(np.unique(others)) == 2 and len(others) == 4
+    assert choose_held_out(spectra.select(records=spectra.records[:3])) == ()
+
+
+def test_chance_grows_with_the_number_of_candidates():
+    assert sidak(1) == pytest.approx(6.63, abs=0.01)
+    assert sidak(27) == pytest.approx(12.7, abs=0.05)
+
+
+def test_record_to_hold_out_that_is_not_there_is_refused():
+    rig, spectra = example("null", 12)
+    with pytest.raises(InputError, match="no record 999 to hold out; records are 1, 13, 25, 37"):
+        diagnose(rig, spectra, held_out=(999,), causes=())
+
+
+def test_fewer_coefficients_than_numbers_are_refused():
+    rig, spectra = example("null", 12)
+    few = spectra.select(records=[1], channels=["force", "a1", "a2"], harmonics=[0, 1])
+    with pytest.raises(InputError, match="4 coefficients; must be more than the 6 numbers to fit"):
+        diagnose(rig, few, held_out=(), causes=())
