@@ -20,11 +20,11 @@ import numpy as np
 from hbm.aft import InputChange
 from hbm.fourier import Array
 from hbm.residual import HarmonicBalance, Linearization
-from hbm.solution import DERIVATIVES, PeriodicSolution
+from hbm.solution import DERIVATIVES, TRUE, PeriodicSolution, as_read
 from hbm.threads import one_thread
 from models.change import Scalar, structure_change, structure_scalars
 from models.friction import describe, parameters
-from models.rig import Rig
+from models.rig import Channel, Rig
 
 REFINED = 1e-12
 """Refinement ends when it changes the derivatives by less than this fraction."""
@@ -170,6 +170,8 @@ def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
         FORCE: Scalar(solution.level, "N"),
         HZ: Scalar(solution.hz, "Hz"),
         **structure_scalars(rig),
+        **{f"channels.{c.name}.gain": Scalar(c.gain, "1") for c in rig.response_channels},
+        **{f"channels.{c.name}.delay": Scalar(c.delay, "s") for c in rig.response_channels},
     }
 
 
@@ -197,6 +199,8 @@ class _Held:
     structure : StructureChange
     force, hz : (p,) array
         1 where the parameter is the force, the frequency; else 0.
+    gain, delay : dict of str to (p,) array
+        The same, of each response channel.
     modal : (2H+1, n, p) array
         Of the modal balance.
     inputs : InputChange
@@ -207,6 +211,11 @@ class _Held:
         self.problem, self.state = here.problem, here.state
         self.keys, self.structure = keys, structure_change(here.problem.rig, keys)
         self.load, self.force, self.hz = (np.array([float(key == name) for key in keys]) for name in (LOAD, FORCE, HZ))
+        sensors = here.problem.rig.response_channels
+        self.gain, self.delay = (
+            {c.name: np.array([float(key == f"channels.{c.name}.{what}") for key in keys]) for c in sensors}
+            for what in ("gain", "delay")
+        )
         law = np.array([[key == name for key in keys] for name in _law_keys(here.problem.rig)], dtype=float)
         compliance = self.structure.flexibility[:, 0, 0]
         law = np.vstack([law.reshape(-1, len(keys)), self.load])
@@ -351,12 +360,16 @@ def _channels(solution: PeriodicSolution, held: _Held, change: _Change) -> dict[
     slip_samples = basis.synthesis @ modal_slip + s.compliance * change.friction + np.outer(T.samples, yielding)
     normal = _normal(problem, solution, change)
 
-    def motion(name: str, displacement: Array, times: int) -> ChannelSensitivity:
-        coefficients = displacement
+    def motion(name: str, displacement: Array, times: int, sensor: Channel = TRUE) -> ChannelSensitivity:
+        coefficients, read = displacement, solution[name].coefficients
         for _ in range(times):
             coefficients = Omega * basis.derivative(coefficients)
+        coefficients = as_read(basis, coefficients, Omega, sensor)
         if times:  # of Omega to that power
-            coefficients += np.outer(solution[name].coefficients, times / solution.hz * held.hz)
+            coefficients += np.outer(read, times / solution.hz * held.hz)
+        if sensor is not TRUE:
+            later = held.delay[name] * Omega + sensor.delay * 2 * np.pi * held.hz
+            coefficients += np.outer(read / sensor.gain, held.gain[name]) - np.outer(basis.derivative(read), later)
         samples = basis.synthesis @ coefficients
         return ChannelSensitivity(coefficients, samples, _smooth_peak(solution[name].samples, samples))
 
@@ -373,6 +386,7 @@ def _channels(solution: PeriodicSolution, held: _Held, change: _Change) -> dict[
             c.name,
             moved(places[c.name], s.channel_rows[c.name], *residual.channels[c.name]),
             DERIVATIVES[c.quantity],
+            c,
         )
         for c in problem.rig.channels
     }

@@ -10,9 +10,13 @@ import numpy as np
 
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance, State
-from models.rig import UNITS
+from models.rig import UNITS, Channel
 
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+TRUE = Channel("true", "displacement")
+"""A sensor that reads what is there."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,14 @@ def amplitudes(coefficients: Array) -> Array:
     out = np.abs(coefficients[..., : H + 1])
     out[..., 1:] = np.hypot(coefficients[..., 1 : H + 1], coefficients[..., H + 1 :])
     return out
+
+
+def as_read(basis: FourierBasis, coefficients: Array, Omega: float, sensor: Channel) -> Array:
+    """Coefficients (2H+1, ...) of what a sensor reads of a signal: gain s(t - delay)."""
+    if sensor.delay == 0.0:
+        return np.asarray(sensor.gain * coefficients)
+    turn = sensor.gain * np.exp(-1j * Omega * sensor.delay * np.arange(basis.H + 1))
+    return basis.real((basis.complex(coefficients).T * turn).T)
 
 
 def _smooth_peak(samples: Array) -> float:
@@ -150,17 +162,17 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
     force = np.zeros(basis.size)
     force[basis.fundamental] = state.F
 
-    def motion(quantity: str, row: Array, by_force: float, by_friction: float) -> Signal:
+    def motion(quantity: str, row: Array, by_force: float, by_friction: float, sensor: Channel = TRUE) -> Signal:
         coefficients = state.Q @ row + by_force * force + by_friction * friction.coefficients
         for _ in range(DERIVATIVES[quantity]):
             coefficients = Omega * basis.derivative(coefficients)
-        return series(UNITS[quantity], coefficients)
+        return series(UNITS[quantity], as_read(basis, coefficients, Omega, sensor))
 
     residual = s.residual
     channels = {
         c.name: series("N", force)
         if c.quantity == "force"
-        else motion(c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)))
+        else motion(c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)), c)
         for c in rig.channels
     }
     channels |= {

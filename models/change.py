@@ -16,6 +16,7 @@ UNITS = {
     "beam.youngs_modulus": "Pa",
     "beam.density": "kg/m3",
     "contact.radius": "m",
+    "contact.load_variation": "1",
     "attachments.clamp_stiffness": "N m/rad",
     "attachments.support_stiffness": "N/m",
     "attachments.tip_stiffness": "N m/rad",
@@ -26,6 +27,7 @@ UNITS = {
 """Units of keys; those of entries of lists, by their last part, in `ENTRY_UNITS`."""
 
 ENTRY_UNITS = {"position": "m", "mass": "kg", "stiffness": "N/m", "frequency_hz": "Hz"}
+VARIATION = "contact.load_variation"
 DAMPING = ("mass_proportional", "stiffness_proportional", "high_mode_ratio")
 
 
@@ -46,6 +48,7 @@ def structure_scalars(rig: Rig) -> dict[str, Scalar]:
     values = {f"damping.{name}": getattr(rig.damping, name) for name in DAMPING}
     if not isinstance(rig.body, ModalBody):
         values |= dict(zip(_keys(rig), rig.layout.scalars().values(), strict=True))
+        values[VARIATION] = rig.contact.load_variation
     return {key: Scalar(value, UNITS.get(key) or ENTRY_UNITS[key.rpartition(".")[2]]) for key, value in values.items()}
 
 
@@ -87,6 +90,8 @@ def structure_change(rig: Rig, keys: tuple[str, ...]) -> StructureChange:
         table, _, name = key.partition(".")
         if key in places:
             return reduction.change(assembled_change(rig.layout, places[key], residual=rig.contact.residual_compliance))
+        if key == VARIATION:
+            return reduction.change_of_load_variation(still)
         if table == "damping" and name in DAMPING:
             return reduction.change(
                 still, rig.damping.dampers_change(name, np.sqrt(reduction.squares), rig.mode_numbers)

@@ -76,7 +76,7 @@ class StructureChange(NamedTuple):
 class Switches(NamedTuple):
     """What of the contact is kept, :class:`models.rig.Contact`."""
 
-    variable_normal_load: bool = True
+    load_variation: float = 1.0
     residual_compliance: bool = True
     foreshortening: bool = True
 
@@ -131,15 +131,7 @@ class Reduction:
         """The modal structure, with the names of the channels."""
         switches, n, rows, flexibility = self.switches, len(self.squares), self.rows, self.flexibility
         damping, _, beta = self.dampers
-        inertia, stretch = (row @ self.kept for row in (self.assembly.inertia[0], self.assembly.stretch[0]))
-        reaction = Reaction(
-            inertia=inertia,
-            damping=inertia * damping + beta * rows[-1],
-            stiffness=rows[-1],
-            stretch=stretch * switches.foreshortening,
-            force_share=-float(flexibility[-1, 1]),
-            friction_lever=-float(flexibility[-1, 0]),
-        )
+        varies = switches.load_variation
         return ModalStructure(
             omega_n=np.sqrt(self.squares),
             damping=damping + beta * self.squares,
@@ -147,7 +139,7 @@ class Reduction:
             shortening=self.kept.T @ self.assembly.shortening @ self.kept * switches.foreshortening,
             excitation=rows[1],
             compliance=float(flexibility[0, 0]),
-            reaction=reaction if switches.variable_normal_load else Reaction.constant(n),
+            reaction=self.reaction().times(varies) if varies else Reaction.constant(n),
             channel_rows=dict(zip(channels, rows[2:-1], strict=True)),
             residual=ResidualFlexibility(
                 slip_by_force=float(flexibility[0, 1]),
@@ -157,6 +149,20 @@ class Reduction:
                     for name, (by_friction, by_force) in zip(channels, flexibility[2:-1], strict=True)
                 },
             ),
+        )
+
+    def reaction(self) -> Reaction:
+        """Normal reaction as it is, whatever the friction sees of it."""
+        rows, flexibility = self.rows, self.flexibility
+        damping, _, beta = self.dampers
+        inertia, stretch = (row @ self.kept for row in (self.assembly.inertia[0], self.assembly.stretch[0]))
+        return Reaction(
+            inertia=inertia,
+            damping=inertia * damping + beta * rows[-1],
+            stiffness=rows[-1],
+            stretch=stretch * self.switches.foreshortening,
+            force_share=-float(flexibility[-1, 1]),
+            friction_lever=-float(flexibility[-1, 0]),
         )
 
     # ---- derivatives
@@ -182,7 +188,7 @@ class Reduction:
         by_rule, _, by_strain = (none, none, 0.0) if own is None else own
         damping = _spectral_change(self.squares, viscous, slope, mass, stiffness) + np.diag(by_rule)
         forces = inertia * viscous + (assembly.inertia @ kept)[0] @ (damping - mass * viscous)
-        varies = float(on.variable_normal_load)
+        varies = on.load_variation
         return StructureChange(
             mass=mass,
             damping=damping + beta * stiffness + by_strain * np.diag(self.squares),
@@ -196,6 +202,18 @@ class Reduction:
             stretch=varies * on.foreshortening * (d.stretch @ kept + assembly.stretch @ moved)[0],
             friction_lever=-varies * flexibility[-1, 0],
             force_share=-varies * flexibility[-1, 1],
+        )
+
+    def change_of_load_variation(self, still: Assembly) -> StructureChange:
+        """Derivatives to the scale of the reaction's variation; `still` is a change of nothing."""
+        r = self.reaction()
+        return self.change(still)._replace(
+            inertia=r.inertia,
+            reaction_damping=r.damping,
+            reaction_stiffness=r.stiffness,
+            stretch=r.stretch,
+            friction_lever=np.asarray(r.friction_lever),
+            force_share=np.asarray(r.force_share),
         )
 
     def _moved(self, d: Assembly) -> Array:

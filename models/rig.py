@@ -93,15 +93,17 @@ class Contact:
     law : FrictionLaw
         Friction law with its parameters.
     radius : float
-        Half-cylinder radius r [m]; used by a beam only, like the three switches.
-    variable_normal_load, residual_compliance, foreshortening : bool
-        Keep R(t), C_res and the T G q coupling of physics.md section 2.
+        Half-cylinder radius r [m]; used by a beam only, like what follows.
+    load_variation : float
+        Scale on R(t) - P as the friction sees it: 1 as in physics.md section 2, 0 for a constant load.
+    residual_compliance, foreshortening : bool
+        Keep C_res and the T G q coupling of physics.md section 2.
     """
 
     normal_load: float
     law: FrictionLaw
     radius: float = 0.0
-    variable_normal_load: bool = True
+    load_variation: float = 1.0
     residual_compliance: bool = True
     foreshortening: bool = True
 
@@ -116,11 +118,24 @@ class Excitation:
 
 @dataclass(frozen=True)
 class Channel:
-    """What is, or would be, measured: a name, one of `QUANTITIES`, and the place on a beam [m]."""
+    """What is, or would be, measured.
+
+    Attributes
+    ----------
+    name : str
+    quantity : str
+        One of `QUANTITIES`.
+    position : float
+        On a beam [m].
+    gain, delay : float
+        The channel reads gain times what was there a delay [s] ago; of motion only.
+    """
 
     name: str
     quantity: str
     position: float = 0.0
+    gain: float = 1.0
+    delay: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +192,7 @@ class Rig:
             assembly = _of_modes(self, self.body)
         else:
             assembly = assembled(self.layout, residual=contact.residual_compliance)
-        switches = Switches(contact.variable_normal_load, contact.residual_compliance, contact.foreshortening)
+        switches = Switches(contact.load_variation, contact.residual_compliance, contact.foreshortening)
         return Reduction(assembly, len(numbers), lambda omega_n: self.damping.dampers(omega_n, numbers), switches)
 
     @property
