@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from models.assembly import Assembly, assembled_change
+from models.elements import ElementRows, Ports, Reading, element_rows_change
+from models.friction.law import describe, parameters
 from models.reduction import StructureChange
 from models.rig import ModalBody, Rig
 
@@ -55,7 +57,31 @@ def structure_scalars(rig: Rig) -> dict[str, Scalar]:
 def _keys(rig: Rig) -> list[str]:
     """Keys of the scalars of the layout, channels by their names."""
     places = {f"channels[{i}].position": f"channels.{c.name}.position" for i, c in enumerate(rig.response_channels)}
+    pointed = [i for i, e in enumerate(rig.elements) if e.reads is Reading.POINT]
+    places |= {f"points[{j}]": f"elements[{i}].position" for j, i in enumerate(pointed)}
     return [places.get(key, key) for key in rig.layout.scalars()]
+
+
+def element_scalars(rig: Rig) -> dict[str, Scalar]:
+    """Parameters of the nonlinear elements of a rig, with keys like ``elements[0].gap``."""
+    scalars = {}
+    for i, element in enumerate(rig.elements):
+        described = describe(type(element))
+        for name, value in parameters(element).items():
+            scalars[f"elements[{i}].{name}"] = Scalar(value, described[name].unit)
+    return scalars
+
+
+def elements_change(rig: Rig, keys: tuple[str, ...]) -> list[ElementRows]:
+    """Derivatives of :attr:`Rig.element_rows` to numbers of the rig, p parameters first."""
+    if isinstance(rig.body, ModalBody) or not rig.elements:
+        return []
+    change = structure_change(rig, keys)
+    ports = rig.reduction.ports(rig.body.length)
+    length = np.array([float(key == "beam.length") for key in keys])
+    points = change.rows[:, change.rows.shape[1] - len(ports.rows) :]
+    moved = Ports(points, change.share, change.drawn_in, change.drawn_stretch, length)
+    return element_rows_change(rig.elements, ports, moved, rig.body.modes)
 
 
 @lru_cache(maxsize=64)
