@@ -37,7 +37,7 @@ def damped(rig: Rig) -> Rig:
 def beam() -> Case:
     """Beam with five modes; normal load constant, no foreshortening, no residual compliance: what all codes can do."""
     rig = damped(paper_rig())
-    plain = replace(rig.contact, variable_normal_load=False, residual_compliance=False, foreshortening=False)
+    plain = replace(rig.contact, load_variation=0.0, residual_compliance=False, foreshortening=False)
     return Case("beam", replace(rig, contact=plain, channels=()), (40.0, 80.0), 9, 256)
 
 

@@ -89,7 +89,7 @@ class FourierBasis:
 
     def derivative_on_right(self, matrix: Array) -> Array:
         """Product of a (..., 2H+1) matrix with the matrix of :meth:`derivative`."""
-        return np.asarray(-self._signed_k * matrix[:, self._swapped])
+        return np.asarray(-self._signed_k * matrix[..., self._swapped])
 
     def complex(self, coefficients: Array) -> npt.NDArray[np.complex128]:
         """Amplitudes c_k with s = Re sum c_k exp(i k theta), (H+1, ...)."""
@@ -107,15 +107,17 @@ class FourierBasis:
 
         Parameters
         ----------
-        coefficients : (2H+1,) or (2H+1, m) array
-            One series or m of them.
+        coefficients : (2K+1,) or (2K+1, m) array
+            One series or m of them, of any number K of harmonics; those above 2 H do not matter.
 
         Returns
         -------
         (2H+1, 2H+1) or (2H+1, 2H+1, m) array
             `out[..., j] @ b` are the coefficients of a_j b.
         """
-        return np.asarray(_products(self.H) @ coefficients).reshape((self.size, self.size, *coefficients.shape[1:]))
+        return np.asarray(_products(self.H, len(coefficients) // 2) @ coefficients).reshape(
+            (self.size, self.size, *coefficients.shape[1:])
+        )
 
     @cached_property
     def exact_products(self) -> "FourierBasis":
@@ -124,12 +126,12 @@ class FourierBasis:
 
 
 @lru_cache(maxsize=32)
-def _products(H: int) -> sparse.csr_array:
-    """Linear map from the coefficients of a to the matrix of b -> a b, truncated to H."""
+def _products(H: int, K: int) -> sparse.csr_array:
+    """Linear map from the K harmonics of a to the matrix of b -> a b, truncated to H."""
     n = 2 * H + 1
-    j, m = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
-    p, q = np.where(j > H, j - H, j), np.where(m > H, m - H, m)
-    j_sine, m_sine = j > H, m > H
+    j, m = np.meshgrid(np.arange(2 * K + 1), np.arange(n), indexing="ij")
+    p, q = np.where(j > K, j - K, j), np.where(m > H, m - H, m)
+    j_sine, m_sine = j > K, m > H
     same = j_sine == m_sine
     # cos cos and sin sin give cosines, the mixed products sines, of the sum and of the difference
     total, difference = p + q, np.where(same | j_sine, p - q, q - p)
@@ -142,5 +144,5 @@ def _products(H: int) -> sparse.csr_array:
         rows.append((row * n + m)[kept])
         columns.append(j[kept])
         values.append(signed[kept])
-    shape = (n * n, n)
+    shape = (n * n, 2 * K + 1)
     return sparse.csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)

@@ -3,7 +3,7 @@
 :class:`State` is where a march starts and stops; :class:`TimeHistory` is what it leaves behind.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -28,7 +28,7 @@ class State:
     z : (memory,) array
         What the friction law remembers, :meth:`hbm.lawstep.LawStep.memory`.
     time : float
-        [s]; the force is level cos(2 pi hz time).
+        [s]; the fundamental of the force is level cos(2 pi hz time).
     """
 
     q: Array
@@ -128,7 +128,7 @@ class TimeHistory:
     @cached_property
     def force(self) -> Array:
         """Excitation, (N,) [N]."""
-        return np.asarray(self.level * np.cos(2 * np.pi * self.hz * self.time))
+        return self._force(0)
 
     @cached_property
     def qddot(self) -> Array:
@@ -138,8 +138,12 @@ class TimeHistory:
     @cached_property
     def force_rate(self) -> Array:
         """Rate of the excitation, (N,) [N/s]."""
+        return self._force(1)
+
+    def _force(self, derivative: int) -> Array:
         Omega = 2 * np.pi * self.hz
-        return np.asarray(-Omega * self.level * np.sin(Omega * self.time))
+        excitation = replace(self.rig.excitation, amplitude=self.level)
+        return np.asarray(Omega**derivative * excitation.force(Omega * self.time, derivative))
 
     def _channel(self, channel: Channel) -> Array:
         """Values of one channel of the rig, (N,): modes, and the static response of those left out."""
@@ -148,7 +152,7 @@ class TimeHistory:
         modes, force, friction = {
             "displacement": (self.q, self.force, self.friction),
             "velocity": (self.qdot, self.force_rate, self.friction_rate),
-            "acceleration": (self.qddot, -((2 * np.pi * self.hz) ** 2) * self.force, self.friction_curvature),
+            "acceleration": (self.qddot, self._force(2), self.friction_curvature),
         }[channel.quantity]
         by_force, by_friction = self.rig.structure.residual.channels.get(channel.name, (0.0, 0.0))
         row = self.rig.structure.channel_rows[channel.name]

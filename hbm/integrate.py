@@ -150,7 +150,7 @@ class _Recorder:
     def _lift_off(self, X: Array, T: Array) -> float | None:
         s, n = self.stepper, self.stepper.rig.structure.n
         time = self.start.time + s.dt * np.arange(self.steps + 1, self.steps + 1 + len(T))
-        F = s.level * np.cos(2 * np.pi * s.hz * time)
+        F = replace(s.rig.excitation, amplitude=s.level).force(2 * np.pi * s.hz * time)
         lifted = np.flatnonzero(normal_reaction(s.rig, X[:, :n], X[:, n : 2 * n], T, F) < 0.0)
         return float(time[lifted[0]]) if lifted.size else None
 

@@ -65,12 +65,34 @@ def accepted_laws() -> str:
     return f"one of {', '.join(LAWS)}, or file.py:Class"
 
 
-def _own_law(path: Path, class_name: str) -> type:
+def class_in_file(path: Path, class_name: str) -> type:
+    """Class of a Python file, which is run once as long as it does not change.
+
+    Parameters
+    ----------
+    path : Path
+        Absolute.
+    class_name : str
+
+    Returns
+    -------
+    type
+
+    Raises
+    ------
+    InputError
+        If there is no such file or class, or the file fails.
+    """
     module = _module(path, _stamp(path))
-    law = getattr(module, class_name, None)
-    if not isinstance(law, type):
+    found = getattr(module, class_name, None)
+    if not isinstance(found, type):
         own = [n for n, c in vars(module).items() if isinstance(c, type) and c.__module__ == module.__name__]
         raise InputError(f"{path} has no class {class_name}; it has {', '.join(own) or 'none'}")
+    return found
+
+
+def _own_law(path: Path, class_name: str) -> type:
+    law = class_in_file(path, class_name)
     for missing in _wrong_with(law):
         raise InputError(f"{class_name} in {path} is no friction law: {missing}")
     _try(law, path)
@@ -125,13 +147,14 @@ def _wrong_with(law: Any) -> Iterator[str]:
             yield f"it needs {words}"
     if getattr(law, "name", None) in LAWS:
         yield f'its name "{law.name}" is taken by a law that comes with the package'
-    if _is_frozen_dataclass(law):
+    if is_frozen_dataclass(law):
         yield from _wrong_with_fields(law)
     else:
         yield "it must be decorated with @dataclass(frozen=True, eq=False)"
 
 
-def _is_frozen_dataclass(law: Any) -> bool:
+def is_frozen_dataclass(law: Any) -> bool:
+    """Whether a class was itself decorated with @dataclass(frozen=True)."""
     made: Any = vars(law).get("__dataclass_params__")
     return made is not None and bool(made.frozen)
 

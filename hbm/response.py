@@ -128,8 +128,7 @@ def pad(problem: HarmonicBalance, state: State) -> Array:
     T[target] = state.T[source]
     if n > m:
         s, basis = problem.structure, problem.basis
-        forces = np.outer(T, s.slip_row[m:])
-        forces[basis.fundamental] += state.F * s.excitation[m:]
+        forces = np.outer(T, s.slip_row[m:]) + np.outer(state.F * problem.force_shape, s.excitation[m:])
         real, imaginary = problem.dynamic_stiffness(state.Omega)
         Q[:, m:] = basis.real(basis.complex(forces) / (real[:, m:] + 1j * imaginary[:, m:]))
     return problem.pack(State(Q, T, state.Omega, state.F))[0]

@@ -13,10 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from hbm.errors import InputError
+from hbm.extensions import rig_of_tables
 from hbm.lawfile import find_law
 from hbm.rigschema import (
     BeamRig,
     Complaint,
+    ContactTable,
     DampingTable,
     Key,
     ModalRig,
@@ -85,7 +87,10 @@ def rig_from_dict(table: Mapping[str, Any], source: str) -> Rig:
     law = law_table(kind).model_validate(file.contact.friction)
     for complaint in _contradictions(file, kind, law):
         raise InputError(f"{source}: {complaint}")
-    return _rig(file, _law(kind, law))
+    try:
+        return rig_of_tables(_rig(file, _law(kind, law)), file.extensions, folder)
+    except InputError as refused:
+        raise InputError(f"{source}: {refused}") from None
 
 
 def _read(path: Path, source: str) -> str:
@@ -206,10 +211,15 @@ def _rig(file: BeamRig | ModalRig, law: FrictionLaw) -> Rig:
         name=file.name,
         body=Beam(**file.beam.model_dump()) if isinstance(file, BeamRig) else _modal_body(file.modal),
         damping=_damping(file.damping),
-        contact=Contact(law=law, **file.contact.model_dump(exclude={"friction"})),
+        contact=_contact(file.contact, law),
         excitation=Excitation(**file.excitation.model_dump()),
         channels=tuple(Channel(**channel.model_dump()) for channel in file.channels),
     )
+
+
+def _contact(contact: ContactTable, law: FrictionLaw) -> Contact:
+    entries = contact.model_dump(exclude={"friction", "variable_normal_load"})
+    return Contact(law=law, load_variation=float(getattr(contact, "variable_normal_load", True)), **entries)
 
 
 def _modal_body(modal: ModalTable) -> ModalBody:

@@ -82,7 +82,7 @@ class BeamContactTable(ContactTable):
     """``[contact]`` of a beam."""
 
     radius: NonNegative
-    variable_normal_load: bool = Contact.variable_normal_load
+    variable_normal_load: bool = bool(Contact.load_variation)
     residual_compliance: bool = Contact.residual_compliance
     foreshortening: bool = Contact.foreshortening
 
@@ -121,6 +121,7 @@ class BeamRig(Table):
     contact: BeamContactTable
     excitation: BeamExcitationTable
     channels: list[BeamChannelTable] = []
+    extensions: list[dict[str, Any]] = []  # checked against the causes they name, see hbm.extensions
 
 
 class ModalRig(Table):
@@ -132,6 +133,7 @@ class ModalRig(Table):
     contact: ContactTable
     excitation: ExcitationTable
     channels: list[ChannelTable] = []
+    extensions: list[dict[str, Any]] = []
 
 
 @cache

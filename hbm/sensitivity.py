@@ -1,8 +1,8 @@
 """Exact derivatives of a periodic solution to the parameters of its rig.
 
-The balance J [dQ; dT] = -dF/dp of the implicit function theorem is solved with the elimination that Newton's method
-uses. That one leaves weak foreshortening out of its matrix, so its solution is refined against the complete linearised
-balance until nothing changes: the derivatives are those of the discretised equations, to rounding.
+The balance J [dQ; dT] = -dF/dp of the implicit function theorem is solved with the matrix that Newton's method uses.
+An elimination leaves weak foreshortening out of it, so the solution is refined against the complete linearised balance
+until nothing changes: the derivatives are those of the discretised equations, to rounding.
 
 Where a sample changes between stick and slip, the discretised balance has a kink and its derivative is one-sided: that
 of the side the solution lies on. Between such changes the derivative is exact for the samples given; its jumps fall
@@ -18,13 +18,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hbm.aft import InputChange
+from hbm.complete import CompleteBalance
+from hbm.elements import ElementChange, stacked
 from hbm.fourier import Array
 from hbm.residual import HarmonicBalance, Linearization
-from hbm.solution import DERIVATIVES, PeriodicSolution
+from hbm.solution import DERIVATIVES, TRUE, PeriodicSolution, as_read
 from hbm.threads import one_thread
-from models.change import Scalar, structure_change, structure_scalars
+from models.change import Scalar, element_scalars, elements_change, structure_change, structure_scalars
 from models.friction import describe, parameters
-from models.rig import Rig
+from models.rig import Channel, Rig
 
 REFINED = 1e-12
 """Refinement ends when it changes the derivatives by less than this fraction."""
@@ -170,6 +172,9 @@ def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
         FORCE: Scalar(solution.level, "N"),
         HZ: Scalar(solution.hz, "Hz"),
         **structure_scalars(rig),
+        **{f"channels.{c.name}.gain": Scalar(c.gain, "1") for c in rig.response_channels},
+        **{f"channels.{c.name}.delay": Scalar(c.delay, "s") for c in rig.response_channels},
+        **element_scalars(rig),
     }
 
 
@@ -197,6 +202,8 @@ class _Held:
     structure : StructureChange
     force, hz : (p,) array
         1 where the parameter is the force, the frequency; else 0.
+    gain, delay : dict of str to (p,) array
+        The same, of each response channel.
     modal : (2H+1, n, p) array
         Of the modal balance.
     inputs : InputChange
@@ -207,11 +214,26 @@ class _Held:
         self.problem, self.state = here.problem, here.state
         self.keys, self.structure = keys, structure_change(here.problem.rig, keys)
         self.load, self.force, self.hz = (np.array([float(key == name) for key in keys]) for name in (LOAD, FORCE, HZ))
+        sensors = here.problem.rig.response_channels
+        self.gain, self.delay = (
+            {c.name: np.array([float(key == f"channels.{c.name}.{what}") for key in keys]) for c in sensors}
+            for what in ("gain", "delay")
+        )
         law = np.array([[key == name for key in keys] for name in _law_keys(here.problem.rig)], dtype=float)
+        self.elements = self._elements()
         compliance = self.structure.flexibility[:, 0, 0]
         law = np.vstack([law.reshape(-1, len(keys)), self.load])
         self.inputs = InputChange(self._signals(), 2 * np.pi * self.hz, law, compliance)
         self.modal = self._modal(here.kin.by_T)
+
+    def _elements(self) -> Array | None:
+        """Of the forces of the elements on modes and support, (2H+1, n+1, p)."""
+        problem, state = self.problem, self.state
+        if problem.elements is None:
+            return None
+        rows = stacked(elements_change(problem.rig, self.keys), axis=1)
+        own = np.array([[key == name for key in self.keys] for name in element_scalars(problem.rig)], dtype=float)
+        return problem.elements.along(state.Q, state.Omega, ElementChange(rows, own, 2 * np.pi * self.hz))
 
     def through(self, rows: Array) -> Array:
         """Coefficients (2H+1, p) of the modes seen through rows (p, n)."""
@@ -220,16 +242,15 @@ class _Held:
     def static(self, flexibility: Array, friction: Array) -> Array:
         """What friction (2H+1,) and excitation do by flexibilities (p, 2), (2H+1, p)."""
         moved = np.outer(friction, flexibility[:, 0])
-        moved[self.problem.basis.fundamental] += flexibility[:, 1] * self.state.F
+        moved += np.outer(self.state.F * self.problem.force_shape, flexibility[:, 1])
         return moved
 
     def _signals(self) -> Array:
         """Of u, rho, eta, (2H+1, 3, p)."""
         problem, d, Q = self.problem, self.structure, self.state.Q
         s, basis, Omega = problem.structure, problem.basis, self.state.Omega
-        fundamental = basis.fundamental
         u = self.through(d.rows[:, 0]) + self.static(d.flexibility[:, 0] * [0.0, 1.0], self.state.T)
-        u[fundamental] += s.residual.slip_by_force * self.force
+        u += np.outer(s.residual.slip_by_force * problem.force_shape, self.force)
         if problem.coupled:
             fine = basis.exact_products
             q = fine.synthesis @ Q
@@ -239,7 +260,9 @@ class _Held:
         faster = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
         rho += np.outer(faster, 2 * np.pi * self.hz)
         rho[0] += self.load
-        rho[fundamental] -= s.reaction.force_share * self.force + d.force_share * self.state.F
+        rho -= np.outer(problem.force_shape, s.reaction.force_share * self.force + d.force_share * self.state.F)
+        if self.elements is not None:
+            rho -= self.elements[:, -1]
         eta = self.through(d.stretch)
         eta[0] -= d.friction_lever
         return np.stack([u, rho, eta], axis=1)
@@ -253,7 +276,9 @@ class _Held:
         modal -= np.einsum("k,pi->kip", state.T, d.rows[:, 0])
         if by_T is not None:
             modal += np.einsum("kl,pij,lj->kip", by_T, d.shortening, Q, optimize=True)
-        modal[basis.fundamental] -= np.outer(s.excitation, self.force) + state.F * d.rows[:, 1].T
+        modal -= np.multiply.outer(problem.force_shape, np.outer(s.excitation, self.force) + state.F * d.rows[:, 1].T)
+        if self.elements is not None:
+            modal -= self.elements[:, :-1]
         faster = s.damping * basis.derivative(Q) - 2 * Omega * basis.k[:, None] ** 2 * Q
         return np.asarray(modal + np.multiply.outer(faster, 2 * np.pi * self.hz))
 
@@ -272,19 +297,21 @@ class _LinearBalance:
 
     def __init__(self, here: Linearization) -> None:
         problem, state, kin = here.problem, here.state, here.kin
-        self.problem, self.state, self.by_T, self.contact = problem, state, kin.by_T, here.elimination.contact
+        self.problem, self.state, self.by_T, self.contact = problem, state, kin.by_T, here.contact
+        self._elements = here.newton.slope.by_Q if isinstance(here.newton, CompleteBalance) else None
         real, imaginary = problem.dynamic_stiffness(state.Omega)
         self._stiffness = (real + 1j * imaginary)[:, :, None]
-        slope = -kin.Gq
-        slope[0] += problem.structure.slip_row
-        self._slip_by_modes = problem.basis.multiplication(slope)  # du/dq times a series, (2H+1, 2H+1, n)
+        self._slip_by_modes = problem.slip_by_modes(kin)
 
     def signals(self, d_Q: Array, d_T: Array) -> Array:
         """Change (2H+1, 3, p) of u, rho, eta with the unknowns (2H+1, n, p) and (2H+1, p)."""
         problem = self.problem
         u = np.tensordot(self._slip_by_modes, d_Q, axes=2) - problem.dynamic_lagrangian * d_T
         rows = np.einsum("kip,ir->krp", d_Q, problem.rows[:, 1:])
-        return np.stack([u, problem.reaction_of(rows, self.state.Omega), rows[:, 3]], axis=1)
+        rho = problem.reaction_of(rows, self.state.Omega)
+        if self._elements is not None:
+            rho -= np.tensordot(self._elements[:, -1], d_Q, axes=2)
+        return np.stack([u, rho, rows[:, 3]], axis=1)
 
     def __matmul__(self, x: Array) -> Array:
         """Scaled change (size, p) of the balance with the scaled unknowns (size, p)."""
@@ -293,6 +320,8 @@ class _LinearBalance:
         modal -= np.einsum("kli,lp->kip", self._slip_by_modes, d_T)  # what maps the modes to u takes T to the modes
         if self.by_T is not None:
             modal += np.einsum("kl,ljp,ji->kip", self.by_T, d_Q, self.problem.structure.shortening, optimize=True)
+        if self._elements is not None:
+            modal -= np.tensordot(self._elements[:, :-1], d_Q, axes=2)
         return self.scaled(modal, d_T - self._law(self.signals(d_Q, d_T)))
 
     def _law(self, signals: Array) -> Array:
@@ -319,11 +348,11 @@ class _LinearBalance:
 
 @np.errstate(all="ignore")  # what diverges ends in the message
 def _refined(here: Linearization, balance: _LinearBalance, right: Array) -> tuple[Array, int]:
-    """Solve the complete balance with the elimination of the incomplete one; and count the refinements."""
+    """Solve the complete balance with the matrix of Newton's method; and count the refinements."""
     held = np.zeros(len(right))  # border that holds the frequency
     x, left = np.zeros_like(right), right
     for count in range(MOST_REFINEMENTS + 1):
-        step, _ = here.elimination.solve_columns(held, 1.0, left, 0.0)
+        step, _ = here.newton.solve_columns(held, 1.0, left, 0.0)
         x += step
         if np.all(np.abs(step).max(axis=0) <= REFINED * np.abs(x).max(axis=0)):
             return x, count
@@ -343,20 +372,23 @@ def _channels(solution: PeriodicSolution, held: _Held, change: _Change) -> dict[
     problem, d = held.problem, held.structure
     s, basis, Omega = problem.structure, problem.basis, solution.state.Omega
     T, d_T = solution["friction"], basis.analysis @ change.friction
-    force = np.zeros_like(d_T)
-    force[basis.fundamental] = held.force
+    force = np.outer(problem.force_shape, held.force)
     modal_slip = change.signals[:, 0] + problem.dynamic_lagrangian * d_T
     yielding = d.flexibility[:, 0, 0]
     slip = modal_slip + s.compliance * d_T + np.outer(T.coefficients, yielding)
     slip_samples = basis.synthesis @ modal_slip + s.compliance * change.friction + np.outer(T.samples, yielding)
     normal = _normal(problem, solution, change)
 
-    def motion(name: str, displacement: Array, times: int) -> ChannelSensitivity:
-        coefficients = displacement
+    def motion(name: str, displacement: Array, times: int, sensor: Channel = TRUE) -> ChannelSensitivity:
+        coefficients, read = displacement, solution[name].coefficients
         for _ in range(times):
             coefficients = Omega * basis.derivative(coefficients)
+        coefficients = as_read(basis, coefficients, Omega, sensor)
         if times:  # of Omega to that power
-            coefficients += np.outer(solution[name].coefficients, times / solution.hz * held.hz)
+            coefficients += np.outer(read, times / solution.hz * held.hz)
+        if sensor is not TRUE:
+            later = held.delay[name] * Omega + sensor.delay * 2 * np.pi * held.hz
+            coefficients += np.outer(read / sensor.gain, held.gain[name]) - np.outer(basis.derivative(read), later)
         samples = basis.synthesis @ coefficients
         return ChannelSensitivity(coefficients, samples, _smooth_peak(solution[name].samples, samples))
 
@@ -373,6 +405,7 @@ def _channels(solution: PeriodicSolution, held: _Held, change: _Change) -> dict[
             c.name,
             moved(places[c.name], s.channel_rows[c.name], *residual.channels[c.name]),
             DERIVATIVES[c.quantity],
+            c,
         )
         for c in problem.rig.channels
     }

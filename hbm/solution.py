@@ -9,10 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.fourier import Array, FourierBasis
-from hbm.residual import HarmonicBalance, State
-from models.rig import UNITS
+from hbm.residual import HarmonicBalance, Kinematics, State
+from models.rig import UNITS, Channel
 
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+TRUE = Channel("true", "displacement")
+"""A sensor that reads what is there."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +54,14 @@ def amplitudes(coefficients: Array) -> Array:
     return out
 
 
+def as_read(basis: FourierBasis, coefficients: Array, Omega: float, sensor: Channel) -> Array:
+    """Coefficients (2H+1, ...) of what a sensor reads of a signal: gain s(t - delay)."""
+    if sensor.delay == 0.0:
+        return np.asarray(sensor.gain * coefficients)
+    turn = sensor.gain * np.exp(-1j * Omega * sensor.delay * np.arange(basis.H + 1))
+    return basis.real((basis.complex(coefficients).T * turn).T)
+
+
 def _smooth_peak(samples: Array) -> float:
     """Largest magnitude of a smooth periodic signal, by a parabola through the three samples around it."""
     magnitude = np.abs(samples)
@@ -77,7 +89,7 @@ class PeriodicSolution:
     closure : float
         Change of the friction state over the period, relative to its range.
     energy_error : float
-        Excitation work minus damping and friction losses over a period, relative to the excitation work.
+        Excitation work minus losses in damping, friction and elements over a period, relative to the excitation work.
     """
 
     hz: float
@@ -147,20 +159,19 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
         samples = basis.synthesis @ coefficients
         return Signal(unit, coefficients, samples, _smooth_peak(samples))
 
-    force = np.zeros(basis.size)
-    force[basis.fundamental] = state.F
+    force = state.F * problem.force_shape
 
-    def motion(quantity: str, row: Array, by_force: float, by_friction: float) -> Signal:
+    def motion(quantity: str, row: Array, by_force: float, by_friction: float, sensor: Channel = TRUE) -> Signal:
         coefficients = state.Q @ row + by_force * force + by_friction * friction.coefficients
         for _ in range(DERIVATIVES[quantity]):
             coefficients = Omega * basis.derivative(coefficients)
-        return series(UNITS[quantity], coefficients)
+        return series(UNITS[quantity], as_read(basis, coefficients, Omega, sensor))
 
     residual = s.residual
     channels = {
         c.name: series("N", force)
         if c.quantity == "force"
-        else motion(c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)))
+        else motion(c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)), c)
         for c in rig.channels
     }
     channels |= {
@@ -170,22 +181,23 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
         "friction": friction,
         "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
     }
-    energy = _energy_error(problem, state, modal_slip, channels["drive"].coefficients, friction.coefficients)
+    energy = _energy_error(problem, state, kin, channels)
     return PeriodicSolution(problem.hz_at(lam), state.F, basis, state, channels, memory, closure, energy)
 
 
-def _energy_error(problem: HarmonicBalance, state: State, slip: Array, drive: Array, friction: Array) -> float:
+def _energy_error(problem: HarmonicBalance, state: State, kin: Kinematics, channels: Mapping[str, Signal]) -> float:
     """Excitation work minus losses over a period, relative to the largest of them."""
-    basis, s, Omega = problem.basis, problem.structure, state.Omega
+    basis, s, Omega, friction = problem.basis, problem.structure, state.Omega, channels["friction"].coefficients
+    slip = kin.signals[:, 0] + problem.dynamic_lagrangian * state.T
 
     def work(force: Array, displacement: Array) -> float:
         # mean of s1 s2' over the period from the coefficients, times the period
-        return float(np.pi * force[1:] @ basis.derivative(displacement)[1:])
+        return float(np.pi * np.vdot(force[1:], basis.derivative(displacement)[1:]))
 
-    force = np.zeros(basis.size)
-    force[basis.fundamental] = state.F
-    supplied = work(force, drive)
+    supplied = work(state.F * problem.force_shape, channels["drive"].coefficients)
     velocity = Omega * basis.derivative(state.Q)
     damped = float(np.pi / Omega * np.sum(s.damping * velocity[1:] ** 2))
     rubbed = -work(friction, slip)
-    return (supplied - damped - rubbed) / max(abs(supplied), damped, abs(rubbed), np.finfo(float).tiny)
+    taken = 0.0 if kin.elements is None else -work(kin.elements[:, :-1], state.Q)
+    largest = max(abs(supplied), damped, abs(rubbed), abs(taken), np.finfo(float).tiny)
+    return (supplied - damped - rubbed - taken) / largest

@@ -27,6 +27,11 @@ def residual_function(problem: HarmonicBalance) -> ca.Function:
         order of :func:`models.friction.parameters`. It marches the law over two periods from its virgin state, which
         closes every loop that forgets within one.
 
+    Raises
+    ------
+    ValueError
+        If the rig has nonlinear elements.
+
     Examples
     --------
     >>> from models.published import paper_rig
@@ -35,6 +40,8 @@ def residual_function(problem: HarmonicBalance) -> ca.Function:
     >>> function.name_in()
     ['x', 'lam', 'p']
     """
+    if problem.elements is not None:
+        raise ValueError(f"{problem.rig.name}: has nonlinear elements; the symbolic residual knows friction only")
     basis, s = problem.basis, problem.structure
     size, n = basis.size, s.n
     x, lam = ca.MX.sym("x", problem.size), ca.MX.sym("lam")
@@ -53,10 +60,9 @@ def _derivative(problem: HarmonicBalance) -> ca.DM:
     return ca.sparsify(ca.DM(problem.basis.derivative(np.eye(problem.basis.size))))
 
 
-def _first_cosine(problem: HarmonicBalance, value: ca.MX) -> ca.MX:
-    unit = ca.DM(problem.basis.size, 1)
-    unit[problem.basis.fundamental] = 1.0
-    return unit * value
+def _force(problem: HarmonicBalance, value: ca.MX) -> ca.MX:
+    """Coefficients of what follows the excitation, value for its fundamental."""
+    return ca.sparsify(ca.DM(problem.force_shape)) * value
 
 
 def _contact_signals(problem: HarmonicBalance, Q: ca.MX, T: ca.MX, Omega: ca.MX, F: ca.MX) -> tuple[ca.MX, ca.MX]:
@@ -66,11 +72,11 @@ def _contact_signals(problem: HarmonicBalance, Q: ca.MX, T: ca.MX, Omega: ca.MX,
     Gq = ca.mtimes(Q, s.shortening)
     q_fine, Gq_fine = ca.mtimes(fine.synthesis, Q), ca.mtimes(fine.synthesis, Gq)
     shortening = ca.mtimes(fine.analysis, ca.sum2(q_fine * Gq_fine)) / 2
-    u = ca.mtimes(Q, s.slip_row) - shortening + _first_cosine(problem, s.residual.slip_by_force * F)
+    u = ca.mtimes(Q, s.slip_row) - shortening + _force(problem, s.residual.slip_by_force * F)
     u -= problem.dynamic_lagrangian * T
     squared = ca.DM(basis.k**2) * Omega**2
     rho = Omega * ca.mtimes(D, ca.mtimes(Q, r.damping)) - squared * ca.mtimes(Q, r.inertia)
-    rho += ca.mtimes(Q, r.stiffness) + _first_cosine(problem, -r.force_share * F)
+    rho += ca.mtimes(Q, r.stiffness) + _force(problem, -r.force_share * F)
     mean = ca.DM(np.eye(basis.size)[0])
     eta = ca.mtimes(Q, r.stretch) - r.friction_lever * mean
     signals = ca.horzcat(u, Omega * ca.mtimes(D, u), rho + problem.environment.load * mean, eta)
@@ -99,5 +105,5 @@ def _modal_balance(problem: HarmonicBalance, Q: ca.MX, T: ca.MX, Omega: ca.MX, F
     inertia = ca.repmat(ca.DM(basis.k**2), 1, s.n) * Omega**2
     damping = Omega * ca.mtimes(_derivative(problem), Q) * ca.repmat(ca.DM(s.damping).T, basis.size, 1)
     friction = ca.mtimes(fine.analysis, slope * ca.repmat(ca.mtimes(fine.synthesis, T), 1, s.n))
-    excitation = ca.mtimes(_first_cosine(problem, F), ca.DM(s.excitation).T)
+    excitation = ca.mtimes(_force(problem, F), ca.DM(s.excitation).T)
     return (stiffness - inertia) * Q + damping - friction - excitation

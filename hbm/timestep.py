@@ -142,6 +142,10 @@ class Stepper:
     def shape(self) -> Shape:
         """Key of the compiled step."""
         structure, law = self.rig.structure, self.rig.contact.law
+        if self.rig.elements:
+            raise ValueError(
+                f"time step: {self.rig.name} has nonlinear elements; must have none; harmonic balance knows them"
+            )
         return Shape(
             form=form(law),
             states=law_step(law).memory_size,
@@ -182,10 +186,17 @@ class Stepper:
     def drive(self, steps: int) -> Array:
         """Response (q, q') of the modes to the force over each step, force and its rate at the end, (steps, 2n+2)."""
         theta = self.phase + 2 * np.pi * (np.arange(steps + 1) % self.steps_per_period) / self.steps_per_period
-        start = np.stack([np.cos(theta[:-1]), np.sin(theta[:-1])])
-        response = np.moveaxis(self._propagators[:, :, 4:], 1, 0) * self.rig.structure.excitation[:, None]
-        end = np.stack([np.cos(theta[1:]), -2 * np.pi * self.hz * np.sin(theta[1:])])
-        return np.asarray(self.level * np.vstack([response.reshape(-1, 2) @ start, end]).T)
+        s, Omega = self.rig.structure, 2 * np.pi * self.hz
+        excitation = replace(self.rig.excitation, amplitude=self.level)
+        moved = np.zeros((2 * s.n, steps))
+        for k, a, b in excitation.tones:  # a cos + b sin, and a quarter of a period earlier
+            E = self._propagators if k == 1 else propagators(s, k * Omega, self.dt)
+            cosine, sine = np.cos(k * theta[:-1]), np.sin(k * theta[:-1])
+            start = np.stack([a * cosine + b * sine, a * sine - b * cosine])
+            response = np.moveaxis(E[:, :, 4:], 1, 0) * s.excitation[:, None]
+            moved += response.reshape(-1, 2) @ start
+        end = [excitation.force(theta[1:]), Omega * excitation.force(theta[1:], 1)]
+        return np.vstack([self.level * moved, *end]).T
 
     def march(self, x: Array, steps: int) -> tuple[Array, Array, float]:
         """Advance a state.

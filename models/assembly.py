@@ -118,6 +118,10 @@ class Layout:
         X_f [m].
     channels : tuple of Value
         Positions of the response channels [m].
+    points : tuple of Value
+        Further places that are seen [m], of nonlinear elements.
+    fractions : tuple of float
+        And some at fixed fractions of the length.
     attachments : Attachments
     """
 
@@ -125,6 +129,8 @@ class Layout:
     radius: Value
     excitation: Value
     channels: tuple[Value, ...] = ()
+    points: tuple[Value, ...] = ()
+    fractions: tuple[float, ...] = ()
     attachments: Attachments = field(default=Attachments())
 
     def scalars(self) -> dict[str, Value]:
@@ -134,6 +140,7 @@ class Layout:
             "contact.radius": self.radius,
             "excitation.position": self.excitation,
             **{f"channels[{i}].position": x for i, x in enumerate(self.channels)},
+            **{f"points[{i}]": x for i, x in enumerate(self.points)},
             **{f"attachments.{name}": value for name, value in self.attachments.scalars().items()},
         }
 
@@ -141,8 +148,10 @@ class Layout:
         """The same layout with other values, in the order of :meth:`scalars`."""
         each = iter(values)
         beam = replace(self.beam, **{name: next(each) for name in BEAM})
-        radius, excitation, channels = next(each), next(each), tuple(next(each) for _ in self.channels)
-        return Layout(beam, radius, excitation, channels, self.attachments.with_scalars(each))
+        radius, excitation = next(each), next(each)
+        channels, points = (tuple(next(each) for _ in places) for places in (self.channels, self.points))
+        attachments = self.attachments.with_scalars(each)
+        return Layout(beam, radius, excitation, channels, points, self.fractions, attachments)
 
     @property
     def form(self) -> "Layout":
@@ -156,17 +165,19 @@ BEAM = ("length", "width", "thickness", "youngs_modulus", "density")
 class Assembly(NamedTuple):
     """Mass, stiffness and rows of d coordinates; CasADi matrices, or arrays.
 
-    Rows are in the order slip, drive, channels, reaction: what is seen is ``rows d + flexibility (T, F)``, with the
-    friction T and the excitation F. The reaction's are its elastic part; it adds
+    Rows are in the order slip, drive, channels, points, reaction: what is seen is ``rows d + flexibility (T, F)``, with
+    the friction T and the excitation F. The reaction's are its elastic part; it adds
     ``P + inertia d'' + T stretch d`` (:class:`models.structure.Reaction`), the balance of a lift of the tip whether or
     not the support yields.
 
     Attributes
     ----------
     mass, stiffness, shortening : (d, d) matrices
-    rows : (3 + c, d) matrix
-    flexibility : (3 + c, 2) matrix
+    rows : (3 + c + e, d) matrix
+    flexibility : (3 + c + e, 2) matrix
     inertia, stretch : (1, d) matrices
+    share : (e, 1) matrix
+        Of a unit force at each of the e points that goes into the support.
     """
 
     mass: Matrix
@@ -176,6 +187,7 @@ class Assembly(NamedTuple):
     flexibility: Matrix
     inertia: Matrix
     stretch: Matrix
+    share: Matrix
 
 
 def assembled(layout: Layout, *, residual: bool = True) -> Assembly:
@@ -248,20 +260,23 @@ class _Assembler:
     """Entries of an :class:`Assembly` in symbols; shapes in the order (modes, rotation of the clamp, lift of the tip).
 
     A port is where a force acts or a displacement is seen: the rotation of the tip first, then points on the beam in
-    the order excitation, channels, masses, springs, resonators. What is attached changes, in turn: the matrices; the
-    `rows` of the ports on the coordinates and their `flexibility`; the `share` of a unit force at each port that goes
-    into the support; and the rows `elastic` and `inertia` of the reaction.
+    the order excitation, channels, points, fractions, masses, springs, resonators. What is attached changes, in turn:
+    the matrices; the `rows` of the ports on the coordinates and their `flexibility`; the `share` of a unit force at
+    each port that goes into the support; and the rows `elastic` and `inertia` of the reaction.
     """
 
     def __init__(self, layout: Layout, residual: bool) -> None:
         ends = layout.attachments
-        self.beam, self.ends, self.channels, self.residual = layout.beam, ends, len(layout.channels), residual
+        self.beam, self.ends, self.residual = layout.beam, ends, residual
+        self.points = 2 + len(layout.channels)  # the first of them
+        self.seen = self.points + len(layout.points) + len(layout.fractions)
         self.N, self.L, self.EI = self.beam.modes, self.beam.length, self.beam.bending_stiffness
         self.mass = self.beam.mass_per_length * self.L
         self.resonators = [r._replace(mass=r.mass + LEAST_MASS * self.mass) for r in ends.resonators]
         self.arm = layout.radius + self.beam.thickness / 2
         attached = [entry.position for kind in LISTS for entry in getattr(ends, kind)]
-        self.x = ca.vertcat(layout.excitation, *layout.channels, *attached)
+        fractions = [fraction * self.L for fraction in layout.fractions]
+        self.x = ca.vertcat(layout.excitation, *layout.channels, *layout.points, *fractions, *attached)
         self.lift = self.N + 1
         yields = {self.N: ends.clamp_stiffness, self.lift: ends.support_stiffness}
         self.kept = [*range(self.N), *(shape for shape, stiffness in yields.items() if stiffness is not None)]
@@ -275,7 +290,7 @@ class _Assembler:
         self.bare()
         self.attach_springs()
         self.attach_masses()
-        seen = 2 + self.channels
+        seen = self.seen
         arms = ca.diag(ca.vertcat(self.arm, ca.DM.ones(seen - 1)))
         by_forces = arms @ self.flexibility[:seen, :2] @ arms[:2, :2]
         by_forces[0, 0] += self.residual * self.L / (self.beam.youngs_modulus * self.beam.area)
@@ -288,6 +303,7 @@ class _Assembler:
             flexibility=ca.vertcat(by_forces, -shares),
             inertia=self.inertia,
             stretch=self.stretch,
+            share=self.share[self.points : seen],
         )
 
     # ---- step by step
@@ -318,7 +334,7 @@ class _Assembler:
 
     def attach_masses(self) -> None:
         """Point masses, and those of resonators."""
-        for port, body in enumerate(self.ends.masses, start=2 + self.channels):
+        for port, body in enumerate(self.ends.masses, start=self.seen):
             self.M += body.mass * self.rows[port, :].T @ self.rows[port, :]
             self.inertia += body.mass * self.share[port] * self.rows[port, :]
         for place, swinging in enumerate(self.resonators, start=len(self.kept)):
@@ -371,7 +387,7 @@ class _Assembler:
 
     def springs(self) -> tuple[list[int], Matrix, Matrix]:
         """Ports of the attached springs, their stiffnesses (s, s), and the rows of their stretching (s, d)."""
-        ends, first = self.ends, 2 + self.channels + len(self.ends.masses)
+        ends, first = self.ends, self.seen + len(self.ends.masses)
         at = list(range(first, self.rows.shape[0]))
         stiff = [*(spring.stiffness for spring in ends.springs), *(spring.stiffness for spring in self.resonators)]
         W = self.rows[at, :]

@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 
 from models.assembly import Assembly, assembled_change
+from models.elements import ElementRows, Ports, Reading, element_rows_change
+from models.friction.law import describe, parameters
 from models.reduction import StructureChange
 from models.rig import ModalBody, Rig
 
@@ -16,6 +18,7 @@ UNITS = {
     "beam.youngs_modulus": "Pa",
     "beam.density": "kg/m3",
     "contact.radius": "m",
+    "contact.load_variation": "1",
     "attachments.clamp_stiffness": "N m/rad",
     "attachments.support_stiffness": "N/m",
     "attachments.tip_stiffness": "N m/rad",
@@ -26,6 +29,7 @@ UNITS = {
 """Units of keys; those of entries of lists, by their last part, in `ENTRY_UNITS`."""
 
 ENTRY_UNITS = {"position": "m", "mass": "kg", "stiffness": "N/m", "frequency_hz": "Hz"}
+VARIATION = "contact.load_variation"
 DAMPING = ("mass_proportional", "stiffness_proportional", "high_mode_ratio")
 
 
@@ -46,13 +50,38 @@ def structure_scalars(rig: Rig) -> dict[str, Scalar]:
     values = {f"damping.{name}": getattr(rig.damping, name) for name in DAMPING}
     if not isinstance(rig.body, ModalBody):
         values |= dict(zip(_keys(rig), rig.layout.scalars().values(), strict=True))
+        values[VARIATION] = rig.contact.load_variation
     return {key: Scalar(value, UNITS.get(key) or ENTRY_UNITS[key.rpartition(".")[2]]) for key, value in values.items()}
 
 
 def _keys(rig: Rig) -> list[str]:
     """Keys of the scalars of the layout, channels by their names."""
     places = {f"channels[{i}].position": f"channels.{c.name}.position" for i, c in enumerate(rig.response_channels)}
+    pointed = [i for i, e in enumerate(rig.elements) if e.reads is Reading.POINT]
+    places |= {f"points[{j}]": f"elements[{i}].position" for j, i in enumerate(pointed)}
     return [places.get(key, key) for key in rig.layout.scalars()]
+
+
+def element_scalars(rig: Rig) -> dict[str, Scalar]:
+    """Parameters of the nonlinear elements of a rig, with keys like ``elements[0].gap``."""
+    scalars = {}
+    for i, element in enumerate(rig.elements):
+        described = describe(type(element))
+        for name, value in parameters(element).items():
+            scalars[f"elements[{i}].{name}"] = Scalar(value, described[name].unit)
+    return scalars
+
+
+def elements_change(rig: Rig, keys: tuple[str, ...]) -> list[ElementRows]:
+    """Derivatives of :attr:`Rig.element_rows` to numbers of the rig, p parameters first."""
+    if isinstance(rig.body, ModalBody) or not rig.elements:
+        return []
+    change = structure_change(rig, keys)
+    ports = rig.reduction.ports(rig.body.length)
+    length = np.array([float(key == "beam.length") for key in keys])
+    points = change.rows[:, change.rows.shape[1] - len(ports.rows) :]
+    moved = Ports(points, change.share, change.drawn_in, change.drawn_stretch, length)
+    return element_rows_change(rig.elements, ports, moved, rig.body.modes)
 
 
 @lru_cache(maxsize=64)
@@ -87,6 +116,8 @@ def structure_change(rig: Rig, keys: tuple[str, ...]) -> StructureChange:
         table, _, name = key.partition(".")
         if key in places:
             return reduction.change(assembled_change(rig.layout, places[key], residual=rig.contact.residual_compliance))
+        if key == VARIATION:
+            return reduction.change_of_load_variation(still)
         if table == "damping" and name in DAMPING:
             return reduction.change(
                 still, rig.damping.dampers_change(name, np.sqrt(reduction.squares), rig.mode_numbers)

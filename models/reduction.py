@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from models.assembly import Assembly
+from models.elements import Ports
 from models.structure import Array, ModalStructure, Reaction, ResidualFlexibility
 
 
@@ -45,13 +46,17 @@ class StructureChange(NamedTuple):
     Attributes
     ----------
     mass, damping, stiffness, shortening : (p, n, n) array
-    rows : (p, 2 + c, n) array
-        Of slip, drive and channels.
-    flexibility : (p, 2 + c, 2) array
+    rows : (p, 2 + c + e, n) array
+        Of slip, drive, channels and points.
+    flexibility : (p, 2 + c + e, 2) array
         What friction and excitation do to them beyond the modes: compliance and residual flexibility.
     inertia, reaction_damping, reaction_stiffness, stretch : (p, n) array
         Of the rows of :class:`Reaction`.
     friction_lever, force_share : (p,) array
+    share : (p, e) array
+        Of a force at each point that goes into the support.
+    drawn_in, drawn_stretch : (p, n, n) and (p, n) array
+        Shortening and stretch, whether or not the contact sees them.
     """
 
     mass: Array
@@ -66,6 +71,9 @@ class StructureChange(NamedTuple):
     stretch: Array
     friction_lever: Array
     force_share: Array
+    share: Array
+    drawn_in: Array
+    drawn_stretch: Array
 
     @staticmethod
     def stacked(changes: Sequence["StructureChange"]) -> "StructureChange":
@@ -76,7 +84,7 @@ class StructureChange(NamedTuple):
 class Switches(NamedTuple):
     """What of the contact is kept, :class:`models.rig.Contact`."""
 
-    variable_normal_load: bool = True
+    load_variation: float = 1.0
     residual_compliance: bool = True
     foreshortening: bool = True
 
@@ -118,12 +126,12 @@ class Reduction:
 
     @property
     def rows(self) -> Array:
-        """Of slip, drive, channels and reaction, (3 + c, n)."""
+        """Of slip, drive, channels, points and reaction, (3 + c + e, n)."""
         return np.asarray(self.assembly.rows @ self.kept)
 
     @property
     def flexibility(self) -> Array:
-        """What friction and excitation do to them beyond the modes kept, (3 + c, 2)."""
+        """What friction and excitation do to them beyond the modes kept, (3 + c + e, 2)."""
         by_rest = self.assembly.rows @ self.rest
         return np.asarray(self.assembly.flexibility + self.switches.residual_compliance * by_rest @ by_rest[:2].T)
 
@@ -131,15 +139,7 @@ class Reduction:
         """The modal structure, with the names of the channels."""
         switches, n, rows, flexibility = self.switches, len(self.squares), self.rows, self.flexibility
         damping, _, beta = self.dampers
-        inertia, stretch = (row @ self.kept for row in (self.assembly.inertia[0], self.assembly.stretch[0]))
-        reaction = Reaction(
-            inertia=inertia,
-            damping=inertia * damping + beta * rows[-1],
-            stiffness=rows[-1],
-            stretch=stretch * switches.foreshortening,
-            force_share=-float(flexibility[-1, 1]),
-            friction_lever=-float(flexibility[-1, 0]),
-        )
+        varies = switches.load_variation
         return ModalStructure(
             omega_n=np.sqrt(self.squares),
             damping=damping + beta * self.squares,
@@ -147,16 +147,42 @@ class Reduction:
             shortening=self.kept.T @ self.assembly.shortening @ self.kept * switches.foreshortening,
             excitation=rows[1],
             compliance=float(flexibility[0, 0]),
-            reaction=reaction if switches.variable_normal_load else Reaction.constant(n),
-            channel_rows=dict(zip(channels, rows[2:-1], strict=True)),
+            reaction=self.reaction().times(varies) if varies else Reaction.constant(n),
+            channel_rows=dict(zip(channels, rows[2:], strict=False)),
             residual=ResidualFlexibility(
                 slip_by_force=float(flexibility[0, 1]),
                 drive_by_force=float(flexibility[1, 1]),
                 channels={
                     name: (float(by_force), float(by_friction))
-                    for name, (by_friction, by_force) in zip(channels, flexibility[2:-1], strict=True)
+                    for name, (by_friction, by_force) in zip(channels, flexibility[2:], strict=False)
                 },
             ),
+        )
+
+    def reaction(self) -> Reaction:
+        """Normal reaction as it is, whatever the friction sees of it."""
+        rows, flexibility = self.rows, self.flexibility
+        damping, _, beta = self.dampers
+        inertia, stretch = (row @ self.kept for row in (self.assembly.inertia[0], self.assembly.stretch[0]))
+        return Reaction(
+            inertia=inertia,
+            damping=inertia * damping + beta * rows[-1],
+            stiffness=rows[-1],
+            stretch=stretch * self.switches.foreshortening,
+            force_share=-float(flexibility[-1, 1]),
+            friction_lever=-float(flexibility[-1, 0]),
+        )
+
+    def ports(self, length: float) -> Ports:
+        """What nonlinear elements can read, on a beam of that length."""
+        assembly, kept, varies = self.assembly, self.kept, self.switches.load_variation
+        points = slice(len(assembly.rows) - 1 - len(assembly.share), -1)
+        return Ports(
+            rows=self.rows[points],
+            share=assembly.share[:, 0] * varies,
+            shortening=kept.T @ assembly.shortening @ kept,
+            stretch=(assembly.stretch @ kept)[0] * varies,
+            length=length,
         )
 
     # ---- derivatives
@@ -176,26 +202,45 @@ class Reduction:
             flexibility = flexibility + _flexibility_change(response, d.rows, d.stiffness)
             flexibility -= _flexibility_change((self.rows / self.squares).T, rows, stiffness)
         drawn = kept.T @ assembly.shortening @ moved
+        drawn_in = kept.T @ d.shortening @ kept + drawn + drawn.T
         inertia = (d.inertia @ kept + assembly.inertia @ moved)[0]
         viscous, slope, beta = self.dampers
         none = np.zeros_like(viscous)
         by_rule, _, by_strain = (none, none, 0.0) if own is None else own
         damping = _spectral_change(self.squares, viscous, slope, mass, stiffness) + np.diag(by_rule)
         forces = inertia * viscous + (assembly.inertia @ kept)[0] @ (damping - mass * viscous)
-        varies = float(on.variable_normal_load)
+        varies = on.load_variation
+        stretch = varies * (d.stretch @ kept + assembly.stretch @ moved)[0]
         return StructureChange(
             mass=mass,
             damping=damping + beta * stiffness + by_strain * np.diag(self.squares),
             stiffness=stiffness,
-            shortening=(kept.T @ d.shortening @ kept + drawn + drawn.T) * on.foreshortening,
+            shortening=drawn_in * on.foreshortening,
             rows=rows[:-1],
             flexibility=flexibility[:-1],
             inertia=varies * inertia,
             reaction_damping=varies * (forces + beta * rows[-1] + by_strain * self.rows[-1]),
             reaction_stiffness=varies * rows[-1],
-            stretch=varies * on.foreshortening * (d.stretch @ kept + assembly.stretch @ moved)[0],
+            stretch=on.foreshortening * stretch,
             friction_lever=-varies * flexibility[-1, 0],
             force_share=-varies * flexibility[-1, 1],
+            share=varies * d.share[:, 0],
+            drawn_in=drawn_in,
+            drawn_stretch=stretch,
+        )
+
+    def change_of_load_variation(self, still: Assembly) -> StructureChange:
+        """Derivatives to the scale of the reaction's variation; `still` is a change of nothing."""
+        r = self.reaction()
+        return self.change(still)._replace(
+            inertia=r.inertia,
+            reaction_damping=r.damping,
+            reaction_stiffness=r.stiffness,
+            stretch=r.stretch,
+            friction_lever=np.asarray(r.friction_lever),
+            force_share=np.asarray(r.force_share),
+            share=self.assembly.share[:, 0],
+            drawn_stretch=(self.assembly.stretch @ self.kept)[0],
         )
 
     def _moved(self, d: Assembly) -> Array:

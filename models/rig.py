@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from models.assembly import MORE_MODES, Assembly, Attachments, Layout, assembled
 from models.beam import Beam
+from models.elements import Element, ElementRows, Reading, element_rows, gauss_points
 from models.friction import FrictionLaw
 from models.reduction import Dampers, Reduction, Switches
 from models.structure import Array, ModalStructure, modal_damping
@@ -93,34 +94,76 @@ class Contact:
     law : FrictionLaw
         Friction law with its parameters.
     radius : float
-        Half-cylinder radius r [m]; used by a beam only, like the three switches.
-    variable_normal_load, residual_compliance, foreshortening : bool
-        Keep R(t), C_res and the T G q coupling of physics.md section 2.
+        Half-cylinder radius r [m]; used by a beam only, like what follows.
+    load_variation : float
+        Scale on R(t) - P as the friction sees it: 1 as in physics.md section 2, 0 for a constant load.
+    residual_compliance, foreshortening : bool
+        Keep C_res and the T G q coupling of physics.md section 2.
     """
 
     normal_load: float
     law: FrictionLaw
     radius: float = 0.0
-    variable_normal_load: bool = True
+    load_variation: float = 1.0
     residual_compliance: bool = True
     foreshortening: bool = True
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """Shaker force: cosine of the fundamental, `amplitude` [N], at `position` [m] of a beam."""
+    """Shaker force: cosine of the fundamental, `amplitude` [N], at `position` [m] of a beam.
+
+    Its distortion is given by `harmonics`: numbers k >= 2 with the coefficients of cos and sin k Omega t, relative to
+    the amplitude of the fundamental.
+
+    >>> round(float(Excitation(2.0, harmonics=((3, 0.0, 0.1),)).force(np.pi / 2)), 9)
+    -0.2
+    """
 
     amplitude: float
     position: float = 0.0
+    harmonics: tuple[tuple[int, float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Check the numbers of the harmonics."""
+        numbers = [k for k, _, _ in self.harmonics]
+        if any(k < 2 for k in numbers) or len(set(numbers)) < len(numbers):
+            raise ValueError(f"excitation.harmonics: numbers {numbers}; must be 2 or more, each once")
+
+    @property
+    def tones(self) -> tuple[tuple[int, float, float], ...]:
+        """Number and coefficients of every harmonic, the fundamental's first, for a unit amplitude."""
+        return ((1, 1.0, 0.0), *self.harmonics)
+
+    def force(self, theta: npt.ArrayLike, derivative: int = 0) -> Array:
+        """Force at phases [N], or its derivative to the phase."""
+        theta, turned = np.asarray(theta, dtype=float), derivative * np.pi / 2
+        force = np.zeros(theta.shape)
+        for k, a, b in self.tones:
+            force += float(k) ** derivative * (a * np.cos(k * theta + turned) + b * np.sin(k * theta + turned))
+        return np.asarray(self.amplitude * force)
 
 
 @dataclass(frozen=True)
 class Channel:
-    """What is, or would be, measured: a name, one of `QUANTITIES`, and the place on a beam [m]."""
+    """What is, or would be, measured.
+
+    Attributes
+    ----------
+    name : str
+    quantity : str
+        One of `QUANTITIES`.
+    position : float
+        On a beam [m].
+    gain, delay : float
+        The channel reads gain times what was there a delay [s] ago; of motion only.
+    """
 
     name: str
     quantity: str
     position: float = 0.0
+    gain: float = 1.0
+    delay: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +184,8 @@ class Rig:
     channels : tuple of Channel
     attachments : Attachments
         What is attached to a beam.
+    elements : tuple of Element
+        Nonlinear elements along a beam.
     """
 
     name: str
@@ -150,6 +195,7 @@ class Rig:
     excitation: Excitation
     channels: tuple[Channel, ...] = field(default=())
     attachments: Attachments = field(default=Attachments())
+    elements: tuple[Element, ...] = ()
 
     @property
     def response_channels(self) -> tuple[Channel, ...]:
@@ -168,16 +214,17 @@ class Rig:
         Raises
         ------
         ValueError
-            If something is attached to a body given by its modes.
+            If something is attached to a body given by its modes, linear or not.
         """
         contact, numbers = self.contact, self.mode_numbers
         if isinstance(self.body, ModalBody):
-            if self.attachments:
-                raise ValueError(f"{self.name}: has attachments and is given by its modes; must be a beam")
+            if self.attachments or self.elements:
+                found = "attachments" if self.attachments else "elements"
+                raise ValueError(f"{self.name}: has {found} and is given by its modes; must be a beam")
             assembly = _of_modes(self, self.body)
         else:
             assembly = assembled(self.layout, residual=contact.residual_compliance)
-        switches = Switches(contact.variable_normal_load, contact.residual_compliance, contact.foreshortening)
+        switches = Switches(contact.load_variation, contact.residual_compliance, contact.foreshortening)
         return Reduction(assembly, len(numbers), lambda omega_n: self.damping.dampers(omega_n, numbers), switches)
 
     @property
@@ -201,7 +248,18 @@ class Rig:
         more = MORE_MODES if self.attachments else 0
         positions = tuple(c.position for c in self.response_channels)
         beam = replace(self.body, modes=self.body.modes + more)
-        return Layout(beam, self.contact.radius, self.excitation.position, positions, self.attachments)
+        points = tuple(e.position for e in self.elements if e.reads is Reading.POINT)  # type: ignore[attr-defined]
+        spans = any(e.reads is Reading.SPAN for e in self.elements)
+        fractions = tuple(gauss_points(self.body.modes)[0].tolist()) if spans else ()
+        radius, excitation = self.contact.radius, self.excitation.position
+        return Layout(beam, radius, excitation, positions, points, fractions, self.attachments)
+
+    @cached_property
+    def element_rows(self) -> list[ElementRows]:
+        """Where each element touches the beam, in its modes."""
+        if isinstance(self.body, ModalBody) or not self.elements:
+            return []
+        return element_rows(self.elements, self.reduction.ports(self.body.length), self.body.modes)
 
     def with_modes(self, modes: int) -> "Rig":
         """Return the same beam rig on another number of modes; a modal rig is returned as it is.
@@ -235,4 +293,6 @@ def _of_modes(rig: Rig, body: ModalBody) -> Assembly:
     seen = [shapes[c.name] for c in rig.response_channels]
     rows = np.array([body.contact_shape, body.excitation_shape, *seen, np.zeros(n)])
     none = np.zeros((1, n))
-    return Assembly(np.eye(n), np.diag(squares), np.zeros((n, n)), rows, np.zeros((len(rows), 2)), none, none)
+    return Assembly(
+        np.eye(n), np.diag(squares), np.zeros((n, n)), rows, np.zeros((len(rows), 2)), none, none, np.zeros((0, 1))
+    )

@@ -46,6 +46,17 @@ class Reaction:
         zero = np.zeros(n)
         return Reaction(zero, zero, zero, zero, 0.0, 0.0)
 
+    def times(self, scale: float) -> "Reaction":
+        """The reaction with its variation scaled."""
+        return Reaction(
+            scale * self.inertia,
+            scale * self.damping,
+            scale * self.stiffness,
+            scale * self.stretch,
+            scale * self.force_share,
+            scale * self.friction_lever,
+        )
+
     @property
     def varies(self) -> bool:
         """Whether R differs from the static load at all."""

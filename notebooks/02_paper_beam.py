@@ -156,7 +156,7 @@ assert abs(min(compliance) - 17.8) < 0.3 and abs(compliance[0] - 44.6) < 0.3 and
 # %%
 s = rig.structure
 F_star = 4 / np.pi * rig.contact.law.mu * rig.contact.normal_load * abs(s.slip_row[0] / s.excitation[0])
-steady_load = replace(rig, contact=replace(rig.contact, variable_normal_load=False))
+steady_load = replace(rig, contact=replace(rig.contact, load_variation=0.0))
 held, free = (force_response(r, float(modes.sliding_hz[0]), (4.0, 9.0), harmonics=9) for r in (steady_load, rig))
 print(f"F* = {F_star:.2f} N; first fold {held.folds[0]:.2f} N with R = P, {free.folds[0]:.2f} N with R(t)")
 print(f"with R(t), the large motion goes on down to {min(free.folds):.2f} N")

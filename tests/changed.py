@@ -13,9 +13,9 @@ def changed(rig: Rig, key: str, value: float) -> Rig:
         case "beam", _:
             return replace(rig, body=replace(rig.body, **{name: value}))
         case "channels", _:
-            moved = name.removesuffix(".position")
+            moved, _, field = name.rpartition(".")
             return replace(
-                rig, channels=tuple(replace(c, position=value) if c.name == moved else c for c in rig.channels)
+                rig, channels=tuple(replace(c, **{field: value}) if c.name == moved else c for c in rig.channels)
             )
         case "attachments", _ if entry := re.match(r"(\w+)\[(\d+)\]\.(\w+)", name):
             kind, i, field = entry[1], int(entry[2]), entry[3]

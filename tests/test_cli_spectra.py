@@ -46,7 +46,7 @@ def test_records_are_written_and_told(tmp_path: Path) -> None:
     assert np.max(np.abs(z)) < 4.0
     rows = [line.split() for line in result.stdout.splitlines()]
     amplitude, std = np.hypot(*spectra.coefficients[0, 1, [1, 4]]), spectra.std[0, 1, 1]
-    assert ["a1", f"{amplitude:.5g}", f"{std:.2g}", "SI"] in [row[:4] for row in rows]
+    assert ["a1", f"{amplitude:.5g}", f"{std:.2g}", "m/s2"] in [row[:4] for row in rows]
     assert "fundamental 50 Hz, 50 periods; standard deviations from the scatter of 50 blocks" in result.stdout
     assert result.stdout.splitlines()[-1] == f"wrote {out}"
 

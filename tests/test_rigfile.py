@@ -166,15 +166,8 @@ REFUSED = {
         BEAM,
         "[beam]",
         "[baem]",
-        ": baem is unknown; accepted keys are name, beam, damping, contact, excitation, channels, "
+        ": baem is unknown; accepted keys are name, beam, damping, contact, excitation, channels, extensions, "
         "modal (instead of beam); did you mean beam?",
-    ),
-    "extensions": (
-        BEAM,
-        "[excitation]",
-        "[[extensions]]\n[excitation]",
-        ": extensions is unknown; accepted keys are name, beam, damping, contact, excitation, channels, "
-        "modal (instead of beam); did you mean excitation?",
     ),
     "misspelt switch": (
         BEAM,
@@ -538,7 +531,7 @@ def test_beam_file_with_only_required_keys_takes_the_documented_defaults() -> No
     assert rig.body.modes == 5
     assert (rig.damping.stiffness_proportional, rig.damping.high_mode_ratio, rig.damping.high_mode_from) == (0, 0.02, 6)
     assert rig.damping.modal_ratios is None
-    assert rig.contact.variable_normal_load
+    assert rig.contact.load_variation == 1.0
     assert rig.contact.residual_compliance
     assert rig.contact.foreshortening
     assert [c.name for c in rig.channels] == ["force", "a1"]

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -92,9 +93,7 @@ def spectra(
         for r, f in zip(recordings, hz, strict=True)
     ]
     levels = levels or [_level(e, force) for e in estimates]
-    write_spectra(
-        out, spectra_of_records(estimates, levels, _names(recordings, loaded), str(out)), _units(estimates, loaded)
-    )
+    write_spectra(out, spectra_of_records(estimates, levels, _names(recordings, loaded), str(out)), _units(estimates))
     print_spectra(console(), estimates, levels)
     print_written([out])
 
@@ -153,7 +152,8 @@ def _recorded(path: Path, columns: dict[str, str], rig: "Rig | None") -> "Record
         unit, accepted = recorded.units.get(name, ""), UNITS[quantities[name]]
         if unit not in ("", accepted):
             raise InputError(f"{path}: channel {name} is in {unit}; must be {quantities[name]}, {accepted}, in the rig")
-    return recorded
+    known = {name: UNITS[quantities[name]] for name in recorded.channels} if rig else recorded.units
+    return replace(recorded, units=known)
 
 
 def _force_name(rig: "Rig | None") -> str:
@@ -180,8 +180,5 @@ def _names(recordings: Sequence["Recording"], rig: "Rig | None") -> list[str]:
     return list(dict.fromkeys(name for recorded in recordings for name in recorded.channels))
 
 
-def _units(estimates: Sequence["HarmonicEstimate"], rig: "Rig | None") -> dict[str, str]:
-    from models.rig import UNITS
-
-    said = {name: unit for e in estimates for name, unit in e.units.items() if unit}
-    return said if rig is None else {c.name: UNITS[c.quantity] for c in rig.channels}
+def _units(estimates: Sequence["HarmonicEstimate"]) -> dict[str, str]:
+    return {name: unit for e in estimates for name, unit in e.units.items() if unit}

@@ -7,8 +7,9 @@ from scipy import optimize
 
 from hbm.fourier import Array
 from hbm.inverse.readings import Readings, readings
-from hbm.inverse.sensing import sensing
+from hbm.inverse.sensing import Complex, sensing
 from models.beam import Beam
+from models.change import structure_change, structure_scalars
 from models.rig import Rig
 
 WITHIN = 0.1
@@ -17,7 +18,14 @@ WITHIN = 0.1
 EVALUATIONS = 8
 """Steps of the fit, each of which linearises anew."""
 
-PROPERTIES = ("youngs_modulus", "density", "length", "thickness", "excitation position", "mass_proportional")
+PROPERTIES = (
+    "beam.youngs_modulus",
+    "beam.density",
+    "beam.length",
+    "beam.thickness",
+    "excitation.position",
+    "damping.mass_proportional",
+)
 
 
 def structure_score(rig: Rig, base: Readings) -> float:
@@ -38,15 +46,51 @@ def structure_score(rig: Rig, base: Readings) -> float:
     if not isinstance(rig.body, Beam):
         return float("inf")
 
-    def misfit(off: Array) -> Array:
+    def at(off: Array) -> Readings:
         seen = sensing(_changed(rig, off), base.seen.spectra)
-        trial = readings(seen, base.coupling) if seen.structure.n == base.seen.structure.n else base
-        residual = trial.residual.ravel()
-        return np.concatenate([residual.real, residual.imag])
+        return readings(seen, base.coupling) if seen.structure.n == base.seen.structure.n else base
 
+    def misfit(off: Array) -> Array:
+        return _parts(at(off).residual[..., None])[:, 0]
+
+    def slope(off: Array) -> Array:
+        return _parts(_residual_change(at(off)) * nominal)
+
+    nominal = np.array([structure_scalars(rig)[key].value for key in PROPERTIES])
     start = np.zeros(len(PROPERTIES))
-    found = optimize.least_squares(misfit, start, bounds=(-WITHIN, WITHIN), x_scale=1e-3, max_nfev=EVALUATIONS)
+    bounds = (-WITHIN, WITHIN)
+    found = optimize.least_squares(misfit, start, slope, bounds=bounds, x_scale=1e-3, max_nfev=EVALUATIONS)
     return float(2.0 * found.cost + np.log(base.total))
+
+
+def _parts(values: Complex) -> Array:
+    """Real and imaginary parts of (r, H, c, p), in rows, (2 r H c, p)."""
+    flat = values.reshape(-1, values.shape[-1])
+    return np.concatenate([flat.real, flat.imag])
+
+
+def _residual_change(at: Readings) -> Complex:
+    """Derivatives (r, H, c, p) of the residual to the properties, as the fit of friction and force follows.
+
+    Of the two parts of variable projection the one that vanishes with the residual is left out (Kaufman 1975).
+    """
+    seen, s = at.seen, at.seen.structure
+    change, (T, F, _) = structure_change(seen.rig, PROPERTIES), np.moveaxis(at.everyone.state, 2, 0)
+    i_omega, stiffness = seen.i_omega[:, 1:, None], seen.stiffness[:, 1:]
+    q = (T[..., None] * s.slip_row + F[..., None] * s.excitation + at.coupling[:, 1:]) / stiffness
+    columns = []
+    for p in range(len(PROPERTIES)):
+        resisting = (
+            q @ change.stiffness[p].T + i_omega**2 * (q @ change.mass[p].T) + i_omega * (q @ change.damping[p].T)
+        )
+        slip, drive, *channels = change.rows[p]
+        moved = (T[..., None] * slip + F[..., None] * drive - resisting) / stiffness
+        static = np.stack([T, F], axis=2) @ change.flexibility[p, 2:].T
+        columns.append(seen.factor[:, 1:] * (moved @ seen.rows.T + q @ np.array(channels).T + static))
+    read = np.zeros((*at.read.shape, len(PROPERTIES)), dtype=complex)
+    read[:, :, :-1] = -at.weight[:, :, :-1, None] * np.stack(columns, axis=3)  # the force channel stays
+    A = at.rows[..., :2]
+    return np.asarray(read - A @ (at.everyone.covariance @ (A.conj().swapaxes(2, 3) @ read)))
 
 
 def _changed(rig: Rig, off: Array) -> Rig:

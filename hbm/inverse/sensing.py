@@ -80,10 +80,13 @@ class Sensing:
 
     @cached_property
     def factor(self) -> Complex:
-        """From displacement to each channel's quantity, (r, H+1, c)."""
-        quantity = {channel.name: channel.quantity for channel in self.rig.channels}
-        times = np.array([DERIVATIVES[quantity[name]] for name in self.channels])
-        return np.asarray(self.i_omega[..., None] ** times)
+        """From displacement to what each channel reads of its quantity, (r, H+1, c)."""
+        named = {channel.name: channel for channel in self.rig.channels}
+        sensors = [named[name] for name in self.channels]
+        times = np.array([DERIVATIVES[sensor.quantity] for sensor in sensors])
+        gain, delay = (np.array([getattr(sensor, what) for sensor in sensors]) for what in ("gain", "delay"))
+        s = self.i_omega[..., None]
+        return np.asarray(s**times * gain * np.exp(-s * delay))
 
     @cached_property
     def by_friction(self) -> Complex:

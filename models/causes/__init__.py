@@ -1,5 +1,67 @@
 """The catalogue of causes: what may be missing in a rig that does not agree with its measurements.
 
 :class:`~models.causes.cause.Cause` says what a cause is; each is one small class that extends a rig, and its parameters
-are numbers of the extended rig, so that simulation and exact derivatives need to know nothing of it.
+are numbers of the extended rig, so that simulation and exact derivatives need to know nothing of it. :data:`CAUSES` has
+them by name, :func:`all_candidates` what may be wrong with one rig.
+
+A cause's unknowns are those of a rig that it has not extended yet: ``cause.extend(rig, {u.name: u.starts[0] for u in
+cause.unknowns(rig)})``.
 """
+
+from collections.abc import Iterator
+
+from models.causes.cause import Cause, Unknown
+from models.causes.friction import (
+    AsymmetricFriction,
+    BristleMemory,
+    DistributedMicroslip,
+    StribeckWeakening,
+    VariableNormalLoad,
+    ViscousContact,
+)
+from models.causes.parameter import WrongParameter
+from models.causes.sensors import SensorDelay, SensorGain, SensorPosition, SwappedChannels
+from models.causes.structure import (
+    AddedMass,
+    AddedSpring,
+    AttachedResonator,
+    ClampRotation,
+    StiffnessDamping,
+    SupportFlexibility,
+    SupportRotationSpring,
+)
+from models.rig import Rig
+
+CAUSES: dict[str, type[Cause]] = {
+    cause.name: cause
+    for cause in (
+        StribeckWeakening,
+        DistributedMicroslip,
+        ViscousContact,
+        AsymmetricFriction,
+        BristleMemory,
+        VariableNormalLoad,
+        ClampRotation,
+        SupportRotationSpring,
+        SupportFlexibility,
+        StiffnessDamping,
+        AddedMass,
+        AddedSpring,
+        AttachedResonator,
+        SensorGain,
+        SensorDelay,
+        SensorPosition,
+        SwappedChannels,
+        WrongParameter,
+    )
+}
+"""Every cause by its name, formats.md section 6; ``parameter`` stands for every ``parameter:<key>``."""
+
+
+def all_candidates(rig: Rig) -> Iterator[Cause]:
+    """Everything of the catalogue that may be wrong with a rig."""
+    for cause in CAUSES.values():
+        yield from cause.candidates(rig)
+
+
+__all__ = ["CAUSES", "Cause", "Unknown", "all_candidates"]

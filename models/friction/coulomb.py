@@ -1,4 +1,7 @@
-"""Coulomb's law and its kin: a limit mu R, and what happens below it."""
+"""Coulomb's law and its kin: a limit mu R, and what happens below it.
+
+`ratio` is mu forward over mu backward, 1 unless a law is made asymmetric (:func:`models.friction.extended.asymmetric`).
+"""
 
 from dataclasses import dataclass, field
 from typing import ClassVar
@@ -31,12 +34,13 @@ class Coulomb:
     name: ClassVar[str] = "coulomb-lagrange"
     states: ClassVar[int] = 1
     set_valued: ClassVar[bool] = True
+    ratio: ClassVar[Value] = 1.0
 
     mu: Value = field(metadata=parameter("1", "friction coefficient", "(15)"))
 
     def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
         """Return map of the series compliance alone."""
-        return return_map(z, 1.0 / now.C, self.mu, now)
+        return return_map(z, 1.0 / now.C, self.mu, now, self.ratio)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,7 @@ class Jenkins:
     name: ClassVar[str] = "coulomb-penalty"
     states: ClassVar[int] = 1
     set_valued: ClassVar[bool] = False
+    ratio: ClassVar[Value] = 1.0
 
     mu: Value = field(metadata=parameter("1", "friction coefficient", "(18)"))
     critical_slip: Value = field(metadata=parameter("m", "elastic slip u_crit at which sliding starts", "(17), (19)"))
@@ -53,7 +58,7 @@ class Jenkins:
     def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
         """Return map of the tangential spring in series with the structure."""
         stiffness = 1.0 / (self.critical_slip / (self.mu * now.P) + now.C)
-        return return_map(z, stiffness, self.mu, now)
+        return return_map(z, stiffness, self.mu, now, self.ratio)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +97,7 @@ class Karnopp:
     name: ClassVar[str] = "karnopp"
     states: ClassVar[int] = 1
     set_valued: ClassVar[bool] = True
+    ratio: ClassVar[Value] = 1.0
 
     mu_static: Value = field(metadata=parameter("1", "friction coefficient in the band", BAND_SOURCE, at_least="mu"))
     mu: Value = field(metadata=parameter("1", "friction coefficient outside", BAND_SOURCE))
@@ -102,7 +108,7 @@ class Karnopp:
     def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
         """Return map of the series compliance alone, with the limit of the band."""
         within = share_within(self.velocity_band, before.v, now.v)
-        return return_map(z, 1.0 / now.C, self.mu + (self.mu_static - self.mu) * within, now)
+        return return_map(z, 1.0 / now.C, self.mu + (self.mu_static - self.mu) * within, now, self.ratio)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +172,7 @@ class Stribeck:
     name: ClassVar[str] = "stribeck"
     states: ClassVar[int] = 1
     set_valued: ClassVar[bool] = False
+    ratio: ClassVar[Value] = 1.0
 
     mu_static: Value = field(metadata=parameter("1", "friction coefficient at rest", "(20)", at_least="mu"))
     mu: Value = field(metadata=parameter("1", "friction coefficient at high speed", "(20)"))
@@ -179,4 +186,4 @@ class Stribeck:
         """Return map with the limit of the present slip velocity."""
         stiffness = 1.0 / (self.critical_slip / (self.mu_static * now.P) + now.C)
         mu = weakening(self.mu_static, self.mu, self.stribeck_velocity, self.exponent, now.v)
-        return return_map(z, stiffness, mu, now)
+        return return_map(z, stiffness, mu, now, self.ratio)

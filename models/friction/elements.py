@@ -13,21 +13,31 @@ def clip(value: Value, low: Value, high: Value) -> Value:
     return ca.fmin(ca.fmax(value, low), high)
 
 
-def limits(mu: Value, s: ContactSample) -> tuple[Value, Value]:
+def sides(mu: Value, ratio: Value) -> tuple[Value, Value]:
+    """Friction coefficients forward (v > 0) and backward, in a ratio, with the mean `mu`.
+
+    >>> sides(0.5, 1.5)
+    (0.6, 0.4)
+    """
+    return 2.0 * mu * ratio / (1.0 + ratio), 2.0 * mu / (1.0 + ratio)
+
+
+def limits(mu: Value, s: ContactSample, ratio: Value = 1.0) -> tuple[Value, Value]:
     """Lowest and highest friction force, -mu R and mu R with R = rho + eta T solved for T.
 
-    A reaction that would be negative (the tip would lift off) leaves no friction.
+    A reaction that would be negative (the tip would lift off) leaves no friction. `ratio` as in :func:`sides`.
     """
     pressed = ca.fmax(s.rho, 0.0)
-    return -mu * pressed / (1.0 + mu * s.eta), mu * pressed / (1.0 - mu * s.eta)
+    forward, backward = sides(mu, ratio)
+    return -forward * pressed / (1.0 + forward * s.eta), backward * pressed / (1.0 - backward * s.eta)
 
 
-def return_map(z: Value, stiffness: Value, mu: Value, s: ContactSample) -> tuple[Value, Value]:
+def return_map(z: Value, stiffness: Value, mu: Value, s: ContactSample, ratio: Value = 1.0) -> tuple[Value, Value]:
     """Jenkins element with its anchor at `z`: exact stick-slip return mapping.
 
     The anchor stays while the spring force is within the limits and is dragged along otherwise.
     """
-    T = clip(stiffness * (z - s.u), *limits(mu, s))
+    T = clip(stiffness * (z - s.u), *limits(mu, s, ratio))
     return s.u + T / stiffness, T
 
 

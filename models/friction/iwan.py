@@ -5,7 +5,7 @@ from typing import ClassVar, Literal
 
 import casadi as ca
 
-from models.friction.elements import clip
+from models.friction.elements import clip, sides
 from models.friction.law import ContactSample, Value, parameter, setting
 
 SOURCE = "Iwan 1966"
@@ -21,6 +21,7 @@ class Iwan:
 
     name: ClassVar[str] = "iwan"
     set_valued: ClassVar[bool] = False
+    ratio: ClassVar[Value] = 1.0
 
     mu: Value = field(metadata=parameter("1", "friction coefficient of all elements together", SOURCE))
     stiffness: Value = field(metadata=parameter("N/m", "stiffness of all elements together", SOURCE))
@@ -61,6 +62,7 @@ class Iwan:
 
     def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
         """Return map of every element under the displacement of the contact they share."""
-        stiffness, limit = self.stiffness / self.states, self.mu * now.reaction * self.shares
-        T = clip(stiffness * (z - now.displacement), -limit, limit)
+        stiffness, limit = self.stiffness / self.states, now.reaction * self.shares
+        forward, backward = sides(self.mu, self.ratio)
+        T = clip(stiffness * (z - now.displacement), -forward * limit, backward * limit)
         return now.displacement + T / stiffness, ca.sum1(T)

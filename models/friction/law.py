@@ -13,10 +13,11 @@ solve them itself, in closed form (:func:`models.friction.elements.limits`); or 
 """
 
 from dataclasses import MISSING, Field, dataclass, fields, replace
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import casadi as ca
 
+Described = TypeVar("Described")
 Value = Any  # a float or a CasADi expression: laws are written once for both
 
 
@@ -155,18 +156,18 @@ def defaults(law: type) -> dict[str, Any]:
     return {f.name: f.default for f in fields(law) if f.default is not MISSING}
 
 
-def parameters(law: FrictionLaw) -> dict[str, float]:
-    """Parameters of a law by name, in the order every solver passes them."""
+def parameters(law: object) -> dict[str, float]:
+    """Parameters of a law (or of a nonlinear element) by name, in the order every solver passes them."""
     return {f.name: getattr(law, f.name) for f in fields(law) if "setting" not in f.metadata}  # type: ignore[arg-type]
 
 
-def chosen(law: FrictionLaw) -> dict[str, Any]:
-    """Settings of a law by name."""
+def chosen(law: object) -> dict[str, Any]:
+    """Settings of a law (or of a nonlinear element) by name."""
     return {name: getattr(law, name) for name in settings(type(law))}
 
 
-def with_symbols(law: FrictionLaw) -> tuple[FrictionLaw, Any]:
-    """Copy a law with its parameters replaced by CasADi symbols; return it and the (p,) SX vector."""
+def with_symbols(law: Described) -> tuple[Described, Any]:
+    """Copy a law (or a nonlinear element) with CasADi symbols for its parameters; return it and the (p,) SX vector."""
     names = list(parameters(law))
     p = ca.SX.sym("p", len(names))
     return replace(law, **{name: p[i] for i, name in enumerate(names)}), p  # type: ignore[type-var]

@@ -38,7 +38,7 @@ class CubicSpring:
         return z, -self.gamma * now.u**3
 
 
-def beam(law: FrictionLaw = PAPER_PENALTY, *, alpha: float = 0.6, modes: int = 5, **contact: bool) -> Rig:
+def beam(law: FrictionLaw = PAPER_PENALTY, *, alpha: float = 0.6, modes: int = 5, **contact: float) -> Rig:
     """Return the paper's beam with finite transients: alpha [1/s] ten times the paper's, contact switches as given."""
     rig = paper_rig(law)
     return replace(rig, damping=Damping(mass_proportional=alpha), contact=replace(rig.contact, **contact)).with_modes(

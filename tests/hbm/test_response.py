@@ -132,7 +132,7 @@ def test_force_curve_meets_frequency_curve():
 @pytest.mark.parametrize("finer", [1, 3, 5, 10])
 def test_corner_where_a_second_slip_phase_is_born(finer):
     """A 7:1 superharmonic resonance of mode 3: other codes stall at this corner with fine steps."""
-    rig = beam(variable_normal_load=False, residual_compliance=False, foreshortening=False)
+    rig = beam(load_variation=0.0, residual_compliance=False, foreshortening=False)
     curve = trace_frequency(rig, (46.8, 48.6), harmonics=9, step_hz=0.8 / finer)
     assert curve.complete
     assert min(abs(hz - 47.678) for hz in curve.corners) < 1e-3
@@ -140,7 +140,7 @@ def test_corner_where_a_second_slip_phase_is_born(finer):
 
 def test_peak_of_five_codes():
     """Constant load, no foreshortening, no residual compliance: five codes agree on this peak (mm, Hz)."""
-    rig = beam(variable_normal_load=False, residual_compliance=False, foreshortening=False)
+    rig = beam(load_variation=0.0, residual_compliance=False, foreshortening=False)
     curve = trace_frequency(rig, (40.0, 80.0), harmonics=9, step_hz=0.2)
     assert curve["drive"].peak.max() * 1e3 == pytest.approx(0.175954, rel=1e-4)
     assert curve.peak.hz == pytest.approx(49.362, abs=5e-3)

@@ -190,7 +190,7 @@ CASES = [
     (JENKINS, 45.0, {}),  # sticks
     (JENKINS, 49.0, {}),  # near resonance
     (JENKINS, 53.4, {}),
-    (JENKINS, 49.0, {"variable_normal_load": False}),
+    (JENKINS, 49.0, {"load_variation": 0.0}),
     (COULOMB, 49.0, {}),
     (COULOMB, 53.5, {}),
     (COULOMB, 49.0, {"residual_compliance": False}),  # dynamic Lagrangian
@@ -240,7 +240,7 @@ EVERY_NUMBER = [
     (JENKINS, 49.0, Attachments(), {}),  # near resonance
     (JENKINS, 47.0, SOFT, {}),
     (JENKINS, 49.0, ATTACHED, {}),
-    (JENKINS, 47.0, SOFT, {"variable_normal_load": False}),
+    (JENKINS, 47.0, SOFT, {"load_variation": 0.0}),
     (COULOMB, 49.0, ATTACHED, {"foreshortening": False}),
     (COULOMB, 49.0, Attachments(), {"residual_compliance": False}),  # dynamic Lagrangian
     (STRIBECK, 49.0, SOFT, {}),

@@ -16,7 +16,7 @@ from hbm.identification.outputerror import fit_spectra
 from hbm.inverse.reconstruct import reconstruct
 from models import Jenkins
 
-EXAMPLES = Path("/work/shared/data/examples")
+EXAMPLES = Path(__file__).parents[3] / "shared" / "data" / "examples"
 pytestmark = pytest.mark.skipif(not EXAMPLES.exists(), reason=f"the example measurements are not at {EXAMPLES}")
 
 

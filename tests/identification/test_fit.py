@@ -13,6 +13,7 @@ from hbm.identification.judgement import fitted_parameters
 from hbm.identification.start import candidate
 from models import LAWS, Coulomb, Dahl, Hybrid, Iwan, Jenkins, Karnopp, LuGre, SpringDamper, Stribeck
 from models.friction import ForceBalance, VelocityLimited, Viscous, parameters
+from models.friction.extended import DampedDahl, DistributedJenkins, WeakeningJenkins, asymmetric, beside_dashpot
 
 TRUTHS = {
     law.name: law
@@ -40,6 +41,18 @@ TRUTHS = {
         Viscous(coefficient=3e3),
     )
 }
+EXTENDED = {
+    law.name: law
+    for law in (
+        beside_dashpot(Jenkins)(mu=0.47, critical_slip=4.4e-6, coefficient=700.0),
+        asymmetric(Jenkins)(mu=0.47, critical_slip=4.4e-6, ratio=1.2),
+        DistributedJenkins(mu=0.47, critical_slip=4.4e-6, spread=0.7),
+        WeakeningJenkins(mu_static=0.55, mu=0.47, stribeck_velocity=2e-3, stiffness=9e6),
+        DampedDahl(mu=0.47, stiffness=7e6, bristle_damping=800.0),
+    )
+}
+"""Laws that a diagnosis may lead to."""
+
 FLOOR = 0.02
 """Noise by which noise-free records are weighed [N]."""
 
@@ -48,11 +61,11 @@ def test_every_law_with_parameters_is_tried_here():
     assert set(TRUTHS) == set(LAWS) - {"none"}
 
 
-@pytest.mark.parametrize("name", sorted(TRUTHS))
+@pytest.mark.parametrize("name", [*sorted(TRUTHS), *EXTENDED])
 def test_law_recovers_its_own_parameters(name):
     # noise-free, by the same samples: what is left is the search, judged by noise of 0.02 N. Starts are 5 % off; from
     # physical scales alone: the next test
-    law = TRUTHS[name]
+    law = (TRUTHS | EXTENDED)[name]
     signals = motions(4, seed=1)
     made = observed([of_law(law, s) for s in signals], signals, FLOOR)
     moved = set(parameters(law)) - {"mu_static", "exponent"}

@@ -68,7 +68,7 @@ RIGS = {
     "turns": paper(replace(HEAVY, clamp_stiffness=2e3), damping=Damping(0.6, high_mode_from=3)),
     "no residual": paper(SOFT, damping=DAMPING, contact=replace(paper_rig().contact, residual_compliance=False)),
     "no G": paper(HEAVY, damping=DAMPING, contact=replace(paper_rig().contact, foreshortening=False)),
-    "no R(t)": paper(SOFT, damping=DAMPING, contact=replace(paper_rig().contact, variable_normal_load=False)),
+    "no R(t)": paper(SOFT, damping=DAMPING, contact=replace(paper_rig().contact, load_variation=0.0)),
 }
 
 

@@ -59,7 +59,7 @@ def test_excitation_and_channel_rows_are_shapes_there() -> None:
 def test_switches_remove_what_they_name() -> None:
     assert not with_contact(foreshortening=False).structure.shortening.any()
     assert with_contact(residual_compliance=False).structure.compliance == 0.0
-    assert not with_contact(variable_normal_load=False).structure.reaction.varies
+    assert not with_contact(load_variation=0.0).structure.reaction.varies
     assert RIG.structure.reaction.varies
 
 

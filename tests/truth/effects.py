@@ -21,7 +21,7 @@ class Motion:
 
     `y`, `y_rate` (records, copies, rows): what its rows read; `q`, `Gq` (records, copies, n) the coordinates and the
     geometric matrix times them; `phase` of the excitation 0..1; `flexibility` (records, 1, rows) response of each row
-    to its own force within the step.
+    to its own force within the step; `dt` (records, 1) of the step, 0 where it only begins.
     """
 
     y: Array
@@ -30,6 +30,7 @@ class Motion:
     Gq: Array
     phase: float
     flexibility: Array
+    dt: Array
 
 
 class Effect:
@@ -239,3 +240,50 @@ class ClampFriction(Effect):
         excess = trial - np.clip(trial, -self.limit, self.limit)
         slid = start + excess / (k * (1 - soft * k))
         return k * slid, slid
+
+
+@dataclass(frozen=True)
+class BreathingCrack(Effect):
+    """Bending stiffness that is less by `loss` over a short stretch where it opens; outside the catalogue."""
+
+    loss: float
+    position: float
+    half_length: float
+    bending: float
+    opens: float = 1.0
+    nonlinear = True
+
+    def places(self) -> list[float]:
+        return [self.position - self.half_length, self.position + self.half_length]
+
+    def rows(self, fe: FiniteElements) -> Array:
+        first, last = (2 * int(np.abs(fe.nodes - place).argmin()) + 1 for place in self.places())
+        return (fe.unit(last) - fe.unit(first))[None]
+
+    def forces(self, at: Motion, start: Array, tried: Array) -> tuple[Array, Array]:
+        missing = self.loss * self.bending / (2 * self.half_length)
+        return missing * self.opens * np.maximum(self.opens * at.y, 0.0), start
+
+
+@dataclass(frozen=True)
+class SpringPot(Effect):
+    """Maxwell elements in parallel to ground, whose loss grows as a root of the frequency; outside the catalogue."""
+
+    stiffness: float
+    position: float
+    slowest: float
+    elements: int = 6
+    nonlinear = True
+    states = 6
+
+    def places(self) -> list[float]:
+        return [self.position]
+
+    def rows(self, fe: FiniteElements) -> Array:
+        return fe.row(self.position)[None]
+
+    def forces(self, at: Motion, start: Array, tried: Array) -> tuple[Array, Array]:
+        ratio = 4.0 ** np.arange(self.elements)  # from slow to fast
+        grown = at.dt[..., None] * ratio / self.slowest
+        crept = (start + grown * at.y) / (1 + grown)
+        return -(self.stiffness * np.sqrt(ratio) * (at.y - crept)).sum(axis=-1, keepdims=True), crept

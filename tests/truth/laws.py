@@ -35,6 +35,7 @@ class Trial:
     v_T: Array
     w_T: Array
     R_T: Array
+    u: Array
 
 
 class Law(Protocol):
@@ -79,6 +80,25 @@ class Coulomb(Single):
         R, R_T = np.maximum(at.R, 0.0), at.R_T * (at.R > 0)
         stiffness = self.mu * at.P / self.critical_slip
         T, slope = jenkins(old[..., 0], stiffness, backward * R, -forward * R, backward * R_T, -forward * R_T, at)
+        return T[..., None], slope
+
+
+@dataclass(frozen=True)
+class PlaceDependent(Single):
+    """Coulomb penalty whose friction coefficient is mu (1 + slope u / critical_slip): outside the catalogue."""
+
+    mu: Value
+    critical_slip: Value
+    slope: Value
+    name: ClassVar[str] = "place-dependent"
+
+    def advance(self, old: Array, at: Trial) -> tuple[Array, Array]:
+        R = np.maximum(at.R, 0.0)
+        mu = self.mu * np.clip(1 + self.slope * at.u / self.critical_slip, 0.2, 1.8)
+        limit = mu * R
+        limit_T = mu * at.R_T * (at.R > 0) + self.mu * self.slope / self.critical_slip * at.du_T * R
+        stiffness = self.mu * at.P / self.critical_slip
+        T, slope = jenkins(old[..., 0], stiffness, limit, -limit, limit_T, -limit_T, at)
         return T[..., None], slope
 
 

@@ -124,7 +124,7 @@ class Batch:
         rigs = self.rigs if len(self.rigs) == 1 else [self.rigs[i] for i in np.flatnonzero(keep)]
         return Batch(rigs, self.omega[keep], self.steps, self.tolerance)
 
-    def _effects(self, q: Array, v: Array, Gq: Array, phase: float, start: Array, tried: Array, soft: Array):
+    def _effects(self, q: Array, v: Array, Gq: Array, phase: float, start: Array, tried: Array, soft: Array, dt: Array):
         """Generalised force, extra tension, extra part of R and new memory of the hidden effects."""
         if not self.hidden:
             return 0.0, 0.0, 0.0, start
@@ -132,7 +132,7 @@ class Batch:
         y, y_rate = q @ rows.swapaxes(1, 2), v @ rows.swapaxes(1, 2)
         forces, memory, tension, r, s = [], [], 0.0, 0, 0
         for effect, count in zip(self.hidden, self.row_count, strict=True):
-            at = Motion(y[..., r : r + count], y_rate[..., r : r + count], q, Gq, phase, soft[..., r : r + count])
+            at = Motion(y[..., r : r + count], y_rate[..., r : r + count], q, Gq, phase, soft[..., r : r + count], dt)
             part = slice(s, s + effect.states)
             force, kept = effect.forces(at, start[..., part], tried[..., part])
             forces.append(force)
@@ -150,7 +150,7 @@ class Batch:
         still, soft = np.where(self.dynamic[:, None], 0.0, 1.0 / m["omega2"][:, None]), 0 * self.row_flexibility
         whole, Gq = state.q, state.q @ m["G"]
         for _ in range(8):
-            push, tension, at_tip, _ = self._effects(whole, v, Gq, 0.0, state.hidden, state.hidden, soft)
+            push, tension, at_tip, _ = self._effects(whole, v, Gq, 0.0, state.hidden, state.hidden, soft, 0 * self.dt)
             p = self._forces(F, T, tension, Gq) + push
             whole = q + still * p
             Gq = whole @ m["G"]
@@ -185,7 +185,9 @@ class Batch:
         ones = np.ones_like(T)
         for trial in range(1, TRIALS + 1):
             before = push
-            push, tension, at_tip, memory = self._effects(q, v, Gq, phase, old.hidden, memory, self.row_flexibility)
+            push, tension, at_tip, memory = self._effects(
+                q, v, Gq, phase, old.hidden, memory, self.row_flexibility, self.dt
+            )
             p = self._forces(F, T, tension, Gq) + push
             q, v = q0 + self.q1 * p, v0 + self.v1 * p
             Gq = q @ m["G"]
@@ -193,7 +195,7 @@ class Batch:
             w = v_slip + (rest - now.rest) / self.dt
             at = Trial(
                 u - now.u, v_slip, w, self.normal(R), now.v_slip, R_old, self.dt, self.P,
-                self.u_T * ones, self.v_T * ones, self.w_T * ones, self.R_T * ones,
+                self.u_T * ones, self.v_T * ones, self.w_T * ones, self.R_T * ones, u,
             )  # fmt: skip
             remembered, slope = law.advance(old.law, at)
             change = (law.force(remembered) - T) / np.maximum(1.0 - slope, 0.3)

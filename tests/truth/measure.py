@@ -1,6 +1,6 @@
 """What instruments make of the truth, and the files of formats.md."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
@@ -72,14 +72,15 @@ def measure(
     return Spectra(truth.records, names, noisy.real, noisy.imag, np.array(std), true.real, true.imag)
 
 
-def write_spectra(path: str | Path, spectra: Spectra, mean: bool = True) -> None:
-    """CSV of formats.md section 2; records numbered from 1; without harmonic 0 unless `mean`."""
+def write_spectra(path: str | Path, spectra: Spectra, mean: bool = True, numbers: Sequence[int] | None = None) -> None:
+    """CSV of formats.md section 2; records numbered from 1 unless told; without harmonic 0 unless `mean`."""
+    numbers = range(1, len(spectra.records) + 1) if numbers is None else numbers
     lines = ["record,level,frequency_hz,channel,harmonic,cos,sin,std"]
     for i, record in enumerate(spectra.records):
         for j, channel in enumerate(spectra.channels):
             for k in range(0 if mean else 1, spectra.cos.shape[-1]):
                 a, b, s = spectra.cos[i, j, k], spectra.sin[i, j, k], spectra.std[i, j, k]
-                lines.append(f"{i + 1},{record.level:.10g},{record.hz:.10g},{channel},{k},{a:.9e},{b:.9e},{s:.6e}")
+                lines.append(f"{numbers[i]},{record.level:.10g},{record.hz:.10g},{channel},{k},{a:.9e},{b:.9e},{s:.6e}")
     Path(path).write_text("\n".join(lines) + "\n")
 
 

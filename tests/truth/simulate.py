@@ -37,6 +37,8 @@ class Settings:
     tolerance: float = 1e-9
     iterations: int = 12
     retries: int = 2
+    again: int = 60  # periods marched on where Newton failed
+    chord: bool = False  # the derivatives of the coarse steps serve the fine ones too, for as long as they converge
     growth: float = 1e-5  # of a Floquet multiplier over one that is still called stable (a stuck contact has one at 1)
 
 
@@ -176,8 +178,8 @@ class Shooting:
         worst = np.max([np.abs(g / f).max(axis=(1, 2)) for g, f in pairs(gaps, floor) if g.size], axis=0)
         return end, worst, mapped[:, 0] - slow[:, 0] / unit, ((mapped[:, 1:] - mapped[:, :1]) / eps).swapaxes(1, 2)
 
-    def solve(self, state: State) -> tuple[State, Array, Array]:
-        """State, residual and largest Floquet multiplier of each record.
+    def solve(self, state: State, known: Array | None = None) -> tuple[State, Array, Array]:
+        """State, residual and largest Floquet multiplier of each record; `known` derivatives to begin with.
 
         A derivative serves for as long as it brings the residual down tenfold; the last is taken near the solution.
         """
@@ -185,6 +187,8 @@ class Shooting:
         last = Progress(state.map(np.copy), np.full(records, np.inf), np.zeros((records, width)), np.ones(records))
         trial, jacobian = state.map(np.copy), np.zeros((records, width, width))
         taken_at, renew = np.full(records, np.inf), np.ones(records, bool)
+        if known is not None and known.shape == jacobian.shape:
+            jacobian[:], taken_at, renew = known, np.zeros(records), np.zeros(records, bool)
         todo = np.ones(records, bool)
         for _ in range(self.settings.iterations):
             for derivative in (True, False):
@@ -213,6 +217,7 @@ class Shooting:
         stale = (taken_at > 1e-5) & ~todo
         if stale.any():
             jacobian[stale] = self.after_period(last.state, stale, True)[3]
+        self.jacobian = jacobian
         return last.state, last.residual, np.abs(np.linalg.eigvals(jacobian)).max(axis=1)
 
     def _put(self, into: State, r: int, source: State, i: int, step: Array | None = None) -> None:
@@ -226,11 +231,6 @@ class Shooting:
 
 def pairs(a: State, b: State) -> list[tuple[Array, Array]]:
     return [(getattr(a, f.name), getattr(b, f.name)) for f in fields(State)]
-
-
-def shoot(batch: Batch, force: Array, start: State, size: State, settings: Settings) -> tuple[State, Array, Array]:
-    """Steady states by Newton from `start`, residuals and multipliers."""
-    return Shooting(batch, force, size, settings).solve(start)
 
 
 def simulate_records(
@@ -254,17 +254,20 @@ def simulate_records(
     if start is None:
         rising = Batch(rigs, omega, settings.coarse, tolerance=1e-8)
         state, size = ramp(rising, rough, coarse.rest_state(), settings.ramp, settings.hold)
+        settled = replace(settings, tolerance=1e-6)
         for _ in range(settings.retries + 1):
-            found, residual, _ = shoot(coarse, rough, state, size, replace(settings, tolerance=1e-6))
+            shooting = Shooting(coarse, rough, size, settled)
+            found, residual, _ = shooting.solve(state)
             bad = residual > 1e-4
             if not bad.any():
                 break
-            marched, _ = ramp(coarse, rough, state, 0, 60)
+            marched, _ = ramp(coarse, rough, state, 0, settings.again)
             state = merged(found, marched, bad)
         state = merged(found, state, bad)
+        known = shooting.jacobian if settings.chord and not bad.any() else None
     else:
-        state, size = start, ramp(coarse, rough, start, 0, 1)[1]
-    state, residual, multiplier = shoot(fine, exact, state, size, settings)
+        state, size, known = start, ramp(coarse, rough, start, 0, 1)[1], None
+    state, residual, multiplier = Shooting(fine, exact, size, settings).solve(state, known)
     return observe(fine, asked, state, exact, residual, multiplier, settings)
 
 

@@ -1,0 +1,298 @@
+"""The force balance of a rig on a Fourier basis: unknowns, scaling and equations.
+
+Unknowns are the modal coefficients Q (2H+1, n) and the coefficients of the friction force T (2H+1,).
+
+Scaling. Modal rows are divided by the largest generalised excitation, the contact row by the excitation
+amplitude: a residual of 1e-10 means that every force balance, harmonic by harmonic, closes to 1e-10 of the
+excitation.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.aft import ContactForce, Environment, LawOverPeriod
+from hbm.elements import ElementsOverPeriod
+from hbm.fourier import Array, FourierBasis
+from models.friction import parameters
+from models.rig import Rig
+
+Parameter = Literal["frequency", "force"]
+
+COUPLING = 0.02
+"""Foreshortening of a mode stays out of the Newton matrix below this fraction of its least dynamic stiffness."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Unknowns in physical units: Q (2H+1, n), T (2H+1,) [N], Omega [rad/s] and force F [N]."""
+
+    Q: Array
+    T: Array
+    Omega: float
+    F: float
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What the contact sees of a state.
+
+    Attributes
+    ----------
+    Gq : (2H+1, n) array
+        Coefficients of G q; du/dq = c - G q. Zeros where the structure is not drawn in.
+    by_T : (2H+1, 2H+1) array or None
+        Matrix that multiplies a series by T; None where the structure is not drawn in.
+    signals : (2H+1, 4) array
+        Coefficients of u, v, rho, eta (:data:`hbm.aft.SIGNALS`).
+    elements : (2H+1, n+1) array or None
+        Forces of the nonlinear elements on the modes, and on the support.
+    """
+
+    Gq: Array
+    by_T: Array | None
+    signals: Array
+    elements: Array | None = None
+
+
+@dataclass(frozen=True)
+class DenseBlock:
+    """The coefficients whose parametric stiffness is kept in the Newton matrix.
+
+    Attributes
+    ----------
+    cosines : (c,) array of int
+        The pairs, in the order harmonic by harmonic, mode by mode.
+    coefficients : (d,) array of int
+        Their cosine, then their sine coefficients in the flat (2H+1, m) unknowns.
+    products : (d, d) array of int
+        Where each pair of coefficients finds its entry in the flat multiplication matrix of T.
+    G : (d, d) array
+        Shortening of the modes of each pair.
+    """
+
+    cosines: npt.NDArray[np.intp]
+    coefficients: npt.NDArray[np.intp]
+    products: npt.NDArray[np.intp]
+    G: Array
+
+    @staticmethod
+    def of(strong: npt.NDArray[np.bool_], shortening: Array, size: int) -> "DenseBlock":
+        """Block of the pairs `strong` (H+1, m); harmonic 0 whole."""
+        cosines = np.flatnonzero(strong)
+        sines = np.flatnonzero(strong[1:]) + strong.size  # behind the (H+1) m cosines
+        coefficients = np.concatenate([cosines, sines])
+        harmonic, mode = np.divmod(coefficients, strong.shape[1])
+        products = harmonic[:, None] * size + harmonic
+        return DenseBlock(cosines, coefficients, products, shortening[mode[:, None], mode])
+
+
+class Balance:
+    """A rig on a Fourier basis with one free parameter: its unknowns and their equations.
+
+    Parameters
+    ----------
+    rig : Rig
+        Structure, contact and excitation.
+    basis : FourierBasis
+        Harmonics and samples.
+    parameter : {"frequency", "force"}
+        What the continuation parameter is: the frequency in units of `hz_ref`, or F / amplitude.
+    hz : float
+        Excitation frequency where the parameter is the force [Hz].
+    level : float, optional
+        Force amplitude where the parameter is the frequency [N]; the rig's where omitted.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        basis: FourierBasis,
+        *,
+        parameter: Parameter = "frequency",
+        hz: float = 0.0,
+        level: float | None = None,
+    ) -> None:
+        s = rig.structure
+        self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
+        self.level = rig.excitation.amplitude if level is None else level
+        self.fixed_hz = hz
+        omega_1 = float(s.omega_n[0])
+        self.hz_ref = 2.0 ** round(float(np.log2(omega_1 / (2 * np.pi))))  # a power of two: scaling back loses no digit
+        self.Omega_ref = 2 * np.pi * self.hz_ref
+        self.F_ref = self.level
+        self.modal_force_ref = self.F_ref * float(np.abs(s.excitation).max())
+        # a tenfold dynamic amplification of the static response of the first mode
+        self.q_ref = 10.0 * self.modal_force_ref / omega_1**2
+        self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
+        self.force_shape = _force_shape(rig, basis)
+        self.elements = ElementsOverPeriod(rig, basis) if rig.elements else None
+        self.law = LawOverPeriod(rig.contact.law, basis)
+        self.environment, self.dynamic_lagrangian = self._environment(rig)
+        r = s.reaction
+        self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stiffness, r.stretch], axis=1)
+        self._blocks: dict[bytes, DenseBlock] = {}
+        self.coupling = rig.contact.normal_load * np.diag(s.shortening)
+        self.coupled = self._coupled_modes()
+
+    # ---- set-up
+
+    def _environment(self, rig: Rig) -> tuple[Environment, float]:
+        """Law inputs; and the compliance lent to a set-valued law of a structure that has none.
+
+        The loan is taken back harmonic by harmonic (dynamic Lagrangian frequency-time): the law is shown
+        u - loan T, with T the unknown coefficients, so that at convergence the contact point sticks and slips
+        exactly and its motion has the coefficients of u. The answer does not depend on the loan.
+        """
+        s = self.structure
+        values = np.array([float(v) for v in parameters(rig.contact.law).values()])
+        lend = rig.contact.law.set_valued and s.compliance == 0.0
+        # a tenth of what the structure yields at the first harmonic left out: less is stiffer to solve, more is blunter
+        loan = 0.1 * float(np.sum(s.slip_row**2 / (s.omega_n**2 + (self.basis.H * s.omega_n[0]) ** 2))) if lend else 0.0
+        return Environment(s.compliance + loan, rig.contact.normal_load, values), loan
+
+    def _coupled_modes(self) -> int:
+        """How many of the lowest modes need their foreshortening in the Newton matrix."""
+        s = self.structure
+        least_stiffness = np.minimum(s.damping * s.omega_n, s.omega_n**2)
+        strong = np.flatnonzero(self.coupling > COUPLING * least_stiffness)
+        return int(strong[-1]) + 1 if strong.size else 0
+
+    def dense_block(self, strong: npt.NDArray[np.bool_]) -> "DenseBlock":
+        """Where the (harmonic, mode) pairs `strong` (H+1, m) stand in the balance; remembered from point to point."""
+        key = strong.tobytes()
+        if key not in self._blocks:
+            self._blocks[key] = DenseBlock.of(strong, self.structure.shortening, self.basis.size)
+        return self._blocks[key]
+
+    # ---- vectors
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.basis.size * (self.structure.n + 1)
+
+    def pack(self, state: State) -> tuple[Array, float]:
+        """Scaled unknowns and continuation parameter of a state."""
+        x = np.concatenate([(state.Q / self.q_ref).ravel(), state.T / self.F_ref])
+        return x, state.Omega / self.Omega_ref if self.parameter == "frequency" else state.F / self.F_ref
+
+    def unpack(self, x: Array, lam: float) -> State:
+        """State in physical units of scaled unknowns."""
+        split = self.basis.size * self.structure.n
+        Q = x[:split].reshape(self.basis.size, -1) * self.q_ref
+        Omega, F = self.at(lam)
+        return State(Q, x[split:] * self.F_ref, Omega, F)
+
+    def at(self, lam: float) -> tuple[float, float]:
+        """Frequency [rad/s] and force amplitude [N] at a value of the continuation parameter."""
+        if self.parameter == "frequency":
+            return lam * self.Omega_ref, self.level
+        return 2 * np.pi * self.fixed_hz, lam * self.F_ref
+
+    def hz_at(self, lam: float) -> float:
+        """Frequency [Hz] at a value of the continuation parameter."""
+        return lam * self.hz_ref if self.parameter == "frequency" else self.fixed_hz
+
+    def lam_at(self, hz: float) -> float:
+        """Value of the continuation parameter at a frequency [Hz], where the frequency is the parameter."""
+        return hz / self.hz_ref
+
+    # ---- mechanics
+
+    def kinematics(self, state: State) -> Kinematics:
+        """Slip, its velocity, and the two parts of the reaction, from the modes."""
+        s, basis, Q, Omega = self.structure, self.basis, state.Q, state.Omega
+        rows = Q @ self.rows  # slip, three of the reaction, stretch
+        signals = np.empty((basis.size, 4))
+        u = signals[:, 0]
+        u[:] = rows[:, 0]
+        if self.coupled:
+            Gq, by_T = Q @ s.shortening, basis.multiplication(state.T)
+            fine = basis.exact_products
+            u -= 0.5 * (fine.analysis @ np.einsum("ti,ti->t", fine.synthesis @ Gq, fine.synthesis @ Q))
+        else:
+            Gq, by_T = np.zeros_like(Q), None
+        if self.dynamic_lagrangian:
+            u -= self.dynamic_lagrangian * state.T
+        u += s.residual.slip_by_force * state.F * self.force_shape
+        signals[:, 1] = Omega * basis.derivative(u)
+        signals[:, 2] = self.reaction_of(rows[:, 1:4], Omega)
+        signals[0, 2] += self.rig.contact.normal_load
+        signals[:, 2] -= s.reaction.force_share * state.F * self.force_shape
+        signals[:, 3] = rows[:, 4]
+        signals[0, 3] -= s.reaction.friction_lever
+        if self.elements is None:
+            return Kinematics(Gq, by_T, signals)
+        forces = self.elements.force(Q, Omega)
+        signals[:, 2] -= forces[:, -1]
+        return Kinematics(Gq, by_T, signals, forces)
+
+    def reaction_of(self, rows: Array, Omega: float) -> Array:
+        """Coefficients (2H+1, ...) of the reaction's part from the modes.
+
+        Parameters
+        ----------
+        rows : (2H+1, 3, ...) array
+            Coefficients of the inertia, damping and stiffness rows times the modes.
+        Omega : float
+            [rad/s].
+        """
+        inertia, damping, stiffness = rows[:, 0], rows[:, 1], rows[:, 2]
+        squared = (self.basis.k * Omega) ** 2
+        return Omega * self.basis.derivative(damping) - (squared * inertia.T).T + stiffness
+
+    def dynamic_stiffness(self, Omega: float) -> tuple[Array, Array]:
+        """Dynamic stiffness per mass-normalised mode, real and imaginary part, (H+1, n) [1/s2]."""
+        k = np.arange(self.basis.H + 1)[:, None] * Omega
+        return self.structure.omega_n**2 - k**2, k * self.structure.damping
+
+    def _modal_balance(self, state: State, kin: Kinematics) -> Array:
+        """Inertia, damping and stiffness minus friction, excitation and elements, per mode, (2H+1, n)."""
+        s, basis = self.structure, self.basis
+        Q, Omega = state.Q, state.Omega
+        force = np.outer(state.T, s.slip_row)
+        if kin.by_T is not None:
+            force -= kin.by_T @ kin.Gq
+        balance = (s.omega_n**2 - (basis.k * Omega)[:, None] ** 2) * Q
+        balance += Omega * s.damping * basis.derivative(Q) - force
+        balance -= np.outer(state.F * self.force_shape, s.excitation)
+        if kin.elements is not None:
+            balance -= kin.elements[:, :-1]
+        return balance
+
+    def slip_by_modes(self, kin: Kinematics) -> Array:
+        """Matrices of du/dq = c - G q times a series, (2H+1, 2H+1, n)."""
+        slope = -kin.Gq
+        slope[0] += self.structure.slip_row
+        return self.basis.multiplication(slope)
+
+    def by_parameter(self, state: State, contact: ContactForce) -> tuple[Array, Array]:
+        """Derivative of the unscaled balances, elements excluded, to the unscaled continuation parameter."""
+        s, basis, Q, Omega, shape = self.structure, self.basis, state.Q, state.Omega, self.force_shape
+        if self.parameter == "frequency":
+            modal = s.damping * basis.derivative(Q) - (2 * Omega * basis.k**2)[:, None] * Q
+            d_rho = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
+            slope = -contact.by_Omega
+        else:
+            modal, d_rho, slope = -np.outer(shape, s.excitation), -s.reaction.force_share * shape, np.zeros(basis.size)
+            if contact.by_u is not None:
+                slope = -s.residual.slip_by_force * contact.by_u @ shape
+        return modal, slope if contact.by_rho is None else slope - contact.by_rho @ d_rho
+
+    def contact_state(self, state: State) -> tuple[Kinematics, Array, Array, float]:
+        """Kinematics, friction force at the samples [N], internal state before the first, and closure of the loop."""
+        kin = self.kinematics(state)
+        T, closure = self.law.force(kin.signals, state.Omega, self.environment)
+        return kin, T.copy(), self.law.memory, closure
+
+
+def _force_shape(rig: Rig, basis: FourierBasis) -> Array:
+    """Coefficients of the excitation per amplitude of its fundamental, (2H+1,); harmonics beyond H left out."""
+    shape = np.zeros(basis.size)
+    for k, cosine, sine in rig.excitation.tones:
+        if k <= basis.H:
+            shape[k], shape[basis.H + k] = cosine, sine
+    return shape

@@ -1,0 +1,96 @@
+"""The complete Newton system of a balance, for a rig with nonlinear elements along its beam: dense and exact."""
+
+import numpy as np
+
+from continuation.problem import DenseLinearization
+from hbm.aft import ContactForce
+from hbm.balance import Balance, Kinematics, State
+from hbm.fourier import Array
+
+
+class CompleteBalance:
+    """Linearised balance of all unknowns, factored with the border in use.
+
+    Attributes
+    ----------
+    slope : ElementSlope
+        Of the elements.
+    """
+
+    def __init__(self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce) -> None:
+        if problem.elements is None:
+            raise ValueError(f"{problem.rig.name}: no elements; the elimination serves")
+        self.problem, self.state, self.kin, self.contact = problem, state, kin, contact
+        self.slope = problem.elements.linearize(state.Q, state.Omega)
+        self._dense = DenseLinearization(np.zeros(problem.size), self._by_unknowns(), self._by_parameter())
+
+    def _by_unknowns(self) -> Array:
+        """Derivative of the scaled balances to the scaled unknowns, (size, size)."""
+        problem, contact, size = self.problem, self.contact, self.problem.basis.size
+        split = size * problem.structure.n
+        J, slip = np.empty((problem.size, problem.size)), problem.slip_by_modes(self.kin)  # (2H+1, 2H+1, n)
+        J[:split, :split] = self._modes().reshape(split, split)
+        J[:split, split:] = -slip.transpose(0, 2, 1).reshape(split, size)  # what maps the modes to u takes T to them
+        J[split:, :split] = -self._law(slip.reshape(size, split))
+        J[split:, split:] = np.eye(size)
+        if problem.dynamic_lagrangian and contact.by_u is not None:
+            J[split:, split:] += problem.dynamic_lagrangian * contact.by_u
+        J[:split] /= problem.modal_force_ref
+        J[split:] /= problem.F_ref
+        J[:, :split] *= problem.q_ref
+        J[:, split:] *= problem.F_ref
+        return J
+
+    def _modes(self) -> Array:
+        """Derivative of the modal balance to the modes, (2H+1, n, 2H+1, n)."""
+        problem, basis, n = self.problem, self.problem.basis, self.problem.structure.n
+        K = -self.slope.by_Q[:, :n]
+        if self.kin.by_T is not None:
+            K += self.kin.by_T[:, None, :, None] * problem.structure.shortening[:, None, :]
+        real, imaginary = problem.dynamic_stiffness(self.state.Omega)
+        H, mode = basis.H, np.arange(n)
+        cosine, sine = np.arange(H + 1)[:, None], np.arange(H + 1, 2 * H + 1)[:, None]
+        K[cosine, mode, cosine, mode] += real
+        K[sine, mode, sine, mode] += real[1:]
+        K[cosine[1:], mode, sine, mode] += imaginary[1:]
+        K[sine, mode, cosine[1:], mode] -= imaginary[1:]
+        return np.asarray(K)
+
+    def _law(self, slip: Array) -> Array:
+        """Derivative of the law's force coefficients to the modes, (2H+1, (2H+1) n), with that of the slip."""
+        problem, contact, basis = self.problem, self.contact, self.problem.basis
+        r, n, Omega = problem.structure.reaction, problem.structure.n, self.state.Omega
+        law = np.zeros_like(slip)
+        if contact.by_u is not None:
+            law += contact.by_u @ slip
+        if contact.by_rho is not None:
+            rho = contact.by_rho[:, :, None] * (r.stiffness - (basis.k[:, None] * Omega) ** 2 * r.inertia)
+            rho += Omega * basis.derivative_on_right(contact.by_rho)[:, :, None] * r.damping
+            law += rho.reshape(law.shape) - contact.by_rho @ self.slope.by_Q[:, n].reshape(law.shape)
+        if contact.by_eta is not None:
+            law += (contact.by_eta[:, :, None] * r.stretch).reshape(law.shape)
+        return law
+
+    def _by_parameter(self) -> Array:
+        """Derivative of the scaled balances to the scaled continuation parameter, (size,)."""
+        problem, n = self.problem, self.problem.structure.n
+        modal, contact = problem.by_parameter(self.state, self.contact)
+        if problem.parameter == "frequency":
+            modal = modal - self.slope.by_Omega[:, :n]
+            if self.contact.by_rho is not None:
+                contact = contact + self.contact.by_rho @ self.slope.by_Omega[:, n]
+        scaled = [modal.ravel() / problem.modal_force_ref, contact / problem.F_ref]
+        return np.concatenate(scaled) * problem.lam_ref
+
+    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
+        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
+        return self._dense.solve_bordered(row, row_lam, rhs, rhs_row)
+
+    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
+        """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
+        x, lam = zip(*(self.solve_bordered(row, row_lam, column, rhs_row) for column in rhs.T), strict=True)
+        return np.column_stack(x), np.array(lam)
+
+    def determinant_sign(self, row: Array, row_lam: float) -> int:
+        """Sign of the determinant of the bordered matrix."""
+        return self._dense.determinant_sign(row, row_lam)

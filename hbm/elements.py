@@ -1,0 +1,189 @@
+"""Nonlinear elements over one period: coefficients of the motion in, of the forces on the modes out.
+
+Each sample is differentiated by CasADi in what the rows of the elements read; between the modes the derivative is a
+product with the Fourier coefficients of these slopes, so that no sum over samples meets a pair of modes.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from hbm.fourier import Array, FourierBasis
+from hbm.lawperiod import buffered
+from models.elements import ElementRows
+from models.friction import chosen, describe, parameters, with_symbols
+from models.rig import Rig
+
+
+@dataclass(frozen=True)
+class ElementSlope:
+    """Derivatives of the forces on modes and support, :meth:`ElementsOverPeriod.force`.
+
+    Attributes
+    ----------
+    by_Q : (2H+1, n+1, 2H+1, n) array
+        To the coefficients of the modes.
+    by_Omega : (2H+1, n+1) array
+        To the fundamental frequency at fixed coefficients.
+    """
+
+    by_Q: Array
+    by_Omega: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ElementChange:
+    """Derivatives of all elements to p parameters.
+
+    Attributes
+    ----------
+    rows : ElementRows
+        (p, r, n), (p, r) and (p, r) arrays, all elements in turn.
+    parameters : (parameters, p) array
+    Omega : (p,) array
+    """
+
+    rows: ElementRows
+    parameters: Array
+    Omega: Array
+
+
+def stacked(parts: list[ElementRows], axis: int = 0) -> ElementRows:
+    """Rows of all elements in turn, along the given axis."""
+    return ElementRows(*(np.concatenate(arrays, axis=axis) for arrays in zip(*parts, strict=True)))
+
+
+class ElementsOverPeriod:
+    """The elements of a rig on a Fourier basis.
+
+    One object serves one thread: it owns the buffers that CasADi reads and fills.
+
+    Raises
+    ------
+    ValueError
+        If the samples do not resolve products of the harmonics with a stiffness that varies.
+    """
+
+    def __init__(self, rig: Rig, basis: FourierBasis) -> None:
+        if basis.N_t <= 4 * basis.H:
+            raise ValueError(f"elements: {basis.N_t} samples for {basis.H} harmonics; must be more than 4 per harmonic")
+        self.basis, self._wide = basis, FourierBasis(2 * basis.H, basis.N_t)
+        rows, share, self._weight = stacked(rig.element_rows)
+        self.rows, self.onto = rows, np.column_stack([rows, share])  # reads (r, n), pushes modes and support (r, n+1)
+        sizes = [len(part.weight) for part in rig.element_rows]
+        described = tuple(
+            (type(e), tuple(chosen(e).items()), size) for e, size in zip(rig.elements, sizes, strict=True)
+        )
+        values = [float(v) for e in rig.elements for v in parameters(e).values()]
+        self._parameters: Array = np.array(values)
+        self._functions = _functions(described, basis.N_t)
+        self._y: Array = np.zeros((basis.N_t, len(rows)))
+        self._y_t = np.zeros_like(self._y)
+        self._inputs = [self._y, self._y_t, self._weight, self._parameters]
+        self._evaluate, (self._force,) = buffered(self._functions.force, self._inputs)
+
+    def _read(self, Q: Array, Omega: float) -> None:
+        seen = Q @ self.rows.T
+        np.matmul(self.basis.synthesis, seen, out=self._y)
+        np.matmul(Omega * self.basis.synthesis, self.basis.derivative(seen), out=self._y_t)
+
+    def _row_forces(self, Q: Array, Omega: float) -> Array:
+        """Coefficients of the force along each row, (2H+1, r)."""
+        self._read(Q, Omega)
+        self._evaluate()
+        return np.asarray(self.basis.analysis @ self._force.reshape(self._y.shape))
+
+    def force(self, Q: Array, Omega: float) -> Array:
+        """Coefficients of the forces on the modes, and last on the support, (2H+1, n+1).
+
+        Parameters
+        ----------
+        Q : (2H+1, n) array
+            Coefficients of the modes.
+        Omega : float
+            Fundamental frequency [rad/s].
+        """
+        return np.asarray(self._row_forces(Q, Omega) @ self.onto)
+
+    def linearize(self, Q: Array, Omega: float) -> ElementSlope:
+        """Derivatives of :meth:`force`."""
+        basis, n, f = self.basis, Q.shape[1], self._functions
+        self._read(Q, Omega)
+        evaluate, slopes = buffered(f.slopes, self._inputs)
+        evaluate()
+        by_Q = np.zeros((basis.size, basis.size, (n + 1) * n))
+        by_Omega = np.zeros((basis.size, n + 1))
+        for i, (slope, (row, column)) in enumerate(zip(slopes, f.places, strict=True)):
+            if not len(row):
+                continue
+            k = slope.reshape(basis.N_t, len(row))
+            onto_modes = (self.onto[row][:, :, None] * self.rows[column][:, None]).reshape(len(row), -1)
+            series = (self._wide.analysis @ k) @ onto_modes  # of the stiffness, then of the damping, between the modes
+            matrices = basis.multiplication(series)
+            if i == 0:
+                by_Q += matrices
+            else:
+                by_Q += Omega * basis.derivative_on_right(matrices.swapaxes(1, 2)).swapaxes(1, 2)
+                by_Omega += basis.analysis @ (k * self._y_t[:, column]) @ self.onto[row] / Omega
+        return ElementSlope(by_Q.reshape(basis.size, basis.size, n + 1, n).swapaxes(1, 2), by_Omega)
+
+    def along(self, Q: Array, Omega: float, change: ElementChange) -> Array:
+        """Derivatives of :meth:`force` with the motion held, (2H+1, n+1, p)."""
+        basis, (rows, share, weight) = self.basis, change.rows
+        forces = self._row_forces(Q, Omega)
+        out = np.einsum("kr,pri->kip", forces, np.concatenate([rows, share[:, :, None]], axis=2))
+        seen = np.einsum("kn,prn->krp", Q, rows)
+        faster = basis.derivative(Q @ self.rows.T)
+        d_y, d_y_t = np.empty_like(self._y), np.empty_like(self._y)
+        d_weight, d_parameters = np.empty_like(self._weight), np.empty_like(self._parameters)
+        evaluate, (d_force,) = buffered(self._functions.change, [*self._inputs, d_y, d_y_t, d_weight, d_parameters])
+        for p, d_Omega in enumerate(change.Omega):
+            d_y[:] = basis.synthesis @ seen[:, :, p]
+            d_y_t[:] = basis.synthesis @ (Omega * basis.derivative(seen[:, :, p]) + d_Omega * faster)
+            d_weight[:], d_parameters[:] = weight[p], change.parameters[:, p]
+            evaluate()
+            out[:, :, p] += basis.analysis @ d_force.reshape(self._y.shape) @ self.onto
+        return np.asarray(out)
+
+
+@dataclass(frozen=True)
+class _Functions:
+    """Functions of all samples; `places` (2, entries) of the entries that `slopes` gives of d force / d y and d y_t."""
+
+    force: ca.Function
+    slopes: ca.Function
+    change: ca.Function
+    places: list[npt.NDArray[np.intp]]
+
+
+@lru_cache(maxsize=16)
+def _functions(described: tuple[tuple[type, tuple[tuple[str, object], ...], int], ...], N_t: int) -> _Functions:
+    """Functions of elements given by class, settings and number of rows."""
+    y, y_t, weight = (ca.SX.sym(name, sum(size for *_, size in described)) for name in ("y", "y_t", "weight"))
+    forces, symbols, first = [], [], 0
+    for kind, settings, size in described:
+        element, p = with_symbols(kind(**dict.fromkeys(describe(kind), 0.0), **dict(settings)))
+        rows = slice(first, first + size)
+        forces.append(element.force(y[rows], y_t[rows], weight[rows]))
+        symbols.append(p)
+        first += size
+    force, p = ca.densify(ca.vertcat(*forces)), ca.vertcat(*symbols)
+    jacobians = [ca.jacobian(force, y), ca.jacobian(force, y_t)]
+    places = [np.array(j.sparsity().get_triplet(), dtype=int).reshape(2, -1) for j in jacobians]
+    entries = [ca.SX(ca.vertcat(*j.nonzeros())) if j.nnz() else ca.SX(0, 1) for j in jacobians]
+    inputs = [y, y_t, weight, p]
+    seeds = [ca.SX.sym(f"d_{name}", s.shape[0]) for name, s in zip(("y", "y_t", "weight", "p"), inputs, strict=True)]
+    along = ca.densify(ca.jtimes(force, ca.vertcat(*inputs), ca.vertcat(*seeds)))
+
+    def over_period(name: str, arguments: list[ca.SX], outputs: list[ca.SX], constant: list[int]) -> ca.Function:
+        return ca.Function(name, arguments, outputs).map(name, "serial", N_t, constant, [])
+
+    return _Functions(
+        over_period("force", inputs, [force], [2, 3]),
+        over_period("slopes", inputs, entries, [2, 3]),
+        over_period("change", [*inputs, *seeds], [along], [2, 3, 6, 7]),
+        places,
+    )

@@ -1,0 +1,76 @@
+"""A nominal value of the rig file that is wrong."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from models.beam import Beam
+from models.causes.cause import Unknown
+from models.change import structure_scalars
+from models.friction import describe, parameters
+from models.numbers import number, with_number
+from models.rig import Rig
+
+LAW, POSITION, ALPHA = "contact.friction.", "excitation.position", "damping.mass_proportional"
+OF_BEAM = ("beam.youngs_modulus", "beam.density", "beam.length", "beam.thickness", "contact.radius")
+LOAD = "contact.normal_load"
+MOST = 1e3
+"""How many times the nominal value a value may be, or the other way round."""
+
+
+@dataclass(frozen=True)
+class WrongParameter:
+    """A nominal value of the rig file that is wrong.
+
+    Attributes
+    ----------
+    key : str
+        Dotted key of the rig file.
+    """
+
+    name: ClassVar[str] = "parameter"
+    meaning: ClassVar[str] = "a nominal value of the rig file is wrong"
+    looks_like: ClassVar[str] = "what a change of that value does"
+    confused_with: ClassVar[str] = "causes that act in the same place"
+
+    key: str
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["WrongParameter"]:
+        """Of every value that may have been measured wrongly; those that are zero and positive are not offered."""
+        beam = isinstance(rig.body, Beam)
+        keys = [*(OF_BEAM if beam else ()), LOAD, *(() if rig.damping.modal_ratios else (ALPHA,))]
+        keys += [POSITION] if beam else []
+        keys += [LAW + name for name in describe(type(rig.contact.law))]
+        yield from (cls(key) for key in keys if number(rig, key) > 0.0)
+
+    @property
+    def label(self) -> str:
+        """``parameter:`` and the key."""
+        return f"{self.name}:{self.key}"
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """The value, nominal at first."""
+        now = number(rig, self.key)
+        lower, upper = now / MOST, now * MOST
+        known = describe(type(rig.contact.law))
+        if self.key.startswith(LAW):
+            name = self.key.removeprefix(LAW)
+            of_law, others = known[name], parameters(rig.contact.law)
+            upper, unit = min(upper, of_law.upper), of_law.unit
+            if of_law.at_least:
+                lower = others[of_law.at_least]
+            upper = min([upper, *(others[other] for other, p in known.items() if p.at_least == name)])
+        else:
+            unit = "N" if self.key == LOAD else structure_scalars(rig)[self.key].unit
+        if isinstance(rig.body, Beam):
+            if self.key == POSITION:
+                upper = rig.body.length
+            if self.key == "beam.length":  # everything stays on the beam
+                lower = max([rig.excitation.position, *(c.position for c in rig.channels)])
+        near = tuple(value for value in (0.9 * now, 1.1 * now) if lower <= value <= upper)
+        return (Unknown("value", unit, self.key, lower, upper, now, (now, *near)),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Set the value."""
+        return with_number(rig, self.key, values["value"])

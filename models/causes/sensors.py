@@ -1,0 +1,172 @@
+"""Causes in what the channels read."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import ClassVar
+
+from models.beam import Beam
+from models.causes.cause import Unknown
+from models.numbers import number, with_number
+from models.rig import ModalBody, Rig
+
+
+@dataclass(frozen=True)
+class SensorGain:
+    """A channel that reads a multiple of the truth; -1 is a wrong polarity.
+
+    Attributes
+    ----------
+    channel : str
+    """
+
+    name: ClassVar[str] = "sensor-gain"
+    meaning: ClassVar[str] = "one channel reads gain times the truth"
+    looks_like: ClassVar[str] = "one channel only, the same factor everywhere"
+    confused_with: ClassVar[str] = "anything that few sensors see"
+
+    channel: str
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["SensorGain"]:
+        """Of each channel of motion."""
+        yield from (cls(c.name) for c in rig.response_channels)
+
+    @property
+    def label(self) -> str:
+        """Name and channel."""
+        return f"{self.name} {self.channel}"
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """The gain."""
+        key = f"channels.{self.channel}.gain"
+        now = number(rig, key)
+        return (Unknown("gain", "1", key, -100.0, 100.0, now, (now, -now)),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Set the gain."""
+        return with_number(rig, f"channels.{self.channel}.gain", values["gain"])
+
+
+@dataclass(frozen=True)
+class SensorDelay:
+    """A channel that lags.
+
+    Attributes
+    ----------
+    channel : str
+    """
+
+    name: ClassVar[str] = "sensor-delay"
+    meaning: ClassVar[str] = "one channel lags"
+    looks_like: ClassVar[str] = "one channel only, a phase that grows with the frequency"
+    confused_with: ClassVar[str] = "anything that few sensors see"
+
+    channel: str
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["SensorDelay"]:
+        """Of each channel of motion."""
+        yield from (cls(c.name) for c in rig.response_channels)
+
+    @property
+    def label(self) -> str:
+        """Name and channel."""
+        return f"{self.name} {self.channel}"
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """The delay."""
+        key = f"channels.{self.channel}.delay"
+        now = number(rig, key)
+        return (Unknown("delay_s", "s", key, -1.0, 1.0, now, (now,)),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Set the delay."""
+        return with_number(rig, f"channels.{self.channel}.delay", values["delay_s"])
+
+
+@dataclass(frozen=True)
+class SensorPosition:
+    """A sensor that sits elsewhere.
+
+    Attributes
+    ----------
+    channel : str
+    """
+
+    name: ClassVar[str] = "sensor-position"
+    meaning: ClassVar[str] = "one sensor sits elsewhere than its position says"
+    looks_like: ClassVar[str] = "one channel only, a factor that differs between modes"
+    confused_with: ClassVar[str] = "sensor-gain where one mode is measured"
+
+    channel: str
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["SensorPosition"]:
+        """Of each channel of motion of a beam."""
+        if isinstance(rig.body, Beam):
+            yield from (cls(c.name) for c in rig.response_channels)
+
+    @property
+    def label(self) -> str:
+        """Name and channel."""
+        return f"{self.name} {self.channel}"
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """The position; starts where it should be, and along the beam."""
+        assert isinstance(rig.body, Beam)
+        key, L = f"channels.{self.channel}.position", float(rig.body.length)
+        now = number(rig, key)
+        elsewhere = (share * L for share in (0.15, 0.35, 0.55, 0.75, 0.95) if abs(share * L - now) > 0.05 * L)
+        return (Unknown("position", "m", key, 1e-6 * L, L, now, (now, *elsewhere)),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Move the sensor."""
+        return with_number(rig, f"channels.{self.channel}.position", values["position"])
+
+
+@dataclass(frozen=True)
+class SwappedChannels:
+    """Two channels of one quantity that are exchanged: each name stands for the sensor of the other.
+
+    Attributes
+    ----------
+    channel, other : str
+    """
+
+    name: ClassVar[str] = "swapped-channels"
+    meaning: ClassVar[str] = "two channels are exchanged"
+    looks_like: ClassVar[str] = "two channels only, each as it should be for the other"
+    confused_with: ClassVar[str] = "sensor-position"
+
+    channel: str
+    other: str
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["SwappedChannels"]:
+        """Of each pair of channels of one quantity."""
+        for a, b in combinations(rig.response_channels, 2):
+            if a.quantity == b.quantity:
+                yield cls(a.name, b.name)
+
+    @property
+    def label(self) -> str:
+        """Name and channels, in the order of their names."""
+        return " ".join([self.name, *sorted((self.channel, self.other))])
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """None."""
+        return ()
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Exchange their sensors."""
+        names = [c.name for c in rig.channels]
+        i, j = names.index(self.channel), names.index(self.other)
+        channels = list(rig.channels)
+        channels[i], channels[j] = replace(channels[j], name=names[i]), replace(channels[i], name=names[j])
+        exchanged = replace(rig, channels=tuple(channels))
+        if not isinstance(rig.body, ModalBody):
+            return exchanged
+        shapes = list(rig.body.shapes)
+        shapes[i], shapes[j] = shapes[j], shapes[i]
+        return replace(exchanged, body=replace(rig.body, shapes=tuple(shapes)))

@@ -1,0 +1,274 @@
+"""Causes in the structure: what is attached to it, how it is held, how it damps."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from models.assembly import PointMass, PointSpring, Resonator
+from models.beam import Beam
+from models.causes.cause import Unknown
+from models.numbers import with_number
+from models.rig import Rig
+
+RIGID = (1e8, 1e4, 1e3, 1e2, 1e1)
+"""Starts of a stiffness that is infinite nominally, in units of the beam's own; the first changes hardly anything."""
+
+ALONG = (0.5, 0.25, 0.75, 0.95)
+"""Starts of positions, in lengths of the beam."""
+
+SMALL = 1e-7
+"""Start of a mass or a stiffness that changes hardly anything, in units of the beam's own: at none at all its place
+would have no say."""
+
+
+@dataclass(frozen=True)
+class ClampRotation:
+    """A clamp that turns on a spring."""
+
+    name: ClassVar[str] = "clamp-rotation"
+    meaning: ClassVar[str] = "the clamp is a rotational spring, not rigid"
+    looks_like: ClassVar[str] = "linear, alike at all levels; lowers the frequencies of modes unequally"
+    confused_with: ClassVar[str] = "parameter:beam.youngs_modulus, clamp-friction"
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["ClampRotation"]:
+        """Of a beam whose clamp is rigid."""
+        if isinstance(rig.body, Beam) and rig.attachments.clamp_stiffness is None:
+            yield cls()
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """Stiffness of the clamp."""
+        return (_rigid("N m/rad", "attachments.clamp_stiffness", _turning(_beam(rig))),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Let the clamp turn."""
+        return _attached(rig, clamp_stiffness=values["stiffness"])
+
+
+@dataclass(frozen=True)
+class SupportRotationSpring:
+    """A rotational spring at the support."""
+
+    name: ClassVar[str] = "support-rotation-spring"
+    meaning: ClassVar[str] = "the support resists the rotation of the tip elastically"
+    looks_like: ClassVar[str] = "linear; raises the frequencies as an end moment does"
+    confused_with: ClassVar[str] = "added-spring, clamp-rotation"
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["SupportRotationSpring"]:
+        """Of a beam whose tip turns freely."""
+        if isinstance(rig.body, Beam) and rig.attachments.tip_stiffness is None:
+            yield cls()
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """Stiffness of the spring."""
+        k = _turning(_beam(rig))
+        starts = (0.0, 0.01 * k, k)
+        return (Unknown("stiffness", "N m/rad", "attachments.tip_stiffness", 0.0, 1e6 * k, 0.0, starts),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Attach the spring."""
+        return _attached(rig, tip_stiffness=values["stiffness"])
+
+
+@dataclass(frozen=True)
+class SupportFlexibility:
+    """A support that yields vertically."""
+
+    name: ClassVar[str] = "support-flexibility"
+    meaning: ClassVar[str] = "the support yields vertically"
+    looks_like: ClassVar[str] = "linear; the tip moves vertically"
+    confused_with: ClassVar[str] = "clamp-rotation, added-mass"
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["SupportFlexibility"]:
+        """Of a beam whose support is rigid."""
+        if isinstance(rig.body, Beam) and rig.attachments.support_stiffness is None:
+            yield cls()
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """Stiffness of the support."""
+        return (_rigid("N/m", "attachments.support_stiffness", _bending(_beam(rig))),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Let the support yield."""
+        return _attached(rig, support_stiffness=values["stiffness"])
+
+
+@dataclass(frozen=True)
+class StiffnessDamping:
+    """Damping in proportion to the stiffness."""
+
+    name: ClassVar[str] = "stiffness-damping"
+    meaning: ClassVar[str] = "damping beta omega_i^2 beside the mass-proportional one"
+    looks_like: ClassVar[str] = "in phase with the velocity, growing with the frequency; upper modes and harmonics"
+    confused_with: ClassVar[str] = "bristle-memory, viscous-contact"
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["StiffnessDamping"]:
+        """Of any rig."""
+        yield cls()
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """Beta of the damping."""
+        now = rig.damping.stiffness_proportional
+        return (Unknown("beta", "s", "damping.stiffness_proportional", 0.0, 1.0, now, (now, now + 1e-6, now + 1e-5)),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Set beta."""
+        return with_number(rig, "damping.stiffness_proportional", values["beta"])
+
+
+@dataclass(frozen=True)
+class AddedMass:
+    """A lumped mass that was not modelled."""
+
+    name: ClassVar[str] = "added-mass"
+    meaning: ClassVar[str] = "a lumped mass sits on the beam"
+    looks_like: ClassVar[str] = "linear, in phase, growing with the square of the frequency"
+    confused_with: ClassVar[str] = "added-spring, attached-resonator below its frequency"
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["AddedMass"]:
+        """On a beam."""
+        if isinstance(rig.body, Beam):
+            yield cls()
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """Mass and place."""
+        key, m = f"attachments.masses[{len(rig.attachments.masses)}].", _mass(_beam(rig))
+        mass = Unknown("mass", "kg", key + "mass", 0.0, 10 * m, 0.0, (SMALL * m, 0.01 * m))
+        return mass, _place(_beam(rig), key)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Put the mass on the beam."""
+        return _attached(rig, masses=(*rig.attachments.masses, PointMass(**values)))
+
+
+@dataclass(frozen=True)
+class AddedSpring:
+    """A spring to the ground that was not modelled."""
+
+    name: ClassVar[str] = "added-spring"
+    meaning: ClassVar[str] = "a spring holds the beam to the ground"
+    looks_like: ClassVar[str] = "linear, in phase, whatever the frequency"
+    confused_with: ClassVar[str] = "support-rotation-spring, added-mass, attached-resonator above its frequency"
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["AddedSpring"]:
+        """On a beam."""
+        if isinstance(rig.body, Beam):
+            yield cls()
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """Stiffness and place."""
+        key, k = f"attachments.springs[{len(rig.attachments.springs)}].", _bending(_beam(rig))
+        stiffness = Unknown("stiffness", "N/m", key + "stiffness", 0.0, 1e6 * k, 0.0, (SMALL * k, 0.1 * k, k))
+        return stiffness, _place(_beam(rig), key)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Attach the spring."""
+        return _attached(rig, springs=(*rig.attachments.springs, PointSpring(**values)))
+
+
+@dataclass(frozen=True)
+class AttachedResonator:
+    """A small oscillator that was not modelled."""
+
+    name: ClassVar[str] = "attached-resonator"
+    meaning: ClassVar[str] = "something small swings on the beam"
+    looks_like: ClassVar[str] = "linear; changes its sign at its frequency, with a peak near it"
+    confused_with: ClassVar[str] = "added-mass below its frequency, added-spring above"
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["AttachedResonator"]:
+        """On a beam."""
+        if isinstance(rig.body, Beam):
+            yield cls()
+
+    @property
+    def label(self) -> str:
+        """Its name."""
+        return self.name
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """Mass, frequency when held at its foot, and place."""
+        beam = _beam(rig)
+        key, m = f"attachments.resonators[{len(rig.attachments.resonators)}].", _mass(beam)
+        hz = float(beam.natural_frequencies()[0] / (2 * np.pi))
+        starts = tuple(share * hz for share in (1.2, 0.8, 1.0, 2.0, 3.2))
+        return (
+            Unknown("mass", "kg", key + "mass", 0.0, m, 0.0, (SMALL * m, 1e-3 * m, 0.02 * m)),
+            Unknown("frequency_hz", "Hz", key + "frequency_hz", 0.05 * hz, 100 * hz, starts[0], starts),
+            _place(beam, key),
+        )
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Attach the oscillator."""
+        return _attached(rig, resonators=(*rig.attachments.resonators, Resonator(**values)))
+
+
+def _beam(rig: Rig) -> Beam:
+    assert isinstance(rig.body, Beam)
+    return rig.body
+
+
+def _mass(beam: Beam) -> float:
+    return float(beam.mass_per_length * beam.length)
+
+
+def _turning(beam: Beam) -> float:
+    """Its own stiffness against rotation, E I / L [N m/rad]."""
+    return float(beam.bending_stiffness / beam.length)
+
+
+def _bending(beam: Beam) -> float:
+    """Its own stiffness against bending, 3 E I / L^3 [N/m]."""
+    return float(3 * beam.bending_stiffness / beam.length**3)
+
+
+def _rigid(unit: str, key: str, own: float) -> Unknown:
+    """Stiffness of what is rigid nominally, beside a beam's own."""
+    infinite = float("inf")
+    return Unknown("stiffness", unit, key, 1e-3 * own, infinite, infinite, tuple(k * own for k in RIGID))
+
+
+def _place(beam: Beam, key: str) -> Unknown:
+    starts = tuple(share * beam.length for share in ALONG)
+    return Unknown("position", "m", key + "position", 1e-6 * beam.length, beam.length, starts[0], starts)
+
+
+def _attached(rig: Rig, **more: Any) -> Rig:
+    return replace(rig, attachments=replace(rig.attachments, **more))

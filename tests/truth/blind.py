@@ -1,0 +1,337 @@
+"""Blind cases: a rig, its measurements and a hidden cause drawn from a seed; the answer goes to another folder.
+
+    case = draw(seed=7, which="E")                 # the cause drawn too, perhaps none
+    case = draw(seed=8, which="E", cause="added-mass", rig_seed=7)      # shares rig and records with the other
+    write_case("data/0007", "answers/0007.json", case)
+
+Sets of diagnosis.md: A one level, one sensor, fundamental; C three levels, six sensors, fundamental; D harmonics 1..9
+too; E the second mode's band too. Strength is aimed at a residual of length rho (chi2 = rho^2 over the response's
+coefficients, harmonics 1 and up, against the rig without the cause, of the same simulator under the same noise), and
+the rho that came out, over the records kept, is stated. With `tolerances` the rig is built a little off its file;
+rho is against the rig as built. The steps, 2048 at 60 dB and 1024 at 50, leave 0.1 noise units in all.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from tests.truth.hidden import CATALOGUE, MAKERS, OUTSIDE, Hidden, Scene, Unfit
+from tests.truth.laws import Coulomb, Dahl
+from tests.truth.measure import Spectra, measure, read, write_rig, write_spectra
+from tests.truth.rig import Sensor, TrueRig
+from tests.truth.simulate import Record, Settings, Truth, scattered, simulate_records
+
+Array = np.ndarray
+SETS = ("A", "C", "D", "E")
+STEPS = {50: 1024, 60: 2048}
+CLOSE = 0.05  # of P: with less normal force than that the tip nearly lifts off
+TARGETS = ((1.25, 1.5), (2.0, 3.0), (5.0, 7.0))  # slip amplitude over the critical slip, by level
+UPPER_TARGETS = ((1.3, 1.7), (3.5, 5.0))
+MATERIALS = ((210e9, 7800.0), (200e9, 7900.0), (70e9, 2700.0), (103e9, 8500.0), (110e9, 4430.0), (120e9, 8900.0))
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A rig set up: nominal (of the rig file), as built, its records, and how it moves without a hidden cause."""
+
+    nominal: TrueRig
+    built: TrueRig
+    records: tuple[Record, ...]
+    steps: int
+    snr: int
+    harmonics: int
+    settings: Settings
+    truth: Truth
+    quick: bool = False
+
+    def fit(self, truth: Truth) -> Array:
+        """Records that somebody would have kept."""
+        if self.quick:
+            return np.ones(len(truth.records), bool)
+        near = truth.min_R <= CLOSE * truth.rig.normal_load
+        return truth.usable & ~near & (np.abs(truth.energy) < 1e-4)
+
+
+@dataclass(frozen=True)
+class Case:
+    """What the diagnosis sees (nominal rig, spectra) and what it does not (answer, truth)."""
+
+    seed: int
+    set: str
+    snr: int
+    nominal: TrueRig
+    spectra: Spectra
+    numbers: tuple[int, ...]
+    answer: dict[str, object]
+    truth: Truth
+
+    @property
+    def rho(self) -> float:
+        return float(self.answer["rho"])
+
+
+def jenkins_stiffness(amplitude: float) -> complex:
+    """Describing function of an element of stiffness 1 that slips at 1."""
+    if amplitude <= 1:
+        return 1.0 + 0j
+    turn = np.arccos(1 - 2 / amplitude)
+    return complex((turn - np.sin(2 * turn) / 2) / np.pi, 4 * (amplitude - 1) / (np.pi * amplitude**2))
+
+
+def peak(rig: TrueRig, law: Coulomb, mode: int, slip: float) -> tuple[float, float, float]:
+    """Force [N] and frequency [Hz] of the resonance with a slip amplitude (in critical slips), and swing of R over P.
+
+    By the fundamental alone.
+    """
+    r = rig.reduced()
+    low = rig.natural_frequencies(mode)[-1]
+    high = rig.natural_frequencies(mode, law.mu * rig.normal_load / law.critical_slip)[-1]
+    hz = np.linspace(0.97 * low, 1.03 * high, 1500)
+    w = 2 * np.pi * hz[:, None]
+    per_force = 1 / (r.omega2 - w**2 * r.inertia + 1j * w * r.damping)
+    stiffness = law.mu * rig.normal_load / law.critical_slip * jenkins_stiffness(slip)
+    soft = (per_force * r.contact**2).sum(axis=1) + r.axial
+    driven = (per_force * r.contact * r.drive).sum(axis=1)
+    force = slip * law.critical_slip * (1 + stiffness * soft) / driven
+    i = int(np.abs(force).argmin())
+    T = -stiffness * slip * law.critical_slip
+    q = per_force[i] * (force[i] * r.drive + T * r.contact)
+    here = w[i, 0]
+    R = (-(here**2) * r.tip_mass_row + 1j * here * r.tip_damping_row + r.tip_stiffness_row) @ q
+    return float(abs(force[i])), float(hz[i]), float(abs(R)) / rig.normal_load
+
+
+def draw_rig(rng: np.random.Generator) -> TrueRig:
+    """A beam that a laboratory might have, on Coulomb friction."""
+    E, density = MATERIALS[int(rng.integers(len(MATERIALS)))]
+    length = float(np.round(rng.uniform(0.4, 0.8), 4))
+    places = np.linspace(0.18, 0.94, 6) + rng.uniform(-0.04, 0.04, 6)
+    return TrueRig(
+        length=length,
+        width=float(np.round(rng.uniform(0.025, 0.045), 5)),
+        thickness=float(np.round(length * rng.uniform(0.0075, 0.0115), 6)),
+        youngs_modulus=float(np.round(E * rng.uniform(0.97, 1.03), -8)),
+        density=float(np.round(density * rng.uniform(0.99, 1.01), 0)),
+        alpha=float(np.round(np.exp(rng.uniform(np.log(0.3), np.log(3.0))), 3)),
+        radius=float(np.round(rng.uniform(0.004, 0.008), 5)),
+        normal_load=float(np.round(rng.uniform(50, 180), 0)),
+        law=Coulomb(float(np.round(rng.uniform(0.3, 0.6), 3)), float(np.round(rng.uniform(3e-6, 1.2e-5), 8))),
+        drive=float(np.round(length * rng.choice([rng.uniform(0.3, 0.5), rng.uniform(0.8, 0.93)]), 3)),
+        sensors=tuple(Sensor(f"a{i}", float(np.round(length * x, 3))) for i, x in enumerate(places, 1)),
+    )
+
+
+def draw_records(rig: TrueRig, which: str, rng: np.random.Generator) -> list[tuple[float, float]]:
+    """Levels and frequencies: from stuck at most frequencies to clear slip, around the resonance."""
+
+    def band(mode: int, targets: Sequence[tuple[float, float]], count: int) -> list[tuple[float, float]]:
+        peaks = [peak(rig, rig.law, mode, rng.uniform(*target)) for target in targets]
+        if max(swing for _, _, swing in peaks) > 0.6:
+            raise Unfit("the tip would lift off")
+        levels = [float(f"{force:.3g}") for force, _, _ in peaks]
+        if any(b < 1.15 * a for a, b in pairwise(levels)):
+            raise Unfit("levels too close to each other")
+        seen = [hz for _, hz, _ in peaks]
+        width = max(max(seen) - min(seen), 0.04 * min(seen))
+        hz = np.linspace(min(seen) - 0.35 * width, max(seen) + 0.35 * width, count)
+        hz = hz + rng.uniform(-0.2, 0.2, count) * (hz[1] - hz[0])
+        return [(level, float(f"{f:.5g}")) for level in levels for f in hz]
+
+    if which == "A":
+        return band(1, TARGETS[2:], int(rng.integers(12, 16)))
+    first = band(1, TARGETS, int(rng.integers(11, 15)))
+    return first + (band(2, UPPER_TARGETS, int(rng.integers(6, 9))) if which == "E" else [])
+
+
+def built_from(nominal: TrueRig, rng: np.random.Generator) -> TrueRig:
+    """The rig within its tolerances: E 1 %, sensors 0.5 mm, 0.2 % and 2 us, P 2 %."""
+    n = rng.standard_normal
+    sensors = [Sensor(s.name, s.position + 5e-4 * n(), 1 + 2e-3 * n(), 2e-6 * n()) for s in nominal.sensors]
+    return replace(
+        nominal,
+        youngs_modulus=nominal.youngs_modulus * (1 + 0.01 * n()),
+        normal_load=nominal.normal_load * (1 + 0.02 * n()),
+        sensors=tuple(sensors),
+    )
+
+
+@lru_cache(maxsize=3)
+def set_up(seed: int, which: str, kind: str = "coulomb", tolerances: bool = False, quick: bool = False) -> Bench:
+    """The bench of a seed. `kind`: coulomb, dahl, or `constant-load` (R = P in the rig file)."""
+    if which not in SETS:
+        raise ValueError(f"set {which!r}; there are {', '.join(SETS)}")
+    settings = (
+        Settings(ramp=6, hold=2, coarse=64, tolerance=1e-6, iterations=6, retries=0, again=8)
+        if quick
+        else Settings(slow_modes=8, chord=True, tolerance=1e-8)
+    )
+    for attempt in range(20):
+        rng = np.random.default_rng([seed, SETS.index(which), attempt])
+        try:
+            rig = draw_rig(rng)
+            asked = draw_records(rig, which, rng)
+            records = tuple(scattered(asked[:: len(asked) // 3] if quick else asked, rng))
+            if which == "A":
+                rig = replace(rig, sensors=(rig.sensors[int(rng.integers(6))],))
+            snr = int(rng.choice([50, 60]))
+            stiffness = rig.law.mu * rig.normal_load / rig.law.critical_slip
+            if kind == "dahl":
+                rig = replace(rig, law=Dahl(rig.law.mu, stiffness))
+            if kind == "constant-load":
+                rig = replace(rig, variable_normal_load=0.0)
+            built = built_from(rig, rng) if tolerances else rig
+            steps = 128 if quick else STEPS[snr]
+            truth = simulate_records(built, records, steps, settings)
+            harmonics = 1 if which in "AC" else 9
+            bench = Bench(rig, built, records, steps, snr, harmonics, settings, truth, quick)
+            slip = np.ptp(truth.u, axis=1).max() * stiffness / (2 * rig.law.mu * rig.normal_load)
+            if not quick and (bench.fit(truth).mean() < 0.85 or slip < 2.0):
+                raise Unfit("unstable, lifting or hardly slipping")
+            return bench
+        except Unfit:
+            continue
+    raise Unfit(f"seed {seed} makes no rig in 20 attempts")
+
+
+def noise_of(bench: Bench, truth: Truth) -> Array:
+    """Std of each response channel, as in `measure`."""
+    return np.abs(read(truth, 1)[1][:, 1:, 1]).max(axis=0) * 10 ** (-bench.snr / 20)
+
+
+def length_of(bench: Bench, truth: Truth, picked: Array, std: Array | None = None) -> tuple[float, float]:
+    """rho of a truth whose records are these of the bench, and the share of its largest record in chi2.
+
+    `std` per response channel; unless given, what `measure` would make of the bench without a cause.
+    """
+    keep = bench.fit(truth) & bench.fit(bench.truth)[picked]
+    _, mine = read(truth, bench.harmonics)
+    _, plain = read(bench.truth, bench.harmonics)
+    std = noise_of(bench, bench.truth) if std is None else std
+    square = np.abs((mine - plain[picked])[:, 1:, 1:] / std[:, None]) ** 2
+    each = square.sum(axis=(1, 2)) * keep
+    return float(np.sqrt(each.sum())), float(each.max() / max(each.sum(), 1e-300))
+
+
+def run(bench: Bench, hidden: Hidden, strength: float, picked: Array, steps: int) -> Truth:
+    """The truth with the cause, for the records of these numbers."""
+    rigs = hidden.rigs(strength)
+    if not hidden.simulated:
+        chosen = np.isin(np.arange(len(bench.records)), picked)
+        return hidden.afterwards(replace(bench.truth, rig=rigs).where(chosen), strength)
+    asked = bench.records if hidden.records is None else hidden.records(strength)
+    built = rigs if isinstance(rigs, TrueRig) else [rigs[i] for i in picked]
+    truth = simulate_records(built, [asked[i] for i in picked], steps, bench.settings)
+    return hidden.afterwards(truth, strength)
+
+
+def aimed(bench: Bench, hidden: Hidden, target: float) -> float:
+    """Strength whose residual is about as long as the target: one probe of a few records, a second if far off.
+
+    What only the instruments do costs nothing and is met exactly, under the noise that they then have.
+    """
+    few = np.sqrt(len(bench.records) / 50)  # a typical strength is one for some 50 records
+    strength = float(np.clip(hidden.typical * target / 100 / few, hidden.lower, hidden.upper))
+    if hidden.lower == hidden.upper or (bench.quick and hidden.simulated):
+        return strength
+    good = np.flatnonzero(bench.fit(bench.truth))
+    picked = good[:: max(1, len(good) // 12)] if hidden.simulated else good
+    for _ in range(2 if hidden.simulated else 20):
+        truth = run(bench, hidden, strength, picked, min(512, bench.steps))
+        rho, _ = length_of(bench, truth, picked, None if hidden.simulated else noise_of(bench, truth))
+        ratio = target / max(rho * np.sqrt(len(good) / len(picked)), 1e-9)
+        strength = float(np.clip(strength * np.clip(ratio, 0.02, 50.0), hidden.lower, hidden.upper))
+        if 0.2 < ratio < 5.0 and hidden.simulated:
+            break
+    return strength
+
+
+def kind_of(cause: str | None) -> str:
+    """The nominal law a cause needs."""
+    return {"bristle-memory": "dahl", "variable-normal-load": "constant-load"}.get(str(cause), "coulomb")
+
+
+def draw(
+    seed: int,
+    which: str = "E",
+    cause: str | None = "any",
+    rig_seed: int | None = None,
+    rho: tuple[float, float] = (50.0, 3000.0),
+    tolerances: bool = False,
+    quick: bool = False,
+) -> Case:
+    """The case of a seed.
+
+    `cause`: a key of `MAKERS`, None for a null case, "any" for a draw of all: one null and one outside the catalogue
+    in eight each. `rig_seed`: take the bench of another seed. `quick`: few records, coarse; for tests.
+    """
+    rng = np.random.default_rng([seed, 17])
+    drawn = draw_cause(rng)
+    name = drawn if cause == "any" else cause
+    target = float(np.exp(rng.uniform(*np.log(rho))))
+    seed_of_rig = seed if rig_seed is None else rig_seed
+    bench = set_up(seed_of_rig, which, kind_of(name), tolerances, quick)
+    if name is None:
+        hidden, strength, truth = None, 0.0, bench.truth
+    else:
+        hidden = MAKERS[name](Scene(bench.built, bench.records, bench.truth, rng))
+        strength = aimed(bench, hidden, target)
+        truth = run(bench, hidden, strength, np.arange(len(bench.records)), bench.steps)
+    keep = bench.fit(truth)
+    if keep.mean() < 0.8:
+        raise Unfit(f"seed {seed}: {keep.mean():.0%} of the records can be used")
+    seen = truth.where(keep)
+    spectra = measure(seen, bench.snr, np.random.default_rng([seed, 23]), harmonics=bench.harmonics, usable_only=False)
+    length, share = length_of(bench, truth, np.arange(len(bench.records)), spectra.std[0, 1:, 0])
+    slip = np.ptp(truth.u, axis=1) / 2
+    answer = {
+        "verdict": "consistent" if hidden is None else ("unexplained" if hidden.cause is None else "cause-found"),
+        "cause": None if hidden is None else hidden.cause,
+        "parameters": {} if hidden is None else dict(hidden.parameters(strength)),
+        "what": "nothing" if hidden is None else hidden.what,
+        "drawn": name,
+        "rho": 0.0 if hidden is None else length,
+        "rho_target": 0.0 if hidden is None else target,
+        "largest_share": 0.0 if hidden is None else share,
+        "seed": seed,
+        "rig_seed": seed_of_rig,
+        "set": which,
+        "snr_db": bench.snr,
+        "tolerances": tolerances,
+        "levels": sorted({r.level for r in bench.records}),
+        "records": len(bench.records),
+        "usable": int(keep.sum()),
+        "unstable": int((~truth.stable).sum()),
+        "not_converged": int((~truth.converged).sum()),
+        "near_lift_off": int((truth.min_R <= CLOSE * bench.nominal.normal_load).sum()),
+        "energy_worst": float(np.abs(truth.energy[keep]).max()),
+        "slip_largest_m": float(slip.max()),
+        "steps": bench.steps,
+    }
+    numbers = tuple(int(i) + 1 for i in np.flatnonzero(keep))
+    return Case(seed, which, bench.snr, bench.nominal, spectra, numbers, answer, truth)
+
+
+def draw_cause(rng: np.random.Generator) -> str | None:
+    """One null and one outside the catalogue in eight each, the others of the catalogue alike."""
+    dice = rng.random()
+    pool: list[str | None] = [None] if dice < 1 / 8 else list(OUTSIDE) if dice < 2 / 8 else list(CATALOGUE)
+    return pool[int(rng.integers(len(pool)))]
+
+
+def write_case(folder: str | Path, answer: str | Path, case: Case) -> None:
+    """rig.toml and spectra.csv in the folder; the answer to a file that is not in it. Nothing names the cause."""
+    folder, answer = Path(folder).resolve(), Path(answer).resolve()
+    if answer.is_relative_to(folder):
+        raise ValueError(f"the answer {answer} would lie with the data in {folder}")
+    folder.mkdir(parents=True, exist_ok=True)
+    answer.parent.mkdir(parents=True, exist_ok=True)
+    top = max(r.level for r in case.spectra.records)
+    write_rig(folder / "rig.toml", case.nominal, name=f"beam {case.seed}", amplitude=top)
+    harmonics = case.spectra.cos.shape[-1] - 1
+    write_spectra(folder / "spectra.csv", case.spectra, mean=harmonics > 1, numbers=case.numbers)
+    answer.write_text(json.dumps(case.answer, indent=1) + "\n")
