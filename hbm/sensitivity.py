@@ -172,10 +172,15 @@ def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
         FORCE: Scalar(solution.level, "N"),
         HZ: Scalar(solution.hz, "Hz"),
         **structure_scalars(rig),
-        **{f"channels.{c.name}.gain": Scalar(c.gain, "1") for c in rig.response_channels},
-        **{f"channels.{c.name}.delay": Scalar(c.delay, "s") for c in rig.response_channels},
+        **sensor_scalars(rig),
         **element_scalars(rig),
     }
+
+
+def sensor_scalars(rig: Rig) -> dict[str, Scalar]:
+    """What channels make of what they measure, with the keys of the rig file."""
+    gains = {f"channels.{c.name}.gain": Scalar(c.gain, "1") for c in rig.response_channels}
+    return gains | {f"channels.{c.name}.delay": Scalar(c.delay, "s") for c in rig.response_channels}
 
 
 def _law_keys(rig: Rig) -> list[str]:

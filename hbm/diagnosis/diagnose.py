@@ -16,7 +16,6 @@ from hbm.diagnosis.fit import Evaluation, evaluate, fit_model
 from hbm.diagnosis.heldout import check_held_out, choose_held_out
 from hbm.diagnosis.misfit import Misfit, likeliest, misfit, misfit_of_new
 from hbm.diagnosis.model import Model
-from hbm.diagnosis.nominal import WrongValue
 from hbm.diagnosis.numerics import Numerics, choose
 from hbm.diagnosis.race import race
 from hbm.diagnosis.records import Campaign
@@ -30,6 +29,7 @@ from hbm.inverse.sensing import sensing
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.threads import one_thread
 from models.causes.cause import Cause
+from models.causes.parameter import WrongParameter
 from models.rig import Rig
 
 PAIRS_WITH = 2
@@ -88,7 +88,7 @@ def diagnose(
 
 def _candidates(rig: Rig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
     if causes is None:
-        causes = [WrongValue, *getattr(models.causes, "CATALOGUE", ())]
+        causes = models.causes.CAUSES.values()
     for cause in causes:
         if isinstance(cause, type):
             yield from cause.candidates(rig)
@@ -172,7 +172,7 @@ class _Search:
         """Causes over a nominal whose calibrated numbers are free: several of them may be wrong."""
         self.tell("free calibration", 0.5)
         base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
-        physical = [c for c in self.candidates if not isinstance(c, WrongValue)]
+        physical = [c for c in self.candidates if not isinstance(c, WrongParameter)]
         if misfit(base, self.campaign).fits and accepted(self.calibrated, base, self.tried):
             return self._several(base)
         screening = screen(base, self.campaign, physical)
@@ -183,7 +183,7 @@ class _Search:
     def _several(self, base: Evaluation) -> Decision:
         """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
         wrong = off(self.trust, base) or {base.model.free[0].name: 0.0}
-        model = Model(self.rig, self.trust.calibrated, tuple(WrongValue(key) for key in wrong))
+        model = Model(self.rig, self.trust.calibrated, tuple(WrongParameter(key) for key in wrong))
         x = {f.name: v for f, v in zip(base.model.free, base.x, strict=True)}
         keys = list(wrong)
         names = [f.name if f.cause < 0 else keys[f.cause] for f in model.free]
@@ -391,14 +391,14 @@ def _name(e: Evaluation) -> str:
 
 
 def _named(cause: Cause) -> str:
-    return cause.label if isinstance(cause, WrongValue) else cause.name
+    return cause.label if isinstance(cause, WrongParameter) else cause.name
 
 
 def estimates(e: Evaluation) -> dict[str, Estimate]:
     """Parameters of the first cause of a fitted model."""
     cause, std = e.model.causes[0], e.std
     named: dict[str, Estimate] = {}
-    if is_dataclass(cause) and not isinstance(cause, WrongValue):
+    if is_dataclass(cause) and not isinstance(cause, WrongParameter):
         named = {f.name: Estimate(v) for f in fields(cause) for v in [getattr(cause, f.name)] if isinstance(v, str)}
     return named | {
         f.name: Estimate(f.value(x), float(s), f.unit)

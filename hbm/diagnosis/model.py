@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from hbm.diagnosis.nominal import WrongValue, nominal_scalars, unit_of, with_values
+from hbm.diagnosis.nominal import nominal_scalars, unit_of, with_values
 from hbm.fourier import Array
 from models.causes.cause import Cause, Unknown
+from models.causes.parameter import WrongParameter
 from models.rig import Rig
 
 WIDE = 20.0
@@ -194,4 +195,4 @@ class Model:
 
 def is_parameter(cause: Cause) -> bool:
     """Whether it is a wrong value of the rig file."""
-    return isinstance(cause, WrongValue)
+    return isinstance(cause, WrongParameter)

@@ -13,11 +13,12 @@ import numpy.typing as npt
 
 from hbm.diagnosis.fit import Evaluation, evaluate
 from hbm.diagnosis.model import Model
-from hbm.diagnosis.nominal import WrongValue, nominal_scalars
+from hbm.diagnosis.nominal import nominal_scalars
 from hbm.diagnosis.numerics import Numerics
 from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.fourier import Array, FourierBasis
 from models.causes.cause import Cause, Unknown
+from models.causes.parameter import WrongParameter
 from models.rig import Rig
 
 Mask = npt.NDArray[np.bool_]
@@ -151,7 +152,7 @@ def _shapes(model: Model) -> list[dict[str, float]]:
 
 def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[_Entry]]]:
     """Candidates with their shapes, those together that change different numbers of the rig."""
-    wrong = [c for c in candidates if isinstance(c, WrongValue)]
+    wrong = [c for c in candidates if isinstance(c, WrongParameter)]
     calibrated = dict(base.calibrated)
     taken = {u.key for unknowns in base.unknowns for u in unknowns}
     freed = {c.key: np.inf for c in wrong if c.key not in calibrated and c.key not in taken}
@@ -162,7 +163,7 @@ def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[
     together, rig = base, _neutral(base)
     entries: list[_Entry] = []
     for cause in candidates:
-        if isinstance(cause, WrongValue):
+        if isinstance(cause, WrongParameter):
             continue
         for start in _shapes(base.extended_by(cause)):
             more = cause.extend(rig, start)
@@ -202,7 +203,7 @@ def _scores(
     if e.missing:
         return
     for entry in entries:
-        name = entry.cause.key if isinstance(entry.cause, WrongValue) else ""
+        name = entry.cause.key if isinstance(entry.cause, WrongParameter) else ""
         mine = [f.name == name and f.cause < 0 if name else f.cause == entry.place for f in model.free]
         others = [
             ((f.cause < 0 and f.name in base.model.calibrated) or 0 <= f.cause < len(base.model.causes)) and not m

@@ -78,15 +78,17 @@ def _residual_change(at: Readings) -> Complex:
     change, (T, F, _) = structure_change(seen.rig, PROPERTIES), np.moveaxis(at.everyone.state, 2, 0)
     i_omega, stiffness = seen.i_omega[:, 1:, None], seen.stiffness[:, 1:]
     q = (T[..., None] * s.slip_row + F[..., None] * s.excitation + at.coupling[:, 1:]) / stiffness
+    names = [channel.name for channel in seen.rig.response_channels]
+    places = [2 + names.index(name) for name in seen.channels]
     columns = []
     for p in range(len(PROPERTIES)):
         resisting = (
             q @ change.stiffness[p].T + i_omega**2 * (q @ change.mass[p].T) + i_omega * (q @ change.damping[p].T)
         )
-        slip, drive, *channels = change.rows[p]
+        slip, drive = change.rows[p, :2]
         moved = (T[..., None] * slip + F[..., None] * drive - resisting) / stiffness
-        static = np.stack([T, F], axis=2) @ change.flexibility[p, 2:].T
-        columns.append(seen.factor[:, 1:] * (moved @ seen.rows.T + q @ np.array(channels).T + static))
+        static = np.stack([T, F], axis=2) @ change.flexibility[p, places].T
+        columns.append(seen.factor[:, 1:] * (moved @ seen.rows.T + q @ change.rows[p, places].T + static))
     read = np.zeros((*at.read.shape, len(PROPERTIES)), dtype=complex)
     read[:, :, :-1] = -at.weight[:, :, :-1, None] * np.stack(columns, axis=3)  # the force channel stays
     A = at.rows[..., :2]

@@ -16,15 +16,16 @@ from hbm.diagnosis.fit import evaluate, fit_model
 from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model, free_of
-from hbm.diagnosis.nominal import WrongValue, with_values
+from hbm.diagnosis.nominal import with_values
 from hbm.diagnosis.records import uncorrelated
 from hbm.diagnosis.screen import screen
 from hbm.errors import InputError
 from models.causes.cause import Unknown
+from models.causes.parameter import WrongParameter
 
 EXAMPLES = Path("/work/shared/data/examples")
 pytestmark = pytest.mark.skipif(not EXAMPLES.exists(), reason=f"the example measurements are not at {EXAMPLES}")
-CAUSES = (WrongValue, *STUBS)
+CAUSES = (WrongParameter, *STUBS)
 E = "beam.youngs_modulus"
 
 
@@ -110,7 +111,7 @@ def test_report_is_the_contract():
 def test_score_of_a_small_effect_is_the_fall_of_chi2_of_a_refit():
     # a radius off by 3 %, on eight records, all of which the score test looks at
     rig, spectra = example("null", 6)
-    radius = WrongValue("contact.radius")
+    radius = WrongParameter("contact.radius")
     wrong = with_values(rig, {"contact.radius": 1.03 * rig.contact.radius})
     campaign, _ = campaign_of(wrong, spectra)
     bare = Model(wrong, {})
