@@ -87,13 +87,11 @@ def diagnose(
 
 
 def _candidates(rig: Rig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
-    if causes is None:
-        causes = models.causes.CAUSES.values()
-    for cause in causes:
-        if isinstance(cause, type):
-            yield from cause.candidates(rig)
-        else:
-            yield cause
+    """Causes that have a size to fit; exchanged channels have none, the check of the sensors finds them."""
+    for cause in models.causes.CAUSES.values() if causes is None else causes:
+        for candidate in cause.candidates(rig) if isinstance(cause, type) else (cause,):
+            if candidate.unknowns(rig):
+                yield candidate
 
 
 def campaign_of(
