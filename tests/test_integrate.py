@@ -571,6 +571,7 @@ def test_law_parameters_do_not_rebuild_the_step() -> None:
 def example(name: str, modes: int) -> tuple[Rig, dict[int, dict[str, np.ndarray]], list[list[float]]]:
     table = tomllib.loads((EXAMPLES / name / "rig.toml").read_text())
     contact, friction = table["contact"], table["contact"].pop("friction")
+    contact["load_variation"] = float(contact.pop("variable_normal_load"))
     rig = Rig(
         name=name,
         body=Beam(**table["beam"] | {"modes": modes}),
