@@ -3,14 +3,13 @@
 A file named so is run, as any program is. What is in it is held against what a cause must have.
 """
 
-import difflib
 from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_type_hints
 
 from hbm.errors import InputError
-from hbm.lawfile import class_in_file, is_frozen_dataclass
+from hbm.lawfile import class_in_file, file_and_class, is_frozen_dataclass
 from models.causes import CAUSES
 
 TEXTS = ("name", "meaning", "looks_like", "confused_with")
@@ -21,6 +20,9 @@ METHODS = {
 }
 ONE_VALUE = "parameter:"
 """Beginning of the names of the causes that are a wrong value of the rig file."""
+
+NAMED = tuple(name for name in CAUSES if name != "parameter")
+"""Causes that are named as they are."""
 
 
 def find_cause(name: str, folder: Path) -> type:
@@ -44,25 +46,18 @@ def find_cause(name: str, folder: Path) -> type:
     """
     if name.startswith(ONE_VALUE):
         return CAUSES["parameter"]
-    if name in CAUSES and name != "parameter":
+    if name in NAMED:
         return CAUSES[name]
-    file, _, class_name = name.rpartition(":")
-    if name.endswith(".py"):
-        raise InputError(f"must name a class too, {name}:Class")
-    if not (file.endswith(".py") and class_name.isidentifier()):
-        close = difflib.get_close_matches(name, [known for known in CAUSES if known != "parameter"], n=1)
-        hint = f"; did you mean {close[0]}?" if close else ""
-        raise InputError(f"must be {accepted_causes()}{hint}")
-    cause = class_in_file((folder / file).resolve(), class_name)
+    path, class_name = file_and_class(name, folder, NAMED, accepted_causes())
+    cause = class_in_file(path, class_name)
     for missing in _wrong_with(cause):
-        raise InputError(f"{class_name} in {(folder / file).resolve()} is no cause: {missing}")
+        raise InputError(f"{class_name} in {path} is no cause: {missing}")
     return cause
 
 
 def accepted_causes() -> str:
     """What a cause may be called, in words."""
-    names = ", ".join(name for name in CAUSES if name != "parameter")
-    return f"one of {names}, {ONE_VALUE}<key>, or file.py:Class"
+    return f"one of {', '.join(NAMED)}, {ONE_VALUE}<key>, or file.py:Class"
 
 
 def _wrong_with(cause: Any) -> Iterator[str]:

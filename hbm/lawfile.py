@@ -7,7 +7,7 @@ anything is computed with it.
 import difflib
 import sys
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import fields
 from functools import lru_cache
 from importlib.util import module_from_spec, spec_from_file_location
@@ -50,14 +50,42 @@ def find_law(name: str, folder: Path) -> type:
     """
     if name in LAWS:
         return LAWS[name]
+    return _own_law(*file_and_class(name, folder, LAWS, accepted_laws()))
+
+
+def file_and_class(name: str, folder: Path, known: Collection[str], accepted: str) -> tuple[Path, str]:
+    """Split ``file.py:Class``, for a name that is none of those known.
+
+    Parameters
+    ----------
+    name : str
+    folder : Path
+        Where a relative file is looked for.
+    known : collection of str
+        Names that may have been meant.
+    accepted : str
+        What is accepted, in words.
+
+    Returns
+    -------
+    Path
+        Absolute.
+    str
+        Name of the class.
+
+    Raises
+    ------
+    InputError
+        If it is not written so.
+    """
     file, _, class_name = name.rpartition(":")
     if name.endswith(".py"):
         raise InputError(f"must name a class too, {name}:Class")
     if not (file.endswith(".py") and class_name.isidentifier()):
-        close = difflib.get_close_matches(name, LAWS, n=1)
+        close = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
-        raise InputError(f"must be {accepted_laws()}{hint}")
-    return _own_law((folder / file).resolve(), class_name)
+        raise InputError(f"must be {accepted}{hint}")
+    return (folder / file).resolve(), class_name
 
 
 def accepted_laws() -> str:

@@ -85,14 +85,14 @@ def identify(
     contact = reconstructed(COMMAND, loaded, measured, formulation)
     with Work() as work:
         found = fit_laws(loaded, contact, law or LAWS, held_out=held or None, by_level=by_level, on_progress=work.show)
-    again, failure = _on_spectra(loaded, measured, held, found) if output_error else (None, "")
+    again, failure = _on_spectra(loaded, measured, held, found, contact) if output_error else (None, "")
     _deliver(found, contact, again, out)
     if failure:
         raise typer.Exit(say(failure, 1))
 
 
 def _on_spectra(
-    rig: "Rig", spectra: "MeasuredSpectra", held: Sequence[int], found: "Identification"
+    rig: "Rig", spectra: "MeasuredSpectra", held: Sequence[int], found: "Identification", contact: "Reconstruction"
 ) -> tuple["SpectraFit | None", str]:
     """The best law fitted to the spectra of the records that are not held out, or why it failed."""
     from continuation import ConvergenceError
@@ -101,8 +101,8 @@ def _on_spectra(
 
     try:
         with Work() as work:
-            used = spectra.split(held)[0] if held else spectra
-            return fit_spectra(rig, used, found.best, on_progress=work.show), ""
+            used, known = (spectra.split(held)[0], None) if held else (spectra, contact)
+            return fit_spectra(rig, used, found.best, reconstruction=known, on_progress=work.show), ""
     except ConvergenceError as failed:
         return None, f"{COMMAND}: --output-error: {failed}"
 

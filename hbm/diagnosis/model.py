@@ -11,7 +11,6 @@ import numpy as np
 from hbm.diagnosis.nominal import nominal_scalars, unit_of, with_values
 from hbm.fourier import Array
 from models.causes.cause import Cause, Unknown
-from models.causes.parameter import WrongParameter
 from models.rig import Rig
 
 WIDE = 20.0
@@ -191,8 +190,3 @@ class Model:
     def values(self, x: Array, cause: int) -> dict[str, float]:
         """Parameters of a cause at coordinates."""
         return {f.name: f.value(v) for f, v in zip(self.free, x, strict=True) if f.cause == cause}
-
-
-def is_parameter(cause: Cause) -> bool:
-    """Whether it is a wrong value of the rig file."""
-    return isinstance(cause, WrongParameter)

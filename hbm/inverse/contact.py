@@ -26,6 +26,8 @@ class Contact:
     ----------
     sensing : Sensing
     estimate : ForceEstimate
+    rows : dict of str to (r, H+1, 2 + n) complex array
+        Each signal as a linear form of (friction, force, q), products left out.
     amplitudes : dict of str to (r, H+1) complex array
         `friction`, `slip`, `slip_velocity`, `normal`, and what laws are shown: `modal_slip`, `rho`, `eta`.
     samples : dict of str to (r, N) array
@@ -33,6 +35,7 @@ class Contact:
 
     sensing: Sensing
     estimate: ForceEstimate
+    rows: dict[str, Complex]
     amplitudes: dict[str, Complex]
     samples: dict[str, Array]
 
@@ -43,14 +46,9 @@ class Contact:
 
     # ---- uncertainty
 
-    @cached_property
-    def _rows(self) -> dict[str, Complex]:
-        """Linear forms of (friction, force, q) that each signal is, (r, H+1, 2 + n)."""
-        return _rows(self.sensing, self.sensing.i_omega)
-
     def _deviations(self, name: str) -> Complex:
         """Deviations of a signal's harmonics, (r, H+1, m), see :attr:`ForceEstimate.factor`."""
-        return np.asarray(np.einsum("rkj,rkjm->rkm", self._rows[name], self.estimate.factor))
+        return np.asarray(np.einsum("rkj,rkjm->rkm", self.rows[name], self.estimate.factor))
 
     def std(self, name: str) -> Array:
         """Standard deviation of each cosine and sine of a signal by noise, (r, H+1)."""
@@ -63,9 +61,9 @@ class Contact:
         :func:`hbm.inverse.reconstruct.reconstruct`. One that sticks may keep any mean; what else follows from it is
         taken to be as uncertain as if it were as large as friction itself.
         """
-        at_once = np.sqrt(np.sum(self.std("friction")[:, 1:] ** 2, axis=1) + self.unseen("friction") ** 2)
+        at_once = np.sqrt(np.sum(self.std("friction")[:, 1:] ** 2, axis=1) + self.unseen["friction"] ** 2)
         mean = np.where(slips, at_once / np.sqrt(2.0), self.samples["friction"].std(axis=1))
-        return np.asarray(np.abs(self._rows[name][:, 0] @ self._static) * mean)
+        return np.asarray(np.abs(self.rows[name][:, 0] @ self._static) * mean)
 
     @property
     def _static(self) -> Array:
@@ -73,15 +71,20 @@ class Contact:
         s = self.sensing.structure
         return np.concatenate([[1.0, 0.0], s.slip_row / s.omega_n**2])
 
-    def unseen(self, name: str) -> Array:
-        """Standard deviation of a signal by the harmonics above those measured, (r,)."""
+    @cached_property
+    def unseen(self) -> dict[str, Array]:
+        """Standard deviation of each signal by the harmonics above those measured, (r,)."""
         H = self.sensing.H
         k = np.arange(H + 1, min(8 * H, H + MOST_UNSEEN) + 1)
         i_omega = self.sensing.i_omega[:, 1:2] * k
         pushes = self.sensing.structure.slip_row / dynamic_stiffness(self.sensing.structure, i_omega)
-        per_friction = np.concatenate([np.ones((*i_omega.shape, 1)), np.zeros((*i_omega.shape, 1)), pushes], axis=2)
-        gain = np.einsum("rkj,rkj->rk", _rows(self.sensing, i_omega)[name], per_friction)
-        return np.asarray(np.linalg.norm(gain * self.estimate.expected(k), axis=1))
+        one = np.ones((*i_omega.shape, 1))
+        per_friction = np.concatenate([one, np.zeros_like(one), pushes], axis=2)
+        expected = self.estimate.expected(k)
+        gains = {
+            name: np.einsum("rkj,rkj->rk", row, per_friction) for name, row in _rows(self.sensing, i_omega).items()
+        }
+        return {name: np.linalg.norm(gain * expected, axis=1) for name, gain in gains.items()}
 
     # ---- energy
 
@@ -141,7 +144,8 @@ def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:
     s, H = sensing.structure, sensing.H
     N = max(SAMPLES, 1 << int(np.ceil(np.log2(8 * H))))
     state = np.concatenate([np.stack([estimate.friction, estimate.force], axis=2), estimate.q], axis=2)
-    amplitudes = {name: np.einsum("rkj,rkj->rk", row, state) for name, row in _rows(sensing, sensing.i_omega).items()}
+    rows = _rows(sensing, sensing.i_omega)
+    amplitudes = {name: np.einsum("rkj,rkj->rk", row, state) for name, row in rows.items()}
     if s.shortening.any():
         drawn_in = product(estimate.q, estimate.q @ s.shortening).sum(axis=2) / 2
         for name in ("slip", "modal_slip"):
@@ -152,7 +156,7 @@ def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:
     samples = {name: to_samples(c, N) for name, c in amplitudes.items()}
     samples["normal"] = samples["rho"] + samples["eta"] * samples["friction"]
     amplitudes["normal"] = to_amplitudes(samples["normal"], H)
-    return Contact(sensing, estimate, amplitudes, samples)
+    return Contact(sensing, estimate, rows, amplitudes, samples)
 
 
 def _rows(sensing: Sensing, i_omega: Complex) -> dict[str, Complex]:

@@ -144,7 +144,7 @@ def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S]) -> Forc
         residual=held.residual,
         leverage=held.leverage,
         resolution=free.resolution,
-        condition=_condition(sensing),
+        condition=sensing.condition,
         order=order,
         size=size,
     )
@@ -271,20 +271,3 @@ def to_amplitudes(samples: Array, H: int) -> Complex:
     amplitudes = np.fft.rfft(samples, axis=1)[:, : H + 1] * (2.0 / samples.shape[1])
     amplitudes[:, 0] /= 2.0
     return np.asarray(amplitudes)
-
-
-def _condition(sensing: Sensing) -> Array:
-    """Condition number of the columns for friction and for force, the measured force included, (r, H+1)."""
-    columns = sensing.weight[..., None] * np.stack([sensing.by_friction, sensing.by_force], axis=3)
-    known = sensing.force_std > 0.0
-    row = np.zeros((*columns.shape[:2], 1, 2), dtype=complex)
-    row[..., 0, 1] = np.where(known, 1.0 / np.where(known, sensing.force_std, 1.0), 0.0)
-    A = np.concatenate([columns, row], axis=2)
-    length = np.linalg.norm(A, axis=2)
-    exact = ~known  # an excitation that is known exactly cannot be confused with friction
-    A = A / np.where(length > 0.0, length, 1.0)[:, :, None]
-    values = np.linalg.svd(A, compute_uv=False)
-    condition = np.where(
-        values[..., 1] > 0.0, values[..., 0] / np.where(values[..., 1] > 0.0, values[..., 1], 1.0), np.inf
-    )
-    return np.asarray(np.where(length[..., 0] > 0.0, np.where(exact, 1.0, condition), np.inf))

@@ -136,5 +136,5 @@ def _signal(contact: Contact, name: str, inflation: Array, slips: npt.NDArray[np
     mean_std = np.where(slips | (name == "normal"), contact.mean_std(name, slips), 0.0)
     noise = np.sqrt(np.sum(std[:, 1:] ** 2, axis=1) + mean_std**2)
     std[:, 0] = mean_std
-    total = np.hypot(noise, contact.unseen(name))
+    total = np.hypot(noise, contact.unseen[name])
     return EstimatedSignal(SIGNALS[name], amplitudes, std, samples, np.broadcast_to(total[:, None], samples.shape))

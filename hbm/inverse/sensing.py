@@ -103,19 +103,26 @@ class Sensing:
     def _response(self, excitation: Array, static: Array) -> Complex:
         return np.asarray(self.factor * ((excitation / self.stiffness) @ self.rows.T + static))
 
+    @cached_property
+    def condition(self) -> Array:
+        """Condition number of the columns for friction and for force, the measured force included, (r, H+1)."""
+        columns = self.weight[..., None] * np.stack([self.by_friction, self.by_force], axis=3)
+        known = self.force_std > 0.0
+        row = np.zeros((*columns.shape[:2], 1, 2), dtype=complex)
+        row[..., 0, 1] = np.where(known, 1.0 / np.where(known, self.force_std, 1.0), 0.0)
+        A = np.concatenate([columns, row], axis=2)
+        length = np.linalg.norm(A, axis=2)
+        exact = ~known  # an excitation that is known exactly cannot be confused with friction
+        A = A / np.where(length > 0.0, length, 1.0)[:, :, None]
+        values = np.linalg.svd(A, compute_uv=False)
+        condition = np.where(
+            values[..., 1] > 0.0, values[..., 0] / np.where(values[..., 1] > 0.0, values[..., 1], 1.0), np.inf
+        )
+        return np.asarray(np.where(length[..., 0] > 0.0, np.where(exact, 1.0, condition), np.inf))
+
     def by_modal_forces(self, forces: Complex) -> Complex:
         """Response of each channel to forces on the modes (r, H+1, n), (r, H+1, c)."""
         return np.asarray(self.factor * ((forces / self.stiffness) @ self.rows.T))
-
-    def without(self, channel: str) -> "Sensing":
-        """Everything but one response channel."""
-        keep = [i for i, name in enumerate(self.channels) if name != channel]
-        return replace(
-            self,
-            channels=tuple(self.channels[i] for i in keep),
-            measured=self.measured[:, :, keep],
-            weight=self.weight[:, :, keep],
-        )
 
 
 def sensing(rig: Rig, spectra: MeasuredSpectra) -> Sensing:

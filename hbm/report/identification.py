@@ -17,7 +17,7 @@ from matplotlib.ticker import MaxNLocator
 
 from hbm.fourier import Array
 from hbm.report.inverse import BAND, FRICTION, HARMONIC, SLIP, loop_band, representative
-from hbm.report.style import FAINT, INK, SMALL, WIDTH, closed, dressed
+from hbm.report.style import FAINT, INK, SMALL, WIDTH, closed, dressed, panels
 
 if TYPE_CHECKING:
     from hbm.inverse.reconstruction import Reconstruction
@@ -95,17 +95,12 @@ def plot_law_loops(
         If there is no such record.
     """
     chosen = loop_records(reconstruction) if records is None else list(records)
-    columns = 2 if len(chosen) == 4 else min(len(chosen), 3)
-    rows = -(-len(chosen) // columns)
-    figure = Figure(figsize=(WIDTH, 0.6 + 1.9 * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    for ax in grid.flat[len(chosen) :]:
-        ax.set_axis_off()
-    for record, ax in zip(chosen, grid.flat, strict=False):
+    figure, axes = panels(len(chosen), 0.6, 1.9, sharey=True)
+    for record, ax in zip(chosen, axes, strict=True):
         _draw_laws(ax, reconstruction, predicted, slip or {}, reconstruction.index(record))
     figure.supxlabel(SLIP, color=INK, fontsize=10)
     figure.supylabel(FRICTION, color=INK, fontsize=10)
-    named = grid[0, 0].get_legend_handles_labels()
+    named = axes[0].get_legend_handles_labels()
     figure.legend(*named, loc="outside upper left", ncols=4, frameon=False, fontsize=SMALL, labelcolor=INK)
     return figure
 
@@ -218,14 +213,9 @@ def plot_parameters(parameters: Sequence[ParameterByLevel], laws: Sequence[str] 
     -------
     Figure
     """
-    columns = 2 if len(parameters) == 4 else min(len(parameters), 3)
-    rows = -(-len(parameters) // columns)
-    figure = Figure(figsize=(WIDTH, 0.3 + 1.85 * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False)
+    figure, axes = panels(len(parameters), 0.3, 1.85)
     order = list(dict.fromkeys([*laws, *(p.law for p in parameters)]))
-    for ax in grid.flat[len(parameters) :]:
-        ax.set_axis_off()
-    for p, ax in zip(parameters, grid.flat, strict=False):
+    for p, ax in zip(parameters, axes, strict=True):
         _draw_parameter(ax, p, law_style(order.index(p.law)))
     figure.supxlabel("Force level [N]", color=INK, fontsize=10)
     return figure
@@ -241,12 +231,25 @@ def _draw_parameter(ax: Axes, p: ParameterByLevel, style: dict[str, Any]) -> Non
     ax.vlines(p.level, p.value - bar, p.value + bar, color=style["color"], linewidth=1.2, zorder=2)
     ax.plot(p.level, p.value, style["marker"], color=style["color"], markersize=4.5, zorder=3, label=p.name)
     ax.margins(x=0.15, y=0.2)
+    _keep_in_view(ax, p, style)
     ax.ticklabel_format(axis="y", scilimits=(-3, 4), useMathText=True)
     ax.yaxis.get_offset_text().set(fontsize=SMALL, color=INK, ha="right")
     ax.set_xticks(p.level, [f"{level:g}" for level in p.level])
     ax.yaxis.set_major_locator(MaxNLocator(4))
     dressed(ax, "", "" if p.unit in ("", "1") else f"[{p.unit}]")
     ax.set_title(f"{p.law}\n{p.name}", fontsize=SMALL, loc="left", color=INK, y=1.12)
+
+
+def _keep_in_view(ax: Axes, p: ParameterByLevel, style: dict[str, Any]) -> None:
+    """Show values that a level does not determine hollow, and let their bars leave the panel."""
+    determined = np.isfinite(p.std) & (p.std < np.abs(p.value))
+    if determined.all():
+        return
+    hollow = {"color": style["color"], "markerfacecolor": "white", "markersize": 4.5, "zorder": 4}
+    ax.plot(p.level[~determined], p.value[~determined], style["marker"], **hollow)
+    value, bar = (p.value[determined], BAND * p.std[determined]) if determined.any() else (p.value, 0.5 * p.value)
+    low, high = float(np.nanmin(value - bar)), float(np.nanmax(value + bar))
+    ax.set_ylim(low - 0.2 * (high - low), high + 0.2 * (high - low))
 
 
 # ------------------------------------------------------------------------------------------------------------ ranking

@@ -20,7 +20,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from scipy import stats
 
 from hbm.fourier import Array
-from hbm.report.style import FAINT, INK, SMALL, WIDTH, Color, closed, dressed, graded, new_axes, tint
+from hbm.report.style import FAINT, INK, SMALL, WIDTH, Color, closed, dressed, graded, new_axes, panels, tint
 
 if TYPE_CHECKING:
     from hbm.inverse.reconstruction import Estimates, Reconstruction
@@ -317,19 +317,14 @@ def plot_friction_harmonics(reconstruction: "Reconstruction", records: Sequence[
         If there is no such record.
     """
     chosen = representative(reconstruction, 1) if records is None else list(records)
-    columns = 2 if len(chosen) == 4 else min(len(chosen), 3)
-    rows = -(-len(chosen) // columns)
-    figure = Figure(figsize=(WIDTH, 0.75 + 1.75 * rows), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
-    for ax in grid.flat[len(chosen) :]:
-        ax.set_axis_off()
-    for record, ax in zip(chosen, grid.flat, strict=False):
+    figure, axes = panels(len(chosen), 0.75, 1.75, sharex=True, sharey=True)
+    for record, ax in zip(chosen, axes, strict=True):
         _draw_harmonics(ax, reconstruction, record)
         dressed(ax, "", "")
         _titled(ax, reconstruction, record)
     figure.supxlabel(HARMONIC, color=INK, fontsize=10)
     figure.supylabel("Friction, amplitude [N]", color=INK, fontsize=10)
-    _legend_above(figure, grid[0, 0])
+    _legend_above(figure, axes[0])
     return figure
 
 

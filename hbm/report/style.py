@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from hbm.fourier import Array
 
@@ -36,6 +37,34 @@ def graded(levels: Sequence[float]) -> list[Color]:
         return [colormaps["viridis"](0.15)]
     order = np.argsort(np.argsort(levels))
     return [colormaps["viridis"](0.74 - 0.7 * i / (len(levels) - 1)) for i in order.tolist()]
+
+
+def panels(
+    count: int, heading: float, height: float, *, sharex: bool = False, sharey: bool = False
+) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels, at most three in a row.
+
+    Parameters
+    ----------
+    count : int
+    heading, height : float
+        Of what stands above the panels and of a row of them [inches].
+    sharex, sharey : bool
+        Whether all panels have the same axes.
+
+    Returns
+    -------
+    Figure
+    list of Axes
+        Of the panels, row by row.
+    """
+    columns = 2 if count == 4 else min(count, 3)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(WIDTH, heading + height * rows), layout="constrained")
+    axes = list(figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey).flat)
+    for ax in axes[count:]:
+        ax.set_axis_off()
+    return figure, axes[:count]
 
 
 def tint(color: Color, share: float = 0.28) -> Color:

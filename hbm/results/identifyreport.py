@@ -282,7 +282,8 @@ def identify_plates(reconstruction: Reconstruction, laws: Sequence[IdentifiedLaw
     if by_level:
         caption = (
             "Fitted to each force level alone, with 95 % bars, beside the value of all levels (line and band). A "
-            "parameter that drifts with the level says that the law is not the right one."
+            "parameter that drifts with the level says that the law is not the right one. Hollow: not determined, the "
+            "standard deviation exceeds the value; such bars leave the panel."
         )
         columns = parameter_columns(laws)
         plates.append(

@@ -60,8 +60,8 @@ class Cause(Protocol):
 
     @property
     def label(self) -> str:
-        """Name that tells candidates apart, such as ``sensor-gain a3``."""
-        ...
+        """Name that tells candidates apart, such as ``sensor-gain a3``; where there is but one, that of the cause."""
+        return self.name
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Parameters, for a rig that is not extended yet."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from models.causes.cause import Unknown
+from models.causes.cause import Cause, Unknown
 from models.friction import Dahl, FrictionLaw, Frictionless, Jenkins, Viscous, chosen, parameters
 from models.friction.extended import (
     ASYMMETRIC,
@@ -24,7 +24,7 @@ HARDLY = 1e-5
 
 
 @dataclass(frozen=True)
-class StribeckWeakening:
+class StribeckWeakening(Cause):
     """Friction that falls with the sliding speed; the stiffness of the contact stays.
 
     Attributes
@@ -46,11 +46,6 @@ class StribeckWeakening:
         if type(rig.contact.law) is Jenkins:
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Friction at rest and at high speed, both the nominal one at first, and the speed between."""
         mu = _jenkins(rig).mu
@@ -69,7 +64,7 @@ class StribeckWeakening:
 
 
 @dataclass(frozen=True)
-class DistributedMicroslip:
+class DistributedMicroslip(Cause):
     """Many Jenkins elements of different limits instead of one.
 
     Attributes
@@ -91,11 +86,6 @@ class DistributedMicroslip:
         if type(rig.contact.law) is Jenkins:
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Half width of the limits' distribution.
 
@@ -110,7 +100,7 @@ class DistributedMicroslip:
 
 
 @dataclass(frozen=True)
-class ViscousContact:
+class ViscousContact(Cause):
     """A dashpot beside the friction."""
 
     name: ClassVar[str] = "viscous-contact"
@@ -125,11 +115,6 @@ class ViscousContact:
         if (isinstance(law, BESIDE_DASHPOT) and not hasattr(law, "coefficient")) or type(law) is Frictionless:
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Coefficient of the dashpot."""
         return (Unknown("coefficient", "N s/m", LAW + "coefficient", 0.0, 1e7, 0.0, (0.0, 10.0, 100.0)),)
@@ -142,7 +127,7 @@ class ViscousContact:
 
 
 @dataclass(frozen=True)
-class AsymmetricFriction:
+class AsymmetricFriction(Cause):
     """Friction coefficients that differ with the direction, at the same mean."""
 
     name: ClassVar[str] = "asymmetric-friction"
@@ -157,11 +142,6 @@ class AsymmetricFriction:
         if isinstance(law, ASYMMETRIC) and law.ratio == 1.0 and "ratio" not in parameters(law):
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Forward over backward."""
         return (Unknown("ratio", "1", LAW + "ratio", 0.01, 100.0, 1.0, (1.0, 1.2, 0.8)),)
@@ -172,7 +152,7 @@ class AsymmetricFriction:
 
 
 @dataclass(frozen=True)
-class BristleMemory:
+class BristleMemory(Cause):
     """Damping of the bristles of Dahl's law, as in LuGre."""
 
     name: ClassVar[str] = "bristle-memory"
@@ -186,11 +166,6 @@ class BristleMemory:
         if type(rig.contact.law) is Dahl:
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Damping of the bristles."""
         return (Unknown("sigma1", "N s/m", LAW + "bristle_damping", 0.0, 1e7, 0.0, (0.0, 10.0, 300.0)),)
@@ -201,7 +176,7 @@ class BristleMemory:
 
 
 @dataclass(frozen=True)
-class VariableNormalLoad:
+class VariableNormalLoad(Cause):
     """A reaction that varies where the model holds it constant, or more or less than the model says."""
 
     name: ClassVar[str] = "variable-normal-load"
@@ -214,11 +189,6 @@ class VariableNormalLoad:
         """Of a beam on dry friction."""
         if not isinstance(rig.body, ModalBody) and not isinstance(rig.contact.law, Frictionless | Viscous):
             yield cls()
-
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Scale on what varies."""

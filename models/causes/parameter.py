@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from models.beam import Beam
-from models.causes.cause import Unknown
+from models.causes.cause import Cause, Unknown
 from models.change import structure_scalars
 from models.friction import describe, parameters
 from models.numbers import number, with_number
@@ -22,7 +22,7 @@ MOST = 10.0
 
 
 @dataclass(frozen=True)
-class WrongParameter:
+class WrongParameter(Cause):
     """A nominal value of the rig file that is wrong.
 
     Attributes

@@ -6,13 +6,13 @@ from itertools import combinations
 from typing import ClassVar
 
 from models.beam import Beam
-from models.causes.cause import Unknown
+from models.causes.cause import Cause, Unknown
 from models.numbers import number, with_number
 from models.rig import ModalBody, Rig
 
 
 @dataclass(frozen=True)
-class SensorGain:
+class SensorGain(Cause):
     """A channel that reads a multiple of the truth; -1 is a wrong polarity.
 
     Attributes
@@ -49,7 +49,7 @@ class SensorGain:
 
 
 @dataclass(frozen=True)
-class SensorDelay:
+class SensorDelay(Cause):
     """A channel that lags.
 
     Attributes
@@ -86,7 +86,7 @@ class SensorDelay:
 
 
 @dataclass(frozen=True)
-class SensorPosition:
+class SensorPosition(Cause):
     """A sensor that sits elsewhere.
 
     Attributes
@@ -126,7 +126,7 @@ class SensorPosition:
 
 
 @dataclass(frozen=True)
-class SwappedChannels:
+class SwappedChannels(Cause):
     """Two channels of one quantity that are exchanged: each name stands for the sensor of the other.
 
     Attributes

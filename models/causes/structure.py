@@ -8,7 +8,7 @@ import numpy as np
 
 from models.assembly import PointMass, PointSpring, Resonator
 from models.beam import Beam
-from models.causes.cause import Unknown
+from models.causes.cause import Cause, Unknown
 from models.numbers import with_number
 from models.rig import Rig
 
@@ -24,7 +24,7 @@ would have no say."""
 
 
 @dataclass(frozen=True)
-class ClampRotation:
+class ClampRotation(Cause):
     """A clamp that turns on a spring."""
 
     name: ClassVar[str] = "clamp-rotation"
@@ -38,11 +38,6 @@ class ClampRotation:
         if isinstance(rig.body, Beam) and rig.attachments.clamp_stiffness is None:
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness of the clamp."""
         return (_rigid("N m/rad", "attachments.clamp_stiffness", _turning(_beam(rig))),)
@@ -53,7 +48,7 @@ class ClampRotation:
 
 
 @dataclass(frozen=True)
-class SupportRotationSpring:
+class SupportRotationSpring(Cause):
     """A rotational spring at the support."""
 
     name: ClassVar[str] = "support-rotation-spring"
@@ -67,11 +62,6 @@ class SupportRotationSpring:
         if isinstance(rig.body, Beam) and rig.attachments.tip_stiffness is None:
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness of the spring."""
         k = _turning(_beam(rig))
@@ -84,7 +74,7 @@ class SupportRotationSpring:
 
 
 @dataclass(frozen=True)
-class SupportFlexibility:
+class SupportFlexibility(Cause):
     """A support that yields vertically."""
 
     name: ClassVar[str] = "support-flexibility"
@@ -98,11 +88,6 @@ class SupportFlexibility:
         if isinstance(rig.body, Beam) and rig.attachments.support_stiffness is None:
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness of the support."""
         return (_rigid("N/m", "attachments.support_stiffness", _bending(_beam(rig))),)
@@ -113,7 +98,7 @@ class SupportFlexibility:
 
 
 @dataclass(frozen=True)
-class StiffnessDamping:
+class StiffnessDamping(Cause):
     """Damping in proportion to the stiffness."""
 
     name: ClassVar[str] = "stiffness-damping"
@@ -126,11 +111,6 @@ class StiffnessDamping:
         """Of any rig."""
         yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Beta of the damping."""
         now = rig.damping.stiffness_proportional
@@ -142,7 +122,7 @@ class StiffnessDamping:
 
 
 @dataclass(frozen=True)
-class AddedMass:
+class AddedMass(Cause):
     """A lumped mass that was not modelled."""
 
     name: ClassVar[str] = "added-mass"
@@ -156,11 +136,6 @@ class AddedMass:
         if isinstance(rig.body, Beam):
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Mass and place."""
         key, m = f"attachments.masses[{len(rig.attachments.masses)}].", _mass(_beam(rig))
@@ -173,7 +148,7 @@ class AddedMass:
 
 
 @dataclass(frozen=True)
-class AddedSpring:
+class AddedSpring(Cause):
     """A spring to the ground that was not modelled."""
 
     name: ClassVar[str] = "added-spring"
@@ -187,11 +162,6 @@ class AddedSpring:
         if isinstance(rig.body, Beam):
             yield cls()
 
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
-
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness and place."""
         key, k = f"attachments.springs[{len(rig.attachments.springs)}].", _bending(_beam(rig))
@@ -204,7 +174,7 @@ class AddedSpring:
 
 
 @dataclass(frozen=True)
-class AttachedResonator:
+class AttachedResonator(Cause):
     """A small oscillator that was not modelled."""
 
     name: ClassVar[str] = "attached-resonator"
@@ -217,11 +187,6 @@ class AttachedResonator:
         """On a beam."""
         if isinstance(rig.body, Beam):
             yield cls()
-
-    @property
-    def label(self) -> str:
-        """Its name."""
-        return self.name
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Mass, frequency when held at its foot, and place."""

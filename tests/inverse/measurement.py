@@ -3,7 +3,7 @@
 No law and no harmonic balance solver: the force is given, the motion is one linear system for all harmonics at once.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -132,7 +132,5 @@ def measured(rig: Rig, truths: list[tuple[float, Truth]], std: dict[str, float],
 
 def with_noise(spectra: MeasuredSpectra, rng: np.random.Generator) -> MeasuredSpectra:
     """The same with a draw of the noise that its standard deviations state."""
-    from dataclasses import replace
-
     std = np.concatenate([spectra.std, spectra.std[:, :, 1:]], axis=2)
     return replace(spectra, coefficients=spectra.coefficients + std * rng.normal(size=std.shape))
