@@ -1,12 +1,12 @@
 """The calibrated nominal: numbers of the rig file moved within what they may be off by.
 
-Calibrated are the friction law, the normal load, Young's modulus and the mass-proportional damping
-(:data:`hbm.diagnosis.nominal.TOLERANCES`). `trusted` holds them near the rig file by those tolerances; `profiled` lets
-all but the load go free, so that nothing they can explain is blamed on anything else. The load stays: friction sees
-only its product with mu.
+Calibrated are the friction law, the normal load, Young's modulus, the mass-proportional damping, and gain, delay and
+place of each sensor (:data:`hbm.diagnosis.nominal.TOLERANCES`). `trusted` holds them near the rig file by those
+tolerances; `profiled` lets those of friction, material and damping go free, so that nothing they can explain is blamed
+on anything else. The load stays: friction sees only its product with mu.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 
@@ -26,14 +26,17 @@ FAR = 3.5
 """A calibrated number so many tolerances from the rig file is no longer within tolerance."""
 
 
-def trusted(rig: Rig, given: Mapping[str, float] | None = None) -> Model:
-    """The nominal rig within tolerances; `given` replaces the default ones."""
-    return Model(rig, tolerances(rig) if given is None else dict(given))
+def trusted(rig: Rig, channels: Collection[str] = (), given: Mapping[str, float] | None = None) -> Model:
+    """The nominal rig within tolerances, of the sensors of some channels too; `given` replaces the default ones."""
+    return Model(rig, tolerances(rig, channels) if given is None else dict(given))
 
 
 def profiled(model: Model) -> Model:
-    """The same with its calibrated numbers free, the load excepted."""
-    return Model(model.nominal, {key: std if key == LOAD else np.inf for key, std in model.calibrated.items()})
+    """The same with its calibrated numbers free, those of the load and the places and sensors excepted."""
+    held = (LOAD, "channels.", "excitation.")
+    return Model(
+        model.nominal, {key: std if key.startswith(held) else np.inf for key, std in model.calibrated.items()}
+    )
 
 
 def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
@@ -45,9 +48,11 @@ def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
 
 def off(trust: Model, e: Evaluation) -> dict[str, float]:
     """Calibrated numbers that are further from the rig file than tolerances explain, in tolerances."""
+    expected = {t.name: t for t in trust.free}
     pulls = {
-        f.name: (float(x) - f.expected) / trust.calibrated[f.name]
+        f.name: (float(x) - t.expected) / t.std
         for f, x in zip(e.model.free, e.x, strict=True)
         if f.cause < 0
+        for t in [expected[f.name]]
     }
     return {key: pull for key, pull in sorted(pulls.items(), key=lambda p: -abs(p[1])) if abs(pull) > FAR}

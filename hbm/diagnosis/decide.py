@@ -11,9 +11,11 @@ import numpy as np
 from scipy import stats
 
 from hbm.diagnosis.fit import Evaluation
-from hbm.diagnosis.misfit import SIGNIFICANCE
 from hbm.diagnosis.screen import Screening
 from hbm.fourier import Array
+
+ALARM = 0.003
+"""Probability of a false alarm by chance over all that was tried."""
 
 DECISIVE = 10.0
 """Fall of BIC that a cause must bring."""
@@ -21,14 +23,17 @@ DECISIVE = 10.0
 TIED = 9.0
 """Causes are not separable where their chi2 differs by less."""
 
+DRAWS = 400
+"""Repetitions of the measurement that the confidence is counted from."""
+
 
 def sidak(tried: int, parameters: int = 1) -> float:
-    """Fall of chi2 that chance brings in one of a hundred searches over so many candidates.
+    """Fall of chi2 that chance brings in :data:`ALARM` of the searches over so many candidates.
 
     >>> round(sidak(27), 1)
-    12.7
+    15.0
     """
-    each = -np.expm1(np.log1p(-SIGNIFICANCE) / max(tried, 1))
+    each = -np.expm1(np.log1p(-ALARM) / max(tried, 1))
     return float(stats.chi2.isf(each, parameters))
 
 
@@ -36,9 +41,11 @@ def suspicious(screening: Screening, points: int) -> bool:
     """Whether the score test finds a cause that would be accepted."""
     if not screening.scores:
         return False
-    best = screening.scores[0]
-    own = len(best.start) or 1
-    return bool(best.drop > max(sidak(screening.tried, own), DECISIVE + own * np.log(points)))
+    return any(
+        s.drop > max(sidak(screening.tried, own), DECISIVE + own * np.log(points))
+        for s in screening.scores
+        for own in [len(s.start) or 1]
+    )
 
 
 def accepted(base: Evaluation, e: Evaluation, tried: int) -> bool:
@@ -56,6 +63,42 @@ def best_of(fits: Sequence[Evaluation]) -> list[Evaluation]:
 def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:
     """Fits that the records cannot tell from the best one."""
     return [e for e in fits if e is not best and abs(e.chi2 - best.chi2) < TIED and not e.missing]
+
+
+def evidence(e: Evaluation) -> float:
+    """Twice the negative logarithm of a model's evidence: by Laplace where numbers are expected, else by BIC."""
+    std = np.array([f.std for f in e.model.free])
+    known = np.isfinite(std)
+    if not known.any():
+        return e.bic
+    narrowed = np.outer(std[known], std[known]) * e.information[np.ix_(known, known)]
+    return e.bic + float(np.linalg.slogdet(narrowed)[1])
+
+
+def simpler(single: Evaluation, calibrated: Evaluation, tried: int) -> bool:
+    """Whether one cause over a rig file that is right otherwise is likelier than many small errors of it."""
+    return bool(evidence(single) + 2.0 * np.log(tried) < evidence(calibrated) + DECISIVE)
+
+
+def inclusion(fits: Sequence[Evaluation], best: Evaluation, draws: int = DRAWS) -> float:
+    """Share of repeated measurements in which the best of some models would be chosen again, if it were true.
+
+    Every model is linear near its fit: noise drawn anew, each is refitted by projection and judged by BIC.
+    """
+    rng = np.random.default_rng(len(best.white))
+    noise = rng.standard_normal((len(best.white), draws))
+    size = float(np.log(len(best.white)))
+    bics = []
+    for e in (best, *(e for e in fits if e is not best and len(e.white) == len(best.white))):
+        expected = 1.0 / np.array([f.std for f in e.model.free])
+        J = np.vstack([e.white.jacobian, np.diag(expected)])
+        shift = e.white.residual - best.white.residual
+        r = np.vstack([shift[:, None] + noise, np.tile(-e.pulls[:, None], draws)])
+        if J.shape[1]:
+            Q, _ = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
+            r = r - Q @ (Q.T @ r)
+        bics.append(np.sum(r**2, axis=0) + e.model.counted * size)
+    return float(np.mean(np.argmin(bics, axis=0) == 0))
 
 
 def weights(bics: Sequence[float]) -> Array:

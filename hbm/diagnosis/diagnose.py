@@ -11,10 +11,10 @@ import numpy as np
 import models.causes
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import calibrate, off, profiled, trusted
-from hbm.diagnosis.decide import Decision, accepted, best_of, sidak, suspicious, tied, weights
+from hbm.diagnosis.decide import Decision, accepted, best_of, inclusion, sidak, simpler, suspicious, tied, weights
 from hbm.diagnosis.fit import Evaluation, evaluate, fit_model
 from hbm.diagnosis.heldout import check_held_out, choose_held_out
-from hbm.diagnosis.misfit import Misfit, likeliest, misfit, misfit_of_new
+from hbm.diagnosis.misfit import Misfit, likeliest, misfit, misfit_of_new, nrmse
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.numerics import Numerics, choose
 from hbm.diagnosis.race import race
@@ -34,6 +34,9 @@ from models.rig import Rig
 
 PAIRS_WITH = 2
 """Single causes from which pairs are built."""
+
+AS_GOOD = 4.0
+"""Records held out may fit a cause worse than the calibrated nominal by this chi2: they may not see it."""
 
 LINEARISED = 4
 """Times the prediction of records held out is linearised anew where the first does not fit."""
@@ -87,11 +90,8 @@ def diagnose(
 
 
 def _candidates(rig: Rig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
-    """Causes that have a size to fit; exchanged channels have none, the check of the sensors finds them."""
     for cause in models.causes.CAUSES.values() if causes is None else causes:
-        for candidate in cause.candidates(rig) if isinstance(cause, type) else (cause,):
-            if candidate.unknowns(rig):
-                yield candidate
+        yield from cause.candidates(rig) if isinstance(cause, type) else (cause,)
 
 
 def campaign_of(
@@ -122,23 +122,26 @@ class _Search:
         tolerances: Mapping[str, float] | None,
         tell: OnProgress,
     ) -> None:
-        self.rig, self.spectra, self.candidates, self.tell = rig, spectra, candidates, tell
+        self.rig, self.spectra, self.tell = rig, spectra, tell
         tell("sensors and numerics", 0.0)
         self.campaign, self.sensors = campaign_of(rig, spectra)
-        if self.campaign.points <= len(trusted(rig, tolerances).free) + 1:
+        channels = self.campaign.data.channels
+        self.candidates = [c for c in candidates if getattr(c, "channel", channels[0]) in channels]
+        self.trust = trusted(rig, channels, tolerances)
+        least = len([f for f in self.trust.free if not f.name.startswith("channels.")]) + 1
+        if self.campaign.points <= least:
             raise InputError(
-                f"{spectra.source}: {self.campaign.points} coefficients; must be more than the "
-                f"{len(trusted(rig, tolerances).free) + 1} numbers to fit"
+                f"{spectra.source}: {self.campaign.points} coefficients; must be more than the {least} numbers to fit"
             )
         tell("nominal", 0.05)
         bare = Model(rig, {})
-        self.nominal = evaluate(bare, self.campaign, bare.start, {})
-        tell("calibration", 0.1)
-        self.trust = trusted(rig, tolerances)
+        rough = evaluate(bare, self.campaign, bare.start, {})
+        self.campaign = self.campaign.corrected(rig, rough.solutions)
+        self.nominal = evaluate(bare, self.campaign, bare.start, rough.solutions)
+        tell("screening", 0.1)
+        self.screening: Screening = screen(self.nominal, self.campaign, self.candidates)
+        tell("calibration", 0.2)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
-        tell("screening", 0.2)
-        self.screening: Screening = screen(self.calibrated, self.campaign, candidates)
-        self.notes: list[str] = []
 
     @property
     def tried(self) -> int:
@@ -146,37 +149,47 @@ class _Search:
         return max(self.screening.tried, 1)
 
     def decide(self) -> Decision:
-        """Consistent, one cause, one beside free calibration, or two; the first that will do."""
-        fit = misfit(self.calibrated, self.campaign)
-        within = not off(self.trust, self.calibrated)
-        if fit.fits and within and not suspicious(self.screening, len(self.calibrated.white)):
-            return Decision(self.calibrated, None, ())
-        first = self._race(self.calibrated, self.screening, 0.25)
-        if first.best is not None and misfit(first.best, self.campaign).fits:
-            return first
-        if fit.fits and first.best is None:
+        """The simplest story that will do: see :mod:`hbm.diagnosis.decide`."""
+        nominal = misfit(self.nominal, self.campaign)
+        if nominal.fits and not suspicious(self.screening, len(self.nominal.white)):
+            return Decision(self.nominal, None, ())
+        exact = self._race(self.nominal, self.screening, 0.3)
+        if self._explains(exact) and exact.best is not None:
+            if simpler(exact.best, self.calibrated, self.tried) or not self._within():
+                return exact
+        if self._within():
+            return Decision(self.calibrated, None, exact.fits)
+        if nominal.fits:
+            return Decision(self.nominal, None, exact.fits)
+        self.tell("screening over the calibrated model", 0.5)
+        first = self._race(self.calibrated, screen(self.calibrated, self.campaign, self.candidates), 0.55)
+        if self._explains(first):
             return first
         second = self._profiled()
-        if second.best is not None and misfit(second.best, self.campaign).fits:
+        if self._explains(second):
             return second
         return self._pairs(first, second)
 
-    def _race(self, base: Evaluation, screening: Screening | None, done: float) -> Decision:
-        fits = best_of(race(base, self.campaign, self.candidates, screening, lambda doing: self.tell(doing, done)))
+    def _explains(self, decision: Decision) -> bool:
+        return decision.best is not None and misfit(decision.best, self.campaign).fits
+
+    def _within(self) -> bool:
+        """Whether numbers of the rig file that move within their tolerances explain everything."""
+        return misfit(self.calibrated, self.campaign).fits and not off(self.trust, self.calibrated)
+
+    def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
+        fits = best_of(race(base, self.campaign, screening, lambda doing: self.tell(doing, done)))
         best = next((e for e in fits[:1] if accepted(base, e, self.tried)), None)
         return Decision(base, best, tuple(fits))
 
     def _profiled(self) -> Decision:
         """Causes over a nominal whose calibrated numbers are free: several of them may be wrong."""
-        self.tell("free calibration", 0.5)
+        self.tell("free calibration", 0.65)
         base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
         physical = [c for c in self.candidates if not isinstance(c, WrongParameter)]
         if misfit(base, self.campaign).fits and accepted(self.calibrated, base, self.tried):
             return self._several(base)
-        screening = screen(base, self.campaign, physical)
-        fits = best_of(race(base, self.campaign, physical, screening, lambda doing: self.tell(doing, 0.6)))
-        best = next((e for e in fits[:1] if accepted(base, e, self.tried)), None)
-        return Decision(base, best, tuple(fits))
+        return self._race(base, screen(base, self.campaign, physical), 0.7)
 
     def _several(self, base: Evaluation) -> Decision:
         """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
@@ -198,7 +211,7 @@ class _Search:
         for single in best_of(fits)[:PAIRS_WITH]:
             rest = [c for c in self.candidates if c not in single.model.causes]
             screening = screen(single, self.campaign, rest)
-            out += race(single, self.campaign, rest, screening, lambda doing: self.tell(f"two causes: {doing}", 0.75))
+            out += race(single, self.campaign, screening, lambda doing: self.tell(f"two causes: {doing}", 0.75))
         ranked = best_of([*out, *fits])
         pair = next((e for e in ranked[:1] if accepted(self.calibrated, e, self.tried**2)), None)
         return Decision(self.calibrated, pair, tuple(ranked[:10]))
@@ -227,50 +240,34 @@ class _Report:
         self.hidden = None if unseen is None else campaign_of(search.rig, unseen)[0]
         self.nominal = self._scored(search.nominal)
         self.calibrated = self._scored(search.calibrated)
-        self.fits = [(e, self._scored(e)) for e in decision.fits]
-        self.best = next(((e, s) for e, s in self.fits if e is decision.best), None)
+        self.best = None if decision.best is None else (decision.best, self._scored(decision.best))
 
     def _scored(self, e: Evaluation) -> _Scored | None:
         if self.hidden is None:
             return None
         try:
-            there = evaluate(e.model, self.hidden, e.x, {})
+            rough = evaluate(e.model, self.hidden, e.x, {})
+            hidden = self.hidden.corrected(e.model.rig(e.x), rough.solutions)
+            there = evaluate(e.model, hidden, e.x, rough.solutions)
         except (ConvergenceError, ValueError):
             return None
-        best = misfit_of_new(there, e.x, e.covariance, self.hidden)
-        return _Scored(there, replace(self._within(there, e, best), nrmse=best.nrmse))
-
-    def _within(self, there: Evaluation, e: Evaluation, found: Misfit) -> Misfit:
-        """Misfit linearised where it is least within the covariance of the numbers; they stay as they were fitted."""
-        low, high = e.model.bounds()
-        for _ in range(LINEARISED if len(e.x) and self.hidden is not None else 0):
-            if found.fits or self.hidden is None:
-                break
-            try:
-                x = np.clip(likeliest(there, e.x, e.covariance), low, high)
-                there = evaluate(e.model, self.hidden, x, there.solutions)
-            except (ConvergenceError, ValueError):
-                break
-            found = min(found, misfit_of_new(there, e.x, e.covariance, self.hidden), key=lambda m: -m.probability)
-        return found
+        best = misfit_of_new(there, e.x, e.covariance, hidden)
+        return _Scored(there, replace(_within(there, e, best, hidden), nrmse=best.nrmse))
 
     def diagnosis(self) -> Diagnosis:
         verdict = self._verdict()
         best = self.decision.best if verdict == "cause-found" else None
         ties = tied(self.decision.fits, best) if best is not None else []
-        bics = [self.search.calibrated.bic, *(e.bic for e in self.decision.fits)]
-        place = 0 if best is None else 1 + self.decision.fits.index(best)
-        confidence = float(weights(bics)[place]) if verdict != "unexplained" else self._unexplained_by()
         return Diagnosis(
             verdict=verdict,
             cause=None if best is None else _name(best),
             parameters={} if best is None else estimates(best),
-            confidence=confidence,
+            confidence=self._confidence(verdict, best),
             not_separable=tuple(_name(e) for e in ties),
             separate_by=self._advice(best, ties),
             errors=self._errors(best),
             held_out_records=self.held,
-            ranking=tuple(self._ranked(e, s) for e, s in self.fits),
+            ranking=tuple(self._ranked(e) for e in self.decision.fits),
             evidence=tuple(self._evidence(verdict, best)),
             extended=None if best is None else best.model.rig(best.x),
         )
@@ -278,21 +275,27 @@ class _Report:
     def _verdict(self) -> Verdict:
         search, calibrated = self.search, self.calibrated
         if self.best is None:
-            fits = misfit(search.calibrated, search.campaign).fits and (
-                calibrated is None or calibrated.misfit.fits
-            )  # fmt: skip
+            scored = self.nominal if self.decision.base is search.nominal else calibrated
+            fits = misfit(self.decision.base, search.campaign).fits and (scored is None or scored.misfit.fits)
             return "consistent" if fits else "unexplained"
         _, scored = self.best
         if scored is None:
             return "cause-found"
         before = np.inf if calibrated is None else calibrated.misfit.chi2
-        holds = scored.misfit.fits and scored.misfit.chi2 < before + 1.0  # both with what their numbers leave open
+        holds = scored.misfit.fits and scored.misfit.chi2 < before + AS_GOOD  # both with what their numbers leave open
         return "cause-found" if holds else "unexplained"
 
-    def _unexplained_by(self) -> float:
-        """How improbable the misfit of the best model is by noise."""
-        e = self.decision.best or self.search.calibrated
-        return 1.0 - misfit(e, self.search.campaign).probability
+    def _confidence(self, verdict: Verdict, best: Evaluation | None) -> float:
+        """Share of repetitions that would decide alike; else how improbable it is that another verdict is right."""
+        search = self.search
+        if best is not None:
+            return inclusion((self.decision.base, *self.decision.fits), best)
+        if verdict == "unexplained":
+            e = self.decision.best or search.calibrated
+            return 1.0 - misfit(e, search.campaign).probability
+        size = float(np.log(len(search.nominal.white)))
+        rivals = [len(s.start) * size - s.drop for s in search.screening.scores[:1]]
+        return float(weights([0.0, *rivals])[0])
 
     def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:
         search = self.search
@@ -306,9 +309,16 @@ class _Report:
             out[name] |= {} if scored is None else {"held_out": scored.errors}
         return out
 
-    def _ranked(self, e: Evaluation, scored: _Scored | None) -> Ranked:
-        nrmse = None if scored is None else scored.misfit.nrmse
-        return Ranked(e.model.label, _name(e), estimates(e), e.bic, e.chi2, nrmse)
+    def _ranked(self, e: Evaluation) -> Ranked:
+        return Ranked(e.model.label, _name(e), estimates(e), e.bic, e.chi2, self._nrmse_held_out(e))
+
+    def _nrmse_held_out(self, e: Evaluation) -> float | None:
+        if self.best is not None and e is self.best[0] and self.best[1] is not None:
+            return self.best[1].misfit.nrmse
+        try:
+            return None if self.hidden is None else nrmse(evaluate(e.model, self.hidden, e.x, {}).white)
+        except (ConvergenceError, ValueError):
+            return None
 
     def _advice(self, best: Evaluation | None, ties: list[Evaluation]) -> str:
         if best is None or not ties:
@@ -381,6 +391,21 @@ class _Report:
         for i, cause in enumerate(best.model.causes[1:], start=1):
             said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
             yield f"Beside it: {cause.label}, {said}."
+
+
+def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -> Misfit:
+    """Misfit linearised where it is least within the covariance of the numbers; they stay as they were fitted."""
+    low, high = e.model.bounds()
+    for _ in range(LINEARISED if len(e.x) else 0):
+        if found.fits:
+            break
+        try:
+            x = np.clip(likeliest(there, e.x, e.covariance), low, high)
+            there = evaluate(e.model, hidden, x, there.solutions)
+        except (ConvergenceError, ValueError):
+            break
+        found = min(found, misfit_of_new(there, e.x, e.covariance, hidden), key=lambda m: -m.probability)
+    return found
 
 
 def _name(e: Evaluation) -> str:

@@ -15,6 +15,9 @@ from hbm.fourier import Array
 STEPS = 15
 """Steps of least squares, at most."""
 
+REFINED = 4
+"""Steps after the discretisation was corrected."""
+
 SETTLED = 0.05
 PART = 1e-3
 """Least squares ends when a step promises to lower chi2 by less than this, or by less than this part of its excess."""
@@ -159,6 +162,12 @@ def fit_model(
         if damping > MOST_DAMPED:
             break
     return here
+
+
+def refine(e: Evaluation, campaign: Campaign, steps: int = REFINED) -> Evaluation:
+    """Fit a model again with the discretisation corrected where the fit is."""
+    there = campaign.corrected(e.model.rig(e.x), e.solutions)
+    return fit_model(e.model, there, e.x, e.solutions, steps)
 
 
 def _chi2_of_both(before: Evaluation, after: Evaluation) -> float:

@@ -16,7 +16,7 @@ from hbm.fourier import Array
 NOISE_KNOWN = 0.03
 """Standard deviations in a spectra file may be this much too small, relatively."""
 
-SIGNIFICANCE = 0.01
+SIGNIFICANCE = 0.003
 """A misfit less probable than this by noise alone is one."""
 
 Labels = npt.NDArray[np.generic]

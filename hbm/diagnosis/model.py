@@ -10,6 +10,7 @@ import numpy as np
 
 from hbm.diagnosis.nominal import nominal_scalars, unit_of, with_values
 from hbm.fourier import Array
+from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.rig import Rig
 
@@ -19,8 +20,8 @@ WIDE = 20.0
 STEP = 1e-6
 """Of coordinates, for the derivative of a rig's numbers to them; no solution is differentiated so."""
 
-BOUND = 3.0
-"""Calibrated numbers stay within this factor of the nominal ones."""
+BOUND, FAR = 3.0, 20.0
+"""Calibrated numbers stay within this factor of the nominal ones, and within so many standard deviations."""
 
 
 Form = Literal["linear", "logarithmic", "inverse"]
@@ -92,6 +93,18 @@ def free_of(unknown: Unknown, cause: int) -> Free:
     return Free(unknown.name, unknown.unit, lower, upper, unknown.starts[0], form, scale, cause=cause)
 
 
+def calibrated_of(rig: Rig, key: str, value: float, std: float) -> Free:
+    """Free number that is expected to be what the rig file says, within a standard deviation."""
+    unit = unit_of(rig, key)
+    if value == 0.0:
+        return Free(key, unit, -FAR * std, FAR * std, 0.0, "linear", std, std=1.0)
+    factor = min(BOUND, float(np.exp(FAR * std)))
+    upper = value * factor
+    if key.endswith(".position") and isinstance(rig.body, Beam):
+        upper = min(upper, float(rig.body.length))
+    return Free(key, unit, value / factor, upper, value, expected=float(np.log(value)), std=std)
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """A nominal rig, the numbers that are calibrated, and causes.
@@ -100,7 +113,7 @@ class Model:
     ----------
     nominal : Rig
     calibrated : dict of str to float
-        Relative standard deviation of each calibrated number; inf where it is free.
+        Standard deviation of each calibrated number, relative where it is not 0; inf where it is free.
     causes : tuple of Cause
     """
 
@@ -133,10 +146,9 @@ class Model:
         known = nominal_scalars(self.nominal)
         taken = {u.key for unknowns in self.unknowns for u in unknowns}
         calibrated = [
-            Free(key, unit_of(self.nominal, key), v / BOUND, v * BOUND, v, expected=float(np.log(v)), std=std)
+            calibrated_of(self.nominal, key, known[key], std)
             for key, std in self.calibrated.items()
             if key not in taken
-            for v in [known[key]]
         ]
         return (*calibrated, *(free_of(u, i) for i, unknowns in enumerate(self.unknowns) for u in unknowns))
 

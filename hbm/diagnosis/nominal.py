@@ -1,6 +1,6 @@
 """Numbers of a rig: what they may be off by, and other values of them."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 from hbm.sensitivity import ALPHA, FRICTION, LOAD, sensor_scalars
 from models.change import Scalar, element_scalars, structure_scalars
@@ -15,21 +15,37 @@ TOLERANCES = {
     FRICTION + "mu": 0.02,
     FRICTION + "mu_static": 0.02,
     "friction": 0.05,
+    "gain": 0.002,
+    "delay": 2e-6,
+    "position": 5e-4,
 }
 """What numbers of a rig file are off by in a rig that nobody would call wrong, relative standard deviations.
 
-`friction` stands for every other parameter of a friction law.
+`friction` stands for every other parameter of a friction law; `gain`, `delay` [s] and `position` [m] for those of every
+channel and of the excitation, absolute.
 """
 
 
-def tolerances(rig: Rig) -> dict[str, float]:
-    """Numbers of a rig that are calibrated, and the relative standard deviation of each."""
+def tolerances(rig: Rig, channels: Collection[str] = ()) -> dict[str, float]:
+    """Numbers of a rig that are calibrated, and the standard deviation of each: relative, but of a delay in seconds.
+
+    Parameters
+    ----------
+    rig : Rig
+    channels : collection of str
+        Channels of motion that were measured.
+    """
     known = nominal_scalars(rig)
     law = {key: TOLERANCES.get(key, TOLERANCES["friction"]) for key in known if key.startswith(FRICTION)}
     others = {key: std for key, std in TOLERANCES.items() if key in known}
     if rig.damping.modal_ratios is not None:
         others.pop(ALPHA, None)
-    return {key: std for key, std in (law | others).items() if known[key] > 0.0}
+    numbers = {key: std for key, std in (law | others).items() if known[key] > 0.0}
+    places = [key for key in ("excitation.position", *(f"channels.{c}.position" for c in channels)) if key in known]
+    numbers |= {key: TOLERANCES["position"] / known[key] for key in places if known[key] > 0.0}
+    for c in channels:
+        numbers |= {f"channels.{c}.gain": TOLERANCES["gain"], f"channels.{c}.delay": TOLERANCES["delay"]}
+    return numbers
 
 
 def nominal_scalars(rig: Rig) -> dict[str, float]:

@@ -1,5 +1,10 @@
-"""Harmonics, samples and modes on which records are simulated, and what they leave: a cause of misfit too."""
+"""Harmonics, samples and modes on which records are simulated, and what they leave: a cause of misfit too.
 
+What a fit needs again and again is simulated on a working discretisation and corrected by its difference to a fine one,
+found where it starts and once more where it ends; what the fine one may leave counts as noise.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,49 +16,64 @@ from hbm.solution import PeriodicSolution
 from models.beam import Beam
 from models.rig import Rig
 
-RESOLVED = 2.0
-"""A discretisation will do where refining it moves a record by less than this in all, in standard deviations."""
+RESOLVED = 8.0
+"""A working discretisation will do that is corrected by less than this, in standard deviations of a record in all."""
 
 PROBED = 4
 """Records on which it is judged: those that slip fastest, spread over the levels."""
 
-LADDER = ((15, 512, 0), (21, 512, 2), (25, 1024, 4), (35, 1024, 6))
-"""Harmonics, samples, and modes beyond those the highest measured harmonic needs; the last is never used but compared
-with."""
+LADDER = ((21, 512, 0), (25, 512, 4), (35, 1024, 6), (45, 1024, 8))
+"""Harmonics, samples, and modes beyond those the highest measured harmonic needs, of working discretisations;"""
+
+FINE = (60, 1024, 12)
+"""of the fine one."""
+
+NEGLIGIBLE = 0.1
+"""Records that the rung before the fine one changes by less than this are not simulated on it [std]."""
+
+LEFT = 0.3
+"""Share of the last refinement that the fine discretisation may leave."""
 
 
 @dataclass(frozen=True, eq=False)
-class Numerics:
-    """A discretisation and what it leaves.
-
-    Attributes
-    ----------
-    basis : FourierBasis
-    modes : int
-    left : (c, H) array
-        Change of each part of an amplitude by refinement, rms over the probed records, in the unit of the channel.
-    change : float
-        Length of the change of a record, in standard deviations, the largest.
-    """
+class Grid:
+    """A basis and a number of modes."""
 
     basis: FourierBasis
     modes: int
-    left: Array
-    change: float
 
     def rig(self, rig: Rig) -> Rig:
         """The rig on so many modes."""
         return rig.with_modes(self.modes) if isinstance(rig.body, Beam) and rig.body.modes != self.modes else rig
 
+
+@dataclass(frozen=True, eq=False)
+class Numerics:
+    """Discretisations of a campaign.
+
+    Attributes
+    ----------
+    working, finer, fine : Grid
+        On which records are fitted, one between, and the one to whose solutions they are corrected.
+    change : float
+        Length of the correction of a record, in standard deviations, the largest that was probed.
+    """
+
+    working: Grid
+    finer: Grid
+    fine: Grid
+    change: float
+
     def __str__(self) -> str:
         return (
-            f"simulated with {self.basis.H} harmonics, {self.basis.N_t} samples and {self.modes} modes; finer ones "
-            f"move the fastest records by {self.change:.2g} standard deviations in all, which counts as noise"
+            f"simulated with {self.working.basis.H} harmonics, {self.working.basis.N_t} samples and "
+            f"{self.working.modes} modes, corrected to {self.fine.basis.H}, {self.fine.basis.N_t} and "
+            f"{self.fine.modes}: by up to {self.change:.2g} standard deviations of a record in all"
         )
 
 
 def choose(rig: Rig, data: Measurement) -> Numerics:
-    """Coarsest discretisation that will do.
+    """Coarsest working discretisation that will do.
 
     Parameters
     ----------
@@ -66,39 +86,93 @@ def choose(rig: Rig, data: Measurement) -> Numerics:
     Numerics
     """
     n = rig.structure.n
-    rungs = [(max(H, data.H + 6), N_t, n + more) for H, N_t, more in LADDER]
+    *rungs, fine = [Grid(FourierBasis(max(H, data.H + 6), N_t), n + more) for H, N_t, more in (*LADDER, FINE)]
     probed = [data.records[i] for i in np.argsort(-data.speed)[:: max(1, len(data.records) // 8)][:PROBED]]
-    found: list[list[PeriodicSolution | None]] = []
-    for rung in rungs:  # each starts from the one before
-        found.append(_solved(rig, probed, *rung, found[-1] if found else [None] * len(probed)))
-    amplitudes = [[_amplitudes(data, s) for s in row] for row in found]
-    best = None
-    for i, (H, N_t, modes) in enumerate(rungs[:-1]):
-        pairs = zip(amplitudes[i], amplitudes[-1], probed, strict=True)
-        changes = [(a - b, r) for a, b, r in pairs if a is not None and b is not None]
-        change = max((float(np.sqrt(np.nansum((d / r.std) ** 2))) for d, r in changes), default=np.inf)
-        left = np.sqrt(np.mean([d**2 for d, _ in changes], axis=(0, 1))) if changes else np.zeros(data.H)
-        best = Numerics(FourierBasis(H, N_t), modes, np.nan_to_num(left), change)
+    best: list[Array | None] | None = None
+    change = np.inf
+    for working in rungs:
+        found = _solved(rig, probed, working, [None] * len(probed))
+        best = _amplitudes(data, _solved(rig, probed, fine, found)) if best is None else best
+        pairs = zip(_amplitudes(data, found), best, probed, strict=True)
+        lengths = [_length(a - b, r) for a, b, r in pairs if a is not None and b is not None]
+        change = max(lengths, default=np.inf)
         if change < RESOLVED:
             break
-    assert best is not None
-    return best
+    return Numerics(working, rungs[-1], fine, change)
 
 
-def _amplitudes(data: Measurement, solution: PeriodicSolution | None) -> Array | None:
-    if solution is None:
-        return None
-    return np.stack([parts(solution.basis, solution[name].coefficients, data.H) for name in data.channels], axis=1)
+def _length(change: Array, record: Record) -> float:
+    """Of a change of amplitudes (2, c, H), in standard deviations."""
+    return float(np.sqrt(np.nansum((change / record.std) ** 2)))
+
+
+def _amplitudes(data: Measurement, solutions: list[PeriodicSolution | None]) -> list[Array | None]:
+    return [None if s is None else amplitudes_of(data, s) for s in solutions]
+
+
+def amplitudes_of(data: Measurement, solution: PeriodicSolution) -> Array:
+    """Of the channels, real and imaginary parts of harmonics 1..H, (2, c, H)."""
+    columns = [parts(solution.basis, solution[name].coefficients, data.H) for name in data.channels]
+    return np.stack(columns, axis=1)
 
 
 def _solved(
-    rig: Rig, records: list[Record], H: int, N_t: int, modes: int, last: list[PeriodicSolution | None]
+    rig: Rig, records: list[Record], grid: Grid, last: list[PeriodicSolution | None]
 ) -> list[PeriodicSolution | None]:
-    fine, basis = rig.with_modes(modes), FourierBasis(H, N_t)
+    fine = grid.rig(rig)
     out: list[PeriodicSolution | None] = []
     for record, start in zip(records, last, strict=True):
         try:
-            out.append(solve_record(fine, basis, record, start))
+            out.append(solve_record(fine, grid.basis, record, start))
         except ConvergenceError:
             out.append(None)
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """What is added to the simulation of a record (2, c, H), and the standard deviation of what is left (c, H)."""
+
+    added: Array
+    left: Array
+
+
+def corrections(
+    rig: Rig, data: Measurement, numerics: Numerics, solutions: Mapping[int, PeriodicSolution]
+) -> dict[int, Correction]:
+    """Corrections of records whose steady states at a rig are known on the working discretisation.
+
+    Parameters
+    ----------
+    rig : Rig
+    data : Measurement
+    numerics : Numerics
+    solutions : mapping of int to PeriodicSolution
+        By the number of the record.
+
+    Returns
+    -------
+    dict of int to Correction
+        Without those that cannot be simulated more finely.
+    """
+    records = [r for r in data.records if r.number in solutions]
+    out = {}
+    for record in records:
+        start = solutions[record.number]
+        (between,) = _solved(rig, [record], numerics.finer, [start])
+        if between is None:
+            continue
+        coarse, finer = amplitudes_of(data, start), amplitudes_of(data, between)
+        if _length(finer - coarse, record) < NEGLIGIBLE:
+            out[record.number] = Correction(finer - coarse, LEFT * _size(finer - coarse))
+            continue
+        (last,) = _solved(rig, [record], numerics.fine, [between])
+        if last is not None:
+            best = amplitudes_of(data, last)
+            out[record.number] = Correction(best - coarse, LEFT * _size(best - finer))
+    return out
+
+
+def _size(change: Array) -> Array:
+    """Rms of the two parts (c, H)."""
+    return np.asarray(np.sqrt(np.mean(change**2, axis=0)))

@@ -1,18 +1,19 @@
-"""Candidates against each other: quickly on few records, the best of them on all.
+"""Candidates against each other, by the score test where the misfit is small and else by quick fits; then full fits.
 
-The quick heat compares starts, then takes some steps from the best two, on a coarse discretisation; the final is exact.
+The quick heat compares starts, then takes some steps from the best two, on few records and a coarse discretisation; the
+final is exact.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from continuation import ConvergenceError
-from hbm.diagnosis.fit import Evaluation, best_start, fit_model
+from hbm.diagnosis.fit import Evaluation, best_start, fit_model, refine
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign
-from hbm.diagnosis.screen import Screening, coarse, spread, starting
+from hbm.diagnosis.screen import Screening, coarse, small, spread, starting
 from hbm.fourier import Array
 from models.causes.cause import Cause
 
@@ -28,48 +29,45 @@ FINALISTS = 5
 
 CLOSE = 30.0
 
-LINEAR = 3.0
-"""Where the mean square misfit is below this, the score test is trusted to say who runs."""
-
-PROMISING = 25.0
-"""Then those run whose predicted fall of chi2 is within this of the best, or within half of it."""
+PROMISING = 40.0
+SHARE = 0.75
+"""Where the misfit is small, those run whose predicted fall of chi2 is within this of the best, or is this share of
+it."""
 
 EXPLAINED = 1.5
 """Mean square misfit of the quick heat from which on only look-alikes of the best one run,"""
 
-ALIKE = 0.7
+ALIKE = 0.5
 """those whose signature has this cosine with it."""
 
 SECOND = 3.0
 """The second start is tried where its chi2 is within this factor of the best."""
 
+REFINED = 1.3
+"""Fits whose chi2 is within this factor of the best are refined."""
+
+Tell = Callable[[str], None]
+
 
 @dataclass(frozen=True, eq=False)
 class Runner:
-    """A candidate after the quick heat: chi2 on its records, and where it stands."""
+    """A candidate before the final: chi2 as far as it is known, and where it stands."""
 
     cause: Cause
     chi2: float
     x: Array
 
 
-def race(
-    base: Evaluation,
-    campaign: Campaign,
-    candidates: Sequence[Cause],
-    screening: Screening | None,
-    tell: Callable[[str], None],
-) -> list[Evaluation]:
-    """Fit the candidates that may explain a misfit, over a calibrated model.
+def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Evaluation]:
+    """Fit the candidates that may explain a misfit, over a model that was calibrated or not.
 
     Parameters
     ----------
     base : Evaluation
-        The calibrated model on the records.
+        The model on the records.
     campaign : Campaign
-    candidates : sequence of Cause
-    screening : Screening or None
-        Where given, it decides who runs if the misfit is small, and where places start.
+    screening : Screening
+        Of the candidates over the same base.
     tell : callable
         Progress.
 
@@ -78,29 +76,46 @@ def race(
     list of Evaluation
         Of the finalists on all records, the least chi2 first.
     """
-    few = coarse(campaign, [n for n in spread(campaign, HEAT_RECORDS) if n in base.found])
-    running = list(_promising(base, candidates, screening))
-    heat: list[Runner] = []
-    for i, cause in enumerate(running):
-        if screening is not None and _settled(heat, few, cause, screening):
-            continue
-        tell(f"{cause.label} ({i + 1} of {len(running)})")
-        runner = _heat(base, few, cause)
-        if runner is not None:
-            heat.append(runner)
-    heat.sort(key=lambda r: r.chi2)
-    if not heat:
-        return []
-    scale = len(campaign.numbers) / len(few.numbers)
-    finalists = [r for i, r in enumerate(heat) if i < FINALISTS and scale * (r.chi2 - heat[0].chi2) < _margin(heat[0])]
-    done = []
-    for runner in finalists:
+    runners = _by_score(base, screening) if small(base) else _by_heat(base, campaign, screening, tell)
+    done: list[Evaluation] = []
+    for runner in runners:
         tell(f"{runner.cause.label}, all records")
         try:
             done.append(fit_model(base.model.extended_by(runner.cause), campaign, runner.x, base.solutions))
         except FAILURES:
             continue
-    return sorted(done, key=lambda e: e.chi2)
+    least = min((e.chi2 for e in done), default=0.0)
+    close = [refine(e, campaign) if e.chi2 < REFINED * least else e for e in done]
+    return sorted(close, key=lambda e: (len(e.missing), e.chi2))
+
+
+def _by_score(base: Evaluation, screening: Screening) -> list[Runner]:
+    """Candidates whose predicted fall of chi2 is near the best."""
+    best = screening.scores[0].drop if screening.scores else 0.0
+    least = max(min(best - PROMISING, SHARE * best), 0.0)
+    return [
+        Runner(s.cause, base.chi2 - s.drop, starting(base.model.extended_by(s.cause), base, s.start))
+        for i, s in enumerate(screening.scores)
+        if s.drop > 0.0 and s.drop >= least and (i < FINALISTS or s.drop > best - PROMISING)
+    ]
+
+
+def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Runner]:
+    """Candidates by quick fits."""
+    few = coarse(campaign, [n for n in spread(campaign, HEAT_RECORDS) if n in base.found])
+    heat: list[Runner] = []
+    for i, score in enumerate(screening.scores):
+        if _settled(heat, few, score.cause, screening):
+            continue
+        tell(f"{score.cause.label} ({i + 1} of {len(screening.scores)})")
+        runner = _heat(base, few, score.cause)
+        if runner is not None:
+            heat.append(runner)
+    heat.sort(key=lambda r: r.chi2)
+    if not heat:
+        return []
+    scale, margin = len(campaign.numbers) / len(few.numbers), max(10 * CLOSE, heat[0].chi2)
+    return [r for i, r in enumerate(heat) if i < FINALISTS and scale * (r.chi2 - heat[0].chi2) < margin]
 
 
 def _settled(heat: Sequence[Runner], few: Campaign, cause: Cause, screening: Screening) -> bool:
@@ -111,25 +126,12 @@ def _settled(heat: Sequence[Runner], few: Campaign, cause: Cause, screening: Scr
     return cause.label not in screening.look_alikes(winner.cause.label, ALIKE)
 
 
-def _margin(best: Runner) -> float:
-    """Within which the quick heat does not decide."""
-    return max(10 * CLOSE, best.chi2)
-
-
-def _promising(base: Evaluation, candidates: Iterable[Cause], screening: Screening | None) -> Iterable[Cause]:
-    if screening is None or base.white.chi2 > LINEAR * len(base.white):
-        return [s.cause for s in screening.scores] if screening is not None else candidates
-    drops = [s.drop for s in screening.scores]
-    least = max(0.0, min(drops[0] - PROMISING, 0.5 * drops[0]))
-    return [s.cause for s in screening.scores if s.drop >= least and s.drop > 0.0]
-
-
 def _heat(base: Evaluation, few: Campaign, cause: Cause) -> Runner | None:
     model = base.model.extended_by(cause)
     try:
         here = starting(model, base, {})
         starts = _starts(model, here)
-        if not base.model.causes:  # calibration may have gone far to make up for the cause
+        if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
             starts += _starts(model, model.start)
         ordered = best_start(model, few, starts, base.solutions)
         near = [x for chi2, x in ordered[:HEAT_STARTS] if chi2 <= SECOND * ordered[0][0]]
@@ -142,7 +144,7 @@ def _heat(base: Evaluation, few: Campaign, cause: Cause) -> Runner | None:
 
 def _starts(model: Model, x: Array) -> list[Array]:
     """Where the last cause may start, everything else as in `x`."""
-    own = np.array([f.cause == len(model.causes) - 1 for f in model.free])
+    own = np.array([f.cause == len(model.causes) - 1 for f in model.free], dtype=bool)
     unique = {tuple(s[own]) for s in model.starts(x)}
     return [np.where(own, _placed(own, values), x) for values in sorted(unique)]
 

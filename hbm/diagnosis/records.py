@@ -4,15 +4,15 @@ Uncertain are the responses, the force that was measured (through the model), an
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from continuation import ConvergenceError
-from hbm.diagnosis.numerics import Numerics
-from hbm.fourier import Array
+from hbm.diagnosis.numerics import Correction, Grid, Numerics, amplitudes_of, corrections
+from hbm.fourier import Array, FourierBasis
 from hbm.identification.records import Measurement, Record, force_columns, parts, solve_from, solve_record
 from hbm.sensitivity import FORCE, sensitivities
 from hbm.solution import PeriodicSolution
@@ -29,7 +29,7 @@ FAILURES = (ConvergenceError, ArithmeticError, ValueError, np.linalg.LinAlgError
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """One record: amplitudes (2, c, H), their derivatives to p keys (2, c, H, p) and to the force (2, c, H)."""
+    """One record as simulated: amplitudes (2, c, H), derivatives to p keys (2, c, H, p) and to the force (2, c, H)."""
 
     solution: PeriodicSolution
     amplitudes: Array
@@ -75,16 +75,26 @@ class Whitened:
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """Measured records and the discretisation on which they are simulated."""
+    """Measured records, how they are simulated, and what corrects the simulation of each."""
 
     data: Measurement
     numerics: Numerics
+    corrections: Mapping[int, Correction] = field(default_factory=dict)
 
     def of(self, numbers: Sequence[int]) -> "Campaign":
         """Some of the records."""
         keep = [i for i, r in enumerate(self.data.records) if r.number in set(numbers)]
         chosen = tuple(self.data.records[i] for i in keep)
-        return Campaign(Measurement(chosen, self.data.channels, self.data.H, self.data.speed[keep]), self.numerics)
+        return replace(self, data=Measurement(chosen, self.data.channels, self.data.H, self.data.speed[keep]))
+
+    def corrected(self, rig: Rig, solutions: Solutions) -> "Campaign":
+        """The same, with the discretisation corrected where it is now."""
+        return replace(self, corrections=corrections(rig, self.data, self.numerics, solutions))
+
+    def coarsely(self, H: int, N_t: int) -> "Campaign":
+        """The same on another basis, without a correction."""
+        working = Grid(FourierBasis(H, N_t), self.numerics.working.modes)
+        return replace(self, numerics=replace(self.numerics, working=working), corrections={})
 
     @property
     def numbers(self) -> list[int]:
@@ -111,18 +121,18 @@ class Campaign:
         -------
         dict of int to Simulated
         """
-        fine = self.numerics.rig(rig)
+        fine = self.numerics.working.rig(rig)
         found = {r.number: self._one(fine, r, tuple(keys), last.get(r.number)) for r in self.data.records}
         return {number: simulated for number, simulated in found.items() if simulated is not None}
 
     def solve(self, rig: Rig, last: Solutions) -> dict[int, PeriodicSolution]:
         """Steady states alone."""
-        fine = self.numerics.rig(rig)
+        fine = self.numerics.working.rig(rig)
         found = {r.number: self._solution(fine, r, last.get(r.number)) for r in self.data.records}
         return {number: solution for number, solution in found.items() if solution is not None}
 
     def _solution(self, rig: Rig, record: Record, last: PeriodicSolution | None) -> PeriodicSolution | None:
-        basis = self.numerics.basis
+        basis = self.numerics.working.basis
         try:
             return solve_record(rig, basis, record, last)
         except FAILURES:
@@ -141,16 +151,14 @@ class Campaign:
             by = sensitivities(rig, solution, (*keys, FORCE))
         except FAILURES:
             return None
-        slopes = [by[name].coefficients for name in self.data.channels]
-        all_slopes = np.stack([self._parts(s) for s in slopes], axis=1)
-        return Simulated(solution, self.amplitudes(solution), all_slopes[..., :-1], all_slopes[..., -1])
+        basis, H = self.numerics.working.basis, self.data.H
+        slopes = np.stack([parts(basis, by[name].coefficients, H) for name in self.data.channels], axis=1)
+        return Simulated(solution, amplitudes_of(self.data, solution), slopes[..., :-1], slopes[..., -1])
 
-    def amplitudes(self, solution: PeriodicSolution) -> Array:
-        """Of the channels, (2, c, H)."""
-        return np.stack([self._parts(solution[name].coefficients) for name in self.data.channels], axis=1)
-
-    def _parts(self, coefficients: Array) -> Array:
-        return parts(self.numerics.basis, coefficients, self.data.H)
+    def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:
+        """Of the channels in a record, corrected, (2, c, H)."""
+        correction = self.corrections.get(number)
+        return amplitudes_of(self.data, solution) + (0.0 if correction is None else correction.added)
 
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
         """Records found, in standard deviations; `by_x` (p, n) turns derivatives to keys into those to coordinates."""
@@ -162,8 +170,10 @@ class Campaign:
 
     def _whitened(self, record: Record, simulated: Simulated, by_x: Array) -> tuple[npt.NDArray[Any], ...]:
         listed = record.listed
-        std = np.broadcast_to(np.hypot(record.std, self.numerics.left), listed.shape)[listed]
-        raw = (record.measured - simulated.amplitudes)[listed]
+        correction = self.corrections.get(record.number)
+        left = 0.0 if correction is None else correction.left
+        std = np.broadcast_to(np.hypot(record.std, left), listed.shape)[listed]
+        raw = (record.measured - self.amplitudes(record.number, simulated.solution))[listed]
         columns = force_columns(record, simulated.amplitudes, simulated.by_force)[:, listed] / std
         white = uncorrelated(columns.T, np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / std[:, None])
         _, channel, harmonic = np.nonzero(listed)
@@ -181,7 +191,7 @@ class Campaign:
     def chi2(self, solutions: Solutions) -> dict[int, float]:
         """Squared misfit of each record by the noise of its responses alone."""
         return {
-            r.number: float(np.nansum(((r.measured - self.amplitudes(solutions[r.number])) / r.std) ** 2))
+            r.number: float(np.nansum(((r.measured - self.amplitudes(r.number, solutions[r.number])) / r.std) ** 2))
             for r in self.data.records
             if r.number in solutions
         }

@@ -5,7 +5,7 @@ less what the calibrated numbers can do as well. A number that only shapes an ef
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -14,17 +14,23 @@ import numpy.typing as npt
 from hbm.diagnosis.fit import Evaluation, evaluate
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.nominal import nominal_scalars
-from hbm.diagnosis.numerics import Numerics
 from hbm.diagnosis.records import FAILURES, Campaign
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array
 from models.causes.cause import Cause, Unknown
 from models.causes.parameter import WrongParameter
 from models.rig import Rig
 
 Mask = npt.NDArray[np.bool_]
 
-RECORDS = 10
-"""Records whose derivatives make the signatures, spread over levels and frequencies."""
+RECORDS, FEW = 20, 8
+"""Records whose derivatives make the signatures, spread over levels and frequencies: where the misfit is small, and
+where it is too large for the score test to do more than to say who goes first."""
+
+LINEAR = 2.0
+"""Mean square misfit up to which it is small."""
+
+PROBED = 6
+"""Records on which causes are tried that have no size."""
 
 COARSE = (15, 256)
 """Harmonics and samples for the derivatives; the misfit itself is that of the fine simulation."""
@@ -83,6 +89,11 @@ class Screening:
         }  # fmt: skip
 
 
+def small(base: Evaluation) -> bool:
+    """Whether the misfit of a model is small enough for what is linear in it."""
+    return base.white.chi2 < LINEAR * len(base.white)
+
+
 def spread(campaign: Campaign, number: int) -> list[int]:
     """Numbers of records spread over levels and frequencies, those that slip most among them."""
     order = np.lexsort(([r.hz for r in campaign.data.records], [r.force for r in campaign.data.records]))
@@ -93,11 +104,7 @@ def spread(campaign: Campaign, number: int) -> list[int]:
 
 def coarse(campaign: Campaign, numbers: Sequence[int]) -> Campaign:
     """Some records on few harmonics and samples, for what need not be exact."""
-    H, N_t = max(COARSE[0], campaign.data.H + 4), COARSE[1]
-    numerics = campaign.numerics
-    return replace(
-        campaign.of(numbers), numerics=Numerics(FourierBasis(H, N_t), numerics.modes, numerics.left, numerics.change)
-    )
+    return campaign.of(numbers).coarsely(max(COARSE[0], campaign.data.H + 4), COARSE[1])
 
 
 @dataclass(frozen=True)
@@ -126,11 +133,12 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
     -------
     Screening
     """
-    few = coarse(campaign, [n for n in spread(campaign, RECORDS) if n in base.found])
+    few = coarse(campaign, [n for n in spread(campaign, RECORDS if small(base) else FEW) if n in base.found])
     seen = np.isin(base.white.record, few.numbers)
-    best: dict[str, Score] = {}
-    tried = 0
-    for model, entries in _groups(base.model, candidates):
+    sized = [c for c in candidates if c.unknowns(base.model.nominal)]
+    best = {s.cause.label: s for s in _tried(base, campaign, [c for c in candidates if c not in sized], seen)}
+    tried = len(best)
+    for model, entries in _groups(base.model, sized):
         tried += len(entries)
         for score in _scores(base, few, base.white.residual[seen], model, entries):
             other = best.get(score.cause.label)
@@ -141,13 +149,25 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
     return Screening(tuple(sorted(best.values(), key=lambda s: -s.drop)), len(few.numbers), tried)
 
 
+def _tried(base: Evaluation, campaign: Campaign, causes: Sequence[Cause], seen: Mask) -> Iterator[Score]:
+    """Scores of causes without a size: the fall of chi2 on few records."""
+    few = coarse(campaign, [n for n in spread(campaign, PROBED) if n in base.found])
+    plain = few.solve(base.model.rig(base.x), base.solutions) if causes else {}
+    before, share = sum(few.chi2(plain).values()), seen.sum() / max(few.points, 1)
+    for cause in causes:
+        try:
+            there = few.solve(base.model.extended_by(cause).rig(base.x), plain)
+        except FAILURES:
+            there = {}
+        drop = (before - sum(few.chi2(there).values())) * share if len(there) == len(plain) else 0.0
+        yield Score(cause, max(drop, 0.0), np.sqrt(max(drop, 0.0)), np.zeros(int(seen.sum())), {})
+
+
 def _shapes(model: Model) -> list[dict[str, float]]:
     """Starts of the last cause of a model, without effect and of every shape."""
-    strength, *shape = model.unknowns[-1]
-    return [
-        {strength.name: strength.starts[0]} | dict(zip((u.name for u in shape), values, strict=True))
-        for values in product(*(u.starts for u in shape))
-    ]
+    unknowns = model.unknowns[-1]
+    grids = [u.starts if u.shapes else u.starts[:1] for u in unknowns]
+    return [dict(zip((u.name for u in unknowns), values, strict=True)) for values in product(*grids)]
 
 
 def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[_Entry]]]:

@@ -118,7 +118,7 @@ def _predicted(best: Evaluation, rival: Evaluation, campaign: Campaign, experime
 def _solved(
     e: Evaluation, campaign: Campaign, experiment: Experiment, force: float, hz: float
 ) -> tuple[PeriodicSolution, Rig]:
-    rig = campaign.numerics.rig(e.model.rig(e.x))
+    rig = campaign.numerics.working.rig(e.model.rig(e.x))
     if experiment.sensor is not None:
         rig = replace(rig, channels=(*rig.channels, Channel("_added", "acceleration", experiment.sensor)))
     basis = FourierBasis(*HARMONICS)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from math import isnan
 from typing import ClassVar, Protocol
 
 from models.rig import Rig
@@ -22,7 +23,7 @@ class Unknown:
     lower, upper : float
         Bounds, both included.
     neutral : float
-        Value at which the cause changes nothing; may be inf.
+        Value at which the cause changes nothing, may be inf; nan for a number that only shapes the effect.
     starts : tuple of float
         Where fits start, within the bounds; the first makes so small an effect that the score test may use it as
         neutral.
@@ -35,6 +36,11 @@ class Unknown:
     upper: float
     neutral: float
     starts: tuple[float, ...]
+
+    @property
+    def shapes(self) -> bool:
+        """Whether it only shapes the effect, such as a place or a frequency."""
+        return isnan(self.neutral)
 
 
 class Cause(Protocol):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from math import nan
 from typing import Any, ClassVar
 
 from models.causes.cause import Cause, Unknown
@@ -53,7 +54,7 @@ class StribeckWeakening(Cause):
         return (
             Unknown("mu_static", "1", LAW + "mu_static", low, high, mu, (mu,)),
             Unknown("mu", "1", LAW + "mu", low, high, mu, ((1 - HARDLY) * mu, 0.9 * mu, 0.6 * mu)),
-            Unknown("stribeck_velocity", "m/s", LAW + "stribeck_velocity", 1e-6, 1.0, 1e-3, (1e-3, 1e-4, 1e-2)),
+            Unknown("stribeck_velocity", "m/s", LAW + "stribeck_velocity", 1e-6, 1.0, nan, (1e-3, 1e-4, 1e-2)),
         )
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:

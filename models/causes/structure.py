@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from math import nan
 from typing import Any, ClassVar
 
 import numpy as np
@@ -196,7 +197,7 @@ class AttachedResonator(Cause):
         starts = tuple(share * hz for share in (1.2, 0.8, 1.0, 2.0, 3.2))
         return (
             Unknown("mass", "kg", key + "mass", 0.0, m, 0.0, (SMALL * m, 1e-3 * m, 0.02 * m)),
-            Unknown("frequency_hz", "Hz", key + "frequency_hz", 0.05 * hz, 100 * hz, starts[0], starts),
+            Unknown("frequency_hz", "Hz", key + "frequency_hz", 0.05 * hz, 100 * hz, nan, starts),
             _place(beam, key),
         )
 
@@ -232,7 +233,7 @@ def _rigid(unit: str, key: str, own: float) -> Unknown:
 
 def _place(beam: Beam, key: str) -> Unknown:
     starts = tuple(share * beam.length for share in ALONG)
-    return Unknown("position", "m", key + "position", 1e-6 * beam.length, beam.length, starts[0], starts)
+    return Unknown("position", "m", key + "position", 1e-6 * beam.length, beam.length, nan, starts)
 
 
 def _attached(rig: Rig, **more: Any) -> Rig:
