@@ -22,7 +22,7 @@ import numpy as np
 
 from tests.truth.hidden import CATALOGUE, MAKERS, OUTSIDE, Hidden, Scene, Unfit
 from tests.truth.laws import Coulomb, Dahl
-from tests.truth.measure import Spectra, measure, read, write_rig, write_spectra
+from tests.truth.measure import Spectra, measure, read, with_noise, write_rig, write_spectra
 from tests.truth.rig import Sensor, TrueRig
 from tests.truth.simulate import Record, Settings, Truth, scattered, simulate_records
 
@@ -324,7 +324,10 @@ def draw_cause(rng: np.random.Generator) -> str | None:
 
 
 def write_case(folder: str | Path, answer: str | Path, case: Case) -> None:
-    """rig.toml and spectra.csv in the folder; the answer to a file that is not in it. Nothing names the cause."""
+    """rig.toml and spectra.csv in the folder; the answer to a file that is not in it. Nothing names the cause.
+
+    Beside the answer of a case without a cause its truth, to be measured again: `measured_again`.
+    """
     folder, answer = Path(folder).resolve(), Path(answer).resolve()
     if answer.is_relative_to(folder):
         raise ValueError(f"the answer {answer} would lie with the data in {folder}")
@@ -332,6 +335,39 @@ def write_case(folder: str | Path, answer: str | Path, case: Case) -> None:
     answer.parent.mkdir(parents=True, exist_ok=True)
     top = max(r.level for r in case.spectra.records)
     write_rig(folder / "rig.toml", case.nominal, name=f"beam {case.seed}", amplitude=top)
-    harmonics = case.spectra.cos.shape[-1] - 1
-    write_spectra(folder / "spectra.csv", case.spectra, mean=harmonics > 1, numbers=case.numbers)
+    write_measured(folder / "spectra.csv", case.spectra, case.numbers)
     answer.write_text(json.dumps(case.answer, indent=1) + "\n")
+    if case.answer["drawn"] is None:
+        write_truth(truth_beside(answer), case)
+
+
+def write_measured(path: Path, spectra: Spectra, numbers: Sequence[int]) -> None:
+    """Spectra as in a case: the mean where there are more harmonics than the fundamental."""
+    write_spectra(path, spectra, mean=spectra.cos.shape[-1] > 2, numbers=numbers)
+
+
+def truth_beside(answer: str | Path) -> Path:
+    """Where the truth of a case without a cause is."""
+    return Path(answer).with_suffix(".truth.npz")
+
+
+def write_truth(path: str | Path, case: Case) -> None:
+    """Noise-free spectra and the noise's std, to be measured again."""
+    s = case.spectra
+    np.savez_compressed(
+        path,
+        records=np.array([(r.level, r.hz, r.phase, r.force) for r in s.records]),
+        numbers=np.array(case.numbers),
+        channels=np.array(s.channels),
+        true=s.true_cos + 1j * s.true_sin,
+        std=s.std,
+    )
+
+
+def measured_again(path: str | Path, rng: np.random.Generator) -> tuple[Spectra, tuple[int, ...]]:
+    """The same truth under other noise, and the numbers of its records."""
+    with np.load(path) as saved:
+        records = tuple(Record(*map(float, row)) for row in saved["records"])
+        channels = tuple(str(name) for name in saved["channels"])
+        spectra = with_noise(records, channels, saved["true"], saved["std"], rng)
+        return spectra, tuple(int(n) for n in saved["numbers"])

@@ -66,10 +66,16 @@ def measure(
     decibels = np.full(len(names), float(snr_db))
     decibels[0] = snr_db + 20 if force_snr_db is None else force_snr_db
     std = np.abs(true[:, :, 1]).max(axis=0) * 10 ** (-decibels / 20)
-    std = np.broadcast_to(std[None, :, None], true.shape)
+    return with_noise(truth.records, names, true, np.broadcast_to(std[None, :, None], true.shape), rng)
+
+
+def with_noise(
+    records: tuple[Record, ...], channels: tuple[str, ...], true: Array, std: Array, rng: np.random.Generator
+) -> Spectra:
+    """Complex coefficients (records, channels, harmonics 0..H) with independent Gaussian noise of these std."""
     noisy = true + std * (rng.standard_normal(true.shape) + 1j * rng.standard_normal(true.shape))
     noisy[..., 0] = noisy[..., 0].real
-    return Spectra(truth.records, names, noisy.real, noisy.imag, np.array(std), true.real, true.imag)
+    return Spectra(records, channels, noisy.real, noisy.imag, np.array(std), true.real, true.imag)
 
 
 def write_spectra(path: str | Path, spectra: Spectra, mean: bool = True, numbers: Sequence[int] | None = None) -> None:

@@ -11,7 +11,20 @@ import numpy as np
 import pytest
 
 from tests.truth import TrueRig
-from tests.truth.blind import Case, Scene, draw, draw_cause, draw_records, draw_rig, kind_of, set_up, write_case
+from tests.truth.blind import (
+    Case,
+    Scene,
+    draw,
+    draw_cause,
+    draw_records,
+    draw_rig,
+    kind_of,
+    measured_again,
+    set_up,
+    truth_beside,
+    write_case,
+    write_measured,
+)
 from tests.truth.hidden import CATALOGUE, MAKERS, OUTSIDE, Unfit
 from tests.truth.march import Batch
 from tests.truth.measure import read
@@ -131,3 +144,21 @@ def test_every_cause_can_be_made(name: str) -> None:
         or hidden.lower == hidden.upper
         or name == "impact-stop"
     )
+
+
+def test_a_null_is_measured_again(tmp_path: Path, null: Case, case: Case) -> None:
+    """By the same dice the same spectra, by others the same truth; causes leave no truth behind."""
+    answer = tmp_path / "answers" / "0001.json"
+    write_case(tmp_path / "data", answer, null)
+    kept = truth_beside(answer)
+    same, numbers = measured_again(kept, np.random.default_rng([null.seed, 23]))
+    other, _ = measured_again(kept, np.random.default_rng(5))
+    assert numbers == null.numbers
+    np.testing.assert_array_equal(same.cos, null.spectra.cos)
+    np.testing.assert_array_equal(other.true_sin, null.spectra.true_sin)
+    scores = ((other.cos - null.spectra.cos) / null.spectra.std)[:, 1:, 1:]
+    assert 0.85 < scores.std() / np.sqrt(2) < 1.15
+    write_measured(tmp_path / "again.csv", same, numbers)
+    assert (tmp_path / "again.csv").read_text() == (tmp_path / "data" / "spectra.csv").read_text()
+    write_case(tmp_path / "more", tmp_path / "answers" / "0002.json", case)
+    assert sorted(p.name for p in answer.parent.iterdir()) == ["0001.json", "0001.truth.npz", "0002.json"]

@@ -1,0 +1,246 @@
+"""Rates over many cases, with what they are rates of and how sure they are."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+
+from benchmarks.score.ceiling import Allowed, at
+from benchmarks.score.rules import Outcome, estimates, is_parameter
+
+NORMAL_95 = 1.959964
+RHO_BINS = ((0.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, 1000.0), (1000.0, np.inf))
+STRONG = 20.0
+"""Rho from which on parameters and physics should not be taken for each other."""
+
+CONFIDENT = 0.9
+HELD_OUT = 1.2
+EXPLAINED = 0.9
+CLOSE = 0.05
+RELIABILITY_BINS = 10
+
+
+def wilson(k: int, n: int) -> tuple[float, float]:
+    """95 % interval of a rate of k in n.
+
+    >>> [round(x, 3) for x in wilson(8, 10)]
+    [0.49, 0.943]
+    """
+    if n == 0:
+        return 0.0, 1.0
+    z2 = NORMAL_95**2
+    middle = (k + z2 / 2) / (n + z2)
+    half = NORMAL_95 * np.sqrt(k * (n - k) / n + z2 / 4) / (n + z2)
+    return (0.0 if k == 0 else float(middle - half)), (1.0 if k == n else float(middle + half))
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the table: a rate `k` in `n` with its 95 % interval, or a number over `n` values.
+
+    `ceiling` is what Fisher information allows in the same cases (those it knows), with the tolerances of the rig file,
+    `exact` where the rig file is exact.
+    """
+
+    group: str
+    name: str
+    value: float | None
+    n: int
+    k: int | None = None
+    low: float | None = None
+    high: float | None = None
+    ceiling: float | None = None
+    exact: float | None = None
+
+    def json(self) -> dict[str, object]:
+        return asdict(self)
+
+
+def rate(group: str, name: str, happened: Iterable[bool]) -> Row:
+    seen = [bool(x) for x in happened]
+    k, n = sum(seen), len(seen)
+    low, high = wilson(k, n)
+    return Row(group, name, k / n if n else None, n, k, low, high)
+
+
+def number(group: str, name: str, values: Sequence[float], of: Callable[[Sequence[float]], float]) -> Row:
+    return Row(group, name, float(of(values)) if len(values) else None, len(values))
+
+
+def quantile(q: float) -> Callable[[Sequence[float]], float]:
+    return lambda values: float(np.quantile(values, q))
+
+
+def beside(row: Row, outcomes: Iterable[Outcome], best: Allowed, which: int = 0) -> Row:
+    """The row with its ceiling: probability to be nearest (0), or number of ties (1)."""
+    means = []
+    for ceilings in (best.tolerances, best.exact):
+        known = [at(c, o.rho)[which] for o in outcomes for c in [ceilings.get(o.answer["cause"])] if c is not None]
+        means.append(float(np.mean(known)) if known else None)
+    return replace(row, ceiling=means[0], exact=means[1])
+
+
+def table(outcomes: Sequence[Outcome], best: Allowed) -> list[Row]:
+    """Every row of the score; nulls, causes and what is outside the catalogue together in `outcomes`."""
+    causes = [o for o in outcomes if o.kind == "cause-found"]
+    nulls = [o for o in outcomes if o.kind == "consistent"]
+    outside = [o for o in outcomes if o.kind == "unexplained"]
+    return [
+        *names(causes, best),
+        *sets(causes, best),
+        *alarms(nulls),
+        *strangers(outside),
+        *mistaken(causes),
+        *parameters(causes),
+        *held_out(causes),
+        *confidence(outcomes),
+        *cost(outcomes),
+    ]
+
+
+def names(causes: Sequence[Outcome], best: Allowed) -> list[Row]:
+    group = "right cause first"
+
+    def row(name: str, chosen: Sequence[Outcome]) -> Row:
+        return beside(rate(group, name, (o.right for o in chosen)), chosen, best)
+
+    rows = [row("all causes", causes)]
+    rows += [row(bin_name(low, high), in_bin(causes, low, high)) for low, high in RHO_BINS]
+    named = sorted({str(o.answer["cause"]) for o in causes})
+    rows += [row(cause, [o for o in causes if o.answer["cause"] == cause]) for cause in named]
+    for verdict in ("consistent", "unexplained", "failed"):
+        rows.append(rate("causes not named", verdict, (o.verdict == verdict for o in causes)))
+    return rows
+
+
+def in_bin(outcomes: Sequence[Outcome], low: float, high: float) -> list[Outcome]:
+    return [o for o in outcomes if low <= o.rho < high]
+
+
+def bin_name(low: float, high: float) -> str:
+    return f"rho < {high:g}" if low == 0 else f"rho > {low:g}" if np.isinf(high) else f"rho {low:g} to {high:g}"
+
+
+def sets(causes: Sequence[Outcome], best: Allowed) -> list[Row]:
+    group = "cause and those not separable"
+    named = [o for o in causes if o.named]
+    return [
+        rate(group, "hold the truth, all causes", (o.covered for o in causes)),
+        rate(group, "hold the truth, where a cause is named", (o.covered for o in named)),
+        beside(number(group, "mean number", [o.set_size for o in named], lambda v: float(np.mean(v))), named, best, 1),
+        number(group, "largest number", [o.set_size for o in named], max),
+    ]
+
+
+def alarms(nulls: Sequence[Outcome]) -> list[Row]:
+    group = "false alarms on nulls"
+    rows = [rate(group, "cause-found or unexplained", (o.verdict in ("cause-found", "unexplained") for o in nulls))]
+    rows += [rate(group, v, (o.verdict == v for o in nulls)) for v in ("cause-found", "unexplained", "failed")]
+    return rows
+
+
+def strangers(outside: Sequence[Outcome]) -> list[Row]:
+    group = "outside the catalogue"
+    return [
+        rate(group, "called unexplained", (o.verdict == "unexplained" for o in outside)),
+        rate(group, f"called unexplained, rho >= {STRONG:g}", (o.right for o in outside if o.rho >= STRONG)),
+        rate(group, "called consistent", (o.verdict == "consistent" for o in outside)),
+        rate(group, "a name", (o.named for o in outside)),
+        rate(group, f"a name with confidence >= {CONFIDENT}", (confident(o) for o in outside)),
+    ]
+
+
+def confident(o: Outcome) -> bool:
+    return o.named and float(o.said["confidence"]) >= CONFIDENT
+
+
+def mistaken(causes: Sequence[Outcome]) -> list[Row]:
+    group = f"mistaken, rho >= {STRONG:g}"
+    strong = [o for o in causes if o.rho >= STRONG]
+    swaps = [(is_parameter(o.answer["cause"]), o.named and is_parameter(o.said["cause"]), o.named) for o in strong]
+    return [
+        rate(group, "parameter for physics or the reverse", (named and a != b for a, b, named in swaps)),
+        rate(group, "wrong parameter called physics", (named and not b for a, b, named in swaps if a)),
+        rate(group, "physics called a wrong parameter", (named and b for a, b, named in swaps if not a)),
+        rate(group, f"wrong name with confidence >= {CONFIDENT}", (confident(o) and not o.right for o in strong)),
+    ]
+
+
+def parameters(causes: Sequence[Outcome]) -> list[Row]:
+    group = "parameters of causes rightly named"
+    found = [e for o in causes if o.right for e in estimates(o)]
+    values, changes = [e.of_value for e in found], [e.of_change for e in found if e.of_change is not None]
+    pulls = [e.z for e in found if e.z is not None]
+    rows = []
+    for what, errors in (("value", values), ("change", changes)):
+        rows += [
+            number(group, f"relative error of the {what}, median", errors, quantile(0.5)),
+            number(group, f"relative error of the {what}, 90 %", errors, quantile(0.9)),
+            rate(group, f"{what} within {CLOSE:.0%}", (e <= CLOSE for e in errors)),
+        ]
+    return [
+        *rows,
+        rate(group, "within 2 std", (abs(z) < 2 for z in pulls)),
+        number(group, "std of pulls", pulls, lambda v: float(np.std(v))),
+        number(group, "1.48 median size of pulls", pulls, lambda v: float(1.4826 * np.median(np.abs(v)))),
+    ]
+
+
+def held_out(causes: Sequence[Outcome]) -> list[Row]:
+    group = "records held out, cause named"
+    named = [o for o in causes if o.named]
+    explained = [e for o in named for e in [o.explained] if e is not None]
+    misfits = [m for o in named for m in [o.held_out("extended")] if m is not None]
+    return [
+        number(group, "explained fraction, median", explained, quantile(0.5)),
+        rate(group, f"explained fraction >= {EXPLAINED}", (e >= EXPLAINED for e in explained)),
+        rate(group, f"reduced chi2 <= {HELD_OUT}", (m <= HELD_OUT for m in misfits)),
+    ]
+
+
+def confidence(outcomes: Sequence[Outcome]) -> list[Row]:
+    group = "calibration of confidence"
+    rows = []
+    for what, chosen in (("causes named", [o for o in outcomes if o.named]), ("all verdicts", list(outcomes))):
+        points = reliability(chosen)
+        n = sum(p[2] for p in points)
+        error = sum(p[2] * abs(p[0] - p[1]) for p in points) / n if n else None
+        rows.append(Row(group, f"expected calibration error, {what}", error, n))
+    return rows
+
+
+def reliability(outcomes: Sequence[Outcome]) -> list[tuple[float, float, int]]:
+    """Mean confidence, share right and number, by tenths of the confidence."""
+    pairs = np.array([(o.said["confidence"], o.right) for o in outcomes if not o.failed], dtype=float).reshape(-1, 2)
+    places = np.minimum((pairs[:, 0] * RELIABILITY_BINS).astype(int), RELIABILITY_BINS - 1)
+    bins = [pairs[places == i] for i in range(RELIABILITY_BINS)]
+    return [(float(b[:, 0].mean()), float(b[:, 1].mean()), len(b)) for b in bins if len(b)]
+
+
+def cost(outcomes: Sequence[Outcome]) -> list[Row]:
+    group = "runs"
+    rows = [rate(group, "failed", (o.failed for o in outcomes))]
+    for what, key in (("seconds", "seconds"), ("seconds of processor", "cpu_seconds")):
+        spent = [float(o.result[key]) for o in outcomes if not o.failed]
+        rows += [
+            number(group, f"{what}, median", spent, quantile(0.5)),
+            number(group, f"{what}, largest", spent, max),
+        ]
+    return rows
+
+
+def confusion(outcomes: Sequence[Outcome]) -> Counter[tuple[str, str]]:
+    """Cases by truth and by what was said; the truth outside the catalogue by what it is, wrong channels apart."""
+    return Counter((truth_of(o), said_of(o)) for o in outcomes)
+
+
+def truth_of(o: Outcome) -> str:
+    return str(o.answer["cause"] or o.answer["drawn"] or "null")
+
+
+def said_of(o: Outcome) -> str:
+    if not o.named:
+        return o.verdict
+    name = str(o.said["cause"])
+    return name if o.right or name != o.answer["cause"] else f"{name}, elsewhere"

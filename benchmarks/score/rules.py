@@ -1,0 +1,224 @@
+"""What counts as right, and the numbers that are taken from one case."""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+GROUPS: dict[str, tuple[str, ...]] = {
+    "friction": (
+        "stribeck-weakening",
+        "distributed-microslip",
+        "viscous-contact",
+        "asymmetric-friction",
+        "bristle-memory",
+        "variable-normal-load",
+        "contact-loss",
+    ),
+    "structure": (
+        "clamp-rotation",
+        "clamp-friction",
+        "support-rotation-spring",
+        "support-flexibility",
+        "midplane-stretching",
+        "quadratic-drag",
+        "stiffness-damping",
+        "added-mass",
+        "added-spring",
+        "attached-resonator",
+        "impact-stop",
+    ),
+    "measurement": (
+        "force-distortion",
+        "sensor-gain",
+        "sensor-delay",
+        "sensor-position",
+        "swapped-channels",
+        "not-steady",
+        "drift",
+    ),
+}
+"""Causes of formats.md section 6; beside these the wrong parameters, what is outside, and nulls."""
+
+PARAMETER = "parameter:"
+TELLING = {"drift": "parameter"}
+"""The parameter that is part of a cause's name, beside the channels."""
+
+NEUTRAL = {"gain": 1.0, "ratio": 1.0}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One case: what was said and what is so.
+
+    Attributes
+    ----------
+    name : str
+    result, answer : dict
+        As in the files.
+    nominal : dict
+        The rig file.
+    """
+
+    name: str
+    result: Mapping[str, Any]
+    answer: Mapping[str, Any]
+    nominal: Mapping[str, Any]
+
+    @property
+    def failed(self) -> bool:
+        return "failed" in self.result
+
+    @property
+    def said(self) -> Mapping[str, Any]:
+        """The diagnosis; nothing where it failed."""
+        return {"verdict": "failed", "cause": None} if self.failed else self.result["diagnosis"]
+
+    @property
+    def verdict(self) -> str:
+        return str(self.said["verdict"])
+
+    @property
+    def named(self) -> bool:
+        return self.verdict == "cause-found"
+
+    @property
+    def kind(self) -> str:
+        """Verdict that is right."""
+        return str(self.answer["verdict"])
+
+    @property
+    def rho(self) -> float:
+        return float(self.answer["rho"])
+
+    @property
+    def right(self) -> bool:
+        """Whether the verdict is right, and the cause with what belongs to its name."""
+        return self.verdict == self.kind and (not self.named or same_cause(self.said, self.answer))
+
+    @property
+    def covered(self) -> bool:
+        """Whether the truth is the cause named or among those not told from it."""
+        return self.named and (self.right or any(fits_label(x, self.answer) for x in self.said["not_separable"]))
+
+    @property
+    def set_size(self) -> int:
+        """Causes named or not told from the one named."""
+        return len({self.said["cause"], *self.said["not_separable"]})
+
+    @property
+    def explained(self) -> float | None:
+        """Share of the calibrated model's excess of chi2, on records held out, that the extended one explains.
+
+        None where there is hardly an excess.
+        """
+        before, after = (self.held_out(model) for model in ("calibrated", "extended"))
+        if before is None or after is None or before < 1.0 + EXCESS:
+            return None
+        return 1.0 - (after - 1.0) / (before - 1.0)
+
+    def held_out(self, model: str) -> float | None:
+        """Mean square misfit, in standard deviations, on records held out."""
+        found = self.said["errors"].get(model, {}).get("held_out", {}).get("chi2_reduced")
+        return None if found is None else float(found)
+
+
+EXCESS = 0.1
+
+
+def same_cause(said: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
+    """Whether the name agrees: of a parameter with its key, of sensors with the channel, exchanged ones in any order.
+
+    A drift agrees with its parameter.
+    """
+    cause = answer["cause"]
+    if said["cause"] != cause:
+        return False
+    found = {name: p["value"] for name, p in said["parameters"].items()}
+    true = answer["parameters"]
+    if cause == "swapped-channels":
+        return {found.get("channel"), found.get("other")} == {true["channel"], true["other"]}
+    telling = [*(["channel"] if "channel" in true else []), *([TELLING[cause]] if cause in TELLING else [])]
+    return all(found.get(name) == true[name] for name in telling)
+
+
+def fits_label(label: str, answer: Mapping[str, Any]) -> bool:
+    """Whether a label, such as `sensor-gain a3` or `sensor-gain` alone, may mean the truth."""
+    cause, *details = label.split()
+    true = answer["parameters"]
+    known = {str(true[name]) for name in ("channel", "other", "parameter") if name in true}
+    return bool(cause == answer["cause"] and set(details) <= known)
+
+
+def is_parameter(cause: str) -> bool:
+    return cause.startswith(PARAMETER)
+
+
+@dataclass(frozen=True)
+class Estimated:
+    """One parameter of a cause rightly named: its relative error, that of its change, and its pull.
+
+    `of_change` is relative to how far the truth is from where the cause has no effect; None where that is nowhere.
+    """
+
+    what: str
+    of_value: float
+    of_change: float | None
+    z: float | None
+
+
+def estimates(outcome: Outcome) -> Iterator[Estimated]:
+    """Of an outcome that is right."""
+    said, answer = outcome.said["parameters"], outcome.answer
+    for name, true in answer["parameters"].items():
+        found = said.get(name)
+        if isinstance(true, str) or found is None:
+            continue
+        error, start = found["value"] - true, neutral(outcome, name)
+        yield Estimated(
+            f"{answer['cause']} {name}",
+            abs(error / true) if true else abs(error),
+            None if start is None or start == true else abs(error / (true - start)),
+            error / found["std"] if found.get("std") else None,
+        )
+
+
+def neutral(outcome: Outcome, name: str) -> float | None:
+    """Value of a parameter without effect; None where the effect ends elsewhere, or nowhere in particular."""
+    cause = outcome.answer["cause"]
+    if is_parameter(cause):
+        return nominal_number(outcome.nominal, cause.removeprefix(PARAMETER))
+    if cause == "sensor-position" and name == "position":
+        channel = outcome.answer["parameters"]["channel"]
+        return next(float(c["position"]) for c in outcome.nominal["channels"] if c["name"] == channel)
+    if name in NEUTRAL:
+        return NEUTRAL[name]
+    return 0.0 if name in EFFECT_AT_ZERO else None
+
+
+EFFECT_AT_ZERO = (
+    "coefficient",
+    "spread",
+    "sigma1",
+    "scale",
+    "beta",
+    "mass",
+    "stiffness",
+    "axial_stiffness",
+    "delay_s",
+    "rate",
+)
+"""Or infinity, of a stiffness: the relative error is the same."""
+
+
+def nominal_number(nominal: Mapping[str, Any], key: str) -> float:
+    """A number of a rig file by its dotted key."""
+    found: Any = nominal
+    for part in key.split("."):
+        found = found[part]
+    return float(found)
+
+
+def load_outcome(result: dict[str, Any], answer: Mapping[str, Any], rig: Path) -> Outcome:
+    return Outcome(str(result["case"]), result, answer, tomllib.loads(rig.read_text()))
