@@ -219,8 +219,7 @@ class LawOverPeriod:
 
     def linearize(self, signals: Array, Omega: float, environment: Environment) -> ContactForce:
         """Friction force with the derivatives of its coefficients; arguments as :meth:`force`."""
-        if self._shown[0] is not signals or self._shown[1] != Omega:  # else the buffers hold this period already
-            self.force(signals, Omega, environment)
+        self._show(signals, Omega, environment)
         T, basis = self._T.copy(), self.basis
         gradients = dict(zip(self.functions.active, self._gradients(self._local, self._period), strict=True))
         for i in range(DT):
@@ -237,12 +236,17 @@ class LawOverPeriod:
             by_Omega += by_v @ signals[:, 1] / Omega
         return ContactForce(T, basis.analysis @ T, by_u, by_rho, by_eta, by_Omega)
 
+    def _show(self, signals: Array, Omega: float, environment: Environment) -> None:
+        """Find the steady force, unless the buffers hold this period already."""
+        if self._shown[0] is not signals or self._shown[1] != Omega:
+            self.force(signals, Omega, environment)
+
     def along(self, signals: Array, Omega: float, environment: Environment, change: InputChange) -> Array:
         """Change of the force at the samples with everything that it depends on, (N_t, p).
 
         Marches forwards, for few changes and all samples; :meth:`linearize` for few outputs and all signals.
         """
-        self.force(signals, Omega, environment)
+        self._show(signals, Omega, environment)
         evaluate, (_, _, local, _) = buffered(self.functions.tangent(), self._inputs)
         evaluate()
         n_z, local = self.functions.states, local.reshape(self.basis.N_t, 1 + self.functions.states, -1)

@@ -12,8 +12,9 @@ Held, too, is the compliance lent to a set-valued law of a rigid structure (:cla
 which a solution depends only through the harmonics left out.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,12 +25,20 @@ from hbm.fourier import Array
 from hbm.residual import HarmonicBalance, Linearization
 from hbm.solution import DERIVATIVES, TRUE, PeriodicSolution, as_read
 from hbm.threads import one_thread
-from models.change import Scalar, element_scalars, elements_change, structure_change, structure_scalars
+from models.change import (
+    Scalar,
+    drift_scalars,
+    element_scalars,
+    elements_change,
+    structure_change,
+    structure_scalars,
+    tone_scalars,
+)
 from models.friction import describe, parameters
 from models.rig import Channel, Rig
 
 REFINED = 1e-12
-"""Refinement ends when it changes the derivatives by less than this fraction."""
+"""Refinement ends when one more would change the derivatives by less than this fraction."""
 
 MOST_REFINEMENTS = 50
 
@@ -74,7 +83,7 @@ class Sensitivities:
     Q, T : (2H+1, n, p) and (2H+1, p) arrays
         Derivatives of the unknowns, :class:`hbm.residual.State`; where the structure changes, in the modes it has now.
     channels : dict of str to ChannelSensitivity
-        The channels of the solution.
+        The channels of the solution, each worked out when it is asked for.
     refinements : int
         Corrections of the first back-substitution.
     """
@@ -157,14 +166,16 @@ def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | No
     law = problem.basis.analysis @ _friction(here, held.inputs)
     x, refinements = _refined(here, balance, balance.scaled(-held.modal, law))
     d_Q, d_T = balance.unpack(x)
-    inputs = replace(held.inputs, signals=held.inputs.signals + balance.signals(d_Q, d_T))
-    channels = _channels(solution, held, _Change(d_Q, inputs.signals, _friction(here, inputs)))
+    channels = _Channels(here, solution, held, _Change(d_Q, d_T, held.inputs.signals + balance.signals(d_Q, d_T)))
     values, units = zip(*(known[key] for key in keys), strict=True)
     return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements)
 
 
 def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
-    """Numbers that a solution depends on, with the keys of the rig file; force and frequency are the solution's."""
+    """Numbers that a solution depends on, with the keys of the rig file; force and frequency are the solution's.
+
+    Of what drifts from record to record a solution is that of record 1, on which rates have no effect.
+    """
     law = rig.contact.law
     described = zip(_law_keys(rig), parameters(law).values(), describe(type(law)).values(), strict=True)
     return {key: Scalar(value, p.unit) for key, value, p in described} | {
@@ -174,6 +185,8 @@ def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
         **structure_scalars(rig),
         **sensor_scalars(rig),
         **element_scalars(rig),
+        **tone_scalars(rig),
+        **drift_scalars(rig),
     }
 
 
@@ -189,11 +202,11 @@ def _law_keys(rig: Rig) -> list[str]:
 
 @dataclass(frozen=True)
 class _Change:
-    """Derivatives of Q (2H+1, n, p), of u, rho, eta (2H+1, 3, p), and of T at the samples (N_t, p)."""
+    """Derivatives of Q (2H+1, n, p), of T (2H+1, p), and of u, rho, eta (2H+1, 3, p)."""
 
     Q: Array
+    T: Array
     signals: Array
-    friction: Array
 
 
 # ---- with the unknowns held
@@ -205,8 +218,10 @@ class _Held:
     Attributes
     ----------
     structure : StructureChange
-    force, hz : (p,) array
-        1 where the parameter is the force, the frequency; else 0.
+    hz : (p,) array
+        1 where the parameter is the frequency, else 0.
+    force : (2H+1, p) array
+        Of the excitation.
     gain, delay : dict of str to (p,) array
         The same, of each response channel.
     modal : (2H+1, n, p) array
@@ -218,7 +233,8 @@ class _Held:
     def __init__(self, here: Linearization, keys: tuple[str, ...]) -> None:
         self.problem, self.state = here.problem, here.state
         self.keys, self.structure = keys, structure_change(here.problem.rig, keys)
-        self.load, self.force, self.hz = (np.array([float(key == name) for key in keys]) for name in (LOAD, FORCE, HZ))
+        self.load, self.hz = (np.array([float(key == name) for key in keys]) for name in (LOAD, HZ))
+        self.force = self._force()
         sensors = here.problem.rig.response_channels
         self.gain, self.delay = (
             {c.name: np.array([float(key == f"channels.{c.name}.{what}") for key in keys]) for c in sensors}
@@ -230,6 +246,18 @@ class _Held:
         law = np.vstack([law.reshape(-1, len(keys)), self.load])
         self.inputs = InputChange(self._signals(), 2 * np.pi * self.hz, law, compliance)
         self.modal = self._modal(here.kin.by_T)
+
+    def _force(self) -> Array:
+        """Of the excitation, (2H+1, p)."""
+        problem, tones = self.problem, list(tone_scalars(self.problem.rig))
+        force = np.outer(problem.force_shape, [float(key == FORCE) for key in self.keys])
+        for j, key in enumerate(self.keys):
+            if key in tones:
+                i, sine = divmod(tones.index(key), 2)
+                k = problem.rig.excitation.harmonics[i][0]
+                if k <= problem.basis.H:
+                    force[k + sine * problem.basis.H, j] = self.state.F
+        return force
 
     def _elements(self) -> Array | None:
         """Of the forces of the elements on modes and support, (2H+1, n+1, p)."""
@@ -255,7 +283,7 @@ class _Held:
         problem, d, Q = self.problem, self.structure, self.state.Q
         s, basis, Omega = problem.structure, problem.basis, self.state.Omega
         u = self.through(d.rows[:, 0]) + self.static(d.flexibility[:, 0] * [0.0, 1.0], self.state.T)
-        u += np.outer(s.residual.slip_by_force * problem.force_shape, self.force)
+        u += s.residual.slip_by_force * self.force
         if problem.coupled:
             fine = basis.exact_products
             q = fine.synthesis @ Q
@@ -265,7 +293,7 @@ class _Held:
         faster = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
         rho += np.outer(faster, 2 * np.pi * self.hz)
         rho[0] += self.load
-        rho -= np.outer(problem.force_shape, s.reaction.force_share * self.force + d.force_share * self.state.F)
+        rho -= s.reaction.force_share * self.force + np.outer(problem.force_shape, d.force_share * self.state.F)
         if self.elements is not None:
             rho -= self.elements[:, -1]
         eta = self.through(d.stretch)
@@ -281,7 +309,8 @@ class _Held:
         modal -= np.einsum("k,pi->kip", state.T, d.rows[:, 0])
         if by_T is not None:
             modal += np.einsum("kl,pij,lj->kip", by_T, d.shortening, Q, optimize=True)
-        modal -= np.multiply.outer(problem.force_shape, np.outer(s.excitation, self.force) + state.F * d.rows[:, 1].T)
+        modal -= s.excitation[:, None] * self.force[:, None]
+        modal -= np.multiply.outer(problem.force_shape, state.F * d.rows[:, 1].T)
         if self.elements is not None:
             modal -= self.elements[:, :-1]
         faster = s.damping * basis.derivative(Q) - 2 * Omega * basis.k[:, None] ** 2 * Q
@@ -306,13 +335,18 @@ class _LinearBalance:
         self._elements = here.newton.slope.by_Q if isinstance(here.newton, CompleteBalance) else None
         real, imaginary = problem.dynamic_stiffness(state.Omega)
         self._stiffness = (real + 1j * imaginary)[:, :, None]
-        self._slip_by_modes = problem.slip_by_modes(kin)
+        size, n = problem.basis.size, problem.structure.n
+        slip_by_modes = problem.slip_by_modes(kin)  # (2H+1, 2H+1, n)
+        self._modes_to_slip = slip_by_modes.reshape(size, size * n)
+        # what maps the modes to u takes T to the modes
+        self._friction_to_modes = np.ascontiguousarray(slip_by_modes.transpose(0, 2, 1)).reshape(size * n, size)
+        self._rows = np.ascontiguousarray(problem.rows[:, 1:].T)
 
     def signals(self, d_Q: Array, d_T: Array) -> Array:
         """Change (2H+1, 3, p) of u, rho, eta with the unknowns (2H+1, n, p) and (2H+1, p)."""
         problem = self.problem
-        u = np.tensordot(self._slip_by_modes, d_Q, axes=2) - problem.dynamic_lagrangian * d_T
-        rows = np.einsum("kip,ir->krp", d_Q, problem.rows[:, 1:])
+        u = self._modes_to_slip @ d_Q.reshape(-1, d_Q.shape[2]) - problem.dynamic_lagrangian * d_T
+        rows = self._rows @ d_Q
         rho = problem.reaction_of(rows, self.state.Omega)
         if self._elements is not None:
             rho -= np.tensordot(self._elements[:, -1], d_Q, axes=2)
@@ -322,9 +356,10 @@ class _LinearBalance:
         """Scaled change (size, p) of the balance with the scaled unknowns (size, p)."""
         basis, (d_Q, d_T) = self.problem.basis, self.unpack(x)
         modal = basis.real(basis.complex(d_Q) * self._stiffness)
-        modal -= np.einsum("kli,lp->kip", self._slip_by_modes, d_T)  # what maps the modes to u takes T to the modes
+        modal -= (self._friction_to_modes @ d_T).reshape(modal.shape)
         if self.by_T is not None:
-            modal += np.einsum("kl,ljp,ji->kip", self.by_T, d_Q, self.problem.structure.shortening, optimize=True)
+            drawn_in = self.problem.structure.shortening.T @ d_Q
+            modal += (self.by_T @ drawn_in.reshape(len(drawn_in), -1)).reshape(modal.shape)
         if self._elements is not None:
             modal -= np.tensordot(self._elements[:, :-1], d_Q, axes=2)
         return self.scaled(modal, d_T - self._law(self.signals(d_Q, d_T)))
@@ -355,13 +390,15 @@ class _LinearBalance:
 def _refined(here: Linearization, balance: _LinearBalance, right: Array) -> tuple[Array, int]:
     """Solve the complete balance with the matrix of Newton's method; and count the refinements."""
     held = np.zeros(len(right))  # border that holds the frequency
-    x, left = np.zeros_like(right), right
+    x, left, before = np.zeros_like(right), right, np.full(right.shape[1], np.finfo(float).tiny)
     for count in range(MOST_REFINEMENTS + 1):
         step, _ = here.newton.solve_columns(held, 1.0, left, 0.0)
         x += step
-        if np.all(np.abs(step).max(axis=0) <= REFINED * np.abs(x).max(axis=0)):
+        size = np.abs(step).max(axis=0)
+        following = size * np.minimum(size / before, 1.0)  # steps shrink in proportion
+        if np.all(following <= REFINED * np.abs(x).max(axis=0)):
             return x, count
-        left = right - balance @ x
+        left, before = right - balance @ x, np.maximum(size, np.finfo(float).tiny)
     hz = here.state.Omega / (2 * np.pi)
     raise ArithmeticError(
         f"sensitivities: no convergence in {MOST_REFINEMENTS} refinements at {hz:.6g} Hz and {here.state.F:g} N; "
@@ -372,65 +409,102 @@ def _refined(here: Linearization, balance: _LinearBalance, right: Array) -> tupl
 # ---- channels
 
 
-def _channels(solution: PeriodicSolution, held: _Held, change: _Change) -> dict[str, ChannelSensitivity]:
+class _Channels(Mapping[str, ChannelSensitivity]):
     """Derivatives of the channels, which are linear in motion, signals and friction, see :mod:`hbm.solution`."""
-    problem, d = held.problem, held.structure
-    s, basis, Omega = problem.structure, problem.basis, solution.state.Omega
-    T, d_T = solution["friction"], basis.analysis @ change.friction
-    force = np.outer(problem.force_shape, held.force)
-    modal_slip = change.signals[:, 0] + problem.dynamic_lagrangian * d_T
-    yielding = d.flexibility[:, 0, 0]
-    slip = modal_slip + s.compliance * d_T + np.outer(T.coefficients, yielding)
-    slip_samples = basis.synthesis @ modal_slip + s.compliance * change.friction + np.outer(T.samples, yielding)
-    normal = _normal(problem, solution, change)
 
-    def motion(name: str, displacement: Array, times: int, sensor: Channel = TRUE) -> ChannelSensitivity:
-        coefficients, read = displacement, solution[name].coefficients
+    def __init__(self, here: Linearization, solution: PeriodicSolution, held: _Held, change: _Change) -> None:
+        self.here, self.problem, self.solution, self.held, self.change = here, here.problem, solution, held, change
+        self._sensors = {c.name: c for c in self.problem.rig.channels}
+        self._places = {c.name: i for i, c in enumerate(self.problem.rig.response_channels, start=2)}
+        self._known: dict[str, ChannelSensitivity] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.solution.channels)
+
+    def __len__(self) -> int:
+        return len(self.solution.channels)
+
+    def __getitem__(self, name: str) -> ChannelSensitivity:
+        if name not in self._known:
+            self._known[name] = self._worked_out(name)
+        return self._known[name]
+
+    def __reduce__(self) -> tuple[type, tuple[dict[str, ChannelSensitivity]]]:
+        return dict, (dict(self),)  # what is sent to another process is worked out
+
+    def _worked_out(self, name: str) -> ChannelSensitivity:
+        s = self.problem.structure
+        match name:
+            case "drive":
+                moved = self._moved(1, s.excitation, s.residual.drive_by_force, s.residual.slip_by_force)
+                return self._motion(name, moved, 0)
+            case "slip":
+                zero_mean, u = self._slip_samples - self._slip_samples.mean(axis=0), self.solution[name].samples
+                return ChannelSensitivity(self._slip, self._slip_samples, _largest(u - u.mean(), zero_mean))
+            case "slip_velocity":
+                return self._motion(name, self._slip, 1)
+            case "friction":
+                T, analysis = self.solution[name].samples, self.problem.basis.analysis
+                return ChannelSensitivity(analysis @ self._friction, self._friction, _largest(T, self._friction))
+            case "normal":
+                normal, R = self._normal(), self.solution[name].samples
+                return ChannelSensitivity(self.problem.basis.analysis @ normal, normal, normal[R.argmax()])
+        sensor = self._sensors[name]
+        if sensor.quantity == "force":
+            return self._motion(name, self.held.force, 0)
+        moved = self._moved(self._places[name], s.channel_rows[name], *s.residual.channels[name])
+        return self._motion(name, moved, DERIVATIVES[sensor.quantity], sensor)
+
+    @cached_property
+    def _friction(self) -> Array:
+        """Of the friction force at the samples, (N_t, p)."""
+        return _friction(self.here, replace(self.held.inputs, signals=self.change.signals))
+
+    @cached_property
+    def _modal_slip(self) -> Array:
+        """Of the slip less its elastic part, (2H+1, p)."""
+        return np.asarray(self.change.signals[:, 0] + self.problem.dynamic_lagrangian * self.change.T)
+
+    @cached_property
+    def _slip(self) -> Array:
+        """Of the slip, (2H+1, p)."""
+        yielding = np.outer(self.solution["friction"].coefficients, self.held.structure.flexibility[:, 0, 0])
+        return np.asarray(self._modal_slip + self.problem.structure.compliance * self.change.T + yielding)
+
+    @cached_property
+    def _slip_samples(self) -> Array:
+        """Of the slip at the samples, (N_t, p)."""
+        yielding = np.outer(self.solution["friction"].samples, self.held.structure.flexibility[:, 0, 0])
+        elastic = self.problem.structure.compliance * self._friction + yielding
+        return np.asarray(self.problem.basis.synthesis @ self._modal_slip + elastic)
+
+    def _motion(self, name: str, displacement: Array, times: int, sensor: Channel = TRUE) -> ChannelSensitivity:
+        basis, held, Omega = self.problem.basis, self.held, self.here.state.Omega
+        coefficients, read = displacement, self.solution[name].coefficients
         for _ in range(times):
             coefficients = Omega * basis.derivative(coefficients)
         coefficients = as_read(basis, coefficients, Omega, sensor)
         if times:  # of Omega to that power
-            coefficients += np.outer(read, times / solution.hz * held.hz)
+            coefficients += np.outer(read, times / self.solution.hz * held.hz)
         if sensor is not TRUE:
             later = held.delay[name] * Omega + sensor.delay * 2 * np.pi * held.hz
             coefficients += np.outer(read / sensor.gain, held.gain[name]) - np.outer(basis.derivative(read), later)
         samples = basis.synthesis @ coefficients
-        return ChannelSensitivity(coefficients, samples, _smooth_peak(solution[name].samples, samples))
+        return ChannelSensitivity(coefficients, samples, _smooth_peak(self.solution[name].samples, samples))
 
-    def moved(place: int, row: Array, by_force: float, by_friction: float) -> Array:
-        still = held.through(d.rows[:, place]) + held.static(d.flexibility[:, place], T.coefficients)
-        return row @ change.Q + by_force * force + by_friction * d_T + still
+    def _moved(self, place: int, row: Array, by_force: float, by_friction: float) -> Array:
+        held, d = self.held, self.held.structure
+        still = held.through(d.rows[:, place])
+        still += held.static(d.flexibility[:, place], self.solution["friction"].coefficients)
+        return np.asarray(row @ self.change.Q + by_force * held.force + by_friction * self.change.T + still)
 
-    residual = s.residual
-    places = {c.name: i for i, c in enumerate(problem.rig.response_channels, start=2)}
-    channels = {
-        c.name: motion(c.name, force, 0)
-        if c.quantity == "force"
-        else motion(
-            c.name,
-            moved(places[c.name], s.channel_rows[c.name], *residual.channels[c.name]),
-            DERIVATIVES[c.quantity],
-            c,
+    def _normal(self) -> Array:
+        """Of rho + eta T at the samples, (N_t, p)."""
+        synthesis, signals = self.problem.basis.synthesis, self.change.signals
+        eta, T = synthesis @ self.here.kin.signals[:, 3], self.solution["friction"].samples
+        return np.asarray(
+            synthesis @ signals[:, 1] + T[:, None] * (synthesis @ signals[:, 2]) + eta[:, None] * self._friction
         )
-        for c in problem.rig.channels
-    }
-    zero_mean = slip_samples - slip_samples.mean(axis=0)
-    u, R = solution["slip"].samples, solution["normal"].samples
-    return channels | {
-        "drive": motion("drive", moved(1, s.excitation, residual.drive_by_force, residual.slip_by_force), 0),
-        "slip": ChannelSensitivity(slip, slip_samples, _largest(u - u.mean(), zero_mean)),
-        "slip_velocity": motion("slip_velocity", slip, 1),
-        "friction": ChannelSensitivity(d_T, change.friction, _largest(T.samples, change.friction)),
-        "normal": ChannelSensitivity(basis.analysis @ normal, normal, normal[R.argmax()]),
-    }
-
-
-def _normal(problem: HarmonicBalance, solution: PeriodicSolution, change: _Change) -> Array:
-    """Derivatives of rho + eta T at the samples, (N_t, p)."""
-    synthesis = problem.basis.synthesis
-    eta = synthesis @ problem.kinematics(solution.state).signals[:, 3]
-    d_rho, d_eta = synthesis @ change.signals[:, 1], synthesis @ change.signals[:, 2]
-    return np.asarray(d_rho + solution["friction"].samples[:, None] * d_eta + eta[:, None] * change.friction)
 
 
 def _largest(samples: Array, change: Array) -> Array:

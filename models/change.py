@@ -72,6 +72,21 @@ def element_scalars(rig: Rig) -> dict[str, Scalar]:
     return scalars
 
 
+def drift_scalars(rig: Rig) -> dict[str, Scalar]:
+    """Rates of what drifts, with keys like ``drift[0].rate``."""
+    return {f"drift[{i}].rate": Scalar(drift.rate, "1") for i, drift in enumerate(rig.drift)}
+
+
+def tone_scalars(rig: Rig) -> dict[str, Scalar]:
+    """Coefficients of the harmonics of the force over its amplitude, with keys like ``excitation.harmonics[0].cos``."""
+    tones = enumerate(rig.excitation.harmonics)
+    return {
+        f"excitation.harmonics[{i}].{name}": Scalar(value, "1")
+        for i, (_, *values) in tones
+        for name, value in zip(("cos", "sin"), values, strict=True)
+    }
+
+
 def elements_change(rig: Rig, keys: tuple[str, ...]) -> list[ElementRows]:
     """Derivatives of :attr:`Rig.element_rows` to numbers of the rig, p parameters first."""
     if isinstance(rig.body, ModalBody) or not rig.elements:

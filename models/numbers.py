@@ -7,6 +7,8 @@ from typing import Any
 from models.rig import Rig
 
 ENTRY = re.compile(r"(\w+)\[(\d+)\]\.(\w+)")
+LISTS = ("elements", "drift")
+"""Lists of a rig whose entries have numbers."""
 
 
 def number(rig: Rig, key: str) -> float:
@@ -28,7 +30,7 @@ def with_number(rig: Rig, key: str, value: float) -> Rig:
     rig : Rig
     key : str
         A key of :func:`models.change.structure_scalars`, of the friction law, or of the contact, such as
-        ``channels.a3.gain``, ``attachments.masses[0].position`` or ``contact.friction.mu``.
+        ``channels.a3.gain``, ``attachments.masses[0].position``, ``drift[0].rate`` or ``contact.friction.mu``.
     value : float
 
     Returns
@@ -45,6 +47,25 @@ def with_number(rig: Rig, key: str, value: float) -> Rig:
     return _with_owner(rig, key, changed)
 
 
+def at_record(rig: Rig, record: int) -> Rig:
+    """The rig as it is in a record, 1 the first; it drifts no more.
+
+    Raises
+    ------
+    ValueError
+        If what drifts is not a number of the rig, or not positive there.
+    """
+    for drift in rig.drift:
+        factor = 1.0 + drift.rate * (record - 1)
+        if factor <= 0.0:
+            raise ValueError(f"drift of {drift.parameter}: {factor:g} times its value in record {record}; must be > 0")
+        try:
+            rig = with_number(rig, drift.parameter, number(rig, drift.parameter) * factor)
+        except KeyError as unknown:
+            raise ValueError(f"drift: {unknown.args[0]}") from None
+    return replace(rig, drift=()) if rig.drift else rig
+
+
 def _owner(rig: Rig, key: str) -> tuple[Any, str]:
     """What in a rig holds a number, and the number's name there."""
     table, _, rest = key.partition(".")
@@ -59,6 +80,9 @@ def _owner(rig: Rig, key: str) -> tuple[Any, str]:
     elif entry := ENTRY.fullmatch(rest):
         entries = getattr(rig.attachments, entry[1], ())
         owner = entries[int(entry[2])] if int(entry[2]) < len(entries) else None
+    elif (entry := ENTRY.fullmatch(key)) and entry[1] in LISTS:
+        entries = getattr(rig, entry[1])
+        owner, name = entries[int(entry[2])] if int(entry[2]) < len(entries) else None, entry[3]
     elif not place and table in ("damping", "contact", "excitation", "attachments"):
         owner = getattr(rig, table)
     if not isinstance(getattr(owner, name, None), int | float):
@@ -79,4 +103,9 @@ def _with_owner(rig: Rig, key: str, changed: Any) -> Rig:
         entries = list(getattr(rig.attachments, entry[1]))
         entries[int(entry[2])] = changed
         return replace(rig, attachments=replace(rig.attachments, **{entry[1]: tuple(entries)}))
+    if entry := ENTRY.fullmatch(key):
+        entries = list(getattr(rig, entry[1]))
+        entries[int(entry[2])] = changed
+        lists: dict[str, Any] = {entry[1]: tuple(entries)}
+        return replace(rig, **lists)
     return replace(rig, **{table: changed})

@@ -114,7 +114,8 @@ class Excitation:
     """Shaker force: cosine of the fundamental, `amplitude` [N], at `position` [m] of a beam.
 
     Its distortion is given by `harmonics`: numbers k >= 2 with the coefficients of cos and sin k Omega t, relative to
-    the amplitude of the fundamental.
+    the amplitude of the fundamental. With `measured_harmonics` the harmonics of a simulated record are those that were
+    measured of its force; nothing but the diagnosis, which has records, minds it.
 
     >>> round(float(Excitation(2.0, harmonics=((3, 0.0, 0.1),)).force(np.pi / 2)), 9)
     -0.2
@@ -123,6 +124,7 @@ class Excitation:
     amplitude: float
     position: float = 0.0
     harmonics: tuple[tuple[int, float, float], ...] = ()
+    measured_harmonics: bool = False
 
     def __post_init__(self) -> None:
         """Check the numbers of the harmonics."""
@@ -142,6 +144,22 @@ class Excitation:
         for k, a, b in self.tones:
             force += float(k) ** derivative * (a * np.cos(k * theta + turned) + b * np.sin(k * theta + turned))
         return np.asarray(self.amplitude * force)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A number of a rig that changes from record to record: in record n it is 1 + `rate` (n - 1) times the rig's.
+
+    Attributes
+    ----------
+    parameter : str
+        Key of :func:`models.numbers.number`.
+    rate : float
+        Per record.
+    """
+
+    parameter: str
+    rate: float
 
 
 @dataclass(frozen=True)
@@ -186,6 +204,8 @@ class Rig:
         What is attached to a beam.
     elements : tuple of Element
         Nonlinear elements along a beam.
+    drift : tuple of Drift
+        What changes from record to record; the rig itself is that of record 1, see :func:`models.numbers.at_record`.
     """
 
     name: str
@@ -196,6 +216,7 @@ class Rig:
     channels: tuple[Channel, ...] = field(default=())
     attachments: Attachments = field(default=Attachments())
     elements: tuple[Element, ...] = ()
+    drift: tuple[Drift, ...] = ()
 
     @property
     def response_channels(self) -> tuple[Channel, ...]:

@@ -23,7 +23,7 @@ from models.causes.friction import DistributedMicroslip, StribeckWeakening
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SwappedChannels
 from models.friction import chosen, parameters
-from models.rig import Channel
+from models.rig import Channel, Drift
 from tests.inverse.measurement import Truth, measured, respond
 
 NOMINAL = Path(__file__).parents[1] / "examples" / "paper_beam.toml"
@@ -76,7 +76,7 @@ def numbers_of(rig: Rig) -> dict[str, Any]:
     return {
         "law": (type(law), parameters(law), chosen(law)),
         "contact": contact,
-        **{name: getattr(rig, name) for name in ("body", "damping", "excitation", "channels", "attachments")},
+        **{name: getattr(rig, name) for name in ("body", "damping", "excitation", "channels", "attachments", "drift")},
     }
 
 
@@ -108,10 +108,17 @@ def test_extensions_are_applied_in_their_order(tmp_path):
         cause = "swapped-channels"
         channel = "a5"
         other = "a2"
+        [[extensions]]
+        cause = "force-distortion"
+        [[extensions]]
+        cause = "drift"
+        parameter = "beam.youngs_modulus"
+        rate = -1e-4
         """,
     )
     assert rig.attachments.masses == (PointMass(0.005, 0.3),)
     assert rig.body.youngs_modulus == 209e9
+    assert rig.excitation.measured_harmonics and rig.drift == (Drift("beam.youngs_modulus", -1e-4),)
     assert parameters(rig.contact.law) == {"mu": 0.52, "critical_slip": 4.15e-6, "ratio": 1.1, "coefficient": 20.0}
     assert [(c.name, c.position, c.delay) for c in rig.channels[2:6]] == [
         *(("a2", 0.5, 0.0), ("a3", 0.3, 2e-5), ("a4", 0.4, 0.0), ("a5", 0.2, 0.0)),
@@ -162,6 +169,17 @@ REFUSED = {
     "weaker at rest": (
         'cause = "stribeck-weakening"\nmu_static = 0.4\nmu = 0.5\nstribeck_velocity = 1e-3',
         ".mu_static = 0.4; must be >= mu = 0.5",
+    ),
+    "no such drift": (
+        'cause = "drift"\nparameter = "beam.length"\nrate = 1e-4',
+        '.cause = "drift" (drift beam.length) does not apply; must be one of drift beam.youngs_modulus, '
+        "drift damping.mass_proportional, drift contact.normal_load, drift contact.friction.mu, "
+        "drift contact.friction.critical_slip",
+    ),
+    "distorted twice": (
+        'cause = "force-distortion"\n[[extensions]]\ncause = "force-distortion"',
+        '[2].cause = "force-distortion" (force-distortion) does not apply; '
+        "there is nothing in this rig that it can act on",
     ),
     "no elements": (
         'cause = "distributed-microslip"\nspread = 0.3\nelements = 0',

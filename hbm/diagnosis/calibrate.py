@@ -34,9 +34,7 @@ def trusted(rig: Rig, channels: Collection[str] = (), given: Mapping[str, float]
 def profiled(model: Model) -> Model:
     """The same with its calibrated numbers free, those of the load and the places and sensors excepted."""
     held = (LOAD, "channels.", "excitation.")
-    return Model(
-        model.nominal, {key: std if key.startswith(held) else np.inf for key, std in model.calibrated.items()}
-    )
+    return Model(model.nominal, {key: std if key.startswith(held) else np.inf for key, std in model.calibrated.items()})
 
 
 def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:

@@ -30,10 +30,14 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.threads import one_thread
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
+from models.causes.records import ForceDistortion
 from models.rig import Rig
 
 PAIRS_WITH = 2
 """Single causes from which pairs are built."""
+
+DISTORTED = 5.0
+"""A force is distorted that has a harmonic of so many standard deviations."""
 
 AS_GOOD = 4.0
 """Records held out may fit a cause worse than the calibrated nominal by this chi2: they may not see it."""
@@ -126,7 +130,7 @@ class _Search:
         tell("sensors and numerics", 0.0)
         self.campaign, self.sensors = campaign_of(rig, spectra)
         channels = self.campaign.data.channels
-        self.candidates = [c for c in candidates if getattr(c, "channel", channels[0]) in channels]
+        self.candidates = [c for c in candidates if self._seen(c)]
         self.trust = trusted(rig, channels, tolerances)
         least = len([f for f in self.trust.free if not f.name.startswith("channels.")]) + 1
         if self.campaign.points <= least:
@@ -142,6 +146,13 @@ class _Search:
         self.screening: Screening = screen(self.nominal, self.campaign, self.candidates)
         tell("calibration", 0.2)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
+
+    def _seen(self, cause: Cause) -> bool:
+        """Whether what was measured can speak of a cause: its channels, or the harmonics of the force."""
+        channels = self.campaign.data.channels
+        if isinstance(cause, ForceDistortion):
+            return (self.campaign.data.distorted or 0.0) > DISTORTED
+        return all(getattr(cause, name, channels[0]) in channels for name in ("channel", "other"))
 
     @property
     def tried(self) -> int:
@@ -237,7 +248,7 @@ class _Report:
     ) -> None:
         self.search, self.decision, self.held = search, decision, held
         search.tell("records held out", 0.9)
-        self.hidden = None if unseen is None else campaign_of(search.rig, unseen)[0]
+        self.hidden = None if unseen is None else campaign_of(search.rig, unseen, search.campaign.numerics)[0]
         self.nominal = self._scored(search.nominal)
         self.calibrated = self._scored(search.calibrated)
         self.best = None if decision.best is None else (decision.best, self._scored(decision.best))

@@ -90,7 +90,7 @@ class Evaluation:
     @property
     def bic(self) -> float:
         """Bayesian information criterion."""
-        return self.chi2 + self.model.counted * float(np.log(len(self.white)))
+        return self.chi2 + self.white.spread + self.model.counted * float(np.log(len(self.white)))
 
 
 def evaluate(model: Model, campaign: Campaign, x: Array, last: Solutions) -> Evaluation:

@@ -3,7 +3,7 @@
 from collections.abc import Collection, Mapping
 
 from hbm.sensitivity import ALPHA, FRICTION, LOAD, sensor_scalars
-from models.change import Scalar, element_scalars, structure_scalars
+from models.change import Scalar, drift_scalars, element_scalars, structure_scalars
 from models.friction import describe, parameters
 from models.numbers import with_number
 from models.rig import Rig
@@ -66,6 +66,7 @@ def _scalars(rig: Rig) -> dict[str, Scalar]:
         **sensor_scalars(rig),
         **structure_scalars(rig),
         **element_scalars(rig),
+        **drift_scalars(rig),
     }
 
 

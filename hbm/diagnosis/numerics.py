@@ -123,8 +123,8 @@ def _solved(
     out: list[PeriodicSolution | None] = []
     for record, start in zip(records, last, strict=True):
         try:
-            out.append(solve_record(fine, grid.basis, record, start))
-        except ConvergenceError:
+            out.append(solve_record(record.rig(fine), grid.basis, record, start))
+        except (ConvergenceError, ValueError):
             out.append(None)
     return out
 

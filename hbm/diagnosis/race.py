@@ -43,8 +43,8 @@ ALIKE = 0.5
 SECOND = 3.0
 """The second start is tried where its chi2 is within this factor of the best."""
 
-REFINED = 1.3
-"""Fits whose chi2 is within this factor of the best are refined."""
+REFINED = 300.0
+"""Fits whose chi2 is within this of the best are refined too."""
 
 Tell = Callable[[str], None]
 
@@ -84,9 +84,23 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
             done.append(fit_model(base.model.extended_by(runner.cause), campaign, runner.x, base.solutions))
         except FAILURES:
             continue
-    least = min((e.chi2 for e in done), default=0.0)
-    close = [refine(e, campaign) if e.chi2 < REFINED * least else e for e in done]
-    return sorted(close, key=lambda e: (len(e.missing), e.chi2))
+    return _refined(done, base, campaign)
+
+
+def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
+    """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough."""
+    ordered = sorted(done, key=_rank)
+    if not ordered:
+        return []
+    first, *others = ordered
+    first = refine(first, campaign)
+    if not small(base):
+        others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]
+    return sorted([first, *others], key=_rank)
+
+
+def _rank(e: Evaluation) -> tuple[int, float]:
+    return len(e.missing), e.chi2
 
 
 def _by_score(base: Evaluation, screening: Screening) -> list[Runner]:

@@ -16,6 +16,8 @@ from hbm.fourier import Array, FourierBasis
 from hbm.identification.records import Measurement, Record, force_columns, parts, solve_from, solve_record
 from hbm.sensitivity import FORCE, sensitivities
 from hbm.solution import PeriodicSolution
+from models.change import drift_scalars, tone_scalars
+from models.numbers import number
 from models.rig import Rig
 
 Solutions = Mapping[int, PeriodicSolution]
@@ -29,12 +31,16 @@ FAILURES = (ConvergenceError, ArithmeticError, ValueError, np.linalg.LinAlgError
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """One record as simulated: amplitudes (2, c, H), derivatives to p keys (2, c, H, p) and to the force (2, c, H)."""
+    """One record as simulated: amplitudes (2, c, H), derivatives to p keys (2, c, H, p) and to the force (2, c, H).
+
+    Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients.
+    """
 
     solution: PeriodicSolution
     amplitudes: Array
     by_keys: Array
     by_force: Array
+    by_tones: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +59,8 @@ class Whitened:
         In units of the channel.
     record, channel, harmonic : (m,) int array
         Where each entry belongs: number of the record, place of the channel, harmonic.
+    spread : float
+        Logarithm of the determinant of the covariance beside that of the noise of the responses alone.
     """
 
     residual: Array
@@ -62,6 +70,7 @@ class Whitened:
     record: npt.NDArray[np.int64]
     channel: npt.NDArray[np.int64]
     harmonic: npt.NDArray[np.int64]
+    spread: float = 0.0
 
     @property
     def chi2(self) -> float:
@@ -128,32 +137,42 @@ class Campaign:
     def solve(self, rig: Rig, last: Solutions) -> dict[int, PeriodicSolution]:
         """Steady states alone."""
         fine = self.numerics.working.rig(rig)
-        found = {r.number: self._solution(fine, r, last.get(r.number)) for r in self.data.records}
-        return {number: solution for number, solution in found.items() if solution is not None}
+        found = {r.number: self._solved(fine, r, last.get(r.number)) for r in self.data.records}
+        return {number: solved[1] for number, solved in found.items() if solved is not None}
 
-    def _solution(self, rig: Rig, record: Record, last: PeriodicSolution | None) -> PeriodicSolution | None:
+    def _solved(self, rig: Rig, record: Record, last: PeriodicSolution | None) -> tuple[Rig, PeriodicSolution] | None:
+        """The rig of a record, and its steady state."""
         basis = self.numerics.working.basis
         try:
-            return solve_record(rig, basis, record, last)
+            rig = record.rig(rig)
+        except FAILURES:
+            return None
+        try:
+            return rig, solve_record(rig, basis, record, last)
         except FAILURES:
             if last is None:
                 return None
         try:
-            return solve_from(rig, basis, record, record.start, NEWTON)
+            return rig, solve_from(rig, basis, record, record.start, NEWTON)
         except FAILURES:
             return None
 
     def _one(self, rig: Rig, record: Record, keys: tuple[str, ...], last: PeriodicSolution | None) -> Simulated | None:
-        solution = self._solution(rig, record, last)
-        if solution is None:
+        solved = self._solved(rig, record, last)
+        if solved is None:
             return None
+        here, solution = solved
+        own, by_keys = in_record(rig, keys, record.number)
+        tones = tuple(tone_scalars(here)) if here.excitation.measured_harmonics else ()
         try:
-            by = sensitivities(rig, solution, (*keys, FORCE))
+            by = sensitivities(here, solution, (*own, FORCE, *tones))
         except FAILURES:
             return None
-        basis, H = self.numerics.working.basis, self.data.H
+        basis, H, p = self.numerics.working.basis, self.data.H, len(own)
         slopes = np.stack([parts(basis, by[name].coefficients, H) for name in self.data.channels], axis=1)
-        return Simulated(solution, amplitudes_of(self.data, solution), slopes[..., :-1], slopes[..., -1])
+        by_tones = slopes[..., p + 1 :] if tones else None
+        amplitudes = amplitudes_of(self.data, solution)
+        return Simulated(solution, amplitudes, slopes[..., :p] @ by_keys, slopes[..., p], by_tones)
 
     def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:
         """Of the channels in a record, corrected, (2, c, H)."""
@@ -165,8 +184,11 @@ class Campaign:
         rows = [self._whitened(r, found[r.number], by_x) for r in self.data.records if r.number in found]
         if not rows:
             raise ConvergenceError("diagnose: the steady state of no record was found")
-        columns = [np.concatenate([row[i] for row in rows]) for i in range(7)]
-        return Whitened(*columns)
+        residual, jacobian, raw, measured, record, channel, harmonic = (
+            np.concatenate([row[i] for row in rows]) for i in range(7)
+        )
+        spread = float(sum(row[7] for row in rows))
+        return Whitened(residual, jacobian, raw, measured, record, channel, harmonic, spread)
 
     def _whitened(self, record: Record, simulated: Simulated, by_x: Array) -> tuple[npt.NDArray[Any], ...]:
         listed = record.listed
@@ -174,7 +196,7 @@ class Campaign:
         left = 0.0 if correction is None else correction.left
         std = np.broadcast_to(np.hypot(record.std, left), listed.shape)[listed]
         raw = (record.measured - self.amplitudes(record.number, simulated.solution))[listed]
-        columns = force_columns(record, simulated.amplitudes, simulated.by_force)[:, listed] / std
+        columns = force_columns(record, simulated.amplitudes, simulated.by_force, simulated.by_tones)[:, listed] / std
         white = uncorrelated(columns.T, np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / std[:, None])
         _, channel, harmonic = np.nonzero(listed)
         number = np.full(len(raw), record.number)
@@ -186,6 +208,7 @@ class Campaign:
             number,
             np.asarray(channel),
             np.asarray(harmonic + 1),
+            np.asarray(np.linalg.slogdet(np.eye(len(columns)) + columns @ columns.T)[1]),
         )
 
     def chi2(self, solutions: Solutions) -> dict[int, float]:
@@ -195,6 +218,33 @@ class Campaign:
             for r in self.data.records
             if r.number in solutions
         }
+
+
+def in_record(rig: Rig, keys: Sequence[str], record: int) -> tuple[tuple[str, ...], Array]:
+    """Numbers of the rig of a record that numbers of a rig that drifts decide, and their derivatives to them.
+
+    Parameters
+    ----------
+    rig : Rig
+    keys : sequence of str, (p,)
+        Its numbers.
+    record : int
+
+    Returns
+    -------
+    tuple of str, (q,)
+        Numbers of :meth:`hbm.identification.records.Record.rig`.
+    (q, p) array
+    """
+    after = record - 1
+    drifting = dict(zip(drift_scalars(rig), rig.drift, strict=True))
+    grown = {drift.parameter: 1.0 + drift.rate * after for drift in rig.drift}
+    acts_on = [drifting[key].parameter if key in drifting else key for key in keys]
+    own = tuple(dict.fromkeys(acts_on))
+    by_keys = np.zeros((len(own), len(keys)))
+    for j, (key, target) in enumerate(zip(keys, acts_on, strict=True)):
+        by_keys[own.index(target), j] = after * number(rig, target) if key in drifting else grown.get(target, 1.0)
+    return own, by_keys
 
 
 def uncorrelated(columns: Array, rows: Array) -> Array:

@@ -18,6 +18,7 @@ from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.fourier import Array
 from models.causes.cause import Cause, Unknown
 from models.causes.parameter import WrongParameter
+from models.causes.structure import AttachedResonator
 from models.rig import Rig
 
 Mask = npt.NDArray[np.bool_]
@@ -180,20 +181,24 @@ def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[
     if wrong:
         own = [_Entry(c, {}, -1) for c in wrong if c.key not in taken]
         groups.append((Model(base.nominal, {**calibrated, **freed}, base.causes), own))
+    rest = [c for c in candidates if not isinstance(c, WrongParameter)]
+    swinging = [c for c in rest if isinstance(c, AttachedResonator)]  # their steady states may not be found
+    return [*groups, *_grouped(base, [c for c in rest if c not in swinging]), *_grouped(base, swinging)]
+
+
+def _grouped(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[_Entry]]]:
     together, rig = base, _neutral(base)
+    alone: list[tuple[Model, list[_Entry]]] = []
     entries: list[_Entry] = []
     for cause in candidates:
-        if isinstance(cause, WrongParameter):
-            continue
         for start in _shapes(base.extended_by(cause)):
             more = cause.extend(rig, start)
             if _meets(base, rig, more, cause):
-                alone = base.extended_by(cause)
-                groups.append((alone, [_Entry(cause, start, len(base.causes))]))
+                alone.append((base.extended_by(cause), [_Entry(cause, start, len(base.causes))]))
                 continue
             entries.append(_Entry(cause, start, len(together.causes)))
             together, rig = together.extended_by(cause), more
-    return [*groups, (together, entries)] if entries else groups
+    return [*alone, (together, entries)] if entries else alone
 
 
 def _neutral(model: Model) -> Rig:
@@ -220,7 +225,8 @@ def _scores(
         e = evaluate(model, few, x, base.solutions)
     except FAILURES:
         return
-    if e.missing:
+    found = np.repeat(np.isin(few.numbers, list(e.found)), [int(r.listed.sum()) for r in few.data.records])
+    if 2 * found.sum() < len(found):
         return
     for entry in entries:
         name = entry.cause.key if isinstance(entry.cause, WrongParameter) else ""
@@ -230,7 +236,9 @@ def _scores(
             for f, m in zip(model.free, mine, strict=True)
         ]
         strength = entry.cause.unknowns(model.nominal)[0] if name else model.unknowns[entry.place][0]
-        drop, z, signature = _projected(e, residual, np.array(mine), np.array(others), strength)
+        drop, z, seen = _projected(e, residual[found], np.array(mine), np.array(others), strength)
+        signature = np.zeros(len(residual))
+        signature[found] = seen
         yield Score(entry.cause, drop, z, signature, entry.start)
 
 

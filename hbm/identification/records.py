@@ -4,7 +4,7 @@ What fits to spectra share, whatever they fit: a :class:`Measurement` of :class:
 :func:`solve_record`, which finds the steady state of one on the branch it was measured on.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from hbm.inverse.sensing import Complex, Sensing
 from hbm.residual import HarmonicBalance, State
 from hbm.response import TOLERANCE, first_solution, pad
 from hbm.solution import PeriodicSolution, describe
+from models.numbers import at_record
 from models.rig import Rig
 
 
@@ -36,6 +37,10 @@ class Record:
         Of each of them.
     start : State
         What the reconstruction says of the motion.
+    distortion : (2, H-1) array
+        Coefficients of cos and sin of harmonics 2..H of the force [N], nan where not measured.
+    distortion_std : (H-1,) array
+        Standard deviation of each of them, nan where not measured.
     """
 
     number: int
@@ -45,11 +50,33 @@ class Record:
     measured: Array
     std: Array
     start: State
+    distortion: Array
+    distortion_std: Array
 
     @property
     def listed(self) -> npt.NDArray[np.bool_]:
         """What was measured, (2, c, H)."""
         return np.isfinite(self.measured)
+
+    @property
+    def tones(self) -> tuple[tuple[int, float, float], ...]:
+        """Harmonics of the force that were measured, as :class:`models.rig.Excitation` has them."""
+        found = np.flatnonzero(np.isfinite(self.distortion_std))
+        ratios = (self.distortion[:, found] / self.force).T.tolist()
+        return tuple((int(i) + 2, cosine, sine) for i, (cosine, sine) in zip(found, ratios, strict=True))
+
+    def rig(self, rig: Rig) -> Rig:
+        """A rig as it is in this record: what drifts, and the harmonics of the force where the rig minds them.
+
+        Raises
+        ------
+        ValueError
+            As :func:`models.numbers.at_record`.
+        """
+        rig = at_record(rig, self.number)
+        if not rig.excitation.measured_harmonics:
+            return rig
+        return replace(rig, excitation=replace(rig.excitation, harmonics=self.tones))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +87,12 @@ class Measurement:
     channels: tuple[str, ...]
     H: int
     speed: Array
+
+    @property
+    def distorted(self) -> float | None:
+        """Largest of the harmonics 2..H of the force, in standard deviations; None where none was measured."""
+        sizes = np.concatenate([np.hypot(*r.distortion) / r.distortion_std for r in self.records])
+        return float(np.nanmax(sizes)) if np.isfinite(sizes).any() else None
 
 
 def measurement_of(r: Reconstruction, seen: Sensing | None = None) -> Measurement:
@@ -92,6 +125,8 @@ def _turned(r: Reconstruction, seen: Sensing, q: Complex, i: int) -> Record:
     nothing = complex(np.nan, np.nan)
     amplitudes = np.where(listed, (seen.measured[i] * turn[:, None]).T, nothing)[:, 1:]
     std = np.where(listed, 1.0 / np.where(listed, seen.weight[i].T, 1.0), np.nan)[:, 1:]
+    force_std = np.where(seen.force_std[i, 2:] > 0.0, seen.force_std[i, 2:], np.nan)
+    harmonics = np.where(np.isfinite(force_std), (seen.force[i] * turn)[2:], nothing)
     basis = FourierBasis(H, 3 * H + 2)
     Q, T = basis.real(q * turn[:, None]), basis.real(r["friction"].amplitudes[i] * turn)
     return Record(
@@ -102,6 +137,8 @@ def _turned(r: Reconstruction, seen: Sensing, q: Complex, i: int) -> Record:
         measured=np.array([amplitudes.real, amplitudes.imag]),
         std=std,
         start=State(Q, T, 2 * np.pi * float(r.spectra.hz[i]), abs(force)),
+        distortion=np.array([harmonics.real, -harmonics.imag]),
+        distortion_std=force_std,
     )
 
 
@@ -145,9 +182,32 @@ def parts(basis: FourierBasis, coefficients: Array, H: int) -> Array:
     return np.array([amplitudes.real, amplitudes.imag])
 
 
-def force_columns(record: Record, amplitudes: Array, by_force: Array) -> Array:
-    """What one standard deviation of each part of the force does to simulated amplitudes, two of (2, c, H)."""
+def force_columns(record: Record, amplitudes: Array, by_force: Array, by_tones: Array | None = None) -> Array:
+    """What one standard deviation of each part of the force does to simulated amplitudes (2, c, H).
+
+    Parameters
+    ----------
+    record : Record
+    amplitudes : (2, c, H) array
+    by_force : (2, c, H) array
+        Their derivatives to the amplitude of the force, the ratios of its harmonics held.
+    by_tones : (2, c, H, 2t) array, optional
+        To the coefficients of cos and sin of each of :attr:`Record.tones`, where these were simulated.
+
+    Returns
+    -------
+    (2 + 2t, 2, c, H) array
+        For amplitude and phase of the fundamental, the harmonics held; then for those coefficients.
+    """
     k = np.arange(1, amplitudes.shape[2] + 1)
     real, imaginary = amplitudes
     by_phase = np.array([-imaginary, real]) * k  # the phase of the force turns harmonic k by k times as much
-    return np.asarray(record.force_std * np.array([by_force, by_phase / record.force]))
+    if by_tones is None:
+        return np.asarray(record.force_std * np.array([by_force, by_phase / record.force]))
+    number, cosine, sine = np.array(record.tones).reshape(-1, 3).T
+    # ratios to a fundamental that grows, and phases beside one that turns
+    by_force = by_force - by_tones @ np.column_stack([cosine, sine]).ravel() / record.force
+    by_phase = by_phase + by_tones @ np.column_stack([-number * sine, number * cosine]).ravel()
+    fundamental = record.force_std * np.array([by_force, by_phase / record.force])
+    std = record.distortion_std[np.isfinite(record.distortion_std)]
+    return np.concatenate([fundamental, np.moveaxis(by_tones * np.repeat(std, 2) / record.force, -1, 0)])

@@ -20,6 +20,7 @@ from models.causes.friction import (
     ViscousContact,
 )
 from models.causes.parameter import WrongParameter
+from models.causes.records import ForceDistortion, ParameterDrift
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition, SwappedChannels
 from models.causes.structure import (
     AddedMass,
@@ -52,6 +53,8 @@ CAUSES: dict[str, type[Cause]] = {
         SensorDelay,
         SensorPosition,
         SwappedChannels,
+        ForceDistortion,
+        ParameterDrift,
         WrongParameter,
     )
 }

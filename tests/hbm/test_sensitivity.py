@@ -1,5 +1,6 @@
 """Derivatives of steady states: closed forms, homogeneity, automatic differentiation, and differences of solutions."""
 
+import pickle
 from dataclasses import replace
 
 import casadi as ca
@@ -368,6 +369,14 @@ def test_a_solution_of_another_rig_is_refused():
     solution = steady_state(beam(JENKINS), 49.0, harmonics=5)
     with pytest.raises(ValueError, match="must be a solution of this rig"):
         sensitivities(beam(COULOMB), solution)
+
+
+def test_sensitivities_can_be_sent_to_another_process():
+    s = sensitivities(beam(JENKINS), steady_state(beam(JENKINS), 49.0, harmonics=5))
+    sent = pickle.loads(pickle.dumps(s))
+    assert list(sent.channels) == list(s.solution.channels)
+    for name, channel in s.channels.items():
+        assert np.array_equal(sent[name].samples, channel.samples)
 
 
 def test_damping_that_ratios_replace_has_no_effect():

@@ -1,0 +1,83 @@
+"""Causes in what differs from record to record."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from models.beam import Beam
+from models.causes.cause import Cause, Unknown
+from models.friction import describe
+from models.numbers import number
+from models.rig import Drift, Rig
+
+STIFFNESS, ALPHA, LOAD, LAW = (
+    "beam.youngs_modulus",
+    "damping.mass_proportional",
+    "contact.normal_load",
+    "contact.friction.",
+)
+MOST_RATE, SMALL_RATE = 1.0, 1e-3
+
+
+@dataclass(frozen=True)
+class ForceDistortion(Cause):
+    """A force that is no pure cosine; its harmonics are those that were measured."""
+
+    name: ClassVar[str] = "force-distortion"
+    meaning: ClassVar[str] = "the force has harmonics the simulation leaves out"
+    looks_like: ClassVar[str] = "harmonics that follow those of the measured force, even ones among them"
+    confused_with: ClassVar[str] = "variable-normal-load where the force's harmonics were not measured"
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["ForceDistortion"]:
+        """Where the force is measured."""
+        if any(c.quantity == "force" for c in rig.channels) and not rig.excitation.measured_harmonics:
+            yield cls()
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """None."""
+        return ()
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Have the measured harmonics applied."""
+        return replace(rig, excitation=replace(rig.excitation, measured_harmonics=True))
+
+
+@dataclass(frozen=True)
+class ParameterDrift(Cause):
+    """A property that changes in the order of the records, evenly.
+
+    Attributes
+    ----------
+    parameter : str
+        Dotted key of the rig file.
+    """
+
+    name: ClassVar[str] = "drift"
+    meaning: ClassVar[str] = "a property changes from record to record"
+    looks_like: ClassVar[str] = "a misfit ordered by the number of the record, not by level or frequency"
+    confused_with: ClassVar[str] = "the same value wrong from the start, where levels were measured one after the other"
+
+    parameter: str
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["ParameterDrift"]:
+        """Of stiffness, damping, load and friction, where they are positive and do not drift yet."""
+        keys = [*([STIFFNESS] if isinstance(rig.body, Beam) else []), *([] if rig.damping.modal_ratios else [ALPHA])]
+        keys += [LOAD, *(LAW + name for name in describe(type(rig.contact.law)))]
+        drifting = {drift.parameter for drift in rig.drift}
+        yield from (cls(key) for key in keys if key not in drifting and number(rig, key) > 0.0)
+
+    @property
+    def label(self) -> str:
+        """Name and key."""
+        return f"{self.name} {self.parameter}"
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """The rate."""
+        key = f"drift[{len(rig.drift)}].rate"
+        return (Unknown("rate", "1", key, -MOST_RATE, MOST_RATE, 0.0, (0.0, SMALL_RATE, -SMALL_RATE)),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Let it drift."""
+        return replace(rig, drift=(*rig.drift, Drift(self.parameter, values["rate"])))

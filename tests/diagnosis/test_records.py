@@ -1,0 +1,242 @@
+"""What differs from record to record: harmonics of the force, and drift; against the independent simulator too."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import hbm.identification.records as records_of_spectra
+from hbm import load_rig, load_spectra
+from hbm.diagnosis.diagnose import campaign_of
+from hbm.diagnosis.fit import evaluate, fit_model
+from hbm.diagnosis.model import Model
+from hbm.diagnosis.numerics import Grid, Numerics
+from hbm.diagnosis.records import in_record
+from hbm.fourier import FourierBasis
+from hbm.identification.records import force_columns
+from models.causes.records import ForceDistortion, ParameterDrift
+from models.numbers import at_record, number, with_number
+from models.published import paper_rig
+from models.rig import Drift
+from tests.truth import Coulomb, Settings, Tone, measure, scattered, simulate_records, table_1, write_rig, write_spectra
+from tests.truth.hidden import changed
+
+MU, E, LOAD = "contact.friction.mu", "beam.youngs_modulus", "contact.normal_load"
+RATE, H = -1e-2, 5
+PLAIN = replace(table_1(Coulomb(mu=0.52, critical_slip=4.15e-6)), elements=24, modes=10)
+TONES = (Tone(2, 0.02, 0.7), Tone(3, -0.03, 2.0))
+POINTS = [(6.5, 47.0), (6.5, 49.0), (3.0, 50.0), (6.5, 51.5), (6.5, 55.0), (6.5, 58.0)]
+DISTORTION, DRIFT = ForceDistortion(), ParameterDrift(MU)
+
+
+def campaign(folder, spectra, **options):
+    """The nominal rig and its records on a discretisation that resolves them."""
+    write_rig(folder / "rig.toml", PLAIN, amplitude=6.5)
+    write_spectra(folder / "spectra.csv", spectra, **options)
+    rig = load_rig(folder / "rig.toml")
+    grid = Grid(FourierBasis(15, 512), 10)
+    numerics = Numerics(grid, grid, grid, 0.0)
+    return rig, campaign_of(rig, load_spectra(folder / "spectra.csv", rig), numerics)[0]
+
+
+@pytest.fixture(scope="module")
+def truth():
+    """Friction that falls from record to record, under a force with a second and a third harmonic of any phase."""
+    distorted = replace(PLAIN, distortion=TONES)
+    records = scattered(POINTS, np.random.default_rng(5))
+    quick = Settings(ramp=15, hold=5, coarse=128, tolerance=1e-7, chord=True)
+    found = simulate_records([changed(distorted, MU, 1 + RATE * i) for i in range(len(POINTS))], records, 512, quick)
+    assert found.usable.all()
+    return found
+
+
+@pytest.fixture(scope="module")
+def measured(truth, tmp_path_factory):
+    """Noise of 0.3 % on the accelerometers and 0.1 % on the force."""
+    return campaign(
+        tmp_path_factory.mktemp("measured"), measure(truth, 50.0, np.random.default_rng(1), 60.0, harmonics=H)
+    )
+
+
+@pytest.fixture
+def exactly(monkeypatch):
+    """Solutions converged to rounding."""
+    monkeypatch.setattr(records_of_spectra, "TOLERANCE", 2e-13)
+
+
+# ---- the truth is explained by what is hidden in it, and by nothing less
+
+
+def reduced(rig, data, causes, rate=RATE):
+    model = Model(rig, {}, causes)
+    x = np.array([f.of(rate) for f in model.free])
+    return evaluate(model, data, x, {}).white
+
+
+def test_noise_is_left_where_the_force_is_distorted_and_friction_drifts(measured):
+    rig, data = measured
+    both = reduced(rig, data, (DISTORTION, DRIFT))
+    assert both.chi2 / len(both) == pytest.approx(1.0, abs=4 * np.sqrt(2 / len(both)))
+    for fewer in ((), (DISTORTION,), (DRIFT,)):
+        white = reduced(rig, data, fewer)
+        assert white.chi2 / len(white) > 3.0, fewer
+    assert data.data.distorted > 20.0
+
+
+def test_rate_of_the_drift_is_found(measured):
+    rig, data = measured
+    model = Model(rig, {}, (DISTORTION, DRIFT))
+    found = fit_model(model, data, model.start, {})
+    assert model.values(found.x, 1)["rate"] == pytest.approx(RATE, abs=3 * found.std[0])
+    assert found.std[0] < 0.1 * abs(RATE)
+
+
+def test_phases_of_the_harmonics_are_those_of_the_file(measured):
+    """Mirrored or turned the other way they explain less than no harmonics at all."""
+    rig, data = measured
+    without = reduced(rig, data, (DRIFT,)).chi2
+    for sign in ((1, -1), (-1, -1)):
+        wrong = tuple(replace(r, distortion=r.distortion * np.array(sign)[:, None]) for r in data.data.records)
+        spoilt = replace(data, data=replace(data.data, records=wrong))
+        assert reduced(rig, spoilt, (DISTORTION, DRIFT)).chi2 > without
+
+
+def test_noise_of_the_harmonics_of_the_force_is_in_the_comparison(truth, tmp_path):
+    """Of 1 %; where they are taken for known it shows in the response."""
+    rig, data = campaign(tmp_path, measure(truth, 50.0, np.random.default_rng(1), 40.0, harmonics=H))
+    white = reduced(rig, data, (DISTORTION, DRIFT))
+    assert white.chi2 / len(white) == pytest.approx(1.0, abs=4 * np.sqrt(2 / len(white)))
+    known = tuple(replace(r, distortion_std=1e-6 * r.distortion_std) for r in data.data.records)
+    surer = replace(data, data=replace(data.data, records=known))
+    white = reduced(rig, surer, (DISTORTION, DRIFT))
+    assert white.chi2 / len(white) > 1.0 + 8 * np.sqrt(2 / len(white))
+
+
+# ---- derivatives
+
+
+def simulated(data, rig, keys, near):
+    return data.simulate(rig, keys, {n: s.solution for n, s in near.items()})
+
+
+def test_rates_and_what_drifts_have_exact_derivatives(measured, exactly):
+    """Central differences of converged solutions; two numbers drift, one of them a property of the structure."""
+    rig, data = measured
+    few = data.of([1, 4, 6])
+    rig = replace(DISTORTION.extend(rig, {}), drift=(Drift(MU, RATE), Drift(E, 2e-4)))
+    keys = ("drift[0].rate", "drift[1].rate", MU, E, LOAD)
+    first = few.simulate(rig, keys, {})
+    here = simulated(few, rig, keys, first)
+    for i, key in enumerate(keys):
+        now = number(rig, key)
+        step = 1e-6 * (1.0 if key.endswith("rate") else now)
+        up, down = (simulated(few, with_number(rig, key, now + moved), keys, here) for moved in (step, -step))
+        for n in few.numbers:
+            differences = (up[n].amplitudes - down[n].amplitudes) / (2 * step)
+            # rounding of the solutions, over the step
+            rounding = 1e-6 * max(np.abs(differences).max(), 1e-2 * np.abs(here[n].amplitudes).max() / abs(now))
+            assert here[n].by_keys[..., i] == pytest.approx(differences, abs=rounding), (key, n)
+    assert not here[1].by_keys[..., 0].any() and here[6].by_keys[..., 0].any()
+
+
+def test_force_columns_are_what_the_noise_of_the_force_does(measured, exactly):
+    """Against solutions under other forces, in the time of the file: central differences to each part that is measured.
+
+    A record is turned by the phase of its force; its response is turned back.
+    """
+    rig, data = measured
+    data = data.of([4])
+    record, rig = data.data.records[0], DISTORTION.extend(rig, {})
+    k = np.arange(1, H + 1)
+    force = np.append(record.force, record.distortion[0] - 1j * record.distortion[1])
+    here = data.simulate(rig, (), {})
+
+    def response(parts):
+        """Amplitudes (2, c, H) under a force with these real and imaginary parts of its harmonics."""
+        F = parts[:H] + 1j * parts[H:]
+        turn = np.exp(-1j * np.angle(F[0]) * k)
+        turned = (F * turn)[1:]
+        other = replace(record, force=abs(F[0]), distortion=np.array([turned.real, -turned.imag]))
+        moved = replace(data, data=replace(data.data, records=(other,)))
+        real, imaginary = simulated(moved, rig, (), here)[4].amplitudes
+        back = (real + 1j * imaginary) / turn
+        return np.array([back.real, back.imag])
+
+    s = here[4]
+    columns = force_columns(record, s.amplitudes, s.by_force, s.by_tones)
+    parts = np.concatenate([force.real, force.imag])
+    # amplitude and phase; then cos, the real part, and sin, less the imaginary part, of harmonics 2 to H
+    places = [0, H, *np.column_stack([1 + np.arange(H - 1), H + 1 + np.arange(H - 1)]).ravel()]
+    signs = [1, 1, *([1, -1] * (H - 1))]
+    stds = [record.force_std] * 2 + np.repeat(record.distortion_std, 2).tolist()
+    assert columns.shape == (2 * H, 2, 6, H)
+    for column, place, sign, std in zip(columns, places, signs, stds, strict=True):
+        step = 1e-5 * np.eye(2 * H)[place]
+        differences = sign * std * (response(parts + step) - response(parts - step)) / 2e-5
+        assert column == pytest.approx(differences, abs=1e-5 * np.abs(differences).max())
+
+
+# ---- what is not there
+
+
+def test_a_record_is_simulated_under_the_harmonics_that_were_measured(truth, tmp_path):
+    """Without rows of the force's harmonics nothing is known of them, and nothing changes."""
+    spectra = measure(truth, 50.0, np.random.default_rng(1), harmonics=H)
+    rig, data = campaign(tmp_path, spectra)
+    record = data.data.records[2]
+    assert [k for k, _, _ in record.tones] == [2, 3, 4, 5]
+    assert record.rig(rig).excitation.harmonics == ()
+    assert record.rig(DISTORTION.extend(rig, {})).excitation.harmonics == record.tones
+    file = tmp_path / "spectra.csv"
+    rows = file.read_text().splitlines(keepends=True)
+    fundamental = [row for row in rows if ",force," not in row or ",force,1," in row]
+    third = [row for row in rows if ",force,3," in row and row.startswith("3,")]
+    for kept, harmonics in ((fundamental, []), ([*fundamental, *third], [3])):
+        file.write_text("".join(kept))
+        few = campaign_of(rig, load_spectra(file, rig), data.numerics)[0]
+        assert [k for k, _, _ in few.data.records[2].tones] == harmonics
+        assert few.data.records[1].tones == ()
+        assert (few.data.distorted is None) == (not harmonics)
+        bare, marked = (reduced(rig, few.of([2]), causes) for causes in ((), (DISTORTION,)))
+        assert np.array_equal(bare.residual, marked.residual)
+    whole = reduced(rig, few.of([3]), (DISTORTION,))
+    assert not np.array_equal(whole.residual, reduced(rig, few.of([3]), ()).residual)
+
+
+def test_records_where_a_property_would_vanish_are_left_out(measured):
+    rig, data = measured
+    few = data.of([1, 2, 6])
+    assert few.data.records[2].number == 6
+    assert list(few.solve(replace(rig, drift=(Drift(MU, -0.2),)), {})) == [1, 2]
+    assert list(few.simulate(replace(rig, drift=(Drift("contact.friction.stiffness", 1e-3),)), (), {})) == []
+    with pytest.raises(ValueError, match=r"^drift of contact.friction.mu: 0 times its value in record 6; must be > 0$"):
+        at_record(replace(rig, drift=(Drift(MU, -0.2),)), 6)
+
+
+# ---- numbers of a rig that drifts
+
+
+def test_a_record_has_its_own_numbers():
+    rig = replace(paper_rig(), drift=(Drift(MU, 0.01), Drift(E, -0.02)))
+    assert at_record(rig, 1).drift == () and number(at_record(rig, 1), MU) == number(rig, MU)
+    fourth = at_record(rig, 4)
+    assert number(fourth, MU) == pytest.approx(1.03 * number(rig, MU), rel=1e-15)
+    assert number(fourth, E) == pytest.approx(0.94 * number(rig, E), rel=1e-15)
+    own, by_keys = in_record(rig, ("drift[1].rate", MU, E, LOAD), 4)
+    assert own == (E, MU, LOAD)
+    assert by_keys == pytest.approx(np.array([[3 * 210e9, 0, 0.94, 0], [0, 1.03, 0, 0], [0, 0, 0, 1.0]]))
+    assert number(with_number(rig, "drift[1].rate", 0.25), "drift[1].rate") == 0.25
+    with pytest.raises(KeyError, match="is not a number of the rig"):
+        number(rig, "drift[2].rate")
+
+
+def test_what_drifts_already_is_not_offered_again():
+    rig = paper_rig()
+    keys = [c.parameter for c in ParameterDrift.candidates(rig)]
+    assert keys == [E, "damping.mass_proportional", LOAD, MU, "contact.friction.critical_slip"]
+    drifting = DRIFT.extend(rig, {"rate": 1e-3})
+    assert DRIFT not in list(ParameterDrift.candidates(drifting))
+    assert ParameterDrift(E).unknowns(drifting)[0].key == "drift[1].rate"
+    assert list(ForceDistortion.candidates(rig)) == [DISTORTION]
+    assert list(ForceDistortion.candidates(DISTORTION.extend(rig, {}))) == []
+    assert list(ForceDistortion.candidates(replace(rig, channels=rig.channels[1:]))) == []
