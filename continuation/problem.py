@@ -107,11 +107,16 @@ class DenseLinearization:
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solution of the bordered system (see `Linearization`); nan where it is singular."""
+        x, lam = self.solve_columns(row, row_lam, rhs[:, None], rhs_row)
+        return x[:, 0], float(lam[0])
+
+    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
+        """Solutions (N, r) and (r,) for right sides (N, r) with the same last entry."""
         self._factor(row, row_lam)
         if self._singular:
-            return np.full(row.size, np.nan), np.nan
-        solution, _ = dgetrs(self._lu, self._pivots, np.append(rhs, rhs_row))
-        return solution[:-1], float(solution[-1])
+            return np.full_like(rhs, np.nan), np.full(rhs.shape[1], np.nan)
+        solution, _ = dgetrs(self._lu, self._pivots, np.vstack([rhs, np.full(rhs.shape[1], rhs_row)]))
+        return solution[:-1], solution[-1]
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix."""

@@ -88,8 +88,7 @@ class CompleteBalance:
 
     def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
         """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
-        x, lam = zip(*(self.solve_bordered(row, row_lam, column, rhs_row) for column in rhs.T), strict=True)
-        return np.column_stack(x), np.array(lam)
+        return self._dense.solve_columns(row, row_lam, rhs, rhs_row)
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix."""

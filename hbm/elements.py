@@ -56,6 +56,60 @@ def stacked(parts: list[ElementRows], axis: int = 0) -> ElementRows:
     return ElementRows(*(np.concatenate(arrays, axis=axis) for arrays in zip(*parts, strict=True)))
 
 
+Described = tuple[tuple[type, tuple[tuple[str, object], ...], int], ...]
+"""Class, settings and number of rows of each element: what decides the instructions."""
+
+
+def described_elements(rig: Rig) -> Described:
+    """What decides the instructions of the elements of a rig; their numbers are run-time inputs."""
+    sizes = [len(part.weight) for part in rig.element_rows]
+    return tuple((type(e), tuple(chosen(e).items()), size) for e, size in zip(rig.elements, sizes, strict=True))
+
+
+def element_numbers(rig: Rig) -> Array:
+    """Parameters of all elements in turn."""
+    return np.array([float(v) for e in rig.elements for v in parameters(e).values()])
+
+
+def symbolic_forces(described: Described) -> tuple[ca.SX, list[ca.SX]]:
+    """Force along each row (r,), and what it depends on: deflections, velocities and weights (r,), parameters."""
+    y, y_t, weight = (ca.SX.sym(name, sum(size for *_, size in described)) for name in ("y", "y_t", "weight"))
+    forces, symbols, first = [], [], 0
+    for kind, settings, size in described:
+        element, p = with_symbols(kind(**dict.fromkeys(describe(kind), 0.0), **dict(settings)))
+        rows = slice(first, first + size)
+        forces.append(element.force(y[rows], y_t[rows], weight[rows]))
+        symbols.append(p)
+        first += size
+    return ca.densify(ca.vertcat(*forces)), [y, y_t, weight, ca.vertcat(*symbols)]
+
+
+def forces_in_time(rig: Rig, q: Array, qdot: Array) -> Array:
+    """Forces of the elements of a rig on the modes, and last on the support, at N instants.
+
+    Parameters
+    ----------
+    rig : Rig
+    q, qdot : (N, n) array
+        Modal coordinates and velocities.
+
+    Returns
+    -------
+    (N, n+1) array
+    """
+    if not rig.elements:
+        return np.zeros((len(q), q.shape[1] + 1))
+    rows, share, weight = stacked(rig.element_rows)
+    force = _forces(described_elements(rig))(rows @ q.T, rows @ qdot.T, weight, element_numbers(rig)).full()
+    return np.asarray(force.T @ np.column_stack([rows, share]))
+
+
+@lru_cache(maxsize=16)
+def _forces(described: Described) -> ca.Function:
+    force, inputs = symbolic_forces(described)
+    return ca.Function("forces", inputs, [force])
+
+
 class ElementsOverPeriod:
     """The elements of a rig on a Fourier basis.
 
@@ -73,13 +127,8 @@ class ElementsOverPeriod:
         self.basis, self._wide = basis, FourierBasis(2 * basis.H, basis.N_t)
         rows, share, self._weight = stacked(rig.element_rows)
         self.rows, self.onto = rows, np.column_stack([rows, share])  # reads (r, n), pushes modes and support (r, n+1)
-        sizes = [len(part.weight) for part in rig.element_rows]
-        described = tuple(
-            (type(e), tuple(chosen(e).items()), size) for e, size in zip(rig.elements, sizes, strict=True)
-        )
-        values = [float(v) for e in rig.elements for v in parameters(e).values()]
-        self._parameters: Array = np.array(values)
-        self._functions = _functions(described, basis.N_t)
+        self._parameters = element_numbers(rig)
+        self._functions = _functions(described_elements(rig), basis.N_t)
         self._y: Array = np.zeros((basis.N_t, len(rows)))
         self._y_t = np.zeros_like(self._y)
         self._inputs = [self._y, self._y_t, self._weight, self._parameters]
@@ -116,7 +165,7 @@ class ElementsOverPeriod:
         evaluate()
         by_Q = np.zeros((basis.size, basis.size, (n + 1) * n))
         by_Omega = np.zeros((basis.size, n + 1))
-        for i, (slope, (row, column)) in enumerate(zip(slopes, f.places, strict=True)):
+        for i, (slope, (row, column)) in enumerate(zip(slopes, f.places[:2], strict=True)):
             if not len(row):
                 continue
             k = slope.reshape(basis.N_t, len(row))
@@ -134,24 +183,32 @@ class ElementsOverPeriod:
         """Derivatives of :meth:`force` with the motion held, (2H+1, n+1, p)."""
         basis, (rows, share, weight) = self.basis, change.rows
         forces = self._row_forces(Q, Omega)
-        out = np.einsum("kr,pri->kip", forces, np.concatenate([rows, share[:, :, None]], axis=2))
-        seen = np.einsum("kn,prn->krp", Q, rows)
+        out = np.einsum("kr,pri->kip", forces, np.concatenate([rows, share[:, :, None]], axis=2), optimize=True)
+        evaluate, found = buffered(self._functions.change, self._inputs)
+        evaluate()
+        slopes = [k.reshape(basis.N_t, -1) for k in found]
+        places = self._functions.places
+        for k, (row, column), moved in zip(slopes[2:], places[2:], (weight.T, change.parameters), strict=True):
+            out += np.einsum("ke,ei,ep->kip", basis.analysis @ k, self.onto[row], moved[column], optimize=True)
         faster = basis.derivative(Q @ self.rows.T)
-        d_y, d_y_t = np.empty_like(self._y), np.empty_like(self._y)
-        d_weight, d_parameters = np.empty_like(self._weight), np.empty_like(self._parameters)
-        evaluate, (d_force,) = buffered(self._functions.change, [*self._inputs, d_y, d_y_t, d_weight, d_parameters])
-        for p, d_Omega in enumerate(change.Omega):
-            d_y[:] = basis.synthesis @ seen[:, :, p]
-            d_y_t[:] = basis.synthesis @ (Omega * basis.derivative(seen[:, :, p]) + d_Omega * faster)
-            d_weight[:], d_parameters[:] = weight[p], change.parameters[:, p]
-            evaluate()
-            out[:, :, p] += basis.analysis @ d_force.reshape(self._y.shape) @ self.onto
+        touched = rows.any(axis=2) | (change.Omega != 0.0)[:, None]
+        for p in np.flatnonzero(touched.any(axis=1)):
+            seen = Q @ rows[p].T
+            d_y = basis.synthesis @ seen
+            d_y_t = basis.synthesis @ (Omega * basis.derivative(seen) + change.Omega[p] * faster)
+            for k, (row, column), d in zip(slopes[:2], places[:2], (d_y, d_y_t), strict=True):
+                here = touched[p, column]
+                out[:, :, p] += basis.analysis @ (k[:, here] * d[:, column[here]]) @ self.onto[row[here]]
         return np.asarray(out)
 
 
 @dataclass(frozen=True)
 class _Functions:
-    """Functions of all samples; `places` (2, entries) of the entries that `slopes` gives of d force / d y and d y_t."""
+    """Functions of all samples.
+
+    `change` gives the entries of d force / d y, y_t, weight and parameters that may differ from zero, `slopes` those of
+    the first two; `places` (2, entries) are their rows and columns.
+    """
 
     force: ca.Function
     slopes: ca.Function
@@ -160,30 +217,15 @@ class _Functions:
 
 
 @lru_cache(maxsize=16)
-def _functions(described: tuple[tuple[type, tuple[tuple[str, object], ...], int], ...], N_t: int) -> _Functions:
-    """Functions of elements given by class, settings and number of rows."""
-    y, y_t, weight = (ca.SX.sym(name, sum(size for *_, size in described)) for name in ("y", "y_t", "weight"))
-    forces, symbols, first = [], [], 0
-    for kind, settings, size in described:
-        element, p = with_symbols(kind(**dict.fromkeys(describe(kind), 0.0), **dict(settings)))
-        rows = slice(first, first + size)
-        forces.append(element.force(y[rows], y_t[rows], weight[rows]))
-        symbols.append(p)
-        first += size
-    force, p = ca.densify(ca.vertcat(*forces)), ca.vertcat(*symbols)
-    jacobians = [ca.jacobian(force, y), ca.jacobian(force, y_t)]
+def _functions(described: Described, N_t: int) -> _Functions:
+    force, inputs = symbolic_forces(described)
+    jacobians = [ca.jacobian(force, of) for of in inputs]
     places = [np.array(j.sparsity().get_triplet(), dtype=int).reshape(2, -1) for j in jacobians]
     entries = [ca.SX(ca.vertcat(*j.nonzeros())) if j.nnz() else ca.SX(0, 1) for j in jacobians]
-    inputs = [y, y_t, weight, p]
-    seeds = [ca.SX.sym(f"d_{name}", s.shape[0]) for name, s in zip(("y", "y_t", "weight", "p"), inputs, strict=True)]
-    along = ca.densify(ca.jtimes(force, ca.vertcat(*inputs), ca.vertcat(*seeds)))
 
-    def over_period(name: str, arguments: list[ca.SX], outputs: list[ca.SX], constant: list[int]) -> ca.Function:
-        return ca.Function(name, arguments, outputs).map(name, "serial", N_t, constant, [])
+    def over_period(name: str, outputs: list[ca.SX]) -> ca.Function:
+        return ca.Function(name, inputs, outputs).map(name, "serial", N_t, [2, 3], [])
 
     return _Functions(
-        over_period("force", inputs, [force], [2, 3]),
-        over_period("slopes", inputs, entries, [2, 3]),
-        over_period("change", [*inputs, *seeds], [along], [2, 3, 6, 7]),
-        places,
+        over_period("force", [force]), over_period("slopes", entries[:2]), over_period("change", entries), places
     )

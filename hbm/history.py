@@ -9,10 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hbm.elements import forces_in_time
 from hbm.lawstep import law_step
 from models import Channel, Rig
 from models.rig import UNITS
-from models.structure import Array, ModalStructure
+from models.structure import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,27 +62,34 @@ class Signal(NamedTuple):
     unit: str
 
 
-def acceleration(structure: ModalStructure, q: Array, qdot: Array, T: Array, F: Array) -> Array:
+def acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Array:
     """Modal accelerations from the equation of motion (4), (N, n).
 
     Parameters
     ----------
-    structure : ModalStructure
+    rig : Rig
     q, qdot : (N, n) array
         Modal coordinates and velocities.
     T, F : (N,) array
         Friction and excitation [N].
     """
-    pushed = structure.slip_row - q @ structure.shortening
-    driven = F[:, None] * structure.excitation + T[:, None] * pushed
-    return np.asarray(driven - structure.damping * qdot - structure.omega_n**2 * q)
+    return _acceleration(rig, q, qdot, T, F, forces_in_time(rig, q, qdot))
+
+
+def _acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array, elements: Array) -> Array:
+    """With the forces (N, n+1) of the elements."""
+    s = rig.structure
+    pushed = s.slip_row - q @ s.shortening
+    driven = F[:, None] * s.excitation + T[:, None] * pushed + elements[:, :-1]
+    return np.asarray(driven - s.damping * qdot - s.omega_n**2 * q)
 
 
 def normal_reaction(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Array:
     """Normal reaction of the support, (N,) [N]; arguments as in :func:`acceleration`."""
-    r = rig.structure.reaction
-    moved = acceleration(rig.structure, q, qdot, T, F) @ r.inertia + qdot @ r.damping + q @ r.stiffness
-    return np.asarray(rig.contact.normal_load + moved + T * (q @ r.stretch - r.friction_lever) - r.force_share * F)
+    r, elements = rig.structure.reaction, forces_in_time(rig, q, qdot)
+    moved = _acceleration(rig, q, qdot, T, F, elements) @ r.inertia + qdot @ r.damping + q @ r.stiffness
+    pushed = T * (q @ r.stretch - r.friction_lever) - r.force_share * F - elements[:, -1]
+    return np.asarray(rig.contact.normal_load + moved + pushed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +141,7 @@ class TimeHistory:
     @cached_property
     def qddot(self) -> Array:
         """Modal accelerations, (N, n)."""
-        return acceleration(self.rig.structure, self.q, self.qdot, self.friction, self.force)
+        return acceleration(self.rig, self.q, self.qdot, self.friction, self.force)
 
     @cached_property
     def force_rate(self) -> Array:

@@ -5,21 +5,26 @@ The friction T at the end of a step moves the contact by kappa T, kappa > 0 the 
 other closes T = law(T); for a set-valued law kappa is folded into the series compliance instead, and its return
 mapping gives T at once. A second pass takes the foreshortening of the displacement found. The residual of the
 implicit relation, evaluated with the final displacement, is an output of every step.
+
+Nonlinear elements are linearised about the last motion found in every pass: what they do to the motion is then affine
+in T, and the law sees it as another free motion and another compliance. The passes are Newton's method on both.
 """
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from hbm.elements import Described, symbolic_forces
 from hbm.lawstep import Form, law_step
 from models import FrictionLaw
 from models.friction import parameters
 from models.structure import Array
 
 NEWTON = (5, 1)  # iterations on T; again with the foreshortening of the new q, which differs by some 1e-7
+NEWTON_BESIDE_ELEMENTS = (5, 1, 1)
 
 
 @dataclass(frozen=True)
@@ -35,6 +40,8 @@ class Shape:
         Whether G and the rows of the reaction differ from zero.
     dissipative : bool
         Whether the friction force is delayed by a fraction of a step, see :func:`hbm.timestep.weights`.
+    elements : Described
+        Nonlinear elements.
     law : FrictionLaw
         Any law of that form.
     """
@@ -45,6 +52,7 @@ class Shape:
     foreshortened: bool
     reaction_varies: bool
     dissipative: bool
+    elements: Described
     law: FrictionLaw = field(compare=False)
 
     @property
@@ -62,6 +70,11 @@ class Shape:
             sizes |= {"shortening": n * n}
         if self.reaction_varies:
             sizes |= {"R_q": n, "R_v": n, "eta_q": n, "eta": 1, "R_force": 1}
+        if self.elements:
+            r, _, _, numbers = (part.size1() for part in symbolic_forces(self.elements)[1])
+            sizes |= dict.fromkeys((f"element_{name}" for name in ("q_old", "q_new", "v_old", "v_new")), n)
+            sizes |= dict.fromkeys(("element_reaction", "element_weight"), r)
+            sizes |= {"element_rows": r * n, "element_numbers": numbers, "force_per_modal": 1}
         return sizes
 
 
@@ -133,15 +146,98 @@ class _Mechanics:
         return self.lever(q) - ca.dot(self.p["R_q"], q_gain) - ca.dot(self.p["R_v"], v_gain)
 
 
-def _step(shape: Shape, iterations: tuple[int, ...]) -> tuple[list[ca.SX], list[ca.SX]]:
-    """Symbolic step: inputs (state, guess of T, drive, parameters), outputs (state, T, residual)."""
+@dataclass(frozen=True, eq=False)
+class _Elements:
+    """Forces of the nonlinear elements on the modes, in symbols, and last what they add to the reaction, (n+1,)."""
+
+    shape: Shape
+    p: dict[str, ca.SX]
+
+    @cached_property
+    def _forces(self) -> ca.Function:
+        """(q, v, run-time parameters) -> forces and their derivatives to q and v."""
+        n = self.shape.modes
+        force, (y, y_t, weight, numbers) = symbolic_forces(self.shape.elements)
+        q, v, reaction = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("reaction", y.size1())
+        rows = ca.SX.sym("rows", y.size1(), n)
+        onto = ca.horzcat(rows, reaction).T
+        slopes = [onto @ ca.jacobian(force, of) @ rows for of in (y, y_t)]
+        outputs = ca.substitute([onto @ force, *slopes], [y, y_t], [rows @ q, rows @ v])
+        return ca.Function("elements", [q, v, rows, reaction, weight, numbers], outputs)
+
+    def at(self, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Forces (n+1,) and their derivatives (n+1, n) to q and v."""
+        p, n = self.p, self.shape.modes
+        rows = ca.reshape(p["element_rows"], p["element_rows"].size1() // n, n)
+        held = (p[f"element_{name}"] for name in ("reaction", "weight", "numbers"))
+        forces, by_q, by_v = self._forces(q, v, rows, *held)
+        return forces, by_q, by_v
+
+    def started(self, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """What the forces at the start of a step add to q and v at its end."""
+        forces = self.at(q, v)[0][: self.shape.modes]
+        return self.p["element_q_old"] * forces, self.p["element_v_old"] * forces
+
+    def kept(self, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
+        """What forces as large at the end add."""
+        forces = self.at(q, v)[0][: self.shape.modes]
+        return self.p["element_q_new"] * forces, self.p["element_v_new"] * forces
+
+    def through(self, q: ca.SX, v: ca.SX, q_end: ca.SX, v_end: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Columns of q, v, forces on the modes and addition to the reaction with the forces at the end of the step.
+
+        Parameters
+        ----------
+        q, v : (n, 2) SX
+            Without them: free motion, and per friction force.
+        q_end, v_end : (n,) SX
+            Where the forces are linearised.
+        """
+        n, p = self.shape.modes, self.p
+        forces, by_q, by_v = self.at(q_end, v_end)
+        q_new, v_new = p["element_q_new"], p["element_v_new"]
+        matrix = ca.SX.eye(n) - by_q[:n, :] @ ca.diag(q_new) - by_v[:n, :] @ ca.diag(v_new)
+        fixed = ca.horzcat(forces - by_q @ q_end - by_v @ v_end, ca.SX.zeros(n + 1))
+        modal = ca.solve(matrix, fixed[:n, :] + by_q[:n, :] @ q + by_v[:n, :] @ v)
+        q, v = q + ca.diag(q_new) @ modal, v + ca.diag(v_new) @ modal
+        return q, v, modal, fixed[n, :] + by_q[n, :] @ q + by_v[n, :] @ v
+
+
+@dataclass(frozen=True)
+class _Step:
+    """Symbolic step.
+
+    Attributes
+    ----------
+    x, T, end, drive, p : SX
+        Inputs: state, guesses of the friction force and of the motion at the end of the step, drive, parameters.
+    predicted : SX
+        A guess of the motion, by the guess of the friction force.
+    state, force, residual : SX
+        Outputs.
+    """
+
+    x: ca.SX
+    T: ca.SX
+    end: ca.SX
+    drive: ca.SX
+    p: ca.SX
+    predicted: ca.SX
+    state: ca.SX
+    force: ca.SX
+    residual: ca.SX
+
+
+def _step(shape: Shape, iterations: tuple[int, ...]) -> _Step:
     n, layout = shape.modes, shape.layout
     x, guess, drive = ca.SX.sym("x", shape.size), ca.SX.sym("T0"), ca.SX.sym("drive", 2 * n + 2)
+    end = ca.SX.sym("end", 2 * n)
     parts = [ca.SX.sym(name, size) for name, size in layout.items()]
     p = dict(zip(layout, parts, strict=True))
     law_parameters = ca.SX.sym("law", len(parameters(shape.law)))
     q, v, held, z = x[:n], x[n : 2 * n], x[2 * n], x[2 * n + 1 :]
     mechanics = _Mechanics(shape, p, drive[2 * n], drive[2 * n + 1])
+    elements = _Elements(shape, p) if shape.elements else None
     contact, explicit = _contact_equation(shape)
     constants = [p["compliance"], p["load"], p["dt"]]
     # (1 + delay) held_new = T + delay held
@@ -151,59 +247,82 @@ def _step(shape: Shape, iterations: tuple[int, ...]) -> tuple[list[ca.SX], list[
     pushed = mechanics.pushed(mechanics.direction(q), v)
     q_free = p["qq"] * q + p["qv"] * v + p["q_old"] * pushed * held + drive[:n]
     v_free = p["vq"] * q + p["vv"] * v + p["v_old"] * pushed * held + drive[n : 2 * n]
-    q_end, v_end = q_free + p["q_new"] * pushed * guess, v_free + p["v_new"] * pushed * guess
-    T, row, kappa = guess, pushed, ca.SX(0.0)
-    for newton in iterations if shape.foreshortened else iterations[:1]:
+    predicted = ca.vertcat(q_free + p["q_new"] * pushed * guess, v_free + p["v_new"] * pushed * guess)
+    if elements is not None:
+        started = elements.started(q, v)
+        q_free, v_free = q_free + started[0], v_free + started[1]
+        predicted += ca.vertcat(*started) + ca.vertcat(*elements.kept(q, v))
+    q_end, v_end = end[:n], end[n:]
+    T, row, kappa, modal = guess, pushed, ca.SX(0.0), ca.SX.zeros(n)
+    for newton in iterations if shape.foreshortened or shape.elements else iterations[:1]:
         row = mechanics.direction(q_end)
         pushed = mechanics.pushed(row, v_end)
         q_gain, v_gain = p["q_new"] * pushed, p["v_new"] * pushed
         q_base, v_base = q_free + lag * held * q_gain, v_free + lag * held * v_gain
         q_gain, v_gain = gain * q_gain, gain * v_gain
+        rho, rho_gain, forces = 0.0, 0.0, ca.SX.zeros(n, 2)
+        if elements is not None:
+            both = ca.horzcat(q_base, q_gain), ca.horzcat(v_base, v_gain)
+            q_both, v_both, forces, added = elements.through(*both, q_end, v_end)
+            (q_base, q_gain), (v_base, v_gain) = ca.horzsplit(q_both), ca.horzsplit(v_both)
+            rho, rho_gain = added[0], added[1]
         kappa = ca.dot(row, q_gain)
         u = mechanics.slip(q_end) + ca.dot(row, q_base - q_end)  # linearised about the last q
         known = [u, kappa, mechanics.slip_velocity(row, v_base), ca.dot(row, v_gain)]
-        known += [mechanics.reaction(q_base, v_base), mechanics.lever_through(q_end, q_gain, v_gain)]
+        known += [mechanics.reaction(q_base, v_base) + rho, mechanics.lever_through(q_end, q_gain, v_gain) + rho_gain]
         for _ in range(1 if explicit else newton):
             residual, slope, _ = contact(ca.vertcat(T, *known, *constants), z, law_parameters)
             T = T - residual / slope
-        q_end, v_end = q_base + q_gain * T, v_base + v_gain * T
+        q_end, v_end, modal = q_base + q_gain * T, v_base + v_gain * T, forces[:, 0] + forces[:, 1] * T
 
     final = mechanics.direction(q_end)
+    rho, missed = 0.0, 0.0
+    if elements is not None:
+        pushes, _, _ = elements.at(q_end, v_end)
+        rho, missed = pushes[n], p["force_per_modal"] * ca.norm_inf(pushes[:n] - modal)
     # the contact equation adds kappa T to the slip
     known = [mechanics.slip(q_end) - kappa * T, kappa, mechanics.slip_velocity(final, v_end), 0.0]
-    known += [mechanics.reaction(q_end, v_end), mechanics.lever(q_end)]
+    known += [mechanics.reaction(q_end, v_end) + rho, mechanics.lever(q_end)]
     residual, _, z_new = contact(ca.vertcat(T, *known, *constants), z, law_parameters)
     turned = ca.sum1(ca.fabs(final - row)) / ca.sum1(ca.fabs(row)) if shape.foreshortened else 0.0
-    state = ca.vertcat(q_end, v_end, gain * T + lag * held, z_new)
-    outputs = [state, T, ca.fabs(residual) + ca.fabs(T) * turned]
-    return [x, guess, drive, ca.vertcat(*parts, law_parameters)], [ca.densify(output) for output in outputs]
+    return _Step(
+        x=x,
+        T=guess,
+        end=end,
+        drive=drive,
+        p=ca.vertcat(*parts, law_parameters),
+        predicted=predicted,
+        state=ca.densify(ca.vertcat(q_end, v_end, gain * T + lag * held, z_new)),
+        force=ca.densify(T),
+        residual=ca.densify(ca.fabs(residual) + ca.fabs(T) * turned + missed),
+    )
 
 
 @lru_cache(maxsize=32)
 def marcher(shape: Shape, steps: int) -> ca.Function:
     """Function (state, drive, parameters) -> (states, T, residual) over `steps` steps."""
-    (x, guess, drive, p), outputs = _step(shape, NEWTON)
-    outputs = ca.substitute(outputs, [guess], [x[2 * shape.modes]])
-    step = ca.Function("step", [x, drive, p], outputs, {"cse": True})
-    start, drives = ca.MX.sym("x", x.shape[0]), ca.MX.sym("d", drive.shape[0], steps)
-    values = ca.MX.sym("p", p.shape[0])
+    s = _step(shape, NEWTON_BESIDE_ELEMENTS if shape.elements else NEWTON)
+    outputs = ca.substitute([s.state, s.force, s.residual], [s.end], [s.predicted])
+    outputs = ca.substitute(outputs, [s.T], [s.x[2 * shape.modes]])
+    step = ca.Function("step", [s.x, s.drive, s.p], outputs, {"cse": True})
+    start, drives = ca.MX.sym("x", s.x.shape[0]), ca.MX.sym("d", s.drive.shape[0], steps)
+    values = ca.MX.sym("p", s.p.shape[0])
     marched = step.mapaccum(steps)(start, drives, ca.repmat(values, 1, steps))
     return ca.Function("march", [start, drives, values], marched)
 
 
 @lru_cache(maxsize=32)
 def lineariser(shape: Shape, steps: int) -> ca.Function:
-    """Jacobians of `steps` steps from the states they start at and the friction they end with.
+    """Jacobians of `steps` steps from the states they start at, and the friction and the motion they end with.
 
     One Newton iteration from a solution has the derivative of the solution.
     """
-    (x, T, drive, p), outputs = _step(shape, (1, 1))
-    jacobian = ca.densify(ca.jacobian(outputs[0], x))
-    step = ca.Function("jacobian", [x, T, drive, p], [jacobian])
-    states, forces = ca.MX.sym("x", x.shape[0], steps), ca.MX.sym("T", 1, steps)
-    drives, values = ca.MX.sym("d", drive.shape[0], steps), ca.MX.sym("p", p.shape[0])
-    arguments = states, forces, drives, ca.repmat(values, 1, steps)
-    return ca.Function("linearise", [states, forces, drives, values], [step.map(steps)(*arguments)])
+    s = _step(shape, (1, 1))
+    jacobian = ca.densify(ca.jacobian(s.state, s.x))
+    step = ca.Function("jacobian", [s.x, s.T, s.end, s.drive, s.p], [jacobian], {"cse": True})
+    inputs = [ca.MX.sym("i", part.shape[0], steps) for part in (s.x, s.T, s.end, s.drive)]
+    values = ca.MX.sym("p", s.p.shape[0])
+    return ca.Function("linearise", [*inputs, values], [step.map(steps)(*inputs, ca.repmat(values, 1, steps))])
 
 
 def evaluate(function: ca.Function, *arguments: Array) -> list[Array]:

@@ -4,7 +4,8 @@ Each mode is propagated exactly under the cosine force and under a generalised f
 over the step. The friction at the end of the step then moves the contact by an amount proportional to it: the
 step's own compliance kappa stands in series with the contact and the law's return mapping does the rest
 (:meth:`models.FrictionLaw.advance`). What remains implicit, limits that depend on the slip velocity and the
-foreshortening, is solved by a fixed number of Newton iterations whose residual every step returns.
+foreshortening, is solved by a fixed number of Newton iterations whose residual every step returns. Forces of nonlinear
+elements are linear over the step too, and linearised about the last motion found in each iteration.
 
 Start with :class:`Stepper`: a rig at one frequency and step, ready to march.
 """
@@ -15,6 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import expm
 
+from hbm.elements import described_elements, element_numbers, stacked
 from hbm.lawstep import form, law_step
 from hbm.stepfunction import Shape, evaluate, lineariser, marcher
 from models import Rig
@@ -142,10 +144,6 @@ class Stepper:
     def shape(self) -> Shape:
         """Key of the compiled step."""
         structure, law = self.rig.structure, self.rig.contact.law
-        if self.rig.elements:
-            raise ValueError(
-                f"time step: {self.rig.name} has nonlinear elements; must have none; harmonic balance knows them"
-            )
         return Shape(
             form=form(law),
             states=law_step(law).memory_size,
@@ -153,6 +151,7 @@ class Stepper:
             foreshortened=bool(structure.shortening.any()),
             reaction_varies=structure.reaction.varies,
             dissipative=self.radius is not None,
+            elements=described_elements(self.rig),
             law=law,
         )
 
@@ -179,6 +178,7 @@ class Stepper:
             "slip_by_force": s.residual.slip_by_force,
             "load": self.rig.contact.normal_load,
             **_reaction_rows(s),
+            **(_element_rows(self.rig, E) if self.rig.elements else {}),
         }
         law = np.array(list(parameters(self.rig.contact.law).values()), dtype=float)
         return np.concatenate([np.atleast_1d(values[name]) for name in self.shape.layout] + [law])
@@ -244,7 +244,8 @@ class Stepper:
         """Jacobian of each step of a march from `x` that gave `X` and `T`, (steps, size, size)."""
         steps, size = X.shape
         before = np.vstack([x, X[:-1]])
-        (J,) = evaluate(lineariser(self.shape, steps), before, T, self.drive(steps), self.parameters)
+        ends = X[:, : 2 * self.shape.modes]
+        (J,) = evaluate(lineariser(self.shape, steps), before, T, ends, self.drive(steps), self.parameters)
         return np.swapaxes(J.reshape(steps, size, size), 1, 2)
 
     @property
@@ -264,4 +265,19 @@ def _reaction_rows(structure: ModalStructure) -> dict[str, Array | float]:
         "R_force": float(r.inertia @ structure.excitation) - r.force_share,
         "eta": float(r.inertia @ structure.slip_row) - r.friction_lever,
         "eta_q": r.stretch - structure.shortening @ r.inertia,
+    }
+
+
+def _element_rows(rig: Rig, E: Array) -> dict[str, Array | float]:
+    """What the elements read and push, what they add to the reaction, and the weights of their forces."""
+    s = rig.structure
+    rows, share, weight = stacked(rig.element_rows)
+    _, force_weights = weights(E, 0.0, None)
+    return {
+        **{f"element_{name}": value for name, value in force_weights.items()},
+        "element_rows": rows.ravel(order="F"),
+        "element_reaction": rows @ s.reaction.inertia - share,
+        "element_weight": weight,
+        "element_numbers": element_numbers(rig),
+        "force_per_modal": 1.0 / float(np.max(np.abs(s.excitation))),
     }

@@ -8,6 +8,7 @@ forces act on the modes kept; what the modes left out would answer converges wit
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import casadi as ca
@@ -94,6 +95,7 @@ GAUSS_POINTS_PER_MODE = 4
 LEAST_GAUSS_POINTS = 32
 
 
+@lru_cache(maxsize=16)
 def gauss_points(modes: int) -> tuple[Array, Array]:
     """Places and weights of a quadrature over 0..1 that resolves products of modes and of their magnitudes."""
     nodes, weights = np.polynomial.legendre.leggauss(max(LEAST_GAUSS_POINTS, GAUSS_POINTS_PER_MODE * modes))

@@ -30,7 +30,8 @@ def with_number(rig: Rig, key: str, value: float) -> Rig:
     rig : Rig
     key : str
         A key of :func:`models.change.structure_scalars`, of the friction law, or of the contact, such as
-        ``channels.a3.gain``, ``attachments.masses[0].position``, ``drift[0].rate`` or ``contact.friction.mu``.
+        ``channels.a3.gain``, ``attachments.masses[0].position``, ``elements[0].gap``, ``drift[0].rate`` or
+        ``contact.friction.mu``.
     value : float
 
     Returns

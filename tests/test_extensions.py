@@ -22,6 +22,7 @@ from models.causes import CAUSES, all_candidates
 from models.causes.friction import DistributedMicroslip, StribeckWeakening
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SwappedChannels
+from models.elements import ImpactStop, MidplaneStretching, QuadraticDrag
 from models.friction import chosen, parameters
 from models.rig import Channel, Drift
 from tests.inverse.measurement import Truth, measured, respond
@@ -76,6 +77,7 @@ def numbers_of(rig: Rig) -> dict[str, Any]:
     return {
         "law": (type(law), parameters(law), chosen(law)),
         "contact": contact,
+        "elements": [(type(e), parameters(e)) for e in rig.elements],
         **{name: getattr(rig, name) for name in ("body", "damping", "excitation", "channels", "attachments", "drift")},
     }
 
@@ -101,6 +103,17 @@ def test_extensions_are_applied_in_their_order(tmp_path):
         cause = "viscous-contact"
         coefficient = 20
         [[extensions]]
+        cause = "impact-stop"
+        gap = -1e-5
+        stiffness = 2e4
+        position = 0.4
+        [[extensions]]
+        cause = "quadratic-drag"
+        coefficient = 30
+        [[extensions]]
+        cause = "midplane-stretching"
+        axial_stiffness = 1e7
+        [[extensions]]
         cause = "sensor-delay"
         channel = "a3"
         delay_s = 2e-5
@@ -117,6 +130,11 @@ def test_extensions_are_applied_in_their_order(tmp_path):
         """,
     )
     assert rig.attachments.masses == (PointMass(0.005, 0.3),)
+    assert [(type(e), parameters(e)) for e in rig.elements] == [
+        (ImpactStop, {"gap": -1e-5, "stiffness": 2e4, "position": 0.4}),
+        (QuadraticDrag, {"coefficient": 30.0}),
+        (MidplaneStretching, {"axial_stiffness": 1e7}),
+    ]
     assert rig.body.youngs_modulus == 209e9
     assert rig.excitation.measured_harmonics and rig.drift == (Drift("beam.youngs_modulus", -1e-4),)
     assert parameters(rig.contact.law) == {"mu": 0.52, "critical_slip": 4.15e-6, "ratio": 1.1, "coefficient": 20.0}
@@ -149,6 +167,14 @@ REFUSED = {
     "foreign": (MASS + "gain = 2.0", ".gain is unknown; accepted keys are cause, mass, position"),
     "negative": (MASS.replace("0.01", "-0.01"), ".mass = -0.01; must be >= 0 and <= 8.78459"),
     "off the beam": (MASS.replace("0.3", "0.7"), ".position = 0.7; must be >= 6.06e-07 and <= 0.606"),
+    "two drags": (
+        'cause = "quadratic-drag"\ncoefficient = 3.0\n[[extensions]]\ncause = "quadratic-drag"\ncoefficient = 3.0',
+        '[2].cause = "quadratic-drag" (quadratic-drag) does not apply; there is nothing in this rig that it can act on',
+    ),
+    "a stop that pulls": (
+        'cause = "impact-stop"\nstiffness = -1.0\ngap = 1e-4\nposition = 0.4',
+        ".stiffness = -1.0; must be >= 0 and <= 1.00173e+09",
+    ),
     "text": (MASS.replace("0.3", '"tip"'), '.position = "tip"; must be a number'),
     "truth": (MASS.replace("0.3", "true"), ".position = true; must be a number"),
     "not finite": ('cause = "clamp-rotation"\nstiffness = inf', ".stiffness = inf; must be finite"),

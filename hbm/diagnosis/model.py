@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -68,7 +67,7 @@ class Free:
         if self.form == "linear":
             found = x * self.scale
         else:
-            found = float(np.exp(x)) if self.form == "logarithmic" else self.scale / x
+            found = float(np.exp(x)) if self.form == "logarithmic" else self.scale / x if x else np.inf
         return float(min(max(found, self.lower), self.upper))
 
     def slope(self, x: float) -> float:
@@ -166,15 +165,6 @@ class Model:
         """Of the coordinates."""
         low, high = np.array([f.bounds for f in self.free]).reshape(-1, 2).T
         return low, high
-
-    def starts(self, x: Array) -> list[Array]:
-        """Coordinates where fits may start: all combinations of the unknowns' starts, calibrated numbers as in `x`."""
-        grids = [u.starts for unknowns in self.unknowns for u in unknowns]
-        m = len(self.free) - len(grids)
-        frees = self.free[m:]
-        return [
-            np.concatenate([x[:m], [f.of(v) for f, v in zip(frees, values, strict=True)]]) for values in product(*grids)
-        ]
 
     def rig(self, x: Array) -> Rig:
         """The rig at coordinates."""

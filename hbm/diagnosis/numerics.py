@@ -164,15 +164,15 @@ def corrections(
             continue
         coarse, finer = amplitudes_of(data, start), amplitudes_of(data, between)
         if _length(finer - coarse, record) < NEGLIGIBLE:
-            out[record.number] = Correction(finer - coarse, LEFT * _size(finer - coarse))
+            out[record.number] = Correction(finer - coarse, LEFT * size(finer - coarse))
             continue
         (last,) = _solved(rig, [record], numerics.fine, [between])
         if last is not None:
             best = amplitudes_of(data, last)
-            out[record.number] = Correction(best - coarse, LEFT * _size(best - finer))
+            out[record.number] = Correction(best - coarse, LEFT * size(best - finer))
     return out
 
 
-def _size(change: Array) -> Array:
-    """Rms of the two parts (c, H)."""
+def size(change: Array) -> Array:
+    """Rms of the two parts of a change (2, c, H), (c, H)."""
     return np.asarray(np.sqrt(np.mean(change**2, axis=0)))

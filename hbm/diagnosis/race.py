@@ -6,6 +6,7 @@ final is exact.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from continuation import ConvergenceError
 from hbm.diagnosis.fit import Evaluation, best_start, fit_model, refine
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign
-from hbm.diagnosis.screen import Screening, coarse, small, spread, starting
+from hbm.diagnosis.screen import Score, Screening, coarse, small, spread, starting
 from hbm.fourier import Array
 from models.causes.cause import Cause
 
@@ -34,8 +35,8 @@ SHARE = 0.75
 """Where the misfit is small, those run whose predicted fall of chi2 is within this of the best, or is this share of
 it."""
 
-EXPLAINED = 1.5
-"""Mean square misfit of the quick heat from which on only look-alikes of the best one run,"""
+EXPLAINED, LITTLE = 1.5, 0.03
+"""Mean square misfit of the quick heat, or share of what it was, from which on only look-alikes of the best one run,"""
 
 ALIKE = 0.5
 """those whose signature has this cosine with it."""
@@ -116,13 +117,14 @@ def _by_score(base: Evaluation, screening: Screening) -> list[Runner]:
 
 def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Runner]:
     """Candidates by quick fits."""
-    few = coarse(campaign, [n for n in spread(campaign, HEAT_RECORDS) if n in base.found])
+    few = coarse(campaign, [n for n in spread(campaign, HEAT_RECORDS) if n in base.found], base)
+    before = float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
     heat: list[Runner] = []
     for i, score in enumerate(screening.scores):
-        if _settled(heat, few, score.cause, screening):
+        if _settled(heat, max(EXPLAINED * few.points, LITTLE * before), score.cause, screening):
             continue
         tell(f"{score.cause.label} ({i + 1} of {len(screening.scores)})")
-        runner = _heat(base, few, score.cause)
+        runner = _heat(base, few, score)
         if runner is not None:
             heat.append(runner)
     heat.sort(key=lambda r: r.chi2)
@@ -132,38 +134,37 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
     return [r for i, r in enumerate(heat) if i < FINALISTS and scale * (r.chi2 - heat[0].chi2) < margin]
 
 
-def _settled(heat: Sequence[Runner], few: Campaign, cause: Cause, screening: Screening) -> bool:
-    """Whether a candidate that ran explains the records and this one looks different."""
+def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: Screening) -> bool:
+    """Whether a candidate that ran explains the records, its chi2 below a limit, and this one looks different."""
     winner = min(heat, key=lambda r: r.chi2, default=None)
-    if winner is None or winner.chi2 > EXPLAINED * few.points:
+    if winner is None or winner.chi2 > explained:
         return False
     return cause.label not in screening.look_alikes(winner.cause.label, ALIKE)
 
 
-def _heat(base: Evaluation, few: Campaign, cause: Cause) -> Runner | None:
-    model = base.model.extended_by(cause)
+def _heat(base: Evaluation, few: Campaign, score: Score) -> Runner | None:
+    model = base.model.extended_by(score.cause)
     try:
         here = starting(model, base, {})
-        starts = _starts(model, here)
+        starts = _starts(model, here, score)
         if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
-            starts += _starts(model, model.start)
+            starts += _starts(model, model.start, score)
         ordered = best_start(model, few, starts, base.solutions)
         near = [x for chi2, x in ordered[:HEAT_STARTS] if chi2 <= SECOND * ordered[0][0]]
         fits = [fit_model(model, few, x, base.solutions, HEAT_STEPS, settled=1.0) for x in near]
     except (*FAILURES, ConvergenceError):
         return None
     best = min(fits, key=lambda e: e.chi2 + 1e6 * len(e.missing))
-    return Runner(cause, best.chi2, best.x)
+    return Runner(score.cause, best.chi2, best.x)
 
 
-def _starts(model: Model, x: Array) -> list[Array]:
-    """Where the last cause may start, everything else as in `x`."""
-    own = np.array([f.cause == len(model.causes) - 1 for f in model.free], dtype=bool)
-    unique = {tuple(s[own]) for s in model.starts(x)}
-    return [np.where(own, _placed(own, values), x) for values in sorted(unique)]
-
-
-def _placed(own: Array, values: tuple[float, ...]) -> Array:
-    out = np.zeros(len(own))
-    out[own] = values
-    return out
+def _starts(model: Model, x: Array, score: Score) -> list[Array]:
+    """Where the last cause may start, everything else as in `x`; its shape as the score test likes it best."""
+    unknowns = model.unknowns[-1]
+    shaped = {u.name: (score.start[u.name],) for u in unknowns if u.shapes and score.drop > 0.0}
+    grids = [shaped.get(u.name, u.starts) for u in unknowns]
+    own = model.free[len(x) - len(unknowns) :]
+    return [
+        np.concatenate([x[: len(x) - len(unknowns)], [f.of(v) for f, v in zip(own, values, strict=True)]])
+        for values in product(*grids)
+    ]

@@ -5,7 +5,7 @@ less what the calibrated numbers can do as well. A number that only shapes an ef
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy.typing as npt
 from hbm.diagnosis.fit import Evaluation, evaluate
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.nominal import nominal_scalars
+from hbm.diagnosis.numerics import LEFT, Correction, size
 from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.fourier import Array
 from models.causes.cause import Cause, Unknown
@@ -103,9 +104,14 @@ def spread(campaign: Campaign, number: int) -> list[int]:
     return [campaign.data.records[i].number for i in sorted({*fastest.tolist(), *even.tolist()})]
 
 
-def coarse(campaign: Campaign, numbers: Sequence[int]) -> Campaign:
-    """Some records on few harmonics and samples, for what need not be exact."""
-    return campaign.of(numbers).coarsely(max(COARSE[0], campaign.data.H + 4), COARSE[1])
+def coarse(campaign: Campaign, numbers: Sequence[int], base: Evaluation | None = None) -> Campaign:
+    """Some records on few harmonics and samples, for what need not be exact; corrected to a model that is known."""
+    few = campaign.of(numbers).coarsely(max(COARSE[0], campaign.data.H + 4), COARSE[1])
+    if base is None:
+        return few
+    there = few.solve(base.model.rig(base.x), base.solutions)
+    added = {n: campaign.amplitudes(n, base.found[n].solution) - few.amplitudes(n, s) for n, s in there.items()}
+    return replace(few, corrections={n: Correction(change, LEFT * size(change)) for n, change in added.items()})
 
 
 @dataclass(frozen=True)

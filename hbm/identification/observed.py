@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.fourier import Array, FourierBasis
-from hbm.inverse.contactforce import shortening_forces
+from hbm.inverse.contactforce import nonlinear_forces, regularised
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.inverse.sensing import Complex, Sensing, dynamic_stiffness, sensing
 from models.structure import ModalStructure
@@ -117,11 +117,13 @@ class Motion:
 def motion_of(reconstruction: Reconstruction) -> Motion:
     """Modal coordinates under the reconstructed friction and the measured excitation."""
     seen, friction = sensing(reconstruction.rig, reconstruction.spectra), reconstruction["friction"].amplitudes
+    if seen.rig.elements:  # under forces that hold the motion more than friction does, the turns below run away
+        return Motion(seen, regularised(seen, friction[:, 0].real).q)
     s = seen.structure
     linear = np.stack([friction, seen.force], axis=2) @ np.stack([s.slip_row, s.excitation])
     q = linear / seen.stiffness
     for _ in range(MOST_ITERATIONS):
-        before, q = q, (linear + shortening_forces(seen, friction, q)) / seen.stiffness
+        before, q = q, (linear + nonlinear_forces(seen, friction, q)) / seen.stiffness
         if np.abs(q - before).max() <= COUPLED * np.abs(q).max():
             break
     return Motion(seen, q)

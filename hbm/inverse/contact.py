@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.fourier import Array
-from hbm.inverse.contactforce import ForceEstimate, product, to_amplitudes, to_samples
+from hbm.inverse.contactforce import ForceEstimate, element_forces, product, to_amplitudes, to_samples
 from hbm.inverse.reconstruction import Estimates, LawInputs
 from hbm.inverse.sensing import Complex, Sensing, dynamic_stiffness
 
@@ -151,6 +151,7 @@ def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:
         for name in ("slip", "modal_slip"):
             amplitudes[name] -= drawn_in
         amplitudes["slip_velocity"] -= sensing.i_omega * drawn_in
+    amplitudes["rho"] -= element_forces(sensing, estimate.q)[..., -1]
     amplitudes["rho"][:, 0] += sensing.rig.contact.normal_load
     amplitudes["eta"][:, 0] -= s.reaction.friction_lever
     samples = {name: to_samples(c, N) for name, c in amplitudes.items()}

@@ -2,8 +2,9 @@
 
 The structure is linear outside the contact, so that each harmonic of the responses is a known combination of that
 harmonic of the friction force and of the excitation, plus the small product of friction and motion (foreshortening),
-which is iterated. Boundary conditions and the balance of forces hold exactly, whatever the noise. Unknown are two
-complex numbers per harmonic, weighed by the standard deviations of all that was measured.
+which is iterated, as are the forces of nonlinear elements at the motion found. Boundary conditions and the balance of
+forces hold exactly, whatever the noise. Unknown are two complex numbers per harmonic, weighed by the standard
+deviations of all that was measured.
 
 Harmonics that the sensors hardly see are held by a prior: friction falls with the number k of the harmonic like
 k^-p. Its size, for odd and for even harmonics, and its order p are those that make the measured record most
@@ -17,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from hbm.elements import forces_in_time
 from hbm.fourier import Array
 from hbm.inverse.sensing import Complex, Sensing
 
@@ -38,7 +40,7 @@ UNBOUND = 1e3
 """Before a prior is known: friction harmonics up to this many times the load or the force."""
 
 COUPLED = 1e-10
-"""The product of friction and motion is iterated until it changes by less than this fraction."""
+"""The product of friction and motion, and what elements do, is iterated until it changes by less than this fraction."""
 
 MOST_ITERATIONS = 60
 
@@ -224,7 +226,7 @@ def _solve(sensing: Sensing, mean: Array, expected: Array) -> Solution:
         friction, force = found[..., 0].copy(), sensing.force + found[..., 1]
         friction[:, 0] = mean
         q = (np.stack([friction, force], axis=2) @ pushes + coupling) / sensing.stiffness
-        before, coupling = coupling, shortening_forces(sensing, friction, q)
+        before, coupling = coupling, nonlinear_forces(sensing, friction, q)
         last, change = change, float(np.abs(coupling - before).max())
         still = change <= COUPLED * max(np.abs(friction).max(), np.finfo(float).tiny)
         if still or change > last:  # it grows where sensors contradict each other grossly: the misfit says so
@@ -244,12 +246,20 @@ def _solve(sensing: Sensing, mean: Array, expected: Array) -> Solution:
     )
 
 
-def shortening_forces(sensing: Sensing, friction: Complex, q: Complex) -> Complex:
-    """Forces -T G q of friction on the deflected structure, (r, H+1, n)."""
-    G = sensing.structure.shortening
-    if not G.any():
-        return np.zeros_like(q)
-    return -product(friction[..., None], q @ G)
+def nonlinear_forces(sensing: Sensing, friction: Complex, q: Complex) -> Complex:
+    """Forces -T G q of friction on the deflected structure, and those of nonlinear elements, (r, H+1, n)."""
+    G, elements = sensing.structure.shortening, element_forces(sensing, q)[..., :-1]
+    return elements - product(friction[..., None], q @ G) if G.any() else elements
+
+
+def element_forces(sensing: Sensing, q: Complex) -> Complex:
+    """Forces of nonlinear elements on the modes, and last on the support, (r, H+1, n+1)."""
+    r, H, n = len(q), sensing.H, q.shape[2]
+    if not sensing.rig.elements:
+        return np.zeros((r, H + 1, n + 1), dtype=complex)
+    N = 1 << int(np.ceil(np.log2(8 * H + 1)))
+    motion = [to_samples(s, N).reshape(r * N, n) for s in (q, sensing.i_omega[..., None] * q)]
+    return to_amplitudes(forces_in_time(sensing.rig, *motion).reshape(r, N, n + 1), H)
 
 
 def product(a: Complex, b: Complex) -> Complex:

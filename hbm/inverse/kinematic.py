@@ -27,8 +27,8 @@ from hbm.inverse.contactforce import (
     ForceEstimate,
     Solution,
     most_likely,
+    nonlinear_forces,
     product,
-    shortening_forces,
 )
 from hbm.inverse.sensing import Complex, Sensing
 from hbm.inverse.shapefit import Fit, fit_of, hermitian, likely_sizes, times
@@ -210,7 +210,7 @@ def _with_uncertainty(sensing: Sensing, fit: Fit, coefficients: Complex, by_z: C
     friction, force = coefficients[..., -2], coefficients[..., -1]
     q = coefficients @ shapes.projection.T
     structure = sensing.structure  # no sensor sees the static deflection
-    constant = friction[:, :1] * structure.slip_row + shortening_forces(sensing, friction, q)[:, 0]
+    constant = friction[:, :1] * structure.slip_row + nonlinear_forces(sensing, friction, q)[:, 0]
     q[:, 0] = constant / structure.omega_n**2
     return _Solution(
         coefficients=coefficients,

@@ -57,7 +57,7 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
     Raises
     ------
     InputError
-        If the formulation is unknown, or no response was measured.
+        If the formulation is unknown or knows no nonlinear elements but the rig has some, or no response was measured.
 
     References
     ----------
@@ -65,6 +65,11 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
     """
     if formulation not in FORMULATIONS:
         raise InputError(f'reconstruct: formulation = "{formulation}"; must be one of {", ".join(FORMULATIONS)}')
+    if rig.elements and formulation != "regularised":
+        found = ", ".join(element.name for element in rig.elements)
+        raise InputError(
+            f'reconstruct: formulation = "{formulation}", but the rig has {found}; must be regularised there'
+        )
     check = check_sensors(rig, spectra)
     seen = sensing(rig, check.spectra)
     mean = np.zeros(len(spectra))

@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from hbm.inverse.contactforce import regularised, shortening_forces
+from hbm.inverse.contactforce import nonlinear_forces, regularised
 from hbm.inverse.faults import Fault, explanations, with_std
 from hbm.inverse.findings import assumed, disagreement, sentence
 from hbm.inverse.readings import Others, Readings, by_noise, even, readings
@@ -104,12 +104,12 @@ def check_sensors(rig: Rig, spectra: MeasuredSpectra) -> SensorCheck:
 def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:
     """Readings beside the motion; the product of friction and motion is found in turns while they come closer."""
     seen = sensing(rig, spectra)
-    straight = replace(seen, rig=replace(seen.rig, contact=replace(seen.rig.contact, foreshortening=False)))
+    straight = replace(seen, rig=_straight(seen.rig))
     coupling, change = np.zeros(seen.stiffness.shape, dtype=complex), np.inf
-    for _ in range(ROUNDS if seen.structure.shortening.any() else 0):
+    for _ in range(ROUNDS if seen.structure.shortening.any() or rig.elements else 0):
         left = replace(straight, measured=seen.measured - seen.by_modal_forces(coupling))
         found = regularised(left, np.zeros(len(spectra)))
-        fresh = shortening_forces(seen, found.friction, found.q + coupling / seen.stiffness)
+        fresh = nonlinear_forces(seen, found.friction, found.q + coupling / seen.stiffness)
         before, change = change, float(np.abs(seen.weight * seen.by_modal_forces(fresh - coupling)).max())
         if change > GROWS * before:  # what the sensors read is no motion of this structure
             break
@@ -120,10 +120,14 @@ def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:
     return readings(seen if measured else _unsure(seen, coupling), coupling)
 
 
+def _straight(rig: Rig) -> Rig:
+    """Without what depends on the motion other than linearly."""
+    return replace(rig, contact=replace(rig.contact, foreshortening=False), elements=())
+
+
 def _unsure(seen: Sensing, coupling: Complex) -> Sensing:
     """The same, sensors trusted less where they see the product of motion and a friction that is hardly known."""
-    straight = replace(seen.rig, contact=replace(seen.rig.contact, foreshortening=False))
-    left = replace(seen, rig=straight, measured=seen.measured - seen.by_modal_forces(coupling))
+    left = replace(seen, rig=_straight(seen.rig), measured=seen.measured - seen.by_modal_forces(coupling))
     found = regularised(left, np.zeros(len(seen.spectra)))
     share = np.linalg.norm(found.factor[:, 1, 0], axis=1) / np.maximum(np.abs(found.friction[:, 1]), 1e-9)
     seen_of_it = share[:, None, None] * np.abs(seen.weight * seen.by_modal_forces(coupling))

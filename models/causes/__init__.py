@@ -11,6 +11,7 @@ cause.unknowns(rig)})``.
 from collections.abc import Iterator
 
 from models.causes.cause import Cause, Unknown
+from models.causes.elements import ImpactStopCause, MidplaneStretchingCause, QuadraticDragCause
 from models.causes.friction import (
     AsymmetricFriction,
     BristleMemory,
@@ -49,6 +50,9 @@ CAUSES: dict[str, type[Cause]] = {
         AddedMass,
         AddedSpring,
         AttachedResonator,
+        MidplaneStretchingCause,
+        QuadraticDragCause,
+        ImpactStopCause,
         SensorGain,
         SensorDelay,
         SensorPosition,

@@ -7,7 +7,9 @@ from scipy.optimize import brentq
 from hbm.errors import InputError
 from hbm.inverse.contactforce import prior
 from hbm.inverse.reconstruct import reconstruct
-from hbm.measurement.spectra import MeasuredSpectra
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.response import steady_state
+from models.causes import CAUSES
 from models.published import paper_rig
 from models.rig import Channel
 from tests.inverse.measurement import SAMPLES, Truth, measured, respond, with_noise
@@ -167,6 +169,34 @@ def test_contradicting_sensors_widen_the_error_bars(clean: MeasuredSpectra) -> N
     assert np.allclose(found.misfit.reduced, 25.0, rtol=0.4)
     ratio = found["friction"].amplitude_std[:, 1] / honest["friction"].amplitude_std[:, 1]
     assert np.allclose(ratio, 1.0, rtol=0.25)
+
+
+ELEMENTS = {
+    "midplane-stretching": {"axial_stiffness": 3e8},
+    "quadratic-drag": {"coefficient": 100.0},
+    "impact-stop": {"stiffness": 5e3, "gap": 5e-5, "position": 0.4},
+}
+
+
+def test_nonlinear_elements_are_not_taken_for_friction() -> None:
+    """Of a simulated motion with 15 harmonics, to 1 % where the nominal rig takes what they do for friction."""
+    rig = RIG
+    for name, values in ELEMENTS.items():
+        rig = CAUSES[name]().extend(rig, values)
+    true = steady_state(rig, 56.0, harmonics=15, samples=256)
+    kept = [*range(10), *range(16, 25)]
+    read = {c.name: true[c.name].coefficients[None, kept] for c in rig.channels}
+    std = {c: 1e-3 * np.abs(a[:, 1:]).max() * np.ones((1, 10)) for c, a in read.items()}
+    spectra = spectra_of(rig, np.array([56.0]), np.array([6.5]), read, std)
+    found, wrong = reconstruct(rig, spectra), reconstruct(RIG, spectra)
+    for signal in ("friction", "slip", "normal"):
+        c = true[signal].coefficients[kept]
+        exact = c[1:10] - 1j * c[10:]
+        missed, otherwise = (np.abs(r[signal].amplitudes[0, 1:] - exact).max() for r in (found, wrong))
+        assert missed < 0.01 * np.abs(exact).max(), signal
+        assert otherwise > 0.02 * np.abs(exact).max(), signal
+    with pytest.raises(InputError, match=r"has midplane-stretching, quadratic-drag, impact-stop; must be regularised"):
+        reconstruct(rig, spectra, formulation="nnm")
 
 
 def test_what_cannot_be_reconstructed_is_refused_in_one_line(clean: MeasuredSpectra) -> None:

@@ -70,6 +70,9 @@ SIZES: dict[str, tuple[str, dict[str, float]]] = {
     "added-mass": ("penalty", {"mass": 0.01, "position": 0.4}),
     "added-spring": ("penalty", {"stiffness": 100.0, "position": 0.4}),
     "attached-resonator": ("penalty", {"mass": 0.01, "frequency_hz": 70.0, "position": 0.4}),
+    "midplane-stretching": ("penalty", {"axial_stiffness": 1e8}),
+    "quadratic-drag": ("penalty", {"coefficient": 5.0}),
+    "impact-stop": ("penalty", {"stiffness": 50.0, "gap": 3e-4, "position": 0.4}),
     "sensor-gain a3": ("penalty", {"gain": 0.97}),
     "sensor-delay a3": ("penalty", {"delay_s": 1e-4}),
     "sensor-position a3": ("penalty", {"position": 0.31}),
@@ -152,9 +155,10 @@ def test_nothing_is_offered_where_it_makes_no_sense():
     sliding = {type(c).name for c in all_candidates(beam(Frictionless()))}
     assert "viscous-contact" in sliding
     assert not sliding & {"stribeck-weakening", "asymmetric-friction", "variable-normal-load", "bristle-memory"}
-    for label in ("clamp-rotation", "viscous-contact", "asymmetric-friction", "support-flexibility"):
+    once = ("clamp-rotation", "viscous-contact", "asymmetric-friction", "support-flexibility")
+    for label in (*once, "midplane-stretching", "quadratic-drag"):
         rig, cause, values = cause_of(label)
-        assert cause not in list(all_candidates(cause.extend(rig, values)))  # once is enough
+        assert cause not in list(all_candidates(cause.extend(rig, values)))
     rig, cause, values = cause_of("added-mass")
     twice = cause.extend(cause.extend(rig, values), {"mass": 0.02, "position": 0.2})
     assert [m.mass for m in twice.attachments.masses] == [0.01, 0.02]
@@ -163,9 +167,13 @@ def test_nothing_is_offered_where_it_makes_no_sense():
 def test_numbers_of_a_rig_are_found_and_changed_by_their_keys():
     rig, cause, values = cause_of("attached-resonator")
     rig = cause.extend(rig, values)
-    for key in ("beam.length", "channels.a3.gain", "contact.friction.mu", "attachments.resonators[0].mass"):
+    for _, more, of in (cause_of("midplane-stretching"), cause_of("impact-stop")):
+        rig = more.extend(rig, of)
+    lists = ("attachments.resonators[0].mass", "elements[0].axial_stiffness", "elements[1].gap")
+    for key in ("beam.length", "channels.a3.gain", "contact.friction.mu", *lists):
         assert number(with_number(rig, key, 0.125), key) == 0.125
-    for key in ("beam.colour", "channels.a9.gain", "attachments.resonators[1].mass", "contact.law", "beam", "x.y"):
+    none = ("attachments.resonators[1].mass", "elements[0].gap", "elements[2].gap", "elements.gap")
+    for key in ("beam.colour", "channels.a9.gain", *none, "contact.law", "beam", "x.y"):
         with pytest.raises(KeyError, match="is not a number of the rig"):
             number(rig, key)
 
