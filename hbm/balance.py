@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.aft import ContactForce, Environment, LawOverPeriod
+from hbm.clamp import ClampMotion, ClampOverPeriod
 from hbm.elements import ElementsOverPeriod
 from hbm.fourier import Array, FourierBasis
 from models.friction import parameters
@@ -49,12 +50,15 @@ class Kinematics:
         Coefficients of u, v, rho, eta (:data:`hbm.aft.SIGNALS`).
     elements : (2H+1, n+1) array or None
         Forces of the nonlinear elements on the modes, and on the support.
+    clamp : ClampMotion or None
+        Of a clamp that slips.
     """
 
     Gq: Array
     by_T: Array | None
     signals: Array
     elements: Array | None = None
+    clamp: ClampMotion | None = None
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,8 @@ class Balance:
         self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
         self.force_shape = _force_shape(rig, basis)
         self.elements = ElementsOverPeriod(rig, basis) if rig.elements else None
+        port, limit = rig.clamp, rig.attachments.clamp_limit
+        self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
         self.law = LawOverPeriod(rig.contact.law, basis)
         self.environment, self.dynamic_lagrangian = self._environment(rig)
         r = s.reaction
@@ -218,17 +224,23 @@ class Balance:
         if self.dynamic_lagrangian:
             u -= self.dynamic_lagrangian * state.T
         u += s.residual.slip_by_force * state.F * self.force_shape
+        clamp = None
+        if self.clamp is not None:
+            clamp = self.clamp.motion(self.clamp.held(Q, state.T, state.F * self.force_shape), Omega)
+            u += self.clamp.port.residual[0] * clamp.slid
         signals[:, 1] = Omega * basis.derivative(u)
         signals[:, 2] = self.reaction_of(rows[:, 1:4], Omega)
         signals[0, 2] += self.rig.contact.normal_load
         signals[:, 2] -= s.reaction.force_share * state.F * self.force_shape
         signals[:, 3] = rows[:, 4]
         signals[0, 3] -= s.reaction.friction_lever
+        if self.clamp is not None and clamp is not None:
+            signals[:, 2] += self.clamp.port.residual[-1] * clamp.slid
         if self.elements is None:
-            return Kinematics(Gq, by_T, signals)
+            return Kinematics(Gq, by_T, signals, clamp=clamp)
         forces = self.elements.force(Q, Omega)
         signals[:, 2] -= forces[:, -1]
-        return Kinematics(Gq, by_T, signals, forces)
+        return Kinematics(Gq, by_T, signals, forces, clamp)
 
     def reaction_of(self, rows: Array, Omega: float) -> Array:
         """Coefficients (2H+1, ...) of the reaction's part from the modes.
@@ -261,6 +273,8 @@ class Balance:
         balance -= np.outer(state.F * self.force_shape, s.excitation)
         if kin.elements is not None:
             balance -= kin.elements[:, :-1]
+        if self.clamp is not None and kin.clamp is not None:
+            balance -= np.outer(kin.clamp.slid, self.clamp.port.row)
         return balance
 
     def slip_by_modes(self, kin: Kinematics) -> Array:
@@ -270,7 +284,7 @@ class Balance:
         return self.basis.multiplication(slope)
 
     def by_parameter(self, state: State, contact: ContactForce) -> tuple[Array, Array]:
-        """Derivative of the unscaled balances, elements excluded, to the unscaled continuation parameter."""
+        """Derivative of the unscaled balances, elements and clamp excluded, to the unscaled continuation parameter."""
         s, basis, Q, Omega, shape = self.structure, self.basis, state.Q, state.Omega, self.force_shape
         if self.parameter == "frequency":
             modal = s.damping * basis.derivative(Q) - (2 * Omega * basis.k**2)[:, None] * Q
@@ -283,9 +297,11 @@ class Balance:
         return modal, slope if contact.by_rho is None else slope - contact.by_rho @ d_rho
 
     def contact_state(self, state: State) -> tuple[Kinematics, Array, Array, float]:
-        """Kinematics, friction force at the samples [N], internal state before the first, and closure of the loop."""
+        """Kinematics, friction force at the samples [N], internal state before the first, and closure of the loops."""
         kin = self.kinematics(state)
         T, closure = self.law.force(kin.signals, state.Omega, self.environment)
+        if kin.clamp is not None:
+            closure = max(closure, kin.clamp.closure)
         return kin, T.copy(), self.law.memory, closure
 
 

@@ -2,7 +2,8 @@
 
 The equations are those of :class:`hbm.balance.Balance`. Where friction is all that is nonlinear, Newton's system is
 reduced to the friction force (:class:`hbm.elimination.Elimination`); with nonlinear elements along the beam it is
-solved whole (:class:`hbm.complete.CompleteBalance`).
+solved whole (:class:`hbm.complete.CompleteBalance`); for a clamp that slips either is corrected
+(:class:`hbm.slipping.SlippingBalance`).
 """
 
 from functools import cached_property
@@ -14,6 +15,7 @@ from hbm.balance import Balance, Kinematics, Parameter, State
 from hbm.complete import CompleteBalance
 from hbm.elimination import Elimination
 from hbm.fourier import Array, FourierBasis
+from hbm.slipping import SlippingBalance
 
 __all__ = ["HarmonicBalance", "Kinematics", "Linearization", "Parameter", "State"]
 
@@ -52,10 +54,11 @@ class Linearization:
         return self.problem.law.linearize(self.kin.signals, self.state.Omega, self.problem.environment)
 
     @cached_property
-    def newton(self) -> Elimination | CompleteBalance:
+    def newton(self) -> Elimination | CompleteBalance | SlippingBalance:
         """The derivative."""
         kind = Elimination if self.problem.elements is None else CompleteBalance
-        return kind(self.problem, self.state, self.kin, self.contact)
+        parts = self.problem, self.state, self.kin, self.contact
+        return kind(*parts) if self.problem.clamp is None else SlippingBalance(kind(*parts), *parts)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""

@@ -19,14 +19,17 @@ from functools import cached_property
 import numpy as np
 
 from hbm.aft import InputChange
+from hbm.clamp import ClampChange
 from hbm.complete import CompleteBalance
 from hbm.elements import ElementChange, stacked
 from hbm.fourier import Array
 from hbm.residual import HarmonicBalance, Linearization
+from hbm.slipping import SlippingBalance
 from hbm.solution import DERIVATIVES, TRUE, PeriodicSolution, as_read
 from hbm.threads import one_thread
 from models.change import (
     Scalar,
+    clamp_change,
     drift_scalars,
     element_scalars,
     elements_change,
@@ -46,6 +49,7 @@ UNBALANCED = 1e-6
 """A state that misses the balance by more than this fraction of the excitation is not a solution of the rig."""
 
 FRICTION = "contact.friction."
+LIMIT = "attachments.clamp_limit"
 LOAD, FORCE, HZ, ALPHA = "contact.normal_load", "excitation.amplitude", "frequency_hz", "damping.mass_proportional"
 
 
@@ -166,7 +170,9 @@ def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | No
     law = problem.basis.analysis @ _friction(here, held.inputs)
     x, refinements = _refined(here, balance, balance.scaled(-held.modal, law))
     d_Q, d_T = balance.unpack(x)
-    channels = _Channels(here, solution, held, _Change(d_Q, d_T, held.inputs.signals + balance.signals(d_Q, d_T)))
+    slid = held.slid + balance.slid(d_Q, d_T)
+    signals = held.inputs.signals + balance.signals(d_Q, d_T)
+    channels = _Channels(here, solution, held, _Change(d_Q, d_T, signals, slid))
     values, units = zip(*(known[key] for key in keys), strict=True)
     return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements)
 
@@ -202,11 +208,12 @@ def _law_keys(rig: Rig) -> list[str]:
 
 @dataclass(frozen=True)
 class _Change:
-    """Derivatives of Q (2H+1, n, p), of T (2H+1, p), and of u, rho, eta (2H+1, 3, p)."""
+    """Derivatives of Q (2H+1, n, p), of T (2H+1, p), of u, rho, eta (2H+1, 3, p), of what is slid (2H+1, p)."""
 
     Q: Array
     T: Array
     signals: Array
+    slid: Array
 
 
 # ---- with the unknowns held
@@ -228,6 +235,8 @@ class _Held:
         Of the modal balance.
     inputs : InputChange
         Of what the law is shown.
+    slid : (2H+1, p) array
+        Of the rotation slid in the clamp.
     """
 
     def __init__(self, here: Linearization, keys: tuple[str, ...]) -> None:
@@ -242,6 +251,8 @@ class _Held:
         )
         law = np.array([[key == name for key in keys] for name in _law_keys(here.problem.rig)], dtype=float)
         self.elements = self._elements()
+        self.motion, self.clamp = here.kin.clamp, clamp_change(here.problem.rig, keys)
+        self.slid = self._slid()
         compliance = self.structure.flexibility[:, 0, 0]
         law = np.vstack([law.reshape(-1, len(keys)), self.load])
         self.inputs = InputChange(self._signals(), 2 * np.pi * self.hz, law, compliance)
@@ -268,6 +279,23 @@ class _Held:
         own = np.array([[key == name for key in self.keys] for name in element_scalars(problem.rig)], dtype=float)
         return problem.elements.along(state.Q, state.Omega, ElementChange(rows, own, 2 * np.pi * self.hz))
 
+    def _slid(self) -> Array:
+        """Of the rotation slid in the clamp, (2H+1, p)."""
+        problem, state, d = self.problem, self.state, self.clamp
+        if problem.clamp is None or self.motion is None or d is None:
+            return np.zeros((problem.basis.size, len(self.keys)))
+        held = self.through(d.row) + np.outer(state.T, d.residual[:, 0])
+        held += problem.clamp.port.residual[1] * self.force + np.outer(problem.force_shape, state.F * d.residual[:, 1])
+        limit = np.array([float(key == LIMIT) for key in self.keys])
+        return problem.clamp.along(self.motion, state.Omega, ClampChange(held, d.stiffness, limit))
+
+    def by_slid(self, place: int, slid: Array) -> Array:
+        """Of slip, drive, a channel or the reaction by what is slid beyond the modes, `slid` (2H+1, p) that changes."""
+        problem, d = self.problem, self.clamp
+        if problem.clamp is None or self.motion is None or d is None:
+            return np.zeros_like(slid)
+        return np.asarray(problem.clamp.port.residual[place] * slid + np.outer(self.motion.slid, d.residual[:, place]))
+
     def through(self, rows: Array) -> Array:
         """Coefficients (2H+1, p) of the modes seen through rows (p, n)."""
         return np.asarray(self.state.Q @ rows.T)
@@ -283,7 +311,7 @@ class _Held:
         problem, d, Q = self.problem, self.structure, self.state.Q
         s, basis, Omega = problem.structure, problem.basis, self.state.Omega
         u = self.through(d.rows[:, 0]) + self.static(d.flexibility[:, 0] * [0.0, 1.0], self.state.T)
-        u += s.residual.slip_by_force * self.force
+        u += s.residual.slip_by_force * self.force + self.by_slid(0, self.slid)
         if problem.coupled:
             fine = basis.exact_products
             q = fine.synthesis @ Q
@@ -294,6 +322,7 @@ class _Held:
         rho += np.outer(faster, 2 * np.pi * self.hz)
         rho[0] += self.load
         rho -= s.reaction.force_share * self.force + np.outer(problem.force_shape, d.force_share * self.state.F)
+        rho += self.by_slid(-1, self.slid)
         if self.elements is not None:
             rho -= self.elements[:, -1]
         eta = self.through(d.stretch)
@@ -313,6 +342,9 @@ class _Held:
         modal -= np.multiply.outer(problem.force_shape, state.F * d.rows[:, 1].T)
         if self.elements is not None:
             modal -= self.elements[:, :-1]
+        if problem.clamp is not None and self.motion is not None and self.clamp is not None:
+            modal -= np.einsum("k,pi->kip", self.motion.slid, self.clamp.row)
+            modal -= np.einsum("kp,i->kip", self.slid, problem.clamp.port.row)
         faster = s.damping * basis.derivative(Q) - 2 * Omega * basis.k[:, None] ** 2 * Q
         return np.asarray(modal + np.multiply.outer(faster, 2 * np.pi * self.hz))
 
@@ -332,7 +364,9 @@ class _LinearBalance:
     def __init__(self, here: Linearization) -> None:
         problem, state, kin = here.problem, here.state, here.kin
         self.problem, self.state, self.by_T, self.contact = problem, state, kin.by_T, here.contact
-        self._elements = here.newton.slope.by_Q if isinstance(here.newton, CompleteBalance) else None
+        newton = here.newton.held if isinstance(here.newton, SlippingBalance) else here.newton
+        self._slid = here.newton.slid if isinstance(here.newton, SlippingBalance) else None
+        self._elements = newton.slope.by_Q if isinstance(newton, CompleteBalance) else None
         real, imaginary = problem.dynamic_stiffness(state.Omega)
         self._stiffness = (real + 1j * imaginary)[:, :, None]
         size, n = problem.basis.size, problem.structure.n
@@ -342,6 +376,13 @@ class _LinearBalance:
         self._friction_to_modes = np.ascontiguousarray(slip_by_modes.transpose(0, 2, 1)).reshape(size * n, size)
         self._rows = np.ascontiguousarray(problem.rows[:, 1:].T)
 
+    def slid(self, d_Q: Array, d_T: Array) -> Array:
+        """Change (2H+1, p) of the rotation slid in the clamp."""
+        clamp = self.problem.clamp
+        if clamp is None or self._slid is None:
+            return np.zeros_like(d_T)
+        return np.asarray(self._slid @ clamp.held(d_Q, d_T, np.zeros_like(d_T)))
+
     def signals(self, d_Q: Array, d_T: Array) -> Array:
         """Change (2H+1, 3, p) of u, rho, eta with the unknowns (2H+1, n, p) and (2H+1, p)."""
         problem = self.problem
@@ -350,6 +391,10 @@ class _LinearBalance:
         rho = problem.reaction_of(rows, self.state.Omega)
         if self._elements is not None:
             rho -= np.tensordot(self._elements[:, -1], d_Q, axes=2)
+        if problem.clamp is not None:
+            slid, residual = self.slid(d_Q, d_T), problem.clamp.port.residual
+            u += residual[0] * slid
+            rho += residual[-1] * slid
         return np.stack([u, rho, rows[:, 3]], axis=1)
 
     def __matmul__(self, x: Array) -> Array:
@@ -362,6 +407,8 @@ class _LinearBalance:
             modal += (self.by_T @ drawn_in.reshape(len(drawn_in), -1)).reshape(modal.shape)
         if self._elements is not None:
             modal -= np.tensordot(self._elements[:, :-1], d_Q, axes=2)
+        if self.problem.clamp is not None:
+            modal -= np.einsum("kp,i->kip", self.slid(d_Q, d_T), self.problem.clamp.port.row)
         return self.scaled(modal, d_T - self._law(self.signals(d_Q, d_T)))
 
     def _law(self, signals: Array) -> Array:
@@ -496,6 +543,7 @@ class _Channels(Mapping[str, ChannelSensitivity]):
         held, d = self.held, self.held.structure
         still = held.through(d.rows[:, place])
         still += held.static(d.flexibility[:, place], self.solution["friction"].coefficients)
+        still += held.by_slid(place, self.change.slid)
         return np.asarray(row @ self.change.Q + by_force * held.force + by_friction * self.change.T + still)
 
     def _normal(self) -> Array:

@@ -89,7 +89,7 @@ class PeriodicSolution:
     closure : float
         Change of the friction state over the period, relative to its range.
     energy_error : float
-        Excitation work minus losses in damping, friction and elements over a period, relative to the excitation work.
+        Excitation work minus losses in damping, friction, elements and clamp over a period, relative to the work.
     """
 
     hz: float
@@ -161,21 +161,26 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
 
     force = state.F * problem.force_shape
 
-    def motion(quantity: str, row: Array, by_force: float, by_friction: float, sensor: Channel = TRUE) -> Signal:
+    def motion(
+        place: int, quantity: str, row: Array, by_force: float, by_friction: float, sensor: Channel = TRUE
+    ) -> Signal:
         coefficients = state.Q @ row + by_force * force + by_friction * friction.coefficients
+        if problem.clamp is not None and kin.clamp is not None:
+            coefficients += problem.clamp.port.residual[place] * kin.clamp.slid
         for _ in range(DERIVATIVES[quantity]):
             coefficients = Omega * basis.derivative(coefficients)
         return series(UNITS[quantity], as_read(basis, coefficients, Omega, sensor))
 
     residual = s.residual
+    places = {c.name: i for i, c in enumerate(rig.response_channels, start=2)}
     channels = {
         c.name: series("N", force)
         if c.quantity == "force"
-        else motion(c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)), c)
+        else motion(places[c.name], c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)), c)
         for c in rig.channels
     }
     channels |= {
-        "drive": motion("displacement", s.excitation, residual.drive_by_force, residual.slip_by_force),
+        "drive": motion(1, "displacement", s.excitation, residual.drive_by_force, residual.slip_by_force),
         "slip": Signal("m", slip, slip_samples, float(np.abs(slip_samples - slip_samples.mean()).max())),
         "slip_velocity": series("m/s", Omega * basis.derivative(slip)),
         "friction": friction,
@@ -199,5 +204,6 @@ def _energy_error(problem: HarmonicBalance, state: State, kin: Kinematics, chann
     damped = float(np.pi / Omega * np.sum(s.damping * velocity[1:] ** 2))
     rubbed = -work(friction, slip)
     taken = 0.0 if kin.elements is None else -work(kin.elements[:, :-1], state.Q)
+    taken += 0.0 if kin.clamp is None else kin.clamp.taken
     largest = max(abs(supplied), damped, abs(rubbed), abs(taken), np.finfo(float).tiny)
     return (supplied - damped - rubbed - taken) / largest

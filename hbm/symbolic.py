@@ -30,7 +30,7 @@ def residual_function(problem: HarmonicBalance) -> ca.Function:
     Raises
     ------
     ValueError
-        If the rig has nonlinear elements.
+        If the rig has nonlinear elements, or a clamp that slips.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def residual_function(problem: HarmonicBalance) -> ca.Function:
     >>> function.name_in()
     ['x', 'lam', 'p']
     """
-    if problem.elements is not None:
+    if problem.elements is not None or problem.clamp is not None:
         raise ValueError(f"{problem.rig.name}: has nonlinear elements; the symbolic residual knows friction only")
     basis, s = problem.basis, problem.structure
     size, n = basis.size, s.n

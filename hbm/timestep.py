@@ -144,6 +144,10 @@ class Stepper:
     def shape(self) -> Shape:
         """Key of the compiled step."""
         structure, law = self.rig.structure, self.rig.contact.law
+        if self.rig.clamp is not None:
+            raise ValueError(
+                f"time step: {self.rig.name} has a clamp that slips; must have none; harmonic balance knows it"
+            )
         return Shape(
             form=form(law),
             states=law_step(law).memory_size,

@@ -57,12 +57,14 @@ class Resonator(NamedTuple):
 
 @dataclass(frozen=True)
 class Attachments:
-    """What is attached to a clamped-supported beam, linearly; nothing by default.
+    """What is attached to a clamped-supported beam, linearly but for a clamp that slips; nothing by default.
 
     Attributes
     ----------
     clamp_stiffness : Value or None
         Rotational spring instead of the rigid clamp [N m/rad].
+    clamp_limit : Value or None
+        Moment of that spring at which the clamp slips [N m]; :mod:`models.clamp`.
     support_stiffness : Value or None
         Vertical spring under the support instead of a rigid one [N/m]; its force is the reaction, P - k y(L).
     tip_stiffness : Value or None
@@ -73,6 +75,7 @@ class Attachments:
     """
 
     clamp_stiffness: Value | None = None
+    clamp_limit: Value | None = None
     support_stiffness: Value | None = None
     tip_stiffness: Value | None = None
     masses: tuple[PointMass, ...] = ()

@@ -1,11 +1,13 @@
 """Exact derivatives of a rig's structure to the numbers of its rig file."""
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from models.assembly import Assembly, assembled_change
+from models.clamp import ClampPort
 from models.elements import ElementRows, Ports, Reading, element_rows_change
 from models.friction.law import describe, parameters
 from models.reduction import StructureChange
@@ -20,6 +22,7 @@ UNITS = {
     "contact.radius": "m",
     "contact.load_variation": "1",
     "attachments.clamp_stiffness": "N m/rad",
+    "attachments.clamp_limit": "N m",
     "attachments.support_stiffness": "N/m",
     "attachments.tip_stiffness": "N m/rad",
     "damping.mass_proportional": "1/s",
@@ -30,6 +33,7 @@ UNITS = {
 
 ENTRY_UNITS = {"position": "m", "mass": "kg", "stiffness": "N/m", "frequency_hz": "Hz"}
 VARIATION = "contact.load_variation"
+CLAMP_STIFFNESS = "attachments.clamp_stiffness"
 DAMPING = ("mass_proportional", "stiffness_proportional", "high_mode_ratio")
 
 
@@ -97,6 +101,30 @@ def elements_change(rig: Rig, keys: tuple[str, ...]) -> list[ElementRows]:
     points = change.rows[:, change.rows.shape[1] - len(ports.rows) :]
     moved = Ports(points, change.share, change.drawn_in, change.drawn_stretch, length)
     return element_rows_change(rig.elements, ports, moved, rig.body.modes)
+
+
+def clamp_change(rig: Rig, keys: tuple[str, ...]) -> ClampPort | None:
+    """Derivatives of :attr:`Rig.clamp` to numbers of the rig, p parameters first."""
+    stiffness = rig.attachments.clamp_stiffness
+    if rig.clamp is None or stiffness is None:
+        return None
+    at = rig.layout.beam.modes
+    changes = [
+        rig.reduction.clamp_change(_assembly_change(rig, key), at, stiffness, float(key == CLAMP_STIFFNESS))
+        for key in keys
+    ]
+    if VARIATION in keys:  # of the reaction alone
+        whole = replace(rig, contact=replace(rig.contact, load_variation=1.0)).reduction.clamp(at, stiffness)
+        changes[keys.index(VARIATION)].residual[-1] = whole.residual[-1]
+    return ClampPort(*(np.array(parts) for parts in zip(*changes, strict=True)))
+
+
+def _assembly_change(rig: Rig, key: str) -> Assembly:
+    """Derivative of the assembly of a beam to a number of the rig, zero to those that it does not depend on."""
+    places = dict(zip(_keys(rig), rig.layout.scalars(), strict=True))
+    if key in places:
+        return assembled_change(rig.layout, places[key], residual=rig.contact.residual_compliance)
+    return Assembly(*(np.zeros_like(part) for part in rig.reduction.assembly))
 
 
 @lru_cache(maxsize=64)

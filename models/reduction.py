@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from models.assembly import Assembly
+from models.clamp import ClampPort
 from models.elements import Ports
 from models.structure import Array, ModalStructure, Reaction, ResidualFlexibility
 
@@ -185,7 +186,63 @@ class Reduction:
             length=length,
         )
 
+    def clamp(self, at: int, stiffness: float) -> ClampPort:
+        """Where a rotation slid in the clamp acts.
+
+        Parameters
+        ----------
+        at : int
+            Coordinate that is the rotation of the clamp.
+        stiffness : float
+            Of its spring [N m/rad].
+        """
+        row, on = stiffness * self.kept[at], self.switches
+        if not on.residual_compliance:
+            return ClampPort(row, stiffness, np.zeros(len(self._seen(self.rows))))
+        moved, taken = self._turned(at, stiffness)
+        residual = self._seen(self.assembly.rows @ moved - self.rows @ (row / self.squares))
+        residual[-1] *= on.load_variation
+        return ClampPort(row, float(taken + row @ (row / self.squares)), residual)
+
+    def _turned(self, at: int, stiffness: float) -> tuple[Array, float]:
+        """Coordinates, and moment taken back, of a structure at rest per rotation slid in its clamp."""
+        turn = np.eye(len(self.kept))[at]
+        free = np.linalg.solve(self.assembly.stiffness - stiffness * np.outer(turn, turn), turn)
+        taken = stiffness / (1.0 + stiffness * free[at])
+        return taken * free, float(taken)
+
+    def _seen(self, rows: Array) -> Array:
+        """Those of slip, drive, channels and reaction, without points."""
+        return np.delete(rows, slice(len(rows) - 1 - len(self.assembly.share), len(rows) - 1), axis=0)
+
     # ---- derivatives
+
+    def clamp_change(self, d: Assembly, at: int, stiffness: float, d_stiffness: float) -> ClampPort:
+        """Derivatives of :meth:`clamp` with those `d` of the assembly, its own spring's `d_stiffness` included.
+
+        What the own spring does is small where it is stiff: worked out as such, not as a difference of what is not.
+        """
+        own = np.zeros_like(d.stiffness)
+        own[at, at] = d_stiffness
+        others = d._replace(stiffness=d.stiffness - own)
+        moved, taken = self._turned(at, stiffness)
+        row, rows = stiffness * self.kept[at], self.rows
+        modes = row / self.squares  # at rest per rotation slid
+        ratio = np.multiply.outer(self.rest_flexibility, self.squares)
+        following = (stiffness * self.rest[at]) ** 2 @ (ratio / (1.0 - ratio))
+        d_row = stiffness * self._moved(others)[at]
+        d_row += d_stiffness * row / stiffness**2 * (taken + row @ modes - following)
+        if not self.switches.residual_compliance:
+            return ClampPort(d_row, d_stiffness, np.zeros(len(self._seen(rows))))
+        d_rows = d.rows @ self.kept + self.assembly.rows @ self._moved(d)
+        d_modes = (d_row - self.kept.T @ d.stiffness @ self.kept @ modes) / self.squares
+        d_taken = moved @ others.stiffness @ moved + d_stiffness * (taken / stiffness) ** 2
+        response = np.linalg.solve(self.assembly.stiffness, self.assembly.rows.T)
+        seen = d.rows @ moved - response.T @ others.stiffness @ moved
+        seen += d_stiffness * taken / stiffness**2 * self.assembly.rows @ moved
+        residual = self._seen(seen - d_rows @ modes - rows @ d_modes)
+        residual[-1] *= self.switches.load_variation
+        return ClampPort(d_row, float(d_taken + d_row @ modes + row @ d_modes), residual)
 
     def change(self, d: Assembly, own: Dampers | None = None) -> "StructureChange":
         """Derivatives with those `d` of the assembly, and with the `own` change of the damping at held frequencies.

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from models.assembly import MORE_MODES, Assembly, Attachments, Layout, assembled
 from models.beam import Beam
+from models.clamp import ClampPort
 from models.elements import Element, ElementRows, Reading, element_rows, gauss_points
 from models.friction import FrictionLaw
 from models.reduction import Dampers, Reduction, Switches
@@ -281,6 +282,22 @@ class Rig:
         if isinstance(self.body, ModalBody) or not self.elements:
             return []
         return element_rows(self.elements, self.reduction.ports(self.body.length), self.body.modes)
+
+    @cached_property
+    def clamp(self) -> ClampPort | None:
+        """Where friction in the clamp acts; None where the clamp does not slip.
+
+        Raises
+        ------
+        ValueError
+            If there is no spring to limit.
+        """
+        ends = self.attachments
+        if ends.clamp_limit is None:
+            return None
+        if ends.clamp_stiffness is None:
+            raise ValueError(f"{self.name}: has a clamp_limit and no clamp_stiffness; must have both, or no limit")
+        return self.reduction.clamp(self.layout.beam.modes, ends.clamp_stiffness)
 
     def with_modes(self, modes: int) -> "Rig":
         """Return the same beam rig on another number of modes; a modal rig is returned as it is.

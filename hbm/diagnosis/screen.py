@@ -199,7 +199,7 @@ def _grouped(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list
     for cause in candidates:
         for start in _shapes(base.extended_by(cause)):
             more = cause.extend(rig, start)
-            if _meets(base, rig, more, cause):
+            if _meets(together, rig, more, cause):
                 alone.append((base.extended_by(cause), [_Entry(cause, start, len(base.causes))]))
                 continue
             entries.append(_Entry(cause, start, len(together.causes)))
@@ -211,9 +211,12 @@ def _neutral(model: Model) -> Rig:
     return model.rig(model.start)
 
 
-def _meets(base: Model, rig: Rig, more: Rig, cause: Cause) -> bool:
-    """Whether a cause changes numbers that are there, or of what law there is: then it is scored alone."""
+def _meets(together: Model, rig: Rig, more: Rig, cause: Cause) -> bool:
+    """Whether a cause decides or changes numbers that are there, or of what law there is: then it is scored alone."""
     before, after = nominal_scalars(rig), nominal_scalars(more)
+    taken = {u.key for unknowns in together.unknowns for u in unknowns}
+    if any(u.key in taken for u in together.extended_by(cause).unknowns[-1]):
+        return True
     return type(rig.contact.law) is not type(more.contact.law) or any(after.get(k) != v for k, v in before.items())
 
 

@@ -11,6 +11,7 @@ cause.unknowns(rig)})``.
 from collections.abc import Iterator
 
 from models.causes.cause import Cause, Unknown
+from models.causes.clamp import ClampFriction
 from models.causes.elements import ImpactStopCause, MidplaneStretchingCause, QuadraticDragCause
 from models.causes.friction import (
     AsymmetricFriction,
@@ -44,6 +45,7 @@ CAUSES: dict[str, type[Cause]] = {
         BristleMemory,
         VariableNormalLoad,
         ClampRotation,
+        ClampFriction,
         SupportRotationSpring,
         SupportFlexibility,
         StiffnessDamping,

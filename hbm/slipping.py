@@ -1,0 +1,92 @@
+"""Newton's system for a rig whose clamp slips: that with the slid rotation held, and a correction of low rank."""
+
+from functools import cached_property
+
+import numpy as np
+
+from hbm.aft import ContactForce
+from hbm.balance import Balance, Kinematics, State
+from hbm.clamp import ClampMotion, ClampOverPeriod
+from hbm.complete import CompleteBalance
+from hbm.elimination import Elimination
+from hbm.fourier import Array
+
+
+class SlippingBalance:
+    """Linearised balance with a slid rotation that follows the unknowns (Sherman, Morrison and Woodbury).
+
+    Attributes
+    ----------
+    held : Elimination or CompleteBalance
+        The balance with what is slid held.
+    slid : (2H+1, 2H+1) array
+        Derivative of what is slid to the moment of the clamp if nothing had slid.
+    """
+
+    def __init__(
+        self,
+        held: Elimination | CompleteBalance,
+        problem: Balance,
+        state: State,
+        kin: Kinematics,
+        contact: ContactForce,
+    ) -> None:
+        self.held, self._problem, self._contact = held, problem, contact
+        self._clamp, motion = _slipping(problem, kin)
+        self.slid = self._clamp.slope(motion, state.Omega)
+
+    @cached_property
+    def _by_slid(self) -> Array:
+        """What the scaled balances lose to a slid rotation, (size, 2H+1)."""
+        problem, contact, port, size = self._problem, self._contact, self._clamp.port, self._problem.basis.size
+        friction = np.zeros((size, size))
+        for slope, share in ((contact.by_u, port.residual[0]), (contact.by_rho, port.residual[-1])):
+            if slope is not None:
+                friction += share * slope
+        modal = np.kron(np.eye(size), port.row[:, None])
+        return np.concatenate([modal / problem.modal_force_ref, friction / problem.F_ref])
+
+    def _moment(self, x: Array, lam: Array) -> Array:
+        """Change (2H+1, r) of the moment if nothing had slid with scaled unknowns (size, r) and parameter (r,)."""
+        problem, size, r = self._problem, self._problem.basis.size, x.shape[1]
+        split = size * problem.structure.n
+        Q, T = x[:split].reshape(size, -1, r) * problem.q_ref, x[split:] * problem.F_ref
+        by_force = problem.lam_ref * (problem.parameter == "force")
+        return self._clamp.held(Q, T, np.outer(problem.force_shape, by_force * lam))
+
+    def _correction(self, row: Array, row_lam: float) -> tuple[Array, Array, Array]:
+        """Motion and parameter per slid rotation, (size, 2H+1) and (2H+1,), and what is slid less what that slides."""
+        x, lam = self.held.solve_columns(row, row_lam, self._by_slid, 0.0)
+        return x, lam, np.eye(len(self.slid)) - self.slid @ self._moment(x, lam)
+
+    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
+        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
+        x, lam = self.solve_columns(row, row_lam, rhs[:, None], rhs_row)
+        return x[:, 0], float(lam[0])
+
+    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
+        """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
+        x, lam = self.held.solve_columns(row, row_lam, rhs, rhs_row)
+        by_slid, lam_by_slid, matrix = self._correction(row, row_lam)
+        if not np.isfinite(matrix).all():
+            return np.full_like(x, np.nan), np.full_like(lam, np.nan)
+        slid = np.linalg.solve(matrix, self.slid @ self._moment(x, lam))
+        return x + by_slid @ slid, lam + lam_by_slid @ slid
+
+    def determinant_sign(self, row: Array, row_lam: float) -> int:
+        """Sign of the determinant of the bordered matrix."""
+        _, _, matrix = self._correction(row, row_lam)
+        return self.held.determinant_sign(row, row_lam) * int(np.sign(np.linalg.det(matrix)))
+
+
+def _slipping(problem: Balance, kin: Kinematics) -> tuple[ClampOverPeriod, ClampMotion]:
+    """Clamp and its motion.
+
+    Raises
+    ------
+    ValueError
+        If the clamp does not slip.
+    """
+    if problem.clamp is None or kin.clamp is None:
+        raise ValueError(f"{problem.rig.name}: no clamp that slips")
+    return problem.clamp, kin.clamp

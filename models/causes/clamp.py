@@ -1,0 +1,56 @@
+"""Friction in the clamp."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from models.beam import Beam
+from models.causes.cause import Cause, Unknown
+from models.causes.structure import RIGID
+from models.rig import Rig
+
+NEVER = 1e6
+LIMITS = (NEVER, 30.0, 10.0, 3.0, 1.0)
+"""Starts of the limit, in units of the moment that the excitation makes at rest; at the first nothing slips, the others
+are what a resonance may make of it."""
+
+LEAST_MOMENT = 1e-3
+"""Of the excitation times the length: a force over the support bends nothing."""
+
+
+@dataclass(frozen=True)
+class ClampFriction(Cause):
+    """A clamp whose rotation is held by friction."""
+
+    name: ClassVar[str] = "clamp-friction"
+    meaning: ClassVar[str] = "one Jenkins element is all that holds the rotation of the clamp"
+    looks_like: ClassVar[str] = "as clamp-rotation up to a level, then a loss that grows with it, and odd harmonics"
+    confused_with: ClassVar[str] = "clamp-rotation, parameter:contact.radius"
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["ClampFriction"]:
+        """Of a beam whose clamp is rigid."""
+        if isinstance(rig.body, Beam) and rig.attachments.clamp_stiffness is None:
+            yield cls()
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """Stiffness of the clamp, and the moment at which it slips; both infinite where the clamp is rigid."""
+        assert isinstance(rig.body, Beam)
+        own, moment, infinite = rig.body.bending_stiffness / rig.body.length, _moment(rig, rig.body), float("inf")
+        stiffness, limits = (tuple(k * own for k in RIGID), tuple(k * moment for k in LIMITS))
+        return (
+            Unknown("stiffness", "N m/rad", "attachments.clamp_stiffness", 1e-3 * own, infinite, infinite, stiffness),
+            Unknown("limit", "N m", "attachments.clamp_limit", 1e-3 * moment, infinite, infinite, limits),
+        )
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Let the clamp turn and slip."""
+        ends = replace(rig.attachments, clamp_stiffness=values["stiffness"], clamp_limit=values["limit"])
+        return replace(rig, attachments=ends)
+
+
+def _moment(rig: Rig, beam: Beam) -> float:
+    """Moment of the clamp under the excitation at rest [N m]."""
+    x = rig.excitation.position / beam.length
+    shape = max(x * (1.0 - x) * (2.0 - x) / 2.0, LEAST_MOMENT)
+    return float(rig.excitation.amplitude * beam.length * shape)

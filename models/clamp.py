@@ -1,0 +1,52 @@
+"""A clamp that slips: the law of its friction, and where it acts on a structure whose clamp is a spring.
+
+The moment of a clamp of stiffness k that turns by theta and has slid by s is M = k (theta - s), within its limit. The
+spring is part of the structure; the slid rotation is a load k s on it. Seen from the clamp, the structure answers
+``M = row.q + residual[0] T + residual[1] F - stiffness s``, and what is slid moves everything else by the same numbers,
+so that power is conserved exactly. Nothing in this is large or small where k is, up to a rigid clamp that slips.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, NamedTuple
+
+from models.friction.elements import clip
+from models.friction.law import ContactSample, Value, parameter
+from models.structure import Array
+
+
+@dataclass(frozen=True, eq=False)
+class SlippingClamp:
+    """Jenkins element on the rotation of the clamp, as a law of T = -M [N m]; its state is the rotation slid [rad].
+
+    It is shown the rotation ``u = M_held / stiffness``, with the moment M_held if nothing had slid.
+    """
+
+    name: ClassVar[str] = "clamp-friction"
+    states: ClassVar[int] = 1
+    set_valued: ClassVar[bool] = False
+
+    limit: Value = field(metadata=parameter("N m", "largest moment", "formats.md section 6"))
+    stiffness: Value = field(metadata=parameter("N m/rad", "moment that a slid rotation takes back", "this module"))
+
+    def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:
+        """Exact stick-slip return mapping."""
+        T = clip(self.stiffness * (z - now.u), -self.limit, self.limit)
+        return now.u + T / self.stiffness, T
+
+
+class ClampPort(NamedTuple):
+    """Where a rotation slid in the clamp acts on a structure; or the derivatives to p parameters, p first.
+
+    Attributes
+    ----------
+    row : (n,) array
+        Moment of the clamp per mode [N m per unit of q]; by reciprocity, modal force per slid rotation.
+    stiffness : float or (p,) array
+        Moment that a slid rotation takes back while the modes are held [N m/rad].
+    residual : (3 + c,) array
+        Slip, drive and channels [m/rad] and reaction [N/rad] per slid rotation, beyond the modes.
+    """
+
+    row: Array
+    stiffness: Any
+    residual: Array
