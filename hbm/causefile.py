@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from hbm.errors import InputError
-from hbm.lawfile import class_in_file, file_and_class, is_frozen_dataclass
+from hbm.lawfile import class_in_file, classes_in_file, file_and_class, is_frozen_dataclass
 from models.causes import CAUSES
 
 TEXTS = ("name", "meaning", "looks_like", "confused_with")
@@ -53,6 +53,28 @@ def find_cause(name: str, folder: Path) -> type:
     for missing in _wrong_with(cause):
         raise InputError(f"{class_name} in {path} is no cause: {missing}")
     return cause
+
+
+def causes_in_file(path: Path) -> list[type]:
+    """All causes of a Python file, which is run; classes that lack something are refused.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    list of type
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or no cause in it.
+    """
+    names = [name for name in classes_in_file(path.resolve()) if not name.startswith("_")]
+    if not names:
+        raise InputError(f"{path} has no class; must have a cause")
+    return [find_cause(f"{path}:{name}", Path()) for name in names]
 
 
 def accepted_causes() -> str:

@@ -14,6 +14,7 @@ import typer
 from typer._click.exceptions import NoArgsIsHelpError, UsageError
 from typer.core import TyperGroup
 
+from hbm.commands.diagnose import SpreadDiagnose, diagnose
 from hbm.commands.identify import SpreadIdentify, identify
 from hbm.commands.inverse import SpreadInverse, inverse
 from hbm.commands.options import (
@@ -249,6 +250,7 @@ def simulate(
 app.command(cls=SpreadSpectra)(spectra)
 app.command(cls=SpreadInverse)(inverse)
 app.command(cls=SpreadIdentify)(identify)
+app.command(cls=SpreadDiagnose)(diagnose)
 
 
 # ---------------------------------------------------------------------------------------------------------- options

@@ -114,9 +114,14 @@ def class_in_file(path: Path, class_name: str) -> type:
     module = _module(path, _stamp(path))
     found = getattr(module, class_name, None)
     if not isinstance(found, type):
-        own = [n for n, c in vars(module).items() if isinstance(c, type) and c.__module__ == module.__name__]
-        raise InputError(f"{path} has no class {class_name}; it has {', '.join(own) or 'none'}")
+        raise InputError(f"{path} has no class {class_name}; it has {', '.join(classes_in_file(path)) or 'none'}")
     return found
+
+
+def classes_in_file(path: Path) -> list[str]:
+    """Names of the classes that a Python file defines; it is run, see :func:`class_in_file`."""
+    module = _module(path, _stamp(path))
+    return [n for n, c in vars(module).items() if isinstance(c, type) and c.__module__ == module.__name__]
 
 
 def _own_law(path: Path, class_name: str) -> type:

@@ -216,6 +216,70 @@ class _Change:
     slid: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """What acts on a steady state beside its excitation, p columns of Fourier coefficients a_0, a_1..a_H, b_1..b_H.
+
+    Attributes
+    ----------
+    modes : (2H+1, n, p) array
+        Force on each mode.
+    friction : (2H+1, p) array
+        Force beside that of the friction law, along +x on the beam [N].
+    slip, reaction : (2H+1, p) array
+        Change of the modal slip [m] and of the normal reaction [N] with the modes held.
+    channels : dict of str to (2H+1, p) array
+        Displacement at response channels with the modes held [m]; none at those left out.
+    """
+
+    modes: Array
+    friction: Array
+    slip: Array
+    reaction: Array
+    channels: Mapping[str, Array]
+
+
+@one_thread
+def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) -> dict[str, Array]:
+    """Change of the response channels under small disturbances: receptances of the linearised steady state.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig of the solution.
+    solution : PeriodicSolution
+    disturbance : Disturbance
+
+    Returns
+    -------
+    dict of str to (2H+1, p) array
+        Coefficients, in each channel's unit per unit of the disturbance.
+
+    Raises
+    ------
+    ArithmeticError
+        At a fold.
+    """
+    problem = HarmonicBalance(rig, solution.basis, level=solution.level)
+    balance = _LinearBalance(problem.linearize(*problem.pack(solution.state)))
+    held = np.stack([disturbance.slip, disturbance.reaction, np.zeros_like(disturbance.slip)], axis=1)
+    x, _ = _refined(balance.here, balance, balance.scaled(disturbance.modes, disturbance.friction + balance.law(held)))
+    d_Q, d_T = balance.unpack(x)
+    s, basis, Omega = problem.structure, problem.basis, solution.state.Omega
+    slid = balance.slid(d_Q, d_T)
+    out = {}
+    for place, c in enumerate(rig.response_channels, start=2):
+        _, by_friction = s.residual.channels.get(c.name, (0.0, 0.0))
+        moved = np.einsum("kip,i->kp", d_Q, s.channel_rows[c.name]) + by_friction * d_T
+        moved = moved + disturbance.channels.get(c.name, 0.0)
+        if problem.clamp is not None:
+            moved += problem.clamp.port.residual[place] * slid
+        for _ in range(DERIVATIVES[c.quantity]):
+            moved = Omega * basis.derivative(moved)
+        out[c.name] = as_read(basis, moved, Omega, c)
+    return out
+
+
 # ---- with the unknowns held
 
 
@@ -363,6 +427,7 @@ class _LinearBalance:
 
     def __init__(self, here: Linearization) -> None:
         problem, state, kin = here.problem, here.state, here.kin
+        self.here = here
         self.problem, self.state, self.by_T, self.contact = problem, state, kin.by_T, here.contact
         newton = here.newton.held if isinstance(here.newton, SlippingBalance) else here.newton
         self._slid = here.newton.slid if isinstance(here.newton, SlippingBalance) else None
@@ -409,9 +474,9 @@ class _LinearBalance:
             modal -= np.tensordot(self._elements[:, :-1], d_Q, axes=2)
         if self.problem.clamp is not None:
             modal -= np.einsum("kp,i->kip", self.slid(d_Q, d_T), self.problem.clamp.port.row)
-        return self.scaled(modal, d_T - self._law(self.signals(d_Q, d_T)))
+        return self.scaled(modal, d_T - self.law(self.signals(d_Q, d_T)))
 
-    def _law(self, signals: Array) -> Array:
+    def law(self, signals: Array) -> Array:
         """Change (2H+1, p) of the law's force coefficients with those of u, rho, eta."""
         change = np.zeros((len(signals), signals.shape[2]))
         for i, slope in enumerate((self.contact.by_u, self.contact.by_rho, self.contact.by_eta)):

@@ -281,7 +281,19 @@ class _Report:
             ranking=tuple(self._ranked(e) for e in self.decision.fits),
             evidence=tuple(self._evidence(verdict, best)),
             extended=None if best is None else best.model.rig(best.x),
+            nominal=self.search.nominal,
+            calibrated=self.search.calibrated,
+            extended_fit=best,
+            campaign=self.search.campaign,
+            held=self._held(best),
+            held_campaign=self.hidden,
         )
+
+    def _held(self, best: Evaluation | None) -> dict[str, Evaluation]:
+        scored = {"nominal": self.nominal, "calibrated": self.calibrated}
+        if best is not None and self.best is not None:
+            scored["extended"] = self.best[1]
+        return {name: s.evaluation for name, s in scored.items() if s is not None}
 
     def _verdict(self) -> Verdict:
         search, calibrated = self.search, self.calibrated

@@ -179,6 +179,11 @@ class Campaign:
         correction = self.corrections.get(number)
         return amplitudes_of(self.data, solution) + (0.0 if correction is None else correction.added)
 
+    def std(self, record: Record) -> Array:
+        """Of each amplitude of a record, noise and what the discretisation leaves, (c, H)."""
+        correction = self.corrections.get(record.number)
+        return np.asarray(np.hypot(record.std, 0.0 if correction is None else correction.left))
+
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
         """Records found, in standard deviations; `by_x` (p, n) turns derivatives to keys into those to coordinates."""
         rows = [self._whitened(r, found[r.number], by_x) for r in self.data.records if r.number in found]
@@ -192,9 +197,7 @@ class Campaign:
 
     def _whitened(self, record: Record, simulated: Simulated, by_x: Array) -> tuple[npt.NDArray[Any], ...]:
         listed = record.listed
-        correction = self.corrections.get(record.number)
-        left = 0.0 if correction is None else correction.left
-        std = np.broadcast_to(np.hypot(record.std, left), listed.shape)[listed]
+        std = np.broadcast_to(self.std(record), listed.shape)[listed]
         raw = (record.measured - self.amplitudes(record.number, simulated.solution))[listed]
         columns = force_columns(record, simulated.amplitudes, simulated.by_force, simulated.by_tones)[:, listed] / std
         white = uncorrelated(columns.T, np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / std[:, None])

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from hbm.diagnosis.fit import Evaluation
+from hbm.diagnosis.records import Campaign
 from models.rig import Rig
 
 Verdict = Literal["consistent", "cause-found", "unexplained"]
@@ -85,6 +87,14 @@ class Diagnosis:
         A sentence per observation.
     extended : Rig or None
         The rig with the cause.
+    nominal, calibrated, extended_fit : Evaluation or None
+        The models beside the records fitted; the last without a cause is None.
+    campaign : Campaign or None
+        The records fitted.
+    held : dict of str to Evaluation
+        nominal, calibrated, extended beside the records held out.
+    held_campaign : Campaign or None
+        The records held out.
     """
 
     verdict: Verdict
@@ -98,6 +108,12 @@ class Diagnosis:
     ranking: tuple[Ranked, ...]
     evidence: tuple[str, ...]
     extended: Rig | None = field(default=None, repr=False)
+    nominal: Evaluation | None = field(default=None, repr=False)
+    calibrated: Evaluation | None = field(default=None, repr=False)
+    extended_fit: Evaluation | None = field(default=None, repr=False)
+    campaign: Campaign | None = field(default=None, repr=False)
+    held: Mapping[str, Evaluation] = field(default_factory=dict, repr=False)
+    held_campaign: Campaign | None = field(default=None, repr=False)
 
     @property
     def gain(self) -> dict[str, float]:
@@ -151,7 +167,9 @@ class Diagnosis:
 
 
 def _said(name: str, p: Estimate) -> str:
-    return f"{name} {p.value}" if isinstance(p.value, str) else f"{name} = {p.value:.4g} +- {p.std:.2g} {p.unit}"
+    if isinstance(p.value, str):
+        return f"{name} {p.value}"
+    return f"{name} = {p.value:.4g} +- {p.std:.2g}{'' if p.unit == '1' else f' {p.unit}'}"
 
 
 def _ranked(r: Ranked) -> dict[str, Any]:

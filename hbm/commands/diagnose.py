@@ -1,0 +1,224 @@
+"""The command ``hbm diagnose``: what a simulation gets wrong, the cause, and what the extended model gains."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hbm.commands.inverse import SpectraFile, load, record_numbers, working
+from hbm.commands.options import RigFile, Spread, console, named, positive, print_written, quoted, say
+from hbm.errors import InputError
+
+if TYPE_CHECKING:
+    from hbm.diagnosis.discrepancy import Discrepancy
+    from hbm.diagnosis.verdict import Diagnosis
+    from hbm.results.diagnosisfiles import Diagnosed
+    from models.rig import Rig
+
+COMMAND = "diagnose"
+
+
+class SpreadDiagnose(Spread):
+    """The command whose ``--hold-out`` takes several numbers."""
+
+    flags = ("--hold-out",)
+
+
+def diagnose(
+    rig: RigFile,
+    spectra: SpectraFile,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Write everything here; made if its parent exists.", show_default=False)
+    ],
+    hold_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--hold-out",
+            metavar="N ...",
+            help="Records no fit sees, on which the gain is measured; a level and a band of frequencies where omitted.",
+        ),
+    ] = None,
+    cause: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--cause",
+            metavar="NAME",
+            help="A cause to try, or one's own, file.py:Class; repeated for each. The whole catalogue where omitted.",
+        ),
+    ] = None,
+    causes_file: Annotated[
+        Path | None,
+        typer.Option(metavar="F.py", help="Try the causes of one's own in this file too; the file is run."),
+    ] = None,
+    tolerance: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--tolerance",
+            metavar="KEY=VALUE",
+            help="What a number of the rig file may be off by, relative standard deviation; repeated for each.",
+        ),
+    ] = None,
+) -> None:
+    """What the simulation gets wrong, its cause, the extended rig, and what it gains on records held out.
+
+    Writes the verdict, diagnosis.json, the extended rig, extended.toml, figures with the numbers of each curve, and one
+    page that opens offline, report.html.
+
+    Example:  hbm diagnose rig.toml spectra.csv --hold-out 3 7 --out diagnosis
+    """
+    from hbm.results.diagnosisfiles import FILES
+    from hbm.results.outputs import check_folder
+
+    held = record_numbers(COMMAND, "--hold-out", hold_out)
+    with named(COMMAND):
+        check_folder(out, FILES, "--out")
+    candidates, own = _causes(cause, causes_file)
+    loaded, measured = load(rig, spectra)
+    _check_apply(loaded, candidates if cause else ())
+    _check_has_responses(loaded, measured.channels, measured.source)
+    from hbm.commands.progress import Work
+    from hbm.diagnosis.diagnose import diagnose as search
+
+    tolerances = _tolerances(loaded, tolerance)
+    with _failing(measured.source), Work() as work:
+        found = search(
+            loaded,
+            measured,
+            held_out=held or None,
+            causes=candidates,
+            tolerances=tolerances,
+            on_progress=work.show,
+        )
+    force, failure = _missing_force(found)
+    from hbm.results.diagnosisfiles import Diagnosed
+
+    result = Diagnosed(found, loaded, measured, force, tuple(_warnings(found, failure)))
+    _deliver(result, rig, out, own)
+    if failure:
+        raise typer.Exit(say(failure, 1))
+
+
+# ---------------------------------------------------------------------------------------------------------- options
+
+
+def _causes(names: Sequence[str] | None, file: Path | None) -> tuple[list[Any] | None, dict[type, str]]:
+    """Causes to try, None for the whole catalogue; and the names of one's own."""
+    if not names and file is None:
+        return None, {}
+    from hbm.causefile import causes_in_file
+    from models.causes import CAUSES
+
+    chosen = [_cause(name) for name in names or ()] or list(CAUSES.values())
+    own = {
+        kind: f"{Path(name.rpartition(':')[0]).resolve()}:{kind.__name__}"
+        for name, kind in zip(names or (), chosen, strict=False)
+        if name.rpartition(":")[0].endswith(".py")
+    }
+    if file is not None:
+        with named(f"{COMMAND}: --causes-file = {quoted(str(file))}"):
+            found = causes_in_file(file)
+        chosen += [kind for kind in found if kind not in chosen]
+        own |= {kind: f"{file.resolve()}:{kind.__name__}" for kind in found}
+    return chosen, own
+
+
+def _cause(name: str) -> Any:
+    from hbm.causefile import ONE_VALUE, find_cause
+
+    try:
+        kind = find_cause(name, Path())
+    except InputError as refused:
+        raise InputError(f"{COMMAND}: --cause = {quoted(name)}; {refused}") from None
+    return kind(name.removeprefix(ONE_VALUE)) if name.startswith(ONE_VALUE) else kind
+
+
+def _check_apply(rig: "Rig", candidates: Sequence[Any] | None) -> None:
+    """Refuse causes that a rig cannot have."""
+    for cause in candidates or ():
+        one = not isinstance(cause, type)
+        possible = [other.label for other in (type(cause) if one else cause).candidates(rig)]
+        if one and cause.label not in possible:
+            raise InputError(f"{COMMAND}: --cause = {quoted(cause.label)}; must be one of {', '.join(possible)}")
+        if not possible:
+            raise InputError(f"{COMMAND}: --cause = {quoted(cause.name)}; there is nothing in this rig it can act on")
+
+
+def _tolerances(rig: "Rig", texts: Sequence[str] | None) -> Mapping[str, float] | None:
+    """Tolerances of the numbers of a rig, with those of the options."""
+    if not texts:
+        return None
+    from hbm.diagnosis.nominal import nominal_scalars, tolerances
+
+    known, chosen = nominal_scalars(rig), tolerances(rig)
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals:
+            raise InputError(f"{COMMAND}: --tolerance = {quoted(text)}; must be KEY=VALUE")
+        if not known.get(key, 0.0) > 0.0:
+            accepted = ", ".join(name for name, number in known.items() if number > 0.0)
+            raise InputError(f"{COMMAND}: --tolerance {key}; must be a number > 0 of the rig file: {accepted}")
+        chosen[key] = positive(COMMAND, f"--tolerance {key}", value, "relative")
+    return chosen
+
+
+def _check_has_responses(rig: "Rig", channels: Sequence[str], source: str) -> None:
+    responses = [c.name for c in rig.response_channels]
+    if not set(channels) & set(responses):
+        raise InputError(f"{source}: holds no response channel; must hold one of {', '.join(responses)}")
+
+
+# -------------------------------------------------------------------------------------------------------- computing
+
+
+@contextmanager
+def _failing(source: str) -> Iterator[None]:
+    """Say what cannot be computed, with the command's name."""
+    from numpy.linalg import LinAlgError
+
+    from continuation import ConvergenceError
+
+    try:
+        yield
+    except (LinAlgError, ConvergenceError) as failed:
+        raise ArithmeticError(f"{COMMAND}: {source}: {failed}; nothing written") from None
+
+
+def _missing_force(found: "Diagnosis") -> tuple["Discrepancy | None", str]:
+    """What the calibrated model lacks, or why that could not be worked out."""
+    from hbm.diagnosis.discrepancy import discrepancy
+    from hbm.diagnosis.records import FAILURES
+
+    if found.calibrated is None or found.campaign is None or found.verdict == "consistent":
+        return None, ""
+    try:
+        with working("looking for the missing force"):
+            return discrepancy(found.calibrated, found.campaign), ""
+    except FAILURES as failed:
+        return None, f"{COMMAND}: the missing force could not be worked out, the rest is written: {failed}"
+
+
+def _warnings(found: "Diagnosis", failure: str) -> list[str]:
+    from hbm.diagnosis.noise import said, understated
+
+    lines = [f"Partial result. {failure}."] * bool(failure)
+    if found.calibrated is not None and found.campaign is not None:
+        k = understated(found.calibrated, found.campaign)
+        lines += [] if k is None else [said(k)]
+    return lines
+
+
+# --------------------------------------------------------------------------------------------------------- delivery
+
+
+def _deliver(result: "Diagnosed", rig: Path, out: Path, own: Mapping[type, str]) -> None:
+    from hbm.commands.diagnosistables import print_diagnosis
+    from hbm.results.diagnosisfiles import FILES, diagnosis_contents
+    from hbm.results.outputs import write_folder
+
+    with working("drawing"):
+        contents = diagnosis_contents(result, rig, out, own)
+    written = write_folder(out, contents, FILES)
+    print_diagnosis(console(), result)
+    print_written(written)

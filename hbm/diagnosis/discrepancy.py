@@ -1,0 +1,412 @@
+"""The force that a model lacks: where it would have to act, with which harmonics and phase, and how it grows.
+
+The misfit of a record is the receptance of its linearised steady state times an unknown force, harmonic by harmonic, at
+each place in turn. No law is assumed: what is left of the misfit with such a force says where the model is wrong. The
+calibrated numbers move along, within what is expected of them, so that no place is charged with what they hid.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.diagnosis.fit import Evaluation
+from hbm.diagnosis.places import Complex, Place, all_at_once, places_of, sensor
+from hbm.diagnosis.records import Campaign, uncorrelated
+from hbm.fourier import Array
+from hbm.identification.records import Record, force_columns, parts
+from hbm.sensitivity import disturbed
+from models.rig import UNITS, Rig
+
+RESOLVED = 1e-7
+"""Forces that the sensors see by less than this, beside those they see best, are not looked for."""
+
+LEFT_OVER = 0.1
+"""Share of the coefficients that must be left beyond the unknowns, for a place to be told."""
+
+CLEAR = 3.0
+"""A force of so many standard deviations is clear; growth is told from clear ones."""
+
+BEYOND = 5.0
+"""Misfit above noise, in standard deviations of its own, from which there is something to explain."""
+
+FEWEST = 4
+LEAST_RANGE = 1.2
+"""Records, and their largest amplitude or frequency over the least, from which growth can be told."""
+
+MOST_LISTED, SOME = 3, 0.05
+"""Places that are named beside the best one; share that is worth a word."""
+
+PAYS = 0.7
+"""A second force counts where it lowers what is left to this part."""
+
+STRONG, MOST_NAMED = 0.1, 5
+"""A harmonic is named where its amplitude is at least this part of the strongest; so many at most."""
+
+
+@dataclass(frozen=True)
+class Exponent:
+    """Power of a growth, with its standard deviation."""
+
+    value: float
+    std: float
+
+    def __str__(self) -> str:
+        return f"{self.value:.2g} +- {self.std:.1g}"
+
+
+@dataclass(frozen=True, eq=False)
+class MissingForce:
+    """What is missing if it is missing at one place alone.
+
+    Attributes
+    ----------
+    place : Place
+    share : float
+        Part of the misfit beyond noise that it explains, 0..1.
+    chi2 : float
+        What is left.
+    left : float
+        The same per coefficient beyond the unknowns, in noise variances.
+    unknowns : int
+        Numbers found: two per harmonic and record.
+    force : (r, H) complex array
+        Amplitudes of harmonics 1..H [place.unit].
+    std : (r, H) array
+        Of each of their parts.
+    seen : (r, H) complex array
+        Amplitudes of what it is held against [place.against].
+    hz : (r,) array
+    """
+
+    place: Place
+    share: float
+    chi2: float
+    left: float
+    unknowns: int
+    force: Complex
+    std: Array
+    seen: Complex
+    hz: Array
+
+    @property
+    def turned(self) -> Complex:
+        """The force where the fundamental of what it is held against is a cosine, (r, H): in phase it is real."""
+        k = np.arange(1, self.force.shape[1] + 1)
+        return np.asarray(self.force * np.exp(-1j * np.angle(self.seen[:, :1]) * k))
+
+    @property
+    def elastic(self) -> Array:
+        """Rms over the records of the part in phase, (H,), noise taken off; 0 where it is lost in noise."""
+        return self._rms(self.turned.real)
+
+    @property
+    def dissipative(self) -> Array:
+        """Rms over the records of the part in quadrature, (H,), noise taken off."""
+        return self._rms(self.turned.imag)
+
+    def _rms(self, values: Array) -> Array:
+        known = np.isfinite(self.std)
+        variance = np.where(known, self.std, 0.0) ** 2
+        sums = np.sum(np.where(known, values, 0.0) ** 2 - variance, axis=0)
+        sums[sums < CLEAR * np.sqrt(2.0 * np.sum(variance**2, axis=0))] = 0.0
+        return np.asarray(np.sqrt(sums / np.maximum(known.sum(axis=0), 1)))
+
+    @property
+    def dissipative_share(self) -> float:
+        """Part of the squared fundamental that is in quadrature; nan where it is lost in noise."""
+        across, along = self.dissipative[0] ** 2, self.elastic[0] ** 2
+        return float(across / (across + along)) if across + along > 0.0 else np.nan
+
+    @property
+    def work(self) -> Array:
+        """Work done on the beam per cycle, (r,) [J]; for a reading without meaning."""
+        k = np.arange(1, self.force.shape[1] + 1)
+        f, d = (self.seen, self.force) if self.place.kind == "motion" else (self.force, self.seen)
+        return np.asarray(np.pi * np.sum(k * np.imag(np.nan_to_num(f * d.conj())), axis=1))
+
+    @property
+    def stiffness(self) -> float:
+        """Force against displacement in phase, of the fundamental over all records; negative for a mass [N/m]."""
+        f, d = self.force[:, 0], self.seen[:, 0]
+        return float(-np.real(np.nansum(f * d.conj())) / np.nansum(np.abs(d) ** 2))
+
+    @property
+    def harmonics(self) -> list[int]:
+        """The strongest, those that count beside it too, in descending order; none where all are lost in noise."""
+        size = np.hypot(self.elastic, self.dissipative)
+        order = np.argsort(-size)
+        return [int(i) + 1 for i in order[:MOST_NAMED] if size[i] > STRONG * size[order[0]]]
+
+    @property
+    def growth(self) -> tuple[Exponent | None, Exponent | None]:
+        """Powers with which its strongest harmonic grows with what it is held against, and with the frequency."""
+        if not self.harmonics:
+            return None, None
+        k = self.harmonics[0] - 1
+        size2, noise2 = np.abs(self.force[:, k]) ** 2, 2 * self.std[:, k] ** 2
+        clear = size2 > CLEAR**2 * noise2
+        size = np.sqrt(np.maximum(size2 - noise2, np.finfo(float).tiny))[clear]
+        amplitude = np.linalg.norm(self.seen, axis=1)[clear]
+        return _powers(size, amplitude, self.hz[clear])
+
+
+def _powers(size: Array, amplitude: Array, hz: Array) -> tuple[Exponent | None, Exponent | None]:
+    """Slopes of a plane through logarithms; None for what hardly varies."""
+    varies = [len(size) >= FEWEST and float(np.ptp(np.log(x))) > np.log(LEAST_RANGE) for x in (amplitude, hz)]
+    chosen = [np.log(x) for x, known in zip((amplitude, hz), varies, strict=True) if known]
+    if not chosen:
+        return None, None
+    A = np.column_stack([np.ones(len(size)), *chosen])
+    slopes, *_ = np.linalg.lstsq(A, np.log(size))
+    left = np.log(size) - A @ slopes
+    covariance = np.linalg.pinv(A.T @ A) * float(left @ left) / max(len(size) - A.shape[1], 1)
+    found = iter([Exponent(float(b), float(s)) for b, s in zip(slopes, np.sqrt(np.diag(covariance)), strict=True)][1:])
+    first, second = (next(found) if known else None for known in varies)
+    return first, second
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancy:
+    """The missing force at each place.
+
+    Attributes
+    ----------
+    records : (r,) int array
+    level, hz : (r,) array
+        Force [N] and frequency [Hz].
+    chi2, points : float, int
+        Of the model; coefficients measured.
+    places : tuple of MissingForce
+        Each alone; the one that explains most first.
+    beside : tuple of MissingForce
+        Each beside a contact force that is free too: what is left then is the linear structure, so that these hold
+        however large the misfit. Empty where there are too few sensors for two forces.
+    """
+
+    records: npt.NDArray[np.int64]
+    level: Array
+    hz: Array
+    chi2: float
+    points: int
+    places: tuple[MissingForce, ...]
+    beside: tuple[MissingForce, ...] = ()
+
+    @property
+    def explainable(self) -> bool:
+        """Whether there is a misfit beyond noise, and whether sensors are enough to place it."""
+        return bool(self.chi2 - self.points > BEYOND * np.sqrt(2.0 * self.points)) and self.localised
+
+    @property
+    def localised(self) -> bool:
+        """Whether there are more coefficients than unknowns of one place."""
+        return self.points - self.places[0].unknowns > LEFT_OVER * self.points
+
+    @property
+    def possible(self) -> tuple[MissingForce, ...]:
+        """Places that leave noise alone, among those that the best one is taken from."""
+        return tuple(p for p in (self.beside if self.two else self.places) if self._noise_alone(p))
+
+    @property
+    def two(self) -> bool:
+        """Whether it takes a force beside that of the contact to leave noise alone, or next to it."""
+        single = self.places[0]
+        return bool(self.beside) and not self._noise_alone(single) and self.beside[0].left < PAYS * single.left
+
+    @property
+    def best(self) -> MissingForce:
+        """At the place that explains most, alone or, where that does not do, beside a free contact force."""
+        return self.beside[0] if self.two else self.places[0]
+
+    def _noise_alone(self, p: MissingForce) -> bool:
+        dof = self.points - p.unknowns
+        return bool(p.chi2 < dof + CLEAR * np.sqrt(2.0 * dof))
+
+    def sentences(self) -> list[str]:
+        """What it says, with numbers."""
+        return list(self._sentences())
+
+    def _sentences(self) -> Iterator[str]:
+        if not self.localised:
+            yield "A missing force cannot be placed: there are hardly more sensors than forces to find."
+            return
+        if not self.explainable:
+            return
+        yield from self._place()
+        best = self.best
+        if not best.harmonics:
+            yield "Each of its harmonics is lost in noise."
+            return
+        listed = ", ".join(map(str, best.harmonics))
+        several = f"harmonics {listed}, the strongest first" if len(best.harmonics) > 1 else f"harmonic {listed} alone"
+        yield f"It has {several}{_parity(best)}; {_phase(best)}."
+        amplitude, frequency = best.growth
+        if amplitude is not None or frequency is not None:
+            of = {"force": "the motion there", "motion": "the load there", "reading": "the reading"}[best.place.kind]
+            powers = [f"with {of} to the power {amplitude}"] * (amplitude is not None)
+            powers += [f"with the frequency to the power {frequency}"] * (frequency is not None)
+            yield f"It grows {', '.join(powers)}."
+
+    def _place(self) -> Iterator[str]:
+        best, others = self.best, [p.place.name for p in self.possible if p is not self.best]
+        acts = {"force": "force acts at", "motion": "motion is that of", "reading": "part is read by"}[best.place.kind]
+        beside = " beside one at the contact" if self.two else ""
+        ranked = self.beside if self.two else self.places
+        told = ", ".join(f"{p.place.name} {_percent(p.share)}, {p.left:.3g}" for p in ranked[1:4])
+        yield (
+            f"The missing {acts} {best.place.name}{beside}: explains {_percent(best.share)} of the misfit beyond noise "
+            f"and leaves {best.left:.3g} noise variances; next: {told}."
+        )
+        if self.two:
+            single = self.places[0]
+            yield f"No place alone will do: {single.place.name}, the best, leaves {single.left:.3g} noise variances."
+        if len(others) > MOST_LISTED:
+            yield f"These records place it poorly: noise alone is left by {len(others)} other places as well."
+        elif others:
+            yield f"Noise alone is left as well by {', '.join(others)}."
+
+
+def _percent(share: float) -> str:
+    """A share, with a digit where it is near all.
+
+    >>> _percent(0.9876), _percent(0.613)
+    ('98.8 %', '61 %')
+    """
+    return f"{100 * share:.1f} %" if 0.9 < share < 0.9995 else f"{100 * share:.0f} %"
+
+
+def _parity(f: MissingForce) -> str:
+    odd = {k % 2 for k in f.harmonics}
+    if len(f.harmonics) < 2 or len(odd) == 2:
+        return ""
+    return " (odd ones only)" if odd == {1} else " (even ones only)"
+
+
+def _phase(f: MissingForce) -> str:
+    share = f.dissipative_share
+    if np.isnan(share):
+        return "its fundamental is lost in noise"
+    if f.place.kind == "reading":
+        return f"{_percent(share)} of its squared fundamental is in quadrature to the reading"
+    against = "load" if f.place.kind == "motion" else "motion"
+    flow = "takes energy from" if float(np.sum(f.work)) < 0.0 else "gives energy to"
+    dissipative = f"dissipative: it {flow} the beam" if share > SOME else "dissipative"
+    return (
+        f"{_percent(share)} of its squared fundamental is in quadrature to the {against} ({dissipative}), "
+        f"{_percent(1.0 - share)} in phase (elastic)"
+    )
+
+
+def discrepancy(e: Evaluation, campaign: Campaign) -> Discrepancy:
+    """The force that a model lacks, at each place in turn.
+
+    Parameters
+    ----------
+    e : Evaluation
+        A model beside the records of the campaign.
+    campaign : Campaign
+
+    Returns
+    -------
+    Discrepancy
+    """
+    rig = campaign.numerics.working.rig(e.model.rig(e.x))
+    unit = {c.name: UNITS[c.quantity] for c in rig.channels}
+    places = [*places_of(rig), *(sensor(name, unit[name]) for name in campaign.data.channels)]
+    white = [_WhiteRecord(r, e, campaign, rig, places) for r in campaign.data.records if r.number in e.found]
+    points, numbers = sum(len(w.residual) for w in white), 2 * campaign.data.H * len(white)
+    alone = [_at(place, [_Basis(w.columns[i]) for w in white], white, e, i) for i, place in enumerate(places)]
+    beside = [
+        _at(place, [_Basis(w.columns[i], w.columns[0]) for w in white], white, e, i)
+        for i, place in enumerate(places)
+        if i and points - 2 * numbers > LEFT_OVER * points
+    ]
+    records, level, hz = ([getattr(w.record, name) for w in white] for name in ("number", "force", "hz"))
+    return Discrepancy(
+        np.array(records),
+        np.array(level),
+        np.array(hz),
+        e.chi2,
+        points,
+        *(tuple(sorted(found, key=lambda m: m.chi2)) for found in (alone, beside)),
+    )
+
+
+class _WhiteRecord:
+    """A record in standard deviations: its misfit, what calibrated numbers and forces at each place do to it."""
+
+    def __init__(self, record: Record, e: Evaluation, campaign: Campaign, rig: Rig, places: Sequence[Place]) -> None:
+        self.record, self.campaign, simulated = record, campaign, e.found[record.number]
+        own = e.white.record == record.number
+        self.residual, self.jacobian = e.white.residual[own], e.white.jacobian[own]
+        std = np.broadcast_to(campaign.std(record), record.listed.shape)[record.listed]
+        noise = force_columns(record, simulated.amplitudes, simulated.by_force)[:, record.listed] / std
+        columns = self._columns(rig, places, e) / std[:, None]
+        self.columns = np.split(uncorrelated(noise.T, columns), len(places), axis=1)
+        self.seen = [p.seen(simulated.solution)[1 : campaign.data.H + 1] for p in places]
+
+    def _columns(self, rig: Rig, places: Sequence[Place], e: Evaluation) -> Array:
+        """Change of the amplitudes listed with cosines, then sines of harmonics 1..H at each place, (m, p 2 H)."""
+        channels, H = self.campaign.data.channels, self.campaign.data.H
+        solution = e.found[self.record.number].solution
+        change = disturbed(rig, solution, all_at_once([p for p in places if p.kind != "reading"], solution, H))
+        moved = np.stack([parts(solution.basis, change[name], H) for name in channels], axis=1)
+        readings = [_of_reading(i, len(channels), H) for i in range(len(channels))]
+        return np.concatenate([moved, *readings], axis=3)[self.record.listed]
+
+
+def _of_reading(channel: int, channels: int, H: int) -> Array:
+    """Amplitudes (2, c, H) of one channel with its own cosines and sines (2 H)."""
+    out = np.zeros((2, channels, H, 2 * H))
+    out[0, channel, :, :H] = np.eye(H)
+    out[1, channel, :, H:] = -np.eye(H)
+    return out
+
+
+def _at(place: Place, bases: Sequence["_Basis"], white: Sequence[_WhiteRecord], e: Evaluation, i: int) -> MissingForce:
+    """The missing force at the i-th place; calibrated numbers move by `step` along with it."""
+    left = np.concatenate([b.across(w.residual) for b, w in zip(bases, white, strict=True)])
+    slopes = np.concatenate([b.across(w.jacobian) for b, w in zip(bases, white, strict=True)])
+    sigma = np.diag([1.0 / f.std for f in e.model.free]).reshape(len(e.x), len(e.x))
+    step = np.linalg.lstsq(np.vstack([slopes, sigma]), np.concatenate([left, -e.pulls]))[0] if len(e.x) else e.x
+    chi2 = float(np.sum((left - slopes @ step) ** 2) + np.sum((e.pulls + sigma @ step) ** 2))
+    points, unknowns = len(left), sum(b.rank for b in bases)
+    excess, remains = e.chi2 - points, max(chi2 - (points - unknowns), 0.0)
+    found = [b.solution(w.residual - w.jacobian @ step) for b, w in zip(bases, white, strict=True)]
+    return MissingForce(
+        place=place,
+        share=float(np.clip(1.0 - remains / excess, 0.0, 1.0)) if excess > 0.0 else 0.0,
+        chi2=chi2,
+        left=chi2 / max(points - unknowns, 1),
+        unknowns=unknowns,
+        force=np.array([force for force, _ in found]),
+        std=np.array([std for _, std in found]),
+        seen=np.array([w.seen[i] for w in white]),
+        hz=np.array([w.record.hz for w in white]),
+    )
+
+
+class _Basis:
+    """What the columns (m, 2 H) of a place span, and those of another that acts beside it."""
+
+    def __init__(self, own: Array, beside: Array | None = None) -> None:
+        columns = own if beside is None else np.hstack([own, beside])
+        self.H = own.shape[1] // 2
+        size = np.linalg.norm(columns, axis=0)
+        self.scale = np.where(size > 0.0, size, 1.0)
+        U, s, Vt = np.linalg.svd(columns / self.scale, full_matrices=False)
+        self.rank = int(np.sum(s > RESOLVED * max(s.max(initial=0.0), 1e-300)))
+        self.U, self.back = U[:, : self.rank], (Vt[: self.rank].T / s[: self.rank]) / self.scale[:, None]
+        self.blind = size == 0.0
+
+    def across(self, rows: Array) -> Array:
+        """What the place does not explain of (m, ...)."""
+        return np.asarray(rows - self.U @ (self.U.T @ rows))
+
+    def solution(self, rows: Array) -> tuple[Complex, Array]:
+        """Amplitudes (H,) of least squares and the standard deviation of their parts; nan where no sensor sees any."""
+        H = self.H
+        x, std = self.back @ (self.U.T @ rows), np.linalg.norm(self.back, axis=1)
+        x, std = np.where(self.blind, np.nan, x), np.where(self.blind, np.nan, std)
+        return x[:H] - 1j * x[H : 2 * H], np.sqrt((std[:H] ** 2 + std[H : 2 * H] ** 2) / 2)

@@ -1,0 +1,340 @@
+"""The command ``hbm diagnose``: what it prints and writes, and the one line with which it refuses or fails."""
+
+import csv
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+import hbm.diagnosis.diagnose
+import hbm.diagnosis.discrepancy
+import hbm.diagnosis.numerics
+import hbm.report.diagnosis
+from hbm.causefile import causes_in_file
+from hbm.cli import app
+from hbm.diagnosis.diagnose import diagnose as search
+from hbm.diagnosis.nominal import nominal_scalars
+from hbm.diagnosis.verdict import Diagnosis
+from hbm.response import steady_state
+from hbm.results.diagnosisfiles import FILES
+from hbm.rigfile import load_rig
+from models import Attachments, PointMass, Rig
+
+PAPER = Path(__file__).parents[1] / "examples" / "paper_beam.toml"
+STATES = (*((level, hz) for hz in (46.0, 57.0, 64.0) for level in (3.0, 6.5)), (6.5, 150.0))
+H, MEASURED, SAMPLES, NOISE = 13, 7, 128, 0.03
+MASS = PointMass(mass=0.004, position=0.33)
+Row = list[Any]
+HEADING = ["record", "level", "frequency_hz", "channel", "harmonic", "cos", "sin", "std"]
+
+
+def run(*args: str) -> Result:
+    return CliRunner().invoke(app, list(args), prog_name="hbm")
+
+
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The discretisation that made the data."""
+    monkeypatch.setattr(hbm.diagnosis.numerics, "LADDER", ((H, SAMPLES, 0), (H, SAMPLES, 0)))
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No figures: those are drawn once."""
+    monkeypatch.setattr("hbm.results.diagnosisfiles.diagnosis_plates", lambda found: [])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Rig file, and spectra of the rig as it is and with a mass on it."""
+    path = tmp_path_factory.mktemp("campaign")
+    text = PAPER.read_text(encoding="utf-8").replace("mass_proportional = 0.06", "mass_proportional = 0.6")
+    (path / "rig.toml").write_text(text.replace("modes = 5", "modes = 7"), encoding="utf-8")
+    rig = load_rig(path / "rig.toml")
+    write(path / "null.csv", rows_of(rig))
+    write(path / "mass.csv", rows_of(replace(rig, attachments=Attachments(masses=(MASS,)))))
+    return path
+
+
+def rows_of(rig: Rig) -> list[Row]:
+    rng = np.random.default_rng(3)
+    rows: list[Row] = []
+    for record, (level, hz) in enumerate(STATES, start=1):
+        solution = steady_state(rig, hz, level=level, harmonics=H, samples=SAMPLES)
+        for c in rig.channels:
+            noise = 1e-3 if c.quantity == "force" else NOISE
+            a = solution[c.name].coefficients
+            for k in range(1, 2 if c.quantity == "force" else MEASURED + 1):
+                pair = np.array([a[k], a[H + k]]) + noise * rng.standard_normal(2)
+                rows.append([record, level, hz, c.name, k, *pair.tolist(), noise])
+    return rows
+
+
+def write(path: Path, rows: list[Row], heading: list[str] = HEADING) -> str:
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([heading, *rows])
+    return str(path)
+
+
+def read(path: Path) -> list[Row]:
+    with path.open(newline="") as file:
+        return list(csv.reader(file))[1:]
+
+
+def changed(folder: Path, out: Path, change: Callable[[list[Row]], list[Row]], name: str = "null.csv") -> str:
+    """A spectra file with rows changed."""
+    return write(out / "spectra.csv", change(read(folder / name)))
+
+
+def diagnosed(path: Path) -> dict[str, Any]:
+    table: dict[str, Any] = json.loads((path / "diagnosis.json").read_text(encoding="utf-8"))
+    return table
+
+
+# ---- what it finds and writes
+
+
+FOUND: list[Diagnosis] = []
+"""What the search found of the mass."""
+
+
+@pytest.fixture(scope="module")
+def mass(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Result]:
+    def remembered(*args: Any, **options: Any) -> Diagnosis:
+        FOUND.append(search(*args, **options))
+        return FOUND[-1]
+
+    out = tmp_path_factory.mktemp("found") / "mass"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hbm.diagnosis.numerics, "LADDER", ((H, SAMPLES, 0), (H, SAMPLES, 0)))
+        patch.setattr(hbm.report.diagnosis, "MOST_CHANNELS", 1)  # drawing all takes seconds
+        patch.setattr(hbm.diagnosis.diagnose, "diagnose", remembered)
+        args = ("--cause", "added-mass", "--hold-out", "3", "6", "--out", str(out))
+        return out, run("diagnose", str(folder / "rig.toml"), str(folder / "mass.csv"), *args)
+
+
+def test_cause_is_named_and_everything_is_written(mass: tuple[Path, Result]) -> None:
+    out, result = mass
+    assert (result.exit_code, result.stderr) == (0, "")
+    lines = result.stdout.splitlines()
+    assert lines[0].startswith("Cause found: added-mass (mass = 0.00")
+    assert {str(out / name) for name in FILES} == {line.removeprefix("wrote ") for line in lines if "wrote " in line}
+    assert all((out / name).exists() for name in FILES)
+    rows = {line.split()[0]: line.split()[1:] for line in lines if line.split()[:1] in (["nominal"], ["extended"])}
+    assert float(rows["nominal"][2]) > 30 * float(rows["extended"][2])
+
+
+def test_diagnosis_file_is_the_contract(mass: tuple[Path, Result]) -> None:
+    table = diagnosed(mass[0])
+    assert list(table) == [
+        *("schema", "verdict", "cause", "parameters", "confidence", "not_separable", "separate_by", "errors", "gain"),
+        *("held_out_records", "ranking", "evidence"),
+    ]
+    assert (table["verdict"], table["cause"], table["held_out_records"]) == ("cause-found", "added-mass", [3, 6])
+    found = table["parameters"]["mass"]
+    assert set(found) == {"value", "std", "unit"} and found["unit"] == "kg"
+    assert abs(found["value"] - MASS.mass) < 4 * found["std"]
+    assert set(table["errors"]) == {"nominal", "calibrated", "extended"}
+    for parts in table["errors"].values():
+        assert set(parts) == {"train", "held_out"}
+        assert set(parts["held_out"]) == {"nrmse", "chi2_reduced"}
+    assert table["gain"]["held_out_chi2_ratio"] < 0.5
+    assert any(line.startswith("The missing ") for line in table["evidence"])
+
+
+def test_extended_rig_is_the_nominal_one_with_mass_and_calibration(mass: tuple[Path, Result], folder: Path) -> None:
+    extended = load_rig(mass[0] / "extended.toml")
+    (found,) = extended.attachments.masses
+    assert found.position == pytest.approx(MASS.position, abs=0.01)
+    assert found.mass == diagnosed(mass[0])["parameters"]["mass"]["value"]
+    before, after = nominal_scalars(load_rig(folder / "rig.toml")), nominal_scalars(extended)
+    moved = {key for key in before if after[key] != before[key]}
+    assert "contact.friction.mu" in moved and "beam.length" not in moved
+    assert all(abs(np.log(after[key] / before[key])) < 0.2 for key in moved)
+
+
+def test_page_needs_nothing_but_itself(mass: tuple[Path, Result]) -> None:
+    text = (mass[0] / "report.html").read_text(encoding="utf-8")
+    without_images = re.sub(r"data:image/[a-z+]+;base64,[A-Za-z0-9+/=]+", "", text)
+    assert not re.search(r"(?:src|href)=\"(?!figures/|#|[a-z_]+\.csv|\")", without_images)
+    assert "http" not in without_images and "<script" not in without_images
+    for heading in (
+        "What the extended model gains",
+        "Measured and simulated",
+        "What is missing, and where",
+        "Evidence",
+    ):
+        assert heading in text
+    assert text.count("data:image/") == 6
+
+
+def test_figures_say_what_their_files_say(mass: tuple[Path, Result]) -> None:
+    with (mass[0] / "figures" / "responses.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["model"] == "extended"]
+    assert {row["record"] for row in rows if row["held_out"] == "1"} == {"3", "6"}
+    off = [
+        abs(complex(float(r["measured_real"]), float(r["measured_imag"]))
+            - complex(float(r["simulated_real"]), float(r["simulated_imag"]))) / float(r["std"])
+        for r in rows
+        if r["held_out"] == "0"
+    ]  # fmt: skip
+    assert len(off) == 5 * 6
+    assert np.sqrt(np.mean(np.square(off)) / 2) < 1.5
+
+
+def test_nothing_wrong_is_consistent_and_has_no_extended_rig(folder: Path, tmp_path: Path, plain: None) -> None:
+    (tmp_path / "extended.toml").write_text("of an earlier run")
+    (tmp_path / "notes.txt").write_text("mine")
+    rig, spectra = str(folder / "rig.toml"), str(folder / "null.csv")
+    result = run("diagnose", rig, spectra, "--cause", "added-mass", "--out", str(tmp_path))
+    assert result.exit_code == 0
+    table = diagnosed(tmp_path)
+    assert (table["verdict"], table["cause"], table["parameters"]) == ("consistent", None, {})
+    assert table["errors"]["extended"] == {}
+    assert not (tmp_path / "extended.toml").exists()
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_cause_of_ones_own_is_tried_and_named_in_the_extended_rig(folder: Path, tmp_path: Path, plain: None) -> None:
+    own = tmp_path / "own.py"
+    own.write_text(
+        "from dataclasses import dataclass\nfrom typing import ClassVar\n"
+        "from models.causes.structure import AddedMass\n\n"
+        "@dataclass(frozen=True)\nclass Magnet(AddedMass):\n    name: ClassVar[str] = 'magnet'\n"
+    )
+    assert [cause.name for cause in causes_in_file(own)] == ["magnet"]  # for --causes-file
+    spectra = changed(folder, tmp_path, lambda rows: [row for row in rows if row[1] == "6.5"], "mass.csv")
+    args = ("--cause", f"{own}:Magnet", "--out", str(tmp_path / "out"))
+    result = run("diagnose", str(folder / "rig.toml"), spectra, *args)
+    assert result.exit_code == 0
+    assert diagnosed(tmp_path / "out")["cause"] == "magnet"
+    assert f'cause = "{own.resolve()}:Magnet"' in (tmp_path / "out" / "extended.toml").read_text()
+    load_rig(tmp_path / "out" / "extended.toml")
+
+
+@pytest.mark.usefixtures("mass", "plain")
+def test_what_is_left_of_a_failure_is_written_and_marked(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any) -> None:
+        raise ArithmeticError("at a fold")
+
+    monkeypatch.setattr(hbm.diagnosis.diagnose, "diagnose", lambda *_, **__: FOUND[0])
+    monkeypatch.setattr(hbm.diagnosis.discrepancy, "discrepancy", fails)
+    rig, spectra = str(folder / "rig.toml"), str(folder / "mass.csv")
+    result = run("diagnose", rig, spectra, "--cause", "added-mass", "--out", str(tmp_path))
+    assert result.exit_code == 1
+    line = "diagnose: the missing force could not be worked out, the rest is written: at a fold"
+    assert result.stderr == line + "\n"
+    assert diagnosed(tmp_path)["evidence"][0] == f"Partial result. {line}."
+    assert "Partial result" in (tmp_path / "report.html").read_text(encoding="utf-8")
+
+
+# ---- what it says of its input
+
+
+def test_too_small_standard_deviations_are_said(folder: Path, tmp_path: Path, plain: None) -> None:
+    def smaller(rows: list[Row]) -> list[Row]:
+        return [[*row[:-1], float(row[-1]) / 3.0] for row in rows if row[0] in "1246"]
+
+    spectra, out = changed(folder, tmp_path, smaller), tmp_path / "out"
+    result = run("diagnose", str(folder / "rig.toml"), spectra, "--cause", "viscous-contact", "--out", str(out))
+    assert result.exit_code == 0
+    (line,) = [line for line in result.stdout.splitlines() if line.startswith("warning: chi2 of every model")]
+    k, factor = (float(part) for part in re.findall(r"\d+\.?\d*", line.replace("chi2", ""))[:2])
+    assert k == pytest.approx(9.0, rel=0.15) and factor == pytest.approx(3.0, rel=0.08)
+    assert line.removeprefix("warning: ") == diagnosed(out)["evidence"][0]
+
+
+def test_one_level_is_said(folder: Path, tmp_path: Path, plain: None) -> None:
+    spectra = changed(folder, tmp_path, lambda rows: [row for row in rows if row[1] == "6.5"])
+    args = ("--cause", "added-mass", "--out", str(tmp_path / "out"))
+    result = run("diagnose", str(folder / "rig.toml"), spectra, *args)
+    assert result.exit_code == 0
+    assert "One level only" in result.stdout
+
+
+def test_mislabelled_channels_are_said(folder: Path, tmp_path: Path, plain: None) -> None:
+    def exchanged(rows: list[Row]) -> list[Row]:
+        other = {"a2": "a5", "a5": "a2"}
+        return [[*row[:3], other.get(row[3], row[3]), *row[4:]] for row in rows if row[0] in "24"]
+
+    spectra = changed(folder, tmp_path, exchanged)
+    args = ("--cause", "added-mass", "--out", str(tmp_path / "out"))
+    result = run("diagnose", str(folder / "rig.toml"), spectra, *args)
+    assert result.exit_code == 0
+    said = [line for line in result.stdout.splitlines() if line.startswith("Sensors:")]
+    assert any("a2" in line and "a5" in line and "exchanged" in line for line in said)
+
+
+def few(rows: list[Row]) -> list[Row]:
+    return [row for row in rows if row[0] == "1" and (row[3] in ("force", "a1", "a2")) and row[4] == "1"]
+
+
+def blank(rows: list[Row]) -> list[Row]:
+    return [[*row[:5], "nan", *row[6:]] if i == 3 else row for i, row in enumerate(rows)]
+
+
+def nameless(rows: list[Row]) -> list[Row]:
+    return [[*row[:3], "a9", *row[4:]] if row[3] == "a4" else row for row in rows]
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (few, "spectra.csv: 4 coefficients; must be more than the 6 numbers to fit"),
+        (blank, "spectra.csv line 5: cos = nan; must be finite"),
+        (nameless, 'channel "a9" is not in the rig; channels are force, a1, a2, a3, a4, a5, a6'),
+        (lambda rows: [row for row in rows if row[3] == "force"], "holds no response channel; must hold one of a1, a2"),
+    ],
+)
+def test_spectra_that_will_not_do_are_refused(
+    folder: Path, tmp_path: Path, change: Callable[[list[Row]], list[Row]], line: str
+) -> None:
+    refused(run("diagnose", str(folder / "rig.toml"), changed(folder, tmp_path, change), *to(tmp_path)), line, tmp_path)
+
+
+def test_spectra_without_standard_deviations_are_refused(folder: Path, tmp_path: Path) -> None:
+    rows = [row[:-1] for row in read(folder / "null.csv")]
+    spectra = write(tmp_path / "spectra.csv", rows, HEADING[:-1])
+    refused(run("diagnose", str(folder / "rig.toml"), spectra, *to(tmp_path)), "std", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("args", "line"),
+    [
+        (("--cause", "added-mess"), 'diagnose: --cause = "added-mess"; must be one of'),
+        (
+            ("--cause", "parameter:beam.colour"),
+            'diagnose: --cause = "parameter:beam.colour"; must be one of parameter:',
+        ),
+        (("--cause", "bristle-memory"), 'diagnose: --cause = "bristle-memory"; there is nothing in this rig'),
+        (("--tolerance", "beam.length"), 'diagnose: --tolerance = "beam.length"; must be KEY=VALUE'),
+        (("--tolerance", "beam.colour=1"), "diagnose: --tolerance beam.colour; must be a number > 0 of the rig file"),
+        (("--tolerance", "beam.length=-1"), "diagnose: --tolerance beam.length = -1; must be a number > 0 [relative]"),
+        (("--hold-out", "99"), "no record 99 to hold out; records are 1, 2, 3"),
+        (("--hold-out", "x"), 'diagnose: --hold-out = "x"; must be the number of a record'),
+        (("--causes-file", "no.py"), 'diagnose: --causes-file = "no.py"'),
+    ],
+)
+def test_options_are_refused_in_one_line(folder: Path, tmp_path: Path, args: tuple[str, ...], line: str) -> None:
+    result = run("diagnose", str(folder / "rig.toml"), str(folder / "null.csv"), *args, *to(tmp_path))
+    refused(result, line, tmp_path)
+
+
+def to(tmp_path: Path) -> tuple[str, str]:
+    return "--out", str(tmp_path / "out")
+
+
+def refused(result: Result, line: str, tmp_path: Path) -> None:
+    assert result.exit_code == 2
+    assert line in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert result.stdout == ""
+    assert not (tmp_path / "out").exists()
