@@ -19,7 +19,7 @@ from hbm.sensitivity import LOAD
 from models.rig import Rig
 
 FEW = 8
-LAST_STEPS = 8
+LAST_STEPS = 4
 """Records of the first fit; steps of the second."""
 
 FAR = 3.5

@@ -36,6 +36,9 @@ from models.rig import Rig
 PAIRS_WITH = 2
 """Single causes from which pairs are built."""
 
+MOVED = 3
+"""So many numbers that calibration moves far are named."""
+
 DISTORTED = 5.0
 """A force is distorted that has a harmonic of so many standard deviations."""
 
@@ -386,7 +389,7 @@ class _Report:
                 yield f"No steady state of the {name} model was found for records {', '.join(map(str, e.missing))}."
 
     def _moved(self) -> Iterator[str]:
-        for key, pull in off(self.search.trust, self.search.calibrated).items():
+        for key, pull in list(off(self.search.trust, self.search.calibrated).items())[:MOVED]:
             yield f"Calibration moves {key} by {pull:+.1f} tolerances."
 
     def _scores(self) -> Iterator[str]:

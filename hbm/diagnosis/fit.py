@@ -203,15 +203,15 @@ def _step(here: Evaluation, damping: float, low: Array, high: Array) -> tuple[Ar
 
 
 def best_start(model: Model, campaign: Campaign, starts: list[Array], last: Solutions) -> list[tuple[float, Array]]:
-    """Starts by their chi2 on a few records, the least first; those without steady states are left out."""
+    """Starts by their chi2 on a few records, the least first; those with fewer steady states are left out."""
     found = []
     for x in starts:
         try:
             solutions = campaign.solve(model.rig(x), last)
         except FAILURES:
             continue
-        if len(solutions) == len(campaign.numbers):
-            found.append((float(sum(campaign.chi2(solutions).values())), x))
-    if not found:
+        found.append((len(solutions), float(sum(campaign.chi2(solutions).values())), x))
+    most = max((n for n, _, _ in found), default=0)
+    if not most:
         raise ConvergenceError(f"{model.label}: no start has steady states")
-    return sorted(found, key=lambda pair: pair[0])
+    return sorted([(chi2, x) for n, chi2, x in found if n == most], key=lambda pair: pair[0])

@@ -25,10 +25,17 @@ HEAT_STEPS = 7
 HEAT_STARTS = 2
 """Starts from which the quick heat takes steps, so many of them."""
 
-FINALISTS = 5
-"""Candidates that are fitted to all records, and those as close as this to the best:"""
+RUNNING, HOPELESS = 20, 0.15
+"""So many candidates run at most, and none whose predicted fall of chi2 is less than this share of the best."""
+
+FINALISTS, LEAST = 5, 3
+"""Candidates that are fitted to all records, at most, and at least where none explains them; those as close as this to
+the best:"""
 
 CLOSE = 30.0
+
+SHAPES = 12
+"""Starts of every shape are compared where they are not more than this; else those of the shape that scores best."""
 
 PROMISING = 40.0
 SHARE = 0.75
@@ -120,10 +127,12 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
     few = coarse(campaign, [n for n in spread(campaign, HEAT_RECORDS) if n in base.found], base)
     before = float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
     heat: list[Runner] = []
-    for i, score in enumerate(screening.scores):
-        if _settled(heat, max(EXPLAINED * few.points, LITTLE * before), score.cause, screening):
+    explained = max(EXPLAINED * few.points, LITTLE * before)
+    running = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
+    for i, score in enumerate(running):
+        if _settled(heat, explained, score.cause, screening):
             continue
-        tell(f"{score.cause.label} ({i + 1} of {len(screening.scores)})")
+        tell(f"{score.cause.label} ({i + 1} of {len(running)})")
         runner = _heat(base, few, score)
         if runner is not None:
             heat.append(runner)
@@ -131,7 +140,9 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
     if not heat:
         return []
     scale, margin = len(campaign.numbers) / len(few.numbers), max(10 * CLOSE, heat[0].chi2)
-    return [r for i, r in enumerate(heat) if i < FINALISTS and scale * (r.chi2 - heat[0].chi2) < margin]
+    least = LEAST if heat[0].chi2 > explained else 1
+    close = [i < least or scale * (r.chi2 - heat[0].chi2) < margin for i, r in enumerate(heat)]
+    return [r for r, near in zip(heat[:FINALISTS], close, strict=False) if near]
 
 
 def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: Screening) -> bool:
@@ -159,10 +170,11 @@ def _heat(base: Evaluation, few: Campaign, score: Score) -> Runner | None:
 
 
 def _starts(model: Model, x: Array, score: Score) -> list[Array]:
-    """Where the last cause may start, everything else as in `x`; its shape as the score test likes it best."""
+    """Where the last cause may start, everything else as in `x`."""
     unknowns = model.unknowns[-1]
-    shaped = {u.name: (score.start[u.name],) for u in unknowns if u.shapes and score.drop > 0.0}
-    grids = [shaped.get(u.name, u.starts) for u in unknowns]
+    grids = [u.starts for u in unknowns]
+    if np.prod([len(g) for g in grids]) > SHAPES:
+        grids = [(score.start[u.name],) if u.shapes else u.starts for u in unknowns]
     own = model.free[len(x) - len(unknowns) :]
     return [
         np.concatenate([x[: len(x) - len(unknowns)], [f.of(v) for f, v in zip(own, values, strict=True)]])
