@@ -38,6 +38,7 @@ class Effect:
 
     states = 0
     nonlinear = False
+    supports = False  # its force is part of the reaction
 
     def places(self) -> list[float]:
         """Positions where a node of the mesh is wanted."""
@@ -133,6 +134,35 @@ class SupportFlexibility(Effect):
         fe.fixed.discard(fe.tip)
         fe.K[fe.tip, fe.tip] += self.stiffness
         fe.support = self.stiffness
+
+
+@dataclass(frozen=True)
+class ContactLoss(Effect):
+    """The tip leaves the support: a stiff spring under it, less the tension that it cannot bear.
+
+    What is remembered is the force, from which the tip's motion without it follows. For lifts that are short beside the
+    period: what the modes leave of the tip's motion has no inertia, and modes close to the steps grow in long ones.
+    """
+
+    load: float
+    stiffness: float = 1e10
+    nonlinear = True
+    supports = True
+    states = 1
+
+    def build(self, fe: FiniteElements) -> None:
+        SupportFlexibility(self.stiffness).build(fe)
+
+    def rows(self, fe: FiniteElements) -> Array:
+        return fe.unit(fe.tip)[None]
+
+    def forces(self, at: Motion, start: Array, tried: Array) -> tuple[Array, Array]:
+        if not at.dt.any():
+            return start, start
+        k, soft = self.stiffness, at.flexibility
+        held = k * (at.y - soft * tried) - self.load
+        force = np.maximum(held, 0.0) / (1 - k * soft)
+        return force, force
 
 
 @dataclass(frozen=True)

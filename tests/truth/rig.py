@@ -100,6 +100,7 @@ class TrueRig:
         omega2, V = modes_of(fe, self.modes)
         contact, drive = self.arm * fe.unit(fe.tip + 1), fe.row(self.drive)
         rows = np.vstack([effect.rows(fe) for effect in self.effects] or [np.zeros((0, fe.size))])
+        supports = np.array([e.supports for e in self.effects for _ in e.rows(fe)], dtype=bool)
         loads = [contact, drive, fe.G @ V[:, 0], fe.G @ V[:, 1]]
         loads += [row for effect in self.effects for row in effect.static_rows(fe)]
         stiffness, shapes = static_shapes(fe, omega2, V, np.array(loads).T)
@@ -121,7 +122,7 @@ class TrueRig:
             tip_damping_row=held * fe.M[tip] @ V * damping,
             tip_stiffness_row=fe.K[tip] @ V if held else -fe.support * V[tip],
             tip_geometric_row=held * fe.G[tip] @ V,
-            tip_loads=held * rows[:, tip],
+            tip_loads=np.where(supports, -1.0, held) * rows[:, tip],
             rows=rows @ V,
         )
 
