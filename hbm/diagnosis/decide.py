@@ -61,8 +61,15 @@ def best_of(fits: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:
-    """Fits that the records cannot tell from the best one."""
-    return [e for e in fits if e is not best and abs(e.chi2 - best.chi2) < TIED and not e.missing]
+    """Fits that the records cannot tell from the best one, but for those that only contain it."""
+    close = [e for e in fits if e is not best and abs(e.chi2 - best.chi2) < TIED and not e.missing]
+    return [e for e in close if len(e.x) <= len(best.x) or best.chi2 - e.chi2 > 1.0 or not undetermined(e)]
+
+
+def undetermined(e: Evaluation) -> bool:
+    """Whether a number of a cause may be anything."""
+    known = [(abs(f.value(x)), s) for f, x, s in zip(e.model.free, e.x, e.std, strict=True) if f.cause >= 0]
+    return any(s > value for value, s in known)
 
 
 def evidence(e: Evaluation) -> float:

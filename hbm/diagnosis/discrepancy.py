@@ -15,7 +15,7 @@ from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.places import Complex, Place, all_at_once, places_of, sensor
 from hbm.diagnosis.records import Campaign, uncorrelated
 from hbm.fourier import Array
-from hbm.identification.records import Record, force_columns, parts
+from hbm.identification.records import Record, parts
 from hbm.sensitivity import disturbed
 from models.rig import UNITS, Rig
 
@@ -341,7 +341,7 @@ class _WhiteRecord:
         own = e.white.record == record.number
         self.residual, self.jacobian = e.white.residual[own], e.white.jacobian[own]
         std = np.broadcast_to(campaign.std(record), record.listed.shape)[record.listed]
-        noise = force_columns(record, simulated.amplitudes, simulated.by_force)[:, record.listed] / std
+        noise = campaign.disturbances(record, simulated)[:, record.listed] / std
         columns = self._columns(rig, places, e) / std[:, None]
         self.columns = np.split(uncorrelated(noise.T, columns), len(places), axis=1)
         self.seen = [p.seen(simulated.solution)[1 : campaign.data.H + 1] for p in places]

@@ -1,6 +1,6 @@
 """All records of a campaign simulated at any rig, with exact derivatives, in standard deviations.
 
-Uncertain are the responses, the force that was measured (through the model), and what the discretisation leaves.
+Uncertain are the responses, force and frequency (through the model), and what the discretisation leaves.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,7 +14,7 @@ from continuation import ConvergenceError
 from hbm.diagnosis.numerics import Correction, Grid, Numerics, amplitudes_of, corrections
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.records import Measurement, Record, force_columns, parts, solve_from, solve_record
-from hbm.sensitivity import FORCE, sensitivities
+from hbm.sensitivity import FORCE, HZ, sensitivities
 from hbm.solution import PeriodicSolution
 from models.change import drift_scalars, tone_scalars
 from models.numbers import number
@@ -26,12 +26,15 @@ Solutions = Mapping[int, PeriodicSolution]
 NEWTON = 15
 """Iterations from the reconstruction, where those from the last steady state did not get there."""
 
+CLOCKS = 1e-5
+"""What the clocks of generator and recorder agree to, relative standard deviation of the frequency of a record."""
+
 FAILURES = (ConvergenceError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 
 
 @dataclass(frozen=True, eq=False)
 class Simulated:
-    """One record as simulated: amplitudes (2, c, H), derivatives to p keys (2, c, H, p) and to the force (2, c, H).
+    """One record as simulated: amplitudes (2, c, H), derivatives to p keys (..., p), to force and to frequency.
 
     Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients.
     """
@@ -40,6 +43,7 @@ class Simulated:
     amplitudes: Array
     by_keys: Array
     by_force: Array
+    by_hz: Array
     by_tones: Array | None
 
 
@@ -165,14 +169,14 @@ class Campaign:
         own, by_keys = in_record(rig, keys, record.number)
         tones = tuple(tone_scalars(here)) if here.excitation.measured_harmonics else ()
         try:
-            by = sensitivities(here, solution, (*own, FORCE, *tones))
+            by = sensitivities(here, solution, (*own, FORCE, HZ, *tones))
         except FAILURES:
             return None
         basis, H, p = self.numerics.working.basis, self.data.H, len(own)
         slopes = np.stack([parts(basis, by[name].coefficients, H) for name in self.data.channels], axis=1)
-        by_tones = slopes[..., p + 1 :] if tones else None
+        by_tones = slopes[..., p + 2 :] if tones else None
         amplitudes = amplitudes_of(self.data, solution)
-        return Simulated(solution, amplitudes, slopes[..., :p] @ by_keys, slopes[..., p], by_tones)
+        return Simulated(solution, amplitudes, slopes[..., :p] @ by_keys, slopes[..., p], slopes[..., p + 1], by_tones)
 
     def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:
         """Of the channels in a record, corrected, (2, c, H)."""
@@ -183,6 +187,11 @@ class Campaign:
         """Of each amplitude of a record, noise and what the discretisation leaves, (c, H)."""
         correction = self.corrections.get(record.number)
         return np.asarray(np.hypot(record.std, 0.0 if correction is None else correction.left))
+
+    def disturbances(self, record: Record, simulated: Simulated) -> Array:
+        """What one standard deviation of force and frequency does to a record as a whole, (k, 2, c, H)."""
+        force = force_columns(record, simulated.amplitudes, simulated.by_force, simulated.by_tones)
+        return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz]])
 
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
         """Records found, in standard deviations; `by_x` (p, n) turns derivatives to keys into those to coordinates."""
@@ -199,7 +208,7 @@ class Campaign:
         listed = record.listed
         std = np.broadcast_to(self.std(record), listed.shape)[listed]
         raw = (record.measured - self.amplitudes(record.number, simulated.solution))[listed]
-        columns = force_columns(record, simulated.amplitudes, simulated.by_force, simulated.by_tones)[:, listed] / std
+        columns = self.disturbances(record, simulated)[:, listed] / std
         white = uncorrelated(columns.T, np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / std[:, None])
         _, channel, harmonic = np.nonzero(listed)
         number = np.full(len(raw), record.number)
