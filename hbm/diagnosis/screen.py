@@ -18,6 +18,7 @@ from hbm.diagnosis.numerics import LEFT, Correction, size
 from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.fourier import Array
 from models.causes.cause import Cause, Unknown
+from models.causes.elements import ImpactStopCause, MidplaneStretchingCause, QuadraticDragCause
 from models.causes.parameter import WrongParameter
 from models.causes.structure import AttachedResonator
 from models.rig import Rig
@@ -188,8 +189,13 @@ def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[
         own = [_Entry(c, {}, -1) for c in wrong if c.key not in taken]
         groups.append((Model(base.nominal, {**calibrated, **freed}, base.causes), own))
     rest = [c for c in candidates if not isinstance(c, WrongParameter)]
-    swinging = [c for c in rest if isinstance(c, AttachedResonator)]  # their steady states may not be found
-    return [*groups, *_grouped(base, [c for c in rest if c not in swinging]), *_grouped(base, swinging)]
+    apart = (
+        (AttachedResonator,),  # steady states may not be found
+        (ImpactStopCause, MidplaneStretchingCause, QuadraticDragCause),  # slow
+    )
+    kinds = [[c for c in rest if isinstance(c, kind)] for kind in apart]
+    others = [c for c in rest if not any(c in causes for causes in kinds)]
+    return [*groups, *(group for causes in (others, *kinds) for group in _grouped(base, causes))]
 
 
 def _grouped(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[_Entry]]]:
