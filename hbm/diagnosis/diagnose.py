@@ -43,7 +43,7 @@ DISTORTED = 5.0
 """A force is distorted that has a harmonic of so many standard deviations."""
 
 AS_GOOD = 4.0
-"""Records held out may fit a cause worse than the calibrated nominal by this chi2: they may not see it."""
+"""Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
 
 LINEARISED = 4
 """Times the prediction of records held out is linearised anew where the first does not fit."""
@@ -307,9 +307,10 @@ class _Report:
         _, scored = self.best
         if scored is None:
             return "cause-found"
-        before = np.inf if calibrated is None else calibrated.misfit.chi2
-        holds = scored.misfit.fits and scored.misfit.chi2 < before + AS_GOOD  # both with what their numbers leave open
-        return "cause-found" if holds else "unexplained"
+        if not scored.misfit.fits:
+            return "unexplained"
+        better = calibrated is None or calibrated.misfit.fits or scored.misfit.chi2 < calibrated.misfit.chi2 + AS_GOOD
+        return "cause-found" if better else "unexplained"
 
     def _confidence(self, verdict: Verdict, best: Evaluation | None) -> float:
         """Share of repetitions that would decide alike; else how improbable it is that another verdict is right."""
@@ -371,6 +372,13 @@ class _Report:
             tried = self.decision.fits[0]
             m = misfit(tried, search.campaign)
             yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances; worst {m.worst.what}."
+            scored = self.best[1] if self.best is not None else None
+            if scored is not None and not scored.misfit.fits:
+                worst = scored.misfit.worst
+                yield (
+                    f"It does not predict the records held out: {scored.errors.chi2_reduced:.4g} noise variances, "
+                    f"most clearly {worst.what} ({worst.chi2_reduced:.3g}); probability {scored.misfit.probability:.2g}."
+                )
 
     def _misfits(self) -> Iterator[str]:
         search = self.search

@@ -189,13 +189,10 @@ def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[
         own = [_Entry(c, {}, -1) for c in wrong if c.key not in taken]
         groups.append((Model(base.nominal, {**calibrated, **freed}, base.causes), own))
     rest = [c for c in candidates if not isinstance(c, WrongParameter)]
-    apart = (
-        (AttachedResonator,),  # steady states may not be found
-        (ImpactStopCause, MidplaneStretchingCause, QuadraticDragCause),  # slow
-    )
-    kinds = [[c for c in rest if isinstance(c, kind)] for kind in apart]
-    others = [c for c in rest if not any(c in causes for causes in kinds)]
-    return [*groups, *(group for causes in (others, *kinds) for group in _grouped(base, causes))]
+    swinging = [c for c in rest if isinstance(c, AttachedResonator)]  # may have no steady state
+    elements = [c for c in rest if isinstance(c, ImpactStopCause | MidplaneStretchingCause | QuadraticDragCause)]
+    others = [c for c in rest if c not in swinging and c not in elements]
+    return [*groups, *(group for causes in (others, swinging, elements) for group in _grouped(base, causes))]
 
 
 def _grouped(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[_Entry]]]:
