@@ -377,7 +377,7 @@ class _Report:
                 worst = scored.misfit.worst
                 yield (
                     f"It does not predict the records held out: {scored.errors.chi2_reduced:.4g} noise variances, "
-                    f"most clearly {worst.what} ({worst.chi2_reduced:.3g}); probability {scored.misfit.probability:.2g}."
+                    f"most clearly in {worst.what} ({worst.chi2_reduced:.3g}); chance {scored.misfit.probability:.2g}."
                 )
 
     def _misfits(self) -> Iterator[str]:
