@@ -12,11 +12,13 @@ import numpy as np
 
 from hbm.diagnosis.fit import Evaluation, fit_model
 from hbm.diagnosis.model import Model
-from hbm.diagnosis.nominal import tolerances
+from hbm.diagnosis.nominal import tolerances, with_values
 from hbm.diagnosis.records import Campaign, Solutions
 from hbm.diagnosis.screen import coarse, spread
 from hbm.sensitivity import LOAD
 from models.rig import Rig
+
+SENSORS = "channels."
 
 FEW = 8
 LAST_STEPS = 4
@@ -33,8 +35,15 @@ def trusted(rig: Rig, channels: Collection[str] = (), given: Mapping[str, float]
 
 def profiled(model: Model) -> Model:
     """The same with its calibrated numbers free, those of the load and the places and sensors excepted."""
-    held = (LOAD, "channels.", "excitation.")
+    held = (LOAD, SENSORS, "excitation.")
     return Model(model.nominal, {key: std if key.startswith(held) else np.inf for key, std in model.calibrated.items()})
+
+
+def lighter(e: Evaluation) -> Model:
+    """The model with its sensors held where they are."""
+    values = {f.name: f.value(x) for f, x in zip(e.model.free, e.x, strict=True) if f.name.startswith(SENSORS)}
+    calibrated = {key: std for key, std in e.model.calibrated.items() if not key.startswith(SENSORS)}
+    return Model(with_values(e.model.nominal, values), calibrated, e.model.causes)
 
 
 def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:

@@ -132,3 +132,8 @@ class Decision:
     base: Evaluation
     best: Evaluation | None
     fits: tuple[Evaluation, ...]
+
+
+def best_first(*decisions: Decision) -> Decision:
+    """The decision whose best fit is likeliest; over different models of the rest."""
+    return min(decisions, key=lambda d: min((evidence(e) for e in d.fits if not e.missing), default=np.inf))

@@ -11,7 +11,18 @@ import numpy as np
 import models.causes
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import calibrate, off, profiled, trusted
-from hbm.diagnosis.decide import Decision, accepted, best_of, inclusion, sidak, simpler, suspicious, tied, weights
+from hbm.diagnosis.decide import (
+    Decision,
+    accepted,
+    best_first,
+    best_of,
+    inclusion,
+    sidak,
+    simpler,
+    suspicious,
+    tied,
+    weights,
+)
 from hbm.diagnosis.fit import Evaluation, evaluate, fit_model
 from hbm.diagnosis.heldout import check_held_out, choose_held_out
 from hbm.diagnosis.misfit import Misfit, likeliest, misfit, misfit_of_new, nrmse
@@ -33,8 +44,8 @@ from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion
 from models.rig import Rig
 
-PAIRS_WITH = 2
-"""Single causes from which pairs are built."""
+MOST_RANKED = 10
+"""Fits that are kept for the ranking."""
 
 MOVED = 3
 """So many numbers that calibration moves far are named."""
@@ -179,10 +190,12 @@ class _Search:
         first = self._race(self.calibrated, screen(self.calibrated, self.campaign, self.candidates), 0.55)
         if self._explains(first):
             return first
-        second = self._profiled()
-        if self._explains(second):
-            return second
-        return self._pairs(first, second)
+        found = [exact, first, self._pair(self.nominal, exact, 0.65)]
+        if not self._explains(found[-1]) and off(self.trust, self.calibrated):
+            found.append(self._profiled())
+        if not self._explains(found[-1]):
+            found.append(self._pair(self.calibrated, best_first(found[1], *found[3:]), 0.8))
+        return found[-1] if self._explains(found[-1]) else best_first(*found)
 
     def _explains(self, decision: Decision) -> bool:
         return decision.best is not None and misfit(decision.best, self.campaign).fits
@@ -216,19 +229,20 @@ class _Search:
         best = fit_model(model, self.campaign, start, base.solutions)
         return Decision(self.calibrated, best, (best,))
 
-    def _pairs(self, *earlier: Decision) -> Decision:
-        """Two causes: one more over the best ones."""
-        fits = [e for d in earlier for e in d.fits]
-        if not fits:
-            return earlier[0]
-        out: list[Evaluation] = []
-        for single in best_of(fits)[:PAIRS_WITH]:
-            rest = [c for c in self.candidates if c not in single.model.causes]
-            screening = screen(single, self.campaign, rest)
-            out += race(single, self.campaign, screening, lambda doing: self.tell(f"two causes: {doing}", 0.75))
-        ranked = best_of([*out, *fits])
-        pair = next((e for e in ranked[:1] if accepted(self.calibrated, e, self.tried**2)), None)
-        return Decision(self.calibrated, pair, tuple(ranked[:10]))
+    def _pair(self, base: Evaluation, earlier: Decision, done: float) -> Decision:
+        """Two causes: one more beside the best."""
+        if not earlier.fits:
+            return earlier
+        single = earlier.fits[0]
+        rest = [c for c in self.candidates if c not in single.model.causes]
+        self.tell(f"{single.model.label} and another", done)
+        screening = screen(single, self.campaign, rest)
+        fits = race(
+            single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", done)
+        )
+        ranked = best_of([*fits, *earlier.fits])
+        best = next((e for e in ranked[:1] if accepted(base, e, self.tried**2)), None)
+        return Decision(base, best, tuple(ranked[:MOST_RANKED]))
 
 
 @dataclass(frozen=True, eq=False)

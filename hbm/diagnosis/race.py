@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 
 from continuation import ConvergenceError
+from hbm.diagnosis.calibrate import lighter
 from hbm.diagnosis.fit import Evaluation, best_start, fit_model, refine
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign
@@ -28,9 +29,9 @@ HEAT_STARTS = 2
 RUNNING, HOPELESS = 20, 0.15
 """So many candidates run at most, and none whose predicted fall of chi2 is less than this share of the best."""
 
-FINALISTS, LEAST = 5, 3
-"""Candidates that are fitted to all records, at most, and at least where none explains them; those as close as this to
-the best:"""
+FINALISTS, LEAST, HOPE = 5, 3, 10.0
+"""Candidates that are fitted to all records, at most, and at least where none explains them but the mean square misfit
+of the best gives hope; those as close as this to the best:"""
 
 CLOSE = 30.0
 
@@ -140,7 +141,7 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
     if not heat:
         return []
     scale, margin = len(campaign.numbers) / len(few.numbers), max(10 * CLOSE, heat[0].chi2)
-    least = LEAST if heat[0].chi2 > explained else 1
+    least = LEAST if explained < heat[0].chi2 < HOPE * few.points else 1
     close = [i < least or scale * (r.chi2 - heat[0].chi2) < margin for i, r in enumerate(heat)]
     return [r for r, near in zip(heat[:FINALISTS], close, strict=False) if near]
 
@@ -154,7 +155,7 @@ def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: 
 
 
 def _heat(base: Evaluation, few: Campaign, score: Score) -> Runner | None:
-    model = base.model.extended_by(score.cause)
+    model = lighter(base).extended_by(score.cause)
     try:
         here = starting(model, base, {})
         starts = _starts(model, here, score)
@@ -166,7 +167,14 @@ def _heat(base: Evaluation, few: Campaign, score: Score) -> Runner | None:
     except (*FAILURES, ConvergenceError):
         return None
     best = min(fits, key=lambda e: e.chi2 + 1e6 * len(e.missing))
-    return Runner(score.cause, best.chi2, best.x)
+    return Runner(score.cause, best.chi2, _carried(base.model.extended_by(score.cause), base, best))
+
+
+def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
+    """Coordinates of a model where those of a lighter one were found, the others as in `base`."""
+    known = {(f.cause, f.name): x for f, x in zip(found.model.free, found.x, strict=True)}
+    here = starting(model, base, {})
+    return np.array([known.get((f.cause, f.name), x) for f, x in zip(model.free, here, strict=True)])
 
 
 def _starts(model: Model, x: Array, score: Score) -> list[Array]:
