@@ -13,6 +13,7 @@ from scipy import stats
 from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.screen import Screening
 from hbm.fourier import Array
+from models.rig import Rig
 
 ALARM = 0.003
 """Probability of a false alarm by chance over all that was tried."""
@@ -37,14 +38,11 @@ def sidak(tried: int, parameters: int = 1) -> float:
     return float(stats.chi2.isf(each, parameters))
 
 
-def suspicious(screening: Screening, points: int) -> bool:
+def suspicious(screening: Screening, rig: Rig) -> bool:
     """Whether the score test finds a cause that would be accepted."""
-    if not screening.scores:
-        return False
     return any(
-        s.drop > max(sidak(screening.tried, own), DECISIVE + own * np.log(points))
+        s.gain > DECISIVE and s.drop > sidak(screening.tried, max(len(s.cause.unknowns(rig)), 1))
         for s in screening.scores
-        for own in [len(s.start) or 1]
     )
 
 

@@ -176,7 +176,7 @@ class _Search:
     def decide(self) -> Decision:
         """The simplest story that will do: see :mod:`hbm.diagnosis.decide`."""
         nominal = misfit(self.nominal, self.campaign)
-        if nominal.fits and not suspicious(self.screening, len(self.nominal.white)):
+        if nominal.fits and not suspicious(self.screening, self.rig):
             return Decision(self.nominal, None, ())
         exact = self._race(self.nominal, self.screening, 0.3)
         if self._explains(exact) and exact.best is not None:
@@ -235,7 +235,6 @@ class _Search:
             return earlier
         single = earlier.fits[0]
         rest = [c for c in self.candidates if c not in single.model.causes]
-        self.tell(f"{single.model.label} and another", done)
         screening = screen(single, self.campaign, rest)
         fits = race(
             single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", done)
@@ -334,9 +333,7 @@ class _Report:
         if verdict == "unexplained":
             e = self.decision.best or search.calibrated
             return 1.0 - misfit(e, search.campaign).probability
-        size = float(np.log(len(search.nominal.white)))
-        rivals = [len(s.start) * size - s.drop for s in search.screening.scores[:1]]
-        return float(weights([0.0, *rivals])[0])
+        return float(weights([0.0, *(-s.gain for s in search.screening.scores[:1])])[0])
 
     def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:
         search = self.search

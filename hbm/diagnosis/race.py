@@ -38,10 +38,8 @@ CLOSE = 30.0
 SHAPES = 12
 """Starts of every shape are compared where they are not more than this; else those of the shape that scores best."""
 
-PROMISING = 40.0
-SHARE = 0.75
-"""Where the misfit is small, those run whose predicted fall of chi2 is within this of the best, or is this share of
-it."""
+SHARE = 0.7
+"""Where the misfit is small, those run whose predicted fall of BIC is at least this share of the best."""
 
 EXPLAINED, LITTLE = 1.5, 0.03
 """Mean square misfit of the quick heat, or share of what it was, from which on only look-alikes of the best one run,"""
@@ -113,13 +111,12 @@ def _rank(e: Evaluation) -> tuple[int, float]:
 
 
 def _by_score(base: Evaluation, screening: Screening) -> list[Runner]:
-    """Candidates whose predicted fall of chi2 is near the best."""
-    best = screening.scores[0].drop if screening.scores else 0.0
-    least = max(min(best - PROMISING, SHARE * best), 0.0)
+    """Candidates whose predicted fall of BIC is near the best."""
+    best = screening.scores[0].gain if screening.scores else 0.0
     return [
         Runner(s.cause, base.chi2 - s.drop, starting(base.model.extended_by(s.cause), base, s.start))
-        for i, s in enumerate(screening.scores)
-        if s.drop > 0.0 and s.drop >= least and (i < FINALISTS or s.drop > best - PROMISING)
+        for s in screening.scores[:FINALISTS]
+        if s.gain > 0.0 and s.gain >= SHARE * best
     ]
 
 

@@ -60,6 +60,8 @@ class Score:
         Unit vector in standard deviations; zero where the cause is not seen.
     start : dict of str to float
         Shape of the best one.
+    gain : float
+        Predicted fall of BIC.
     """
 
     cause: Cause
@@ -67,6 +69,7 @@ class Score:
     z: float
     signature: Array
     start: dict[str, float]
+    gain: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +157,9 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
                 best[score.cause.label] = score
     for cause in candidates:
         best.setdefault(cause.label, Score(cause, 0.0, 0.0, np.zeros(int(seen.sum())), {}))
-    return Screening(tuple(sorted(best.values(), key=lambda s: -s.drop)), len(few.numbers), tried)
+    size = float(np.log(len(base.white)))
+    scores = [replace(s, gain=s.drop - size * len(s.cause.unknowns(base.model.nominal))) for s in best.values()]
+    return Screening(tuple(sorted(scores, key=lambda s: -s.gain)), len(few.numbers), tried)
 
 
 def _tried(base: Evaluation, campaign: Campaign, causes: Sequence[Cause], seen: Mask) -> Iterator[Score]:
