@@ -18,8 +18,8 @@ from models.rig import Rig
 ALARM = 0.003
 """Probability of a false alarm by chance over all that was tried."""
 
-DECISIVE = 10.0
-"""Fall of BIC that a cause must bring."""
+DECISIVE = 30.0
+"""Fall of BIC that a cause must bring; less may be what two exact simulations differ by."""
 
 TIED = 9.0
 """Causes are not separable where their chi2 differs by less."""

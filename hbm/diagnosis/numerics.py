@@ -31,7 +31,7 @@ FINE = (60, 1024, 12)
 NEGLIGIBLE = 0.1
 """Records that the rung before the fine one changes by less than this are not simulated on it [std]."""
 
-LEFT = 0.3
+LEFT = 0.5
 """Share of the last refinement that the fine discretisation may leave."""
 
 

@@ -26,6 +26,9 @@ HEAT_STEPS = 7
 HEAT_STARTS = 2
 """Starts from which the quick heat takes steps, so many of them."""
 
+AGAIN, MORE_STARTS, MORE_STEPS = 3, 8, 12
+"""Where nothing explains the records, so many candidates run again, from more starts and for more steps."""
+
 RUNNING, HOPELESS = 20, 0.15
 """So many candidates run at most, and none whose predicted fall of chi2 is less than this share of the best."""
 
@@ -137,8 +140,15 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
     heat.sort(key=lambda r: r.chi2)
     if not heat:
         return []
+    if heat[0].chi2 > EXPLAINED * few.points:  # perhaps the right one has stopped in the wrong valley
+        by_label = {s.cause.label: s for s in running}
+        for i, runner in enumerate(heat[:AGAIN]):
+            tell(f"{runner.cause.label}, from other starts")
+            again = _heat(base, few, by_label[runner.cause.label], MORE_STARTS, MORE_STEPS)
+            heat[i] = min(runner, again or runner, key=lambda r: r.chi2)
+        heat.sort(key=lambda r: r.chi2)
     scale, margin = len(campaign.numbers) / len(few.numbers), max(10 * CLOSE, heat[0].chi2)
-    least = LEAST if explained < heat[0].chi2 < HOPE * few.points else 1
+    least = LEAST if EXPLAINED * few.points < heat[0].chi2 < HOPE * few.points else 1
     close = [i < least or scale * (r.chi2 - heat[0].chi2) < margin for i, r in enumerate(heat)]
     return [r for r, near in zip(heat[:FINALISTS], close, strict=False) if near]
 
@@ -151,7 +161,9 @@ def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: 
     return cause.label not in screening.look_alikes(winner.cause.label, ALIKE)
 
 
-def _heat(base: Evaluation, few: Campaign, score: Score) -> Runner | None:
+def _heat(
+    base: Evaluation, few: Campaign, score: Score, most: int = HEAT_STARTS, steps: int = HEAT_STEPS
+) -> Runner | None:
     model = lighter(base).extended_by(score.cause)
     try:
         here = starting(model, base, {})
@@ -159,8 +171,8 @@ def _heat(base: Evaluation, few: Campaign, score: Score) -> Runner | None:
         if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
             starts += _starts(model, model.start, score)
         ordered = best_start(model, few, starts, base.solutions)
-        near = [x for chi2, x in ordered[:HEAT_STARTS] if chi2 <= SECOND * ordered[0][0]]
-        fits = [fit_model(model, few, x, base.solutions, HEAT_STEPS, settled=1.0) for x in near]
+        near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > HEAT_STARTS]
+        fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
     except (*FAILURES, ConvergenceError):
         return None
     best = min(fits, key=lambda e: e.chi2 + 1e6 * len(e.missing))
