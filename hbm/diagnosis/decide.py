@@ -32,7 +32,7 @@ def sidak(tried: int, parameters: int = 1) -> float:
     """Fall of chi2 that chance brings in :data:`ALARM` of the searches over so many candidates.
 
     >>> round(sidak(27), 1)
-    15.0
+    14.9
     """
     each = -np.expm1(np.log1p(-ALARM) / max(tried, 1))
     return float(stats.chi2.isf(each, parameters))

@@ -10,7 +10,7 @@ import numpy as np
 
 import models.causes
 from continuation import ConvergenceError
-from hbm.diagnosis.calibrate import calibrate, off, profiled, trusted
+from hbm.diagnosis.calibrate import SENSORS, calibrate, off, profiled, trusted
 from hbm.diagnosis.decide import (
     Decision,
     accepted,
@@ -146,7 +146,7 @@ class _Search:
         channels = self.campaign.data.channels
         self.candidates = [c for c in candidates if self._seen(c)]
         self.trust = trusted(rig, channels, tolerances)
-        least = len([f for f in self.trust.free if not f.name.startswith("channels.")]) + 1
+        least = len([f for f in self.trust.free if not f.name.startswith(SENSORS)]) + 1
         if self.campaign.points <= least:
             raise InputError(
                 f"{spectra.source}: {self.campaign.points} coefficients; must be more than the {least} numbers to fit"
@@ -220,7 +220,8 @@ class _Search:
 
     def _several(self, base: Evaluation) -> Decision:
         """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
-        wrong = off(self.trust, base) or {base.model.free[0].name: 0.0}
+        far = {key: pull for key, pull in off(self.trust, base).items() if not key.startswith(SENSORS)}
+        wrong = far or {base.model.free[0].name: 0.0}
         model = Model(self.rig, self.trust.calibrated, tuple(WrongParameter(key) for key in wrong))
         x = {f.name: v for f, v in zip(base.model.free, base.x, strict=True)}
         keys = list(wrong)
@@ -375,6 +376,7 @@ class _Report:
             yield "One level only: damping laws, and friction from its amplitude, cannot be told apart."
         yield from (f"Sensors: {line}." for line in search.sensors)
         yield from self._misfits()
+        yield from self._lifted()
         yield from self._moved()
         yield from self._scores()
         if best is not None:
@@ -406,6 +408,16 @@ class _Report:
             )
             if e.missing:
                 yield f"No steady state of the {name} model was found for records {', '.join(map(str, e.missing))}."
+
+    def _lifted(self) -> Iterator[str]:
+        """Where the simulation has left what it can say."""
+        base = self.decision.best or self.decision.base
+        lifted = [str(number) for number, solution in base.solutions.items() if solution.lift_off]
+        if lifted:
+            yield (
+                f"In the simulation the normal force reaches zero in records {', '.join(lifted)}: the tip may lift off "
+                "there (contact-loss), which is not simulated."
+            )
 
     def _moved(self) -> Iterator[str]:
         for key, pull in list(off(self.search.trust, self.search.calibrated).items())[:MOVED]:
