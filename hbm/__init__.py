@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from continuation import ConvergenceError
     from hbm.accuracy import frequency_response
     from hbm.curve import Assessment, NumericalError, ResponseCurve
+    from hbm.diagnosis.diagnose import diagnose
+    from hbm.diagnosis.verdict import Diagnosis
     from hbm.errors import InputError
     from hbm.history import TimeHistory
     from hbm.identification.identify import Identification, identify
@@ -63,6 +65,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Assessment",
     "ConvergenceError",
+    "Diagnosis",
     "FrictionLoop",
     "HarmonicEstimate",
     "Identification",
@@ -81,6 +84,7 @@ __all__ = [
     "SpectraFit",
     "TimeHistory",
     "choose_law",
+    "diagnose",
     "fit_spectra",
     "force_response",
     "frequency_response",
@@ -114,6 +118,8 @@ _HOMES = {
     "hbm.identification.outputerror": ("SpectraFit", "fit_spectra"),
     "hbm.integrate": ("simulate",),
     "hbm.inverse.placement": ("Placement", "place_sensors"),
+    "hbm.diagnosis.diagnose": ("diagnose",),
+    "hbm.diagnosis.verdict": ("Diagnosis",),
     "hbm.inverse.reconstruct": ("reconstruct",),
     "hbm.inverse.reconstruction": ("Reconstruction",),
     "hbm.lawchoice": ("choose_law",),

@@ -12,6 +12,7 @@ import models.causes
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import SENSORS, calibrate, off, profiled, trusted
 from hbm.diagnosis.decide import (
+    ALARM,
     Decision,
     accepted,
     best_first,
@@ -235,7 +236,7 @@ class _Search:
         if not earlier.fits:
             return earlier
         single = earlier.fits[0]
-        rest = [c for c in self.candidates if c not in single.model.causes]
+        rest = [c for c in self.candidates if c not in single.model.causes and _fits(c, single.model.rig(single.x))]
         screening = screen(single, self.campaign, rest)
         fits = race(
             single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", done)
@@ -430,7 +431,7 @@ class _Report:
         told = ", ".join(f"{s.cause.label} {s.drop:.3g}" for s in screening.scores[:4])
         yield (
             f"Score test on {screening.records} records, predicted fall of chi2: {told}; chance reaches "
-            f"{sidak(self.search.tried):.3g} in one of a hundred searches over {self.search.tried} candidates."
+            f"{sidak(self.search.tried):.3g} in {ALARM:.1%} of the searches over {self.search.tried} candidates."
         )
         first = screening.scores[0].cause.label
         alike = screening.look_alikes(first)
@@ -448,6 +449,11 @@ class _Report:
         for i, cause in enumerate(best.model.causes[1:], start=1):
             said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
             yield f"Beside it: {cause.label}, {said}."
+
+
+def _fits(cause: Cause, rig: Rig) -> bool:
+    """Whether an extended rig can be extended by a cause too."""
+    return any(offered == cause for offered in type(cause).candidates(rig))
 
 
 def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -> Misfit:

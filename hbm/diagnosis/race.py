@@ -18,6 +18,7 @@ from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.diagnosis.screen import Score, Screening, coarse, small, spread, starting
 from hbm.fourier import Array
 from models.causes.cause import Cause
+from models.rig import Rig
 
 HEAT_RECORDS = 6
 """Records of the quick heat."""
@@ -27,7 +28,7 @@ HEAT_STARTS = 2
 """Starts from which the quick heat takes steps, so many of them."""
 
 AGAIN, MORE_STARTS, MORE_STEPS = 3, 8, 12
-"""Where nothing explains the records, so many candidates run again, from more starts and for more steps."""
+"""Where nothing explains the records so many candidates run again, from more starts and for more steps."""
 
 RUNNING, HOPELESS = 20, 0.15
 """So many candidates run at most, and none whose predicted fall of chi2 is less than this share of the best."""
@@ -140,17 +141,24 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
     heat.sort(key=lambda r: r.chi2)
     if not heat:
         return []
-    if heat[0].chi2 > EXPLAINED * few.points:  # perhaps the right one has stopped in the wrong valley
-        by_label = {s.cause.label: s for s in running}
-        for i, runner in enumerate(heat[:AGAIN]):
-            tell(f"{runner.cause.label}, from other starts")
-            again = _heat(base, few, by_label[runner.cause.label], MORE_STARTS, MORE_STEPS)
-            heat[i] = min(runner, again or runner, key=lambda r: r.chi2)
-        heat.sort(key=lambda r: r.chi2)
+    by_label = {s.cause.label: s for s in running}
+    for i in _stuck(heat, EXPLAINED * few.points, base.model.nominal):
+        tell(f"{heat[i].cause.label}, from other starts")
+        again = _heat(base, few, by_label[heat[i].cause.label], MORE_STARTS, MORE_STEPS)
+        heat[i] = min(heat[i], again or heat[i], key=lambda r: r.chi2)
+    heat.sort(key=lambda r: r.chi2)
     scale, margin = len(campaign.numbers) / len(few.numbers), max(10 * CLOSE, heat[0].chi2)
     least = LEAST if EXPLAINED * few.points < heat[0].chi2 < HOPE * few.points else 1
     close = [i < least or scale * (r.chi2 - heat[0].chi2) < margin for i, r in enumerate(heat)]
     return [r for r, near in zip(heat[:FINALISTS], close, strict=False) if near]
+
+
+def _stuck(heat: Sequence[Runner], explained: float, rig: Rig) -> list[int]:
+    """Runners that may have stopped in a wrong valley: the best where none explains, else the simpler than the best."""
+    if heat[0].chi2 > explained:
+        return list(range(min(AGAIN, len(heat))))
+    size = len(heat[0].cause.unknowns(rig))
+    return [i for i, r in enumerate(heat[:FINALISTS]) if i and len(r.cause.unknowns(rig)) < size]
 
 
 def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: Screening) -> bool:

@@ -4,7 +4,7 @@ Both models are simulated at each experiment that is feasible. What the rival co
 records leave free, is projected out (Fisher information): what is left is the chi2 that the experiment would decide by.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,15 +19,18 @@ from hbm.solution import PeriodicSolution, describe
 from models.rig import Channel, Rig
 
 HARMONICS = (15, 256)
+READABLE = 9
+"""Harmonics that can be read where fewer were."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Records that could be measured: forces [N] and frequencies [Hz], with a sensor more or not."""
+    """Records that could be measured: forces [N] and frequencies [Hz], so many harmonics, with a sensor more or not."""
 
     said: str
     points: tuple[tuple[float, float], ...]
     sensor: float | None = None
+    harmonics: int = READABLE
 
 
 @dataclass(frozen=True)
@@ -44,11 +47,20 @@ class Separation:
 def separate(best: Evaluation, rival: Evaluation, campaign: Campaign) -> Separation | None:
     """The experiment that tells two models apart most clearly; None where none can be simulated."""
     found = []
-    for experiment in experiments(best, campaign):
+    for experiment in _read(experiments(best, campaign), campaign.data.H):
         chi2 = _predicted(best, rival, campaign, experiment)
         if chi2 is not None:
             found.append(Separation(experiment, chi2))
     return max(found, key=lambda s: s.chi2, default=None)
+
+
+def _read(experiments: Iterable[Experiment], measured: int) -> Iterator[Experiment]:
+    """Experiments with as many harmonics as were measured, and with more."""
+    for experiment in experiments:
+        yield replace(experiment, harmonics=measured)
+        if measured < READABLE:
+            said = f"{experiment.said}, their harmonics 1 to {READABLE} read"
+            yield replace(experiment, said=said, harmonics=READABLE)
 
 
 def experiments(best: Evaluation, campaign: Campaign) -> Iterator[Experiment]:
@@ -92,6 +104,7 @@ def _predicted(best: Evaluation, rival: Evaluation, campaign: Campaign, experime
         for i, name in enumerate(campaign.data.channels)
     }
     force_std = float(np.median([r.force_std for r in campaign.data.records]))
+    k = np.arange(1, min(experiment.harmonics, HARMONICS[0]) + 1)
     for force, hz in experiment.points:
         try:
             found = [_solved(e, campaign, experiment, force, hz) for e in (best, rival)]
@@ -101,7 +114,7 @@ def _predicted(best: Evaluation, rival: Evaluation, campaign: Campaign, experime
         names = [*campaign.data.channels, *(["_added"] if experiment.sensor is not None else [])]
         for name in names:
             s = std.get(name, float(np.median(list(std.values()))))
-            seen = slice(1, None)
+            seen = np.concatenate([k, HARMONICS[0] + k])
             d = (found[0][0][name].coefficients - found[1][0][name].coefficients)[seen] / s
             columns = by[name].coefficients[seen] / s
             d, *_ = uncorrelated(force_std * columns[:, -1:], d[:, None]).T

@@ -7,8 +7,9 @@
 Sets of diagnosis.md: A one level, one sensor, fundamental; C three levels, six sensors, fundamental; D harmonics 1..9
 too; E the second mode's band too; F as E, with less than half of the records. Strength is aimed at a residual of length
 rho (chi2 = rho^2 over the response's coefficients, harmonics 1 and up, against the rig without the cause, of the same
-simulator under the same noise), and the rho that came out, over the records kept, is stated. With `tolerances` the rig is built a little off its file;
-rho is against the rig as built. The steps, 2048 at 60 dB and 1024 at 50, leave 0.1 noise units in all.
+simulator under the same noise), and the rho that came out, over the records kept, is stated. With `tolerances` the rig
+is built a little off its file; rho is against the rig as built. The steps, 2048 at 60 dB and 1024 at 50, leave 0.1
+noise units in all.
 """
 
 import json

@@ -1,0 +1,74 @@
+"""The cause of one's own that docs/diagnosis.md shows: as printed, and found in what another program simulated."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hbm.causefile import causes_in_file
+from hbm.cli import app
+from hbm.rigfile import load_rig
+from models.causes import CAUSES
+from models.friction import parameters
+from tests.truth import (
+    Coulomb,
+    PointForce,
+    Settings,
+    measure,
+    scattered,
+    simulate_records,
+    table_1,
+    write_rig,
+    write_spectra,
+)
+
+ROOT = Path(__file__).parents[1]
+PAGE, FILE = ROOT / "docs" / "diagnosis.md", ROOT / "examples" / "own_cause.py"
+STIFFNESS, POSITION = 2e10, 0.2
+RECORDS = ((3.0, 46.0), (6.5, 46.0), (6.5, 50.0), (6.5, 58.0))
+QUICK = Settings(ramp=6, hold=2, coarse=64, tolerance=1e-6, iterations=8, retries=1, again=8)
+
+
+def test_the_page_shows_the_file_verbatim() -> None:
+    shown = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert FILE.read_text(encoding="utf-8") in shown
+
+
+def test_the_page_lists_the_catalogue_in_its_own_words() -> None:
+    rows = re.findall(r"^\| `(\S+?)` \| [^|]* \| (.*) \| (.*) \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.M)
+    words = [(c.name, c.meaning, c.looks_like, c.confused_with) for c in CAUSES.values()]
+    assert [(name.removesuffix(":<key>"), *row) for name, *row in rows] == words
+
+
+def test_the_file_holds_one_cause() -> None:
+    assert [cause.name for cause in causes_in_file(FILE)] == ["magnet"]
+
+
+def magnet(y: Any, _rate: Any, _phase: float) -> Any:
+    return -STIFFNESS * y**3
+
+
+@pytest.mark.slow
+def test_a_magnet_beside_finite_elements_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hbm.results.diagnosisfiles.diagnosis_plates", lambda found: [])
+    rig, rng = table_1(Coulomb(mu=0.52, critical_slip=4.15e-6), sensors=(0.15, 0.3, 0.5)), np.random.default_rng(4)
+    built = replace(rig, effects=(PointForce(POSITION, magnet),))
+    spectra = measure(simulate_records(built, scattered(RECORDS, rng), 512, QUICK), snr_db=50, rng=rng, harmonics=3)
+    write_rig(tmp_path / "rig.toml", rig, amplitude=6.5)
+    write_spectra(tmp_path / "spectra.csv", spectra, mean=False)
+    args = [str(tmp_path / "rig.toml"), str(tmp_path / "spectra.csv"), "--cause", f"{FILE}:Magnet", "--hold-out", "2"]
+    result = CliRunner().invoke(app, ["diagnose", *args, "--out", str(tmp_path / "out")], prog_name="hbm")
+    assert (result.exit_code, result.stderr) == (0, "")
+    found = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+    assert (found["verdict"], found["cause"]) == ("cause-found", "magnet")
+    assert found["gain"]["held_out_chi2_ratio"] < 0.5
+    for name, true in (("stiffness", STIFFNESS), ("position", POSITION)):
+        p = found["parameters"][name]
+        assert abs(p["value"] - true) < 3 * p["std"] < 0.2 * true
+    (element,) = load_rig(tmp_path / "out" / "extended.toml").elements
+    assert parameters(element) == {name: found["parameters"][name]["value"] for name in ("stiffness", "position")}
