@@ -148,14 +148,14 @@ def test_diagnosis_file_is_the_contract(mass: tuple[Path, Result]) -> None:
     assert any(line.startswith("The missing ") for line in table["evidence"])
 
 
-def test_extended_rig_is_the_nominal_one_with_mass_and_calibration(mass: tuple[Path, Result], folder: Path) -> None:
+def test_extended_rig_is_the_nominal_one_with_the_mass(mass: tuple[Path, Result], folder: Path) -> None:
     extended = load_rig(mass[0] / "extended.toml")
     (found,) = extended.attachments.masses
     assert found.position == pytest.approx(MASS.position, abs=0.01)
     assert found.mass == diagnosed(mass[0])["parameters"]["mass"]["value"]
     before, after = nominal_scalars(load_rig(folder / "rig.toml")), nominal_scalars(extended)
     moved = {key for key in before if after[key] != before[key]}
-    assert "contact.friction.mu" in moved and "beam.length" not in moved
+    assert not moved  # the rig file is right otherwise
     assert all(abs(np.log(after[key] / before[key])) < 0.2 for key in moved)
 
 
@@ -268,7 +268,7 @@ def test_mislabelled_channels_are_said(folder: Path, tmp_path: Path, plain: None
     spectra = changed(folder, tmp_path, exchanged)
     args = ("--cause", "added-mass", "--out", str(tmp_path / "out"))
     result = run("diagnose", str(folder / "rig.toml"), spectra, *args)
-    assert result.exit_code == 0
+    assert result.exit_code == 0, result.output
     said = [line for line in result.stdout.splitlines() if line.startswith("Sensors:")]
     assert any("a2" in line and "a5" in line and "exchanged" in line for line in said)
 
@@ -288,7 +288,7 @@ def nameless(rows: list[Row]) -> list[Row]:
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        (few, "spectra.csv: 4 coefficients; must be more than the 6 numbers to fit"),
+        (few, "spectra.csv: 4 coefficients; must be more than the 7 numbers to fit"),
         (blank, "spectra.csv line 5: cos = nan; must be finite"),
         (nameless, 'channel "a9" is not in the rig; channels are force, a1, a2, a3, a4, a5, a6'),
         (lambda rows: [row for row in rows if row[3] == "force"], "holds no response channel; must hold one of a1, a2"),

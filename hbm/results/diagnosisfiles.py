@@ -28,6 +28,7 @@ from hbm.results.rigwriter import extended_rig_text
 from hbm.rigfile import rig_from_dict
 from hbm.version import installed_version
 from models.causes.parameter import WrongParameter
+from models.causes.sensors import SensorDelay, SensorGain, SensorPosition
 from models.rig import UNITS, Rig
 
 DIAGNOSIS_FILE, EXTENDED_FILE, PAGE_FILE = "diagnosis.json", "extended.toml", "report.html"
@@ -143,10 +144,23 @@ def extensions_of(diagnosis: Diagnosis, named: Mapping[type, str]) -> list[Exten
     if e is None:
         return []
     calibrated = [(f.name, f.value(x)) for f, x in zip(e.model.free, e.x, strict=True) if f.cause < 0]
-    out = [Extension.of(WrongParameter(key), {"value": value}) for key, value in calibrated]
+    out = [_corrected(key, value) for key, value in calibrated]
     for i, cause in enumerate(e.model.causes):
         out.append(Extension.of(cause, e.model.values(e.x, i), named.get(type(cause), "")))
     return out
+
+
+def _corrected(key: str, value: float) -> Extension:
+    """The extension that sets a calibrated number."""
+    table, _, rest = key.partition(".")
+    if table != "channels":
+        return Extension.of(WrongParameter(key), {"value": value})
+    channel, _, name = rest.rpartition(".")
+    if name == "gain":
+        return Extension.of(SensorGain(channel), {"gain": value})
+    if name == "delay":
+        return Extension.of(SensorDelay(channel), {"delay_s": value})
+    return Extension.of(SensorPosition(channel), {"position": value})
 
 
 def _extended_text(diagnosis: Diagnosis, nominal: Path, folder: Path, named: Mapping[type, str]) -> str:
