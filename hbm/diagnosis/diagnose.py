@@ -473,10 +473,7 @@ def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -
 
 def _name(e: Evaluation) -> str:
     """Name of the first cause, as formats.md has it."""
-    return _named(e.model.causes[0])
-
-
-def _named(cause: Cause) -> str:
+    cause = e.model.causes[0]
     return cause.label if isinstance(cause, WrongParameter) else cause.name
 
 

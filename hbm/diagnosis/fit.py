@@ -69,6 +69,11 @@ class Evaluation:
         return {number: s.solution for number, s in self.found.items()}
 
     @property
+    def coordinates(self) -> dict[tuple[int, str], float]:
+        """By cause and name of the number."""
+        return {(f.cause, f.name): float(x) for f, x in zip(self.model.free, self.x, strict=True)}
+
+    @property
     def information(self) -> Array:
         """Inverse covariance of the coordinates by records and expectation, (n, n)."""
         J = self.white.jacobian

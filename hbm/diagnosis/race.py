@@ -189,7 +189,7 @@ def _heat(
 
 def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
     """Coordinates of a model where those of a lighter one were found, the others as in `base`."""
-    known = {(f.cause, f.name): x for f, x in zip(found.model.free, found.x, strict=True)}
+    known = found.coordinates
     here = starting(model, base, {})
     return np.array([known.get((f.cause, f.name), x) for f, x in zip(model.free, here, strict=True)])
 

@@ -18,9 +18,7 @@ from hbm.diagnosis.numerics import LEFT, Correction, size
 from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.fourier import Array
 from models.causes.cause import Cause, Unknown
-from models.causes.elements import ImpactStopCause, MidplaneStretchingCause, QuadraticDragCause
 from models.causes.parameter import WrongParameter
-from models.causes.structure import AttachedResonator
 from models.rig import Rig
 
 Mask = npt.NDArray[np.bool_]
@@ -157,8 +155,8 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
                 best[score.cause.label] = score
     for cause in candidates:
         best.setdefault(cause.label, Score(cause, 0.0, 0.0, np.zeros(int(seen.sum())), {}))
-    size = float(np.log(len(base.white)))
-    scores = [replace(s, gain=s.drop - size * len(s.cause.unknowns(base.model.nominal))) for s in best.values()]
+    price = float(np.log(len(base.white)))  # of a number, in BIC
+    scores = [replace(s, gain=s.drop - price * len(s.cause.unknowns(base.model.nominal))) for s in best.values()]
     return Screening(tuple(sorted(scores, key=lambda s: -s.gain)), len(few.numbers), tried)
 
 
@@ -194,10 +192,16 @@ def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[
         own = [_Entry(c, {}, -1) for c in wrong if c.key not in taken]
         groups.append((Model(base.nominal, {**calibrated, **freed}, base.causes), own))
     rest = [c for c in candidates if not isinstance(c, WrongParameter)]
-    swinging = [c for c in rest if isinstance(c, AttachedResonator)]  # may have no steady state
-    elements = [c for c in rest if isinstance(c, ImpactStopCause | MidplaneStretchingCause | QuadraticDragCause)]
-    others = [c for c in rest if c not in swinging and c not in elements]
-    return [*groups, *(group for causes in (others, swinging, elements) for group in _grouped(base, causes))]
+    kinds: dict[tuple[int, int], list[Cause]] = {}
+    for cause in rest:
+        kinds.setdefault(_kind(base.extended_by(cause)), []).append(cause)
+    return [*groups, *(group for causes in kinds.values() for group in _grouped(base, causes))]
+
+
+def _kind(model: Model) -> tuple[int, int]:
+    """Resonators, which may have no steady state, and elements, which are slow: others are not mixed with them."""
+    rig = _neutral(model)
+    return len(rig.attachments.resonators), len(rig.elements)
 
 
 def _grouped(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[_Entry]]]:
@@ -231,7 +235,7 @@ def _meets(together: Model, rig: Rig, more: Rig, cause: Cause) -> bool:
 def _scores(
     base: Evaluation, few: Campaign, residual: Array, model: Model, entries: Sequence[_Entry]
 ) -> Iterator[Score]:
-    known = {(f.cause, f.name): x for f, x in zip(base.model.free, base.x, strict=True)}
+    known = base.coordinates
     own = {e.place: e.start for e in entries}
     x = np.array([
         f.of(own.get(f.cause, {}).get(f.name, f.start)) if f.cause >= len(base.model.causes)
@@ -261,7 +265,7 @@ def _scores(
 
 def starting(model: Model, base: Evaluation, start: dict[str, float]) -> Array:
     """Coordinates with the calibrated numbers (and earlier causes) of another model and the last cause at a start."""
-    known = {(f.cause, f.name): x for f, x in zip(base.model.free, base.x, strict=True)}
+    known = base.coordinates
     last = len(model.causes) - 1
     return np.array(
         [
