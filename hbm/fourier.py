@@ -36,6 +36,10 @@ class FourierBasis:
         if self.H < 1 or self.N_t <= 2 * self.H:
             raise ValueError(f"FourierBasis: H = {self.H}, N_t = {self.N_t}; must have H >= 1 and N_t > 2 H")
 
+    def __reduce__(self) -> tuple[type["FourierBasis"], tuple[int, int]]:
+        """Pickled without its matrices: solutions go to other processes."""
+        return FourierBasis, (self.H, self.N_t)
+
     @property
     def size(self) -> int:
         """Number of coefficients, 2 H + 1."""

@@ -80,9 +80,10 @@ def diagnose(
     _check_has_responses(loaded, measured.channels, measured.source)
     from hbm.commands.progress import Work
     from hbm.diagnosis.diagnose import diagnose as search
+    from hbm.sweep import all_cores
 
     tolerances = _tolerances(loaded, tolerance)
-    with _failing(measured.source), Work() as work:
+    with _failing(measured.source), all_cores() as executor, Work() as work:
         found = search(
             loaded,
             measured,
@@ -90,6 +91,7 @@ def diagnose(
             causes=candidates,
             tolerances=tolerances,
             on_progress=work.show,
+            executor=executor,
         )
     force, failure = _missing_force(found)
     from hbm.results.diagnosisfiles import Diagnosed

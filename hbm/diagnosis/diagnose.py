@@ -4,6 +4,7 @@
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, fields, is_dataclass, replace
 
 import numpy as np
@@ -58,7 +59,10 @@ AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
 
 LINEARISED = 4
-"""Times the prediction of records held out is linearised anew where the first does not fit."""
+"""Times the prediction of records held out is linearised anew where the first does not fit, at most;"""
+
+FALLING = 0.8
+"""while its chi2 falls to less than this share."""
 
 OnProgress = Callable[[str, float], None]
 
@@ -72,6 +76,7 @@ def diagnose(
     causes: Iterable[Cause | type[Cause]] | None = None,
     tolerances: Mapping[str, float] | None = None,
     on_progress: OnProgress | None = None,
+    executor: Executor | None = None,
 ) -> Diagnosis:
     """Say what a simulation gets wrong, which missing effect explains it, and what the extended model gains.
 
@@ -89,6 +94,8 @@ def diagnose(
         nothing is called wrong. :data:`hbm.diagnosis.nominal.TOLERANCES` where omitted.
     on_progress : callable, optional
         Called with what is done and the fraction done.
+    executor : concurrent.futures.Executor, optional
+        Simulates records side by side, in processes for a gain; one after the other where omitted.
 
     Returns
     -------
@@ -104,7 +111,8 @@ def diagnose(
     held = choose_held_out(spectra) if held_out is None else tuple(held_out)
     check_held_out(spectra, held)
     train, unseen = spectra.split(held) if held else (spectra, None)
-    search = _Search(rig, train, list(_candidates(rig, causes)), tolerances, on_progress or (lambda doing, done: None))
+    tell = on_progress or (lambda doing, done: None)
+    search = _Search(rig, train, list(_candidates(rig, causes)), tolerances, tell, executor)
     return _Report(search, search.decide(), unseen, held).diagnosis()
 
 
@@ -114,7 +122,7 @@ def _candidates(rig: Rig, causes: Iterable[Cause | type[Cause]] | None) -> Itera
 
 
 def campaign_of(
-    rig: Rig, spectra: MeasuredSpectra, numerics: Numerics | None = None
+    rig: Rig, spectra: MeasuredSpectra, numerics: Numerics | None = None, executor: Executor | None = None
 ) -> tuple[Campaign, tuple[str, ...]]:
     """Records of spectra, with the discretisation that resolves them; and what the sensors say of each other.
 
@@ -127,7 +135,8 @@ def campaign_of(
     data = measurement_of(seen, sensing(seen.rig, spectra))
     if not any(r.listed.any() for r in data.records):
         raise InputError(f"{spectra.source}: no harmonic of any response was measured; must have one")
-    return Campaign(data, choose(seen.rig, data) if numerics is None else numerics), seen.warnings
+    numerics = choose(seen.rig, data) if numerics is None else numerics
+    return Campaign(data, numerics, executor=executor), seen.warnings
 
 
 class _Search:
@@ -140,10 +149,11 @@ class _Search:
         candidates: Sequence[Cause],
         tolerances: Mapping[str, float] | None,
         tell: OnProgress,
+        executor: Executor | None,
     ) -> None:
         self.rig, self.spectra, self.tell = rig, spectra, tell
         tell("sensors and numerics", 0.0)
-        self.campaign, self.sensors = campaign_of(rig, spectra)
+        self.campaign, self.sensors = campaign_of(rig, spectra, executor=executor)
         channels = self.campaign.data.channels
         self.candidates = [c for c in candidates if self._seen(c)]
         self.trust = trusted(rig, channels, tolerances)
@@ -191,12 +201,12 @@ class _Search:
         first = self._race(self.calibrated, screen(self.calibrated, self.campaign, self.candidates), 0.55)
         if self._explains(first):
             return first
-        found = [exact, first, self._pair(self.nominal, exact, 0.65)]
-        if not self._explains(found[-1]) and off(self.trust, self.calibrated):
-            found.append(self._profiled())
-        if not self._explains(found[-1]):
-            found.append(self._pair(self.calibrated, best_first(found[1], *found[3:]), 0.8))
-        return found[-1] if self._explains(found[-1]) else best_first(*found)
+        several = self._several() if off(self.trust, self.calibrated) else None
+        if several is not None:
+            return several
+        single = best_first(exact, first)
+        pair = self._pair(single, single.best) if single.best is not None else single
+        return pair if self._explains(pair) else best_first(single, pair)
 
     def _explains(self, decision: Decision) -> bool:
         return decision.best is not None and misfit(decision.best, self.campaign).fits
@@ -210,17 +220,12 @@ class _Search:
         best = next((e for e in fits[:1] if accepted(base, e, self.tried)), None)
         return Decision(base, best, tuple(fits))
 
-    def _profiled(self) -> Decision:
-        """Causes over a nominal whose calibrated numbers are free: several of them may be wrong."""
+    def _several(self) -> Decision | None:
+        """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
         self.tell("free calibration", 0.65)
         base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
-        physical = [c for c in self.candidates if not isinstance(c, WrongParameter)]
-        if misfit(base, self.campaign).fits and accepted(self.calibrated, base, self.tried):
-            return self._several(base)
-        return self._race(base, screen(base, self.campaign, physical), 0.7)
-
-    def _several(self, base: Evaluation) -> Decision:
-        """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
+        if not misfit(base, self.campaign).fits or not accepted(self.calibrated, base, self.tried):
+            return None
         far = {key: pull for key, pull in off(self.trust, base).items() if not key.startswith(SENSORS)}
         wrong = far or {base.model.free[0].name: 0.0}
         model = Model(self.rig, self.trust.calibrated, tuple(WrongParameter(key) for key in wrong))
@@ -231,19 +236,14 @@ class _Search:
         best = fit_model(model, self.campaign, start, base.solutions)
         return Decision(self.calibrated, best, (best,))
 
-    def _pair(self, base: Evaluation, earlier: Decision, done: float) -> Decision:
+    def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
         """Two causes: one more beside the best."""
-        if not earlier.fits:
-            return earlier
-        single = earlier.fits[0]
         rest = [c for c in self.candidates if c not in single.model.causes and _fits(c, single.model.rig(single.x))]
         screening = screen(single, self.campaign, rest)
-        fits = race(
-            single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", done)
-        )
+        fits = race(single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", 0.7))
         ranked = best_of([*fits, *earlier.fits])
-        best = next((e for e in ranked[:1] if accepted(base, e, self.tried**2)), None)
-        return Decision(base, best, tuple(ranked[:MOST_RANKED]))
+        best = next((e for e in ranked[:1] if accepted(earlier.base, e, self.tried**2)), None)
+        return Decision(earlier.base, best, tuple(ranked[:MOST_RANKED]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +266,10 @@ class _Report:
     ) -> None:
         self.search, self.decision, self.held = search, decision, held
         search.tell("records held out", 0.9)
-        self.hidden = None if unseen is None else campaign_of(search.rig, unseen, search.campaign.numerics)[0]
+        campaign = search.campaign
+        self.hidden = (
+            None if unseen is None else campaign_of(search.rig, unseen, campaign.numerics, campaign.executor)[0]
+        )
         self.nominal = self._scored(search.nominal)
         self.calibrated = self._scored(search.calibrated)
         self.best = None if decision.best is None else (decision.best, self._scored(decision.best))
@@ -467,7 +470,10 @@ def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -
             there = evaluate(e.model, hidden, x, there.solutions)
         except (ConvergenceError, ValueError):
             break
+        before = found.chi2
         found = min(found, misfit_of_new(there, e.x, e.covariance, hidden), key=lambda m: -m.probability)
+        if found.chi2 > FALLING * before:
+            break
     return found
 
 

@@ -208,15 +208,16 @@ def _step(here: Evaluation, damping: float, low: Array, high: Array) -> tuple[Ar
 
 
 def best_start(model: Model, campaign: Campaign, starts: list[Array], last: Solutions) -> list[tuple[float, Array]]:
-    """Starts by their chi2 on a few records, the least first; those with fewer steady states are left out."""
+    """Starts by their chi2 on a few records, the least first; a record without a steady state counts as in `last`."""
+    before = campaign.chi2(last)
     found = []
     for x in starts:
         try:
             solutions = campaign.solve(model.rig(x), last)
         except FAILURES:
             continue
-        found.append((len(solutions), float(sum(campaign.chi2(solutions).values())), x))
-    most = max((n for n, _, _ in found), default=0)
-    if not most:
+        if solutions:
+            found.append((float(sum((before | campaign.chi2(solutions)).values())), x))
+    if not found:
         raise ConvergenceError(f"{model.label}: no start has steady states")
-    return sorted([(chi2, x) for n, chi2, x in found if n == most], key=lambda pair: pair[0])
+    return sorted(found, key=lambda pair: pair[0])

@@ -5,7 +5,9 @@ found where it starts and once more where it ends; what the fine one may leave c
 """
 
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +15,7 @@ from continuation import ConvergenceError
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.records import Measurement, Record, parts, solve_record
 from hbm.solution import PeriodicSolution
+from hbm.sweep import each
 from models.beam import Beam
 from models.rig import Rig
 
@@ -123,7 +126,7 @@ def _solved(
     out: list[PeriodicSolution | None] = []
     for record, start in zip(records, last, strict=True):
         try:
-            out.append(solve_record(record.rig(fine), grid.basis, record, start))
+            out.append(solve_record(record.rig(fine), grid.basis, record, None if start is None else start.state))
         except (ConvergenceError, ValueError):
             out.append(None)
     return out
@@ -138,7 +141,11 @@ class Correction:
 
 
 def corrections(
-    rig: Rig, data: Measurement, numerics: Numerics, solutions: Mapping[int, PeriodicSolution]
+    rig: Rig,
+    data: Measurement,
+    numerics: Numerics,
+    solutions: Mapping[int, PeriodicSolution],
+    executor: Executor | None = None,
 ) -> dict[int, Correction]:
     """Corrections of records whose steady states at a rig are known on the working discretisation.
 
@@ -149,6 +156,8 @@ def corrections(
     numerics : Numerics
     solutions : mapping of int to PeriodicSolution
         By the number of the record.
+    executor : concurrent.futures.Executor, optional
+        Does the records side by side.
 
     Returns
     -------
@@ -156,21 +165,25 @@ def corrections(
         Without those that cannot be simulated more finely.
     """
     records = [r for r in data.records if r.number in solutions]
-    out = {}
-    for record in records:
-        start = solutions[record.number]
-        (between,) = _solved(rig, [record], numerics.finer, [start])
-        if between is None:
-            continue
-        coarse, finer = amplitudes_of(data, start), amplitudes_of(data, between)
-        if _length(finer - coarse, record) < NEGLIGIBLE:
-            out[record.number] = Correction(finer - coarse, LEFT * size(finer - coarse))
-            continue
-        (last,) = _solved(rig, [record], numerics.fine, [between])
-        if last is not None:
-            best = amplitudes_of(data, last)
-            out[record.number] = Correction(best - coarse, LEFT * size(best - finer))
-    return out
+    found = each(executor, partial(correction, rig, data, numerics), records, [solutions[r.number] for r in records])
+    return {r.number: c for r, c in zip(records, found, strict=True) if c is not None}
+
+
+def correction(
+    rig: Rig, data: Measurement, numerics: Numerics, record: Record, solution: PeriodicSolution
+) -> Correction | None:
+    """Correction of one record."""
+    (between,) = _solved(rig, [record], numerics.finer, [solution])
+    if between is None:
+        return None
+    coarse, finer = amplitudes_of(data, solution), amplitudes_of(data, between)
+    if _length(finer - coarse, record) < NEGLIGIBLE:
+        return Correction(finer - coarse, LEFT * size(finer - coarse))
+    (last,) = _solved(rig, [record], numerics.fine, [between])
+    if last is None:
+        return None
+    best = amplitudes_of(data, last)
+    return Correction(best - coarse, LEFT * size(best - finer))
 
 
 def size(change: Array) -> Array:

@@ -5,7 +5,8 @@ final is exact.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -17,6 +18,7 @@ from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.diagnosis.screen import Score, Screening, coarse, small, spread, starting
 from hbm.fourier import Array
+from hbm.sweep import each
 from models.causes.cause import Cause
 from models.rig import Rig
 
@@ -27,6 +29,9 @@ HEAT_STEPS = 7
 HEAT_STARTS = 2
 """Starts from which the quick heat takes steps, so many of them."""
 
+AT_ONCE = 4
+"""Candidates run side by side where there is an executor."""
+
 AGAIN, MORE_STARTS, MORE_STEPS = 3, 8, 12
 """Where nothing explains the records so many candidates run again, from more starts and for more steps."""
 
@@ -34,13 +39,16 @@ RUNNING, HOPELESS = 20, 0.15
 """So many candidates run at most, and none whose predicted fall of chi2 is less than this share of the best."""
 
 FINALISTS, LEAST, HOPE = 5, 3, 10.0
-"""Candidates that are fitted to all records, at most, and at least where none explains them but the mean square misfit
-of the best gives hope; those as close as this to the best:"""
+"""Candidates that are fitted to all records, at most; most where none explains them, and least where the mean square
+misfit of the best gives hope; those as close as this to the best:"""
 
 CLOSE = 30.0
 
-SHAPES = 12
-"""Starts of every shape are compared where they are not more than this; else those of the shape that scores best."""
+STARTS = 12
+"""Starts of every shape are compared where they are not more than this; else those of the shapes that score best."""
+
+HELPS = 0.5
+"""Where the best leaves more than this share of chi2 nothing will explain the records."""
 
 SHARE = 0.7
 """Where the misfit is small, those run whose predicted fall of BIC is at least this share of the best."""
@@ -50,6 +58,9 @@ EXPLAINED, LITTLE = 1.5, 0.03
 
 ALIKE = 0.5
 """those whose signature has this cosine with it."""
+
+APART = 3.0
+"""Fits that differ by more than so many standard deviations stand in different valleys."""
 
 SECOND = 3.0
 """The second start is tried where its chi2 is within this factor of the best."""
@@ -62,11 +73,12 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Runner:
-    """A candidate before the final: chi2 as far as it is known, and where it stands."""
+    """A candidate before the final: chi2 as far as it is known, where it stands, and where it may stand as well."""
 
     cause: Cause
     chi2: float
     x: Array
+    others: tuple[Array, ...] = ()
 
 
 def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Evaluation]:
@@ -91,10 +103,13 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
     done: list[Evaluation] = []
     for runner in runners:
         tell(f"{runner.cause.label}, all records")
-        try:
-            done.append(fit_model(base.model.extended_by(runner.cause), campaign, runner.x, base.solutions))
-        except FAILURES:
-            continue
+        model, fits = base.model.extended_by(runner.cause), []
+        for x in (runner.x, *runner.others):
+            try:
+                fits.append(fit_model(model, campaign, x, base.solutions))
+            except FAILURES:
+                continue
+        done += sorted(fits, key=_rank)[:1]
     return _refined(done, base, campaign)
 
 
@@ -118,7 +133,7 @@ def _by_score(base: Evaluation, screening: Screening) -> list[Runner]:
     """Candidates whose predicted fall of BIC is near the best."""
     best = screening.scores[0].gain if screening.scores else 0.0
     return [
-        Runner(s.cause, base.chi2 - s.drop, starting(base.model.extended_by(s.cause), base, s.start))
+        Runner(s.cause, base.chi2 - s.drop, starting(base.model.extended_by(s.cause), base, s.shapes[0]))
         for s in screening.scores[:FINALISTS]
         if s.gain > 0.0 and s.gain >= SHARE * best
     ]
@@ -131,26 +146,51 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
     heat: list[Runner] = []
     explained = max(EXPLAINED * few.points, LITTLE * before)
     running = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
-    for i, score in enumerate(running):
-        if _settled(heat, explained, score.cause, screening):
+    apart = _Heats(base, few)
+    for i in range(0, len(running), apart.at_once):
+        batch = [s for s in running[i : i + apart.at_once] if not _settled(heat, explained, s.cause, screening)]
+        if not batch:
             continue
-        tell(f"{score.cause.label} ({i + 1} of {len(running)})")
-        runner = _heat(base, few, score)
-        if runner is not None:
-            heat.append(runner)
+        tell(", ".join(s.cause.label for s in batch) + f" ({i + 1} of {len(running)})")
+        for score, runner in zip(batch, apart.run(batch), strict=True):  # the same with and without an executor
+            if runner is not None and not _settled(heat, explained, score.cause, screening):
+                heat.append(runner)
     heat.sort(key=lambda r: r.chi2)
     if not heat:
         return []
     by_label = {s.cause.label: s for s in running}
-    for i in _stuck(heat, EXPLAINED * few.points, base.model.nominal):
-        tell(f"{heat[i].cause.label}, from other starts")
-        again = _heat(base, few, by_label[heat[i].cause.label], MORE_STARTS, MORE_STEPS)
+    hopeless = heat[0].chi2 > HELPS * before
+    stuck = [] if hopeless or base.model.causes else _stuck(heat, EXPLAINED * few.points, base.model.nominal)
+    if stuck:
+        tell(", ".join(heat[i].cause.label for i in stuck) + ", from other starts")
+    more = apart.run([by_label[heat[i].cause.label] for i in stuck], MORE_STARTS, MORE_STEPS)
+    for i, again in zip(stuck, more, strict=True):
         heat[i] = min(heat[i], again or heat[i], key=lambda r: r.chi2)
     heat.sort(key=lambda r: r.chi2)
     scale, margin = len(campaign.numbers) / len(few.numbers), max(10 * CLOSE, heat[0].chi2)
-    least = LEAST if EXPLAINED * few.points < heat[0].chi2 < HOPE * few.points else 1
+    lost = heat[0].chi2 > EXPLAINED * few.points
+    least = LEAST if lost and not hopeless and heat[0].chi2 < HOPE * few.points else 1
+    most = 1 if hopeless else LEAST if lost else FINALISTS
     close = [i < least or scale * (r.chi2 - heat[0].chi2) < margin for i, r in enumerate(heat)]
-    return [r for r, near in zip(heat[:FINALISTS], close, strict=False) if near]
+    return [r for r, near in zip(heat[:most], close, strict=False) if near]
+
+
+class _Heats:
+    """Quick heats of candidates, each on one core."""
+
+    def __init__(self, base: Evaluation, few: Campaign) -> None:
+        self.executor = few.executor
+        found = {number: base.found[number] for number in few.numbers}
+        self.base, self.few = replace(base, found=found), replace(few, executor=None)
+
+    @property
+    def at_once(self) -> int:
+        """Heats that are run before their outcome is looked at."""
+        return 1 if self.executor is None else AT_ONCE
+
+    def run(self, scores: Sequence[Score], most: int = HEAT_STARTS, steps: int = HEAT_STEPS) -> list[Runner | None]:
+        """Runners, None where there is no fit."""
+        return each(self.executor, partial(_heat, self.base, self.few, most=most, steps=steps), scores)
 
 
 def _stuck(heat: Sequence[Runner], explained: float, rig: Rig) -> list[int]:
@@ -169,22 +209,38 @@ def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: 
     return cause.label not in screening.look_alikes(winner.cause.label, ALIKE)
 
 
-def _heat(
-    base: Evaluation, few: Campaign, score: Score, most: int = HEAT_STARTS, steps: int = HEAT_STEPS
-) -> Runner | None:
+def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) -> Runner | None:
     model = lighter(base).extended_by(score.cause)
     try:
         here = starting(model, base, {})
         starts = _starts(model, here, score)
         if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
             starts += _starts(model, model.start, score)
-        ordered = best_start(model, few, starts, base.solutions)
+        ordered = _varied(model, best_start(model, few, starts, base.solutions))
         near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > HEAT_STARTS]
         fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
     except (*FAILURES, ConvergenceError):
         return None
-    best = min(fits, key=lambda e: e.chi2 + 1e6 * len(e.missing))
-    return Runner(score.cause, best.chi2, _carried(base.model.extended_by(score.cause), base, best))
+    best, *others = sorted(fits, key=lambda e: e.chi2 + 1e6 * len(e.missing))
+    carried = [_carried(base.model.extended_by(score.cause), base, e) for e in (best, *_apart(best, others))]
+    return Runner(score.cause, best.chi2, carried[0], tuple(carried[1:]))
+
+
+def _varied(model: Model, ordered: list[tuple[float, Array]]) -> list[tuple[float, Array]]:
+    """The best start, the best one of another shape, then the others."""
+    unknowns = model.unknowns[-1]
+    shapes = [len(model.free) - len(unknowns) + i for i, u in enumerate(unknowns) if u.shapes]
+    first = ordered[0][1][shapes]
+    rest = ordered[1:]
+    other = next((i for i, (_, x) in enumerate(rest) if not np.allclose(x[shapes], first)), 0)
+    return [ordered[0], *rest[other : other + 1], *rest[:other], *rest[other + 1 :]]
+
+
+def _apart(best: Evaluation, others: Sequence[Evaluation]) -> list[Evaluation]:
+    """The one that is nearly as good as the best, in another valley."""
+    reach = APART * np.sqrt(np.diag(best.covariance))
+    near = [e for e in others if e.chi2 < best.chi2 + CLOSE and len(e.missing) == len(best.missing)]
+    return [e for e in near if np.any(np.abs(e.x - best.x) > reach)][:1]
 
 
 def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
@@ -197,11 +253,12 @@ def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
 def _starts(model: Model, x: Array, score: Score) -> list[Array]:
     """Where the last cause may start, everything else as in `x`."""
     unknowns = model.unknowns[-1]
-    grids = [u.starts for u in unknowns]
-    if np.prod([len(g) for g in grids]) > SHAPES:
-        grids = [(score.start[u.name],) if u.shapes else u.starts for u in unknowns]
+    grids = [[u.starts for u in unknowns]]
+    if np.prod([len(g) for g in grids[0]]) > STARTS:
+        grids = [[(shape[u.name],) if u.shapes else u.starts for u in unknowns] for shape in score.shapes]
     own = model.free[len(x) - len(unknowns) :]
     return [
         np.concatenate([x[: len(x) - len(unknowns)], [f.of(v) for f, v in zip(own, values, strict=True)]])
-        for values in product(*grids)
+        for grid in grids
+        for values in product(*grid)
     ]

@@ -3,9 +3,11 @@
 Uncertain are the responses, force and frequency (through the model), and what the discretisation leaves.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,14 +16,18 @@ from continuation import ConvergenceError
 from hbm.diagnosis.numerics import Correction, Grid, Numerics, amplitudes_of, corrections
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.records import Measurement, Record, force_columns, parts, solve_from, solve_record
+from hbm.residual import State
 from hbm.sensitivity import FORCE, HZ, sensitivities
 from hbm.solution import PeriodicSolution
+from hbm.sweep import each
 from models.change import drift_scalars, tone_scalars
 from models.numbers import number
 from models.rig import Rig
 
 Solutions = Mapping[int, PeriodicSolution]
 """Steady states by the number of their record."""
+
+Result = TypeVar("Result")
 
 NEWTON = 15
 """Iterations from the reconstruction, where those from the last steady state did not get there."""
@@ -88,11 +94,12 @@ class Whitened:
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """Measured records, how they are simulated, and what corrects the simulation of each."""
+    """Measured records, how they are simulated and by whom, and what corrects the simulation of each."""
 
     data: Measurement
     numerics: Numerics
     corrections: Mapping[int, Correction] = field(default_factory=dict)
+    executor: Executor | None = None
 
     def of(self, numbers: Sequence[int]) -> "Campaign":
         """Some of the records."""
@@ -102,7 +109,7 @@ class Campaign:
 
     def corrected(self, rig: Rig, solutions: Solutions) -> "Campaign":
         """The same, with the discretisation corrected where it is now."""
-        return replace(self, corrections=corrections(rig, self.data, self.numerics, solutions))
+        return replace(self, corrections=corrections(rig, self.data, self.numerics, solutions, self.executor))
 
     def coarsely(self, H: int, N_t: int) -> "Campaign":
         """The same on another basis, without a correction."""
@@ -134,49 +141,19 @@ class Campaign:
         -------
         dict of int to Simulated
         """
-        fine = self.numerics.working.rig(rig)
-        found = {r.number: self._one(fine, r, tuple(keys), last.get(r.number)) for r in self.data.records}
-        return {number: simulated for number, simulated in found.items() if simulated is not None}
+        task = partial(simulated, self.numerics.working.rig(rig), self.numerics.working.basis, self.data, tuple(keys))
+        return self._each(task, last)
 
     def solve(self, rig: Rig, last: Solutions) -> dict[int, PeriodicSolution]:
         """Steady states alone."""
-        fine = self.numerics.working.rig(rig)
-        found = {r.number: self._solved(fine, r, last.get(r.number)) for r in self.data.records}
-        return {number: solved[1] for number, solved in found.items() if solved is not None}
+        return self._each(partial(steady, self.numerics.working.rig(rig), self.numerics.working.basis), last)
 
-    def _solved(self, rig: Rig, record: Record, last: PeriodicSolution | None) -> tuple[Rig, PeriodicSolution] | None:
-        """The rig of a record, and its steady state."""
-        basis = self.numerics.working.basis
-        try:
-            rig = record.rig(rig)
-        except FAILURES:
-            return None
-        try:
-            return rig, solve_record(rig, basis, record, last)
-        except FAILURES:
-            if last is None:
-                return None
-        try:
-            return rig, solve_from(rig, basis, record, record.start, NEWTON)
-        except FAILURES:
-            return None
-
-    def _one(self, rig: Rig, record: Record, keys: tuple[str, ...], last: PeriodicSolution | None) -> Simulated | None:
-        solved = self._solved(rig, record, last)
-        if solved is None:
-            return None
-        here, solution = solved
-        own, by_keys = in_record(rig, keys, record.number)
-        tones = tuple(tone_scalars(here)) if here.excitation.measured_harmonics else ()
-        try:
-            by = sensitivities(here, solution, (*own, FORCE, HZ, *tones))
-        except FAILURES:
-            return None
-        basis, H, p = self.numerics.working.basis, self.data.H, len(own)
-        slopes = np.stack([parts(basis, by[name].coefficients, H) for name in self.data.channels], axis=1)
-        by_tones = slopes[..., p + 2 :] if tones else None
-        amplitudes = amplitudes_of(self.data, solution)
-        return Simulated(solution, amplitudes, slopes[..., :p] @ by_keys, slopes[..., p], slopes[..., p + 1], by_tones)
+    def _each(self, task: Callable[[Record, State | None], Result | None], last: Solutions) -> dict[int, Result]:
+        """Result of a task for each record, without those that have none."""
+        records = self.data.records
+        starts = [last[r.number].state if r.number in last else None for r in records]
+        found = zip(records, each(self.executor, task, records, starts), strict=True)
+        return {record.number: result for record, result in found if result is not None}
 
     def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:
         """Of the channels in a record, corrected, (2, c, H)."""
@@ -230,6 +207,50 @@ class Campaign:
             for r in self.data.records
             if r.number in solutions
         }
+
+
+def steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution | None:
+    """Steady state of a record, from the last one or from the reconstruction; None where it is not found."""
+    solved = _steady(rig, basis, record, last)
+    return None if solved is None else solved[1]
+
+
+def _steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> tuple[Rig, PeriodicSolution] | None:
+    """The rig of a record, and its steady state."""
+    try:
+        rig = record.rig(rig)
+    except FAILURES:
+        return None
+    try:
+        return rig, solve_record(rig, basis, record, last)
+    except FAILURES:
+        if last is None:
+            return None
+    try:
+        return rig, solve_from(rig, basis, record, record.start, NEWTON)
+    except FAILURES:
+        return None
+
+
+def simulated(
+    rig: Rig, basis: FourierBasis, data: Measurement, keys: tuple[str, ...], record: Record, last: State | None
+) -> Simulated | None:
+    """One record at a rig on a basis, with derivatives to keys; None where no steady state is found."""
+    solved = _steady(rig, basis, record, last)
+    if solved is None:
+        return None
+    here, solution = solved
+    own, by_keys = in_record(rig, keys, record.number)
+    tones = tuple(tone_scalars(here)) if here.excitation.measured_harmonics else ()
+    try:
+        by = sensitivities(here, solution, (*own, FORCE, HZ, *tones))
+    except FAILURES:
+        return None
+    p = len(own)
+    slopes = np.stack([parts(basis, by[name].coefficients, data.H) for name in data.channels], axis=1)
+    by_tones = slopes[..., p + 2 :] if tones else None
+    amplitudes = amplitudes_of(data, solution)
+    return Simulated(solution, amplitudes, slopes[..., :p] @ by_keys, slopes[..., p], slopes[..., p + 1], by_tones)
 
 
 def in_record(rig: Rig, keys: Sequence[str], record: int) -> tuple[tuple[str, ...], Array]:

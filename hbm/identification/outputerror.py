@@ -194,7 +194,7 @@ class _Forward:
     def _advance(self, rig: Rig, record: Record, x: Array, last: _Simulated | None) -> None:
         self.evaluations += 1
         try:
-            solution = solve_record(rig, self.basis, record, None if last is None else last.solution)
+            solution = solve_record(rig, self.basis, record, None if last is None else last.solution.state)
             self.found[record.number] = self._differentiated(rig, solution, x)
             self.failed.pop(record.number, None)
         except (ConvergenceError, ArithmeticError, ValueError) as reason:

@@ -142,7 +142,7 @@ def _turned(r: Reconstruction, seen: Sensing, q: Complex, i: int) -> Record:
     )
 
 
-def solve_record(rig: Rig, basis: FourierBasis, record: Record, last: PeriodicSolution | None) -> PeriodicSolution:
+def solve_record(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution:
     """Steady state of a record, from its last one or from the reconstruction, else from nothing.
 
     Raises
@@ -151,7 +151,7 @@ def solve_record(rig: Rig, basis: FourierBasis, record: Record, last: PeriodicSo
         If it is not found; from a last one, nothing else is tried.
     """
     try:
-        return solve_from(rig, basis, record, record.start if last is None else last.state)
+        return solve_from(rig, basis, record, record.start if last is None else last)
     except ConvergenceError:
         if last is not None:
             raise

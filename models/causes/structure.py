@@ -13,6 +13,10 @@ from models.causes.cause import Cause, Unknown
 from models.numbers import with_number
 from models.rig import Rig
 
+TUNED = (1.2, 0.6, 0.8, 0.95, 1.1, 1.35, 1.6, 2.0, 3.2)
+"""Starts of the frequency of a resonator, in units of the beam's own: dense where it is driven, for its effect changes
+sign there."""
+
 RIGID = (1e8, 1e4, 1e3, 1e2, 1e1)
 """Starts of a stiffness that is infinite nominally, in units of the beam's own; the first changes hardly anything."""
 
@@ -194,9 +198,9 @@ class AttachedResonator(Cause):
         beam = _beam(rig)
         key, m = f"attachments.resonators[{len(rig.attachments.resonators)}].", _mass(beam)
         hz = float(beam.natural_frequencies()[0] / (2 * np.pi))
-        starts = tuple(share * hz for share in (1.2, 0.8, 1.0, 2.0, 3.2))
+        starts = tuple(share * hz for share in TUNED)
         return (
-            Unknown("mass", "kg", key + "mass", 0.0, m, 0.0, (SMALL * m, 1e-3 * m, 0.02 * m)),
+            Unknown("mass", "kg", key + "mass", 0.0, m, 0.0, (SMALL * m, 1e-3 * m, 4e-3 * m, 0.02 * m)),
             Unknown("frequency_hz", "Hz", key + "frequency_hz", 0.05 * hz, 100 * hz, nan, starts),
             _place(beam, key),
         )
