@@ -17,11 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.diagnosis.calibrate import trusted
-from hbm.diagnosis.diagnose import campaign_of
 from hbm.diagnosis.fit import evaluate
 from hbm.diagnosis.model import Free, Model
 from hbm.diagnosis.records import FAILURES, Campaign, Solutions, uncorrelated
 from hbm.diagnosis.screen import coarse
+from hbm.diagnosis.search import campaign_of
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from models.causes import all_candidates

@@ -10,7 +10,7 @@ import pytest
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.calibrate import calibrate, trusted
 from hbm.diagnosis.decide import sidak
-from hbm.diagnosis.diagnose import campaign_of, diagnose
+from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.fit import evaluate, fit_model
 from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.misfit import misfit
@@ -18,6 +18,7 @@ from hbm.diagnosis.model import Model, free_of
 from hbm.diagnosis.nominal import with_values
 from hbm.diagnosis.records import uncorrelated
 from hbm.diagnosis.screen import screen
+from hbm.diagnosis.search import campaign_of
 from hbm.errors import InputError
 from models.causes.cause import Unknown
 from models.causes.parameter import WrongParameter

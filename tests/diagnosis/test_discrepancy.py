@@ -9,12 +9,12 @@ import pytest
 
 from hbm import load_rig
 from hbm.diagnosis import records
-from hbm.diagnosis.diagnose import campaign_of
 from hbm.diagnosis.discrepancy import discrepancy
 from hbm.diagnosis.fit import evaluate
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.numerics import Grid, Numerics
 from hbm.diagnosis.places import all_at_once, places_of
+from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
 from hbm.measurement.spectra import spectra_of
 from hbm.response import steady_state

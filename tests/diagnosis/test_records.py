@@ -1,19 +1,24 @@
 """What differs from record to record: harmonics of the force, and drift; against the independent simulator too."""
 
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
 
 import hbm.identification.records as records_of_spectra
 from hbm import load_rig, load_spectra
-from hbm.diagnosis.diagnose import campaign_of
 from hbm.diagnosis.fit import evaluate, fit_model
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.numerics import Grid, Numerics
+from hbm.diagnosis.race import race
 from hbm.diagnosis.records import in_record
+from hbm.diagnosis.screen import screen, small
+from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
 from hbm.identification.records import force_columns
+from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, ParameterDrift
 from models.numbers import at_record, number, with_number
 from models.published import paper_rig
@@ -240,3 +245,37 @@ def test_what_drifts_already_is_not_offered_again():
     assert list(ForceDistortion.candidates(rig)) == [DISTORTION]
     assert list(ForceDistortion.candidates(DISTORTION.extend(rig, {}))) == []
     assert list(ForceDistortion.candidates(replace(rig, channels=rig.channels[1:]))) == []
+
+
+# ---- side by side
+
+
+def test_processes_give_what_one_core_gives(measured):
+    rig, data = measured
+    model = Model(rig, {MU: 0.02}, (DRIFT,))
+    alone = evaluate(model, data, model.start, {})
+    corrected = data.corrected(rig, alone.solutions).corrections
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        shared = replace(data, executor=pool)
+        together = evaluate(model, shared, model.start, {})
+        likewise = shared.corrected(rig, alone.solutions).corrections
+    np.testing.assert_array_equal(together.white.residual, alone.white.residual)
+    np.testing.assert_array_equal(together.white.jacobian, alone.white.jacobian)
+    assert list(likewise) == list(corrected)
+    for record, correction in corrected.items():
+        np.testing.assert_array_equal(likewise[record].added, correction.added)
+
+
+def test_candidates_race_alike_side_by_side(measured):
+    rig, data = measured
+    bare = Model(rig, {})
+    base = evaluate(bare, data, bare.start, {})
+    candidates = [WrongParameter(MU), WrongParameter(E), WrongParameter(LOAD), ParameterDrift(MU), ParameterDrift(LOAD)]
+    screening = screen(base, data, candidates)
+    alone = race(base, data, screening, lambda doing: None)
+    with ThreadPoolExecutor(2) as pool:
+        together = race(base, replace(data, executor=pool), screening, lambda doing: None)
+    assert not small(base)
+    assert [e.model.label for e in together] == [e.model.label for e in alone]
+    for one, other in zip(together, alone, strict=True):
+        np.testing.assert_allclose(one.x, other.x, rtol=1e-12)

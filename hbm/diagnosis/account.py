@@ -1,0 +1,235 @@
+"""A decision accounted for: scored on the records held out, and said in numbers and sentences."""
+
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+
+import numpy as np
+
+from continuation import ConvergenceError
+from hbm.diagnosis.calibrate import off
+from hbm.diagnosis.decide import (
+    ALARM,
+    Decision,
+    inclusion,
+    sidak,
+    tied,
+    weights,
+)
+from hbm.diagnosis.fit import Evaluation, evaluate
+from hbm.diagnosis.misfit import misfit, nrmse
+from hbm.diagnosis.predict import predicted
+from hbm.diagnosis.search import Search, campaign_of
+from hbm.diagnosis.separate import separate
+from hbm.diagnosis.verdict import Diagnosis, Errors, Estimate, Ranked, Verdict
+from hbm.measurement.spectra import MeasuredSpectra
+from models.causes.parameter import WrongParameter
+
+MOVED = 3
+"""So many numbers that calibration moves far are named."""
+
+AS_GOOD = 4.0
+"""Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
+
+
+class Account:
+    """The decision scored on the records held out, and said."""
+
+    def __init__(
+        self, search: Search, decision: Decision, unseen: MeasuredSpectra | None, held: tuple[int, ...]
+    ) -> None:
+        self.search, self.decision, self.held = search, decision, held
+        search.tell("records held out", 0.9)
+        campaign = search.campaign
+        self.hidden = (
+            None if unseen is None else campaign_of(search.rig, unseen, campaign.numerics, campaign.executor)[0]
+        )
+        self.nominal = predicted(search.nominal, self.hidden)
+        self.calibrated = predicted(search.calibrated, self.hidden)
+        self.best = None if decision.best is None else (decision.best, predicted(decision.best, self.hidden))
+
+    def diagnosis(self) -> Diagnosis:
+        """Verdict, and all that supports it."""
+        verdict = self._verdict()
+        best = self.decision.best if verdict == "cause-found" else None
+        ties = tied(self.decision.fits, best) if best is not None else []
+        return Diagnosis(
+            verdict=verdict,
+            cause=None if best is None else name_of(best),
+            parameters={} if best is None else estimates(best),
+            confidence=self._confidence(verdict, best),
+            not_separable=tuple(name_of(e) for e in ties),
+            separate_by=self._advice(best, ties),
+            errors=self._errors(best),
+            held_out_records=self.held,
+            ranking=tuple(self._ranked(e) for e in self.decision.fits),
+            evidence=tuple(self._evidence(verdict, best)),
+            extended=None if best is None else best.model.rig(best.x),
+            nominal=self.search.nominal,
+            calibrated=self.search.calibrated,
+            extended_fit=best,
+            campaign=self.search.campaign,
+            held=self._held(best),
+            held_campaign=self.hidden,
+        )
+
+    def _held(self, best: Evaluation | None) -> dict[str, Evaluation]:
+        scored = {"nominal": self.nominal, "calibrated": self.calibrated}
+        if best is not None and self.best is not None:
+            scored["extended"] = self.best[1]
+        return {name: s.evaluation for name, s in scored.items() if s is not None}
+
+    def _verdict(self) -> Verdict:
+        search, calibrated = self.search, self.calibrated
+        if self.best is None:
+            scored = self.nominal if self.decision.base is search.nominal else calibrated
+            fits = misfit(self.decision.base, search.campaign).fits and (scored is None or scored.misfit.fits)
+            return "consistent" if fits else "unexplained"
+        _, scored = self.best
+        if scored is None:
+            return "cause-found"
+        if not scored.misfit.fits:
+            return "unexplained"
+        better = calibrated is None or calibrated.misfit.fits or scored.misfit.chi2 < calibrated.misfit.chi2 + AS_GOOD
+        return "cause-found" if better else "unexplained"
+
+    def _confidence(self, verdict: Verdict, best: Evaluation | None) -> float:
+        """Share of repetitions that would decide alike; else how improbable it is that another verdict is right."""
+        search = self.search
+        if best is not None:
+            return inclusion((self.decision.base, *self.decision.fits), best)
+        if verdict == "unexplained":
+            e = self.decision.best or search.calibrated
+            return 1.0 - misfit(e, search.campaign).probability
+        return float(weights([0.0, *(-s.gain for s in search.screening.scores[:1])])[0])
+
+    def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:
+        search = self.search
+        models = {"nominal": (search.nominal, self.nominal), "calibrated": (search.calibrated, self.calibrated)}
+        if best is not None and self.best is not None:
+            models["extended"] = (best, self.best[1])
+        out = {}
+        for name, (e, scored) in models.items():
+            m = misfit(e, search.campaign)
+            out[name] = {"train": Errors(m.nrmse, e.white.chi2 / len(e.white))}
+            out[name] |= {} if scored is None else {"held_out": scored.errors}
+        return out
+
+    def _ranked(self, e: Evaluation) -> Ranked:
+        return Ranked(e.model.label, name_of(e), estimates(e), e.bic, e.chi2, self._nrmse_held_out(e))
+
+    def _nrmse_held_out(self, e: Evaluation) -> float | None:
+        if self.best is not None and e is self.best[0] and self.best[1] is not None:
+            return self.best[1].misfit.nrmse
+        try:
+            return None if self.hidden is None else nrmse(evaluate(e.model, self.hidden, e.x, {}).white)
+        except (ConvergenceError, ValueError):
+            return None
+
+    def _advice(self, best: Evaluation | None, ties: list[Evaluation]) -> str:
+        if best is None or not ties:
+            return ""
+        self.search.tell("what would separate", 0.95)
+        found = separate(best, ties[0], self.search.campaign)
+        return "" if found is None else str(found)
+
+    def _evidence(self, verdict: str, best: Evaluation | None) -> Iterator[str]:
+        search = self.search
+        records, points = len(search.campaign.numbers), search.campaign.points
+        held = f", {len(self.held)} held out" if self.held else "; none held out: too few records or levels"
+        yield f"{records} records with {points} coefficients fitted{held}."
+        yield f"{search.campaign.numerics}."
+        if len(np.unique(search.spectra.level)) == 1:
+            yield "One level only: damping laws, and friction from its amplitude, cannot be told apart."
+        yield from (f"Sensors: {line}." for line in search.sensors)
+        yield from self._misfits()
+        yield from self._lifted()
+        yield from self._moved()
+        yield from self._scores()
+        if best is not None:
+            yield from self._found(best)
+        elif verdict == "unexplained" and self.decision.fits:
+            tried = self.decision.fits[0]
+            m = misfit(tried, search.campaign)
+            yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances; worst {m.worst.what}."
+            scored = self.best[1] if self.best is not None else None
+            if scored is not None and not scored.misfit.fits:
+                worst = scored.misfit.worst
+                yield (
+                    f"It does not predict the records held out: {scored.errors.chi2_reduced:.4g} noise variances, "
+                    f"most clearly in {worst.what} ({worst.chi2_reduced:.3g}); chance {scored.misfit.probability:.2g}."
+                )
+
+    def _misfits(self) -> Iterator[str]:
+        search = self.search
+        for name, e, scored in (
+            ("nominal", search.nominal, self.nominal),
+            ("calibrated", search.calibrated, self.calibrated),
+        ):
+            m = misfit(e, search.campaign)
+            hidden = "" if scored is None else f", {scored.errors.chi2_reduced:.4g} on those held out"
+            yield (
+                f"The {name} model is off by {m.nrmse:.3%}, {e.white.chi2 / len(e.white):.4g} noise variances on the "
+                f"mean{hidden}; probability by noise {m.probability:.2g}"
+                + ("." if m.fits else f", most clearly in {m.worst.what} ({m.worst.chi2_reduced:.3g}).")
+            )
+            if e.missing:
+                yield f"No steady state of the {name} model was found for records {', '.join(map(str, e.missing))}."
+
+    def _lifted(self) -> Iterator[str]:
+        """Where the simulation has left what it can say."""
+        base = self.decision.best or self.decision.base
+        lifted = [str(number) for number, solution in base.solutions.items() if solution.lift_off]
+        if lifted:
+            yield (
+                f"In the simulation the normal force reaches zero in records {', '.join(lifted)}: the tip may lift off "
+                "there (contact-loss), which is not simulated."
+            )
+
+    def _moved(self) -> Iterator[str]:
+        for key, pull in list(off(self.search.trust, self.search.calibrated).items())[:MOVED]:
+            yield f"Calibration moves {key} by {pull:+.1f} tolerances."
+
+    def _scores(self) -> Iterator[str]:
+        screening = self.search.screening
+        if not screening.scores or not screening.scores[0].drop:
+            return
+        told = ", ".join(f"{s.cause.label} {s.drop:.3g}" for s in screening.scores[:4])
+        yield (
+            f"Score test on {screening.records} records, predicted fall of chi2: {told}; chance reaches "
+            f"{sidak(self.search.tried):.3g} in {ALARM:.1%} of the searches over {self.search.tried} candidates."
+        )
+        first = screening.scores[0].cause.label
+        alike = screening.look_alikes(first)
+        if alike:
+            yield f"Looks like {first}: " + ", ".join(f"{name} (cosine {c:.3f})" for name, c in alike.items()) + "."
+
+    def _found(self, best: Evaluation) -> Iterator[str]:
+        base = self.search.calibrated
+        scored = self.best[1] if self.best is not None else None
+        hidden = "" if scored is None else f"; on records held out {scored.errors.chi2_reduced:.4g} noise variances"
+        yield (
+            f"{best.model.label} lowers chi2 from {base.chi2:.5g} to {best.chi2:.5g} "
+            f"(BIC by {base.bic - best.bic:.4g}){hidden}."
+        )
+        for i, cause in enumerate(best.model.causes[1:], start=1):
+            said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
+            yield f"Beside it: {cause.label}, {said}."
+
+
+def name_of(e: Evaluation) -> str:
+    """Name of the first cause, as formats.md has it."""
+    cause = e.model.causes[0]
+    return cause.label if isinstance(cause, WrongParameter) else cause.name
+
+
+def estimates(e: Evaluation) -> dict[str, Estimate]:
+    """Parameters of the first cause of a fitted model."""
+    cause, std = e.model.causes[0], e.std
+    named: dict[str, Estimate] = {}
+    if is_dataclass(cause) and not isinstance(cause, WrongParameter):
+        named = {f.name: Estimate(v) for f in fields(cause) for v in [getattr(cause, f.name)] if isinstance(v, str)}
+    return named | {
+        f.name: Estimate(f.value(x), float(s), f.unit)
+        for f, x, s in zip(e.model.free, e.x, std, strict=True)
+        if f.cause == 0
+    }

@@ -1,0 +1,61 @@
+"""What a fitted model predicts of records that no fit has seen."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from continuation import ConvergenceError
+from hbm.diagnosis.fit import Evaluation, evaluate
+from hbm.diagnosis.misfit import Misfit, likeliest, misfit_of_new
+from hbm.diagnosis.records import Campaign
+from hbm.diagnosis.verdict import Errors
+
+LINEARISED = 4
+"""Times the prediction of records held out is linearised anew where the first does not fit, at most;"""
+
+FALLING = 0.8
+"""while its chi2 falls to less than this share."""
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """A model on the records held out."""
+
+    evaluation: Evaluation
+    misfit: Misfit
+
+    @property
+    def errors(self) -> Errors:
+        """Relative error, and noise variances on the mean."""
+        return Errors(self.misfit.nrmse, self.evaluation.white.chi2 / len(self.evaluation.white))
+
+
+def predicted(e: Evaluation, hidden: Campaign | None) -> Predicted | None:
+    """A fitted model on records held out; None where there are none, or where they have no steady state."""
+    if hidden is None:
+        return None
+    try:
+        rough = evaluate(e.model, hidden, e.x, {})
+        there = evaluate(e.model, hidden.corrected(e.model.rig(e.x), rough.solutions), e.x, rough.solutions)
+    except (ConvergenceError, ValueError):
+        return None
+    first = misfit_of_new(there, e.x, e.covariance, hidden)
+    return Predicted(there, replace(_within(there, e, first, hidden), nrmse=first.nrmse))
+
+
+def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -> Misfit:
+    """Misfit linearised where it is least within the covariance of the numbers; they stay as they were fitted."""
+    low, high = e.model.bounds()
+    for _ in range(LINEARISED if len(e.x) else 0):
+        if found.fits:
+            break
+        try:
+            x = np.clip(likeliest(there, e.x, e.covariance), low, high)
+            there = evaluate(e.model, hidden, x, there.solutions)
+        except (ConvergenceError, ValueError):
+            break
+        before = found.chi2
+        found = min(found, misfit_of_new(there, e.x, e.covariance, hidden), key=lambda m: -m.probability)
+        if found.chi2 > FALLING * before:
+            break
+    return found

@@ -1,0 +1,170 @@
+"""The search for the simplest story that explains the records fitted: what is tried, in which order."""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+
+import numpy as np
+
+from hbm.diagnosis.calibrate import SENSORS, calibrate, off, profiled, trusted
+from hbm.diagnosis.decide import (
+    Decision,
+    accepted,
+    best_first,
+    best_of,
+    simpler,
+    suspicious,
+)
+from hbm.diagnosis.fit import Evaluation, evaluate, fit_model
+from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.model import Model
+from hbm.diagnosis.numerics import Numerics, choose
+from hbm.diagnosis.race import race
+from hbm.diagnosis.records import Campaign
+from hbm.diagnosis.screen import Screening, screen
+from hbm.errors import InputError
+from hbm.identification.records import measurement_of
+from hbm.inverse.reconstruct import reconstruct
+from hbm.inverse.sensing import sensing
+from hbm.measurement.spectra import MeasuredSpectra
+from models.causes.cause import Cause
+from models.causes.parameter import WrongParameter
+from models.causes.records import ForceDistortion
+from models.rig import Rig
+
+MOST_RANKED = 10
+"""Fits that are kept for the ranking."""
+
+DISTORTED = 5.0
+"""A force is distorted that has a harmonic of so many standard deviations."""
+
+OnProgress = Callable[[str, float], None]
+
+
+def campaign_of(
+    rig: Rig, spectra: MeasuredSpectra, numerics: Numerics | None = None, executor: Executor | None = None
+) -> tuple[Campaign, tuple[str, ...]]:
+    """Records of spectra, with the discretisation that resolves them; and what the sensors say of each other.
+
+    Raises
+    ------
+    InputError
+        If no response was measured.
+    """
+    seen = reconstruct(rig, spectra)
+    data = measurement_of(seen, sensing(seen.rig, spectra))
+    if not any(r.listed.any() for r in data.records):
+        raise InputError(f"{spectra.source}: no harmonic of any response was measured; must have one")
+    numerics = choose(seen.rig, data) if numerics is None else numerics
+    return Campaign(data, numerics, executor=executor), seen.warnings
+
+
+class Search:
+    """The search on the records fitted."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        spectra: MeasuredSpectra,
+        candidates: Sequence[Cause],
+        tolerances: Mapping[str, float] | None,
+        tell: OnProgress,
+        executor: Executor | None,
+    ) -> None:
+        self.rig, self.spectra, self.tell = rig, spectra, tell
+        tell("sensors and numerics", 0.0)
+        self.campaign, self.sensors = campaign_of(rig, spectra, executor=executor)
+        channels = self.campaign.data.channels
+        self.candidates = [c for c in candidates if self._seen(c)]
+        self.trust = trusted(rig, channels, tolerances)
+        least = len([f for f in self.trust.free if not f.name.startswith(SENSORS)]) + 1
+        if self.campaign.points <= least:
+            raise InputError(
+                f"{spectra.source}: {self.campaign.points} coefficients; must be more than the {least} numbers to fit"
+            )
+        tell("nominal", 0.05)
+        bare = Model(rig, {})
+        rough = evaluate(bare, self.campaign, bare.start, {})
+        self.campaign = self.campaign.corrected(rig, rough.solutions)
+        self.nominal = evaluate(bare, self.campaign, bare.start, rough.solutions)
+        tell("screening", 0.1)
+        self.screening: Screening = screen(self.nominal, self.campaign, self.candidates)
+        tell("calibration", 0.2)
+        self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
+
+    def _seen(self, cause: Cause) -> bool:
+        """Whether what was measured can speak of a cause: its channels, or the harmonics of the force."""
+        channels = self.campaign.data.channels
+        if isinstance(cause, ForceDistortion):
+            return (self.campaign.data.distorted or 0.0) > DISTORTED
+        return all(getattr(cause, name, channels[0]) in channels for name in ("channel", "other"))
+
+    @property
+    def tried(self) -> int:
+        """Candidates, each shape that was scanned counted."""
+        return max(self.screening.tried, 1)
+
+    def decide(self) -> Decision:
+        """The simplest story that will do: see :mod:`hbm.diagnosis.decide`."""
+        nominal = misfit(self.nominal, self.campaign)
+        if nominal.fits and not suspicious(self.screening, self.rig):
+            return Decision(self.nominal, None, ())
+        exact = self._race(self.nominal, self.screening, 0.3)
+        if self._explains(exact) and exact.best is not None:
+            if simpler(exact.best, self.calibrated, self.tried) or not self._within():
+                return exact
+        if self._within():
+            return Decision(self.calibrated, None, exact.fits)
+        if nominal.fits:
+            return Decision(self.nominal, None, exact.fits)
+        self.tell("screening over the calibrated model", 0.5)
+        first = self._race(self.calibrated, screen(self.calibrated, self.campaign, self.candidates), 0.55)
+        if self._explains(first):
+            return first
+        several = self._several() if off(self.trust, self.calibrated) else None
+        if several is not None:
+            return several
+        single = best_first(exact, first)
+        pair = self._pair(single, single.best) if single.best is not None else single
+        return pair if self._explains(pair) else best_first(single, pair)
+
+    def _explains(self, decision: Decision) -> bool:
+        return decision.best is not None and misfit(decision.best, self.campaign).fits
+
+    def _within(self) -> bool:
+        """Whether numbers of the rig file that move within their tolerances explain everything."""
+        return misfit(self.calibrated, self.campaign).fits and not off(self.trust, self.calibrated)
+
+    def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
+        fits = best_of(race(base, self.campaign, screening, lambda doing: self.tell(doing, done)))
+        best = next((e for e in fits[:1] if accepted(base, e, self.tried)), None)
+        return Decision(base, best, tuple(fits))
+
+    def _several(self) -> Decision | None:
+        """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
+        self.tell("free calibration", 0.65)
+        base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
+        if not misfit(base, self.campaign).fits or not accepted(self.calibrated, base, self.tried):
+            return None
+        far = {key: pull for key, pull in off(self.trust, base).items() if not key.startswith(SENSORS)}
+        wrong = far or {base.model.free[0].name: 0.0}
+        model = Model(self.rig, self.trust.calibrated, tuple(WrongParameter(key) for key in wrong))
+        x = {f.name: v for f, v in zip(base.model.free, base.x, strict=True)}
+        keys = list(wrong)
+        names = [f.name if f.cause < 0 else keys[f.cause] for f in model.free]
+        start = np.array([f.of(np.exp(x[name])) for f, name in zip(model.free, names, strict=True)])
+        best = fit_model(model, self.campaign, start, base.solutions)
+        return Decision(self.calibrated, best, (best,))
+
+    def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
+        """Two causes: one more beside the best."""
+        rest = [c for c in self.candidates if c not in single.model.causes and _fits(c, single.model.rig(single.x))]
+        screening = screen(single, self.campaign, rest)
+        fits = race(single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", 0.7))
+        ranked = best_of([*fits, *earlier.fits])
+        best = next((e for e in ranked[:1] if accepted(earlier.base, e, self.tried**2)), None)
+        return Decision(earlier.base, best, tuple(ranked[:MOST_RANKED]))
+
+
+def _fits(cause: Cause, rig: Rig) -> bool:
+    """Whether an extended rig can be extended by a cause too."""
+    return any(offered == cause for offered in type(cause).candidates(rig))
