@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.diagnosis.fit import Evaluation
-from hbm.diagnosis.places import Complex, Place, all_at_once, places_of, sensor
+from hbm.diagnosis.places import CONTACT, Complex, Place, all_at_once, places_of, sensor
 from hbm.diagnosis.records import Campaign, uncorrelated
 from hbm.fourier import Array
 from hbm.identification.records import Record, parts
@@ -230,23 +230,14 @@ class Discrepancy:
     def _sentences(self) -> Iterator[str]:
         if not self.localised:
             yield "A missing force cannot be placed: there are hardly more sensors than forces to find."
+            contact = next((p for p in self.places if p.place.name == CONTACT), None)
+            if contact is not None and self.chi2 - self.points > BEYOND * np.sqrt(2.0 * self.points):
+                yield "The following holds if it acts at the contact."
+                yield from _character(contact)
             return
-        if not self.explainable:
-            return
-        yield from self._place()
-        best = self.best
-        if not best.harmonics:
-            yield "Each of its harmonics is lost in noise."
-            return
-        listed = ", ".join(map(str, best.harmonics))
-        several = f"harmonics {listed}, the strongest first" if len(best.harmonics) > 1 else f"harmonic {listed} alone"
-        yield f"It has {several}{_parity(best)}; {_phase(best)}."
-        amplitude, frequency = best.growth
-        if amplitude is not None or frequency is not None:
-            of = {"force": "the motion there", "motion": "the load there", "reading": "the reading"}[best.place.kind]
-            powers = [f"with {of} to the power {amplitude}"] * (amplitude is not None)
-            powers += [f"with the frequency to the power {frequency}"] * (frequency is not None)
-            yield f"It grows {', '.join(powers)}."
+        if self.explainable:
+            yield from self._place()
+            yield from _character(self.best)
 
     def _place(self) -> Iterator[str]:
         best, others = self.best, [p.place.name for p in self.possible if p is not self.best]
@@ -265,6 +256,22 @@ class Discrepancy:
             yield f"These records place it poorly: noise alone is left by {len(others)} other places as well."
         elif others:
             yield f"Noise alone is left as well by {', '.join(others)}."
+
+
+def _character(force: MissingForce) -> Iterator[str]:
+    """Harmonics, phase and growth of a missing force."""
+    if not force.harmonics:
+        yield "Each of its harmonics is lost in noise."
+        return
+    listed = ", ".join(map(str, force.harmonics))
+    several = f"harmonics {listed}, the strongest first" if len(force.harmonics) > 1 else f"harmonic {listed} alone"
+    yield f"It has {several}{_parity(force)}; {_phase(force)}."
+    amplitude, frequency = force.growth
+    if amplitude is not None or frequency is not None:
+        of = {"force": "the motion there", "motion": "the load there", "reading": "the reading"}[force.place.kind]
+        powers = [f"with {of} to the power {amplitude}"] * (amplitude is not None)
+        powers += [f"with the frequency to the power {frequency}"] * (frequency is not None)
+        yield f"It grows {', '.join(powers)}."
 
 
 def _percent(share: float) -> str:

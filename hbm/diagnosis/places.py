@@ -18,6 +18,8 @@ from hbm.solution import PeriodicSolution
 from models.beam import Beam, lift_shape, rotation_shape
 from models.rig import Channel, Rig
 
+CONTACT = "the contact"
+
 POINTS = 8
 """Positions along the beam, equally far apart."""
 
@@ -116,9 +118,7 @@ def places_of(rig: Rig) -> list[Place]:
 def _contact(rig: Rig) -> Place:
     """Friction, or a moment on the tip: over the arm of the contact they are the same."""
     none = np.zeros((3, rig.structure.n))
-    return Place(
-        "the contact", "force", "N", "m", lambda s: s.basis.complex(s["slip"].coefficients), none, friction=1.0
-    )
+    return Place(CONTACT, "force", "N", "m", lambda s: s.basis.complex(s["slip"].coefficients), none, friction=1.0)
 
 
 def _drive(rig: Rig) -> Place:
