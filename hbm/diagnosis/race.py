@@ -14,6 +14,7 @@ import numpy as np
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import lighter
 from hbm.diagnosis.fit import Evaluation, best_start, fit_model, refine
+from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.diagnosis.screen import Score, Screening, coarse, small, spread, starting
@@ -99,7 +100,19 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
     list of Evaluation
         Of the finalists on all records, the least chi2 first.
     """
-    runners = _by_score(base, screening) if small(base) else _by_heat(base, campaign, screening, tell)
+    if not small(base):
+        return _refined(_final(_by_heat(base, campaign, screening, tell), base, campaign, tell), base, campaign)
+    done = _final(_by_score(base, screening), base, campaign, tell)
+    abrupt = replace(screening, scores=tuple(s for s in screening.scores if s.cause.abrupt))
+    if abrupt.scores and not any(misfit(e, campaign).fits for e in done):
+        tried = {e.model.label for e in done}
+        more = _final(_by_heat(base, campaign, abrupt, tell), base, campaign, tell)
+        done += [e for e in more if e.model.label not in tried]
+    return _refined(done, base, campaign)
+
+
+def _final(runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell: Tell) -> list[Evaluation]:
+    """Fits of candidates to all records; of several valleys the deepest."""
     done: list[Evaluation] = []
     for runner in runners:
         tell(f"{runner.cause.label}, all records")
@@ -110,7 +123,7 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
             except FAILURES:
                 continue
         done += sorted(fits, key=_rank)[:1]
-    return _refined(done, base, campaign)
+    return done
 
 
 def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
@@ -146,6 +159,7 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
     heat: list[Runner] = []
     explained = max(EXPLAINED * few.points, LITTLE * before)
     running = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
+    running += [s for s in screening.scores if s.cause.abrupt and s not in running]
     apart = _Heats(base, few)
     for i in range(0, len(running), apart.at_once):
         batch = [s for s in running[i : i + apart.at_once] if not _settled(heat, explained, s.cause, screening)]

@@ -52,12 +52,15 @@ class Cause(Protocol):
         Of formats.md section 6.
     meaning, looks_like, confused_with : str
         In words: what it does, how it shows, and what shows alike.
+    abrupt : bool
+        Whether it sets in at a threshold, so that its first small effect says little of the whole.
     """
 
     name: ClassVar[str]
     meaning: ClassVar[str]
     looks_like: ClassVar[str]
     confused_with: ClassVar[str]
+    abrupt: ClassVar[bool] = False
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["Cause"]:

@@ -26,6 +26,7 @@ class ClampFriction(Cause):
     meaning: ClassVar[str] = "one Jenkins element is all that holds the rotation of the clamp"
     looks_like: ClassVar[str] = "as clamp-rotation up to a level, then a loss that grows with it, and odd harmonics"
     confused_with: ClassVar[str] = "clamp-rotation, parameter:contact.radius"
+    abrupt: ClassVar[bool] = True
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ClampFriction"]:

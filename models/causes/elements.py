@@ -87,6 +87,7 @@ class ImpactStopCause(Cause):
     meaning: ClassVar[str] = "the beam strikes a one-sided stop"
     looks_like: ClassVar[str] = "nothing below a threshold of the amplitude; then even and odd harmonics"
     confused_with: ClassVar[str] = "midplane-stretching"
+    abrupt: ClassVar[bool] = True
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ImpactStopCause"]:
