@@ -77,7 +77,6 @@ def diagnose(
     candidates, own = _causes(cause, causes_file)
     loaded, measured = load(rig, spectra)
     _check_apply(loaded, candidates if cause else ())
-    _check_has_responses(loaded, measured.channels, measured.source)
     from hbm.commands.progress import Work
     from hbm.diagnosis.diagnose import diagnose as search
     from hbm.sweep import all_cores
@@ -163,12 +162,6 @@ def _tolerances(rig: "Rig", texts: Sequence[str] | None) -> Mapping[str, float] 
             raise InputError(f"{COMMAND}: --tolerance {key}; must be a number > 0 of the rig file: {accepted}")
         chosen[key] = positive(COMMAND, f"--tolerance {key}", value, "relative")
     return chosen
-
-
-def _check_has_responses(rig: "Rig", channels: Sequence[str], source: str) -> None:
-    responses = [c.name for c in rig.response_channels]
-    if not set(channels) & set(responses):
-        raise InputError(f"{source}: holds no response channel; must hold one of {', '.join(responses)}")
 
 
 # -------------------------------------------------------------------------------------------------------- computing

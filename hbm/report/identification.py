@@ -255,7 +255,7 @@ def _keep_in_view(ax: Axes, p: ParameterByLevel, style: dict[str, Any]) -> None:
 # ------------------------------------------------------------------------------------------------------------ ranking
 
 
-def plot_ranking(laws: Sequence[str], bic: Array, error: Array | None = None) -> Figure:
+def plot_ranking(laws: Sequence[str], bic: Array, error: Array | None = None, decisive: float = 10.0) -> Figure:
     """Laws in the order of their BIC, the best on top, and the error of each on records it was not fitted to.
 
     Parameters
@@ -264,6 +264,8 @@ def plot_ranking(laws: Sequence[str], bic: Array, error: Array | None = None) ->
     bic : (l,) array
     error : (l,) array, optional
         On held-out records, relative.
+    decisive : float
+        Difference of BIC that decides, marked.
 
     Returns
     -------
@@ -275,8 +277,8 @@ def plot_ranking(laws: Sequence[str], bic: Array, error: Array | None = None) ->
     y = np.arange(len(laws))
     _bars(axes[0], y, (bic - bic.min())[order], ".4g")
     axes[0].set_xscale("symlog", linthresh=10.0)
-    dressed(axes[0], "BIC above the best; 10 is decisive", "")
-    axes[0].axvline(10.0, color=FAINT, linewidth=0.8, zorder=0)
+    dressed(axes[0], f"BIC above the best; {decisive:g} is decisive", "")
+    axes[0].axvline(decisive, color=FAINT, linewidth=0.8, zorder=0)
     axes[0].set_yticks(y, [laws[i] for i in order])
     axes[0].invert_yaxis()
     if error is not None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hbm.diagnosis.decide import DECISIVE
 from hbm.diagnosis.discrepancy import Discrepancy, MissingForce
 from hbm.diagnosis.verdict import Diagnosis, Estimate, Ranked
 from hbm.extensions import Extension
@@ -380,9 +381,9 @@ def _ranking_plates(found: Diagnosed) -> Iterator[Plate]:
     yield Plate(
         "ranking",
         "Which cause",
-        "Left: Bayesian information criterion above the best model's; a difference above 10 is decisive. Right: error "
-        "on the records held out.",
-        plot_ranking([row[0] for row in rows], bic, held if np.isfinite(held).all() else None),
+        f"Left: Bayesian information criterion above the best model's; a cause must lower it by {DECISIVE:g}. Right: "
+        "error on the records held out.",
+        plot_ranking([row[0] for row in rows], bic, held if np.isfinite(held).all() else None, DECISIVE),
         ranking_columns(found.diagnosis),
     )
 
@@ -420,5 +421,5 @@ def _table_sections(d: Diagnosis) -> Iterator[Section]:
         note = "error: relative rms of all coefficients; misfit: in noise variances, 1 is noise alone"
         yield Section("Models", table=Table(*error_table(d), note), csv=(ERROR_FILE,))
     if d.ranking:
-        note = "fitted causes, the best first; a BIC difference above 10 is decisive; ± is one standard deviation"
+        note = f"fitted causes, the best first; one must lower BIC by {DECISIVE:g}; ± is one standard deviation"
         yield Section("Causes", table=Table(*ranking_table(d), note), csv=(RANKING_FILE,))
