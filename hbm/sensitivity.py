@@ -241,7 +241,7 @@ class Disturbance:
 
 @one_thread
 def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) -> dict[str, Array]:
-    """Change of the response channels under small disturbances: receptances of the linearised steady state.
+    """Change of response channels and friction under small disturbances: receptances of the linearised steady state.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
     Returns
     -------
     dict of str to (2H+1, p) array
-        Coefficients, in each channel's unit per unit of the disturbance.
+        Coefficients, in each channel's unit per unit of the disturbance; `friction` [N] with what was beside the law.
 
     Raises
     ------
@@ -267,7 +267,7 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
     d_Q, d_T = balance.unpack(x)
     s, basis, Omega = problem.structure, problem.basis, solution.state.Omega
     slid = balance.slid(d_Q, d_T)
-    out = {}
+    out = {"friction": d_T}
     for place, c in enumerate(rig.response_channels, start=2):
         _, by_friction = s.residual.channels.get(c.name, (0.0, 0.0))
         moved = np.einsum("kip,i->kp", d_Q, s.channel_rows[c.name]) + by_friction * d_T

@@ -17,10 +17,11 @@ from hbm.diagnosis.numerics import Correction, Grid, Numerics, amplitudes_of, co
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.records import Measurement, Record, force_columns, parts, solve_from, solve_record
 from hbm.residual import State
-from hbm.sensitivity import FORCE, HZ, sensitivities
+from hbm.sensitivity import FORCE, HZ, Disturbance, disturbed, sensitivities
 from hbm.solution import PeriodicSolution
 from hbm.sweep import each
 from models.change import drift_scalars, tone_scalars
+from models.friction import parameters
 from models.numbers import number
 from models.rig import Rig
 
@@ -35,6 +36,9 @@ NEWTON = 15
 CLOCKS = 1e-5
 """What the clocks of generator and recorder agree to, relative standard deviation of the frequency of a record."""
 
+LOSSLESS = 1e-9
+"""Of the largest loop that friction and slip could close, the loss of a contact that sticks."""
+
 FAILURES = (ConvergenceError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 
 
@@ -42,7 +46,8 @@ FAILURES = (ConvergenceError, ArithmeticError, ValueError, np.linalg.LinAlgError
 class Simulated:
     """One record as simulated: amplitudes (2, c, H), derivatives to p keys (..., p), to force and to frequency.
 
-    Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients.
+    Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients;
+    where the contact never slips, `by_history` (2, c, H) what one standard deviation of its mean friction does.
     """
 
     solution: PeriodicSolution
@@ -51,6 +56,7 @@ class Simulated:
     by_force: Array
     by_hz: Array
     by_tones: Array | None
+    by_history: Array | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +172,10 @@ class Campaign:
         return np.asarray(np.hypot(record.std, 0.0 if correction is None else correction.left))
 
     def disturbances(self, record: Record, simulated: Simulated) -> Array:
-        """What one standard deviation of force and frequency does to a record as a whole, (k, 2, c, H)."""
+        """What one standard deviation of force, frequency and history does to a record as a whole, (k, 2, c, H)."""
         force = force_columns(record, simulated.amplitudes, simulated.by_force, simulated.by_tones)
-        return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz]])
+        history = [] if simulated.by_history is None else [simulated.by_history]
+        return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz, *history]])
 
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
         """Records found, in standard deviations; `by_x` (p, n) turns derivatives to keys into those to coordinates."""
@@ -249,8 +256,42 @@ def simulated(
     p = len(own)
     slopes = np.stack([parts(basis, by[name].coefficients, data.H) for name in data.channels], axis=1)
     by_tones = slopes[..., p + 2 :] if tones else None
-    amplitudes = amplitudes_of(data, solution)
-    return Simulated(solution, amplitudes, slopes[..., :p] @ by_keys, slopes[..., p], slopes[..., p + 1], by_tones)
+    return Simulated(
+        solution=solution,
+        amplitudes=amplitudes_of(data, solution),
+        by_keys=slopes[..., :p] @ by_keys,
+        by_force=slopes[..., p],
+        by_hz=slopes[..., p + 1],
+        by_tones=by_tones,
+        by_history=history(here, solution, data) if sticks(solution) else None,
+    )
+
+
+def sticks(solution: PeriodicSolution) -> bool:
+    """Whether the contact never slips: then what it was through before decides its mean friction."""
+    T, slip = solution["friction"].samples, solution["slip"].samples
+    return abs(solution.friction_loss) <= LOSSLESS * float(np.ptp(T) * np.ptp(slip))
+
+
+def history(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array | None:
+    """Change of the amplitudes (2, c, H) with one standard deviation of the mean friction of a contact that sticks.
+
+    The mean may be anything that friction can hold beside what oscillates; it stiffens or softens the beam like a
+    force along it (foreshortening), which near a sharp resonance is seen.
+    """
+    law = parameters(rig.contact.law)
+    held = max((float(law[name]) for name in ("mu", "mu_static") if name in law), default=0.0) * rig.contact.normal_load
+    spare = held - float(np.ptp(solution["friction"].samples)) / 2.0
+    if spare <= 0.0:
+        return None
+    constant = np.zeros((solution.basis.size, 1))
+    constant[0] = 1.0
+    none = np.zeros_like(constant)
+    modes = np.zeros((solution.basis.size, rig.structure.n, 1))
+    by_force = disturbed(rig, solution, Disturbance(modes, constant, none, none, {}))
+    size = spare / np.sqrt(3.0) / float(by_force["friction"][0, 0])
+    change = [parts(solution.basis, by_force[name], data.H)[..., 0] for name in data.channels]
+    return np.asarray(size * np.stack(change, axis=1))
 
 
 def in_record(rig: Rig, keys: Sequence[str], record: int) -> tuple[tuple[str, ...], Array]:
