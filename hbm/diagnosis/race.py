@@ -17,7 +17,7 @@ from hbm.diagnosis.fit import Evaluation, best_start, fit_model, refine
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign
-from hbm.diagnosis.screen import Score, Screening, coarse, small, spread, starting
+from hbm.diagnosis.screen import Score, Screening, coarse, small, starting, telling
 from hbm.fourier import Array
 from hbm.sweep import each
 from models.causes.cause import Cause
@@ -154,7 +154,7 @@ def _by_score(base: Evaluation, screening: Screening) -> list[Runner]:
 
 def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Runner]:
     """Candidates by quick fits."""
-    few = coarse(campaign, [n for n in spread(campaign, HEAT_RECORDS) if n in base.found], base)
+    few = coarse(campaign, telling(base, campaign, HEAT_RECORDS), base)
     before = float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
     heat: list[Runner] = []
     explained = max(EXPLAINED * few.points, LITTLE * before)

@@ -109,6 +109,15 @@ def spread(campaign: Campaign, number: int) -> list[int]:
     return [campaign.data.records[i].number for i in sorted({*fastest.tolist(), *even.tolist()})]
 
 
+def telling(base: Evaluation, campaign: Campaign, number: int) -> list[int]:
+    """Numbers of records spread as by :func:`spread`, those that a model misses most among them."""
+    found = [n for n in campaign.numbers if n in base.found]
+    missed = sorted(found, key=lambda n: -float(np.sum(base.white.residual[base.white.record == n] ** 2)))
+    worst = missed[: number // 3]
+    others = [n for n in spread(campaign, number - len(worst)) if n in base.found]
+    return sorted({*worst, *others})
+
+
 def coarse(campaign: Campaign, numbers: Sequence[int], base: Evaluation | None = None) -> Campaign:
     """Some records on few harmonics and samples, for what need not be exact; corrected to a model that is known."""
     few = campaign.of(numbers).coarsely(max(COARSE[0], campaign.data.H + 4), COARSE[1])
@@ -145,7 +154,7 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
     -------
     Screening
     """
-    few = coarse(campaign, [n for n in spread(campaign, RECORDS if small(base) else FEW) if n in base.found])
+    few = coarse(campaign, telling(base, campaign, RECORDS if small(base) else FEW))
     seen = np.isin(base.white.record, few.numbers)
     sized = [c for c in candidates if c.unknowns(base.model.nominal)]
     found = {s.cause.label: [s] for s in _tried(base, campaign, [c for c in candidates if c not in sized], seen)}
@@ -170,7 +179,7 @@ def _best(scores: Sequence[Score]) -> Score:
 
 def _tried(base: Evaluation, campaign: Campaign, causes: Sequence[Cause], seen: Mask) -> Iterator[Score]:
     """Scores of causes without a size: the fall of chi2 on few records."""
-    few = coarse(campaign, [n for n in spread(campaign, PROBED) if n in base.found])
+    few = coarse(campaign, telling(base, campaign, PROBED))
     plain = few.solve(base.model.rig(base.x), base.solutions) if causes else {}
     before, share = sum(few.chi2(plain).values()), seen.sum() / max(few.points, 1)
     for cause in causes:
