@@ -13,7 +13,7 @@ which a solution depends only through the harmonics left out.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -90,6 +90,8 @@ class Sensitivities:
         The channels of the solution, each worked out when it is asked for.
     refinements : int
         Corrections of the first back-substitution.
+    balance : object
+        The linearised balance.
     """
 
     solution: PeriodicSolution
@@ -100,6 +102,11 @@ class Sensitivities:
     T: Array
     channels: Mapping[str, ChannelSensitivity]
     refinements: int
+    balance: "_LinearBalance" = field(repr=False)
+
+    def disturbed(self, disturbance: "Disturbance") -> dict[str, Array]:
+        """What :func:`disturbed` says of the same solution, with what is factored already."""
+        return _disturbed(self.balance, disturbance)
 
     def __getitem__(self, name: str) -> ChannelSensitivity:
         """Channel by name."""
@@ -174,7 +181,7 @@ def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | No
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
     channels = _Channels(here, solution, held, _Change(d_Q, d_T, signals, slid))
     values, units = zip(*(known[key] for key in keys), strict=True)
-    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements)
+    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, balance)
 
 
 def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
@@ -261,14 +268,18 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
         At a fold.
     """
     problem = HarmonicBalance(rig, solution.basis, level=solution.level)
-    balance = _LinearBalance(problem.linearize(*problem.pack(solution.state)))
+    return _disturbed(_LinearBalance(problem.linearize(*problem.pack(solution.state))), disturbance)
+
+
+def _disturbed(balance: "_LinearBalance", disturbance: Disturbance) -> dict[str, Array]:
+    problem = balance.problem
     held = np.stack([disturbance.slip, disturbance.reaction, np.zeros_like(disturbance.slip)], axis=1)
     x, _ = _refined(balance.here, balance, balance.scaled(disturbance.modes, disturbance.friction + balance.law(held)))
     d_Q, d_T = balance.unpack(x)
-    s, basis, Omega = problem.structure, problem.basis, solution.state.Omega
+    s, basis, Omega = problem.structure, problem.basis, balance.state.Omega
     slid = balance.slid(d_Q, d_T)
     out = {"friction": d_T}
-    for place, c in enumerate(rig.response_channels, start=2):
+    for place, c in enumerate(problem.rig.response_channels, start=2):
         _, by_friction = s.residual.channels.get(c.name, (0.0, 0.0))
         moved = np.einsum("kip,i->kp", d_Q, s.channel_rows[c.name]) + by_friction * d_T
         moved = moved + disturbance.channels.get(c.name, 0.0)
