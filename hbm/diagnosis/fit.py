@@ -3,6 +3,7 @@
 The force noise of each record is profiled out: the covariance follows the model, and chi2 of different models compare.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,9 @@ DAMPED = 1e-6
 ROUNDING = 1e-13
 LEAST_DAMPED = 1e-10
 MOST_DAMPED = 1e4
+
+MANY, MISSED = 8, 2
+"""More starts than this are compared on so many records first."""
 
 MOST = 0.7
 """Longest step of a coordinate."""
@@ -152,7 +156,8 @@ def fit_model(
             continue
         part = min(part, float(MOST / max(np.abs(step).max(), 1e-300)))
         try:
-            there = evaluate(model, campaign, np.clip(here.x + part * step, low, high), here.solutions)
+            near = {**last, **here.solutions}
+            there = evaluate(model, campaign, np.clip(here.x + part * step, low, high), near)
             gained = _chi2_of_both(here, there)
         except FAILURES:
             gained = -1.0
@@ -208,8 +213,21 @@ def _step(here: Evaluation, damping: float, low: Array, high: Array) -> tuple[Ar
 
 
 def best_start(model: Model, campaign: Campaign, starts: list[Array], last: Solutions) -> list[tuple[float, Array]]:
-    """Starts by their chi2 on a few records, the least first; a record without a steady state counts as in `last`."""
+    """Starts by their chi2 on a few records, the least first; a record without a steady state counts as in `last`.
+
+    Many are compared on the records that `last` misses most, and the best of them on all.
+    """
     before = campaign.chi2(last)
+    worst = sorted(before, key=lambda number: -before[number])[:MISSED]
+    if len(starts) > MANY:
+        starts = [x for _, x in _ordered(model, campaign.of(worst), starts, last, before)][:MANY]
+    return _ordered(model, campaign, starts, last, before)
+
+
+def _ordered(
+    model: Model, campaign: Campaign, starts: list[Array], last: Solutions, before: Mapping[int, float]
+) -> list[tuple[float, Array]]:
+    known = {number: before[number] for number in campaign.numbers if number in before}
     found = []
     for x in starts:
         try:
@@ -217,7 +235,7 @@ def best_start(model: Model, campaign: Campaign, starts: list[Array], last: Solu
         except FAILURES:
             continue
         if solutions:
-            found.append((float(sum((before | campaign.chi2(solutions)).values())), x))
+            found.append((float(sum((known | campaign.chi2(solutions)).values())), x))
     if not found:
         raise ConvergenceError(f"{model.label}: no start has steady states")
     return sorted(found, key=lambda pair: pair[0])

@@ -33,7 +33,7 @@ HEAT_STARTS = 2
 AT_ONCE = 4
 """Candidates run side by side where there is an executor."""
 
-AGAIN, MORE_STARTS, MORE_STEPS = 3, 8, 12
+AGAIN, MORE_STARTS, MORE_STEPS = 3, 5, 12
 """Where nothing explains the records so many candidates run again, from more starts and for more steps."""
 
 RUNNING, HOPELESS = 20, 0.15
@@ -44,9 +44,6 @@ FINALISTS, LEAST, HOPE = 5, 3, 10.0
 misfit of the best gives hope; those as close as this to the best:"""
 
 CLOSE = 30.0
-
-STARTS = 12
-"""Starts of every shape are compared where they are not more than this; else those of the shapes that score best."""
 
 HELPS = 0.5
 """Where the best leaves more than this share of chi2 nothing will explain the records."""
@@ -146,7 +143,7 @@ def _by_score(base: Evaluation, screening: Screening) -> list[Runner]:
     """Candidates whose predicted fall of BIC is near the best."""
     best = screening.scores[0].gain if screening.scores else 0.0
     return [
-        Runner(s.cause, base.chi2 - s.drop, starting(base.model.extended_by(s.cause), base, s.shapes[0]))
+        Runner(s.cause, base.chi2 - s.drop, starting(base.model.extended_by(s.cause), base, s.start))
         for s in screening.scores[:FINALISTS]
         if s.gain > 0.0 and s.gain >= SHARE * best
     ]
@@ -174,7 +171,7 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
         return []
     by_label = {s.cause.label: s for s in running}
     hopeless = heat[0].chi2 > HELPS * before
-    stuck = [] if hopeless or base.model.causes else _stuck(heat, EXPLAINED * few.points, base.model.nominal)
+    stuck = [] if hopeless or base.model.causes else _stuck(heat, EXPLAINED * few.points, base.model.nominal, screening)
     if stuck:
         tell(", ".join(heat[i].cause.label for i in stuck) + ", from other starts")
     more = apart.run([by_label[heat[i].cause.label] for i in stuck], MORE_STARTS, MORE_STEPS)
@@ -207,12 +204,16 @@ class _Heats:
         return each(self.executor, partial(_heat, self.base, self.few, most=most, steps=steps), scores)
 
 
-def _stuck(heat: Sequence[Runner], explained: float, rig: Rig) -> list[int]:
-    """Runners that may have stopped in a wrong valley: the best where none explains, else the simpler than the best."""
+def _stuck(heat: Sequence[Runner], explained: float, rig: Rig, screening: Screening) -> list[int]:
+    """Runners that may have stopped in a wrong valley: the best where none explains, else what is simpler and alike."""
     if heat[0].chi2 > explained:
         return list(range(min(AGAIN, len(heat))))
-    size = len(heat[0].cause.unknowns(rig))
-    return [i for i, r in enumerate(heat[:FINALISTS]) if i and len(r.cause.unknowns(rig)) < size]
+    best = heat[0].cause
+    alike = screening.look_alikes(best.label, ALIKE)
+    size = len(best.unknowns(rig))
+    return [
+        i for i, r in enumerate(heat[:FINALISTS]) if i and r.cause.label in alike and len(r.cause.unknowns(rig)) < size
+    ]
 
 
 def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: Screening) -> bool:
@@ -227,9 +228,9 @@ def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) 
     model = lighter(base).extended_by(score.cause)
     try:
         here = starting(model, base, {})
-        starts = _starts(model, here, score)
+        starts = _starts(model, here)
         if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
-            starts += _starts(model, model.start, score)
+            starts += _starts(model, model.start)
         ordered = _varied(model, best_start(model, few, starts, base.solutions))
         near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > HEAT_STARTS]
         fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
@@ -264,15 +265,12 @@ def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
     return np.array([known.get((f.cause, f.name), x) for f, x in zip(model.free, here, strict=True)])
 
 
-def _starts(model: Model, x: Array, score: Score) -> list[Array]:
-    """Where the last cause may start, everything else as in `x`."""
+def _starts(model: Model, x: Array) -> list[Array]:
+    """Where the last cause may start with an effect, everything else as in `x`."""
     unknowns = model.unknowns[-1]
-    grids = [[u.starts for u in unknowns]]
-    if np.prod([len(g) for g in grids[0]]) > STARTS:
-        grids = [[(shape[u.name],) if u.shapes else u.starts for u in unknowns] for shape in score.shapes]
+    grids = [u.starts[1:] or u.starts if i == 0 else u.starts for i, u in enumerate(unknowns)]
     own = model.free[len(x) - len(unknowns) :]
     return [
         np.concatenate([x[: len(x) - len(unknowns)], [f.of(v) for f, v in zip(own, values, strict=True)]])
-        for grid in grids
-        for values in product(*grid)
+        for values in product(*grids)
     ]

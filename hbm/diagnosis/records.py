@@ -31,7 +31,7 @@ Solutions = Mapping[int, PeriodicSolution]
 Result = TypeVar("Result")
 
 NEWTON = 15
-"""Iterations from the reconstruction, where those from the last steady state did not get there."""
+"""Iterations from the last steady state, and from the reconstruction where those did not get there."""
 
 CLOCKS = 1e-5
 """What the clocks of generator and recorder agree to, relative standard deviation of the frequency of a record."""
@@ -228,11 +228,15 @@ def _steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -
         rig = record.rig(rig)
     except FAILURES:
         return None
-    try:
-        return rig, solve_record(rig, basis, record, last)
-    except FAILURES:
-        if last is None:
+    if last is None:
+        try:
+            return rig, solve_record(rig, basis, record, None)
+        except FAILURES:
             return None
+    try:
+        return rig, solve_from(rig, basis, record, last, NEWTON)
+    except FAILURES:
+        pass
     try:
         return rig, solve_from(rig, basis, record, record.start, NEWTON)
     except FAILURES:

@@ -39,9 +39,6 @@ COARSE = (15, 256)
 VISIBLE = 0.05
 """Beside the first number of a cause those count whose range moves the records by this share of what its range does."""
 
-SHAPES = 4
-"""Shapes of a cause that are kept."""
-
 SEEN = 1e-6
 """A signature of which calibration leaves less than this share is none."""
 
@@ -59,8 +56,8 @@ class Score:
         The same in standard deviations, signed like the change of the first parameter away from no effect.
     signature : (m,) array
         Unit vector in standard deviations; zero where the cause is not seen.
-    shapes : tuple of dict of str to float
-        Of the best ones, the best first.
+    start : dict of str to float
+        Shape of the best one.
     gain : float
         Predicted fall of BIC.
     """
@@ -69,7 +66,7 @@ class Score:
     drop: float
     z: float
     signature: Array
-    shapes: tuple[dict[str, float], ...]
+    start: dict[str, float]
     gain: float = 0.0
 
 
@@ -157,24 +154,19 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
     few = coarse(campaign, telling(base, campaign, RECORDS if small(base) else FEW))
     seen = np.isin(base.white.record, few.numbers)
     sized = [c for c in candidates if c.unknowns(base.model.nominal)]
-    found = {s.cause.label: [s] for s in _tried(base, campaign, [c for c in candidates if c not in sized], seen)}
-    tried = len(found)
+    best = {s.cause.label: s for s in _tried(base, campaign, [c for c in candidates if c not in sized], seen)}
+    tried = len(best)
     for model, entries in _groups(base.model, sized):
         tried += len(entries)
         for score in _scores(base, few, base.white.residual[seen], model, entries):
-            found.setdefault(score.cause.label, []).append(score)
-    best = {label: _best(scores) for label, scores in found.items()}
+            other = best.get(score.cause.label)
+            if other is None or score.drop > other.drop or not other.signature.any():
+                best[score.cause.label] = score
     for cause in candidates:
-        best.setdefault(cause.label, Score(cause, 0.0, 0.0, np.zeros(int(seen.sum())), ({},)))
+        best.setdefault(cause.label, Score(cause, 0.0, 0.0, np.zeros(int(seen.sum())), {}))
     price = float(np.log(len(base.white)))  # of a number, in BIC
     scores = [replace(s, gain=s.drop - price * len(s.cause.unknowns(base.model.nominal))) for s in best.values()]
     return Screening(tuple(sorted(scores, key=lambda s: -s.gain)), len(few.numbers), tried)
-
-
-def _best(scores: Sequence[Score]) -> Score:
-    """Score of a cause, with the shapes that promise most."""
-    ordered = sorted(scores, key=lambda s: (-s.drop, not s.signature.any()))
-    return replace(ordered[0], shapes=tuple(shape for s in ordered[:SHAPES] for shape in s.shapes))
 
 
 def _tried(base: Evaluation, campaign: Campaign, causes: Sequence[Cause], seen: Mask) -> Iterator[Score]:
@@ -188,7 +180,7 @@ def _tried(base: Evaluation, campaign: Campaign, causes: Sequence[Cause], seen: 
         except FAILURES:
             there = {}
         drop = (before - sum(few.chi2(there).values())) * share if len(there) == len(plain) else 0.0
-        yield Score(cause, max(drop, 0.0), np.sqrt(max(drop, 0.0)), np.zeros(int(seen.sum())), ({},))
+        yield Score(cause, max(drop, 0.0), np.sqrt(max(drop, 0.0)), np.zeros(int(seen.sum())), {})
 
 
 def _shapes(model: Model) -> list[dict[str, float]]:
@@ -277,7 +269,7 @@ def _scores(
         drop, z, seen = _projected(e, residual[found], np.array(mine), np.array(others), strength)
         signature = np.zeros(len(residual))
         signature[found] = seen
-        yield Score(entry.cause, drop, z, signature, (entry.start,))
+        yield Score(entry.cause, drop, z, signature, entry.start)
 
 
 def starting(model: Model, base: Evaluation, start: dict[str, float]) -> Array:
