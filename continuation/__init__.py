@@ -1,4 +1,4 @@
-"""Continuation: solution curves of F(x, lam) = 0, through folds and corners.
+"""Continuation: solution curves of F(x, lam) = 0, through folds and corners, onto crossing and detached curves.
 
 In reading order:
 
@@ -8,6 +8,15 @@ In reading order:
 - `trace` is a generator of `Point`s: a solution, its tangent, and flags for folds, corners and branch points.
 - `continue_branch` collects them in a `Branch`, with an `End` that says in words why it ended.
   `Branch.require_complete` raises `ConvergenceError`, which carries the partial branch.
+- `trace_along` and `continue_along` start in a direction instead: at a fold, or on a closed curve, which ends where it
+  began.
+- `refine` locates the folds and branch points of a branch, `locate` the sign changes of any test function, each a
+  `SpecialPoint` of a `Kind`; `refine_fold` and `refine_branch_point` look between two points.
+- `switch_branch` goes from a branch point along the other curve, both ways.
+- `TwoParameterProblem` is what is asked of F(x, lam, mu); `DenseTwoParameterProblem` makes one from plain functions,
+  `AtMu` a `Problem` at one mu.
+- `fold_curve` follows a fold in (lam, mu), a `FoldCurve`, with its cusps and the births of closed curves;
+  `FoldCurve.at` are the folds at one mu, `isolas` the curves there that no other trace has met.
 - `solve_at` and `correct` are the Newton solvers underneath, at fixed parameter and in a hyperplane;
   both return a `Correction`, with a `Reason`.
 
@@ -21,30 +30,55 @@ In reading order:
 """
 
 from .branch import Branch, ConvergenceError, End, Point
+from .crossing import refine_branch_point
+from .foldcurve import FoldCurve, fold_curve
+from .foldsystem import SecondDerivative
+from .isolas import isolas
 from .newton import Border, Correction, Reason, correct, solve_at
 from .problem import Array, DenseLinearization, DenseProblem, Linearization, Problem
+from .refine import locate, refine, refine_fold
 from .settings import NewtonSettings, Predictor, Settings
-from .trace import Ending, continue_branch, trace
+from .special import Kind, SpecialPoint
+from .switching import switch_branch
+from .trace import Ending, continue_along, continue_branch, trace, trace_along
+from .twoparameter import AtMu, DenseTwoParameterProblem, TwoParameterLinearization, TwoParameterProblem
 
 __all__ = [
     "Array",
+    "AtMu",
     "Border",
     "Branch",
     "ConvergenceError",
     "Correction",
     "DenseLinearization",
     "DenseProblem",
+    "DenseTwoParameterProblem",
     "End",
     "Ending",
+    "FoldCurve",
+    "Kind",
     "Linearization",
     "NewtonSettings",
     "Point",
     "Predictor",
     "Problem",
     "Reason",
+    "SecondDerivative",
     "Settings",
+    "SpecialPoint",
+    "TwoParameterLinearization",
+    "TwoParameterProblem",
+    "continue_along",
     "continue_branch",
     "correct",
+    "fold_curve",
+    "isolas",
+    "locate",
+    "refine",
+    "refine_branch_point",
+    "refine_fold",
     "solve_at",
+    "switch_branch",
     "trace",
+    "trace_along",
 ]

@@ -14,6 +14,7 @@ class End(Enum):
 
     REACHED_END = "reached lam_end"
     LEFT_INTERVAL = "left the interval of lam"
+    CLOSED = "closed, back at the start"
     STEP_BELOW_MINIMUM = "step below the minimum"
     TOO_MANY_POINTS = "too many points"
     START_NOT_CONVERGED = "start did not converge"
@@ -95,6 +96,11 @@ class Branch:
     def complete(self) -> bool:
         """Whether `lam_end` was reached."""
         return self.end is End.REACHED_END
+
+    @property
+    def closed(self) -> bool:
+        """Whether the last point is the first one again."""
+        return self.end is End.CLOSED
 
     @property
     def lam(self) -> Array:

@@ -22,6 +22,7 @@ from .settings import NewtonSettings
 _DAMPING = (0.5, 0.25, 0.125, 0.0625)
 _FORGIVEN_GROWTH = 10.0
 _FAST = 0.01
+_SHARPER = 1e-4
 
 
 class Reason(Enum):
@@ -175,6 +176,12 @@ def correct(problem: Problem, state: Array, border: Border, settings: NewtonSett
                 return _ended(best, matrices, Reason.NO_DECREASE)
             here = best = damped
         source, matrices = _Evaluated(here.state, here.linearization), matrices + 1
+
+
+def correct_sharply(problem: Problem, state: Array, border: Border, settings: NewtonSettings) -> Correction:
+    """Solution in a hyperplane, to rounding if possible; look at `residual_norm` to see if it serves."""
+    sharp = NewtonSettings(tolerance=_SHARPER * settings.tolerance, max_iterations=settings.max_iterations)
+    return correct(problem, state, border, sharp)
 
 
 def _iterate(problem: Problem, state: Array, before: _Evaluated | None = None) -> _Iterate:

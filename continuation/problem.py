@@ -110,8 +110,8 @@ class DenseLinearization:
         x, lam = self.solve_columns(row, row_lam, rhs[:, None], rhs_row)
         return x[:, 0], float(lam[0])
 
-    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
-        """Solutions (N, r) and (r,) for right sides (N, r) with the same last entry."""
+    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float | Array) -> tuple[Array, Array]:
+        """Solutions (N, r) and (r,) for right sides (N, r) with last entries (r,), or the same one for all."""
         self._factor(row, row_lam)
         if self._singular:
             return np.full_like(rhs, np.nan), np.full(rhs.shape[1], np.nan)

@@ -13,7 +13,8 @@ import numpy as np
 
 from .branch import Branch, End, Point
 from .geometry import Frame, Metric, fold_lam, frame_along
-from .newton import Correction, solve_at
+from .loop import closing_step
+from .newton import Border, Correction, correct, solve_at
 from .problem import Array, Problem
 from .settings import Settings
 from .stepper import Step, Stepper
@@ -60,17 +61,75 @@ def trace(problem: Problem, x0: Array, lam0: float, settings: Settings) -> Gener
     interval = settings.interval(lam0)
     start = solve_at(problem, x0, lam0, settings)
     frame = _start_frame(metric, start, settings) if start.converged else None
-    if frame is None:
+    return (yield from _walk(problem, metric, frame, start, settings, interval))
+
+
+def trace_along(
+    problem: Problem, x0: Array, lam0: float, direction: Array, settings: Settings
+) -> Generator[Point, None, Ending]:
+    """Points of the solution curve near (x0, lam0), one by one, in a given direction.
+
+    It also starts where `trace` cannot, at a fold, and where it would not know which way: on a closed curve.
+
+    Parameters
+    ----------
+    problem : Problem
+        The system F(x, lam) = 0.
+    x0, lam0 : (N,) array, float
+        Guess of the first solution; corrected in the hyperplane across `direction`.
+    direction : (N + 1,) array
+        Where to go, (dx, dlam).
+    settings : Settings
+        Steps and tolerances. `lam_end` ends the trace where it is met, `lam_min` and `lam_max` where they are;
+        without these two the interval is that from the start to `lam_end`.
+
+    Yields
+    ------
+    Point
+        In the order of travel.
+
+    Returns
+    -------
+    Ending
+        Why the trace ended.
+
+    Raises
+    ------
+    ValueError
+        At the first point, if the first solution lies outside the interval or the weights do not fit.
+    """
+    state = np.append(np.asarray(x0, dtype=np.float64), lam0)
+    metric = Metric.of(settings, state.size - 1)
+    row = metric.weights * metric.unit(np.asarray(direction, dtype=np.float64))
+    start = correct(problem, state, Border(row[:-1], float(row[-1])), settings)
+    frame = frame_along(metric, start.state, start.linearization, row) if start.converged else None
+    interval = settings.interval(start.lam)
+    return (yield from _walk(problem, metric, frame, start, settings, interval))
+
+
+def _walk(
+    problem: Problem,
+    metric: Metric,
+    first: Frame | None,
+    start: Correction,
+    settings: Settings,
+    interval: tuple[float, float],
+) -> Generator[Point, None, Ending]:
+    """Points from a corrected start on."""
+    if first is None:
         return Ending(End.START_NOT_CONVERGED, _start_message(start))
-    point = _start_point(frame, start)
+    point = _start_point(first, start)
     yield point
-    stepper = Stepper(problem, metric, frame, settings, interval)
+    stepper = Stepper(problem, metric, first, settings, interval)
     for number in range(2, settings.max_points + 1):
         before, step = stepper.frame, stepper.advance()
         if step is None:
             return Ending(End.STEP_BELOW_MINIMUM, _stuck_message(point, number - 1, stepper.refusal, settings))
-        point = _point(before, step, point.arclength, settings)
+        closing = closing_step(problem, metric, first, before, step, settings)
+        point = _point(before, closing or step, point.arclength, settings)
         yield point
+        if closing is not None:
+            return Ending(End.CLOSED, _message(End.CLOSED, point.lam, number))
         if point.lam == settings.lam_end:
             return Ending(End.REACHED_END, _message(End.REACHED_END, point.lam, number))
         if point.lam in interval:
@@ -105,8 +164,43 @@ def continue_branch(
     ValueError
         If `lam0` or the weights do not fit the settings.
     """
+    return _collected(trace(problem, x0, lam0, settings), settings, on_point)
+
+
+def continue_along(
+    problem: Problem,
+    x0: Array,
+    lam0: float,
+    direction: Array,
+    settings: Settings,
+    on_point: Callable[[Point], bool | None] | None = None,
+) -> Branch:
+    """Trace a whole branch from a start in a given direction.
+
+    Parameters
+    ----------
+    problem, x0, lam0, direction, settings
+        As for `trace_along`.
+    on_point : callable, optional
+        Called with every point; a true result stops the trace there.
+
+    Returns
+    -------
+    Branch
+        It ends with `End.CLOSED` where it came back to its start.
+
+    Raises
+    ------
+    ValueError
+        As `trace_along`.
+    """
+    return _collected(trace_along(problem, x0, lam0, direction, settings), settings, on_point)
+
+
+def _collected(
+    steps: Generator[Point, None, Ending], settings: Settings, on_point: Callable[[Point], bool | None] | None
+) -> Branch:
     points: list[Point] = []
-    steps = trace(problem, x0, lam0, settings)
     while True:
         try:
             point = next(steps)

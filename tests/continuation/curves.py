@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from continuation import DenseProblem
+from continuation import DenseProblem, DenseTwoParameterProblem
 
 Array = Any
 
@@ -92,3 +92,16 @@ def bent_line(before: Array, behind: Array, corner: Array, rng: np.random.Genera
         return slope[:, :-1], slope[:, -1]
 
     return DenseProblem(residual, jacobian)
+
+
+def scalar_of_two(f: Any, slopes: Any, slopes_of_f_x: Any) -> tuple[DenseTwoParameterProblem, Any]:
+    """One equation in one unknown and two parameters, its derivatives, and those of f_x, with respect to x, lam, mu."""
+
+    def jacobian(x: Array, lam: float, mu: float) -> tuple[Array, Array, Array]:
+        f_x, f_lam, f_mu = slopes(x[0], lam, mu)
+        return np.array([[f_x]]), np.array([f_lam]), np.array([f_mu])
+
+    def second(x: Array, lam: float, mu: float, v: Array, directions: Array) -> Array:
+        return v[0] * np.array([slopes_of_f_x(x[0], lam, mu)]) @ directions
+
+    return DenseTwoParameterProblem(lambda x, lam, mu: np.array([f(x[0], lam, mu)]), jacobian), second

@@ -1,0 +1,129 @@
+"""The stretch of a smooth curve between two of its points, solved anywhere between."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from .branch import ConvergenceError, Point
+from .geometry import Frame, Metric, frame_along
+from .newton import Border, Correction, correct_sharply
+from .problem import Array, Problem
+from .settings import Settings
+
+_CLOSE = 1e-13
+_ITERATIONS = 100
+
+
+def state_of(point: Point) -> Array:
+    """(x, lam) of a point, (N + 1,)."""
+    return np.append(point.x, point.lam)
+
+
+def tangent_of(point: Point) -> Array:
+    """Unit tangent of a point, (N + 1,)."""
+    return np.append(point.tangent_x, point.tangent_lam)
+
+
+class Segment:
+    """Solutions between two neighbouring points.
+
+    Parameters
+    ----------
+    problem : Problem
+        The system.
+    before, behind : Point
+        Both ends, in the order of travel.
+    settings : Settings
+        How lengths and residuals are judged.
+    """
+
+    def __init__(self, problem: Problem, before: Point, behind: Point, settings: Settings) -> None:
+        self.problem, self.settings = problem, settings
+        self.metric = Metric.of(settings, before.x.size)
+        self.start, self.length = before.arclength, behind.arclength - before.arclength
+        self.ends = state_of(before), state_of(behind)
+        self.tangents = tangent_of(before), tangent_of(behind)
+        self.chord = self.ends[1] - self.ends[0]
+
+    def guess(self, u: float) -> Array:
+        """Cubic Hermite interpolant at a fraction u of the stretch, (N + 1,)."""
+        a = self.ends[0]
+        s, t = self.tangents
+        turn = (1.0 - u) * (self.length * s - self.chord) - u * (self.length * t - self.chord)
+        return np.asarray(a + u * self.chord + u * (1.0 - u) * turn)
+
+    def solve(self, u: float) -> tuple[Correction, Frame]:
+        """Solution in the hyperplane across the chord at a fraction u, with its tangent.
+
+        Raises
+        ------
+        ConvergenceError
+            If there is none close by.
+        """
+        guess, row = self.guess(u), self.metric.weights * self.metric.unit(self.chord)
+        correction = correct_sharply(self.problem, guess, Border(row[:-1], float(row[-1])), self.settings)
+        close = self.metric.norm(correction.state - guess) < self.metric.norm(self.chord)
+        frame = frame_along(self.metric, correction.state, correction.linearization, row)
+        if frame is None or not (close and correction.residual_norm <= self.settings.tolerance):
+            raise ConvergenceError(
+                f"refine: no solution close to lam = {guess[-1]:.10g}, last residual {correction.residual_norm:.2g}, "
+                f"{correction.reason.value}; try smaller steps of the branch"
+            )
+        return correction, frame
+
+    def point(self, u: float) -> Point:
+        """Solution at a fraction u as a point of the branch."""
+        correction, frame = self.solve(u)
+        return Point(
+            x=correction.x,
+            lam=correction.lam,
+            tangent_x=frame.tangent[:-1],
+            tangent_lam=float(frame.tangent[-1]),
+            arclength=self.arclength(u),
+            step=0.0,
+            iterations=correction.iterations,
+            residual_norm=correction.residual_norm,
+        )
+
+    def arclength(self, u: float) -> float:
+        """Length of the branch up to a fraction u, about."""
+        return self.start + u * self.length
+
+    def root(self, test: Callable[[float], float]) -> float:
+        """Fraction at which a function of it, of opposite signs at 0 and 1, vanishes.
+
+        Raises
+        ------
+        ValueError
+            If it has the same sign at both ends.
+        """
+        return root_between(test, f"lam = {self.ends[0][-1]:.10g} and {self.ends[1][-1]:.10g}")
+
+
+def root_between(test: Callable[[float], float], where: str) -> float:
+    """Root of a function between 0 and 1 by secants that keep it bracketed (Illinois: Dowell & Jarratt 1971).
+
+    Raises
+    ------
+    ValueError
+        If it has the same sign at both ends; `where` is told.
+    """
+    a, b, f, g = 0.0, 1.0, test(0.0), test(1.0)
+    if not f * g <= 0.0:
+        raise ValueError(
+            f"refine: the test function is {f:.3g} and {g:.3g} between {where}; it must change its sign in between"
+        )
+    u = a if f == 0.0 else b
+    for _ in range(_ITERATIONS):
+        if f == 0.0 or g == 0.0 or abs(b - a) <= _CLOSE:
+            break
+        last, u = u, b - g * (b - a) / (g - f)
+        value = test(u)
+        if value == 0.0 or abs(u - last) <= _CLOSE:
+            break
+        if value * g < 0.0:
+            a, f = b, g
+        else:
+            f *= 0.5
+        b, g = u, value
+    return u
