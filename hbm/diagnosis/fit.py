@@ -212,15 +212,17 @@ def _step(here: Evaluation, damping: float, low: Array, high: Array) -> tuple[Ar
     return step, float(2.0 * gradient @ step - step @ A @ step)
 
 
-def best_start(model: Model, campaign: Campaign, starts: list[Array], last: Solutions) -> list[tuple[float, Array]]:
+def best_start(
+    model: Model, campaign: Campaign, starts: list[Array], last: Solutions, most: int = MANY
+) -> list[tuple[float, Array]]:
     """Starts by their chi2 on a few records, the least first; a record without a steady state counts as in `last`.
 
-    Many are compared on the records that `last` misses most, and the best of them on all.
+    More than `most` are compared on the records that `last` misses most, and the best of them on all.
     """
     before = campaign.chi2(last)
     worst = sorted(before, key=lambda number: -before[number])[:MISSED]
-    if len(starts) > MANY:
-        starts = [x for _, x in _ordered(model, campaign.of(worst), starts, last, before)][:MANY]
+    if len(starts) > most:
+        starts = [x for _, x in _ordered(model, campaign.of(worst), starts, last, before)][:most]
     return _ordered(model, campaign, starts, last, before)
 
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import lighter
-from hbm.diagnosis.fit import Evaluation, best_start, fit_model, refine
+from hbm.diagnosis.fit import MANY, Evaluation, best_start, fit_model, refine
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
-from hbm.diagnosis.records import FAILURES, Campaign
+from hbm.diagnosis.records import FAILURES, Campaign, Solutions
 from hbm.diagnosis.screen import Score, Screening, coarse, small, starting, telling
 from hbm.fourier import Array
 from hbm.sweep import each
@@ -57,8 +57,9 @@ EXPLAINED, LITTLE = 1.5, 0.03
 ALIKE = 0.5
 """those whose signature has this cosine with it."""
 
-APART = 3.0
-"""Fits that differ by more than so many standard deviations stand in different valleys."""
+VALLEYS, APART = 2, 3.0
+"""Other valleys that are fitted to all records, at most; fits stand in different ones that differ by more than so many
+standard deviations."""
 
 SECOND = 3.0
 """The second start is tried where its chi2 is within this factor of the best."""
@@ -99,7 +100,7 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
     """
     if not small(base):
         return _refined(_final(_by_heat(base, campaign, screening, tell), base, campaign, tell), base, campaign)
-    done = _final(_by_score(base, screening), base, campaign, tell)
+    done = _final(_by_score(base, campaign, screening), base, campaign, tell)
     abrupt = replace(screening, scores=tuple(s for s in screening.scores if s.cause.abrupt))
     if abrupt.scores and not any(misfit(e, campaign).fits for e in done):
         tried = {e.model.label for e in done}
@@ -139,19 +140,31 @@ def _rank(e: Evaluation) -> tuple[int, float]:
     return len(e.missing), e.chi2
 
 
-def _by_score(base: Evaluation, screening: Screening) -> list[Runner]:
-    """Candidates whose predicted fall of BIC is near the best."""
+def _by_score(base: Evaluation, campaign: Campaign, screening: Screening) -> list[Runner]:
+    """Candidates whose predicted fall of BIC is near the best; those with a place from other places too."""
     best = screening.scores[0].gain if screening.scores else 0.0
+    chosen = [s for s in screening.scores[:FINALISTS] if s.gain > 0.0 and s.gain >= SHARE * best]
+    placed = [s for s in chosen if any(u.shapes for u in s.cause.unknowns(base.model.nominal))]
+    quick = _Heats(base, _few(base, campaign)).run(placed, MORE_STARTS, HEAT_STEPS)
+    found = {r.cause.label: (r.x, *r.others) for r in quick if r is not None}
     return [
-        Runner(s.cause, base.chi2 - s.drop, starting(base.model.extended_by(s.cause), base, s.start))
-        for s in screening.scores[:FINALISTS]
-        if s.gain > 0.0 and s.gain >= SHARE * best
+        Runner(
+            s.cause,
+            base.chi2 - s.drop,
+            starting(base.model.extended_by(s.cause), base, s.start),
+            found.get(s.cause.label, ()),
+        )
+        for s in chosen
     ]
+
+
+def _few(base: Evaluation, campaign: Campaign) -> Campaign:
+    return coarse(campaign, telling(base, campaign, HEAT_RECORDS), base)
 
 
 def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Runner]:
     """Candidates by quick fits."""
-    few = coarse(campaign, telling(base, campaign, HEAT_RECORDS), base)
+    few = _few(base, campaign)
     before = float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
     heat: list[Runner] = []
     explained = max(EXPLAINED * few.points, LITTLE * before)
@@ -176,7 +189,7 @@ def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: T
         tell(", ".join(heat[i].cause.label for i in stuck) + ", from other starts")
     more = apart.run([by_label[heat[i].cause.label] for i in stuck], MORE_STARTS, MORE_STEPS)
     for i, again in zip(stuck, more, strict=True):
-        heat[i] = min(heat[i], again or heat[i], key=lambda r: r.chi2)
+        heat[i] = min(again or heat[i], heat[i], key=lambda r: r.chi2)
     heat.sort(key=lambda r: r.chi2)
     scale, margin = len(campaign.numbers) / len(few.numbers), max(10 * CLOSE, heat[0].chi2)
     lost = heat[0].chi2 > EXPLAINED * few.points
@@ -205,15 +218,16 @@ class _Heats:
 
 
 def _stuck(heat: Sequence[Runner], explained: float, rig: Rig, screening: Screening) -> list[int]:
-    """Runners that may have stopped in a wrong valley: the best where none explains, else what is simpler and alike."""
+    """Runners that may have stopped in a wrong valley: the best where none explains.
+
+    Else the best if it has a place, and what is simpler and alike.
+    """
     if heat[0].chi2 > explained:
         return list(range(min(AGAIN, len(heat))))
     best = heat[0].cause
-    alike = screening.look_alikes(best.label, ALIKE)
-    size = len(best.unknowns(rig))
-    return [
-        i for i, r in enumerate(heat[:FINALISTS]) if i and r.cause.label in alike and len(r.cause.unknowns(rig)) < size
-    ]
+    alike, own = screening.look_alikes(best.label, ALIKE), best.unknowns(rig)
+    simpler = [r.cause.label in alike and len(r.cause.unknowns(rig)) < len(own) for r in heat[:FINALISTS]]
+    return [i for i, other in enumerate(simpler) if (any(u.shapes for u in own) if i == 0 else other)]
 
 
 def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: Screening) -> bool:
@@ -231,7 +245,7 @@ def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) 
         starts = _starts(model, here)
         if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
             starts += _starts(model, model.start)
-        ordered = _varied(model, best_start(model, few, starts, base.solutions))
+        ordered = _by_place(model, few, starts, base.solutions)
         near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > HEAT_STARTS]
         fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
     except (*FAILURES, ConvergenceError):
@@ -241,21 +255,23 @@ def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) 
     return Runner(score.cause, best.chi2, carried[0], tuple(carried[1:]))
 
 
-def _varied(model: Model, ordered: list[tuple[float, Array]]) -> list[tuple[float, Array]]:
-    """The best start, the best one of another shape, then the others."""
+def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions) -> list[tuple[float, Array]]:
+    """The best start at each place, or of each value of whatever shapes the cause, then the others."""
     unknowns = model.unknowns[-1]
-    shapes = [len(model.free) - len(unknowns) + i for i, u in enumerate(unknowns) if u.shapes]
-    first = ordered[0][1][shapes]
-    rest = ordered[1:]
-    other = next((i for i, (_, x) in enumerate(rest) if not np.allclose(x[shapes], first)), 0)
-    return [ordered[0], *rest[other : other + 1], *rest[:other], *rest[other + 1 :]]
+    shapes = [i - len(unknowns) for i, u in enumerate(unknowns) if u.shapes]
+    places: dict[float, list[Array]] = {}
+    for x in starts:
+        places.setdefault(float(x[shapes[-1]]) if shapes else 0.0, []).append(x)
+    ordered = [best_start(model, few, there, last, max(1, MANY // len(places))) for there in places.values()]
+    firsts, others = [o[0] for o in ordered], [pair for o in ordered for pair in o[1:]]
+    return [*sorted(firsts, key=lambda p: p[0]), *sorted(others, key=lambda p: p[0])]
 
 
 def _apart(best: Evaluation, others: Sequence[Evaluation]) -> list[Evaluation]:
-    """The one that is nearly as good as the best, in another valley."""
+    """Those nearly as good as the best, in other valleys."""
     reach = APART * np.sqrt(np.diag(best.covariance))
     near = [e for e in others if e.chi2 < best.chi2 + CLOSE and len(e.missing) == len(best.missing)]
-    return [e for e in near if np.any(np.abs(e.x - best.x) > reach)][:1]
+    return [e for e in near if np.any(np.abs(e.x - best.x) > reach)][:VALLEYS]
 
 
 def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:

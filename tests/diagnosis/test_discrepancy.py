@@ -56,9 +56,10 @@ def measured(*rigs):
 
 
 @pytest.fixture(autouse=True)
-def one_clock(monkeypatch):
-    """Frequencies are exact here; the effects are so small that clocks would hide them."""
+def exactly(monkeypatch):
+    """Frequencies and the history of the contact are exact here; the effects are so small that both would hide them."""
     monkeypatch.setattr(records, "CLOCKS", 0.0)
+    monkeypatch.setattr(records, "sticks", lambda solution: False)
 
 
 def lacking(spectra):
