@@ -13,7 +13,7 @@ which a solution depends only through the harmonics left out.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -90,8 +90,6 @@ class Sensitivities:
         The channels of the solution, each worked out when it is asked for.
     refinements : int
         Corrections of the first back-substitution.
-    balance : object
-        The linearised balance.
     """
 
     solution: PeriodicSolution
@@ -102,11 +100,6 @@ class Sensitivities:
     T: Array
     channels: Mapping[str, ChannelSensitivity]
     refinements: int
-    balance: "_LinearBalance" = field(repr=False)
-
-    def disturbed(self, disturbance: "Disturbance") -> dict[str, Array]:
-        """What :func:`disturbed` says of the same solution, with what is factored already."""
-        return _disturbed(self.balance, disturbance)
 
     def __getitem__(self, name: str) -> ChannelSensitivity:
         """Channel by name."""
@@ -181,7 +174,7 @@ def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | No
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
     channels = _Channels(here, solution, held, _Change(d_Q, d_T, signals, slid))
     values, units = zip(*(known[key] for key in keys), strict=True)
-    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, balance)
+    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements)
 
 
 def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
@@ -268,11 +261,7 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
         At a fold.
     """
     problem = HarmonicBalance(rig, solution.basis, level=solution.level)
-    return _disturbed(_LinearBalance(problem.linearize(*problem.pack(solution.state))), disturbance)
-
-
-def _disturbed(balance: "_LinearBalance", disturbance: Disturbance) -> dict[str, Array]:
-    problem = balance.problem
+    balance = _LinearBalance(problem.linearize(*problem.pack(solution.state)))
     held = np.stack([disturbance.slip, disturbance.reaction, np.zeros_like(disturbance.slip)], axis=1)
     x, _ = _refined(balance.here, balance, balance.scaled(disturbance.modes, disturbance.friction + balance.law(held)))
     d_Q, d_T = balance.unpack(x)

@@ -17,7 +17,7 @@ from hbm.diagnosis.numerics import Correction, Grid, Numerics, amplitudes_of, co
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.records import Measurement, Record, force_columns, parts, solve_from, solve_record
 from hbm.residual import State
-from hbm.sensitivity import FORCE, HZ, Disturbance, Sensitivities, sensitivities
+from hbm.sensitivity import FORCE, HZ, Disturbance, disturbed, sensitivities
 from hbm.solution import PeriodicSolution
 from hbm.sweep import each
 from models.change import drift_scalars, tone_scalars
@@ -267,7 +267,7 @@ def simulated(
         by_force=slopes[..., p],
         by_hz=slopes[..., p + 1],
         by_tones=by_tones,
-        by_history=history(here, by, data) if sticks(solution) else None,
+        by_history=history(here, solution, data) if sticks(solution) else None,
     )
 
 
@@ -277,13 +277,13 @@ def sticks(solution: PeriodicSolution) -> bool:
     return abs(solution.friction_loss) <= LOSSLESS * float(np.ptp(T) * np.ptp(slip))
 
 
-def history(rig: Rig, by: Sensitivities, data: Measurement) -> Array | None:
+def history(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array | None:
     """Change of the amplitudes (2, c, H) with one standard deviation of the mean friction of a contact that sticks.
 
     The mean may be anything that friction can hold beside what oscillates; it stiffens or softens the beam like a
     force along it (foreshortening), which near a sharp resonance is seen.
     """
-    solution, law = by.solution, parameters(rig.contact.law)
+    law = parameters(rig.contact.law)
     held = max((float(law[name]) for name in ("mu", "mu_static") if name in law), default=0.0) * rig.contact.normal_load
     spare = held - float(np.ptp(solution["friction"].samples)) / 2.0
     if spare <= 0.0:
@@ -292,7 +292,7 @@ def history(rig: Rig, by: Sensitivities, data: Measurement) -> Array | None:
     constant[0] = 1.0
     none = np.zeros_like(constant)
     modes = np.zeros((solution.basis.size, rig.structure.n, 1))
-    by_force = by.disturbed(Disturbance(modes, constant, none, none, {}))
+    by_force = disturbed(rig, solution, Disturbance(modes, constant, none, none, {}))
     size = spare / np.sqrt(3.0) / float(by_force["friction"][0, 0])
     change = [parts(solution.basis, by_force[name], data.H)[..., 0] for name in data.channels]
     return np.asarray(size * np.stack(change, axis=1))
