@@ -9,8 +9,9 @@ from .branch import Branch
 from .foldcurve import FoldCurve
 from .problem import Array
 from .refine import refine
+from .segment import state_of
 from .settings import Settings
-from .special import Kind, SpecialPoint
+from .special import Kind
 from .trace import continue_along
 from .twoparameter import AtMu
 
@@ -46,21 +47,17 @@ def isolas(curve: FoldCurve, mu: float, branches: Sequence[Branch], settings: Se
     low = -np.inf if settings.lam_min is None else settings.lam_min
     high = np.inf if settings.lam_max is None else settings.lam_max
     bounded = replace(settings, lam_min=low, lam_max=high)
-    met = [_state(point) for branch in branches for point in refine(problem, branch) if point.kind is Kind.FOLD]
+    met = [state_of(point) for branch in branches for point in refine(problem, branch) if point.kind is Kind.FOLD]
     found = []
     for fold in curve.at(mu):
-        state = _state(fold)
+        state = state_of(fold)
         if any(_same(state, other) for other in met):
             continue
         ahead = state + 0.5 * settings.step * fold.tangent  # the fold itself is passed at the end
         branch = continue_along(problem, ahead[:-1], float(ahead[-1]), fold.tangent, bounded)
         found.append(branch)
-        met += [state, *(_state(point) for point in refine(problem, branch) if point.kind is Kind.FOLD)]
+        met += [state, *(state_of(point) for point in refine(problem, branch) if point.kind is Kind.FOLD)]
     return tuple(found)
-
-
-def _state(point: SpecialPoint) -> Array:
-    return np.append(point.x, point.lam)
 
 
 def _same(a: Array, b: Array) -> bool:

@@ -9,12 +9,13 @@ from .geometry import Frame, Metric, frame_along
 from .newton import Border, Correction, correct_sharply
 from .problem import Array, Problem
 from .settings import Settings
+from .special import SpecialPoint
 
 _CLOSE = 1e-13
 _ITERATIONS = 100
 
 
-def state_of(point: Point) -> Array:
+def state_of(point: Point | SpecialPoint) -> Array:
     """(x, lam) of a point, (N + 1,)."""
     return np.append(point.x, point.lam)
 

@@ -5,9 +5,10 @@ anything is computed with it.
 """
 
 import difflib
+import hashlib
 import sys
 import traceback
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import fields
 from functools import lru_cache
 from importlib.util import module_from_spec, spec_from_file_location
@@ -19,6 +20,9 @@ from hbm.errors import InputError
 from hbm.lawstep import law_step
 from models import LAWS
 from models.friction import Parameter, Setting, defaults, describe, settings
+
+OWN = "own_file_"
+"""Beginning of the names of the modules that files are run as."""
 
 PARTS: dict[str, tuple[Any, str]] = {
     "name": (str, 'name: ClassVar[str] = "..."'),
@@ -124,6 +128,28 @@ def classes_in_file(path: Path) -> list[str]:
     return [n for n, c in vars(module).items() if isinstance(c, type) and c.__module__ == module.__name__]
 
 
+def files_run() -> tuple[Path, ...]:
+    """Files whose classes are in use: what another process runs, by :func:`run_files`, before it is sent any."""
+    return tuple(Path(str(module.__file__)) for name, module in sys.modules.items() if name.startswith(OWN))
+
+
+def run_files(paths: Sequence[Path]) -> None:
+    """Run Python files, so that their classes are known here.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Of :func:`files_run`.
+
+    Raises
+    ------
+    InputError
+        If a file is gone, or fails.
+    """
+    for path in paths:
+        _module(path, _stamp(path))
+
+
 def _own_law(path: Path, class_name: str) -> type:
     law = class_in_file(path, class_name)
     for missing in _wrong_with(law):
@@ -144,7 +170,8 @@ def _stamp(path: Path) -> tuple[int, int]:
 @lru_cache
 def _module(path: Path, stamp: tuple[int, int]) -> ModuleType:
     """Run a file, once as long as it does not change: solvers remember what they built by the law's class."""
-    spec = spec_from_file_location(str(path), path)
+    # the name is the same in every process, and has no dots, so that classes can be sent from one to another
+    spec = spec_from_file_location(OWN + hashlib.sha256(str(path).encode()).hexdigest(), path)
     assert spec is not None
     module = module_from_spec(spec)
     sys.modules[spec.name] = module  # dataclasses look their module up

@@ -265,10 +265,10 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
     held = np.stack([disturbance.slip, disturbance.reaction, np.zeros_like(disturbance.slip)], axis=1)
     x, _ = _refined(balance.here, balance, balance.scaled(disturbance.modes, disturbance.friction + balance.law(held)))
     d_Q, d_T = balance.unpack(x)
-    s, basis, Omega = problem.structure, problem.basis, balance.state.Omega
+    s, basis, Omega = problem.structure, problem.basis, solution.state.Omega
     slid = balance.slid(d_Q, d_T)
     out = {"friction": d_T}
-    for place, c in enumerate(problem.rig.response_channels, start=2):
+    for place, c in enumerate(rig.response_channels, start=2):
         _, by_friction = s.residual.channels.get(c.name, (0.0, 0.0))
         moved = np.einsum("kip,i->kp", d_Q, s.channel_rows[c.name]) + by_friction * d_T
         moved = moved + disturbance.channels.get(c.name, 0.0)

@@ -14,11 +14,10 @@ CHUNKS = 8
 """Items are handed over in so many parts: they take unequally long, and each part costs a message."""
 
 
-def all_cores() -> ProcessPoolExecutor:
-    """Executor with a process for each core this one may run on."""
-    return ProcessPoolExecutor(
-        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None, get_context("spawn")
-    )
+def all_cores(prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
+    """Executor with a process for each core this one may run on, each prepared first."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
+    return ProcessPoolExecutor(cores, get_context("spawn"), prepare)
 
 
 def each(executor: Executor | None, task: Callable[..., Result], *items: Sequence[Any]) -> list[Result]:

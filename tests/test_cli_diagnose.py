@@ -205,8 +205,14 @@ def test_cause_of_ones_own_is_tried_and_named_in_the_extended_rig(folder: Path, 
     own = tmp_path / "own.py"
     own.write_text(
         "from dataclasses import dataclass\nfrom typing import ClassVar\n"
-        "from models.causes.structure import AddedMass\n\n"
-        "@dataclass(frozen=True)\nclass Magnet(AddedMass):\n    name: ClassVar[str] = 'magnet'\n"
+        "from models.causes import structure\n\n"
+        "@dataclass(frozen=True)\nclass Magnet:  # no Cause of ours\n"
+        "    name: ClassVar[str] = 'magnet'\n    meaning: ClassVar[str] = 'a magnet'\n"
+        "    looks_like: ClassVar[str] = 'a mass'\n    confused_with: ClassVar[str] = 'added-mass'\n"
+        "    label = property(lambda self: self.name)\n\n"
+        "    @classmethod\n    def candidates(cls, rig):\n        yield cls()\n\n"
+        "    def unknowns(self, rig):\n        return structure.AddedMass().unknowns(rig)\n\n"
+        "    def extend(self, rig, values):\n        return structure.AddedMass().extend(rig, values)\n"
     )
     assert [cause.name for cause in causes_in_file(own)] == ["magnet"]  # for --causes-file
     spectra = changed(folder, tmp_path, lambda rows: [row for row in rows if row[1] == "6.5"], "mass.csv")

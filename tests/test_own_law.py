@@ -3,6 +3,7 @@
 import os
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +16,14 @@ from hbm.errors import InputError
 from hbm.handover import state_at_phase_zero
 from hbm.integrate import steady_state as shoot
 from hbm.lawchoice import choose_law
-from hbm.lawfile import find_law
+from hbm.lawfile import files_run, find_law, run_files
 from hbm.loop import friction_loop
 from hbm.response import steady_state
 from hbm.rigfile import load_rig
+from hbm.sweep import all_cores, each
 from models import LAWS, Dahl, Damping
 from models.friction import parameters
+from models.friction.extended import beside_dashpot
 from models.published import paper_rig
 
 ROOT = Path(__file__).parents[1]
@@ -155,6 +158,13 @@ def test_its_parameters_are_checked_like_any_others(tmp_path: Path) -> None:
         assert str(refused.value) == f"{rig}: {message}"
 
 
+def test_a_law_is_sent_to_another_process_that_ran_its_file() -> None:
+    law = load_rig(RIG).contact.law
+    damped = beside_dashpot(type(law))(**parameters(law), coefficient=0.1)
+    with all_cores(partial(run_files, [FILE])) as cores:
+        assert each(cores, parameters, [law, damped]) == [parameters(law), parameters(damped)]
+
+
 # -------------------------------------------------------------------------------------------------- found or refused
 
 
@@ -168,6 +178,7 @@ def test_a_file_is_run_once_and_again_when_it_changes(tmp_path: Path) -> None:
     assert find_law("own.py:Spring", tmp_path) is first
     again = found(tmp_path, LAW + "# longer\n")
     assert again is not first
+    assert tmp_path / "own.py" in files_run()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["own.py"]  # no __pycache__
 
 

@@ -1,7 +1,8 @@
 """The command ``hbm diagnose``: what a simulation gets wrong, the cause, and what the extended model gains."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,8 +13,6 @@ from hbm.commands.options import RigFile, Spread, console, named, positive, prin
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
-
     from hbm.diagnosis.discrepancy import Discrepancy
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.results.diagnosisfiles import Diagnosed
@@ -81,9 +80,11 @@ def diagnose(
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
     from hbm.diagnosis.diagnose import diagnose as search
+    from hbm.lawfile import files_run, run_files
+    from hbm.sweep import all_cores
 
     tolerances = _tolerances(loaded, tolerance)
-    with _failing(measured.source), _cores(loaded, own) as executor, Work() as work:
+    with _failing(measured.source), all_cores(partial(run_files, files_run())) as executor, Work() as work:
         found = search(
             loaded,
             measured,
@@ -166,14 +167,6 @@ def _tolerances(rig: "Rig", texts: Sequence[str] | None) -> Mapping[str, float] 
 
 
 # -------------------------------------------------------------------------------------------------------- computing
-
-
-def _cores(rig: "Rig", own: Mapping[type, str]) -> AbstractContextManager["Executor | None"]:
-    """All cores; one where a class comes from a file, which other processes cannot import."""
-    from hbm.sweep import all_cores
-
-    installed = type(rig.contact.law).__module__.partition(".")[0] == "models"
-    return all_cores() if installed and not own else nullcontext()
 
 
 @contextmanager

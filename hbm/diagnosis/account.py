@@ -17,7 +17,7 @@ from hbm.diagnosis.decide import (
 )
 from hbm.diagnosis.fit import Evaluation, evaluate
 from hbm.diagnosis.misfit import misfit, nrmse
-from hbm.diagnosis.predict import predicted
+from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.search import Search, campaign_of
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import Diagnosis, Errors, Estimate, Ranked, Verdict
@@ -46,6 +46,12 @@ class Account:
         self.nominal = predicted(search.nominal, self.hidden)
         self.calibrated = predicted(search.calibrated, self.hidden)
         self.best = None if decision.best is None else (decision.best, predicted(decision.best, self.hidden))
+
+    @property
+    def plain(self) -> dict[str, tuple[Evaluation, Predicted | None]]:
+        """The models without a cause, on the records fitted and on those held out."""
+        search = self.search
+        return {"nominal": (search.nominal, self.nominal), "calibrated": (search.calibrated, self.calibrated)}
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""
@@ -103,14 +109,12 @@ class Account:
         return float(weights([0.0, *(-s.gain for s in search.screening.scores[:1])])[0])
 
     def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:
-        search = self.search
-        models = {"nominal": (search.nominal, self.nominal), "calibrated": (search.calibrated, self.calibrated)}
+        models = dict(self.plain)
         if best is not None and self.best is not None:
-            models["extended"] = (best, self.best[1])
+            models["extended"] = self.best
         out = {}
         for name, (e, scored) in models.items():
-            m = misfit(e, search.campaign)
-            out[name] = {"train": Errors(m.nrmse, e.white.chi2 / len(e.white))}
+            out[name] = {"train": Errors(nrmse(e.white), e.white.chi2 / len(e.white))}
             out[name] |= {} if scored is None else {"held_out": scored.errors}
         return out
 
@@ -160,12 +164,8 @@ class Account:
                 )
 
     def _misfits(self) -> Iterator[str]:
-        search = self.search
-        for name, e, scored in (
-            ("nominal", search.nominal, self.nominal),
-            ("calibrated", search.calibrated, self.calibrated),
-        ):
-            m = misfit(e, search.campaign)
+        for name, (e, scored) in self.plain.items():
+            m = misfit(e, self.search.campaign)
             hidden = "" if scored is None else f", {scored.errors.chi2_reduced:.4g} on those held out"
             yield (
                 f"The {name} model is off by {m.nrmse:.3%}, {e.white.chi2 / len(e.white):.4g} noise variances on the "

@@ -196,7 +196,12 @@ class Discrepancy:
     @property
     def explainable(self) -> bool:
         """Whether there is a misfit beyond noise, and whether sensors are enough to place it."""
-        return bool(self.chi2 - self.points > BEYOND * np.sqrt(2.0 * self.points)) and self.localised
+        return self.beyond_noise and self.localised
+
+    @property
+    def beyond_noise(self) -> bool:
+        """Whether there is something to explain."""
+        return bool(self.chi2 - self.points > BEYOND * np.sqrt(2.0 * self.points))
 
     @property
     def localised(self) -> bool:
@@ -231,7 +236,7 @@ class Discrepancy:
         if not self.localised:
             yield "A missing force cannot be placed: there are hardly more sensors than forces to find."
             contact = next((p for p in self.places if p.place.name == CONTACT), None)
-            if contact is not None and self.chi2 - self.points > BEYOND * np.sqrt(2.0 * self.points):
+            if contact is not None and self.beyond_noise:
                 yield "The following holds if it acts at the contact."
                 yield from _character(contact)
             return

@@ -1,7 +1,7 @@
 """Candidates against each other, by the score test where the misfit is small and else by quick fits; then full fits.
 
-The quick heat compares starts, then takes some steps from the best two, on few records and a coarse discretisation; the
-final is exact.
+The quick heat compares starts, then takes some steps from the best ones, on few records and a coarse discretisation;
+the final is exact.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,7 +11,6 @@ from itertools import product
 
 import numpy as np
 
-from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import lighter
 from hbm.diagnosis.fit import MANY, Evaluation, best_start, fit_model, refine
 from hbm.diagnosis.misfit import misfit
@@ -101,7 +100,7 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
     if not small(base):
         return _refined(_final(_by_heat(base, campaign, screening, tell), base, campaign, tell), base, campaign)
     done = _final(_by_score(base, campaign, screening), base, campaign, tell)
-    abrupt = replace(screening, scores=tuple(s for s in screening.scores if s.cause.abrupt))
+    abrupt = replace(screening, scores=tuple(s for s in screening.scores if _abrupt(s)))
     if abrupt.scores and not any(misfit(e, campaign).fits for e in done):
         tried = {e.model.label for e in done}
         more = _final(_by_heat(base, campaign, abrupt, tell), base, campaign, tell)
@@ -165,38 +164,57 @@ def _few(base: Evaluation, campaign: Campaign) -> Campaign:
 def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Runner]:
     """Candidates by quick fits."""
     few = _few(base, campaign)
+    heats = _Heats(base, few)
     before = float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
-    heat: list[Runner] = []
-    explained = max(EXPLAINED * few.points, LITTLE * before)
+    heat = _first_heat(heats, screening, max(EXPLAINED * few.points, LITTLE * before), tell)
+    if not heat:
+        return []
+    hopeless = heat[0].chi2 > HELPS * before
+    if not hopeless and not base.model.causes:
+        heat = _from_other_starts(heat, heats, screening, tell)
+    return _finalists(heat, few, hopeless, len(campaign.numbers) / len(few.numbers))
+
+
+def _first_heat(heats: "_Heats", screening: Screening, explained: float, tell: Tell) -> list[Runner]:
+    """Those that may explain the records by their first small effect, and abrupt ones; the least chi2 first."""
     running = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
-    running += [s for s in screening.scores if s.cause.abrupt and s not in running]
-    apart = _Heats(base, few)
-    for i in range(0, len(running), apart.at_once):
-        batch = [s for s in running[i : i + apart.at_once] if not _settled(heat, explained, s.cause, screening)]
+    running += [s for s in screening.scores if _abrupt(s) and s not in running]
+    heat: list[Runner] = []
+    for i in range(0, len(running), heats.at_once):
+        batch = [s for s in running[i : i + heats.at_once] if not _settled(heat, explained, s.cause, screening)]
         if not batch:
             continue
         tell(", ".join(s.cause.label for s in batch) + f" ({i + 1} of {len(running)})")
-        for score, runner in zip(batch, apart.run(batch), strict=True):  # the same with and without an executor
+        for score, runner in zip(batch, heats.run(batch), strict=True):  # the same with and without an executor
             if runner is not None and not _settled(heat, explained, score.cause, screening):
                 heat.append(runner)
-    heat.sort(key=lambda r: r.chi2)
-    if not heat:
-        return []
-    by_label = {s.cause.label: s for s in running}
-    hopeless = heat[0].chi2 > HELPS * before
-    stuck = [] if hopeless or base.model.causes else _stuck(heat, EXPLAINED * few.points, base.model.nominal, screening)
-    if stuck:
-        tell(", ".join(heat[i].cause.label for i in stuck) + ", from other starts")
-    more = apart.run([by_label[heat[i].cause.label] for i in stuck], MORE_STARTS, MORE_STEPS)
-    for i, again in zip(stuck, more, strict=True):
-        heat[i] = min(again or heat[i], heat[i], key=lambda r: r.chi2)
-    heat.sort(key=lambda r: r.chi2)
-    scale, margin = len(campaign.numbers) / len(few.numbers), max(10 * CLOSE, heat[0].chi2)
-    lost = heat[0].chi2 > EXPLAINED * few.points
-    least = LEAST if lost and not hopeless and heat[0].chi2 < HOPE * few.points else 1
+    return sorted(heat, key=lambda r: r.chi2)
+
+
+def _from_other_starts(heat: list[Runner], heats: "_Heats", screening: Screening, tell: Tell) -> list[Runner]:
+    """The same where some that may have stopped in a wrong valley ran again."""
+    stuck = _stuck(heat, EXPLAINED * heats.few.points, heats.base.model.nominal, screening)
+    if not stuck:
+        return heat
+    tell(", ".join(r.cause.label for r in stuck) + ", from other starts")
+    scores = {s.cause.label: s for s in screening.scores}
+    more = heats.run([scores[r.cause.label] for r in stuck], MORE_STARTS, MORE_STEPS)
+    better = {r: min(again or r, r, key=lambda r: r.chi2) for r, again in zip(stuck, more, strict=True)}
+    return sorted((better.get(r, r) for r in heat), key=lambda r: r.chi2)
+
+
+def _finalists(heat: Sequence[Runner], few: Campaign, hopeless: bool, scale: float) -> list[Runner]:
+    """The best, and those close to it by a chi2 that grows by `scale` to all records."""
+    best = heat[0].chi2
+    lost, margin = best > EXPLAINED * few.points, max(10 * CLOSE, best)
+    least = LEAST if lost and not hopeless and best < HOPE * few.points else 1
     most = 1 if hopeless else LEAST if lost else FINALISTS
-    close = [i < least or scale * (r.chi2 - heat[0].chi2) < margin for i, r in enumerate(heat)]
-    return [r for r, near in zip(heat[:most], close, strict=False) if near]
+    return [r for i, r in enumerate(heat[:most]) if i < least or scale * (r.chi2 - best) < margin]
+
+
+def _abrupt(score: Score) -> bool:
+    """Whether a cause sets in at a threshold, so that its first small effect says nothing."""
+    return bool(getattr(score.cause, "abrupt", False))
 
 
 class _Heats:
@@ -217,17 +235,17 @@ class _Heats:
         return each(self.executor, partial(_heat, self.base, self.few, most=most, steps=steps), scores)
 
 
-def _stuck(heat: Sequence[Runner], explained: float, rig: Rig, screening: Screening) -> list[int]:
+def _stuck(heat: Sequence[Runner], explained: float, rig: Rig, screening: Screening) -> list[Runner]:
     """Runners that may have stopped in a wrong valley: the best where none explains.
 
     Else the best if it has a place, and what is simpler and alike.
     """
-    if heat[0].chi2 > explained:
-        return list(range(min(AGAIN, len(heat))))
-    best = heat[0].cause
-    alike, own = screening.look_alikes(best.label, ALIKE), best.unknowns(rig)
-    simpler = [r.cause.label in alike and len(r.cause.unknowns(rig)) < len(own) for r in heat[:FINALISTS]]
-    return [i for i, other in enumerate(simpler) if (any(u.shapes for u in own) if i == 0 else other)]
+    best, *others = heat
+    if best.chi2 > explained:
+        return list(heat[:AGAIN])
+    alike, own = screening.look_alikes(best.cause.label, ALIKE), best.cause.unknowns(rig)
+    simpler = [r for r in others[: FINALISTS - 1] if r.cause.label in alike and len(r.cause.unknowns(rig)) < len(own)]
+    return [best] * any(u.shapes for u in own) + simpler
 
 
 def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: Screening) -> bool:
@@ -248,7 +266,7 @@ def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) 
         ordered = _by_place(model, few, starts, base.solutions)
         near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > HEAT_STARTS]
         fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
-    except (*FAILURES, ConvergenceError):
+    except FAILURES:
         return None
     best, *others = sorted(fits, key=lambda e: e.chi2 + 1e6 * len(e.missing))
     carried = [_carried(base.model.extended_by(score.cause), base, e) for e in (best, *_apart(best, others))]

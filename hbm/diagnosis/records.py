@@ -233,14 +233,12 @@ def _steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -
             return rig, solve_record(rig, basis, record, None)
         except FAILURES:
             return None
-    try:
-        return rig, solve_from(rig, basis, record, last, NEWTON)
-    except FAILURES:
-        pass
-    try:
-        return rig, solve_from(rig, basis, record, record.start, NEWTON)
-    except FAILURES:
-        return None
+    for start in (last, record.start):
+        try:
+            return rig, solve_from(rig, basis, record, start, NEWTON)
+        except FAILURES:
+            continue
+    return None
 
 
 def simulated(

@@ -78,19 +78,14 @@ class Screening:
     records: int
     tried: int
 
-    def cosines(self) -> Array:
-        """Between signatures, (k, k): 1 where two causes look alike whatever their size."""
-        S = np.array([s.signature for s in self.scores])
-        return np.asarray(np.abs(S @ S.T))
-
     def look_alikes(self, label: str, least: float = 0.9) -> dict[str, float]:
-        """Candidates whose signature is like that of one, with the cosine."""
-        labels = [s.cause.label for s in self.scores]
-        row = self.cosines()[labels.index(label)]
-        return {
-            name: float(c) for name, c in sorted(zip(labels, row, strict=True), key=lambda p: -p[1])
-            if c >= least and name != label
-        }  # fmt: skip
+        """Candidates whose signature is like that of one, with the cosine: 1 where they look alike whatever their size.
+
+        The most alike first.
+        """
+        mine = next(s.signature for s in self.scores if s.cause.label == label)
+        cosines = {s.cause.label: float(abs(s.signature @ mine)) for s in self.scores if s.cause.label != label}
+        return {name: c for name, c in sorted(cosines.items(), key=lambda pair: -pair[1]) if c >= least}
 
 
 def small(base: Evaluation) -> bool:
