@@ -17,6 +17,7 @@ In reading order:
   `AtMu` a `Problem` at one mu.
 - `fold_curve` follows a fold in (lam, mu), a `FoldCurve`, with its cusps and the births of closed curves;
   `FoldCurve.at` are the folds at one mu, `isolas` the curves there that no other trace has met.
+- `chord_curve` does so where F is only piecewise smooth, as with dry friction: a `ChordCurve`.
 - `solve_at` and `correct` are the Newton solvers underneath, at fixed parameter and in a hyperplane;
   both return a `Correction`, with a `Reason`.
 
@@ -30,6 +31,7 @@ In reading order:
 """
 
 from .branch import Branch, ConvergenceError, End, Point
+from .chord import ChordCurve, chord_curve
 from .crossing import refine_branch_point
 from .foldcurve import FoldCurve, fold_curve
 from .foldsystem import SecondDerivative
@@ -41,17 +43,25 @@ from .settings import NewtonSettings, Predictor, Settings
 from .special import Kind, SpecialPoint
 from .switching import switch_branch
 from .trace import Ending, continue_along, continue_branch, trace, trace_along
-from .twoparameter import AtMu, DenseTwoParameterProblem, TwoParameterLinearization, TwoParameterProblem
+from .twoparameter import (
+    AtMu,
+    DenseTwoParameterLinearization,
+    DenseTwoParameterProblem,
+    TwoParameterLinearization,
+    TwoParameterProblem,
+)
 
 __all__ = [
     "Array",
     "AtMu",
     "Border",
     "Branch",
+    "ChordCurve",
     "ConvergenceError",
     "Correction",
     "DenseLinearization",
     "DenseProblem",
+    "DenseTwoParameterLinearization",
     "DenseTwoParameterProblem",
     "End",
     "Ending",
@@ -68,6 +78,7 @@ __all__ = [
     "SpecialPoint",
     "TwoParameterLinearization",
     "TwoParameterProblem",
+    "chord_curve",
     "continue_along",
     "continue_branch",
     "correct",

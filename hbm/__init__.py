@@ -4,7 +4,9 @@ In reading order: :func:`load_rig` makes a :class:`models.Rig` of a rig file; :f
 :class:`ResponseCurve` with its numerical error; the points of a curve are
 :class:`PeriodicSolution` objects, as :func:`steady_state` returns one; their channels are the rig's and the computed
 ``drive``, ``slip``, ``slip_velocity``, ``friction``, ``normal``. :func:`sensitivities` differentiates one of them
-to the parameters of its rig. :func:`simulate` marches the same rig in time and
+to the parameters of its rig; :func:`parameter_response` follows it along any of them, a :class:`ParameterCurve`;
+:func:`fold_path` follows a fold of a curve in frequency and force, :func:`isolas` finds the detached curves that it
+betrays. :func:`simulate` marches the same rig in time and
 returns a :class:`TimeHistory`; :func:`friction_loop` shows a friction law alone, under a prescribed slip.
 
 From measurements: :func:`load_history` and :func:`harmonic_spectra` make :class:`MeasuredSpectra` of recordings,
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from hbm.diagnosis.diagnose import diagnose
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.errors import InputError
+    from hbm.folds import FoldPath, fold_path, isolas
     from hbm.history import TimeHistory
     from hbm.identification.identify import Identification, identify
     from hbm.identification.lawfit import LawFit
@@ -54,6 +57,7 @@ if TYPE_CHECKING:
     from hbm.measurement.spectra import MeasuredSpectra
     from hbm.measurement.spectrafile import load_spectra, write_spectra
     from hbm.modes import LinearModes, linear_modes
+    from hbm.parameterresponse import ParameterCurve, parameter_response
     from hbm.response import force_response, steady_state, trace_frequency
     from hbm.results.files import SavedCurve, read_curves, write_curves, write_history
     from hbm.rigfile import load_rig
@@ -66,6 +70,7 @@ __all__ = [
     "Assessment",
     "ConvergenceError",
     "Diagnosis",
+    "FoldPath",
     "FrictionLoop",
     "HarmonicEstimate",
     "Identification",
@@ -74,6 +79,7 @@ __all__ = [
     "LinearModes",
     "MeasuredSpectra",
     "NumericalError",
+    "ParameterCurve",
     "PeriodicSolution",
     "Placement",
     "Reconstruction",
@@ -86,15 +92,18 @@ __all__ = [
     "choose_law",
     "diagnose",
     "fit_spectra",
+    "fold_path",
     "force_response",
     "frequency_response",
     "friction_loop",
     "harmonic_spectra",
     "identify",
+    "isolas",
     "linear_modes",
     "load_history",
     "load_rig",
     "load_spectra",
+    "parameter_response",
     "place_sensors",
     "read_curves",
     "reconstruct",
@@ -112,6 +121,7 @@ _HOMES = {
     "hbm.accuracy": ("frequency_response",),
     "hbm.curve": ("Assessment", "NumericalError", "ResponseCurve"),
     "hbm.errors": ("InputError",),
+    "hbm.folds": ("FoldPath", "fold_path", "isolas"),
     "hbm.history": ("TimeHistory",),
     "hbm.identification.identify": ("Identification", "identify"),
     "hbm.identification.lawfit": ("LawFit",),
@@ -132,6 +142,7 @@ _HOMES = {
     "hbm.measurement.spectrafile": ("load_spectra", "write_spectra"),
     "hbm.modes": ("LinearModes", "linear_modes"),
     "hbm.response": ("force_response", "steady_state", "trace_frequency"),
+    "hbm.parameterresponse": ("ParameterCurve", "parameter_response"),
     "hbm.results.files": ("SavedCurve", "read_curves", "write_curves", "write_history"),
     "hbm.rigfile": ("load_rig",),
     "hbm.sensitivity": ("Sensitivities", "sensitivities"),

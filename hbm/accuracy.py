@@ -105,7 +105,7 @@ def choose_harmonics(
         N_t = default_samples(finer(H))
         found = _found(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
         refined = _solve_again(found, HarmonicBalance(rig, FourierBasis(finer(H), N_t), level=level))
-        changes = [_change(a, b, scales) for a, b in zip(found, refined, strict=True) if b is not None]
+        changes = [relative_change(a, b, scales) for a, b in zip(found, refined, strict=True) if b is not None]
         if not changes:
             reason = f"H = {UNDECIDED}: the peaks could not be solved again with {finer(H)} harmonics to judge by"
             return UNDECIDED, default_samples(UNDECIDED), reason
@@ -157,7 +157,7 @@ def _choose_samples(
     coarse = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
     while True:
         fine = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, 2 * N_t), level=level))
-        changes = [_change(a, b, scales) for a, b in zip(coarse, fine, strict=True) if a is not None]
+        changes = [relative_change(a, b, scales) for a, b in zip(coarse, fine, strict=True) if a is not None]
         change = float(np.nanmax(changes)) if changes else np.inf
         if change < tolerance / 2 or 2 * N_t > SAMPLES_LIMIT:
             return N_t, change
@@ -214,7 +214,7 @@ def _changes(curve: ResponseCurve, found: Sequence[PeriodicSolution], rig: Rig, 
     """Relative change of each point on another discretisation, nan where it was not found."""
     again = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=curve.level))
     scales = _scales(curve)
-    return np.array([_change(a, b, scales) for a, b in zip(found, again, strict=True)])
+    return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
 
 
 def _solve_again(found: Sequence[PeriodicSolution], problem: HarmonicBalance) -> list[PeriodicSolution | None]:
@@ -240,7 +240,7 @@ def difference(a: PeriodicSolution, b: PeriodicSolution, channel: str) -> float:
     return float(np.abs(sa[:: len(sa) // common] - sb[:: len(sb) // common]).max())
 
 
-def _change(before: PeriodicSolution, after: PeriodicSolution | None, scales: dict[str, float]) -> float:
+def relative_change(before: PeriodicSolution, after: PeriodicSolution | None, scales: dict[str, float]) -> float:
     """Largest relative difference over the judged channels."""
     if after is None:
         return float("nan")

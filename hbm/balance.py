@@ -7,8 +7,9 @@ amplitude: a residual of 1e-10 means that every force balance, harmonic by harmo
 excitation.
 """
 
-from dataclasses import dataclass
-from typing import Literal
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -93,6 +94,23 @@ class DenseBlock:
         return DenseBlock(cosines, coefficients, products, shortening[mode[:, None], mode])
 
 
+class Units(NamedTuple):
+    """What the scaled unknowns and balances are multiples of.
+
+    Attributes
+    ----------
+    hz, F : float
+        Frequency [Hz], force [N].
+    modal_force, q : float
+        Generalised force and coordinate of a mass-normalised mode.
+    """
+
+    hz: float
+    F: float
+    modal_force: float
+    q: float
+
+
 class Balance:
     """A rig on a Fourier basis with one free parameter: its unknowns and their equations.
 
@@ -108,6 +126,8 @@ class Balance:
         Excitation frequency where the parameter is the force [Hz].
     level : float, optional
         Force amplitude where the parameter is the frequency [N]; the rig's where omitted.
+    like : Balance, optional
+        Balance of a similar rig whose units the unknowns and equations take.
     """
 
     def __init__(
@@ -118,25 +138,22 @@ class Balance:
         parameter: Parameter = "frequency",
         hz: float = 0.0,
         level: float | None = None,
+        like: "Balance | None" = None,
     ) -> None:
         s = rig.structure
         self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
         self.level = rig.excitation.amplitude if level is None else level
         self.fixed_hz = hz
-        omega_1 = float(s.omega_n[0])
-        self.hz_ref = 2.0 ** round(float(np.log2(omega_1 / (2 * np.pi))))  # a power of two: scaling back loses no digit
+        self.units: Units = self._units() if like is None else like.units
+        self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref = self.units
         self.Omega_ref = 2 * np.pi * self.hz_ref
-        self.F_ref = self.level
-        self.modal_force_ref = self.F_ref * float(np.abs(s.excitation).max())
-        # a tenfold dynamic amplification of the static response of the first mode
-        self.q_ref = 10.0 * self.modal_force_ref / omega_1**2
         self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
         self.force_shape = _force_shape(rig, basis)
         self.elements = ElementsOverPeriod(rig, basis) if rig.elements else None
         port, limit = rig.clamp, rig.attachments.clamp_limit
         self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
         self.law = LawOverPeriod(rig.contact.law, basis)
-        self.environment, self.dynamic_lagrangian = self._environment(rig)
+        self.environment, self.dynamic_lagrangian = self._environment(rig, like)
         r = s.reaction
         self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stiffness, r.stretch], axis=1)
         self._blocks: dict[bytes, DenseBlock] = {}
@@ -145,7 +162,24 @@ class Balance:
 
     # ---- set-up
 
-    def _environment(self, rig: Rig) -> tuple[Environment, float]:
+    def _units(self) -> "Units":
+        omega_1 = float(self.structure.omega_n[0])
+        modal_force = self.level * float(np.abs(self.structure.excitation).max())
+        return Units(
+            hz=2.0 ** round(float(np.log2(omega_1 / (2 * np.pi)))),  # a power of two: scaling back loses no digit
+            F=self.level,
+            modal_force=modal_force,
+            q=10.0 * modal_force / omega_1**2,  # a tenfold dynamic amplification of the static response of mode 1
+        )
+
+    def with_law_of(self, rig: Rig) -> Self:
+        """Return the same balance with the law's parameters of a rig that differs in nothing else."""
+        values = np.array([float(v) for v in parameters(rig.contact.law).values()])
+        other = copy(self)
+        other.rig, other.environment = rig, replace(self.environment, parameters=values)
+        return other
+
+    def _environment(self, rig: Rig, like: "Balance | None") -> tuple[Environment, float]:
         """Law inputs; and the compliance lent to a set-valued law of a structure that has none.
 
         The loan is taken back harmonic by harmonic (dynamic Lagrangian frequency-time): the law is shown
@@ -157,6 +191,7 @@ class Balance:
         lend = rig.contact.law.set_valued and s.compliance == 0.0
         # a tenth of what the structure yields at the first harmonic left out: less is stiffer to solve, more is blunter
         loan = 0.1 * float(np.sum(s.slip_row**2 / (s.omega_n**2 + (self.basis.H * s.omega_n[0]) ** 2))) if lend else 0.0
+        loan = like.dynamic_lagrangian if lend and like is not None else loan
         return Environment(s.compliance + loan, rig.contact.normal_load, values), loan
 
     def _coupled_modes(self) -> int:

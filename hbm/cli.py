@@ -15,6 +15,7 @@ from typer._click.exceptions import NoArgsIsHelpError, UsageError
 from typer.core import TyperGroup
 
 from hbm.commands.diagnose import SpreadDiagnose, diagnose
+from hbm.commands.follow import follow
 from hbm.commands.identify import SpreadIdentify, identify
 from hbm.commands.inverse import SpreadInverse, inverse
 from hbm.commands.options import (
@@ -251,6 +252,7 @@ app.command(cls=SpreadSpectra)(spectra)
 app.command(cls=SpreadInverse)(inverse)
 app.command(cls=SpreadIdentify)(identify)
 app.command(cls=SpreadDiagnose)(diagnose)
+app.command("continue")(follow)
 
 
 # ---------------------------------------------------------------------------------------------------------- options

@@ -1,4 +1,4 @@
-"""The complete Newton system of a balance, for a rig with nonlinear elements along its beam: dense and exact."""
+"""The complete Newton system of a balance, dense and exact: for nonlinear elements along the beam, and for folds."""
 
 import numpy as np
 
@@ -11,21 +11,26 @@ from hbm.fourier import Array
 class CompleteBalance:
     """Linearised balance of all unknowns, factored with the border in use.
 
+    The border column is as in :class:`hbm.elimination.Elimination`.
+
     Attributes
     ----------
-    slope : ElementSlope
-        Of the elements.
+    slope : ElementSlope or None
+        Of the elements, where there are any.
+    by_unknowns : (size, size) array
+        Derivative of the scaled balances to the scaled unknowns.
     """
 
-    def __init__(self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce) -> None:
-        if problem.elements is None:
-            raise ValueError(f"{problem.rig.name}: no elements; the elimination serves")
+    def __init__(
+        self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce, column: Array | None = None
+    ) -> None:
         self.problem, self.state, self.kin, self.contact = problem, state, kin, contact
-        self.slope = problem.elements.linearize(state.Q, state.Omega)
-        self._dense = DenseLinearization(np.zeros(problem.size), self._by_unknowns(), self._by_parameter())
+        self.slope = None if problem.elements is None else problem.elements.linearize(state.Q, state.Omega)
+        self.by_unknowns = self._by_unknowns()
+        column = self._by_parameter() if column is None else column
+        self._dense = DenseLinearization(np.zeros(problem.size), self.by_unknowns, column)
 
     def _by_unknowns(self) -> Array:
-        """Derivative of the scaled balances to the scaled unknowns, (size, size)."""
         problem, contact, size = self.problem, self.contact, self.problem.basis.size
         split = size * problem.structure.n
         J, slip = np.empty((problem.size, problem.size)), problem.slip_by_modes(self.kin)  # (2H+1, 2H+1, n)
@@ -44,7 +49,7 @@ class CompleteBalance:
     def _modes(self) -> Array:
         """Derivative of the modal balance to the modes, (2H+1, n, 2H+1, n)."""
         problem, basis, n = self.problem, self.problem.basis, self.problem.structure.n
-        K = -self.slope.by_Q[:, :n]
+        K = np.zeros((basis.size, n, basis.size, n)) if self.slope is None else -self.slope.by_Q[:, :n]
         if self.kin.by_T is not None:
             K += self.kin.by_T[:, None, :, None] * problem.structure.shortening[:, None, :]
         real, imaginary = problem.dynamic_stiffness(self.state.Omega)
@@ -66,7 +71,9 @@ class CompleteBalance:
         if contact.by_rho is not None:
             rho = contact.by_rho[:, :, None] * (r.stiffness - (basis.k[:, None] * Omega) ** 2 * r.inertia)
             rho += Omega * basis.derivative_on_right(contact.by_rho)[:, :, None] * r.damping
-            law += rho.reshape(law.shape) - contact.by_rho @ self.slope.by_Q[:, n].reshape(law.shape)
+            law += rho.reshape(law.shape)
+            if self.slope is not None:
+                law -= contact.by_rho @ self.slope.by_Q[:, n].reshape(law.shape)
         if contact.by_eta is not None:
             law += (contact.by_eta[:, :, None] * r.stretch).reshape(law.shape)
         return law
@@ -75,7 +82,7 @@ class CompleteBalance:
         """Derivative of the scaled balances to the scaled continuation parameter, (size,)."""
         problem, n = self.problem, self.problem.structure.n
         modal, contact = problem.by_parameter(self.state, self.contact)
-        if problem.parameter == "frequency":
+        if problem.parameter == "frequency" and self.slope is not None:
             modal = modal - self.slope.by_Omega[:, :n]
             if self.contact.by_rho is not None:
                 contact = contact + self.contact.by_rho @ self.slope.by_Omega[:, n]

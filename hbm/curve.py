@@ -205,15 +205,15 @@ class ResponseCurve:
     @property
     def lift_off(self) -> list[tuple[float, float]]:
         """Frequency ranges (or force ranges) where the tip would lift off, [(first, last), ...]."""
-        at = self.hz if self.problem.parameter == "frequency" else self.force
+        at = np.array([self._parameter_in_units(p.lam) for p in self.branch.points])
         lifted = np.array([p.lift_off for p in self.points])
         edges = np.flatnonzero(np.diff(np.concatenate([[False], lifted, [False]]).astype(int)))
         return [(float(at[i:j].min()), float(at[i:j].max())) for i, j in zip(edges[::2], edges[1::2], strict=True)]
 
     @property
     def complete(self) -> bool:
-        """Whether the curve reached its end."""
-        return self.branch.complete
+        """Whether the curve reached its end, or its start again."""
+        return self.branch.complete or self.branch.closed
 
     def __str__(self) -> str:
         """Say what was found."""

@@ -26,9 +26,14 @@ class Elimination:
     eliminated with a dense factorisation, the others harmonic by harmonic in closed form. The foreshortening of
     those others, weak beside their damping, is left out here, not in the residual: it costs Newton a little of its
     quadratic rate, never the answer.
+
+    The border column is the derivative of the scaled balances to the scaled continuation parameter: `column` (size,),
+    or where omitted that of the problem's own parameter.
     """
 
-    def __init__(self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce) -> None:
+    def __init__(
+        self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce, column: Array | None = None
+    ) -> None:
         self.problem, self.state, self.contact = problem, state, contact
         s, basis, m = problem.structure, problem.basis, problem.coupled
         size = basis.size
@@ -44,23 +49,35 @@ class Elimination:
             self._core -= self._law_of_others()
         if problem.dynamic_lagrangian and contact.by_u is not None:
             self._core += problem.dynamic_lagrangian * contact.by_u
-        modal_slope, contact_slope = problem.by_parameter(state, contact)
-        self._modal_slope = modal_slope
-        self._core_lam = contact_slope
-        if s.n > m:
-            self._core_lam = contact_slope + self._law_of_field(self._receptance_of(modal_slope[:, m:, None]))[:, 0]
         if kin.by_T is not None:
             p = -kin.Gq[:, :m]
             p[0] += s.slip_row[:m]
             self._p = basis.multiplication(p)  # (2H+1, 2H+1, m)
             self._factor(real[:, :m] + 1j * imaginary[:, :m], kin.by_T)
-            forces = np.empty((size, m, size + 1))
-            forces[:, :, :size] = self._p.transpose(0, 2, 1)
-            forces[:, :, size] = modal_slope[:, :m]
-            self._coupled_of = self._solve_coupled(forces)
-            law = self._law_of_coupled(self._coupled_of)
-            self._core -= law[:, :size]
-            self._core_lam += law[:, size]
+            self._coupled_of = self._solve_coupled(np.ascontiguousarray(self._p.transpose(0, 2, 1)))
+            self._core -= self._law_of_coupled(self._coupled_of)
+        motion, core = self._reduced(self._own_column() if column is None else column[:, None])
+        self._motion_lam, self._core_lam = motion[:, :, 0], core[:, 0]
+
+    def _own_column(self) -> Array:
+        problem = self.problem
+        modal, contact = problem.by_parameter(self.state, self.contact)
+        column = np.concatenate([modal.ravel() / problem.modal_force_ref, contact / problem.F_ref])
+        return column[:, None] * problem.lam_ref
+
+    def _reduced(self, forces: Array) -> tuple[Array, Array]:
+        """Motion (2H+1, n, r) under scaled forces (size, r) with T held, and what they ask of T, (2H+1, r)."""
+        problem, m, r = self.problem, self._m, forces.shape[1]
+        size, n = problem.basis.size, problem.structure.n
+        modal = forces[: size * n].reshape(size, n, r) * problem.modal_force_ref
+        motion, core = np.empty((size, n, r)), forces[size * n :] * problem.F_ref
+        if m:
+            motion[:, :m] = self._solve_coupled(modal[:, :m])
+            core += self._law_of_coupled(np.ascontiguousarray(motion[:, :m]))
+        if n > m:
+            motion[:, m:] = self._receptance_of(modal[:, m:])
+            core += self._law_of_field(motion[:, m:])
+        return motion, core
 
     # ---- coupled modes
 
@@ -156,16 +173,13 @@ class Elimination:
         matrix[:size, :size] = self._core
         matrix[:size, size] = self._core_lam
         matrix[size, :size] = row[size * n :] / problem.F_ref
-        matrix[size, size] = row_lam / problem.lam_ref
+        matrix[size, size] = row_lam - np.vdot(modes, self._motion_lam)
         if m:
-            through = modes[:, :m].ravel() @ self._coupled_of.reshape(size * m, size + 1)
-            matrix[size, :size] += through[:size]
-            matrix[size, size] -= through[size]
+            matrix[size, :size] += modes[:, :m].ravel() @ self._coupled_of.reshape(size * m, size)
         if n > m:
             basis = problem.basis
             adjoint = basis.real(basis.complex(modes[:, m:]) * self._receptance.conj())
             matrix[size, :size] += adjoint @ problem.structure.slip_row[m:]
-            matrix[size, size] -= np.vdot(adjoint, self._modal_slope[:, m:])
         return matrix, modes
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
@@ -178,28 +192,18 @@ class Elimination:
         problem, m, r = self.problem, self._m, rhs.shape[1]
         size, n = problem.basis.size, problem.structure.n
         matrix, modes = self._bordered(row, row_lam)
-        modal = rhs[: size * n].reshape(size, n, r) * problem.modal_force_ref
-        right = np.empty((size + 1, r))
-        right[:size] = rhs[size * n :] * problem.F_ref
-        right[size] = rhs_row
-        d_Q = np.empty((size, n, r))
-        if m:
-            d_Q[:, :m] = self._solve_coupled(modal[:, :m])
-            right[:size] += self._law_of_coupled(np.ascontiguousarray(d_Q[:, :m]))
-        if n > m:
-            d_Q[:, m:] = self._receptance_of(modal[:, m:])
-            right[:size] += self._law_of_field(d_Q[:, m:])
-        right[size] -= modes.ravel() @ d_Q.reshape(size * n, r)
+        d_Q, core = self._reduced(rhs)
+        right = np.vstack([core, rhs_row - modes.ravel() @ d_Q.reshape(size * n, r)])
         _, _, solution, info = lapack.dgesv(matrix, right)
         if info:
             solution = np.full((size + 1, r), np.nan)
         d_T, d_lam = solution[:size], solution[size]
         if m:
-            d_Q[:, :m] += self._coupled_of @ np.vstack([d_T, -d_lam])
+            d_Q[:, :m] += self._coupled_of @ d_T
         if n > m:
-            slopes = problem.structure.slip_row[m:, None] * d_T[:, None] - d_lam * self._modal_slope[:, m:, None]
-            d_Q[:, m:] += self._receptance_of(slopes)
-        return np.concatenate([d_Q.reshape(size * n, r) / problem.q_ref, d_T / problem.F_ref]), d_lam / problem.lam_ref
+            d_Q[:, m:] += self._receptance_of(problem.structure.slip_row[m:, None] * d_T[:, None])
+        d_Q -= self._motion_lam[:, :, None] * d_lam
+        return np.concatenate([d_Q.reshape(size * n, r) / problem.q_ref, d_T / problem.F_ref]), d_lam
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix; uncoupled modes contribute positive blocks."""

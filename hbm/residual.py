@@ -17,7 +17,9 @@ from hbm.elimination import Elimination
 from hbm.fourier import Array, FourierBasis
 from hbm.slipping import SlippingBalance
 
-__all__ = ["HarmonicBalance", "Kinematics", "Linearization", "Parameter", "State"]
+__all__ = ["HarmonicBalance", "Kinematics", "Linearization", "Newton", "Parameter", "State"]
+
+Newton = Elimination | CompleteBalance | SlippingBalance
 
 
 class HarmonicBalance(Balance):
@@ -54,11 +56,23 @@ class Linearization:
         return self.problem.law.linearize(self.kin.signals, self.state.Omega, self.problem.environment)
 
     @cached_property
-    def newton(self) -> Elimination | CompleteBalance | SlippingBalance:
+    def newton(self) -> Newton:
         """The derivative."""
+        return self.bordered()
+
+    def bordered(self, column: Array | None = None) -> Newton:
+        """The derivative, with another column (size,) in place of that of the problem's parameter."""
         kind = Elimination if self.problem.elements is None else CompleteBalance
         parts = self.problem, self.state, self.kin, self.contact
-        return kind(*parts) if self.problem.clamp is None else SlippingBalance(kind(*parts), *parts)
+        held = kind(*parts, column)
+        return held if self.problem.clamp is None else SlippingBalance(held, *parts, column)
+
+    @cached_property
+    def complete(self) -> Array:
+        """Derivative of the residual to the scaled unknowns, (size, size), with nothing left out."""
+        parts = self.problem, self.state, self.kin, self.contact
+        held = CompleteBalance(*parts)
+        return held.by_unknowns if self.problem.clamp is None else SlippingBalance(held, *parts).by_unknowns
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""

@@ -164,7 +164,7 @@ def _from_rest(problem: HarmonicBalance, lam: float) -> Array | None:
 def _by_force(problem: HarmonicBalance, lam: float) -> Array | None:
     hz, F = problem.hz_at(lam), problem.at(lam)[1]
     ramp = HarmonicBalance(problem.rig, problem.basis, parameter="force", hz=hz, level=F)
-    settings = replace(_settings(ramp, 1e-3, 1.0, 0.02), max_points=300)
+    settings = replace(trace_settings(ramp, 1e-3, 1.0, 0.02), max_points=300)
     branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
     return pad(problem, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
 
@@ -175,7 +175,7 @@ def _from_afar(problem: HarmonicBalance, lam: float) -> Array | None:
     for far in (0.7 * end, 1.4 * end):
         x = _from_rest(sweep, far)
         if x is not None:
-            settings = replace(_settings(sweep, far, end, abs(end - far) / 20), max_points=300)
+            settings = replace(trace_settings(sweep, far, end, abs(end - far) / 20), max_points=300)
             branch = continue_branch(sweep, x, far, settings)
             if branch.complete:
                 return pad(problem, sweep.unpack(branch.points[-1].x, end))
@@ -199,7 +199,8 @@ def _newton() -> NewtonSettings:
     return NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
 
 
-def _settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: float) -> Settings:
+def trace_settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: float) -> Settings:
+    """Settings of a trace from `lam0` to `lam_end`, with a largest step."""
     # a reference amplitude counts as much as the whole sweep; the friction force follows from the motion and turns
     # much faster: it hardly counts
     weights = np.full(problem.size, (lam_end - lam0) ** 2)
@@ -269,7 +270,7 @@ def trace_frequency(
     problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
     step = abs(lam1 - lam0) / 50 if step_hz is None else problem.lam_at(step_hz)
-    return _with_peak(_trace(problem, lam0, _settings(problem, lam0, lam1, step), on_point))
+    return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point))
 
 
 def scout_frequency(rig: Rig, hz: tuple[float, float], *, level: float | None = None) -> ResponseCurve:
@@ -279,7 +280,7 @@ def scout_frequency(rig: Rig, hz: tuple[float, float], *, level: float | None = 
     """
     problem = HarmonicBalance(rig, FourierBasis(7, 128), level=level)
     lam0, lam1 = map(problem.lam_at, hz)
-    settings = _settings(problem, lam0, lam1, abs(lam1 - lam0) / 20)
+    settings = trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 20)
     return _trace(problem, lam0, replace(settings, max_angle=2.0, corner_angle=np.pi), None)
 
 
@@ -318,7 +319,7 @@ def force_response(
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = HarmonicBalance(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
-    return _with_peak(_trace(problem, lam0, _settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
+    return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
 
 
 @one_thread

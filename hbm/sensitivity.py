@@ -38,6 +38,7 @@ from models.change import (
     tone_scalars,
 )
 from models.friction import describe, parameters
+from models.reduction import StructureChange
 from models.rig import Channel, Rig
 
 REFINED = 1e-12
@@ -182,12 +183,17 @@ def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
 
     Of what drifts from record to record a solution is that of record 1, on which rates have no effect.
     """
+    return scalars_at(rig, solution.hz, solution.level)
+
+
+def scalars_at(rig: Rig, hz: float, level: float) -> dict[str, Scalar]:
+    """As :func:`rig_scalars`, at a frequency [Hz] and a force amplitude [N]."""
     law = rig.contact.law
     described = zip(_law_keys(rig), parameters(law).values(), describe(type(law)).values(), strict=True)
     return {key: Scalar(value, p.unit) for key, value, p in described} | {
         LOAD: Scalar(rig.contact.normal_load, "N"),
-        FORCE: Scalar(solution.level, "N"),
-        HZ: Scalar(solution.hz, "Hz"),
+        FORCE: Scalar(level, "N"),
+        HZ: Scalar(hz, "Hz"),
         **structure_scalars(rig),
         **sensor_scalars(rig),
         **element_scalars(rig),
@@ -278,6 +284,44 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
             moved = Omega * basis.derivative(moved)
         out[c.name] = as_read(basis, moved, Omega, c)
     return out
+
+
+def balance_change(here: Linearization, keys: Sequence[str]) -> Array:
+    """Exact derivatives of the scaled balance to numbers of the rig, the scaled unknowns and their units held.
+
+    The unknowns are those of the rig's own modes, which a change of its structure mixes among each other.
+
+    Parameters
+    ----------
+    here : Linearization
+        Any state, solution or not.
+    keys : sequence of str, (p,)
+        Of :func:`rig_scalars`.
+
+    Returns
+    -------
+    (size, p) array
+    """
+    held, balance = _Held(here, tuple(keys)), _LinearBalance(here)
+    change = balance.scaled(held.modal, -here.problem.basis.analysis @ _friction(here, held.inputs))
+    mixing = _mixing(held.structure, here.problem.structure.omega_n**2)
+    if mixing.any():
+        split = here.problem.basis.size * here.problem.structure.n
+        mixed = np.einsum("kj,pij->kip", here.state.Q, mixing).reshape(split, -1) / here.problem.q_ref
+        change += balance @ np.concatenate([mixed, np.zeros((here.problem.basis.size, len(keys)))])
+        residual = here.residual[:split].reshape(here.state.Q.shape)
+        change[:split] += np.einsum("ki,pij->kjp", residual, mixing).reshape(split, -1)
+    return np.asarray(change)
+
+
+def _mixing(change: StructureChange, squares: Array) -> Array:
+    """Derivatives of the modes kept within each other, (p, n, n): columns are the changed modes in the present ones."""
+    apart = squares[:, None] - squares
+    np.fill_diagonal(apart, np.inf)
+    mixing = (change.mass * squares - change.stiffness) / apart
+    own = np.arange(len(squares))
+    mixing[:, own, own] = -0.5 * change.mass[:, own, own]
+    return np.asarray(mixing)
 
 
 # ---- with the unknowns held
@@ -429,9 +473,11 @@ class _LinearBalance:
         problem, state, kin = here.problem, here.state, here.kin
         self.here = here
         self.problem, self.state, self.by_T, self.contact = problem, state, kin.by_T, here.contact
-        newton = here.newton.held if isinstance(here.newton, SlippingBalance) else here.newton
-        self._slid = here.newton.slid if isinstance(here.newton, SlippingBalance) else None
-        self._elements = newton.slope.by_Q if isinstance(newton, CompleteBalance) else None
+        newton = here.newton if problem.elements is not None or problem.clamp is not None else None
+        self._slid = newton.slid if isinstance(newton, SlippingBalance) else None
+        newton = newton.held if isinstance(newton, SlippingBalance) else newton
+        slope = newton.slope if isinstance(newton, CompleteBalance) else None
+        self._elements = None if slope is None else slope.by_Q
         real, imaginary = problem.dynamic_stiffness(state.Omega)
         self._stiffness = (real + 1j * imaginary)[:, :, None]
         size, n = problem.basis.size, problem.structure.n

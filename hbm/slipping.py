@@ -21,6 +21,8 @@ class SlippingBalance:
         The balance with what is slid held.
     slid : (2H+1, 2H+1) array
         Derivative of what is slid to the moment of the clamp if nothing had slid.
+
+    The border column is that of `held`; where it is the problem's own, what the parameter slides is added.
     """
 
     def __init__(
@@ -30,8 +32,11 @@ class SlippingBalance:
         state: State,
         kin: Kinematics,
         contact: ContactForce,
+        column: Array | None = None,
     ) -> None:
         self.held, self._problem, self._contact = held, problem, contact
+        own = column is None and problem.parameter == "force"
+        self._moment_by_parameter = problem.lam_ref * problem.force_shape * own
         self._clamp, motion = _slipping(problem, kin)
         self.slid = self._clamp.slope(motion, state.Omega)
 
@@ -51,13 +56,27 @@ class SlippingBalance:
         problem, size, r = self._problem, self._problem.basis.size, x.shape[1]
         split = size * problem.structure.n
         Q, T = x[:split].reshape(size, -1, r) * problem.q_ref, x[split:] * problem.F_ref
-        by_force = problem.lam_ref * (problem.parameter == "force")
-        return self._clamp.held(Q, T, np.outer(problem.force_shape, by_force * lam))
+        return self._clamp.held(Q, T, np.outer(self._moment_by_parameter, lam))
 
     def _correction(self, row: Array, row_lam: float) -> tuple[Array, Array, Array]:
         """Motion and parameter per slid rotation, (size, 2H+1) and (2H+1,), and what is slid less what that slides."""
         x, lam = self.held.solve_columns(row, row_lam, self._by_slid, 0.0)
         return x, lam, np.eye(len(self.slid)) - self.slid @ self._moment(x, lam)
+
+    @property
+    def by_unknowns(self) -> Array:
+        """Derivative of the scaled balances to the scaled unknowns, (size, size).
+
+        Raises
+        ------
+        TypeError
+            If the balance with what is slid held is an elimination, which has no such matrix.
+        """
+        if not isinstance(self.held, CompleteBalance):
+            raise TypeError("by_unknowns: what is slid is held in an elimination; must be a complete balance")
+        size = self._problem.size
+        slid = self.slid @ self._moment(np.eye(size), np.zeros(size))
+        return np.asarray(self.held.by_unknowns - self._by_slid @ slid)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""

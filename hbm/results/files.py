@@ -50,7 +50,7 @@ def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> None:
     write_together(
         {
             Path(path): csv_text(_table(curves)),
-            companion(path): json.dumps(_summary(curves), indent=1, allow_nan=False) + "\n",
+            companion(path): json.dumps(curve_summary(curves), indent=1, allow_nan=False) + "\n",
         }
     )
 
@@ -96,19 +96,20 @@ def write_figure(path: StrPath, figure: "Figure") -> None:
     write_together({path: content.getvalue()})
 
 
-def _heading(H: int) -> list[str]:
+def columns(H: int) -> list[str]:
+    """Columns of a curve file."""
     return [*KEYS, "h0", *(f"h{k}_{part}" for k in range(1, H + 1) for part in ("cos", "sin"))]
 
 
 def _table(curves: Sequence[ResponseCurve]) -> Iterator[list[Any]]:
     """Heading, and the rows of the curves filled with blanks up to the largest H."""
-    heading = _heading(max(c.basis.H for c in curves))
+    heading = columns(max(c.basis.H for c in curves))
     yield heading
-    for row in chain.from_iterable(map(_rows, curves)):
+    for row in chain.from_iterable(map(curve_rows, curves)):
         yield row + [""] * (len(heading) - len(row))
 
 
-def _rows(curve: ResponseCurve) -> Iterator[list[Any]]:
+def curve_rows(curve: ResponseCurve) -> Iterator[list[Any]]:
     """Rows of a curve, point by point and channel by channel."""
     stable = _stability(curve)
     channels = {name: (c.peak.tolist(), c.rms.tolist(), _in_pairs(c.harmonics)) for name, c in curve.channels.items()}
@@ -135,7 +136,8 @@ def _stability(curve: ResponseCurve) -> list[str]:
 # --------------------------------------------------------------------------------------------------- companion
 
 
-def _summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
+def curve_summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
+    """What the companion says of curves."""
     first = curves[0]
     return {
         "schema": SCHEMA,
@@ -237,19 +239,19 @@ def read_curves(path: StrPath) -> list[SavedCurve]:
     rows = read_rows(path, "a curve file (CSV)")
     heading = next(rows, (0, []))[1]
     H = (len(heading) - len(KEYS) - 1) // 2
-    if heading != _heading(H):
+    if heading != columns(H):
         raise InputError(f"{path} line 1: {','.join(heading[:9])!r}; must be {','.join(KEYS)},h0,h1_cos,h1_sin,...")
     levels: dict[float, dict[str, list[list[float]]]] = {}
     for line, row in rows:
-        level, channel, numbers = _parsed(row, len(heading), f"{path} line {line}")
+        level, channel, numbers = parsed(row, len(heading), f"{path} line {line}")
         levels.setdefault(level, {}).setdefault(channel, []).append(numbers)
-    summary = _read_companion(path)
+    summary = summary_of(path)
     units = summary.get("units", {})
     said = {entry["level"]: entry for entry in summary.get("levels", [])}
-    return [_saved(level, table, units, said.get(level, {})) for level, table in levels.items()]
+    return [saved(level, table, units, said.get(level, {})) for level, table in levels.items()]
 
 
-def _parsed(row: list[str], columns: int, where: str) -> tuple[float, str, list[float]]:
+def parsed(row: list[str], columns: int, where: str) -> tuple[float, str, list[float]]:
     """Level, channel, and the numbers frequency, stable, peak, rms, h0, h1_cos... with nan where blank."""
     if len(row) != columns:
         raise InputError(f"{where}: {len(row)} entries; must have {columns}")
@@ -260,9 +262,10 @@ def _parsed(row: list[str], columns: int, where: str) -> tuple[float, str, list[
         raise InputError(f"{where}: {bad}; must be a number") from None
 
 
-def _saved(
+def saved(
     level: float, table: dict[str, list[list[float]]], units: Mapping[str, str], said: Mapping[str, Any]
 ) -> SavedCurve:
+    """A curve of the numbers of its channels, point by point."""
     arrays = {name: np.array(rows) for name, rows in table.items()}
     first = next(iter(arrays.values()))
     return SavedCurve(
@@ -279,7 +282,8 @@ def _channel(a: Array, unit: str) -> ChannelCurve:
     return ChannelCurve(unit, np.hstack([a[:, 4:5], pairs[:, ::2], pairs[:, 1::2]]), peak=a[:, 2], rms=a[:, 3])
 
 
-def _read_companion(path: StrPath) -> dict[str, Any]:
+def summary_of(path: StrPath) -> dict[str, Any]:
+    """What the companion of a curve file says, nothing without it."""
     beside = companion(path)
     if not beside.exists():
         return {}

@@ -1,0 +1,111 @@
+"""The command ``hbm continue``: responses along any number of the rig file."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hbm.commands.options import RigFile, check_outputs, console, is_number, positive, print_written, quoted, say
+from hbm.errors import InputError
+
+if TYPE_CHECKING:
+    from hbm.parameterresponse import ParameterCurve
+    from models.rig import Rig
+
+COMMAND = "continue"
+LARGEST_H = 200
+
+
+def follow(
+    rig: RigFile,
+    parameter: Annotated[
+        str, typer.Option(metavar="KEY", help="Number of the rig file, contact.friction.mu.", show_default=False)
+    ],
+    begin: Annotated[str, typer.Option("--from", metavar="A", help="Its first value.", show_default=False)],
+    end: Annotated[str, typer.Option("--to", metavar="B", help="Its last; may be the smaller.", show_default=False)],
+    frequency: Annotated[
+        str | None,
+        typer.Option(metavar="HZ", help="Excitation frequency; left out with --parameter frequency_hz."),
+    ] = None,
+    level: Annotated[str | None, typer.Option(metavar="N", help="Force amplitude; the rig's where omitted.")] = None,
+    harmonics: Annotated[
+        str, typer.Option(metavar="H|auto", help="Harmonics; auto: as many as the accuracy needs.")
+    ] = "auto",
+    out: Annotated[
+        Path | None, typer.Option(metavar="F.csv", help="Write the curve here, and what is known of it to F.json.")
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+) -> None:
+    """Response along any number of the rig file at a held frequency and force, through folds.
+
+    Numbers of the excitation are excitation.amplitude and frequency_hz. A KEY that is none lists them all.
+
+    Example:  hbm continue examples/paper_beam.toml --parameter contact.friction.mu --from 0.3 --to 0.6 --frequency 50
+    """
+    check_outputs(COMMAND, out, plot)
+    values = _number("--from", begin), _number("--to", end)
+    hz = None if frequency is None else positive(COMMAND, "--frequency", frequency, "Hz")
+    force = None if level is None else positive(COMMAND, "--level", level, "N")
+    H = _harmonics(harmonics)
+    from hbm.rigfile import load_rig
+
+    curve = _response(load_rig(rig), parameter, values, hz, force, H)
+    _deliver(curve, out, plot)
+    if not curve.complete:
+        reached = f"{curve.values[0]:.5g} to {curve.values[-1]:.5g}"
+        raise typer.Exit(say(f"{COMMAND}: partial curve, {parameter} {reached}; {curve.branch.message}", 1))
+
+
+def _number(option: str, text: str) -> float:
+    if not is_number(text) or not math.isfinite(float(text)):
+        raise InputError(f"{COMMAND}: {option} = {quoted(text)}; must be a number")
+    return float(text)
+
+
+def _harmonics(text: str) -> int | None:
+    if text == "auto":
+        return None
+    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= LARGEST_H):
+        raise InputError(
+            f"{COMMAND}: --harmonics = {quoted(text)}; must be auto or a whole number from 1 to {LARGEST_H}"
+        )
+    return int(text)
+
+
+def _response(
+    rig: "Rig", key: str, values: tuple[float, float], hz: float | None, level: float | None, harmonics: int | None
+) -> "ParameterCurve":
+    from continuation import ConvergenceError
+    from hbm.commands.progress import Sweep
+    from hbm.parameterresponse import checked, parameter_response
+
+    try:
+        checked(rig, key, values, hz=hz, level=level)
+    except ValueError as refused:
+        raise InputError(f"{COMMAND}: {refused}") from None
+    with Sweep(key, *values, unit="") as progress:
+        try:
+            return parameter_response(
+                rig, key, values, hz=hz, level=level, harmonics=harmonics, on_point=progress.point
+            )
+        except (ConvergenceError, ArithmeticError) as failed:
+            raise ArithmeticError(f"{COMMAND}: {failed}") from None
+
+
+def _deliver(curve: "ParameterCurve", out: Path | None, plot: Path | None) -> None:
+    from hbm.commands.parametertables import print_parameter_curve
+    from hbm.results.files import companion, write_figure
+    from hbm.results.parameterfiles import write_parameter_curve
+
+    written = []
+    if out is not None:
+        write_parameter_curve(out, curve)
+        written += [out, companion(out)]
+    if plot is not None:
+        from hbm.report.parameter import plot_parameter_curve
+
+        write_figure(plot, plot_parameter_curve(curve))
+        written.append(plot)
+    print_parameter_curve(console(), curve)
+    print_written(written)

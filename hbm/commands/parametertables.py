@@ -1,0 +1,44 @@
+"""What ``hbm continue`` prints of a curve."""
+
+from rich.console import Console
+
+from hbm.commands.tables import print_lines, titled_table
+from hbm.parameterresponse import ParameterCurve
+
+
+def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
+    """Print the first point, the last, the highest and the folds, and how accurate they are."""
+    rig, first = curve.rig, curve.points[0]
+    values, top = curve.values, curve.points.index(curve.peak)
+    table = titled_table(
+        f"{rig.name}, {rig.contact.law.name}",
+        "point",
+        curve.parameter.rpartition(".")[2] + ("" if curve.unit == "1" else f"\n{curve.unit}"),
+        "drive\nmm",
+        "slip\nµm",
+        "friction\nN",
+        "reaction\nN",
+    )
+    for name, i in {"first": 0, "highest": top, "last": len(values) - 1}.items():
+        p = curve.points[i]
+        normal = p["normal"]
+        table.add_row(
+            name,
+            f"{values[i]:.6g}",
+            f"{1e3 * p['drive'].peak:.4g}",
+            f"{1e6 * p['slip'].peak:.3g}",
+            f"{p['friction'].peak:.3g}",
+            f"{normal.samples.min():.3g} to {normal.peak:.3g}",
+        )
+    console.print(table)
+    held = [text for key, text in _excitation(first.hz, first.level).items() if key != curve.parameter]
+    lines = [f"{len(values)} points at {' and '.join(held)}; {curve.reason}"]
+    lines += [f"fold at {curve.parameter} = {value:.6g}" for value in curve.folds]
+    lines += [f"corner at {curve.parameter} = {value:.6g}" for value in curve.corners]
+    lines += [f"warning: the tip would lift off from {low:.5g} to {high:.5g}" for low, high in curve.lift_off]
+    lines.append(f"more harmonics, samples and modes change the ends and the peak by {curve.error:.2%}")
+    print_lines(console, lines)
+
+
+def _excitation(hz: float, level: float) -> dict[str, str]:
+    return {"frequency_hz": f"{hz:g} Hz", "excitation.amplitude": f"{level:g} N"}
