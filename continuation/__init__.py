@@ -12,7 +12,7 @@ In reading order:
   began.
 - `refine` locates the folds and branch points of a branch, `locate` the sign changes of any test function, each a
   `SpecialPoint` of a `Kind`; `refine_fold` and `refine_branch_point` look between two points.
-- `switch_branch` goes from a branch point along the other curve, both ways.
+- `switch_branch` goes from a branch point along the other curve, both ways; `leave_along` one way.
 - `TwoParameterProblem` is what is asked of F(x, lam, mu); `DenseTwoParameterProblem` makes one from plain functions,
   `AtMu` a `Problem` at one mu.
 - `fold_curve` follows a fold in (lam, mu), a `FoldCurve`, with its cusps and the births of closed curves;
@@ -41,7 +41,7 @@ from .problem import Array, DenseLinearization, DenseProblem, Linearization, Pro
 from .refine import locate, refine, refine_fold
 from .settings import NewtonSettings, Predictor, Settings
 from .special import Kind, SpecialPoint
-from .switching import switch_branch
+from .switching import leave_along, switch_branch
 from .trace import Ending, continue_along, continue_branch, trace, trace_along
 from .twoparameter import (
     AtMu,
@@ -84,6 +84,7 @@ __all__ = [
     "correct",
     "fold_curve",
     "isolas",
+    "leave_along",
     "locate",
     "refine",
     "refine_branch_point",

@@ -10,7 +10,7 @@ import numpy as np
 from .branch import Branch, ConvergenceError, Point
 from .crossing import refine_branch_point
 from .problem import Array, Problem
-from .segment import Segment, tangent_of
+from .segment import CLOSE, Segment, tangent_of
 from .settings import Settings
 from .special import Kind, SpecialPoint, special
 
@@ -69,7 +69,9 @@ def refine(problem: Problem, branch: Branch) -> tuple[SpecialPoint, ...]:
     return tuple(sorted(found, key=lambda point: point.arclength))
 
 
-def locate(problem: Problem, branch: Branch, test: Callable[[Point], Array], kind: Enum) -> tuple[SpecialPoint, ...]:
+def locate(
+    problem: Problem, branch: Branch, test: Callable[[Point], Array], kind: Enum, close: float = CLOSE
+) -> tuple[SpecialPoint, ...]:
     """Points of a branch at which any entry of a test function changes its sign.
 
     Parameters
@@ -82,6 +84,8 @@ def locate(problem: Problem, branch: Branch, test: Callable[[Point], Array], kin
         `test(point) -> (k,) array`, continuous along the branch; entries that are not finite count as no sign.
     kind : Enum
         What to call the points.
+    close : float
+        To which fraction of the stretch between two points.
 
     Returns
     -------
@@ -94,17 +98,30 @@ def locate(problem: Problem, branch: Branch, test: Callable[[Point], Array], kin
         segment = Segment(problem, before, behind, branch.settings)
         for entry in np.flatnonzero((values[i] * values[i + 1] < 0.0) | (values[i + 1] == 0.0)):
             if not behind.jumped:
-                found.append(located(kind, behind, partial(_root, segment, test, int(entry), kind)))
+                found.append(
+                    located(
+                        kind, behind, partial(_root, segment, test, int(entry), kind, close, (values[i], values[i + 1]))
+                    )
+                )
     return tuple(sorted(found, key=lambda point: point.arclength))
 
 
-def _root(segment: Segment, test: Callable[[Point], Array], entry: int, kind: Enum) -> SpecialPoint:
-    """Root of one entry of a test function."""
+def _root(
+    segment: Segment,
+    test: Callable[[Point], Array],
+    entry: int,
+    kind: Enum,
+    close: float,
+    ends: tuple[Array, Array],
+) -> SpecialPoint:
+    """Root of one entry of a test function with known values at both ends."""
 
     def value(u: float) -> float:
+        if u in (0.0, 1.0):
+            return float(ends[int(u)][entry])
         return float(np.atleast_1d(test(segment.point(u)))[entry])
 
-    u = segment.root(value)
+    u = segment.root(value, close)
     return special(kind, segment.solve(u)[1], value(u), segment.arclength(u))
 
 

@@ -11,7 +11,9 @@ from .problem import Array, Problem
 from .settings import Settings
 from .special import SpecialPoint
 
-_CLOSE = 1e-13
+CLOSE = 1e-13
+"""Roots are found to this fraction of the stretch."""
+
 _ITERATIONS = 100
 
 
@@ -90,18 +92,18 @@ class Segment:
         """Length of the branch up to a fraction u, about."""
         return self.start + u * self.length
 
-    def root(self, test: Callable[[float], float]) -> float:
-        """Fraction at which a function of it, of opposite signs at 0 and 1, vanishes.
+    def root(self, test: Callable[[float], float], close: float = CLOSE) -> float:
+        """Fraction at which a function of it, of opposite signs at 0 and 1, vanishes, to within `close`.
 
         Raises
         ------
         ValueError
             If it has the same sign at both ends.
         """
-        return root_between(test, f"lam = {self.ends[0][-1]:.10g} and {self.ends[1][-1]:.10g}")
+        return root_between(test, f"lam = {self.ends[0][-1]:.10g} and {self.ends[1][-1]:.10g}", close)
 
 
-def root_between(test: Callable[[float], float], where: str) -> float:
+def root_between(test: Callable[[float], float], where: str, close: float = CLOSE) -> float:
     """Root of a function between 0 and 1 by secants that keep it bracketed (Illinois: Dowell & Jarratt 1971).
 
     Raises
@@ -116,11 +118,11 @@ def root_between(test: Callable[[float], float], where: str) -> float:
         )
     u = a if f == 0.0 else b
     for _ in range(_ITERATIONS):
-        if f == 0.0 or g == 0.0 or abs(b - a) <= _CLOSE:
+        if f == 0.0 or g == 0.0 or abs(b - a) <= close:
             break
         last, u = u, b - g * (b - a) / (g - f)
         value = test(u)
-        if value == 0.0 or abs(u - last) <= _CLOSE:
+        if value == 0.0 or abs(u - last) <= close:
             break
         if value * g < 0.0:
             a, f = b, g

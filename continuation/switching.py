@@ -42,11 +42,18 @@ def switch_branch(problem: Problem, point: SpecialPoint, settings: Settings) -> 
     """
     if len(point.null_space) < 2:
         raise ValueError(f"switch_branch: {point.kind.value} at lam = {point.lam:g} has one tangent; needs two")
-    one, other = (_away(problem, point, sense * point.null_space[1], settings) for sense in (1.0, -1.0))
+    one, other = (leave_along(problem, point, sense * point.null_space[1], settings) for sense in (1.0, -1.0))
     return one, other
 
 
-def _away(problem: Problem, point: SpecialPoint, direction: Array, settings: Settings) -> Branch:
+def leave_along(problem: Problem, point: SpecialPoint, direction: Array, settings: Settings) -> Branch:
+    """Trace the other curve through a branch point in one direction, such as `point.null_space[1]`.
+
+    Raises
+    ------
+    ConvergenceError
+        If no point of the other curve is found.
+    """
     start = _first(problem, point, direction, settings)
     return continue_along(problem, start[:-1], float(start[-1]), direction, settings)
 

@@ -3,7 +3,8 @@
 In reading order: :func:`load_rig` makes a :class:`models.Rig` of a rig file; :func:`frequency_response` returns a
 :class:`ResponseCurve` with its numerical error; the points of a curve are
 :class:`PeriodicSolution` objects, as :func:`steady_state` returns one; their channels are the rig's and the computed
-``drive``, ``slip``, ``slip_velocity``, ``friction``, ``normal``. :func:`sensitivities` differentiates one of them
+``drive``, ``slip``, ``slip_velocity``, ``friction``, ``normal``. :func:`stability_of` says which are stable,
+:func:`with_stability` adds that to a curve, with its bifurcations. :func:`sensitivities` differentiates one of them
 to the parameters of its rig; :func:`parameter_response` follows it along any of them, a :class:`ParameterCurve`;
 :func:`fold_path` follows a fold of a curve in frequency and force, :func:`isolas` finds the detached curves that it
 betrays. :func:`simulate` marches the same rig in time and
@@ -35,7 +36,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from continuation import ConvergenceError
     from hbm.accuracy import frequency_response
-    from hbm.curve import Assessment, NumericalError, ResponseCurve
+    from hbm.bifurcations import stability_of, with_stability
+    from hbm.curve import Assessment, Bifurcation, NumericalError, ResponseCurve
     from hbm.diagnosis.diagnose import diagnose
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.errors import InputError
@@ -63,11 +65,13 @@ if TYPE_CHECKING:
     from hbm.rigfile import load_rig
     from hbm.sensitivity import Sensitivities, sensitivities
     from hbm.solution import PeriodicSolution
+    from hbm.stability import Stability
 
     __version__: str
 
 __all__ = [
     "Assessment",
+    "Bifurcation",
     "ConvergenceError",
     "Diagnosis",
     "FoldPath",
@@ -88,6 +92,7 @@ __all__ = [
     "SavedCurve",
     "Sensitivities",
     "SpectraFit",
+    "Stability",
     "TimeHistory",
     "choose_law",
     "diagnose",
@@ -109,8 +114,10 @@ __all__ = [
     "reconstruct",
     "sensitivities",
     "simulate",
+    "stability_of",
     "steady_state",
     "trace_frequency",
+    "with_stability",
     "write_curves",
     "write_history",
     "write_spectra",
@@ -119,7 +126,8 @@ __all__ = [
 _HOMES = {
     "continuation": ("ConvergenceError",),
     "hbm.accuracy": ("frequency_response",),
-    "hbm.curve": ("Assessment", "NumericalError", "ResponseCurve"),
+    "hbm.bifurcations": ("stability_of", "with_stability"),
+    "hbm.curve": ("Assessment", "Bifurcation", "NumericalError", "ResponseCurve"),
     "hbm.errors": ("InputError",),
     "hbm.folds": ("FoldPath", "fold_path", "isolas"),
     "hbm.history": ("TimeHistory",),
@@ -147,6 +155,7 @@ _HOMES = {
     "hbm.rigfile": ("load_rig",),
     "hbm.sensitivity": ("Sensitivities", "sensitivities"),
     "hbm.solution": ("PeriodicSolution",),
+    "hbm.stability": ("Stability",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

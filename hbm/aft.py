@@ -95,6 +95,39 @@ class InputChange:
     compliance: Array | None = None
 
 
+@dataclass(frozen=True)
+class LawSteps:
+    """How a disturbance passes the samples of a law: derivatives of the force, then of the states.
+
+    Attributes
+    ----------
+    T : (N_t,) array
+        The force [N].
+    by_states : (N_t, 1 + states, states) array
+        To the states before each sample.
+    by_signals, by_signals_before : (N_t, 1 + states, 4) array
+        To u, v, rho, eta (:data:`SIGNALS`) of the sample, and of the one before.
+    """
+
+    T: Array
+    by_states: Array
+    by_signals: Array
+    by_signals_before: Array
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the force depends on samples before."""
+        return bool(self.by_states.size or self.by_signals_before.any())
+
+    @property
+    def undying(self) -> int:
+        """How many disturbances of the states return undiminished where the motion is held: anchors that stick."""
+        transitions = self.by_states[:, 1:]
+        if transitions.shape[2] == 0:
+            return 0
+        return int(np.count_nonzero(np.abs(np.linalg.eigvals(monodromy(transitions))) >= 1.0 - NEUTRAL))
+
+
 class LawOverPeriod:
     """A friction law on a Fourier basis: coefficients of the contact signals in, of the force out.
 
@@ -240,6 +273,18 @@ class LawOverPeriod:
         """Find the steady force, unless the buffers hold this period already."""
         if self._shown[0] is not signals or self._shown[1] != Omega:
             self.force(signals, Omega, environment)
+
+    def steps(self, signals: Array, Omega: float, environment: Environment) -> "LawSteps":
+        """Derivatives of every sample of the steady force; arguments as :meth:`force`."""
+        self._show(signals, Omega, environment)
+        n_z, N_t = self.functions.states, self.basis.N_t
+        local = self._local.copy()
+        now, before = (np.zeros((N_t, 1 + n_z, len(SIGNALS))) for _ in range(2))
+        for at, i in enumerate(self.functions.active, start=n_z):
+            if i != DT:  # a perturbation does not change the time between samples
+                inputs, column = (now, i) if i < DT else (before, i - DT - 1)
+                inputs[:, :, column] = local[:, :, at]
+        return LawSteps(self._T.copy(), local[:, :, :n_z], now, before)
 
     def along(self, signals: Array, Omega: float, environment: Environment, change: InputChange) -> Array:
         """Change of the force at the samples with everything that it depends on, (N_t, p).

@@ -128,6 +128,8 @@ class Balance:
         Force amplitude where the parameter is the frequency [N]; the rig's where omitted.
     like : Balance, optional
         Balance of a similar rig whose units the unknowns and equations take.
+    periods : int
+        Periods of the force in one of the motion; frequencies are those of the force, Omega that of the motion.
     """
 
     def __init__(
@@ -139,16 +141,17 @@ class Balance:
         hz: float = 0.0,
         level: float | None = None,
         like: "Balance | None" = None,
+        periods: int = 1,
     ) -> None:
         s = rig.structure
         self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
         self.level = rig.excitation.amplitude if level is None else level
-        self.fixed_hz = hz
+        self.fixed_hz, self.periods = hz, periods
         self.units: Units = self._units() if like is None else like.units
         self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref = self.units
-        self.Omega_ref = 2 * np.pi * self.hz_ref
+        self.Omega_ref = 2 * np.pi * self.hz_ref / periods
         self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
-        self.force_shape = _force_shape(rig, basis)
+        self.force_shape = _force_shape(rig, basis, periods)
         self.elements = ElementsOverPeriod(rig, basis) if rig.elements else None
         port, limit = rig.clamp, rig.attachments.clamp_limit
         self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
@@ -231,7 +234,7 @@ class Balance:
         """Frequency [rad/s] and force amplitude [N] at a value of the continuation parameter."""
         if self.parameter == "frequency":
             return lam * self.Omega_ref, self.level
-        return 2 * np.pi * self.fixed_hz, lam * self.F_ref
+        return 2 * np.pi * self.fixed_hz / self.periods, lam * self.F_ref
 
     def hz_at(self, lam: float) -> float:
         """Frequency [Hz] at a value of the continuation parameter."""
@@ -340,10 +343,10 @@ class Balance:
         return kin, T.copy(), self.law.memory, closure
 
 
-def _force_shape(rig: Rig, basis: FourierBasis) -> Array:
+def _force_shape(rig: Rig, basis: FourierBasis, periods: int) -> Array:
     """Coefficients of the excitation per amplitude of its fundamental, (2H+1,); harmonics beyond H left out."""
     shape = np.zeros(basis.size)
     for k, cosine, sine in rig.excitation.tones:
-        if k <= basis.H:
-            shape[k], shape[basis.H + k] = cosine, sine
+        if k * periods <= basis.H:
+            shape[k * periods], shape[basis.H + k * periods] = cosine, sine
     return shape

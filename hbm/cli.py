@@ -194,8 +194,11 @@ def frf(
         Path | None, typer.Option(metavar="F.csv", help="Write the curves here, and what is known of them to F.json.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+    stability: Annotated[
+        bool, typer.Option("--stability/--no-stability", help="Work out which points are stable, and the bifurcations.")
+    ] = True,
 ) -> None:
-    """Frequency response curves, each with its numerical error.
+    """Frequency response curves, each with its numerical error, its stability and its bifurcations.
 
     Without --from and --to: 0.85 to 1.35 of the first sliding resonance.
 
@@ -212,7 +215,7 @@ def frf(
             choice = choose_law(loaded, law)
         loaded = choice.rig
         print(choice)
-    curves, failures = _responses(loaded, hz, levels or [loaded.excitation.amplitude], H)
+    curves, failures = _responses(loaded, hz, levels or [loaded.excitation.amplitude], H, stability=stability)
     failures += [_partial(c) for c in curves if not c.complete]
     if curves:
         _deliver_curves(curves, out, plot)
@@ -324,7 +327,7 @@ def _check_duration(hz: float, seconds: float) -> None:
 
 
 def _responses(
-    rig: "Rig", hz: tuple[float, float] | None, levels: Sequence[float], harmonics: int | None
+    rig: "Rig", hz: tuple[float, float] | None, levels: Sequence[float], harmonics: int | None, *, stability: bool
 ) -> tuple[list["ResponseCurve"], list[str]]:
     """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
     from continuation import ConvergenceError
@@ -339,6 +342,8 @@ def _responses(
         try:
             with Sweep(f"{level:g} N", *sweep) as progress:
                 curves.append(frequency_response(rig, sweep, level=level, harmonics=harmonics, on_point=progress.point))
+                if stability:
+                    curves[-1] = _judged(curves[-1])
         except (ConvergenceError, ArithmeticError) as failed:
             failures.append(f"frf: {level:g} N: {failed}")
         except KeyboardInterrupt:
@@ -346,6 +351,17 @@ def _responses(
             failures.append(f"frf: interrupted at {level:g} N; {left} of {len(levels)} levels not computed")
             break
     return curves, failures
+
+
+def _judged(curve: "ResponseCurve") -> "ResponseCurve":
+    """The curve with its stability, or as it is where that cannot be told, and why."""
+    from hbm.bifurcations import with_stability
+
+    try:
+        return with_stability(curve)
+    except ValueError as refused:
+        print(f"{curve.level:g} N: {refused}")
+        return curve
 
 
 def _partial(curve: "ResponseCurve") -> str:

@@ -4,11 +4,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
-from continuation import Branch
+from continuation import Branch, Kind, SpecialPoint
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance
 from hbm.solution import PeriodicSolution, amplitudes
+from hbm.stability import Stability
 from models.rig import Rig
 
 
@@ -122,6 +124,56 @@ class ChannelCurve:
 
 
 @dataclass(frozen=True, eq=False)
+class Bifurcation:
+    """Where the stability or the number of periodic solutions changes.
+
+    Attributes
+    ----------
+    solution : PeriodicSolution
+        There.
+    stability : Stability
+        Its multipliers; one, or a pair, on the unit circle.
+    special : continuation.SpecialPoint
+        The same in scaled unknowns, with the tangents of the curves that meet there.
+    behind : int
+        Index of the first point of the curve behind it.
+    """
+
+    solution: PeriodicSolution
+    stability: Stability
+    special: SpecialPoint
+    behind: int
+
+    @property
+    def kind(self) -> Kind:
+        """What it is."""
+        return Kind(self.special.kind)
+
+    @property
+    def multiplier(self) -> complex:
+        """The multiplier on the unit circle, of a pair the upper one: 1, -1 where the period doubles."""
+        found = self.stability.multipliers
+        if self.kind is Kind.NEIMARK_SACKER:
+            pairs = found[found.imag > 0.0]
+            return complex(pairs[np.abs(np.abs(pairs) - 1.0).argmin()])
+        return complex(found[np.abs(found - (-1.0 if self.kind is Kind.PERIOD_DOUBLING else 1.0)).argmin()])
+
+    @property
+    def hz(self) -> float:
+        """Excitation frequency [Hz]."""
+        return self.solution.hz
+
+    @property
+    def level(self) -> float:
+        """Force amplitude [N]."""
+        return self.solution.level
+
+    def __str__(self) -> str:
+        """Say what and where."""
+        return f"{self.kind.value} at {self.hz:.6g} Hz, {self.level:.4g} N"
+
+
+@dataclass(frozen=True, eq=False)
 class ResponseCurve:
     """A branch of periodic solutions in physical terms.
 
@@ -137,6 +189,10 @@ class ResponseCurve:
         What the branch solves.
     assessment : Assessment or None
         Its numerical error, where it was estimated (:func:`hbm.accuracy.frequency_response`).
+    stability : tuple of Stability, optional
+        Of every point, where it was worked out (:func:`hbm.bifurcations.with_stability`).
+    bifurcations : tuple of Bifurcation
+        Found with it, in the order of travel.
     """
 
     rig: Rig
@@ -144,6 +200,8 @@ class ResponseCurve:
     branch: Branch
     problem: HarmonicBalance
     assessment: Assessment | None = None
+    stability: tuple[Stability, ...] | None = None
+    bifurcations: tuple[Bifurcation, ...] = ()
 
     @property
     def basis(self) -> FourierBasis:
@@ -190,6 +248,11 @@ class ResponseCurve:
 
     def _parameter_in_units(self, lam: float) -> float:
         return self.problem.hz_at(lam) if self.problem.parameter == "frequency" else self.problem.at(lam)[1]
+
+    @cached_property
+    def stable(self) -> npt.NDArray[np.bool_] | None:
+        """Whether each point is stable, (points,); None where that was not worked out."""
+        return None if self.stability is None else np.array([s.stable for s in self.stability])
 
     @property
     def folds(self) -> list[float]:

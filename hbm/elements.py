@@ -179,6 +179,18 @@ class ElementsOverPeriod:
                 by_Omega += basis.analysis @ (k * self._y_t[:, column]) @ self.onto[row] / Omega
         return ElementSlope(by_Q.reshape(basis.size, basis.size, n + 1, n).swapaxes(1, 2), by_Omega)
 
+    def slopes_in_time(self, Q: Array, Omega: float) -> tuple[Array, Array]:
+        """Derivatives of the forces on modes and support to q and to q' at the samples, two of (N_t, n+1, n)."""
+        self._read(Q, Omega)
+        evaluate, slopes = buffered(self._functions.slopes, self._inputs)
+        evaluate()
+        N_t, places = self.basis.N_t, self._functions.places
+        by_q, by_v = (
+            np.einsum("te,ei,ej->tij", k.reshape(N_t, -1), self.onto[row], self.rows[column], optimize=True)
+            for k, (row, column) in zip(slopes, places[:2], strict=True)
+        )
+        return by_q, by_v
+
     def along(self, Q: Array, Omega: float, change: ElementChange) -> Array:
         """Derivatives of :meth:`force` with the motion held, (2H+1, n+1, p)."""
         basis, (rows, share, weight) = self.basis, change.rows

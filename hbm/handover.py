@@ -1,7 +1,5 @@
 """From the harmonic balance to the time integration: where to start a march on a periodic solution."""
 
-import numpy as np
-
 from hbm.history import State
 from hbm.solution import PeriodicSolution
 
@@ -19,6 +17,6 @@ def state_at_phase_zero(solution: PeriodicSolution) -> State:
         Its time is 0. The friction law's state is the one just before, by a sample.
     """
     Q, H = solution.state.Q, solution.basis.H
-    velocity = 2 * np.pi * solution.hz * solution.basis.derivative(Q)
+    velocity = solution.state.Omega * solution.basis.derivative(Q)
     friction = float(solution.channels["friction"].samples[0])
     return State(Q[: H + 1].sum(axis=0), velocity[: H + 1].sum(axis=0), friction, solution.memory)

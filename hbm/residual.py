@@ -28,7 +28,9 @@ class HarmonicBalance(Balance):
     def with_harmonics(self, H: int) -> "HarmonicBalance":
         """Return the same problem with another number of harmonics on the same samples."""
         basis = FourierBasis(H, self.basis.N_t)
-        return HarmonicBalance(self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level)
+        return HarmonicBalance(
+            self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level, periods=self.periods
+        )
 
     def residual(self, x: Array, lam: float) -> Array:
         """Scaled force balance of every mode and harmonic, then of the contact, (size,)."""

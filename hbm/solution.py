@@ -80,6 +80,7 @@ class PeriodicSolution:
     hz, level : float
         Excitation frequency [Hz] and force amplitude [N].
     basis : FourierBasis
+        Of one period of the motion, which may be two of the force (:func:`hbm.branching.doubled`).
     state : State
         Modal and friction coefficients.
     channels : dict of str to Signal
@@ -117,7 +118,11 @@ class PeriodicSolution:
         The paper prints R v, whose mean over a period can be zero where the contact slides; wear has no sign. Where the
         reaction would be negative the tip is off its support and does not wear.
         """
-        return self.hz * path_work(np.abs, np.maximum(self["normal"].samples, 0.0), self["slip"].samples)
+        return (
+            self.state.Omega
+            / (2 * np.pi)
+            * path_work(np.abs, np.maximum(self["normal"].samples, 0.0), self["slip"].samples)
+        )
 
     @property
     def friction_loss(self) -> float:

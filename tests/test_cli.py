@@ -248,6 +248,26 @@ def test_linear_rig_peaks_at_its_closed_form(tmp_path: Path) -> None:
     assert curve["drive"].amplitude[:, 1] == pytest.approx(exact, rel=1e-8)
 
 
+def test_frf_says_what_is_stable(swept: tuple[Result, Path], tmp_path: Path) -> None:
+    result, folder = swept
+    assert "2 N: stable everywhere" in result.stdout.splitlines()
+    assert all(np.all(curve.stable == 1.0) for curve in read_curves(folder / "c.csv"))
+    out = str(tmp_path / "c.csv")
+    result = run("frf", PAPER, *QUICK, "--no-stability", "--out", out)
+    assert (result.exit_code, "stable everywhere" in result.stdout) == (0, False)
+    assert np.isnan(read_curves(out)[0].stable).all()
+
+
+def test_frf_says_where_stability_cannot_be_told(tmp_path: Path) -> None:
+    out = str(tmp_path / "c.csv")
+    quick = ["--from", "40", "--to", "40.5", "--harmonics", "3", "--law", "coulomb-lagrange"]
+    result = run("frf", ONE_MODE, *quick, "--out", out)
+    assert (result.exit_code, result.stderr) == (0, "")
+    refusal = "1 N: stability: one mode is rigid where coulomb-lagrange sticks; "
+    assert refusal + "must have residual_compliance = true, or a law that yields" in result.stdout.splitlines()
+    assert np.isnan(read_curves(out)[0].stable).all()
+
+
 def test_levels_may_be_repeated_or_listed() -> None:
     from hbm.commands.options import spread
 

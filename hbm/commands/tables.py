@@ -2,6 +2,7 @@
 
 import inspect
 import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, Field, fields
 from typing import Any
@@ -24,6 +25,9 @@ from models.rig import Rig
 
 TEXTS = ("channel", "unit", "law", "values")
 """Headings of columns that hold no numbers."""
+
+LISTED = 20
+"""Up to so many bifurcations of a curve are listed, more are counted."""
 
 LAWS_FOOT = (
     "Columns: key of the rig file, value, unit, accepted values, meaning and source.",
@@ -59,6 +63,20 @@ def print_curves(console: Console, curves: Sequence[ResponseCurve]) -> None:
     for c, known in assessed:
         remarks = [known.reason, *(f"warning: {w}" for w in known.warnings)]
         print_lines(console, [f"{c.level:g} N: {remark}" for remark in remarks])
+    for c in curves:
+        print_lines(console, [f"{c.level:g} N: {line}" for line in _stability_lines(c)])
+
+
+def _stability_lines(curve: ResponseCurve) -> list[str]:
+    """How much of a curve is unstable, and where it bifurcates."""
+    if curve.stable is None:
+        return []
+    unstable = int((~curve.stable).sum())
+    judged = f"{unstable} of {len(curve.points)} points unstable" if unstable else "stable everywhere"
+    if len(curve.bifurcations) <= LISTED:
+        return [judged, *map(str, curve.bifurcations)]
+    counts = Counter(b.kind.value for b in curve.bifurcations)
+    return [judged, "bifurcations: " + ", ".join(f"{count} {kind}" for kind, count in counts.items())]
 
 
 def _response_table(curves: Sequence[ResponseCurve]) -> Table:

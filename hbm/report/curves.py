@@ -13,7 +13,15 @@ from hbm.report.style import FAINT, INK, SMALL, WIDTH, Color, dressed, level_col
 
 Curves = ResponseCurve | Sequence[ResponseCurve]
 
-MARKERS = {"corner": ("|", 4.0), "fold": ("o", 3.2), "ends here": ("x", 6.0)}
+MARKERS = {
+    "corner": ("|", 4.0),
+    "fold": ("o", 3.2),
+    "branch point": ("D", 3.4),
+    "Neimark-Sacker": ("s", 3.4),
+    "period doubling": ("^", 4.0),
+    "ends here": ("x", 6.0),
+}
+UNSTABLE = (0, (3, 1.5))
 PHASE_TICKS = np.arange(-270, 91, 90)
 
 
@@ -55,7 +63,8 @@ def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bo
     ax : Axes, optional
         Where to draw; new axes where omitted.
     label : bool
-        Add a legend of the levels and of the markers: folds, corners, the end of a partial curve.
+        Add a legend of the levels, of unstable stretches (dashed) and of the markers: folds and other bifurcations,
+        corners, the end of a partial curve.
 
     Returns
     -------
@@ -150,15 +159,13 @@ def _stack(rows: int) -> Sequence[Axes]:
 def _draw(ax: Axes, curve: ResponseCurve, y: Array, color: Color, linewidth: float = 1.4) -> None:
     """Draw a line over the frequency, dashed where the curve says it is unstable."""
     label = f"{curve.level:g} N"
-    stable = getattr(curve, "stable", None)
-    if stable is None or np.all(stable):
+    stable = curve.stable
+    if stable is None or stable.all():
         ax.plot(curve.hz, y, color=color, linewidth=linewidth, label=label)
         return
-    ok = np.asarray(stable, dtype=bool)
-    ax.plot(curve.hz, np.where(ok, y, np.nan), color=color, linewidth=linewidth, label=label)
-    ax.plot(
-        curve.hz, np.where(_with_neighbours(~ok), y, np.nan), color=color, linewidth=linewidth, linestyle=(0, (3, 1.5))
-    )
+    ax.plot(curve.hz, np.where(stable, y, np.nan), color=color, linewidth=linewidth, label=label)
+    unstable = np.where(_with_neighbours(~stable), y, np.nan)
+    ax.plot(curve.hz, unstable, color=color, linewidth=linewidth, linestyle=UNSTABLE, label="_unstable")
 
 
 def _with_neighbours(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -170,17 +177,12 @@ def _with_neighbours(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
 
 
 def _mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
-    """Discreet markers where the curve turns back, has corners, or ends too early."""
-    points = curve.branch.points
-    at = {
-        "corner": [i for i, p in enumerate(points) if p.corner],
-        "fold": [i for i, p in enumerate(points) if p.fold],
-        "ends here": [] if curve.complete else [len(points) - 1],
-    }
-    for kind, (marker, size) in MARKERS.items():
+    """Discreet markers where the curve turns back, has corners, bifurcates, or ends too early."""
+    for kind, (hz, heights) in _places(curve, y).items():
+        marker, size = MARKERS[kind]
         ax.plot(
-            curve.hz[at[kind]],
-            y[at[kind]],
+            hz,
+            heights,
             linestyle="none",
             marker=marker,
             markersize=size,
@@ -191,10 +193,31 @@ def _mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
         )
 
 
+def _places(curve: ResponseCurve, y: Array) -> dict[str, tuple[Array, Array]]:
+    """Frequencies and heights of the markers of each kind; a bifurcation is marked where it was located."""
+    points = curve.branch.points
+    at = {
+        "corner": [i for i, p in enumerate(points) if p.corner],
+        "fold": [i for i, p in enumerate(points) if p.fold],
+        "ends here": [] if curve.complete else [len(points) - 1],
+    }
+    places = {kind: (curve.hz[i], y[i]) for kind, i in at.items()}
+    if curve.stability is None:
+        return places
+    found = [b for b in curve.bifurcations if b.special.located or b.kind.value == "fold"]
+    located = {
+        kind: [b for b in found if b.kind.value == kind] for kind in MARKERS if kind not in ("corner", "ends here")
+    }
+    for kind, found in located.items():
+        drive = [1e3 * b.solution.channels["drive"].peak for b in found]
+        places[kind] = (np.array([b.hz for b in found]), np.array(drive))
+    return places
+
+
 def _explain(ax: Axes) -> None:
-    """Legend: one entry per level, one per kind of marker that is there."""
+    """Legend: one entry per level, one for what is unstable, one per kind of marker that is there."""
     shown = {str(line.get_label()).removeprefix("_"): line for line in ax.lines if np.size(line.get_xdata())}
-    order = sorted(shown, key=lambda text: text in MARKERS)
+    order = sorted(shown, key=lambda text: ["unstable", *MARKERS].index(text) if text in ("unstable", *MARKERS) else -1)
     ax.legend([shown[t] for t in order], order, frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
 
 

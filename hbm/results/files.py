@@ -129,8 +129,7 @@ def _in_pairs(harmonics: Array) -> list[list[float]]:
 
 def _stability(curve: ResponseCurve) -> list[str]:
     """1 or 0 where the curve says, blank where it does not."""
-    stable = getattr(curve, "stable", None)
-    return [""] * len(curve.points) if stable is None else [str(int(s)) for s in stable]
+    return [""] * len(curve.points) if curve.stable is None else [str(int(s)) for s in curve.stable]
 
 
 # --------------------------------------------------------------------------------------------------- companion
@@ -166,6 +165,10 @@ def _level(curve: ResponseCurve) -> dict[str, Any]:
         "folds_hz": [float(hz) for hz in curve.folds],
         "corners_hz": [float(hz) for hz in curve.corners],
         "lift_off_hz": [[float(low), float(high)] for low, high in curve.lift_off],
+        "bifurcations": [
+            {"kind": b.kind.value, "frequency_hz": float(b.hz), "level": float(b.level), "before_point": b.behind + 1}
+            for b in curve.bifurcations
+        ],
     }
 
 
