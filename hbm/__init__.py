@@ -7,7 +7,8 @@ In reading order: :func:`load_rig` makes a :class:`models.Rig` of a rig file; :f
 :func:`with_stability` adds that to a curve, with its bifurcations. :func:`sensitivities` differentiates one of them
 to the parameters of its rig; :func:`parameter_response` follows it along any of them, a :class:`ParameterCurve`;
 :func:`fold_path` follows a fold of a curve in frequency and force, :func:`isolas` finds the detached curves that it
-betrays. :func:`simulate` marches the same rig in time and
+betrays. :func:`nonlinear_mode` and :func:`phase_resonance` say how frequency and damping change with the amplitude,
+:func:`follow_peak` where a peak is at other values of a number. :func:`simulate` marches the same rig in time and
 returns a :class:`TimeHistory`; :func:`friction_loop` shows a friction law alone, under a prescribed slip.
 
 From measurements: :func:`load_history` and :func:`harmonic_spectra` make :class:`MeasuredSpectra` of recordings,
@@ -36,6 +37,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from continuation import ConvergenceError
     from hbm.accuracy import frequency_response
+    from hbm.backbone import NonlinearMode, PhaseResonance, nonlinear_mode, phase_resonance
     from hbm.bifurcations import stability_of, with_stability
     from hbm.curve import Assessment, Bifurcation, NumericalError, ResponseCurve
     from hbm.diagnosis.diagnose import diagnose
@@ -60,6 +62,7 @@ if TYPE_CHECKING:
     from hbm.measurement.spectrafile import load_spectra, write_spectra
     from hbm.modes import LinearModes, linear_modes
     from hbm.parameterresponse import ParameterCurve, parameter_response
+    from hbm.peaks import Peaks, follow_peak
     from hbm.response import force_response, steady_state, trace_frequency
     from hbm.results.files import SavedCurve, read_curves, write_curves, write_history
     from hbm.rigfile import load_rig
@@ -82,9 +85,12 @@ __all__ = [
     "LawFit",
     "LinearModes",
     "MeasuredSpectra",
+    "NonlinearMode",
     "NumericalError",
     "ParameterCurve",
+    "Peaks",
     "PeriodicSolution",
+    "PhaseResonance",
     "Placement",
     "Reconstruction",
     "Recording",
@@ -98,6 +104,7 @@ __all__ = [
     "diagnose",
     "fit_spectra",
     "fold_path",
+    "follow_peak",
     "force_response",
     "frequency_response",
     "friction_loop",
@@ -108,7 +115,9 @@ __all__ = [
     "load_history",
     "load_rig",
     "load_spectra",
+    "nonlinear_mode",
     "parameter_response",
+    "phase_resonance",
     "place_sensors",
     "read_curves",
     "reconstruct",
@@ -126,6 +135,7 @@ __all__ = [
 _HOMES = {
     "continuation": ("ConvergenceError",),
     "hbm.accuracy": ("frequency_response",),
+    "hbm.backbone": ("NonlinearMode", "PhaseResonance", "nonlinear_mode", "phase_resonance"),
     "hbm.bifurcations": ("stability_of", "with_stability"),
     "hbm.curve": ("Assessment", "Bifurcation", "NumericalError", "ResponseCurve"),
     "hbm.errors": ("InputError",),
@@ -149,8 +159,9 @@ _HOMES = {
     "hbm.measurement.spectra": ("MeasuredSpectra",),
     "hbm.measurement.spectrafile": ("load_spectra", "write_spectra"),
     "hbm.modes": ("LinearModes", "linear_modes"),
-    "hbm.response": ("force_response", "steady_state", "trace_frequency"),
     "hbm.parameterresponse": ("ParameterCurve", "parameter_response"),
+    "hbm.peaks": ("Peaks", "follow_peak"),
+    "hbm.response": ("force_response", "steady_state", "trace_frequency"),
     "hbm.results.files": ("SavedCurve", "read_curves", "write_curves", "write_history"),
     "hbm.rigfile": ("load_rig",),
     "hbm.sensitivity": ("Sensitivities", "sensitivities"),

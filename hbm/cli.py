@@ -14,6 +14,7 @@ import typer
 from typer._click.exceptions import NoArgsIsHelpError, UsageError
 from typer.core import TyperGroup
 
+from hbm.commands.backbone import backbone
 from hbm.commands.diagnose import SpreadDiagnose, diagnose
 from hbm.commands.follow import follow
 from hbm.commands.identify import SpreadIdentify, identify
@@ -251,6 +252,7 @@ def simulate(
     _deliver_history(_march(load_rig(rig), hz, seconds), out, plot, contact=contact)
 
 
+app.command(cls=Spread)(backbone)
 app.command(cls=SpreadSpectra)(spectra)
 app.command(cls=SpreadInverse)(inverse)
 app.command(cls=SpreadIdentify)(identify)

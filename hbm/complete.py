@@ -1,4 +1,6 @@
-"""The complete Newton system of a balance, dense and exact: for nonlinear elements along the beam, and for folds."""
+"""The complete Newton system of a balance, dense and exact: for nonlinear elements, for folds, for given amplitudes."""
+
+from functools import cached_property
 
 import numpy as np
 
@@ -27,7 +29,7 @@ class CompleteBalance:
         self.problem, self.state, self.kin, self.contact = problem, state, kin, contact
         self.slope = None if problem.elements is None else problem.elements.linearize(state.Q, state.Omega)
         self.by_unknowns = self._by_unknowns()
-        column = self._by_parameter() if column is None else column
+        column = self.by_parameter if column is None else column
         self._dense = DenseLinearization(np.zeros(problem.size), self.by_unknowns, column)
 
     def _by_unknowns(self) -> Array:
@@ -78,7 +80,8 @@ class CompleteBalance:
             law += (contact.by_eta[:, :, None] * r.stretch).reshape(law.shape)
         return law
 
-    def _by_parameter(self) -> Array:
+    @cached_property
+    def by_parameter(self) -> Array:
         """Derivative of the scaled balances to the scaled continuation parameter, (size,)."""
         problem, n = self.problem, self.problem.structure.n
         modal, contact = problem.by_parameter(self.state, self.contact)

@@ -54,8 +54,8 @@ def linear_modes(rig: Rig) -> LinearModes:
     """
     s, k = rig.structure, contact_stiffness(rig)
     stuck = np.full(s.n, np.nan)
-    squares = _stuck(s.omega_n, s.slip_row, k)
-    stuck[: len(squares)] = np.sqrt(squares)
+    omega, _ = stuck_modes(rig)
+    stuck[: len(omega)] = omega
     return LinearModes(
         sliding_hz=s.omega_n / (2 * np.pi),
         stuck_hz=stuck / (2 * np.pi),
@@ -83,10 +83,14 @@ def contact_stiffness(rig: Rig) -> float:
     )  # the slip is too small for a law to be anything but linear
 
 
-def _stuck(omega_n: Array, c: Array, k: float) -> Array:
-    """Eigenvalues of diag(omega_n^2) + k c c'; on the motions without slip where k is infinite."""
-    K = np.diag(omega_n**2)
-    if np.isfinite(k):
-        return np.asarray(np.linalg.eigvalsh(K + k * np.outer(c, c)))
-    free = null_space(c[None, :])
-    return np.asarray(np.linalg.eigvalsh(free.T @ K @ free))
+def stuck_modes(rig: Rig) -> tuple[Array, Array]:
+    """Natural frequencies (m,) [rad/s] and mass-normalised shapes (n, m) with the contact held by its stiffness.
+
+    Where it is held rigidly they are those of the motions without slip, m = n - 1.
+    """
+    s, k = rig.structure, contact_stiffness(rig)
+    held = np.isinf(k)
+    free = null_space(s.slip_row[None, :]) if held else np.eye(s.n)
+    K = np.diag(s.omega_n**2) + (0.0 if held else k) * np.outer(s.slip_row, s.slip_row)
+    squares, shapes = np.linalg.eigh(free.T @ K @ free)
+    return np.sqrt(squares), np.asarray(free @ shapes)

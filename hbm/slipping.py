@@ -41,7 +41,7 @@ class SlippingBalance:
         self.slid = self._clamp.slope(motion, state.Omega)
 
     @cached_property
-    def _by_slid(self) -> Array:
+    def by_slid(self) -> Array:
         """What the scaled balances lose to a slid rotation, (size, 2H+1)."""
         problem, contact, port, size = self._problem, self._contact, self._clamp.port, self._problem.basis.size
         friction = np.zeros((size, size))
@@ -58,9 +58,19 @@ class SlippingBalance:
         Q, T = x[:split].reshape(size, -1, r) * problem.q_ref, x[split:] * problem.F_ref
         return self._clamp.held(Q, T, np.outer(self._moment_by_parameter, lam))
 
+    @cached_property
+    def slid_by_unknowns(self) -> Array:
+        """Derivative of what is slid to the scaled unknowns, (2H+1, size)."""
+        size = self._problem.size
+        return np.asarray(self.slid @ self._moment(np.eye(size), np.zeros(size)))
+
+    def complete(self, held: Array) -> Array:
+        """Derivative (size, size) of the scaled balances to the scaled unknowns, of that with the rotation held."""
+        return np.asarray(held - self.by_slid @ self.slid_by_unknowns)
+
     def _correction(self, row: Array, row_lam: float) -> tuple[Array, Array, Array]:
         """Motion and parameter per slid rotation, (size, 2H+1) and (2H+1,), and what is slid less what that slides."""
-        x, lam = self.held.solve_columns(row, row_lam, self._by_slid, 0.0)
+        x, lam = self.held.solve_columns(row, row_lam, self.by_slid, 0.0)
         return x, lam, np.eye(len(self.slid)) - self.slid @ self._moment(x, lam)
 
     @property
@@ -74,9 +84,7 @@ class SlippingBalance:
         """
         if not isinstance(self.held, CompleteBalance):
             raise TypeError("by_unknowns: what is slid is held in an elimination; must be a complete balance")
-        size = self._problem.size
-        slid = self.slid @ self._moment(np.eye(size), np.zeros(size))
-        return np.asarray(self.held.by_unknowns - self._by_slid @ slid)
+        return self.complete(self.held.by_unknowns)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""

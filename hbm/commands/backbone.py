@@ -1,0 +1,191 @@
+"""The command ``hbm backbone``: damped nonlinear normal modes and phase resonance."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hbm.commands.options import RigFile, check_outputs, console, positive, print_written, quoted, say
+from hbm.errors import InputError
+
+if TYPE_CHECKING:
+    from hbm.backbone import Backbone, NumericalChange
+    from hbm.curve import ResponseCurve
+    from models.rig import Rig
+
+LARGEST_H = 200
+
+
+def backbone(
+    rig: RigFile,
+    mode: Annotated[str, typer.Option(metavar="N", help="Number of the mode, counted from 1.")] = "1",
+    begin: Annotated[
+        str | None,
+        typer.Option("--from", metavar="M", help="First fundamental amplitude of the drive displacement in m."),
+    ] = None,
+    end: Annotated[str | None, typer.Option("--to", metavar="M", help="Last amplitude in m; with --from.")] = None,
+    harmonics: Annotated[str, typer.Option(metavar="H", help="Harmonics.")] = "15",
+    level: Annotated[
+        list[str] | None,
+        typer.Option("--level", metavar="N ...", help="With --plot: also draw frequency responses at these forces."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="F.csv", help="Write the backbones here, and what is known of them to F.json."),
+    ] = None,
+    plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+) -> None:
+    """Frequency, damping ratio and shape of a mode over its amplitude, and phase resonance with its force.
+
+    Two backbones: the damped nonlinear normal mode (extended periodic motion), and the motion whose drive displacement
+    lags the force by 90 degrees. Without --from and --to: from a contact that sticks to one that slides.
+
+    Example:  hbm backbone examples/paper_beam.toml --out modes.csv --plot modes.png --level 2 6.5
+    """
+    check_outputs("backbone", out, plot)
+    number, H = _whole("--mode", mode, 1000), _whole("--harmonics", harmonics, LARGEST_H)
+    amplitudes = _range(begin, end)
+    levels = [positive("backbone", "--level", text, "N") for text in level or ()]
+    if levels and plot is None:
+        raise InputError("backbone: --level without --plot; must have both")
+    from hbm.rigfile import load_rig
+
+    loaded = load_rig(rig)
+    if not 1 <= number <= loaded.structure.n:
+        raise InputError(f"backbone: --mode = {number}; must be from 1 to {loaded.structure.n}")
+    backbones, failures = _traced(loaded, number, amplitudes, H)
+    if backbones:
+        _deliver(backbones, number, _responses(loaded, levels, failures), out, plot)
+    for failure in failures:
+        say(failure, 1)
+    if failures:
+        raise typer.Exit(1)
+
+
+# ---------------------------------------------------------------------------------------------------------- options
+
+
+def _whole(option: str, text: str, largest: int) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= largest):
+        raise InputError(f"backbone: {option} = {quoted(text)}; must be a whole number from 1 to {largest}")
+    return int(text)
+
+
+def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
+    if begin is None and end is None:
+        return None
+    if begin is None or end is None:
+        given, missing = ("--from", "--to") if end is None else ("--to", "--from")
+        raise InputError(f"backbone: {given} without {missing}; must have both or neither")
+    amplitudes = positive("backbone", "--from", begin, "m"), positive("backbone", "--to", end, "m")
+    if amplitudes[0] >= amplitudes[1]:
+        raise InputError(f"backbone: --to = {end}; must be more than --from = {begin}")
+    return amplitudes
+
+
+# -------------------------------------------------------------------------------------------------------- computing
+
+
+def _traced(
+    rig: "Rig", mode: int, amplitudes: tuple[float, float] | None, H: int
+) -> tuple[list["Backbone"], list[str]]:
+    """Nonlinear mode and phase resonance, and a line for each that failed."""
+    from continuation import ConvergenceError
+    from hbm.backbone import nonlinear_mode, phase_resonance
+    from hbm.backbonetrace import default_amplitudes
+    from hbm.commands.progress import Sweep
+
+    ends = amplitudes or default_amplitudes(rig, mode)
+    found: list[Backbone] = []
+    failures: list[str] = []
+    kinds: dict[str, Any] = {"nonlinear mode": nonlinear_mode, "phase resonance": phase_resonance}
+    for name, trace in kinds.items():
+        try:
+            with Sweep(name, *ends, unit="m") as progress:
+                traced = trace(rig, mode, amplitudes=ends, harmonics=H, on_point=progress.point)
+        except (ConvergenceError, ArithmeticError) as failed:
+            failures.append(f"backbone: {name}: {failed}")
+            continue
+        found.append(traced)
+        if not traced.complete:
+            last = f"{traced.amplitude[-1]:.3g} m"
+            failures.append(f"backbone: {name}: partial, up to {last}; {traced.branch.message}")
+    return found, failures
+
+
+def _responses(rig: "Rig", levels: Sequence[float], failures: list[str]) -> list["ResponseCurve"]:
+    from continuation import ConvergenceError
+    from hbm.response import trace_frequency
+
+    curves = []
+    for level in levels:
+        try:
+            curves.append(trace_frequency(rig, level=level))
+        except (ConvergenceError, ArithmeticError) as failed:
+            failures.append(f"backbone: {level:g} N: {failed}")
+    return curves
+
+
+# --------------------------------------------------------------------------------------------------------- delivery
+
+
+def _deliver(
+    backbones: Sequence["Backbone"], mode: int, curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None
+) -> None:
+    from hbm.backbone import numerical_change
+
+    changes, written = [numerical_change(b) for b in backbones], []
+    if out is not None:
+        from hbm.results.backbonefiles import write_backbones
+        from hbm.results.files import companion
+
+        write_backbones(out, backbones, changes, mode)
+        written += [out, companion(out)]
+    if plot is not None:
+        from hbm.report.backbone import plot_backbones
+        from hbm.results.files import write_figure
+
+        write_figure(plot, plot_backbones(backbones, curves, number=mode))
+        written.append(plot)
+    _print(backbones, changes, mode)
+    print_written(written)
+
+
+def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"], mode: int) -> None:
+    from hbm.commands.tables import print_lines, titled_table
+    from hbm.results.backbonefiles import backbone_name
+
+    screen, rig = console(), backbones[0].rig
+    table = titled_table(
+        f"{rig.name}, {rig.contact.law.name}, mode {mode}",
+        "kind",
+        "points",
+        "drive\nmm",
+        "frequency\nHz",
+        "damping\n%",
+        "most damped\n%",
+        "at\nmm",
+        "force\nN",
+        "folds",
+    )
+    lines = []
+    for b, change in zip(backbones, changes, strict=True):
+        top = int(b.damping_ratio.argmax())
+        table.add_row(
+            backbone_name(b),
+            str(len(b.points)),
+            f"{1e3 * b.amplitude[0]:.3g} to {1e3 * b.amplitude[-1]:.3g}",
+            f"{b.hz[0]:.3f} to {b.hz[-1]:.3f}",
+            f"{100 * b.damping_ratio[0]:.3g} to {100 * b.damping_ratio[-1]:.3g}",
+            f"{100 * b.damping_ratio[top]:.3g}",
+            f"{1e3 * b.amplitude[top]:.3g}",
+            f"{b.force[top]:.3g}",
+            str(len(b.folds)),
+        )
+        parts = [f"more {name} by {hz:+.2%} and {D:+.2%}" for name, (hz, D) in change.by_source.items()]
+        lines.append(f"{backbone_name(b)}, where most damped: frequency and damping change with {', '.join(parts)}")
+        if b.lift_off is not None:
+            lines.append(f"warning: {backbone_name(b)}: the tip would lift off from {1e3 * b.lift_off:.3g} mm on")
+    screen.print(table)
+    print_lines(screen, lines)

@@ -1,0 +1,62 @@
+"""The command ``hbm backbone``: what it writes, and what it refuses."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from hbm.cli import app
+from hbm.modes import linear_modes
+from models.published import paper_rig
+
+PAPER = str(Path(__file__).parents[1] / "examples" / "paper_beam.toml")
+QUICK = ["--from", "1e-6", "--to", "1e-5", "--harmonics", "3"]
+
+
+def run(*args: str) -> Result:
+    return CliRunner().invoke(app, ["backbone", *args], prog_name="hbm")
+
+
+def test_table_and_companion(tmp_path: Path) -> None:
+    out = tmp_path / "modes.csv"
+    result = run(PAPER, *QUICK, "--out", str(out))
+    assert result.exit_code == 0, result.output
+    with out.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["backbone"] for row in rows} == {"nonlinear-mode", "phase-resonance"}
+    assert [float(rows[0]["amplitude_m"]), float(rows[-1]["amplitude_m"])] == pytest.approx([1e-6, 1e-5])
+    stuck = float(linear_modes(paper_rig()).stuck_hz[0])
+    np.testing.assert_allclose([float(row["frequency_hz"]) for row in rows], stuck, rtol=1e-5)  # drawn in a little
+    # stuck all along: force per amplitude and damping do not change, and only a free motion decays
+    ratios = {round(float(row["force_n"]) / float(row["amplitude_m"]), 1) for row in rows}
+    assert len(ratios) == 1
+    assert all((row["decay_rate_1_s"] != "") == (row["backbone"] == "nonlinear-mode") for row in rows)
+    known = json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
+    assert known["stuck_hz"] == pytest.approx(stuck)
+    assert [b["complete"] for b in known["backbones"]] == [True, True]
+    assert all(
+        abs(hz) < 1e-6 for b in known["backbones"] for hz, _ in [b["change_of_frequency_and_damping"]["samples"]]
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--mode", "6"], "backbone: --mode = 6; must be from 1 to 5"),
+        (["--mode", "first"], 'backbone: --mode = "first"; must be a whole number from 1 to 1000'),
+        (["--harmonics", "0"], "backbone: --harmonics = 0; must be a whole number from 1 to 200"),
+        (["--from", "1e-5"], "backbone: --from without --to; must have both or neither"),
+        (["--from", "1e-4", "--to", "1e-5"], "backbone: --to = 1e-5; must be more than --from = 1e-4"),
+        (["--from", "-1", "--to", "1"], "backbone: --from = -1; must be a number > 0 [m]"),
+        (["--level", "2"], "backbone: --level without --plot; must have both"),
+        (["--out", "modes.txt"], 'backbone: --out = "modes.txt"; must end in .csv'),
+    ],
+)
+def test_refusals(options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    refused = run(PAPER, *options)
+    assert (refused.exit_code, refused.stderr.strip()) == (2, message)
+    assert not list(tmp_path.iterdir())
