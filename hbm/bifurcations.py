@@ -7,19 +7,25 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from enum import Enum
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
-from continuation import Branch, Kind, Point, SpecialPoint, locate, refine
+from continuation import Branch, ConvergenceError, Kind, Point, Problem, SpecialPoint, locate, refine
+from hbm.accuracy import finer
 from hbm.curve import Bifurcation, ResponseCurve
-from hbm.fourier import Array
+from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance, State
-from hbm.solution import PeriodicSolution, describe
+from hbm.response import solve_near
+from hbm.solution import PeriodicSolution
 from hbm.stability import ROUNDING, Stability, floquet
 from hbm.threads import one_thread
 from models.rig import Rig
 
+Curve = TypeVar("Curve", bound=ResponseCurve)
 Judge = Callable[[HarmonicBalance, State], Stability]
+Judged = Callable[[Point | SpecialPoint], Stability]
 
 LEAST = 1e-12
 """Magnitude that a multiplier of zero counts as, for its logarithm."""
@@ -30,6 +36,12 @@ a little wherever a sample starts to slip."""
 
 MOST = 60
 """Up to so many bifurcations of a curve are located; more are a sign of too few samples or harmonics."""
+
+CLEAR = 0.02
+"""A stretch of a curve is judged once more where its multipliers come no further from the unit circle than this."""
+
+OF_THE_EQUATIONS = (Kind.FOLD, Kind.BRANCH_POINT)
+"""Bifurcations that are seen without multipliers."""
 
 REAL = 1e-6
 """A multiplier with an imaginary part below this is real."""
@@ -57,13 +69,15 @@ def stability_of(rig: Rig, solution: PeriodicSolution, judge: Judge = floquet) -
 
 
 @one_thread
-def with_stability(curve: ResponseCurve, judge: Judge = floquet) -> ResponseCurve:
+def with_stability(curve: Curve, judge: Judge = floquet) -> Curve:
     """The curve with the stability of its points, and its bifurcations located by the solver.
 
     Folds and branch points are those of the equations. Between two points where a multiplier leaves or enters the unit
     circle elsewhere the curve is solved again until it lies on it: at -1 the period doubles, a pair is a Neimark-Sacker
     bifurcation, beyond which the motion has a second frequency. Where a curve has too many of them to be resolved, the
-    points behind them stand for them, `special.located` says so.
+    points behind them stand for them, `special.located` says so. A stretch of points alike whose multipliers stay close
+    to the unit circle is judged once more, at the point furthest from it, with twice the harmonics and samples: where
+    that differs it is doubtful, and so are the crossings at its ends, which are left out.
 
     Parameters
     ----------
@@ -74,28 +88,64 @@ def with_stability(curve: ResponseCurve, judge: Judge = floquet) -> ResponseCurv
     Returns
     -------
     ResponseCurve
+        Of the same kind.
 
     Raises
     ------
     ValueError
         Where the judge cannot tell.
     """
-    problem, branch = curve.problem, curve.branch
-    stability = tuple(judge(problem, p.state) for p in curve.points)
+    problem, branch = curve.traced, curve.branch
+
+    def judged(point: Point | SpecialPoint) -> Stability:
+        return judge(*curve.balance_at(point.x, point.lam))
+
+    stability = tuple(map(judged, branch.points))
+    doubtful = _doubtful(curve, stability, judge)
     turns = sum(p.fold or p.branch_point for p in branch.points)
     sought = turns + sum(a.unstable != b.unstable for a, b in pairwise(stability)) <= MOST
     found = [*refine(problem, branch), *_folded_corners(branch)] if sought else list(_flagged(branch))
-    found += _crossings(problem, branch, stability, judge, sought=sought)
+    found += _crossings(problem, branch, stability, judged, sought=sought)
     arclengths = [p.arclength for p in branch.points]
     bifurcations = []
     for special in sorted(found, key=lambda s: s.arclength):
         behind = int(np.searchsorted(arclengths, special.arclength))
         if special.located:
-            solution = describe(problem, special.x, special.lam)
-            bifurcations.append(Bifurcation(solution, judge(problem, solution.state), special, behind))
+            bifurcations.append(
+                Bifurcation(curve.solution_at(special.x, special.lam), judged(special), special, behind)
+            )
         else:
             bifurcations.append(Bifurcation(curve.points[behind], stability[behind], special, behind))
-    return replace(curve, stability=stability, bifurcations=tuple(bifurcations))
+    clear = ~doubtful[:-1] & ~doubtful[1:]
+    bifurcations = [b for b in bifurcations if b.kind in OF_THE_EQUATIONS or clear[b.behind - 1]]
+    return replace(curve, stability=stability, doubtful=doubtful, bifurcations=tuple(bifurcations))
+
+
+def _doubtful(curve: ResponseCurve, stability: tuple[Stability, ...], judge: Judge) -> npt.NDArray[np.bool_]:
+    """Points of stretches whose clearest point is judged otherwise with more harmonics and samples, or not at all."""
+    doubtful = np.zeros(len(stability), dtype=bool)
+    growth = np.array([abs(np.log(max(s.largest, LEAST))) for s in stability])
+    edges = np.flatnonzero(np.diff([s.unstable for s in stability])) + 1
+    for stretch in np.split(np.arange(len(stability)), edges):
+        clearest = int(stretch[growth[stretch].argmax()])
+        if growth[clearest] < CLEAR:
+            again = _again(curve, clearest, judge)
+            doubtful[stretch] = again is None or again.unstable != stability[clearest].unstable
+    return doubtful
+
+
+def _again(curve: ResponseCurve, i: int, judge: Judge) -> Stability | None:
+    """Stability of a point with more harmonics and samples; None where it is not found."""
+    point = curve.branch.points[i]
+    coarse, _ = curve.balance_at(point.x, point.lam)
+    fine = coarse.on(FourierBasis(finer(coarse.basis.H), 2 * coarse.basis.N_t))
+    solution = curve.points[i]
+    lam = fine.lam_at(solution.hz) if fine.parameter == "frequency" else solution.level / fine.F_ref
+    try:
+        x = solve_near(fine, lam, solution)
+    except ConvergenceError:
+        return None
+    return judge(fine, fine.unpack(x, lam))
 
 
 def _folded_corners(branch: Branch) -> Iterator[SpecialPoint]:
@@ -117,7 +167,7 @@ def _behind(point: Point, kind: Kind) -> SpecialPoint:
 
 
 def _crossings(
-    problem: HarmonicBalance, branch: Branch, stability: tuple[Stability, ...], judge: Judge, *, sought: bool
+    problem: Problem, branch: Branch, stability: tuple[Stability, ...], judged: Judged, *, sought: bool
 ) -> Iterator[SpecialPoint]:
     """Points at which a multiplier, or a pair, crosses the unit circle away from 1."""
     for i, behind in enumerate(branch.points[1:], start=1):
@@ -128,8 +178,8 @@ def _crossings(
             here = max(ends, key=lambda s: s.unstable)
             if sought:
                 stretch = replace(branch, points=branch.points[i - 1 : i + 1])
-                special = _crossing(problem, stretch, ends, rank, judge)
-                here = judge(problem, problem.unpack(special.x, special.lam)) if special.located else here
+                special = _crossing(problem, stretch, ends, rank, judged)
+                here = judged(special) if special.located else here
             kind = _kind(complex(here.multipliers[rank]))
             if kind is not None:
                 yield replace(special, kind=kind)
@@ -137,13 +187,13 @@ def _crossings(
 
 
 def _crossing(
-    problem: HarmonicBalance, stretch: Branch, ends: tuple[Stability, Stability], rank: int, judge: Judge
+    problem: Problem, stretch: Branch, ends: tuple[Stability, Stability], rank: int, judged: Judged
 ) -> SpecialPoint:
     """Where the multiplier of a rank in magnitude crosses the unit circle between two points."""
     known = {id(point): end for point, end in zip(stretch.points, ends, strict=True)}
 
     def growth(point: Point) -> Array:
-        here = known.get(id(point)) or judge(problem, problem.unpack(point.x, point.lam))
+        here = known.get(id(point)) or judged(point)
         return np.array([np.log(max(float(np.abs(here.multipliers[rank])), LEAST) / (1.0 + ROUNDING))])
 
     found = locate(problem, stretch, growth, _Unknown.CROSSING, CLOSE)

@@ -31,6 +31,7 @@ from hbm.commands.options import (
     say,
 )
 from hbm.commands.spectra import SpreadSpectra, spectra
+from hbm.commands.stability import Stability, judged
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -195,9 +196,7 @@ def frf(
         Path | None, typer.Option(metavar="F.csv", help="Write the curves here, and what is known of them to F.json.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
-    stability: Annotated[
-        bool, typer.Option("--stability/--no-stability", help="Work out which points are stable, and the bifurcations.")
-    ] = True,
+    stability: Stability = True,
 ) -> None:
     """Frequency response curves, each with its numerical error, its stability and its bifurcations.
 
@@ -345,7 +344,7 @@ def _responses(
             with Sweep(f"{level:g} N", *sweep) as progress:
                 curves.append(frequency_response(rig, sweep, level=level, harmonics=harmonics, on_point=progress.point))
                 if stability:
-                    curves[-1] = _judged(curves[-1])
+                    curves[-1] = judged(curves[-1])
         except (ConvergenceError, ArithmeticError) as failed:
             failures.append(f"frf: {level:g} N: {failed}")
         except KeyboardInterrupt:
@@ -353,17 +352,6 @@ def _responses(
             failures.append(f"frf: interrupted at {level:g} N; {left} of {len(levels)} levels not computed")
             break
     return curves, failures
-
-
-def _judged(curve: "ResponseCurve") -> "ResponseCurve":
-    """The curve with its stability, or as it is where that cannot be told, and why."""
-    from hbm.bifurcations import with_stability
-
-    try:
-        return with_stability(curve)
-    except ValueError as refused:
-        print(f"{curve.level:g} N: {refused}")
-        return curve
 
 
 def _partial(curve: "ResponseCurve") -> str:

@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from continuation import Branch, Kind, SpecialPoint
+from continuation import Branch, Kind, Problem, SpecialPoint
 from hbm.fourier import Array, FourierBasis
-from hbm.residual import HarmonicBalance
-from hbm.solution import PeriodicSolution, amplitudes
+from hbm.residual import HarmonicBalance, State
+from hbm.solution import PeriodicSolution, amplitudes, describe
 from hbm.stability import Stability
 from models.rig import Rig
 
@@ -191,6 +191,8 @@ class ResponseCurve:
         Its numerical error, where it was estimated (:func:`hbm.accuracy.frequency_response`).
     stability : tuple of Stability, optional
         Of every point, where it was worked out (:func:`hbm.bifurcations.with_stability`).
+    doubtful : (points,) bool array, optional
+        Where more harmonics and samples judge otherwise.
     bifurcations : tuple of Bifurcation
         Found with it, in the order of travel.
     """
@@ -201,6 +203,7 @@ class ResponseCurve:
     problem: HarmonicBalance
     assessment: Assessment | None = None
     stability: tuple[Stability, ...] | None = None
+    doubtful: npt.NDArray[np.bool_] | None = None
     bifurcations: tuple[Bifurcation, ...] = ()
 
     @property
@@ -246,8 +249,27 @@ class ResponseCurve:
         """The point of largest drive displacement."""
         return self.points[int(np.argmax(self["drive"].peak))]
 
-    def _parameter_in_units(self, lam: float) -> float:
+    @property
+    def traced(self) -> Problem:
+        """What the branch solves, for continuation."""
+        return self.problem
+
+    def solution_at(self, x: Array, lam: float) -> PeriodicSolution:
+        """A solution of the traced problem in physical terms."""
+        return describe(self.problem, x, lam)
+
+    def balance_at(self, x: Array, lam: float) -> tuple[HarmonicBalance, State]:
+        """The balance of the rig at a value of the parameter, and the state of unknowns of the traced problem."""
+        return self.problem, self.problem.unpack(x, lam)
+
+    def value_at(self, lam: float) -> float:
+        """What is varied along the curve: frequency [Hz], or force [N] along a force curve."""
         return self.problem.hz_at(lam) if self.problem.parameter == "frequency" else self.problem.at(lam)[1]
+
+    @cached_property
+    def values(self) -> Array:
+        """What is varied along the curve at every point, (points,)."""
+        return np.array([self.value_at(p.lam) for p in self.branch.points])
 
     @cached_property
     def stable(self) -> npt.NDArray[np.bool_] | None:
@@ -257,20 +279,19 @@ class ResponseCurve:
     @property
     def folds(self) -> list[float]:
         """Where the curve turns back, in Hz (or N along a force curve)."""
-        return [self._parameter_in_units(p.fold_lam if p.fold_lam else p.lam) for p in self.branch.points if p.fold]
+        return [self.value_at(p.fold_lam if p.fold_lam else p.lam) for p in self.branch.points if p.fold]
 
     @property
     def corners(self) -> list[float]:
         """Where the curve has a corner (a slip phase is born or dies), in Hz (or N)."""
         found = (p for p in self.branch.points if p.corner)
-        return [self._parameter_in_units(p.corner_lam if p.corner_lam else p.lam) for p in found]
+        return [self.value_at(p.corner_lam if p.corner_lam else p.lam) for p in found]
 
     @property
     def lift_off(self) -> list[tuple[float, float]]:
         """Frequency ranges (or force ranges) where the tip would lift off, [(first, last), ...]."""
-        at = np.array([self._parameter_in_units(p.lam) for p in self.branch.points])
         lifted = np.array([p.lift_off for p in self.points])
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], lifted, [False]]).astype(int)))
+        at, edges = self.values, np.flatnonzero(np.diff(np.concatenate([[False], lifted, [False]]).astype(int)))
         return [(float(at[i:j].min()), float(at[i:j].max())) for i, j in zip(edges[::2], edges[1::2], strict=True)]
 
     @property

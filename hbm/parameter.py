@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hbm.fourier import Array, FourierBasis
-from hbm.residual import HarmonicBalance, Linearization, Newton
+from hbm.residual import HarmonicBalance, Linearization, Newton, State
 from hbm.sensitivity import FORCE, FRICTION, HZ, LOAD, balance_change, scalars_at
 from hbm.solution import PeriodicSolution, describe
 from models.change import drift_scalars, tone_scalars
@@ -208,6 +208,11 @@ class ParameterBalance:
         signs = self.signs(problem, lam)
         here = problem.linearize(signs * x, problem.lam_at(self.hz_at(lam)))
         return ParameterLinearization(here, signs, self.key.name, self.values[1] - self.values[0])
+
+    def state(self, x: Array, lam: float) -> tuple[HarmonicBalance, State]:
+        """The balance of the rig with a value of the number, and the state of unknowns."""
+        problem = self.at(lam)
+        return problem, problem.unpack(self.signs(problem, lam) * x, problem.lam_at(self.hz_at(lam)))
 
     def describe(self, x: Array, lam: float) -> PeriodicSolution:
         """Physical channels of a solution."""

@@ -6,15 +6,15 @@ value of the number. Folds in a law's parameter, in the load or in a length are 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
-from continuation import Branch, ConvergenceError, Point, Settings, continue_branch
+from continuation import Branch, ConvergenceError, Point, Problem, Settings, continue_branch
 from hbm.accuracy import LADDER, TOLERANCE, finer, relative_change
 from hbm.curve import ResponseCurve
 from hbm.fourier import Array, FourierBasis
 from hbm.parameter import Key, ParameterBalance, check_value, parameter_key
+from hbm.residual import HarmonicBalance, State
 from hbm.response import EXCURSION, OnPoint, default_samples, first_solution, solve_near, trace_settings
 from hbm.sensitivity import FORCE, HZ
 from hbm.solution import PeriodicSolution, describe
@@ -60,12 +60,21 @@ class ParameterCurve(ResponseCurve):
         """Unit of the number."""
         return self.key.accepted.unit
 
-    @cached_property
-    def values(self) -> Array:
-        """Value of the number at every point, (points,)."""
-        return np.array([self._parameter_in_units(p.lam) for p in self.branch.points])
+    @property
+    def traced(self) -> Problem:
+        """What the branch solves, for continuation."""
+        return self.along
 
-    def _parameter_in_units(self, lam: float) -> float:
+    def solution_at(self, x: Array, lam: float) -> PeriodicSolution:
+        """A solution of the traced problem in physical terms."""
+        return self.along.describe(x, lam)
+
+    def balance_at(self, x: Array, lam: float) -> tuple[HarmonicBalance, State]:
+        """The balance of the rig at a value of the number, and the state of unknowns of the traced problem."""
+        return self.along.state(x, lam)
+
+    def value_at(self, lam: float) -> float:
+        """Value of the number."""
         return self.along.value_at(lam)
 
     def __str__(self) -> str:

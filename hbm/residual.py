@@ -25,9 +25,8 @@ Newton = Elimination | CompleteBalance | SlippingBalance
 class HarmonicBalance(Balance):
     """The balance of a rig as a :class:`continuation.Problem`."""
 
-    def with_harmonics(self, H: int) -> "HarmonicBalance":
-        """Return the same problem with another number of harmonics on the same samples."""
-        basis = FourierBasis(H, self.basis.N_t)
+    def on(self, basis: FourierBasis) -> "HarmonicBalance":
+        """Return the same problem with other harmonics and samples."""
         return HarmonicBalance(
             self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level, periods=self.periods
         )

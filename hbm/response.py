@@ -185,7 +185,7 @@ def _from_afar(problem: HarmonicBalance, lam: float) -> Array | None:
 def _by_harmonics(problem: HarmonicBalance, lam: float) -> Array | None:
     H, state = 1, None
     while True:
-        coarse = problem.with_harmonics(min(H, problem.basis.H))
+        coarse = problem.on(FourierBasis(min(H, problem.basis.H), problem.basis.N_t))
         start = np.zeros(coarse.size) if state is None else pad(coarse, state)
         result = solve_at(coarse, start, lam, _newton())
         if not result.converged:

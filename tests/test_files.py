@@ -19,6 +19,7 @@ from hbm.history import TimeHistory
 from hbm.integrate import simulate
 from hbm.results.files import companion, read_curves, write_curves, write_figure, write_history
 from hbm.rigfile import COMPUTED_CHANNELS, load_rig
+from hbm.stability import Stability
 from hbm.textfiles import check_output, write_together
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -96,11 +97,13 @@ def test_curves_come_back_bit_by_bit(written: Path, curves: list[ResponseCurve])
 
 
 def test_stability_is_written_where_a_curve_knows_it(curves: list[ResponseCurve], tmp_path: Path) -> None:
-    curve = replace(curves[0])
-    known = np.arange(len(curve.points)) % 2
-    object.__setattr__(curve, "stable", known.astype(bool))
-    write_curves(tmp_path / "c.csv", [curve])
-    assert np.array_equal(read_curves(tmp_path / "c.csv")[0].stable, known)
+    known = np.arange(len(curves[0].points)) % 2
+    stability = tuple(Stability(np.array([0.5 if s else 2.0], dtype=complex), 0.02) for s in known)
+    doubtful = np.arange(len(known)) < 2
+    write_curves(tmp_path / "c.csv", [replace(curves[0], stability=stability, doubtful=doubtful)])
+    found = read_curves(tmp_path / "c.csv")[0].stable
+    assert np.isnan(found[:2]).all()
+    assert np.array_equal(found[2:], known[2:])
 
 
 def test_companion_says_what_the_table_cannot(written: Path, curves: list[ResponseCurve]) -> None:

@@ -26,6 +26,7 @@ from hbm.report import (
 )
 from hbm.response import steady_state, trace_frequency
 from hbm.rigfile import load_rig
+from hbm.stability import Stability
 from models.published import ASSUMED_IWAN, PAPER_COULOMB, PAPER_DAHL, PAPER_PENALTY
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -83,10 +84,11 @@ def test_a_partial_curve_shows_where_it_ends(curves: list[ResponseCurve]) -> Non
 
 
 def test_unstable_stretches_are_dashed_and_join_the_stable_ones(curves: list[ResponseCurve]) -> None:
-    curve = replace(curves[0])
+    curve = curves[0]
     stable = np.ones(len(curve.points), dtype=bool)
     stable[5:9] = False
-    object.__setattr__(curve, "stable", stable)
+    stability = tuple(Stability(np.array([0.5 if s else 2.0], dtype=complex), 0.02) for s in stable)
+    curve = replace(curve, stability=stability, doubtful=np.zeros(len(stable), dtype=bool))
     (ax,) = panels()
     plot_phase(curve, ax)
     solid, dashed = ax.lines

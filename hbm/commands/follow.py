@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hbm.commands.options import RigFile, check_outputs, console, is_number, positive, print_written, quoted, say
+from hbm.commands.stability import Stability, judged
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,8 +37,9 @@ def follow(
         Path | None, typer.Option(metavar="F.csv", help="Write the curve here, and what is known of it to F.json.")
     ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+    stability: Stability = True,
 ) -> None:
-    """Response along any number of the rig file at a held frequency and force, through folds.
+    """Response along any number of the rig file at a held frequency and force, through folds, with its stability.
 
     Numbers of the excitation are excitation.amplitude and frequency_hz. A KEY that is none lists them all.
 
@@ -51,6 +53,7 @@ def follow(
     from hbm.rigfile import load_rig
 
     curve = _response(load_rig(rig), parameter, values, hz, force, H)
+    curve = judged(curve) if stability else curve
     _deliver(curve, out, plot)
     if not curve.complete:
         reached = f"{curve.values[0]:.5g} to {curve.values[-1]:.5g}"

@@ -2,7 +2,8 @@
 
 from rich.console import Console
 
-from hbm.commands.tables import print_lines, titled_table
+from continuation import Kind
+from hbm.commands.tables import LISTED, print_lines, stable_words, titled_table
 from hbm.parameterresponse import ParameterCurve
 
 
@@ -34,6 +35,13 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
     held = [text for key, text in _excitation(first.hz, first.level).items() if key != curve.parameter]
     lines = [f"{len(values)} points at {' and '.join(held)}; {curve.reason}"]
     lines += [f"fold at {curve.parameter} = {value:.6g}" for value in curve.folds]
+    lines += [
+        f"{b.kind.value} at {curve.parameter} = {curve.value_at(b.special.lam):.6g}"
+        for b in curve.bifurcations[:LISTED]
+        if b.kind is not Kind.FOLD
+    ]
+    if curve.stable is not None:
+        lines.append(stable_words(curve))
     lines += [f"corner at {curve.parameter} = {value:.6g}" for value in curve.corners]
     lines += [f"warning: the tip would lift off from {low:.5g} to {high:.5g}" for low, high in curve.lift_off]
     lines.append(f"more harmonics, samples and modes change the ends and the peak by {curve.error:.2%}")

@@ -67,16 +67,23 @@ def print_curves(console: Console, curves: Sequence[ResponseCurve]) -> None:
         print_lines(console, [f"{c.level:g} N: {line}" for line in _stability_lines(c)])
 
 
+def stable_words(curve: ResponseCurve) -> str:
+    """How much of a curve is unstable."""
+    if curve.stable is None or curve.doubtful is None:
+        return "stability not worked out"
+    unstable, doubtful = int((~curve.stable & ~curve.doubtful).sum()), int(curve.doubtful.sum())
+    said = f"{unstable} of {len(curve.points)} points unstable" if unstable or doubtful else "stable everywhere"
+    return f"{said}, {doubtful} in doubt: more harmonics and samples judge otherwise" if doubtful else said
+
+
 def _stability_lines(curve: ResponseCurve) -> list[str]:
     """How much of a curve is unstable, and where it bifurcates."""
     if curve.stable is None:
         return []
-    unstable = int((~curve.stable).sum())
-    judged = f"{unstable} of {len(curve.points)} points unstable" if unstable else "stable everywhere"
     if len(curve.bifurcations) <= LISTED:
-        return [judged, *map(str, curve.bifurcations)]
+        return [stable_words(curve), *map(str, curve.bifurcations)]
     counts = Counter(b.kind.value for b in curve.bifurcations)
-    return [judged, "bifurcations: " + ", ".join(f"{count} {kind}" for kind, count in counts.items())]
+    return [stable_words(curve), "bifurcations: " + ", ".join(f"{count} {kind}" for kind, count in counts.items())]
 
 
 def _response_table(curves: Sequence[ResponseCurve]) -> Table:

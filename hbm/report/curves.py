@@ -21,7 +21,7 @@ MARKERS = {
     "period doubling": ("^", 4.0),
     "ends here": ("x", 6.0),
 }
-UNSTABLE = (0, (3, 1.5))
+DASHES = {"unstable": (0, (3, 1.5)), "in doubt": (0, (1, 1))}
 PHASE_TICKS = np.arange(-270, 91, 90)
 
 
@@ -73,11 +73,11 @@ def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bo
     curves, ax = _listed(curves), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):
         y = curve["drive"].peak * 1e3
-        _draw(ax, curve, y, color)
-        _mark(ax, curve, y, color)
+        draw_line(ax, curve, y, color)
+        mark(ax, curve, y, color)
     ax.set_ylim(bottom=0.0)
     if label:
-        _explain(ax)
+        explain(ax)
     return dressed(ax, "Excitation frequency [Hz]", "Drive displacement,\npeak [mm]")
 
 
@@ -95,7 +95,7 @@ def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
     """
     curves, ax = _listed(curves), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):
-        _draw(ax, curve, phase_degrees(curve), color)
+        draw_line(ax, curve, phase_degrees(curve), color)
     low, high = ax.get_ylim()
     ax.set_yticks([t for t in PHASE_TICKS if low - 45 < t < high + 45])
     return dressed(ax, "Excitation frequency [Hz]", "Phase to\nthe force [°]")
@@ -125,10 +125,10 @@ def plot_contact(curves: Curves, axes: Sequence[Axes] | None = None) -> tuple[Ax
     curves = _listed(curves)
     slip, friction, normal = _stack(3) if axes is None else axes
     for curve, color in zip(curves, level_colors(curves), strict=True):
-        _draw(slip, curve, curve["slip"].peak * 1e6, color)
-        _draw(friction, curve, curve["friction"].peak, color)
-        _draw(normal, curve, curve["normal"].peak, color)
-        _draw(normal, curve, least_reaction(curve), color, linewidth=0.9)
+        draw_line(slip, curve, curve["slip"].peak * 1e6, color)
+        draw_line(friction, curve, curve["friction"].peak, color)
+        draw_line(normal, curve, curve["normal"].peak, color)
+        draw_line(normal, curve, least_reaction(curve), color, linewidth=0.9)
     slip.set_ylim(bottom=0.0)
     friction.set_ylim(bottom=0.0)
     _mark_static_load(normal, curves)
@@ -156,16 +156,20 @@ def _stack(rows: int) -> Sequence[Axes]:
     return axes
 
 
-def _draw(ax: Axes, curve: ResponseCurve, y: Array, color: Color, linewidth: float = 1.4) -> None:
-    """Draw a line over the frequency, dashed where the curve says it is unstable."""
-    label = f"{curve.level:g} N"
-    stable = curve.stable
-    if stable is None or stable.all():
-        ax.plot(curve.hz, y, color=color, linewidth=linewidth, label=label)
+def draw_line(
+    ax: Axes, curve: ResponseCurve, y: Array, color: Color, linewidth: float = 1.4, label: str | None = None
+) -> None:
+    """Draw a line over what is varied, dashed where the curve says it is unstable, dotted in doubt."""
+    label = f"{curve.level:g} N" if label is None else label
+    if curve.stable is None or curve.doubtful is None:
+        ax.plot(curve.values, y, color=color, linewidth=linewidth, label=label)
         return
-    ax.plot(curve.hz, np.where(stable, y, np.nan), color=color, linewidth=linewidth, label=label)
-    unstable = np.where(_with_neighbours(~stable), y, np.nan)
-    ax.plot(curve.hz, unstable, color=color, linewidth=linewidth, linestyle=UNSTABLE, label="_unstable")
+    unstable = ~curve.stable & ~curve.doubtful
+    ax.plot(curve.values, np.where(unstable | curve.doubtful, np.nan, y), color=color, linewidth=linewidth, label=label)
+    for name, chosen in (("unstable", unstable), ("in doubt", curve.doubtful)):
+        if chosen.any():
+            part = np.where(_with_neighbours(chosen), y, np.nan)
+            ax.plot(curve.values, part, color=color, linewidth=linewidth, linestyle=DASHES[name], label=f"_{name}")
 
 
 def _with_neighbours(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -176,12 +180,12 @@ def _with_neighbours(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return wide
 
 
-def _mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
+def mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
     """Discreet markers where the curve turns back, has corners, bifurcates, or ends too early."""
-    for kind, (hz, heights) in _places(curve, y).items():
+    for kind, (values, heights) in _places(curve, y).items():
         marker, size = MARKERS[kind]
         ax.plot(
-            hz,
+            values,
             heights,
             linestyle="none",
             marker=marker,
@@ -194,14 +198,14 @@ def _mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
 
 
 def _places(curve: ResponseCurve, y: Array) -> dict[str, tuple[Array, Array]]:
-    """Frequencies and heights of the markers of each kind; a bifurcation is marked where it was located."""
+    """What is varied, and height, of the markers of each kind; a bifurcation is marked where it was located."""
     points = curve.branch.points
     at = {
         "corner": [i for i, p in enumerate(points) if p.corner],
         "fold": [i for i, p in enumerate(points) if p.fold],
         "ends here": [] if curve.complete else [len(points) - 1],
     }
-    places = {kind: (curve.hz[i], y[i]) for kind, i in at.items()}
+    places = {kind: (curve.values[i], y[i]) for kind, i in at.items()}
     if curve.stability is None:
         return places
     found = [b for b in curve.bifurcations if b.special.located or b.kind.value == "fold"]
@@ -210,15 +214,18 @@ def _places(curve: ResponseCurve, y: Array) -> dict[str, tuple[Array, Array]]:
     }
     for kind, found in located.items():
         drive = [1e3 * b.solution.channels["drive"].peak for b in found]
-        places[kind] = (np.array([b.hz for b in found]), np.array(drive))
+        places[kind] = (np.array([curve.value_at(b.special.lam) for b in found]), np.array(drive))
     return places
 
 
-def _explain(ax: Axes) -> None:
-    """Legend: one entry per level, one for what is unstable, one per kind of marker that is there."""
-    shown = {str(line.get_label()).removeprefix("_"): line for line in ax.lines if np.size(line.get_xdata())}
-    order = sorted(shown, key=lambda text: ["unstable", *MARKERS].index(text) if text in ("unstable", *MARKERS) else -1)
-    ax.legend([shown[t] for t in order], order, frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+def explain(ax: Axes) -> None:
+    """Legend: one entry per level, one for what is unstable or in doubt, one per kind of marker that is there."""
+    last = [*DASHES, *MARKERS]
+    drawn = {str(line.get_label()): line for line in ax.lines if np.size(line.get_xdata())}
+    shown = {label: line for label, line in drawn.items() if not label.startswith("_")}
+    shown |= {label: drawn[f"_{label}"] for label in last if f"_{label}" in drawn}
+    if shown:
+        ax.legend(list(shown.values()), list(shown), frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
 
 
 def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve]) -> None:

@@ -1,15 +1,11 @@
 """Figure of a response along a number of the rig."""
 
-from collections.abc import Sequence
-
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hbm.fourier import Array
 from hbm.parameterresponse import ParameterCurve
-from hbm.report.curves import MARKERS, least_reaction
-from hbm.report.style import FAINT, INK, SMALL, WIDTH, dressed, graded
+from hbm.report.curves import draw_line, explain, least_reaction, mark
+from hbm.report.style import FAINT, INK, WIDTH, dressed, graded
 
 LOGARITHMIC = 30.0
 """A range whose ends are further apart than this factor is drawn on a logarithmic axis."""
@@ -29,11 +25,16 @@ def plot_parameter_curve(curve: ParameterCurve) -> Figure:
     figure = Figure(figsize=(WIDTH, 6.6), layout="constrained")
     rows: list[Axes] = figure.subplots(4, 1, sharex=True, height_ratios=(2.2, 1.2, 1.2, 1.4)).tolist()
     drive, slip, friction, normal = rows
-    _draw(drive, curve, curve["drive"].peak * 1e3, marked=True)
-    _draw(slip, curve, curve["slip"].peak * 1e6)
-    _draw(friction, curve, curve["friction"].peak)
-    _draw(normal, curve, curve["normal"].peak)
-    _draw(normal, curve, least_reaction(curve))
+    color = graded([0.0])[0]
+    for ax, y in (
+        (drive, curve["drive"].peak * 1e3),
+        (slip, curve["slip"].peak * 1e6),
+        (friction, curve["friction"].peak),
+        (normal, curve["normal"].peak),
+        (normal, least_reaction(curve)),
+    ):
+        draw_line(ax, curve, y, color, label="_along")
+    mark(drive, curve, curve["drive"].peak * 1e3, color)
     if curve.parameter != "contact.normal_load":
         normal.axhline(curve.rig.contact.normal_load, color=FAINT, linewidth=0.8, zorder=0)
     for ax in rows[:-1]:
@@ -52,7 +53,7 @@ def plot_parameter_curve(curve: ParameterCurve) -> Figure:
         drive.set_xscale("log")
     drive.set_xlim(low, high)
     drive.set_title(_title(curve), fontsize=10, loc="left", color=INK)
-    _explain(drive)
+    explain(drive)
     figure.align_ylabels()
     return figure
 
@@ -62,27 +63,3 @@ def _title(curve: ParameterCurve) -> str:
     held = {"frequency_hz": f"{first.hz:g} Hz", "excitation.amplitude": f"{first.level:g} N"}
     said = [text for key, text in held.items() if key != curve.parameter]
     return ", ".join([curve.rig.name, curve.rig.contact.law.name, *said])
-
-
-def _draw(ax: Axes, curve: ParameterCurve, y: Array, *, marked: bool = False) -> None:
-    color = graded([0.0])[0]
-    ax.plot(curve.values, y, color=color, linewidth=1.4)
-    points = curve.branch.points
-    where: dict[str, Sequence[int]] = {
-        "corner": [i for i, p in enumerate(points) if p.corner],
-        "fold": [i for i, p in enumerate(points) if p.fold],
-        "ends here": [] if curve.complete else [len(points) - 1],
-    }
-    for kind, (marker, size) in MARKERS.items() if marked else ():
-        at = where[kind]
-        ax.plot(
-            curve.values[at], y[at], marker, markersize=size, color=color, markerfacecolor="white", label=f"_{kind}"
-        )
-
-
-def _explain(ax: Axes) -> None:
-    """Legend of the markers that are there."""
-    shown = {str(line.get_label()).removeprefix("_"): line for line in ax.lines if np.size(line.get_xdata())}
-    named = {text: line for text, line in shown.items() if text in MARKERS}
-    if named:
-        ax.legend(list(named.values()), list(named), frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")

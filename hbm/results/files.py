@@ -128,8 +128,10 @@ def _in_pairs(harmonics: Array) -> list[list[float]]:
 
 
 def _stability(curve: ResponseCurve) -> list[str]:
-    """1 or 0 where the curve says, blank where it does not."""
-    return [""] * len(curve.points) if curve.stable is None else [str(int(s)) for s in curve.stable]
+    """1 or 0 where the curve says, blank where it does not, or is in doubt."""
+    if curve.stable is None or curve.doubtful is None:
+        return [""] * len(curve.points)
+    return ["" if doubt else str(int(s)) for s, doubt in zip(curve.stable, curve.doubtful, strict=True)]
 
 
 # --------------------------------------------------------------------------------------------------- companion

@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 from rigs import beam, oscillator
 
-from continuation import refine
+from continuation import Kind, refine
+from hbm.bifurcations import stability_of, with_stability
 from hbm.fourier import FourierBasis
+from hbm.handover import state_at_phase_zero
+from hbm.integrate import steady_state as shoot
 from hbm.parameter import ParameterBalance, parameter_key
 from hbm.parameterresponse import parameter_response
 from hbm.response import first_solution, steady_state
+from hbm.solution import PeriodicSolution
 from models import ContactSample, Rig
 from models.assembly import Attachments, PointMass, Resonator
 from models.friction import parameter
@@ -131,6 +135,37 @@ def test_signs_of_modes_follow_where_a_resonator_is_tuned_through_the_beam() -> 
         assert np.all(np.einsum("dn,dn->n", signed, kept * signs) > 0.0)
         before, signed = kept, kept * signs
     assert flips > 0
+
+
+def marched(point: PeriodicSolution, rig: Rig) -> complex:
+    """Largest multiplier by time integration."""
+    return complex(shoot(rig, point.hz, start=state_at_phase_zero(point), steps_per_period=2048).multipliers[0])
+
+
+def test_the_period_doubles_before_the_jump_as_it_does_in_time() -> None:
+    curve = with_stability(parameter_response(paper_rig(), "frequency_hz", (48.65, 48.663), harmonics=19))
+    assert curve.stability is not None
+    for i in (0, -1):
+        point, known = curve.points[i], curve.stability[i]
+        assert known.multipliers[0] == pytest.approx(stability_of(paper_rig(), point).multipliers[0], rel=1e-9)
+        assert known.stable == (abs(marched(point, paper_rig())) < 1.0)
+    assert curve.stability[-1].multipliers[0] == pytest.approx(marched(curve.points[-1], paper_rig()), abs=3e-3)
+    (found,) = curve.bifurcations
+    assert found.kind is Kind.PERIOD_DOUBLING
+    assert curve.value_at(found.special.lam) == pytest.approx(48.6607, abs=2e-3)
+
+
+def test_a_stretch_that_more_samples_judge_otherwise_is_in_doubt() -> None:
+    curve = with_stability(
+        parameter_response(paper_rig(), "contact.friction.mu", (0.5238, 0.5233), hz=48.7, harmonics=17)
+    )
+    assert curve.stable is not None
+    assert curve.doubtful is not None
+    assert curve.doubtful.any()
+    assert not curve.stable[curve.doubtful].any()
+    i = int(np.argmax(curve.doubtful))
+    assert abs(marched(curve.points[i], with_number(paper_rig(), "contact.friction.mu", float(curve.values[i])))) < 1.0
+    assert not curve.bifurcations
 
 
 def test_folds_along_a_parameter_of_the_law_are_those_of_the_closed_form() -> None:
