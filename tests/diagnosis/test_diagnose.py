@@ -132,8 +132,10 @@ def test_score_test_names_the_clamp_and_the_look_alikes():
     found = screen(base, campaign, candidates)
     assert found.scores[0].cause == ClampRotation()
     assert found.tried == len(candidates) + 2 * 3  # mass and spring at four places each
-    cosines = found.cosines()
-    assert np.all(cosines <= 1.0 + 1e-9)
+    alike = list(found.look_alikes(found.scores[0].cause.label, 0.0).values())
+    assert len(alike) == len(found.scores) - 1
+    assert 1.0 + 1e-9 >= alike[0] > 0.0
+    assert alike == sorted(alike, reverse=True)
 
 
 def test_jacobian_is_the_derivative_of_the_simulation():
