@@ -1,9 +1,9 @@
 """What the paper's beam does between 45 and 58 Hz at 6.5 N, and the resonance beside it that no sweep meets.
 
 The fold of the response near 48.7 Hz is followed in frequency and force; it comes back to 6.5 N on a closed curve,
-which is traced. Dots are time integrations. Every small peak of the response is a high mode, excited by the harmonic
-that falls between its frequencies with the contact sliding and stuck, over the number of the harmonic (bands). About
-three minutes.
+which is traced. Dashed is what is unstable; dots are time integrations. Every small peak of the response is a high
+mode, excited by the harmonic that falls between its frequencies with the contact sliding and stuck, over the number of
+the harmonic (bands). About three minutes.
 
     python examples/beam_folds.py figure.png
 """
@@ -18,8 +18,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from continuation import Kind
-from hbm import ResponseCurve, linear_modes, steady_state
+from hbm import ResponseCurve, linear_modes, steady_state, with_stability
 from hbm.folds import FoldPath, fold_path, isolas
+from hbm.fourier import Array
 from hbm.handover import state_at_phase_zero
 from hbm.integrate import simulate
 from hbm.report.style import FAINT, INK, SMALL, dressed, graded
@@ -52,11 +53,11 @@ ORANGE = "#d55e00"
 def main() -> Figure:
     """Figure of four panels."""
     rig = paper_rig().with_modes(10)
-    response = trace_frequency(rig, RANGE, harmonics=17, samples=512, step_hz=0.1)
+    response = with_stability(trace_frequency(rig, RANGE, harmonics=17, samples=512, step_hz=0.1))
     still = trace_frequency(_without_mode_2(rig), RANGE, harmonics=17, samples=512, step_hz=0.15)
     coarse = trace_frequency(paper_rig(), (49.0, 48.4), harmonics=9, samples=256)
     paths = [fold_path(coarse, (2.5, 12.0), fold=fold, max_points=250) for fold in (1, 0)]
-    (isola,) = isolas(paths[0], LEVEL, [coarse], (40.0, 60.0))
+    (isola,) = map(with_stability, isolas(paths[0], LEVEL, [coarse], (40.0, 60.0)))
     if isolas(paths[1], LEVEL, [coarse, isola], (40.0, 60.0)):
         raise ArithmeticError("a second detached curve, which the figure does not show")
     _say(response, still, paths, isola)
@@ -86,15 +87,25 @@ def _marched(rig: Rig, start: PeriodicSolution, periods: int = 400) -> float:
     return 1e3 * float(np.abs(history.channels["drive"].values).max())
 
 
+def _draw(ax: Any, curve: ResponseCurve, shown: Array, **style: Any) -> None:
+    """Draw some points of a curve, dashed where they are unstable."""
+    assert curve.stable is not None
+    assert curve.doubtful is not None
+    unstable = ~curve.stable & ~curve.doubtful
+    height = np.where(shown, 1e3 * curve["drive"].peak, np.nan)
+    ax.plot(curve.hz, np.where(unstable, np.nan, height), **style)
+    beside = unstable | np.append(unstable[1:], False) | np.append(False, unstable[:-1])
+    ax.plot(curve.hz, np.where(beside, height, np.nan), **(style | {"ls": (0, (2, 1)), "label": "_"}))
+
+
 def _responses(ax: Any, response: ResponseCurve, still: ResponseCurve, isola: ResponseCurve) -> None:
     ax.semilogy(still.hz, 1e3 * still["drive"].peak, color=FAINT, lw=1.2, label="mode 2 damped by 20 %")
-    ax.semilogy(response.hz, 1e3 * response["drive"].peak, color=DARK, lw=1.4, label="response at 6.5 N")
+    _draw(ax, response, np.ones(len(response.points), dtype=bool), color=DARK, lw=1.4, label="response at 6.5 N")
     off = np.array([p.lift_off for p in isola.points])
-    height = 1e3 * isola["drive"].peak
-    ax.semilogy(isola.hz, np.where(off, np.nan, height), color=ORANGE, lw=1.8, label="isola, tip on its support")
-    ax.semilogy(
-        isola.hz, np.where(off, height, np.nan), color=ORANGE, lw=0.8, ls=":", label="isola, tip would lift off"
-    )
+    _draw(ax, isola, ~off, color=ORANGE, lw=1.8, label="isola, tip on its support")
+    height = np.where(off, 1e3 * isola["drive"].peak, np.nan)
+    ax.plot(isola.hz, height, color=ORANGE, lw=0.8, ls=":", label="isola, tip would lift off")
+    ax.plot([], [], color=INK, lw=1.4, ls=(0, (2, 1)), label="unstable")
     wanted = [49.5, 51.5, 53.9, 55.0, 57.0]
     starts = [min(response.points, key=lambda p: abs(p.hz - hz)) for hz in wanted]
     marched = [(p.hz, _marched(response.rig, p, 200)) for p in starts]
@@ -140,7 +151,7 @@ def _harmonics(ax: Any, response: ResponseCurve) -> None:
 
 def _jump(ax: Any, response: ResponseCurve) -> None:
     """The region where the response jumps, with stepped marches up and down."""
-    ax.plot(response.hz, 1e3 * response["drive"].peak, color=DARK, lw=1.4)
+    _draw(ax, response, np.ones(len(response.points), dtype=bool), color=DARK, lw=1.4)
     near = [p for p in response.points if abs(p.hz - 48.66) < 0.03]
     for start, steps, marker in (
         (min(near, key=lambda p: p["drive"].peak), (48.66, 48.67, 48.674, 48.69, 48.70), ">"),
@@ -185,6 +196,9 @@ def _plane(ax: Any, paths: Sequence[FoldPath], isola: ResponseCurve) -> None:
 
 def _say(response: ResponseCurve, still: ResponseCurve, paths: Sequence[FoldPath], isola: ResponseCurve) -> None:
     print(response, [round(hz, 4) for hz in response.folds])
+    for curve in (response, isola):
+        print(*curve.bifurcations, sep="\n")
+        print(np.sum(~curve.stable), "of", len(curve.points), "points unstable,", np.sum(curve.doubtful), "in doubt")
     print("mode 2 damped:", still)
     for path in paths:
         for point in path.special:
