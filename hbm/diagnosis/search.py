@@ -14,12 +14,12 @@ from hbm.diagnosis.decide import (
     simpler,
     suspicious,
 )
-from hbm.diagnosis.fit import Evaluation, evaluate, fit_model
+from hbm.diagnosis.fit import Evaluation, evaluate, fit_model, refine
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.numerics import Numerics, choose
 from hbm.diagnosis.race import race
-from hbm.diagnosis.records import Campaign
+from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.diagnosis.screen import Screening, screen
 from hbm.errors import InputError
 from hbm.identification.records import measurement_of
@@ -160,9 +160,34 @@ class Search:
         rest = [c for c in self.candidates if c not in single.model.causes and _fits(c, single.model.rig(single.x))]
         screening = screen(single, self.campaign, rest)
         fits = race(single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", 0.7))
-        ranked = best_of([*fits, *earlier.fits])
+        alone = [e for pair in fits[:1] for e in second_alone(pair, earlier.base, self.campaign)]
+        ranked = best_of([*fits, *alone, *earlier.fits])
         best = next((e for e in ranked[:1] if accepted(earlier.base, e, self.tried**2)), None)
         return Decision(earlier.base, best, tuple(ranked[:MOST_RANKED]))
+
+
+def second_alone(pair: Evaluation, base: Evaluation, campaign: Campaign) -> list[Evaluation]:
+    """Fit of the second cause of a pair without the first, which may only have led to where the second is found.
+
+    Parameters
+    ----------
+    pair : Evaluation
+        Of a model with two causes.
+    base : Evaluation
+        Of that without any.
+    campaign : Campaign
+
+    Returns
+    -------
+    list of Evaluation
+        Empty where there is no fit.
+    """
+    model, known = base.model.extended_by(pair.model.causes[1]), base.coordinates | pair.coordinates
+    x = np.array([known[1 if f.cause == 0 else f.cause, f.name] for f in model.free])
+    try:
+        return [refine(fit_model(model, campaign, x, pair.solutions), campaign)]
+    except FAILURES:
+        return []
 
 
 def _fits(cause: Cause, rig: Rig) -> bool:

@@ -18,7 +18,7 @@ from hbm.diagnosis.model import Model, free_of
 from hbm.diagnosis.nominal import with_values
 from hbm.diagnosis.records import uncorrelated
 from hbm.diagnosis.screen import screen
-from hbm.diagnosis.search import campaign_of
+from hbm.diagnosis.search import campaign_of, second_alone
 from hbm.errors import InputError
 from models.causes.cause import Unknown
 from models.causes.parameter import WrongParameter
@@ -136,6 +136,19 @@ def test_score_test_names_the_clamp_and_the_look_alikes():
     assert len(alike) == len(found.scores) - 1
     assert 1.0 + 1e-9 >= alike[0] > 0.0
     assert alike == sorted(alike, reverse=True)
+
+
+def test_second_cause_of_a_pair_is_fitted_alone():
+    campaign, base = calibrated("clamp_rotation", 2)
+    few, model = campaign.of(campaign.numbers[:4]), base.model.extended_by(AddedMass()).extended_by(ClampRotation())
+    here = evaluate(base.model, few, base.x, base.solutions)
+    mass, position, stiffness = model.free[-3:]
+    x = np.concatenate([base.x, [mass.of(1e-5), position.of(0.3), stiffness.of(3e4)]])
+    pair = evaluate(model, few, x, base.solutions)
+    (alone,) = second_alone(pair, here, few)
+    assert alone.model.causes == (ClampRotation(),)
+    assert alone.chi2 < pair.chi2
+    assert alone.model.free[-1].value(alone.x[-1]) == pytest.approx(truth("clamp_rotation")["stiffness"], rel=0.2)
 
 
 def test_jacobian_is_the_derivative_of_the_simulation():
