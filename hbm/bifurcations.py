@@ -40,9 +40,6 @@ MOST = 60
 CLEAR = 0.02
 """A stretch of a curve is judged once more where its multipliers come no further from the unit circle than this."""
 
-OF_THE_EQUATIONS = (Kind.FOLD, Kind.BRANCH_POINT)
-"""Bifurcations that are seen without multipliers."""
-
 REAL = 1e-6
 """A multiplier with an imaginary part below this is real."""
 
@@ -105,7 +102,7 @@ def with_stability(curve: Curve, judge: Judge = floquet) -> Curve:
     turns = sum(p.fold or p.branch_point for p in branch.points)
     sought = turns + sum(a.unstable != b.unstable for a, b in pairwise(stability)) <= MOST
     found = [*refine(problem, branch), *_folded_corners(branch)] if sought else list(_flagged(branch))
-    found += _crossings(problem, branch, stability, judged, sought=sought)
+    found += _crossings(problem, branch, stability, ~doubtful[:-1] & ~doubtful[1:], judged, sought=sought)
     arclengths = [p.arclength for p in branch.points]
     bifurcations = []
     for special in sorted(found, key=lambda s: s.arclength):
@@ -116,8 +113,6 @@ def with_stability(curve: Curve, judge: Judge = floquet) -> Curve:
             )
         else:
             bifurcations.append(Bifurcation(curve.points[behind], stability[behind], special, behind))
-    clear = ~doubtful[:-1] & ~doubtful[1:]
-    bifurcations = [b for b in bifurcations if b.kind in OF_THE_EQUATIONS or clear[b.behind - 1]]
     return replace(curve, stability=stability, doubtful=doubtful, bifurcations=tuple(bifurcations))
 
 
@@ -167,10 +162,17 @@ def _behind(point: Point, kind: Kind) -> SpecialPoint:
 
 
 def _crossings(
-    problem: Problem, branch: Branch, stability: tuple[Stability, ...], judged: Judged, *, sought: bool
+    problem: Problem,
+    branch: Branch,
+    stability: tuple[Stability, ...],
+    clear: npt.NDArray[np.bool_],
+    judged: Judged,
+    *,
+    sought: bool,
 ) -> Iterator[SpecialPoint]:
-    """Points at which a multiplier, or a pair, crosses the unit circle away from 1."""
-    for i, behind in enumerate(branch.points[1:], start=1):
+    """Points at which a multiplier, or a pair, crosses the unit circle away from 1, between points not in doubt."""
+    for i in np.flatnonzero(clear) + 1:
+        behind = branch.points[i]
         ends = stability[i - 1], stability[i]
         rank, last = sorted(s.unstable for s in ends)
         while rank < last and not behind.jumped:

@@ -24,6 +24,7 @@ from hbm.commands.options import (
     Spread,
     check_outputs,
     console,
+    harmonics_or_auto,
     named,
     positive,
     print_written,
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 """Status that Typer gives to a keyboard interrupt."""
 
-LARGEST_H = 200
 LARGEST_HISTORY = 20_000_000  # samples
 
 
@@ -208,7 +208,7 @@ def frf(
     from hbm.rigfile import load_rig
 
     check_outputs("frf", out, plot)
-    hz, levels, H = _range(begin, end), _levels(level), _harmonics(harmonics)
+    hz, levels, H = _range(begin, end), _levels(level), harmonics_or_auto("frf", harmonics)
     loaded = load_rig(rig)
     if law is not None:
         with named("frf"):
@@ -305,14 +305,6 @@ def _levels(texts: list[str] | None) -> list[float]:
         if level in levels[:i]:
             raise InputError(f"frf: --level = {level:g} twice; must be different forces")
     return levels
-
-
-def _harmonics(text: str) -> int | None:
-    if text == "auto":
-        return None
-    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= LARGEST_H):
-        raise InputError(f"frf: --harmonics = {quoted(text)}; must be auto or a whole number from 1 to {LARGEST_H}")
-    return int(text)
 
 
 def _check_duration(hz: float, seconds: float) -> None:

@@ -6,15 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hbm.commands.options import RigFile, check_outputs, console, positive, print_written, quoted, say
+from hbm.commands.options import LARGEST_H, RigFile, check_outputs, console, positive, print_written, say, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.backbone import Backbone, NumericalChange
     from hbm.curve import ResponseCurve
     from models.rig import Rig
-
-LARGEST_H = 200
 
 
 def backbone(
@@ -44,7 +42,7 @@ def backbone(
     Example:  hbm backbone examples/paper_beam.toml --out modes.csv --plot modes.png --level 2 6.5
     """
     check_outputs("backbone", out, plot)
-    number, H = _whole("--mode", mode, 1000), _whole("--harmonics", harmonics, LARGEST_H)
+    number, H = whole("backbone", "--mode", mode, 1000), whole("backbone", "--harmonics", harmonics, LARGEST_H)
     amplitudes = _range(begin, end)
     levels = [positive("backbone", "--level", text, "N") for text in level or ()]
     if levels and plot is None:
@@ -64,12 +62,6 @@ def backbone(
 
 
 # ---------------------------------------------------------------------------------------------------------- options
-
-
-def _whole(option: str, text: str, largest: int) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= largest):
-        raise InputError(f"backbone: {option} = {quoted(text)}; must be a whole number from 1 to {largest}")
-    return int(text)
 
 
 def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:

@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import RigFile, check_outputs, console, is_number, positive, print_written, quoted, say
+from hbm.commands.options import (
+    RigFile,
+    check_outputs,
+    console,
+    harmonics_or_auto,
+    is_number,
+    positive,
+    print_written,
+    quoted,
+    say,
+)
 from hbm.commands.stability import Stability, judged
 from hbm.errors import InputError
 
@@ -15,7 +25,6 @@ if TYPE_CHECKING:
     from models.rig import Rig
 
 COMMAND = "continue"
-LARGEST_H = 200
 
 
 def follow(
@@ -49,7 +58,7 @@ def follow(
     values = _number("--from", begin), _number("--to", end)
     hz = None if frequency is None else positive(COMMAND, "--frequency", frequency, "Hz")
     force = None if level is None else positive(COMMAND, "--level", level, "N")
-    H = _harmonics(harmonics)
+    H = harmonics_or_auto(COMMAND, harmonics)
     from hbm.rigfile import load_rig
 
     curve = _response(load_rig(rig), parameter, values, hz, force, H)
@@ -64,16 +73,6 @@ def _number(option: str, text: str) -> float:
     if not is_number(text) or not math.isfinite(float(text)):
         raise InputError(f"{COMMAND}: {option} = {quoted(text)}; must be a number")
     return float(text)
-
-
-def _harmonics(text: str) -> int | None:
-    if text == "auto":
-        return None
-    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= LARGEST_H):
-        raise InputError(
-            f"{COMMAND}: --harmonics = {quoted(text)}; must be auto or a whole number from 1 to {LARGEST_H}"
-        )
-    return int(text)
 
 
 def _response(

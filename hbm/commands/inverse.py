@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import RigFile, Spread, console, named, print_written, quoted
+from hbm.commands.options import RigFile, Spread, console, named, print_written, quoted, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -79,9 +79,7 @@ def _count(text: str | None, design: bool) -> int | None:
         return None
     if not design:
         raise InputError(f"{COMMAND}: --sensors without --design; must have both")
-    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= MOST_SENSORS):
-        raise InputError(f"{COMMAND}: --sensors = {quoted(text)}; must be a whole number from 1 to {MOST_SENSORS}")
-    return int(text)
+    return whole(COMMAND, "--sensors", text, MOST_SENSORS)
 
 
 def _print_design(rig: "Rig", spectra: "MeasuredSpectra", count: int | None) -> None:

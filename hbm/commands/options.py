@@ -14,6 +14,7 @@ from typer.core import TyperCommand
 from hbm.errors import InputError
 
 FIGURES = (".png", ".pdf", ".svg")
+LARGEST_H = 200
 
 RigFile = Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML).", show_default=False)]
 
@@ -71,6 +72,19 @@ def positive(command: str, option: str, text: str, unit: str) -> float:
     if not is_number(text) or not (math.isfinite(float(text)) and float(text) > 0.0):
         raise InputError(f"{command}: {option} = {quoted(text)}; must be a number > 0 [{unit}]")
     return float(text)
+
+
+def whole(command: str, option: str, text: str, largest: int, otherwise: str = "") -> int:
+    """A whole number from 1 on of an option's text, or a refusal, which also names what else is accepted."""
+    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= largest):
+        accepted = f"{otherwise}a whole number from 1 to {largest}"
+        raise InputError(f"{command}: {option} = {quoted(text)}; must be {accepted}")
+    return int(text)
+
+
+def harmonics_or_auto(command: str, text: str) -> int | None:
+    """Number of harmonics of ``--harmonics``, None for auto."""
+    return None if text == "auto" else whole(command, "--harmonics", text, LARGEST_H, "auto or ")
 
 
 def is_number(text: str) -> bool:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import Spread, console, is_number, named, positive, print_written, quoted
+from hbm.commands.options import LARGEST_H, Spread, console, is_number, named, positive, print_written, quoted, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 COMMAND = "spectra"
 FORCE = "force"
-LARGEST_H = 200
 
 
 class SpreadSpectra(Spread):
@@ -78,7 +77,7 @@ def spectra(
         check_output(out, WRITTEN, "--out")
     hz = _per_file("--fundamental", fundamental, "Hz", histories)
     levels = _per_file("--level", level, "N", histories) if level else None
-    H, seconds, columns = _harmonics(harmonics), _settle(settle), _columns(channel or ())
+    H, seconds, columns = whole(COMMAND, "--harmonics", harmonics, LARGEST_H), _settle(settle), _columns(channel or ())
     from hbm.commands.tables import print_spectra
     from hbm.measurement.harmonicestimate import spectra_of_records
     from hbm.measurement.harmonics import harmonic_spectra
@@ -107,12 +106,6 @@ def _per_file(option: str, texts: Sequence[str], unit: str, files: Sequence[Path
     if len(values) not in (1, len(files)):
         raise InputError(f"{COMMAND}: {option} has {len(values)} numbers; must have 1, or {len(files)}, one per file")
     return values * len(files) if len(values) == 1 else values
-
-
-def _harmonics(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= LARGEST_H):
-        raise InputError(f"{COMMAND}: --harmonics = {quoted(text)}; must be a whole number from 1 to {LARGEST_H}")
-    return int(text)
 
 
 def _settle(text: str) -> float:

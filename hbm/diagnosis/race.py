@@ -144,7 +144,7 @@ def _by_score(base: Evaluation, campaign: Campaign, screening: Screening) -> lis
     best = screening.scores[0].gain if screening.scores else 0.0
     chosen = [s for s in screening.scores[:FINALISTS] if s.gain > 0.0 and s.gain >= SHARE * best]
     placed = [s for s in chosen if any(u.shapes for u in s.cause.unknowns(base.model.nominal))]
-    quick = _Heats(base, _few(base, campaign)).run(placed, MORE_STARTS, HEAT_STEPS)
+    quick = _Heats(base, _few(base, campaign)).run(placed, MORE_STARTS, HEAT_STEPS) if placed else []
     found = {r.cause.label: (r.x, *r.others) for r in quick if r is not None}
     return [
         Runner(
