@@ -34,12 +34,20 @@ class PointMass(NamedTuple):
     mass: Value
     position: Value
 
+    def force(self, omega: Array) -> Array:
+        """On the beam, per unit of deflection that swings at `omega` [N/m]."""
+        return np.asarray(self.mass * omega**2)
+
 
 class PointSpring(NamedTuple):
     """A spring to the ground [N/m] at a position [m]."""
 
     stiffness: Value
     position: Value
+
+    def force(self, omega: Array) -> Array:
+        """On the beam, per unit of deflection that swings at `omega` [N/m]."""
+        return np.full(np.shape(omega), -self.stiffness)
 
 
 class Resonator(NamedTuple):
@@ -53,6 +61,10 @@ class Resonator(NamedTuple):
     def stiffness(self) -> Value:
         """Of its spring [N/m]."""
         return self.mass * (2 * np.pi * self.frequency_hz) ** 2
+
+    def force(self, omega: Array) -> Array:
+        """On the beam, per unit of deflection that swings at `omega` [N/m]."""
+        return np.asarray(self.mass * omega**2 / (1.0 - (omega / (2 * np.pi * self.frequency_hz)) ** 2))
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ each place in turn. No law is assumed: what is left of the misfit with such a fo
 calibrated numbers move along, within what is expected of them, so that no place is charged with what they hid.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +15,9 @@ from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.places import CONTACT, Complex, Place, all_at_once, places_of, sensor
 from hbm.diagnosis.records import Campaign, uncorrelated
 from hbm.fourier import Array
-from hbm.identification.records import Record, parts
+from hbm.identification.records import Measurement, Record, parts
 from hbm.sensitivity import disturbed
+from hbm.solution import PeriodicSolution
 from models.rig import UNITS, Rig
 
 RESOLVED = 1e-7
@@ -326,11 +327,15 @@ def discrepancy(e: Evaluation, campaign: Campaign) -> Discrepancy:
     rig = campaign.numerics.working.rig(e.model.rig(e.x))
     unit = {c.name: UNITS[c.quantity] for c in rig.channels}
     places = [*places_of(rig), *(sensor(name, unit[name]) for name in campaign.data.channels)]
-    white = [_WhiteRecord(r, e, campaign, rig, places) for r in campaign.data.records if r.number in e.found]
+    white = [
+        WhiteRecord(r, e, campaign, places, _columns(rig, places, e.found[r.number].solution, campaign.data))
+        for r in campaign.data.records
+        if r.number in e.found
+    ]
     points, numbers = sum(len(w.residual) for w in white), 2 * campaign.data.H * len(white)
-    alone = [_at(place, [_Basis(w.columns[i]) for w in white], white, e, i) for i, place in enumerate(places)]
+    alone = [_at(place, [Basis(w.columns[i]) for w in white], white, e, i) for i, place in enumerate(places)]
     beside = [
-        _at(place, [_Basis(w.columns[i], w.columns[0]) for w in white], white, e, i)
+        _at(place, [Basis(w.columns[i], w.columns[0]) for w in white], white, e, i)
         for i, place in enumerate(places)
         if i and points - 2 * numbers > LEFT_OVER * points
     ]
@@ -345,27 +350,43 @@ def discrepancy(e: Evaluation, campaign: Campaign) -> Discrepancy:
     )
 
 
-class _WhiteRecord:
-    """A record in standard deviations: its misfit, what calibrated numbers and forces at each place do to it."""
+class WhiteRecord:
+    """A record in standard deviations: its misfit, what calibrated numbers and forces at each place do to it.
 
-    def __init__(self, record: Record, e: Evaluation, campaign: Campaign, rig: Rig, places: Sequence[Place]) -> None:
-        self.record, self.campaign, simulated = record, campaign, e.found[record.number]
+    Parameters
+    ----------
+    record : Record
+    e : Evaluation
+    campaign : Campaign
+    places : sequence of Place
+    columns : (2, c, H, p 2 H) array
+        Change of the amplitudes with cosines, then sines of harmonics 1..H at each of p places.
+    """
+
+    def __init__(
+        self, record: Record, e: Evaluation, campaign: Campaign, places: Sequence[Place], columns: Array
+    ) -> None:
+        self.record, self.places, simulated = record, places, e.found[record.number]
         own = e.white.record == record.number
         self.residual, self.jacobian = e.white.residual[own], e.white.jacobian[own]
         std = np.broadcast_to(campaign.std(record), record.listed.shape)[record.listed]
         noise = campaign.disturbances(record, simulated)[:, record.listed] / std
-        columns = self._columns(rig, places, e) / std[:, None]
-        self.columns = np.split(uncorrelated(noise.T, columns), len(places), axis=1)
+        white = uncorrelated(noise.T, columns[record.listed] / std[:, None])
+        self.columns = np.split(white, len(places), axis=1)
         self.seen = [p.seen(simulated.solution)[1 : campaign.data.H + 1] for p in places]
 
-    def _columns(self, rig: Rig, places: Sequence[Place], e: Evaluation) -> Array:
-        """Change of the amplitudes listed with cosines, then sines of harmonics 1..H at each place, (m, p 2 H)."""
-        channels, H = self.campaign.data.channels, self.campaign.data.H
-        solution = e.found[self.record.number].solution
-        change = disturbed(rig, solution, all_at_once([p for p in places if p.kind != "reading"], solution, H))
-        moved = np.stack([parts(solution.basis, change[name], H) for name in channels], axis=1)
-        readings = [_of_reading(i, len(channels), H) for i in range(len(channels))]
-        return np.concatenate([moved, *readings], axis=3)[self.record.listed]
+
+def _columns(rig: Rig, places: Sequence[Place], solution: PeriodicSolution, data: Measurement) -> Array:
+    """Change of the amplitudes of the channels with cosines, then sines of each harmonic at each place."""
+    forces = [p for p in places if p.kind != "reading"]
+    moved = read_by(data, solution, disturbed(rig, solution, all_at_once(forces, solution, data.H)))
+    readings = [_of_reading(i, len(data.channels), data.H) for i in range(len(data.channels))]
+    return np.concatenate([moved, *readings], axis=3)
+
+
+def read_by(data: Measurement, solution: PeriodicSolution, change: Mapping[str, Array]) -> Array:
+    """Change of the amplitudes (2, c, H, p) of the channels, from that of the coefficients."""
+    return np.stack([parts(solution.basis, change[name], data.H) for name in data.channels], axis=1)
 
 
 def _of_reading(channel: int, channels: int, H: int) -> Array:
@@ -376,7 +397,7 @@ def _of_reading(channel: int, channels: int, H: int) -> Array:
     return out
 
 
-def _at(place: Place, bases: Sequence["_Basis"], white: Sequence[_WhiteRecord], e: Evaluation, i: int) -> MissingForce:
+def _at(place: Place, bases: Sequence["Basis"], white: Sequence[WhiteRecord], e: Evaluation, i: int) -> MissingForce:
     """The missing force at the i-th place; calibrated numbers move by `step` along with it."""
     left = np.concatenate([b.across(w.residual) for b, w in zip(bases, white, strict=True)])
     slopes = np.concatenate([b.across(w.jacobian) for b, w in zip(bases, white, strict=True)])
@@ -399,7 +420,7 @@ def _at(place: Place, bases: Sequence["_Basis"], white: Sequence[_WhiteRecord], 
     )
 
 
-class _Basis:
+class Basis:
     """What the columns (m, 2 H) of a place span, and those of another that acts beside it."""
 
     def __init__(self, own: Array, beside: Array | None = None) -> None:

@@ -4,7 +4,7 @@ A clamp that turns and a support that moves are directions too. There the motion
 clamp or the support is what it is held against.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
@@ -110,12 +110,13 @@ def places_of(rig: Rig) -> list[Place]:
     list of Place
     """
     if not isinstance(rig.body, Beam):
-        return [_contact(rig), _drive(rig)]
+        return [contact_of(rig), _drive(rig)]
     held = [] if rig.attachments else [_clamp(rig, rig.body), _support(rig, rig.body)]
-    return [_contact(rig), _drive(rig), *held, *_points(rig, rig.body)]
+    along = rig.body.length * np.arange(1, POINTS + 1) / (POINTS + 1)
+    return [contact_of(rig), _drive(rig), *held, *points_of(rig, rig.body, along)[1]]
 
 
-def _contact(rig: Rig) -> Place:
+def contact_of(rig: Rig) -> Place:
     """Friction, or a moment on the tip: over the arm of the contact they are the same."""
     none = np.zeros((3, rig.structure.n))
     return Place(CONTACT, "force", "N", "m", lambda s: s.basis.complex(s["slip"].coefficients), none, friction=1.0)
@@ -136,25 +137,30 @@ def _drive(rig: Rig) -> Place:
     )
 
 
-def _points(rig: Rig, beam: Beam) -> Iterator[Place]:
-    """Along the beam; what the modes left out make of a force there at the contact follows by reciprocity."""
-    positions = beam.length * np.arange(1, POINTS + 1) / (POINTS + 1)
-    probes = tuple(Channel(f"_{i}", "displacement", float(x)) for i, x in enumerate(positions))
-    probed = replace(rig, channels=(*rig.channels, *probes)).structure
-    for probe, x in zip(probes, positions, strict=True):
-        row = probed.channel_rows[probe.name]
-        carried = rig.contact.load_variation * float(beam.tip_load_shape(np.array([x]))[0])
-        _, by_friction = probed.residual.channels.get(probe.name, (0.0, 0.0))
-        yield Place(
-            name=f"the beam at {1e3 * x:.0f} mm",
-            kind="force",
-            unit="N",
-            against="m",
-            seen=partial(_deflection, row, by_friction),
-            modes=_static(row),
-            reaction=(-carried, 0.0, 0.0),
-            slip=by_friction,
-        )
+def points_of(rig: Rig, beam: Beam, positions: Array) -> tuple[Rig, list[Place]]:
+    """Places along a beam, and the rig with a probe of the deflection at each, named as the place is.
+
+    What the modes left out make of a force there at the contact follows by reciprocity.
+    """
+    probes = tuple(Channel(f"the beam at {1e3 * x:.0f} mm", "displacement", float(x)) for x in positions)
+    probed = replace(rig, channels=(*rig.channels, *probes))
+    return probed, [_point(probed, beam, probe) for probe in probes]
+
+
+def _point(probed: Rig, beam: Beam, probe: Channel) -> Place:
+    row = probed.structure.channel_rows[probe.name]
+    carried = probed.contact.load_variation * float(beam.tip_load_shape(np.array([probe.position]))[0])
+    _, by_friction = probed.structure.residual.channels.get(probe.name, (0.0, 0.0))
+    return Place(
+        name=probe.name,
+        kind="force",
+        unit="N",
+        against="m",
+        seen=partial(_deflection, row, by_friction),
+        modes=_static(row),
+        reaction=(-carried, 0.0, 0.0),
+        slip=by_friction,
+    )
 
 
 def _deflection(row: Array, by_friction: float, s: PeriodicSolution) -> Complex:

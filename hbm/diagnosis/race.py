@@ -11,6 +11,7 @@ from itertools import product
 
 import numpy as np
 
+from hbm.diagnosis.attached import attached_starts
 from hbm.diagnosis.calibrate import lighter
 from hbm.diagnosis.fit import MANY, Evaluation, best_start, fit_model, refine
 from hbm.diagnosis.misfit import misfit
@@ -25,6 +26,9 @@ from models.rig import Rig
 HEAT_RECORDS = 6
 """Records of the quick heat."""
 
+SCANNED = 10
+"""Records that are scanned for what may be attached."""
+
 HEAT_STEPS = 7
 HEAT_STARTS = 2
 """Starts from which the quick heat takes steps, so many of them."""
@@ -36,7 +40,7 @@ AGAIN, MORE_STARTS, MORE_STEPS = 3, 5, 12
 """Where nothing explains the records so many candidates run again, from more starts and for more steps."""
 
 RUNNING, HOPELESS = 20, 0.15
-"""So many candidates run at most, and none whose predicted fall of chi2 is less than this share of the best."""
+"""So many candidates run first, at most, and none whose predicted fall of chi2 is less than this share of the best."""
 
 FINALISTS, LEAST, HOPE = 5, 3, 10.0
 """Candidates that are fitted to all records, at most; most where none explains them, and least where the mean square
@@ -97,15 +101,25 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
     list of Evaluation
         Of the finalists on all records, the least chi2 first.
     """
-    if not small(base):
-        return _refined(_final(_by_heat(base, campaign, screening, tell), base, campaign, tell), base, campaign)
-    done = _final(_by_score(base, campaign, screening), base, campaign, tell)
-    abrupt = replace(screening, scores=tuple(s for s in screening.scores if _abrupt(s)))
-    if abrupt.scores and not any(misfit(e, campaign).fits for e in done):
-        tried = {e.model.label for e in done}
-        more = _final(_by_heat(base, campaign, abrupt, tell), base, campaign, tell)
-        done += [e for e in more if e.model.label not in tried]
+    screening = _started(screening, base, campaign)
+    if small(base):
+        done = _final(_by_score(base, campaign, screening), base, campaign, tell)
+        ran, rest = {e.model.label for e in done}, [s for s in screening.scores if _unseen(s)]
+    else:
+        heat, ran = _by_heat(base, campaign, screening, tell, LITTLE)
+        done, rest = _final(heat, base, campaign, tell), _running(screening, base)
+    rest = [s for s in rest if base.model.extended_by(s.cause).label not in ran]
+    if rest and not any(misfit(e, campaign).fits for e in done):
+        heat, _ = _by_heat(base, campaign, replace(screening, scores=tuple(rest)), tell, 0.0)
+        done += _final(heat, base, campaign, tell)
     return _refined(done, base, campaign)
+
+
+def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Screening:
+    """The same with starts of what may be attached to the beam."""
+    starts = attached_starts(base, campaign.of(telling(base, campaign, SCANNED)), [s.cause for s in screening.scores])
+    scores = tuple(replace(s, starts=starts.get(s.cause.label, ())) for s in screening.scores)
+    return replace(screening, scores=scores)
 
 
 def _final(runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell: Tell) -> list[Evaluation]:
@@ -161,24 +175,26 @@ def _few(base: Evaluation, campaign: Campaign) -> Campaign:
     return coarse(campaign, telling(base, campaign, HEAT_RECORDS), base)
 
 
-def _by_heat(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Runner]:
-    """Candidates by quick fits."""
+def _by_heat(
+    base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell, little: float
+) -> tuple[list[Runner], set[str]]:
+    """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that ran."""
     few = _few(base, campaign)
     heats = _Heats(base, few)
     before = float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
-    heat = _first_heat(heats, screening, max(EXPLAINED * few.points, LITTLE * before), tell)
+    heat = _first_heat(heats, screening, max(EXPLAINED * few.points, little * before), tell)
     if not heat:
-        return []
+        return [], set()
     hopeless = heat[0].chi2 > HELPS * before
     if not hopeless and not base.model.causes:
         heat = _from_other_starts(heat, heats, screening, tell)
-    return _finalists(heat, few, hopeless, len(campaign.numbers) / len(few.numbers))
+    ran = {base.model.extended_by(r.cause).label for r in heat}
+    return _finalists(heat, few, hopeless, len(campaign.numbers) / len(few.numbers)), ran
 
 
 def _first_heat(heats: "_Heats", screening: Screening, explained: float, tell: Tell) -> list[Runner]:
-    """Those that may explain the records by their first small effect, and abrupt ones; the least chi2 first."""
-    running = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
-    running += [s for s in screening.scores if _abrupt(s) and s not in running]
+    """Quick fits of what may explain the records; the least chi2 first."""
+    running = _running(screening, heats.base)
     heat: list[Runner] = []
     for i in range(0, len(running), heats.at_once):
         batch = [s for s in running[i : i + heats.at_once] if not _settled(heat, explained, s.cause, screening)]
@@ -189,6 +205,18 @@ def _first_heat(heats: "_Heats", screening: Screening, explained: float, tell: T
             if runner is not None and not _settled(heat, explained, score.cause, screening):
                 heat.append(runner)
     return sorted(heat, key=lambda r: r.chi2)
+
+
+def _running(screening: Screening, base: Evaluation) -> list[Score]:
+    """Candidates in the order in which they run: what the score test favours first, what takes long last.
+
+    A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause.
+    """
+    first = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
+    others = [s for s in screening.scores if s not in first]
+    forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
+    tried = [] if small(base) or base.model.causes else [s for s in forces if not _unseen(s)]
+    return [*first, *tried, *(s for s in others if _unseen(s))]
 
 
 def _from_other_starts(heat: list[Runner], heats: "_Heats", screening: Screening, tell: Tell) -> list[Runner]:
@@ -212,9 +240,9 @@ def _finalists(heat: Sequence[Runner], few: Campaign, hopeless: bool, scale: flo
     return [r for i, r in enumerate(heat[:most]) if i < least or scale * (r.chi2 - best) < margin]
 
 
-def _abrupt(score: Score) -> bool:
-    """Whether a cause sets in at a threshold, so that its first small effect says nothing."""
-    return bool(getattr(score.cause, "abrupt", False))
+def _unseen(score: Score) -> bool:
+    """Whether the first small effect of a cause says little: it sets in at a threshold, or is seen by its force."""
+    return bool(getattr(score.cause, "abrupt", False) or score.starts)
 
 
 class _Heats:
@@ -260,15 +288,16 @@ def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) 
     model = lighter(base).extended_by(score.cause)
     try:
         here = starting(model, base, {})
-        starts = _starts(model, here)
+        starts = _starts(model, here, score)
         if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
-            starts += _starts(model, model.start)
+            starts += _starts(model, model.start, score)
         ordered = _by_place(model, few, starts, base.solutions)
         near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > HEAT_STARTS]
         fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
+        fits += [fit for i in _limits(model) for fit in _limited(min(fits, key=_rank), few, i, steps)]
     except FAILURES:
         return None
-    best, *others = sorted(fits, key=lambda e: e.chi2 + 1e6 * len(e.missing))
+    best, *others = sorted(fits, key=_rank)
     carried = [_carried(base.model.extended_by(score.cause), base, e) for e in (best, *_apart(best, others))]
     return Runner(score.cause, best.chi2, carried[0], tuple(carried[1:]))
 
@@ -299,12 +328,34 @@ def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
     return np.array([known.get((f.cause, f.name), x) for f, x in zip(model.free, here, strict=True)])
 
 
-def _starts(model: Model, x: Array) -> list[Array]:
-    """Where the last cause may start with an effect, everything else as in `x`."""
+def _starts(model: Model, x: Array, score: Score) -> list[Array]:
+    """Where the last cause may start with an effect, everything else as in `x`; its limits out of reach."""
     unknowns = model.unknowns[-1]
-    grids = [u.starts[1:] or u.starts if i == 0 else u.starts for i, u in enumerate(unknowns)]
-    own = model.free[len(x) - len(unknowns) :]
-    return [
-        np.concatenate([x[: len(x) - len(unknowns)], [f.of(v) for f, v in zip(own, values, strict=True)]])
-        for values in product(*grids)
-    ]
+    rest = len(x) - len(unknowns)
+    own = model.free[rest:]
+    if score.starts:
+        given = [tuple(start[u.name] for u in unknowns) for start in score.starts]
+    else:
+        grids = [u.starts[1:] or u.starts if i == 0 else u.starts for i, u in enumerate(unknowns)]
+        given = list(product(*(g[:1] if rest + i in _limits(model) else g for i, g in enumerate(grids))))
+    return [np.concatenate([x[:rest], [f.of(v) for f, v in zip(own, values, strict=True)]]) for values in given]
+
+
+def _limits(model: Model) -> list[int]:
+    """Coordinates of limits of the last cause: beside its first number, out of reach nominally."""
+    unknowns = model.unknowns[-1]
+    return [len(model.free) - len(unknowns) + i for i, u in enumerate(unknowns) if i and np.isinf(u.neutral)]
+
+
+def _limited(e: Evaluation, few: Campaign, i: int, steps: int) -> list[Evaluation]:
+    """Fit from the best value of a limit, tried from high to low until it does harm; none where it does no good."""
+    f, best, least = e.model.free[i], e.x, e.chi2
+    for value in e.model.unknowns[-1][i - len(e.x)].starts[1:]:
+        x = e.x.copy()
+        x[i] = f.of(value)
+        chi2, _ = best_start(e.model, few, [x], e.solutions)[0]
+        if chi2 < least:
+            best, least = x, chi2
+        if chi2 > SECOND * e.chi2:
+            break
+    return [fit_model(e.model, few, best, e.solutions, steps, settled=1.0)] if best is not e.x else []

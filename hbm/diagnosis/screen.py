@@ -60,6 +60,8 @@ class Score:
         Shape of the best one.
     gain : float
         Predicted fall of BIC.
+    starts : tuple of dict of str to float
+        Where fits start, if that was found from the force that is missing.
     """
 
     cause: Cause
@@ -68,6 +70,7 @@ class Score:
     signature: Array
     start: dict[str, float]
     gain: float = 0.0
+    starts: tuple[dict[str, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,15 +4,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.causes.structure import RIGID
 from models.rig import Rig
 
 NEVER = 1e6
-LIMITS = (NEVER, 30.0, 10.0, 3.0, 1.0)
+LIMITS = (NEVER, *np.geomspace(100.0, 0.5, 24).tolist())
 """Starts of the limit, in units of the moment that the excitation makes at rest; at the first nothing slips, the others
-are what a resonance may make of it."""
+are what a resonance may make of it, dense since what only just slips is what is found."""
 
 LEAST_MOMENT = 1e-3
 """Of the excitation times the length: a force over the support bends nothing."""

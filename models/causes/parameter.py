@@ -11,6 +11,9 @@ from models.friction import describe, parameters
 from models.numbers import number, with_number
 from models.rig import Rig
 
+NEAREST = 0.999
+"""A force on the support itself moves nothing: so near, in lengths of the beam, it may come."""
+
 LAW, POSITION, ALPHA = "contact.friction.", "excitation.position", "damping.mass_proportional"
 OF_BEAM = ("beam.youngs_modulus", "beam.density", "beam.length", "beam.thickness", "contact.radius")
 LOAD = "contact.normal_load"
@@ -68,7 +71,7 @@ class WrongParameter(Cause):
             unit = "N" if self.key == LOAD else structure_scalars(rig)[self.key].unit
         if isinstance(rig.body, Beam):
             if self.key == POSITION:
-                upper = rig.body.length
+                upper = NEAREST * rig.body.length
             if self.key == "beam.length":  # everything stays on the beam
                 lower = max([rig.excitation.position, *(c.position for c in rig.channels)])
         tried = NEAR if unit == "m" and not self.key.startswith(LAW) else WIDE

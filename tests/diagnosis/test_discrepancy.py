@@ -9,6 +9,7 @@ import pytest
 
 from hbm import load_rig
 from hbm.diagnosis import records
+from hbm.diagnosis.attached import PLACES, attached_starts
 from hbm.diagnosis.discrepancy import discrepancy
 from hbm.diagnosis.fit import evaluate
 from hbm.diagnosis.model import Model
@@ -19,8 +20,9 @@ from hbm.fourier import FourierBasis
 from hbm.measurement.spectra import spectra_of
 from hbm.response import steady_state
 from hbm.sensitivity import disturbed, sensitivities
-from models import Attachments, Jenkins, PointMass, PointSpring
+from models import Attachments, Jenkins, PointMass, PointSpring, Resonator
 from models.causes.friction import ViscousContact
+from models.causes.structure import AddedMass, AddedSpring, AttachedResonator
 
 PAPER = load_rig(Path(__file__).parents[2] / "examples" / "paper_beam.toml")
 RIG = replace(PAPER, damping=replace(PAPER.damping, mass_proportional=0.6))
@@ -62,12 +64,17 @@ def exactly(monkeypatch):
     monkeypatch.setattr(records, "sticks", lambda solution: False)
 
 
-def lacking(spectra):
-    """What the nominal rig lacks."""
+def beside(spectra):
+    """The nominal rig beside spectra."""
     grid = Grid(FourierBasis(H, SAMPLES), 5)
     campaign, _ = campaign_of(RIG, spectra, Numerics(grid, grid, grid, 0.0))
     bare = Model(RIG, {})
-    return discrepancy(evaluate(bare, campaign, bare.start, {}), campaign)
+    return evaluate(bare, campaign, bare.start, {}), campaign
+
+
+def lacking(spectra):
+    """What the nominal rig lacks."""
+    return discrepancy(*beside(spectra))
 
 
 @cache
@@ -200,3 +207,32 @@ def test_too_few_sensors_are_said():
     found = lacking(measured(RIG).select(channels=["force", "a3"]))
     assert not found.localised
     assert found.sentences() == ["A missing force cannot be placed: there are hardly more sensors than forces to find."]
+
+
+# ---- starts of what may be attached
+
+
+@pytest.mark.parametrize(
+    ("cause", "attached"),
+    [
+        (AddedMass(), Attachments(masses=(PointMass(mass=5e-3, position=0.4 * L),))),
+        (AddedSpring(), Attachments(springs=(PointSpring(stiffness=3e3, position=0.4 * L),))),
+        (AttachedResonator(), Attachments(resonators=(Resonator(mass=2e-4, frequency_hz=90.0, position=0.4 * L),))),
+    ],
+)
+def test_what_is_attached_is_found_from_its_force_however_large_the_misfit(cause, attached):
+    nominal, campaign = beside(measured(replace(RIG, attachments=attached)))
+    assert nominal.white.chi2 > 1e4 * len(nominal.white)
+    starts = attached_starts(nominal, campaign, [cause])[cause.name]
+    true = next(iter(attached.masses + attached.springs + attached.resonators))._asdict()
+    apart = {"position": L / PLACES, "frequency_hz": 1.0}
+    near = [
+        all(abs(start[name] - value) < apart.get(name, 0.2 * value) for name, value in true.items()) for start in starts
+    ]
+    assert any(near), starts
+
+
+def test_what_is_not_attached_has_no_start():
+    nominal, campaign = beside(measured(RIG))
+    causes = [AddedMass(), AddedSpring(), AttachedResonator(), ViscousContact()]
+    assert not any(attached_starts(nominal, campaign, causes).values())

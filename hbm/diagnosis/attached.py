@@ -1,0 +1,199 @@
+"""Where something linear may be attached to the beam, and how large it is: starts of fits, from the force it makes.
+
+What is attached at a place makes a force there that is its dynamic stiffness times the deflection. Places along the
+beam and whatever else shapes the stiffness (the frequency of a resonator) are scanned, its size is linear. Where the
+contact follows its linearised law the force is seen best; beside a contact force that is free all that is left of a rig
+is linear, so that it holds however large the misfit.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.diagnosis.discrepancy import LEFT_OVER, Basis, WhiteRecord, read_by
+from hbm.diagnosis.fit import Evaluation
+from hbm.diagnosis.places import Complex, Place, all_at_once, contact_of, points_of
+from hbm.diagnosis.records import Campaign
+from hbm.fourier import Array
+from hbm.sensitivity import disturbed
+from models.assembly import LISTS
+from models.beam import Beam
+from models.causes.cause import Cause, Unknown
+from models.rig import Rig
+
+PLACES = 12
+"""Positions along the beam, equally far apart."""
+
+STEP, BEYOND = 0.003, 1.5
+"""Relative step of what shapes a stiffness, and how far it is scanned beyond its least and its largest start."""
+
+RESOLVED = 1e-6
+"""Forces that the sensors see by less than this, beside those they see best, are not looked for."""
+
+MOST, HELPS = 4, 0.3
+"""Starts of a cause by each scan, at most; and the least fall of chi2 of one beside that of the best."""
+
+APART, TUNED = 0.1, 0.01
+"""How far apart places of starts are, in lengths of the beam; and any other shape, relatively: of those only the best
+place counts."""
+
+CHANCE = 30.0
+"""Fall of chi2 that a scan brings by chance, nearly."""
+
+Start = dict[str, float]
+
+
+@dataclass(frozen=True)
+class _Attached:
+    """One more thing attached, of unit size: its shapes (s) and dynamic stiffness at frequencies (s, r, H)."""
+
+    size: Unknown
+    others: list[Start]
+    stiffness: Array
+
+
+def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause]) -> dict[str, tuple[Start, ...]]:
+    """Where the fits of causes may start that attach something to a place on a beam.
+
+    Parameters
+    ----------
+    base : Evaluation
+        The model that misses the records.
+    campaign : Campaign
+        Records, few or all.
+    causes : sequence of Cause
+
+    Returns
+    -------
+    dict of str to tuple of dict
+        Values of their unknowns by the labels of causes. Empty where there are too few sensors to tell a force.
+    """
+    rig = campaign.numerics.working.rig(base.model.rig(base.x))
+    numbers = [r.number for r in campaign.data.records if r.number in base.found]
+    few = campaign.of(numbers)
+    omega = 2 * np.pi * np.array([[r.hz] for r in few.data.records]) * np.arange(1, few.data.H + 1)
+    found = [(c.label, a) for c in causes for a in _attached(c, rig, omega)]
+    if not found or not isinstance(rig.body, Beam) or few.points <= 2 * few.data.H * len(numbers):
+        return {}
+    positions = rig.body.length * np.arange(1, PLACES + 1) / (PLACES + 1)
+    records = _records(base, few, *points_of(rig, rig.body, positions))
+    scans = [_Scan(base, records, beside=False)]
+    if few.points > (1.0 + LEFT_OVER) * 4 * few.data.H * len(numbers):
+        scans.append(_Scan(base, records, beside=True))
+    return {
+        label: tuple(start for scan in scans for start in _best(a, *scan.gains(a.stiffness), positions))
+        for label, a in found
+    }
+
+
+def _records(base: Evaluation, campaign: Campaign, probed: Rig, points: Sequence[Place]) -> list["_Record"]:
+    places, H, records = [contact_of(probed), *points], campaign.data.H, []
+    for record in campaign.data.records:
+        solution = base.found[record.number].solution
+        change = disturbed(probed, solution, all_at_once(places, solution, H))
+        white = WhiteRecord(record, base, campaign, places, read_by(campaign.data, solution, change))
+        moved = {p.name: solution.basis.complex(change[p.name])[1 : H + 1] for p in points}
+        records.append(_Record(white, {name: np.split(m, len(places), axis=1) for name, m in moved.items()}))
+    return records
+
+
+def _attached(cause: Cause, rig: Rig, omega: Array) -> Iterator[_Attached]:
+    """What a cause attaches at a place, if it does."""
+    size, *shapes = cause.unknowns(rig) or (None,)
+    if size is None or not any(u.name == "position" for u in shapes) or not all(u.shapes for u in shapes):
+        return
+    others = [u for u in shapes if u.name != "position"]
+    if len(others) > 1:
+        return
+    scanned: list[Start] = [{u.name: float(value) for u in others} for value in _values(others)]
+    at_once: Start = {size.name: size.starts[-1], **{u.name: u.starts[0] for u in shapes}}
+    forces = []
+    for shape in scanned:
+        before, after = (r.attachments for r in (rig, cause.extend(rig, at_once | shape)))
+        added = [entry for kind in LISTS for entry in getattr(after, kind)[len(getattr(before, kind)) :]]
+        if len(added) != 1:
+            return
+        forces.append(added[0].force(omega) / size.starts[-1])
+    yield _Attached(size, scanned, np.array(forces))
+
+
+def _values(others: Sequence[Unknown]) -> Array:
+    """Of the one unknown that shapes a stiffness beside its place; one of no meaning where there is none."""
+    if not others:
+        return np.zeros(1)
+    low, high = min(others[0].starts) / BEYOND, max(others[0].starts) * BEYOND
+    return np.asarray(np.geomspace(low, high, int(np.log(high / low) / STEP)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Record:
+    """A record with the force at the contact and at each place: what it is read by, and the deflection it makes."""
+
+    white: WhiteRecord
+    by_force: dict[str, list[Complex]]
+
+    def free(self, beside: bool) -> Array:
+        """Columns of a contact force that is free, none where it follows the law."""
+        contact = self.white.columns[0]
+        return contact if beside else contact[:, :0]
+
+    def deflection(self, place: int, beside: bool) -> Complex:
+        """Amplitudes (H,) at a place, under the forces there and at the contact that the misfit asks for."""
+        own, free = self.white.columns[place], self.free(beside)
+        columns = np.hstack([own, free])
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        force = np.linalg.lstsq(columns / scale, self.white.residual, rcond=RESOLVED)[0] / scale
+        from_contact, *_ = by_force = self.by_force[self.white.places[place].name]
+        moved = by_force[place] @ force[: own.shape[1]] + from_contact[:, : free.shape[1]] @ force[own.shape[1] :]
+        return np.asarray(self.white.seen[place] + moved)
+
+
+class _Scan:
+    """Forces at places, beside one at the contact that is free or follows the law."""
+
+    def __init__(self, base: Evaluation, records: Sequence[_Record], beside: bool) -> None:
+        alone = [Basis(r.free(beside)) for r in records]
+        places = range(1, len(records[0].white.columns))
+        each = list(zip(alone, records, strict=True))
+        self.columns = [[a.across(r.white.columns[i]) for a, r in each] for i in places]
+        self.deflection = [[r.deflection(i, beside) for r in records] for i in places]
+        expected = np.diag([1.0 / f.std for f in base.model.free]).reshape(len(base.x), len(base.x))
+        J = np.vstack([*(a.across(r.white.jacobian) for a, r in each), expected])
+        self.known = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0] if J.shape[1] else J
+        self.residual = self._beyond(np.concatenate([*(a.across(r.white.residual) for a, r in each), -base.pulls]))
+
+    def _beyond(self, rows: Array) -> Array:
+        """What calibrated numbers do not explain."""
+        return np.asarray(rows - self.known @ (self.known.T @ rows))
+
+    def gains(self, stiffness: Array) -> tuple[Array, Array]:
+        """Fall of chi2 and the size that brings it, for each place and shape, (p, s)."""
+        found = [self._at(i, stiffness) for i in range(len(self.columns))]
+        return np.array([gain for gain, _ in found]), np.array([size for _, size in found])
+
+    def _at(self, place: int, stiffness: Array) -> tuple[Array, Array]:
+        rows = []
+        for record, (columns, deflection) in enumerate(zip(self.columns[place], self.deflection[place], strict=True)):
+            force = stiffness[:, record] * deflection
+            rows.append(columns @ np.hstack([force.real, -force.imag]).T)
+        v = self._beyond(np.vstack([*rows, np.zeros((self.known.shape[1], len(stiffness)))]))
+        along, square = v.T @ self.residual, np.maximum(np.sum(v**2, axis=0), 1e-300)
+        return np.where(along > 0.0, along**2 / square, 0.0), along / square
+
+
+def _best(attached: _Attached, gain: Array, size: Array, positions: Array) -> Iterator[Start]:
+    """Starts of most gain, apart from each other."""
+    span = positions[-1] + positions[0]
+    others = np.array([[np.log(v) for v in o.values()] for o in attached.others])
+    left, most = gain.copy(), float(gain.max())
+    for _ in range(MOST):
+        p, s = np.unravel_index(int(left.argmax()), left.shape)
+        if left[p, s] < max(CHANCE, HELPS * most):
+            return
+        known = float(np.clip(size[p, s], attached.size.lower, attached.size.upper))
+        yield {attached.size.name: known, **attached.others[s], "position": float(positions[p])}
+        if others.size:
+            left[:, np.abs(others - others[s])[:, 0] < TUNED] = 0.0
+        else:
+            left[np.abs(positions - positions[p]) < APART * span] = 0.0
