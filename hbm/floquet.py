@@ -23,6 +23,10 @@ from hbm.propagation import propagators, weights
 from hbm.recurrence import monodromy
 
 Complex = npt.NDArray[np.complex128]
+Samples = npt.NDArray[np.intp]
+
+HELD = 100_000
+"""Numbers in the steps that are held at once: what stays in a processor's cache."""
 
 
 def _check(problem: Balance) -> None:
@@ -73,6 +77,18 @@ class Disturbance:
         return lost[:, :n], lost[:, n]
 
     @cached_property
+    def _unsupported(self) -> Array:
+        """What the reaction gains with (q, q') by what forces lose, (N_t, 2n)."""
+        s, n = self.problem.structure, self.problem.structure.n
+        if self.problem.elements is not None:
+            on_modes, on_support = self._tangent
+            return np.asarray(on_support - np.tensordot(on_modes, s.reaction.inertia, axes=(1, 0)))
+        gained = np.zeros((self.problem.basis.N_t, 2 * n))
+        if self.kin.by_T is not None:
+            gained[:, :n] = np.outer(-self.law.T, s.reaction.inertia @ s.shortening)
+        return gained
+
+    @cached_property
     def _signals(self) -> tuple[Array, Array]:
         """Derivatives of u, v, rho, eta to (q, q'), (N_t, 4, 2n), and to T, (N_t, 4)."""
         problem, n = self.problem, self.problem.structure.n
@@ -82,8 +98,7 @@ class Disturbance:
         seen[:, 0, :n] = seen[:, 1, n:] = direction
         seen[:, 1, :n] = turning
         if r.varies:
-            on_modes, on_support = self._tangent
-            seen[:, 2] = on_support - np.tensordot(on_modes, r.inertia, axes=(1, 0))
+            seen[:, 2] = self._unsupported
             seen[:, 2, :n] += r.stiffness - r.inertia * s.omega_n**2
             seen[:, 2, n:] += r.damping - r.inertia * s.damping
             seen[:, 3, :n] = r.stretch
@@ -103,46 +118,53 @@ class Disturbance:
         old, new = (np.concatenate([w[f"q_{name}"], w[f"v_{name}"]])[:, None] for name in ("old", "new"))
         return free, old, new
 
-    def _driven(self, stride: int, Y: Array) -> Array:
-        """Fill `Y` (N, 2n, 2n+1): (q, q') at each sample from (q, q', T) at the one before; return it per T there."""
-        n, at = self.problem.structure.n, slice(stride - 1, None, stride)
-        free, old, new = self._modes(stride)
-        direction, T = np.tile(self._slip[0][at], 2), self.law.T[at]
-        Y[:, :, 2 * n] = np.roll(direction, 1, axis=0) * old[:, 0]
-        per_T = direction * new[:, 0]
+    def _driven(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples, Y: Array) -> Array:
+        """Fill `Y` (N, 2n, 2n+1): (q, q') at samples from (q, q', T) at those before; return it per T there."""
+        n, direction = self.problem.structure.n, self._slip[0]
+        free, old, new = modes
+        Y[:, :, 2 * n] = np.tile(direction[before], 2) * old[:, 0]
+        per_T = np.tile(direction[now], 2) * new[:, 0]
         if self.problem.elements is not None:
             Y[:, :, : 2 * n] = free
-            return _implicit(Y, per_T, self._tangent[0][at], old, new)
-        G = self.problem.structure.shortening
+            return _implicit(Y, per_T, self._tangent[0][now], self._tangent[0][before], old, new)
+        G, T, T_before = self.problem.structure.shortening, self.law.T[now], self.law.T[before]
         # what T shortens at the end of a step is taken of the motion without it: dt^2 T G is small beside 1
         start, end = np.zeros((2 * n, 2 * n)), new * np.tile(G @ free[:n], (2, 1))
         start[:, :n] = old * np.tile(G, (2, 1))
-        factors = np.column_stack([np.ones_like(T), -np.roll(T, 1), -T])
+        factors = np.column_stack([np.ones_like(T), -T_before, -T])
         Y[:, :, : 2 * n] = (factors @ np.stack([free, start, end]).reshape(3, -1)).reshape(-1, 2 * n, 2 * n)
         for column in (Y[:, :, 2 * n], per_T):
             column -= T[:, None] * new[:, 0] * np.tile(column[:, :n] @ G, 2)
         return per_T
 
-    def steps(self, stride: int = 1) -> Array:
-        """Derivative of the state at each sample to that so many samples before, (N_t / stride, size, size)."""
-        n, n_z, at = self.problem.structure.n, self.law.by_states.shape[2], slice(stride - 1, None, stride)
-        now, before = (part[at] for part in (self.law.by_signals, self.law.by_signals_before))
-        seen, seen_T = (part[at] for part in self._signals)
+    def steps(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples) -> Array:
+        """Derivative of the state at samples to that at those before, (N, size, size)."""
+        n, n_z = self.problem.structure.n, self.law.by_states.shape[2]
+        by_signals, by_signals_before = self.law.by_signals[now], self.law.by_signals_before[now]
+        seen, seen_T = self._signals
         J = np.zeros((len(now), 2 * n + 1 + n_z, 2 * n + 1 + n_z))
         motion = J[:, : 2 * n]  # without T of the sample itself
-        per_T = self._driven(stride, motion[:, :, : 2 * n + 1])
-        by_motion = now @ seen  # (N, 1 + n_z, 2n)
+        per_T = self._driven(modes, now, before, motion[:, :, : 2 * n + 1])
+        by_motion = by_signals @ seen[now]  # (N, 1 + n_z, 2n)
         known = by_motion @ motion
-        known[:, :, : 2 * n] += before @ np.roll(seen, 1, axis=0)
-        known[:, :, 2 * n] += (before @ np.roll(seen_T, 1, axis=0)[:, :, None])[:, :, 0]
-        known[:, :, 2 * n + 1 :] += self.law.by_states[at]
+        known[:, :, : 2 * n] += by_signals_before @ seen[before]
+        known[:, :, 2 * n] += (by_signals_before @ seen_T[before][:, :, None])[:, :, 0]
+        known[:, :, 2 * n + 1 :] += self.law.by_states[now]
         # T = known + by_T T
-        by_T = (by_motion @ per_T[:, :, None] + now @ seen_T[:, :, None])[:, :, 0]
+        by_T = (by_motion @ per_T[:, :, None] + by_signals @ seen_T[now][:, :, None])[:, :, 0]
         T = known[:, 0] / (1.0 - by_T[:, :1])
         motion += per_T[:, :, None] * T[:, None]
         J[:, 2 * n] = T
         J[:, 2 * n + 1 :] = known[:, 1:] + by_T[:, 1:, None] * T[:, None]
         return J
+
+    def _over_period(self, stride: int = 1) -> Array:
+        """Product of the steps of so many samples, (size, size); in blocks that stay in the processor's cache."""
+        modes = self._modes(stride)
+        samples = np.arange(stride - 1, self.problem.basis.N_t, stride)
+        size = 2 * self.problem.structure.n + 1 + self.law.by_states.shape[2]
+        blocks = np.array_split(samples, -(-len(samples) * size**2 // HELD))
+        return monodromy(np.stack([monodromy(self.steps(modes, now, now - stride)) for now in blocks]))
 
     @property
     def monodromy(self) -> Array:
@@ -151,10 +173,10 @@ class Disturbance:
         The product of the steps is accurate to second order. Where the law remembers nothing, it is extrapolated to
         fourth from steps of two samples (Richardson).
         """
-        fine = monodromy(self.steps())
+        fine = self._over_period()
         if self.law.remembers or self.problem.basis.N_t % 2:
             return fine
-        return np.asarray((4.0 * fine - monodromy(self.steps(2))) / 3.0)
+        return np.asarray((4.0 * fine - self._over_period(2)) / 3.0)
 
     @property
     def rate(self) -> Array:
@@ -190,10 +212,10 @@ class Disturbance:
         return np.asarray(self._slip[0][:, :, None] * T - self._tangent[0] @ y)
 
 
-def _implicit(Y: Array, per_T: Array, lost: Array, old: Array, new: Array) -> Array:
+def _implicit(Y: Array, per_T: Array, lost: Array, lost_before: Array, old: Array, new: Array) -> Array:
     """Take of motions `Y`, in place, and per T the forces (N, n, 2n) that motion at both ends of the steps takes."""
     n = lost.shape[1]
-    Y[:, :, : 2 * n] -= old * np.tile(np.roll(lost, 1, axis=0), (1, 2, 1))
+    Y[:, :, : 2 * n] -= old * np.tile(lost_before, (1, 2, 1))
     free = np.concatenate([Y, per_T[:, :, None]], axis=2)
     forces = np.linalg.solve(np.eye(n) + lost[:, :, :n] * new[:n, 0] + lost[:, :, n:] * new[n:, 0], lost @ free)
     free -= new * np.tile(forces, (1, 2, 1))
