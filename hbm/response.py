@@ -112,18 +112,17 @@ def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) ->
     return result.x
 
 
-def pad(problem: HarmonicBalance, state: State, kept: int | None = None) -> Array:
+def pad(problem: HarmonicBalance, state: State) -> Array:
     """Scaled unknowns of a state on the problem's harmonics and modes.
 
-    New harmonics start from zero, new modes from their linear response to excitation and friction; so do all but the
-    first `kept` where a number is given.
+    New harmonics start from zero, new modes from their linear response to excitation and friction.
     """
     H_old, n_old = state.Q.shape[0] // 2, state.Q.shape[1]
     size, n, H = problem.basis.size, problem.structure.n, problem.basis.H
     keep = min(H, H_old)
     source = np.r_[0 : keep + 1, H_old + 1 : H_old + 1 + keep]
     target = np.r_[0 : keep + 1, H + 1 : H + 1 + keep]
-    m = min(n, n_old if kept is None else kept)
+    m = min(n, n_old)
     Q, T = np.zeros((size, n)), np.zeros(size)
     Q[target, :m] = state.Q[source, :m]
     T[target] = state.T[source]

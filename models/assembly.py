@@ -64,7 +64,8 @@ class Resonator(NamedTuple):
 
     def force(self, omega: Array) -> Array:
         """On the beam, per unit of deflection that swings at `omega` [N/m]."""
-        return np.asarray(self.mass * omega**2 / (1.0 - (omega / (2 * np.pi * self.frequency_hz)) ** 2))
+        inertia = self.mass * omega**2
+        return np.asarray(self.stiffness * inertia / (self.stiffness - inertia))
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.diagnosis.discrepancy import LEFT_OVER, Basis, WhiteRecord, read_by
+from hbm.diagnosis.discrepancy import LEFT_OVER, WhiteRecord, read_by
 from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.places import Complex, Place, all_at_once, contact_of, points_of
 from hbm.diagnosis.records import Campaign
+from hbm.diagnosis.span import Span
 from hbm.fourier import Array
 from hbm.sensitivity import disturbed
-from models.assembly import LISTS
+from models.assembly import LISTS, PointMass, PointSpring, Resonator
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.rig import Rig
@@ -27,9 +28,6 @@ PLACES = 12
 
 STEP, BEYOND = 0.003, 1.5
 """Relative step of what shapes a stiffness, and how far it is scanned beyond its least and its largest start."""
-
-RESOLVED = 1e-6
-"""Forces that the sensors see by less than this, beside those they see best, are not looked for."""
 
 MOST, HELPS = 4, 0.3
 """Starts of a cause by each scan, at most; and the least fall of chi2 of one beside that of the best."""
@@ -42,6 +40,7 @@ CHANCE = 30.0
 """Fall of chi2 that a scan brings by chance, nearly."""
 
 Start = dict[str, float]
+Attachment = PointMass | PointSpring | Resonator
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,8 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
     numbers = [r.number for r in campaign.data.records if r.number in base.found]
     few = campaign.of(numbers)
     omega = 2 * np.pi * np.array([[r.hz] for r in few.data.records]) * np.arange(1, few.data.H + 1)
-    found = [(c.label, a) for c in causes for a in _attached(c, rig, omega)]
+    each = {c.label: _attached(c, rig, omega) for c in causes}
+    found = {label: attached for label, attached in each.items() if attached is not None}
     if not found or not isinstance(rig.body, Beam) or few.points <= 2 * few.data.H * len(numbers):
         return {}
     positions = rig.body.length * np.arange(1, PLACES + 1) / (PLACES + 1)
@@ -83,7 +83,7 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
         scans.append(_Scan(base, records, beside=True))
     return {
         label: tuple(start for scan in scans for start in _best(a, *scan.gains(a.stiffness), positions))
-        for label, a in found
+        for label, a in found.items()
     }
 
 
@@ -93,29 +93,29 @@ def _records(base: Evaluation, campaign: Campaign, probed: Rig, points: Sequence
         solution = base.found[record.number].solution
         change = disturbed(probed, solution, all_at_once(places, solution, H))
         white = WhiteRecord(record, base, campaign, places, read_by(campaign.data, solution, change))
-        moved = {p.name: solution.basis.complex(change[p.name])[1 : H + 1] for p in points}
-        records.append(_Record(white, {name: np.split(m, len(places), axis=1) for name, m in moved.items()}))
+        moved = np.stack([solution.basis.complex(change[p.name])[1 : H + 1] for p in points])
+        records.append(_Record(white, np.stack(np.split(moved, len(places), axis=2))))
     return records
 
 
-def _attached(cause: Cause, rig: Rig, omega: Array) -> Iterator[_Attached]:
-    """What a cause attaches at a place, if it does."""
+def _attached(cause: Cause, rig: Rig, omega: Array) -> _Attached | None:
+    """What a cause attaches at a place, and that alone; None where it does not."""
     size, *shapes = cause.unknowns(rig) or (None,)
-    if size is None or not any(u.name == "position" for u in shapes) or not all(u.shapes for u in shapes):
-        return
     others = [u for u in shapes if u.name != "position"]
-    if len(others) > 1:
-        return
+    if size is None or len(shapes) != len(others) + 1 or len(others) > 1 or not all(u.shapes for u in shapes):
+        return None
+    first: Start = {size.name: size.starts[-1], **{u.name: u.starts[0] for u in shapes}}
+    if any(min(u.starts) <= 0.0 for u in others) or len(_added(cause, rig, first)) != 1:
+        return None
     scanned: list[Start] = [{u.name: float(value) for u in others} for value in _values(others)]
-    at_once: Start = {size.name: size.starts[-1], **{u.name: u.starts[0] for u in shapes}}
-    forces = []
-    for shape in scanned:
-        before, after = (r.attachments for r in (rig, cause.extend(rig, at_once | shape)))
-        added = [entry for kind in LISTS for entry in getattr(after, kind)[len(getattr(before, kind)) :]]
-        if len(added) != 1:
-            return
-        forces.append(added[0].force(omega) / size.starts[-1])
-    yield _Attached(size, scanned, np.array(forces))
+    forces = [_added(cause, rig, first | shape)[0].force(omega) / size.starts[-1] for shape in scanned]
+    return _Attached(size, scanned, np.array(forces))
+
+
+def _added(cause: Cause, rig: Rig, values: Start) -> list[Attachment]:
+    """What a cause attaches at places that the rig has not."""
+    before, after = rig.attachments, cause.extend(rig, values).attachments
+    return [entry for kind in LISTS for entry in getattr(after, kind)[len(getattr(before, kind)) :]]
 
 
 def _values(others: Sequence[Unknown]) -> Array:
@@ -128,56 +128,50 @@ def _values(others: Sequence[Unknown]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Record:
-    """A record with the force at the contact and at each place: what it is read by, and the deflection it makes."""
+    """A record with forces at the contact and at p points: what they are read by, and the deflections they make."""
 
     white: WhiteRecord
-    by_force: dict[str, list[Complex]]
+    moved: Complex
+    """Amplitudes at the points by cosines, then sines of the force at the contact and at each point (1+p, p, H, 2H)."""
 
     def free(self, beside: bool) -> Array:
         """Columns of a contact force that is free, none where it follows the law."""
         contact = self.white.columns[0]
         return contact if beside else contact[:, :0]
 
-    def deflection(self, place: int, beside: bool) -> Complex:
-        """Amplitudes (H,) at a place, under the forces there and at the contact that the misfit asks for."""
-        own, free = self.white.columns[place], self.free(beside)
-        columns = np.hstack([own, free])
-        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        force = np.linalg.lstsq(columns / scale, self.white.residual, rcond=RESOLVED)[0] / scale
-        from_contact, *_ = by_force = self.by_force[self.white.places[place].name]
-        moved = by_force[place] @ force[: own.shape[1]] + from_contact[:, : free.shape[1]] @ force[own.shape[1] :]
-        return np.asarray(self.white.seen[place] + moved)
+    def deflection(self, point: int, beside: bool) -> Complex:
+        """Amplitudes (H,) at a point, under the forces there and at the contact that the misfit asks for."""
+        own, free = self.white.columns[1 + point], self.free(beside)
+        force = Span(np.hstack([own, free])).amplitudes(self.white.residual)
+        here, contact = self.moved[1 + point, point], self.moved[0, point, :, : free.shape[1]]
+        moved = here @ force[: own.shape[1]] + contact @ force[own.shape[1] :]
+        return np.asarray(self.white.seen[1 + point] + moved)
 
 
 class _Scan:
-    """Forces at places, beside one at the contact that is free or follows the law."""
+    """Forces at points, beside one at the contact that is free or follows the law."""
 
     def __init__(self, base: Evaluation, records: Sequence[_Record], beside: bool) -> None:
-        alone = [Basis(r.free(beside)) for r in records]
-        places = range(1, len(records[0].white.columns))
-        each = list(zip(alone, records, strict=True))
-        self.columns = [[a.across(r.white.columns[i]) for a, r in each] for i in places]
-        self.deflection = [[r.deflection(i, beside) for r in records] for i in places]
-        expected = np.diag([1.0 / f.std for f in base.model.free]).reshape(len(base.x), len(base.x))
-        J = np.vstack([*(a.across(r.white.jacobian) for a, r in each), expected])
-        self.known = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))[0] if J.shape[1] else J
-        self.residual = self._beyond(np.concatenate([*(a.across(r.white.residual) for a, r in each), -base.pulls]))
-
-    def _beyond(self, rows: Array) -> Array:
-        """What calibrated numbers do not explain."""
-        return np.asarray(rows - self.known @ (self.known.T @ rows))
+        points = range(len(records[0].moved) - 1)
+        each = [(Span(r.free(beside)), r) for r in records]
+        self.columns = [[free.across(r.white.columns[1 + i]) for free, r in each] for i in points]
+        self.deflection = [[r.deflection(i, beside) for r in records] for i in points]
+        self.expected = base.expected
+        self.calibration = Span(np.vstack([*(free.across(r.white.jacobian) for free, r in each), base.expected]))
+        rows = [*(free.across(r.white.residual) for free, r in each), -base.pulls]
+        self.residual = self.calibration.across(np.concatenate(rows))
 
     def gains(self, stiffness: Array) -> tuple[Array, Array]:
-        """Fall of chi2 and the size that brings it, for each place and shape, (p, s)."""
+        """Fall of chi2 and the size that brings it, for each point and shape, (p, s)."""
         found = [self._at(i, stiffness) for i in range(len(self.columns))]
         return np.array([gain for gain, _ in found]), np.array([size for _, size in found])
 
-    def _at(self, place: int, stiffness: Array) -> tuple[Array, Array]:
+    def _at(self, point: int, stiffness: Array) -> tuple[Array, Array]:
         rows = []
-        for record, (columns, deflection) in enumerate(zip(self.columns[place], self.deflection[place], strict=True)):
+        for record, (columns, deflection) in enumerate(zip(self.columns[point], self.deflection[point], strict=True)):
             force = stiffness[:, record] * deflection
             rows.append(columns @ np.hstack([force.real, -force.imag]).T)
-        v = self._beyond(np.vstack([*rows, np.zeros((self.known.shape[1], len(stiffness)))]))
+        v = self.calibration.across(np.vstack([*rows, np.zeros((len(self.expected), len(stiffness)))]))
         along, square = v.T @ self.residual, np.maximum(np.sum(v**2, axis=0), 1e-300)
         return np.where(along > 0.0, along**2 / square, 0.0), along / square
 

@@ -12,6 +12,7 @@ from scipy import stats
 
 from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.screen import Screening
+from hbm.diagnosis.span import Span
 from hbm.fourier import Array
 from models.rig import Rig
 
@@ -95,14 +96,10 @@ def inclusion(fits: Sequence[Evaluation], best: Evaluation, draws: int = DRAWS) 
     size = float(np.log(len(best.white)))
     bics = []
     for e in (best, *(e for e in fits if e is not best and len(e.white) == len(best.white))):
-        expected = 1.0 / np.array([f.std for f in e.model.free])
-        J = np.vstack([e.white.jacobian, np.diag(expected)])
         shift = e.white.residual - best.white.residual
         r = np.vstack([shift[:, None] + noise, np.tile(-e.pulls[:, None], draws)])
-        if J.shape[1]:
-            Q, _ = np.linalg.qr(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300))
-            r = r - Q @ (Q.T @ r)
-        bics.append(np.sum(r**2, axis=0) + e.model.counted * size)
+        left = Span(np.vstack([e.white.jacobian, e.expected])).across(r)
+        bics.append(np.sum(left**2, axis=0) + e.model.counted * size)
     return float(np.mean(np.argmin(bics, axis=0) == 0))
 
 

@@ -14,14 +14,12 @@ import numpy.typing as npt
 from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.places import CONTACT, Complex, Place, all_at_once, places_of, sensor
 from hbm.diagnosis.records import Campaign, uncorrelated
+from hbm.diagnosis.span import Span
 from hbm.fourier import Array
 from hbm.identification.records import Measurement, Record, parts
 from hbm.sensitivity import disturbed
 from hbm.solution import PeriodicSolution
 from models.rig import UNITS, Rig
-
-RESOLVED = 1e-7
-"""Forces that the sensors see by less than this, beside those they see best, are not looked for."""
 
 LEFT_OVER = 0.1
 """Share of the coefficients that must be left beyond the unknowns, for a place to be told."""
@@ -333,9 +331,9 @@ def discrepancy(e: Evaluation, campaign: Campaign) -> Discrepancy:
         if r.number in e.found
     ]
     points, numbers = sum(len(w.residual) for w in white), 2 * campaign.data.H * len(white)
-    alone = [_at(place, [Basis(w.columns[i]) for w in white], white, e, i) for i, place in enumerate(places)]
+    alone = [_at(place, [Span(w.columns[i]) for w in white], white, e, i) for i, place in enumerate(places)]
     beside = [
-        _at(place, [Basis(w.columns[i], w.columns[0]) for w in white], white, e, i)
+        _at(place, [Span(np.hstack([w.columns[i], w.columns[0]])) for w in white], white, e, i)
         for i, place in enumerate(places)
         if i and points - 2 * numbers > LEFT_OVER * points
     ]
@@ -366,7 +364,7 @@ class WhiteRecord:
     def __init__(
         self, record: Record, e: Evaluation, campaign: Campaign, places: Sequence[Place], columns: Array
     ) -> None:
-        self.record, self.places, simulated = record, places, e.found[record.number]
+        self.record, simulated = record, e.found[record.number]
         own = e.white.record == record.number
         self.residual, self.jacobian = e.white.residual[own], e.white.jacobian[own]
         std = np.broadcast_to(campaign.std(record), record.listed.shape)[record.listed]
@@ -397,16 +395,16 @@ def _of_reading(channel: int, channels: int, H: int) -> Array:
     return out
 
 
-def _at(place: Place, bases: Sequence["Basis"], white: Sequence[WhiteRecord], e: Evaluation, i: int) -> MissingForce:
+def _at(place: Place, spans: Sequence[Span], white: Sequence[WhiteRecord], e: Evaluation, i: int) -> MissingForce:
     """The missing force at the i-th place; calibrated numbers move by `step` along with it."""
-    left = np.concatenate([b.across(w.residual) for b, w in zip(bases, white, strict=True)])
-    slopes = np.concatenate([b.across(w.jacobian) for b, w in zip(bases, white, strict=True)])
-    sigma = np.diag([1.0 / f.std for f in e.model.free]).reshape(len(e.x), len(e.x))
-    step = np.linalg.lstsq(np.vstack([slopes, sigma]), np.concatenate([left, -e.pulls]))[0] if len(e.x) else e.x
-    chi2 = float(np.sum((left - slopes @ step) ** 2) + np.sum((e.pulls + sigma @ step) ** 2))
-    points, unknowns = len(left), sum(b.rank for b in bases)
+    left = np.concatenate([s.across(w.residual) for s, w in zip(spans, white, strict=True)])
+    slopes = np.concatenate([s.across(w.jacobian) for s, w in zip(spans, white, strict=True)])
+    calibration, rows = Span(np.vstack([slopes, e.expected])), np.concatenate([left, -e.pulls])
+    step, chi2 = calibration.amplitudes(rows), float(np.sum(calibration.across(rows) ** 2))
+    points, unknowns = len(left), sum(s.rank for s in spans)
     excess, remains = e.chi2 - points, max(chi2 - (points - unknowns), 0.0)
-    found = [b.solution(w.residual - w.jacobian @ step) for b, w in zip(bases, white, strict=True)]
+    H = len(white[0].seen[i])
+    found = [_harmonics(s, w.residual - w.jacobian @ step, H) for s, w in zip(spans, white, strict=True)]
     return MissingForce(
         place=place,
         share=float(np.clip(1.0 - remains / excess, 0.0, 1.0)) if excess > 0.0 else 0.0,
@@ -420,26 +418,11 @@ def _at(place: Place, bases: Sequence["Basis"], white: Sequence[WhiteRecord], e:
     )
 
 
-class Basis:
-    """What the columns (m, 2 H) of a place span, and those of another that acts beside it."""
+def _harmonics(span: Span, rows: Array, H: int) -> tuple[Complex, Array]:
+    """Amplitudes (H,) of a place, whose columns are the first, and the standard deviation of their parts.
 
-    def __init__(self, own: Array, beside: Array | None = None) -> None:
-        columns = own if beside is None else np.hstack([own, beside])
-        self.H = own.shape[1] // 2
-        size = np.linalg.norm(columns, axis=0)
-        self.scale = np.where(size > 0.0, size, 1.0)
-        U, s, Vt = np.linalg.svd(columns / self.scale, full_matrices=False)
-        self.rank = int(np.sum(s > RESOLVED * max(s.max(initial=0.0), 1e-300)))
-        self.U, self.back = U[:, : self.rank], (Vt[: self.rank].T / s[: self.rank]) / self.scale[:, None]
-        self.blind = size == 0.0
-
-    def across(self, rows: Array) -> Array:
-        """What the place does not explain of (m, ...)."""
-        return np.asarray(rows - self.U @ (self.U.T @ rows))
-
-    def solution(self, rows: Array) -> tuple[Complex, Array]:
-        """Amplitudes (H,) of least squares and the standard deviation of their parts; nan where no sensor sees any."""
-        H = self.H
-        x, std = self.back @ (self.U.T @ rows), np.linalg.norm(self.back, axis=1)
-        x, std = np.where(self.blind, np.nan, x), np.where(self.blind, np.nan, std)
-        return x[:H] - 1j * x[H : 2 * H], np.sqrt((std[:H] ** 2 + std[H : 2 * H] ** 2) / 2)
+    Both are nan where no sensor sees any.
+    """
+    std = span.std[: 2 * H]
+    x = np.where(np.isnan(std), np.nan, span.amplitudes(rows)[: 2 * H])
+    return x[:H] - 1j * x[H:], np.sqrt((std[:H] ** 2 + std[H:] ** 2) / 2)

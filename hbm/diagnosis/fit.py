@@ -78,10 +78,15 @@ class Evaluation:
         return {(f.cause, f.name): float(x) for f, x in zip(self.model.free, self.x, strict=True)}
 
     @property
+    def expected(self) -> Array:
+        """What is expected of the coordinates, as rows beside those of the records: (n, n), in standard deviations."""
+        return np.diag([1.0 / f.std for f in self.model.free])
+
+    @property
     def information(self) -> Array:
         """Inverse covariance of the coordinates by records and expectation, (n, n)."""
         J = self.white.jacobian
-        return np.asarray(J.T @ J + np.diag([1.0 / f.std**2 for f in self.model.free]))
+        return np.asarray(J.T @ J + self.expected**2)
 
     @property
     def covariance(self) -> Array:

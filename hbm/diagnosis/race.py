@@ -6,7 +6,7 @@ the final is exact.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 
 import numpy as np
@@ -101,17 +101,17 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
     list of Evaluation
         Of the finalists on all records, the least chi2 first.
     """
-    screening = _started(screening, base, campaign)
+    screening, heats = _started(screening, base, campaign), _Heats(base, campaign)
     if small(base):
-        done = _final(_by_score(base, campaign, screening), base, campaign, tell)
-        ran, rest = {e.model.label for e in done}, [s for s in screening.scores if _unseen(s)]
+        done = _final(_by_score(heats, screening), base, campaign, tell)
+        ran, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
     else:
-        heat, ran = _by_heat(base, campaign, screening, tell, LITTLE)
-        done, rest = _final(heat, base, campaign, tell), _running(screening, base)
-    rest = [s for s in rest if base.model.extended_by(s.cause).label not in ran]
+        finalists, ran = _by_heat(heats, screening, tell, LITTLE)
+        done, rest = _final(finalists, base, campaign, tell), _running(screening, base)
+    rest = [s for s in rest if s.cause.label not in ran]
     if rest and not any(misfit(e, campaign).fits for e in done):
-        heat, _ = _by_heat(base, campaign, replace(screening, scores=tuple(rest)), tell, 0.0)
-        done += _final(heat, base, campaign, tell)
+        finalists, _ = _by_heat(heats, replace(screening, scores=tuple(rest)), tell, 0.0)
+        done += _final(finalists, base, campaign, tell)
     return _refined(done, base, campaign)
 
 
@@ -153,12 +153,13 @@ def _rank(e: Evaluation) -> tuple[int, float]:
     return len(e.missing), e.chi2
 
 
-def _by_score(base: Evaluation, campaign: Campaign, screening: Screening) -> list[Runner]:
+def _by_score(heats: "_Heats", screening: Screening) -> list[Runner]:
     """Candidates whose predicted fall of BIC is near the best; those with a place from other places too."""
+    base = heats.base
     best = screening.scores[0].gain if screening.scores else 0.0
     chosen = [s for s in screening.scores[:FINALISTS] if s.gain > 0.0 and s.gain >= SHARE * best]
     placed = [s for s in chosen if any(u.shapes for u in s.cause.unknowns(base.model.nominal))]
-    quick = _Heats(base, _few(base, campaign)).run(placed, MORE_STARTS, HEAT_STEPS) if placed else []
+    quick = heats.run(placed, MORE_STARTS, HEAT_STEPS) if placed else []
     found = {r.cause.label: (r.x, *r.others) for r in quick if r is not None}
     return [
         Runner(
@@ -171,40 +172,35 @@ def _by_score(base: Evaluation, campaign: Campaign, screening: Screening) -> lis
     ]
 
 
-def _few(base: Evaluation, campaign: Campaign) -> Campaign:
-    return coarse(campaign, telling(base, campaign, HEAT_RECORDS), base)
-
-
-def _by_heat(
-    base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell, little: float
-) -> tuple[list[Runner], set[str]]:
+def _by_heat(heats: "_Heats", screening: Screening, tell: Tell, little: float) -> tuple[list[Runner], set[str]]:
     """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that ran."""
-    few = _few(base, campaign)
-    heats = _Heats(base, few)
-    before = float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
-    heat = _first_heat(heats, screening, max(EXPLAINED * few.points, little * before), tell)
+    few = heats.few
+    heat, ran = _first_heat(heats, screening, max(EXPLAINED * few.points, little * heats.before), tell)
     if not heat:
-        return [], set()
-    hopeless = heat[0].chi2 > HELPS * before
-    if not hopeless and not base.model.causes:
+        return [], ran
+    hopeless = heat[0].chi2 > HELPS * heats.before
+    if not hopeless and not heats.base.model.causes:
         heat = _from_other_starts(heat, heats, screening, tell)
-    ran = {base.model.extended_by(r.cause).label for r in heat}
-    return _finalists(heat, few, hopeless, len(campaign.numbers) / len(few.numbers)), ran
+    return _finalists(heat, few, hopeless, len(heats.campaign.numbers) / len(few.numbers)), ran
 
 
-def _first_heat(heats: "_Heats", screening: Screening, explained: float, tell: Tell) -> list[Runner]:
-    """Quick fits of what may explain the records; the least chi2 first."""
+def _first_heat(heats: "_Heats", screening: Screening, explained: float, tell: Tell) -> tuple[list[Runner], set[str]]:
+    """Quick fits of what may explain the records, the least chi2 first; and the labels of all that were tried."""
     running = _running(screening, heats.base)
     heat: list[Runner] = []
+    ran: set[str] = set()
     for i in range(0, len(running), heats.at_once):
         batch = [s for s in running[i : i + heats.at_once] if not _settled(heat, explained, s.cause, screening)]
         if not batch:
             continue
         tell(", ".join(s.cause.label for s in batch) + f" ({i + 1} of {len(running)})")
         for score, runner in zip(batch, heats.run(batch), strict=True):  # the same with and without an executor
-            if runner is not None and not _settled(heat, explained, score.cause, screening):
+            if _settled(heat, explained, score.cause, screening):
+                continue
+            ran.add(score.cause.label)
+            if runner is not None:
                 heat.append(runner)
-    return sorted(heat, key=lambda r: r.chi2)
+    return sorted(heat, key=lambda r: r.chi2), ran
 
 
 def _running(screening: Screening, base: Evaluation) -> list[Score]:
@@ -245,22 +241,34 @@ def _unseen(score: Score) -> bool:
     return bool(getattr(score.cause, "abrupt", False) or score.starts)
 
 
+@dataclass(frozen=True, eq=False)
 class _Heats:
     """Quick heats of candidates, each on one core."""
 
-    def __init__(self, base: Evaluation, few: Campaign) -> None:
-        self.executor = few.executor
-        found = {number: base.found[number] for number in few.numbers}
-        self.base, self.few = replace(base, found=found), replace(few, executor=None)
+    base: Evaluation
+    campaign: Campaign
+
+    @cached_property
+    def few(self) -> Campaign:
+        """What they run on."""
+        numbers = telling(self.base, self.campaign, HEAT_RECORDS)
+        return replace(coarse(self.campaign, numbers, self.base), executor=None)
+
+    @property
+    def before(self) -> float:
+        """Chi2 of these records before."""
+        white = self.base.white
+        return float(np.sum(white.residual[np.isin(white.record, self.few.numbers)] ** 2))
 
     @property
     def at_once(self) -> int:
         """Heats that are run before their outcome is looked at."""
-        return 1 if self.executor is None else AT_ONCE
+        return 1 if self.campaign.executor is None else AT_ONCE
 
     def run(self, scores: Sequence[Score], most: int = HEAT_STARTS, steps: int = HEAT_STEPS) -> list[Runner | None]:
         """Runners, None where there is no fit."""
-        return each(self.executor, partial(_heat, self.base, self.few, most=most, steps=steps), scores)
+        base = replace(self.base, found={number: self.base.found[number] for number in self.few.numbers})
+        return each(self.campaign.executor, partial(_heat, base, self.few, most=most, steps=steps), scores)
 
 
 def _stuck(heat: Sequence[Runner], explained: float, rig: Rig, screening: Screening) -> list[Runner]:

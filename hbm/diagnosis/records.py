@@ -233,22 +233,22 @@ def _steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -
             return rig, solve_record(rig, basis, record, None)
         except FAILURES:
             return None
-    for start, kept in _starts(rig, last, record.start):
+    for start in _starts(rig, last, record.start):
         try:
-            return rig, solve_from(rig, basis, record, start, NEWTON, kept)
+            return rig, solve_from(rig, basis, record, start, NEWTON)
         except FAILURES:
             continue
     return None
 
 
-def _starts(rig: Rig, last: State, reconstructed: State) -> list[tuple[State, int | None]]:
-    """States to start from, and how many of their modes: of none where something may have been attached that swings.
+def _starts(rig: Rig, last: State, reconstructed: State) -> list[State]:
+    """States to start from, whole and by their friction alone; that first where something was attached that swings.
 
-    Such modes share a resonance between them; what the friction is there is nearer than how they move.
+    Its modes share a resonance with others; what the friction is there is nearer than how they move.
     """
-    same = last.Q.shape[1] == rig.structure.n
-    given, forced = [(last, None), (reconstructed, None)], [(last, 0), (reconstructed, 0)]
-    return [*given, *forced] if same else [*forced, *given]
+    given = [last, reconstructed]
+    forced = [replace(state, Q=state.Q[:, :0]) for state in given]
+    return [*given, *forced] if last.Q.shape[1] == rig.structure.n else [*forced, *given]
 
 
 def simulated(

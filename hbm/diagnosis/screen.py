@@ -16,6 +16,7 @@ from hbm.diagnosis.model import Model
 from hbm.diagnosis.nominal import nominal_scalars
 from hbm.diagnosis.numerics import LEFT, Correction, size
 from hbm.diagnosis.records import FAILURES, Campaign
+from hbm.diagnosis.span import Span
 from hbm.fourier import Array
 from models.causes.cause import Cause, Unknown
 from models.causes.parameter import WrongParameter
@@ -287,14 +288,12 @@ def _projected(
 ) -> tuple[float, float, Array]:
     """Predicted drop, its signed root by the strength alone, and the unit signature of the strength."""
     free = e.model.free
-    expected = np.array([0.0 if mine else 1.0 / f.std for f, mine in zip(free, own, strict=True)])
-    J = np.vstack([e.white.jacobian, np.diag(expected)])
+    J = np.vstack([e.white.jacobian, np.where(own, 0.0, e.expected)])
     r = np.concatenate([residual, -np.where(own, 0.0, e.pulls)])
     known, mine = J[:, others], J[:, own]
     whole = float(np.linalg.norm(mine[:, 0]))
-    if known.shape[1]:
-        Q, _ = np.linalg.qr(known / np.maximum(np.linalg.norm(known, axis=0), 1e-300))
-        r, mine = r - Q @ (Q.T @ r), mine - Q @ (Q.T @ mine)
+    calibration = Span(known)
+    r, mine = calibration.across(r), calibration.across(mine)
     first = mine[:, 0]
     size = float(np.linalg.norm(first))
     if size <= SEEN * whole or size == 0.0:
@@ -307,6 +306,6 @@ def _projected(
         return 0.0, 0.0, first[: len(residual)] / size
     reach = np.array([min(np.ptp(f.bounds), 10.0) for f in free])[own]
     effect = np.linalg.norm(mine, axis=0) * reach
-    U, _ = np.linalg.qr(mine[:, effect >= VISIBLE * effect[0]])
+    explained = r - Span(mine[:, effect >= VISIBLE * effect[0]]).across(r)
     relief = float(np.sum(np.where(own, e.pulls, 0.0) ** 2))  # a nominal value that is wrong is not held to tolerance
-    return float(np.sum((U.T @ r) ** 2)) + relief, z * (np.sign(toward) or 1.0), first[: len(residual)] / size
+    return float(explained @ explained) + relief, z * (np.sign(toward) or 1.0), first[: len(residual)] / size

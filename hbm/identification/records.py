@@ -160,10 +160,8 @@ def solve_record(rig: Rig, basis: FourierBasis, record: Record, last: State | No
     return describe(problem, first_solution(problem, lam), lam)
 
 
-def solve_from(
-    rig: Rig, basis: FourierBasis, record: Record, start: State, steps: int = 40, kept: int | None = None
-) -> PeriodicSolution:
-    """Steady state of a record by Newton's method from a state, or from its friction and its first `kept` modes.
+def solve_from(rig: Rig, basis: FourierBasis, record: Record, start: State, steps: int = 40) -> PeriodicSolution:
+    """Steady state of a record by Newton's method from a state.
 
     Raises
     ------
@@ -172,9 +170,7 @@ def solve_from(
     """
     problem = HarmonicBalance(rig, basis, level=record.force)
     lam = problem.lam_at(record.hz)
-    result = solve_at(
-        problem, pad(problem, start, kept), lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=steps)
-    )
+    result = solve_at(problem, pad(problem, start), lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=steps))
     if not result.converged:
         raise ConvergenceError(f"no convergence, last residual {result.residual_norm:.2g}; {result.reason.value}")
     return describe(problem, result.x, lam)

@@ -1,0 +1,41 @@
+"""Least squares by projection: what some columns explain of misfits, and what they leave."""
+
+import numpy as np
+
+from hbm.fourier import Array
+
+RESOLVED = 1e-7
+"""Combinations of columns that are seen by less than this, beside the one seen best, are not looked for."""
+
+
+class Span:
+    """What the columns (m, n) span.
+
+    Parameters
+    ----------
+    columns : (m, n) array
+        Each counts by its direction alone.
+
+    Attributes
+    ----------
+    rank : int
+        Combinations that are resolved.
+    std : (n,) array
+        Of each amplitude, for rows in standard deviations; nan of a column that is nothing.
+    """
+
+    def __init__(self, columns: Array) -> None:
+        size = np.linalg.norm(columns, axis=0)
+        scale = np.where(size > 0.0, size, 1.0)
+        U, s, Vt = np.linalg.svd(columns / scale, full_matrices=False)
+        self.rank = int(np.sum(s > RESOLVED * max(s.max(initial=0.0), 1e-300)))
+        self.U, self.back = U[:, : self.rank], (Vt[: self.rank].T / s[: self.rank]) / scale[:, None]
+        self.std = np.where(size > 0.0, np.linalg.norm(self.back, axis=1), np.nan)
+
+    def across(self, rows: Array) -> Array:
+        """What the columns leave of rows (m, ...)."""
+        return np.asarray(rows - self.U @ (self.U.T @ rows))
+
+    def amplitudes(self, rows: Array) -> Array:
+        """Least amplitudes (n, ...) of the columns that bring rows (m, ...) nearest."""
+        return np.asarray(self.back @ (self.U.T @ rows))
