@@ -23,7 +23,7 @@ def estimate(value, std=None):
     return {"value": value} if std is None else {"value": value, "std": std, "unit": "1"}
 
 
-def outcome(truth, named=None, *, true=None, found=None, verdict=None, rho=100.0, **more):
+def outcome(truth, named=None, *, true=None, found=None, verdict=None, rho=100.0, lacks=100.0, **more):
     """One case: the hidden cause (None: nothing; "outside ...") and what was said."""
     outside = str(truth).startswith("outside")
     kind = "consistent" if truth is None else "unexplained" if outside else "cause-found"
@@ -35,7 +35,8 @@ def outcome(truth, named=None, *, true=None, found=None, verdict=None, rho=100.0
         "verdict": verdict or ("cause-found" if named else "consistent"), "cause": named, "parameters": found or {},
         "confidence": 0.99, "not_separable": [], "errors": {},
     } | more  # fmt: skip
-    return Outcome("0001", {"case": "0001", "diagnosis": said, "seconds": 20.0, "cpu_seconds": 18.0}, answer, RIG)
+    took = {"seconds": 20.0, "cpu_seconds": 18.0}
+    return Outcome("0001", {"case": "0001", "diagnosis": said, "lack_of_fit": lacks} | took, answer, RIG)
 
 
 def row(rows, group, name):
@@ -138,6 +139,7 @@ def test_table_counts_what_it_says():
         outcome(None, verdict="unexplained"),
         outcome("outside magnet", verdict="unexplained"),
         outcome("outside magnet", "added-mass"),
+        outcome("outside magnet", lacks=3.0),
     ]
     rows = rates.table(found, Allowed({"added-mass": Ceiling((1.0,) * 10, (2.0,) * 10)}, {}))
 
@@ -153,8 +155,9 @@ def test_table_counts_what_it_says():
     assert row(rows, "cause and those", "mean").value == pytest.approx(5 / 4)
     assert counted("false alarms", "cause-found or") == (2, 9)
     assert counted("false alarms", "unexplained") == (1, 9)
-    assert counted("outside", "called unexplained") == (1, 2)
-    assert counted("outside", "a name with") == (1, 2)
+    assert counted("outside", "called unexplained") == (1, 3)
+    assert counted("outside", "called unexplained, lack of fit") == (1, 2)
+    assert counted("outside", "a name with") == (1, 3)
     assert counted("mistaken", "parameter for physics") == (2, 3)
     assert counted("mistaken", "wrong parameter") == (1, 1)
     assert counted("mistaken", "physics called") == (1, 2)

@@ -14,6 +14,9 @@ RHO_BINS = ((0.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, 1000.0), (1000.0, 
 STRONG = 20.0
 """Rho from which on parameters and physics should not be taken for each other."""
 
+LACKS = 10.0
+"""What the best model fitted leaves beyond noise, from which on an effect is seen to be outside the catalogue."""
+
 CONFIDENT = 0.9
 HELD_OUT = 1.2
 EXPLAINED = 0.9
@@ -144,7 +147,7 @@ def strangers(outside: Sequence[Outcome]) -> list[Row]:
     group = "outside the catalogue"
     return [
         rate(group, "called unexplained", (o.verdict == "unexplained" for o in outside)),
-        rate(group, f"called unexplained, rho >= {STRONG:g}", (o.right for o in outside if o.rho >= STRONG)),
+        rate(group, f"called unexplained, lack of fit >= {LACKS:g}", (o.right for o in outside if o.lacks >= LACKS)),
         rate(group, "called consistent", (o.verdict == "consistent" for o in outside)),
         rate(group, "a name", (o.named for o in outside)),
         rate(group, f"a name with confidence >= {CONFIDENT}", (confident(o) for o in outside)),

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 GROUPS: dict[str, tuple[str, ...]] = {
     "friction": (
         "stribeck-weakening",
@@ -106,6 +108,11 @@ class Outcome:
     def set_size(self) -> int:
         """Causes named or not told from the one named."""
         return len({self.said["cause"], *self.said["not_separable"]})
+
+    @property
+    def lacks(self) -> float:
+        """What the best model that was fitted leaves beyond noise, in standard deviations."""
+        return float(self.result.get("lack_of_fit", np.inf))
 
     @property
     def explained(self) -> float | None:

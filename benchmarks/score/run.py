@@ -14,8 +14,12 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks.score.sets import poorer
+
+if TYPE_CHECKING:
+    from hbm import Diagnosis
 
 ROOT = Path(__file__).parents[2]
 
@@ -45,10 +49,21 @@ def diagnosed(data: Path, which: str, seed: int) -> dict[str, object]:
     found = diagnose(rig, spectra)
     return {
         "diagnosis": found.json(),
+        "lack_of_fit": lack_of_fit(found),
         "records": len(spectra),
         "seconds": round(time.perf_counter() - wall, 2),
         "cpu_seconds": round(time.process_time() - cpu, 2),
     }
+
+
+def lack_of_fit(found: "Diagnosis") -> float:
+    """Length of what the best of all models fitted leaves of the records fitted beyond noise, in standard deviations.
+
+    An effect that is not in the catalogue and leaves nothing cannot be told from what is.
+    """
+    plain = [e for e in (found.nominal, found.calibrated, found.extended_fit) if e is not None]
+    least = min([e.chi2 for e in plain] + [r.chi2 for r in found.ranking])
+    return max(least - len(plain[0].white), 0.0) ** 0.5
 
 
 def one(data: Path, out: Path, which: str, seed: int) -> str:

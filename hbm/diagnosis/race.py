@@ -64,6 +64,9 @@ VALLEYS, APART = 2, 3.0
 """Other valleys that are fitted to all records, at most; fits stand in different ones that differ by more than so many
 standard deviations."""
 
+PROMISING = 0.3
+"""Steps are taken from next to no effect too where the score test sees this share of the misfit fall."""
+
 SECOND = 3.0
 """The second start is tried where its chi2 is within this factor of the best."""
 
@@ -257,8 +260,7 @@ class _Heats:
     @property
     def before(self) -> float:
         """Chi2 of these records before."""
-        white = self.base.white
-        return float(np.sum(white.residual[np.isin(white.record, self.few.numbers)] ** 2))
+        return _misfit_on(self.base, self.few)
 
     @property
     def at_once(self) -> int:
@@ -301,6 +303,8 @@ def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) 
             starts += _starts(model, model.start, score)
         ordered = _by_place(model, few, starts, base.solutions)
         near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > HEAT_STARTS]
+        if score.drop > PROMISING * _misfit_on(base, few):
+            near.append(starting(model, base, score.start))
         fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
         fits += [fit for i in _limits(model) for fit in _limited(min(fits, key=_rank), few, i, steps)]
     except FAILURES:
@@ -308,6 +312,11 @@ def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) 
     best, *others = sorted(fits, key=_rank)
     carried = [_carried(base.model.extended_by(score.cause), base, e) for e in (best, *_apart(best, others))]
     return Runner(score.cause, best.chi2, carried[0], tuple(carried[1:]))
+
+
+def _misfit_on(base: Evaluation, few: Campaign) -> float:
+    """Chi2 of some records by the model."""
+    return float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
 
 
 def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions) -> list[tuple[float, Array]]:
