@@ -8,7 +8,7 @@ from matplotlib.ticker import NullFormatter
 from hbm.report.style import FAINT, SMALL, WIDTH, dressed, graded
 
 from .common import DATA, Finding, Sweep, legend_above, read_sweeps, table, with_std
-from .single_mode import Equivalent, ModeFit, Reference, equivalent, exponent, fit_mode, reference, slope
+from .single_mode import Equivalent, ModeFit, Reference, diagnosed, equivalent, exponent, fit_mode, reference, slope
 
 FOLDER = DATA / "brb_jointed_beam"
 
@@ -75,7 +75,7 @@ def _branches(e: Equivalent, amplitude: float) -> list[tuple[float, float]]:
 
 def run() -> Finding:
     """Table, figure and conclusion."""
-    _, joints = implied()
+    found, joints = implied()
     peaks = own_peaks()
     rows = []
     for sweep, fit, amplitude in peaks:
@@ -110,6 +110,7 @@ def run() -> Finding:
             f"rises to {f[-1]:.2f} Hz; damping rises from {z[0] * 100:.2f} to {z[-1] * 100:.2f} %; so say both paths.",
             f"Energy per cycle ~ A^{with_std(*slope(*every))} (beyond a part ~ A^2, A^{with_std(n, n_std)}). The paths "
             f"differ by up to {apart[0]:.2f} Hz and {apart[1] * 100:.0f} % of ζ, more than noise: other runs.",
+            diagnosed(found.mode, sweeps()[0], "acceleration", "jointed beam"),
         ),
     )
 

@@ -24,7 +24,7 @@ class Finding:
     name: str
     table: RenderableType
     figure: Figure
-    conclusion: tuple[str, str]
+    conclusion: tuple[str, ...]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from hbm.report.style import WIDTH, dressed, graded
 
 from .common import DATA, Finding, Sweep, legend_above, read_sweeps, table, with_std
-from .single_mode import Equivalent, Mode, Reference, equivalent, exponent, fit_mode, reference, slope
+from .single_mode import Equivalent, Mode, Reference, diagnosed, equivalent, exponent, fit_mode, reference, slope
 
 FOLDER = DATA / "eth_vacuum_beam"
 
@@ -92,6 +92,7 @@ def run() -> Finding:
             f"a part ~ A^2, A^{with_std(n, n_std)}). Force per volt is no constant: {rise:.0%} more at the top level.",
             f"Slope of ζ over slope of -f/f_0: {damping[0] / softening[0]:.3f}; hysteresis with parabolic arcs "
             f"(Rayleigh) has {RAYLEIGH:.3f}, a softening spring 0: micro-slip, and drag perhaps.",
+            diagnosed(found[0].mode, sweeps(), "velocity", "beam in vacuum"),
         ),
     )
 

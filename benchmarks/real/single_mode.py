@@ -10,14 +10,17 @@ so that T need not be small, and what is found does not depend on the mode it wa
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
+from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.discrepancy import discrepancy
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.sweep import all_cores
 from models.friction import Frictionless
 from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig
 
@@ -238,6 +241,24 @@ def equivalent(mode: Mode, sweep: Sweep, quantity: str, name: str) -> tuple[Equi
         ),
         found,
     )
+
+
+def diagnosed(mode: Mode, sweeps: Sequence[Sweep], quantity: str, name: str) -> str:
+    """What the diagnosis says of the linear mode beside all sweeps, and of the force that it lacks."""
+    rig = mode.rig(name, quantity, sweeps[0].level)
+    levels = np.concatenate([np.full(len(s.hz), s.level) for s in sweeps])
+    with all_cores() as executor:
+        found = diagnose(rig, replace(spectra(rig, _joined(sweeps), mode.turn), level=levels), executor=executor)
+    said = f"Diagnosis of the linear mode: {found.cause or found.verdict}."
+    if found.calibrated is None or found.campaign is None:
+        return said
+    return " ".join([said, *discrepancy(found.calibrated, found.campaign).sentences()])
+
+
+def _joined(sweeps: Sequence[Sweep]) -> Sweep:
+    """Records of several sweeps, one after the other."""
+    arrays = [f.name for f in fields(Sweep) if f.name not in ("name", "level")]
+    return replace(sweeps[0], **{a: np.concatenate([getattr(s, a) for s in sweeps]) for a in arrays})
 
 
 def exponent(amplitude: np.ndarray, energy: np.ndarray) -> tuple[float, float, np.ndarray]:

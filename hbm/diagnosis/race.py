@@ -1,40 +1,19 @@
-"""Candidates against each other, by the score test where the misfit is small and else by quick fits; then full fits.
-
-The quick heat compares starts, then takes some steps from the best ones, on few records and a coarse discretisation;
-the final is exact.
-"""
+"""Candidates against each other, by the score test where the misfit is small and else by quick fits; then full fits."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from itertools import product
-
-import numpy as np
+from dataclasses import replace
 
 from hbm.diagnosis.attached import attached_starts
-from hbm.diagnosis.calibrate import lighter
-from hbm.diagnosis.fit import MANY, Evaluation, best_start, fit_model, refine
+from hbm.diagnosis.fit import Evaluation, fit_model, refine
+from hbm.diagnosis.heat import CLOSE, Heats, Runner, rank
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.model import Model
-from hbm.diagnosis.records import FAILURES, Campaign, Solutions
-from hbm.diagnosis.screen import Score, Screening, coarse, small, starting, telling
-from hbm.fourier import Array
-from hbm.sweep import each
+from hbm.diagnosis.records import FAILURES, Campaign
+from hbm.diagnosis.screen import Score, Screening, small, starting, telling
 from models.causes.cause import Cause
 from models.rig import Rig
 
-HEAT_RECORDS = 6
-"""Records of the quick heat."""
-
 SCANNED = 10
 """Records that are scanned for what may be attached."""
-
-HEAT_STEPS = 7
-HEAT_STARTS = 2
-"""Starts from which the quick heat takes steps, so many of them."""
-
-AT_ONCE = 4
-"""Candidates run side by side where there is an executor."""
 
 AGAIN, MORE_STARTS, MORE_STEPS = 3, 5, 12
 """Where nothing explains the records so many candidates run again, from more starts and for more steps."""
@@ -44,9 +23,7 @@ RUNNING, HOPELESS = 20, 0.15
 
 FINALISTS, LEAST, HOPE = 5, 3, 10.0
 """Candidates that are fitted to all records, at most; most where none explains them, and least where the mean square
-misfit of the best gives hope; those as close as this to the best:"""
-
-CLOSE = 30.0
+misfit of the best gives hope."""
 
 HELPS = 0.5
 """Where the best leaves more than this share of chi2 nothing will explain the records."""
@@ -60,30 +37,10 @@ EXPLAINED, LITTLE = 1.5, 0.03
 ALIKE = 0.5
 """those whose signature has this cosine with it."""
 
-VALLEYS, APART = 2, 3.0
-"""Other valleys that are fitted to all records, at most; fits stand in different ones that differ by more than so many
-standard deviations."""
-
-PROMISING = 0.3
-"""Steps are taken from next to no effect too where the score test sees this share of the misfit fall."""
-
-SECOND = 3.0
-"""The second start is tried where its chi2 is within this factor of the best."""
-
 REFINED = 300.0
 """Fits whose chi2 is within this of the best are refined too."""
 
 Tell = Callable[[str], None]
-
-
-@dataclass(frozen=True, eq=False)
-class Runner:
-    """A candidate before the final: chi2 as far as it is known, where it stands, and where it may stand as well."""
-
-    cause: Cause
-    chi2: float
-    x: Array
-    others: tuple[Array, ...] = ()
 
 
 def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Evaluation]:
@@ -104,7 +61,7 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
     list of Evaluation
         Of the finalists on all records, the least chi2 first.
     """
-    screening, heats = _started(screening, base, campaign), _Heats(base, campaign)
+    screening, heats = _started(screening, base, campaign), Heats(base, campaign)
     if small(base):
         done = _final(_by_score(heats, screening), base, campaign, tell)
         ran, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
@@ -136,33 +93,29 @@ def _final(runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell
                 fits.append(fit_model(model, campaign, x, base.solutions))
             except FAILURES:
                 continue
-        done += sorted(fits, key=_rank)[:1]
+        done += sorted(fits, key=rank)[:1]
     return done
 
 
 def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
     """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough."""
-    ordered = sorted(done, key=_rank)
+    ordered = sorted(done, key=rank)
     if not ordered:
         return []
     first, *others = ordered
     first = refine(first, campaign)
     if not small(base):
         others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]
-    return sorted([first, *others], key=_rank)
+    return sorted([first, *others], key=rank)
 
 
-def _rank(e: Evaluation) -> tuple[int, float]:
-    return len(e.missing), e.chi2
-
-
-def _by_score(heats: "_Heats", screening: Screening) -> list[Runner]:
+def _by_score(heats: Heats, screening: Screening) -> list[Runner]:
     """Candidates whose predicted fall of BIC is near the best; those with a place from other places too."""
     base = heats.base
     best = screening.scores[0].gain if screening.scores else 0.0
     chosen = [s for s in screening.scores[:FINALISTS] if s.gain > 0.0 and s.gain >= SHARE * best]
     placed = [s for s in chosen if any(u.shapes for u in s.cause.unknowns(base.model.nominal))]
-    quick = heats.run(placed, MORE_STARTS, HEAT_STEPS) if placed else []
+    quick = heats.run(placed, MORE_STARTS) if placed else []
     found = {r.cause.label: (r.x, *r.others) for r in quick if r is not None}
     return [
         Runner(
@@ -175,7 +128,7 @@ def _by_score(heats: "_Heats", screening: Screening) -> list[Runner]:
     ]
 
 
-def _by_heat(heats: "_Heats", screening: Screening, tell: Tell, little: float) -> tuple[list[Runner], set[str]]:
+def _by_heat(heats: Heats, screening: Screening, tell: Tell, little: float) -> tuple[list[Runner], set[str]]:
     """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that ran."""
     few = heats.few
     heat, ran = _first_heat(heats, screening, max(EXPLAINED * few.points, little * heats.before), tell)
@@ -187,7 +140,7 @@ def _by_heat(heats: "_Heats", screening: Screening, tell: Tell, little: float) -
     return _finalists(heat, few, hopeless, len(heats.campaign.numbers) / len(few.numbers)), ran
 
 
-def _first_heat(heats: "_Heats", screening: Screening, explained: float, tell: Tell) -> tuple[list[Runner], set[str]]:
+def _first_heat(heats: Heats, screening: Screening, explained: float, tell: Tell) -> tuple[list[Runner], set[str]]:
     """Quick fits of what may explain the records, the least chi2 first; and the labels of all that were tried."""
     running = _running(screening, heats.base)
     heat: list[Runner] = []
@@ -218,7 +171,7 @@ def _running(screening: Screening, base: Evaluation) -> list[Score]:
     return [*first, *tried, *(s for s in others if _unseen(s))]
 
 
-def _from_other_starts(heat: list[Runner], heats: "_Heats", screening: Screening, tell: Tell) -> list[Runner]:
+def _from_other_starts(heat: list[Runner], heats: Heats, screening: Screening, tell: Tell) -> list[Runner]:
     """The same where some that may have stopped in a wrong valley ran again."""
     stuck = _stuck(heat, EXPLAINED * heats.few.points, heats.base.model.nominal, screening)
     if not stuck:
@@ -244,35 +197,6 @@ def _unseen(score: Score) -> bool:
     return bool(getattr(score.cause, "abrupt", False) or score.starts)
 
 
-@dataclass(frozen=True, eq=False)
-class _Heats:
-    """Quick heats of candidates, each on one core."""
-
-    base: Evaluation
-    campaign: Campaign
-
-    @cached_property
-    def few(self) -> Campaign:
-        """What they run on."""
-        numbers = telling(self.base, self.campaign, HEAT_RECORDS)
-        return replace(coarse(self.campaign, numbers, self.base), executor=None)
-
-    @property
-    def before(self) -> float:
-        """Chi2 of these records before."""
-        return _misfit_on(self.base, self.few)
-
-    @property
-    def at_once(self) -> int:
-        """Heats that are run before their outcome is looked at."""
-        return 1 if self.campaign.executor is None else AT_ONCE
-
-    def run(self, scores: Sequence[Score], most: int = HEAT_STARTS, steps: int = HEAT_STEPS) -> list[Runner | None]:
-        """Runners, None where there is no fit."""
-        base = replace(self.base, found={number: self.base.found[number] for number in self.few.numbers})
-        return each(self.campaign.executor, partial(_heat, base, self.few, most=most, steps=steps), scores)
-
-
 def _stuck(heat: Sequence[Runner], explained: float, rig: Rig, screening: Screening) -> list[Runner]:
     """Runners that may have stopped in a wrong valley: the best where none explains.
 
@@ -292,87 +216,3 @@ def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: 
     if winner is None or winner.chi2 > explained:
         return False
     return cause.label not in screening.look_alikes(winner.cause.label, ALIKE)
-
-
-def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) -> Runner | None:
-    model = lighter(base).extended_by(score.cause)
-    try:
-        here = starting(model, base, {})
-        starts = _starts(model, here, score)
-        if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
-            starts += _starts(model, model.start, score)
-        ordered = _by_place(model, few, starts, base.solutions)
-        near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > HEAT_STARTS]
-        if score.drop > PROMISING * _misfit_on(base, few):
-            near.append(starting(model, base, score.start))
-        fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
-        fits += [fit for i in _limits(model) for fit in _limited(min(fits, key=_rank), few, i, steps)]
-    except FAILURES:
-        return None
-    best, *others = sorted(fits, key=_rank)
-    carried = [_carried(base.model.extended_by(score.cause), base, e) for e in (best, *_apart(best, others))]
-    return Runner(score.cause, best.chi2, carried[0], tuple(carried[1:]))
-
-
-def _misfit_on(base: Evaluation, few: Campaign) -> float:
-    """Chi2 of some records by the model."""
-    return float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
-
-
-def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions) -> list[tuple[float, Array]]:
-    """The best start at each place, or of each value of whatever shapes the cause, then the others."""
-    unknowns = model.unknowns[-1]
-    shapes = [i - len(unknowns) for i, u in enumerate(unknowns) if u.shapes]
-    places: dict[float, list[Array]] = {}
-    for x in starts:
-        places.setdefault(float(x[shapes[-1]]) if shapes else 0.0, []).append(x)
-    ordered = [best_start(model, few, there, last, max(1, MANY // len(places))) for there in places.values()]
-    firsts, others = [o[0] for o in ordered], [pair for o in ordered for pair in o[1:]]
-    return [*sorted(firsts, key=lambda p: p[0]), *sorted(others, key=lambda p: p[0])]
-
-
-def _apart(best: Evaluation, others: Sequence[Evaluation]) -> list[Evaluation]:
-    """Those nearly as good as the best, in other valleys."""
-    reach = APART * np.sqrt(np.diag(best.covariance))
-    near = [e for e in others if e.chi2 < best.chi2 + CLOSE and len(e.missing) == len(best.missing)]
-    return [e for e in near if np.any(np.abs(e.x - best.x) > reach)][:VALLEYS]
-
-
-def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
-    """Coordinates of a model where those of a lighter one were found, the others as in `base`."""
-    known = found.coordinates
-    here = starting(model, base, {})
-    return np.array([known.get((f.cause, f.name), x) for f, x in zip(model.free, here, strict=True)])
-
-
-def _starts(model: Model, x: Array, score: Score) -> list[Array]:
-    """Where the last cause may start with an effect, everything else as in `x`; its limits out of reach."""
-    unknowns = model.unknowns[-1]
-    rest = len(x) - len(unknowns)
-    own = model.free[rest:]
-    if score.starts:
-        given = [tuple(start[u.name] for u in unknowns) for start in score.starts]
-    else:
-        grids = [u.starts[1:] or u.starts if i == 0 else u.starts for i, u in enumerate(unknowns)]
-        given = list(product(*(g[:1] if rest + i in _limits(model) else g for i, g in enumerate(grids))))
-    return [np.concatenate([x[:rest], [f.of(v) for f, v in zip(own, values, strict=True)]]) for values in given]
-
-
-def _limits(model: Model) -> list[int]:
-    """Coordinates of limits of the last cause: beside its first number, out of reach nominally."""
-    unknowns = model.unknowns[-1]
-    return [len(model.free) - len(unknowns) + i for i, u in enumerate(unknowns) if i and np.isinf(u.neutral)]
-
-
-def _limited(e: Evaluation, few: Campaign, i: int, steps: int) -> list[Evaluation]:
-    """Fit from the best value of a limit, tried from high to low until it does harm; none where it does no good."""
-    f, best, least = e.model.free[i], e.x, e.chi2
-    for value in e.model.unknowns[-1][i - len(e.x)].starts[1:]:
-        x = e.x.copy()
-        x[i] = f.of(value)
-        chi2, _ = best_start(e.model, few, [x], e.solutions)[0]
-        if chi2 < least:
-            best, least = x, chi2
-        if chi2 > SECOND * e.chi2:
-            break
-    return [fit_model(e.model, few, best, e.solutions, steps, settled=1.0)] if best is not e.x else []

@@ -1,0 +1,168 @@
+"""Quick fits of candidates: on few records, a coarse discretisation, some steps from the best of many starts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import product
+
+import numpy as np
+
+from hbm.diagnosis.calibrate import lighter
+from hbm.diagnosis.fit import MANY, Evaluation, best_start, fit_model
+from hbm.diagnosis.model import Model
+from hbm.diagnosis.records import FAILURES, Campaign, Solutions
+from hbm.diagnosis.screen import Score, coarse, starting, telling
+from hbm.fourier import Array
+from hbm.sweep import each
+from models.causes.cause import Cause
+
+RECORDS = 6
+"""Records that a quick fit sees."""
+
+STARTS, STEPS = 2, 7
+"""Starts from which steps are taken, and how many."""
+
+AT_ONCE = 4
+"""Candidates run side by side where there is an executor."""
+
+CLOSE = 30.0
+"""Fits are close whose chi2 differs by less."""
+
+VALLEYS, APART = 2, 3.0
+"""Other valleys that are fitted to all records, at most; fits stand in different ones that differ by more than so many
+standard deviations."""
+
+PROMISING = 0.3
+"""Steps are taken from next to no effect too where the score test sees this share of the misfit fall."""
+
+SECOND = 3.0
+"""The second start is tried where its chi2 is within this factor of the best."""
+
+
+@dataclass(frozen=True, eq=False)
+class Runner:
+    """A candidate before the final: chi2 as far as it is known, where it stands, and where it may stand as well."""
+
+    cause: Cause
+    chi2: float
+    x: Array
+    others: tuple[Array, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Heats:
+    """Quick heats of candidates, each on one core."""
+
+    base: Evaluation
+    campaign: Campaign
+
+    @cached_property
+    def few(self) -> Campaign:
+        """What they run on."""
+        numbers = telling(self.base, self.campaign, RECORDS)
+        return replace(coarse(self.campaign, numbers, self.base), executor=None)
+
+    @property
+    def before(self) -> float:
+        """Chi2 of these records before."""
+        return _misfit_on(self.base, self.few)
+
+    @property
+    def at_once(self) -> int:
+        """Heats that are run before their outcome is looked at."""
+        return 1 if self.campaign.executor is None else AT_ONCE
+
+    def run(self, scores: Sequence[Score], most: int = STARTS, steps: int = STEPS) -> list[Runner | None]:
+        """Runners, None where there is no fit."""
+        base = replace(self.base, found={number: self.base.found[number] for number in self.few.numbers})
+        return each(self.campaign.executor, partial(_heat, base, self.few, most=most, steps=steps), scores)
+
+
+def rank(e: Evaluation) -> tuple[int, float]:
+    """Order of fits: those that lost no records first, by chi2."""
+    return len(e.missing), e.chi2
+
+
+def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) -> Runner | None:
+    """Quick fit of a candidate; None where no start has steady states."""
+    model = lighter(base).extended_by(score.cause)
+    try:
+        here = starting(model, base, {})
+        starts = _starts(model, here, score)
+        if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
+            starts += _starts(model, model.start, score)
+        ordered = _by_place(model, few, starts, base.solutions)
+        near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > STARTS]
+        if score.drop > PROMISING * _misfit_on(base, few):
+            near.append(starting(model, base, score.start))
+        fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
+        fits += [fit for i in _limits(model) for fit in _limited(min(fits, key=rank), few, i, steps)]
+    except FAILURES:
+        return None
+    best, *others = sorted(fits, key=rank)
+    carried = [_carried(base.model.extended_by(score.cause), base, e) for e in (best, *_apart(best, others))]
+    return Runner(score.cause, best.chi2, carried[0], tuple(carried[1:]))
+
+
+def _misfit_on(base: Evaluation, few: Campaign) -> float:
+    """Chi2 of some records by the model."""
+    return float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
+
+
+def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions) -> list[tuple[float, Array]]:
+    """The best start at each place, or of each value of whatever shapes the cause, then the others."""
+    unknowns = model.unknowns[-1]
+    shapes = [i - len(unknowns) for i, u in enumerate(unknowns) if u.shapes]
+    places: dict[float, list[Array]] = {}
+    for x in starts:
+        places.setdefault(float(x[shapes[-1]]) if shapes else 0.0, []).append(x)
+    ordered = [best_start(model, few, there, last, max(1, MANY // len(places))) for there in places.values()]
+    firsts, others = [o[0] for o in ordered], [pair for o in ordered for pair in o[1:]]
+    return [*sorted(firsts, key=lambda p: p[0]), *sorted(others, key=lambda p: p[0])]
+
+
+def _apart(best: Evaluation, others: Sequence[Evaluation]) -> list[Evaluation]:
+    """Those nearly as good as the best, in other valleys."""
+    reach = APART * np.sqrt(np.diag(best.covariance))
+    near = [e for e in others if e.chi2 < best.chi2 + CLOSE and len(e.missing) == len(best.missing)]
+    return [e for e in near if np.any(np.abs(e.x - best.x) > reach)][:VALLEYS]
+
+
+def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
+    """Coordinates of a model where those of a lighter one were found, the others as in `base`."""
+    known = found.coordinates
+    here = starting(model, base, {})
+    return np.array([known.get((f.cause, f.name), x) for f, x in zip(model.free, here, strict=True)])
+
+
+def _starts(model: Model, x: Array, score: Score) -> list[Array]:
+    """Where the last cause may start with an effect, everything else as in `x`; its limits out of reach."""
+    unknowns = model.unknowns[-1]
+    rest = len(x) - len(unknowns)
+    own = model.free[rest:]
+    if score.starts:
+        given = [tuple(start[u.name] for u in unknowns) for start in score.starts]
+    else:
+        grids = [u.starts[1:] or u.starts if i == 0 else u.starts for i, u in enumerate(unknowns)]
+        given = list(product(*(g[:1] if rest + i in _limits(model) else g for i, g in enumerate(grids))))
+    return [np.concatenate([x[:rest], [f.of(v) for f, v in zip(own, values, strict=True)]]) for values in given]
+
+
+def _limits(model: Model) -> list[int]:
+    """Coordinates of limits of the last cause: beside its first number, out of reach nominally."""
+    unknowns = model.unknowns[-1]
+    return [len(model.free) - len(unknowns) + i for i, u in enumerate(unknowns) if i and np.isinf(u.neutral)]
+
+
+def _limited(e: Evaluation, few: Campaign, i: int, steps: int) -> list[Evaluation]:
+    """Fit from the best value of a limit, tried from high to low until it does harm; none where it does no good."""
+    f, best, least = e.model.free[i], e.x, e.chi2
+    for value in e.model.unknowns[-1][i - len(e.x)].starts[1:]:
+        x = e.x.copy()
+        x[i] = f.of(value)
+        chi2, _ = best_start(e.model, few, [x], e.solutions)[0]
+        if chi2 < least:
+            best, least = x, chi2
+        if chi2 > SECOND * e.chi2:
+            break
+    return [fit_model(e.model, few, best, e.solutions, steps, settled=1.0)] if best is not e.x else []
