@@ -91,6 +91,8 @@ class Sensitivities:
         The channels of the solution, each worked out when it is asked for.
     refinements : int
         Corrections of the first back-substitution.
+    mixing : (p, n, n) array
+        Derivatives of the modes within each other: columns are the changed modes in those there are now.
     """
 
     solution: PeriodicSolution
@@ -101,10 +103,16 @@ class Sensitivities:
     T: Array
     channels: Mapping[str, ChannelSensitivity]
     refinements: int
+    mixing: Array
 
     def __getitem__(self, name: str) -> ChannelSensitivity:
         """Channel by name."""
         return self.channels[name]
+
+    @property
+    def own_Q(self) -> Array:
+        """Derivatives of Q in the modes that the changed rig has, (2H+1, n, p)."""
+        return np.asarray(self.Q - np.einsum("kj,pij->kip", self.solution.state.Q, self.mixing))
 
     def logarithmic(self, channel: str) -> dict[str, float]:
         """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent.
@@ -175,7 +183,8 @@ def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | No
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
     channels = _Channels(here, solution, held, _Change(d_Q, d_T, signals, slid))
     values, units = zip(*(known[key] for key in keys), strict=True)
-    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements)
+    mixing = _mixing(held.structure, problem.structure.omega_n**2)
+    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, mixing)
 
 
 def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:

@@ -10,8 +10,9 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.diagnosis.model import Model
-from hbm.diagnosis.records import FAILURES, Campaign, Simulated, Solutions, Whitened
+from hbm.diagnosis.records import FAILURES, Campaign, Simulated, Solutions, Whitened, states
 from hbm.fourier import Array
+from hbm.residual import State
 
 STEPS = 15
 """Steps of least squares, at most."""
@@ -49,6 +50,8 @@ class Evaluation:
         Its Jacobian is to the coordinates.
     missing : tuple of int
         Records without a steady state.
+    by_x : (p, n) array
+        Derivatives of the numbers of the rig that the records are differentiated to.
     """
 
     model: Model
@@ -56,6 +59,7 @@ class Evaluation:
     found: dict[int, Simulated]
     white: Whitened
     missing: tuple[int, ...]
+    by_x: Array
 
     @property
     def pulls(self) -> Array:
@@ -71,6 +75,11 @@ class Evaluation:
     def solutions(self) -> Solutions:
         """Steady states by record."""
         return {number: s.solution for number, s in self.found.items()}
+
+    def states(self, x: Array) -> dict[int, State]:
+        """Unknowns of the balance at other coordinates, to first order, by record."""
+        change = self.by_x @ (x - self.x)
+        return {number: s.moved(change) for number, s in self.found.items()}
 
     @property
     def coordinates(self) -> dict[tuple[int, str], float]:
@@ -107,18 +116,33 @@ class Evaluation:
         return self.chi2 + self.white.spread + self.model.counted * float(np.log(len(self.white)))
 
 
-def evaluate(model: Model, campaign: Campaign, x: Array, last: Solutions) -> Evaluation:
+def evaluate(model: Model, campaign: Campaign, x: Array, last: Solutions, near: Evaluation | None = None) -> Evaluation:
     """A model at coordinates.
+
+    Parameters
+    ----------
+    model : Model
+    campaign : Campaign
+    x : (n,) array
+    last : mapping of int to PeriodicSolution
+        Where steady states start.
+    near : Evaluation, optional
+        Of the same model: its records start from there, extrapolated, and must all be found again.
+
+    Returns
+    -------
+    Evaluation
 
     Raises
     ------
     ConvergenceError
-        If the steady state of no record is found.
+        If the steady state of no record is found, or one found `near` is not.
     """
     keys, by_x = model.by_x(x)
-    found = campaign.simulate(model.rig(x), keys, last)
+    starts, needed = (states(last), ()) if near is None else (states(last) | near.states(x), near.found)
+    found = campaign.simulate(model.rig(x), keys, starts, needed)
     missing = tuple(number for number in campaign.numbers if number not in found)
-    return Evaluation(model, x, found, campaign.whiten(found, by_x), missing)
+    return Evaluation(model, x, found, campaign.whiten(found, by_x), missing, by_x)
 
 
 def fit_model(
@@ -161,9 +185,8 @@ def fit_model(
             continue
         part = min(part, float(MOST / max(np.abs(step).max(), 1e-300)))
         try:
-            near = {**last, **here.solutions}
-            there = evaluate(model, campaign, np.clip(here.x + part * step, low, high), near)
-            gained = _chi2_of_both(here, there)
+            there = evaluate(model, campaign, np.clip(here.x + part * step, low, high), last, here)
+            gained = _fall(here, there)
         except FAILURES:
             gained = -1.0
         if gained > 0.0:
@@ -185,15 +208,10 @@ def refine(e: Evaluation, campaign: Campaign, steps: int = REFINED) -> Evaluatio
     return fit_model(e.model, there, e.x, e.solutions, steps)
 
 
-def _chi2_of_both(before: Evaluation, after: Evaluation) -> float:
-    """Fall of chi2 on the records both have found; losing records counts as no fall."""
-    if len(after.missing) > len(before.missing):
-        return -1.0
-    lost = set(before.missing) | set(after.missing)
-    if not lost:
-        return before.chi2 - after.chi2
-    kept = [float(np.sum(e.white.residual[~np.isin(e.white.record, list(lost))] ** 2)) for e in (before, after)]
-    return kept[0] - kept[1] + float(before.pulls @ before.pulls - after.pulls @ after.pulls)
+def _fall(before: Evaluation, after: Evaluation) -> float:
+    """Fall of chi2 on the records that were found before."""
+    more = after.white.residual[np.isin(after.white.record, before.missing)]
+    return before.chi2 - after.chi2 + float(more @ more)
 
 
 def _step(here: Evaluation, damping: float, low: Array, high: Array) -> tuple[Array, float]:

@@ -3,7 +3,7 @@
 Uncertain are the responses, force and frequency (through the model), and what the discretisation leaves.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -26,6 +26,7 @@ from models.numbers import number
 from models.rig import Rig
 
 Solutions = Mapping[int, PeriodicSolution]
+States = Mapping[int, State]
 """Steady states by the number of their record."""
 
 Result = TypeVar("Result")
@@ -48,6 +49,7 @@ class Simulated:
 
     Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients;
     where the contact never slips, `by_history` (2, c, H) what one standard deviation of its mean friction does.
+    `Q_by_keys` (2H'+1, n, p) and `T_by_keys` (2H'+1, p) are the derivatives of the unknowns of the balance.
     """
 
     solution: PeriodicSolution
@@ -57,6 +59,13 @@ class Simulated:
     by_hz: Array
     by_tones: Array | None
     by_history: Array | None
+    Q_by_keys: Array
+    T_by_keys: Array
+
+    def moved(self, change: Array) -> State:
+        """Where the steady state is to first order when the numbers of the keys change by so much, (p,)."""
+        state = self.solution.state
+        return replace(state, Q=state.Q + self.Q_by_keys @ change, T=state.T + self.T_by_keys @ change)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +141,9 @@ class Campaign:
         """Coefficients that were measured."""
         return sum(int(r.listed.sum()) for r in self.data.records)
 
-    def simulate(self, rig: Rig, keys: Sequence[str], last: Solutions) -> dict[int, Simulated]:
+    def simulate(
+        self, rig: Rig, keys: Sequence[str], starts: States, needed: Collection[int] = ()
+    ) -> dict[int, Simulated]:
         """Steady states of a rig with derivatives to keys; records whose steady state is not found are left out.
 
         Parameters
@@ -140,26 +151,42 @@ class Campaign:
         rig : Rig
         keys : sequence of str
             Of :func:`hbm.sensitivity.rig_scalars`.
-        last : mapping of int to PeriodicSolution
+        starts : mapping of int to State
             Where to start; where there is none, from the reconstruction.
+        needed : collection of int
+            Records without which the others are of no use.
 
         Returns
         -------
         dict of int to Simulated
+
+        Raises
+        ------
+        ConvergenceError
+            If the steady state of a record that is needed is not found.
         """
         task = partial(simulated, self.numerics.working.rig(rig), self.numerics.working.basis, self.data, tuple(keys))
-        return self._each(task, last)
+        return self._each(task, starts, needed)
 
     def solve(self, rig: Rig, last: Solutions) -> dict[int, PeriodicSolution]:
-        """Steady states alone."""
-        return self._each(partial(steady, self.numerics.working.rig(rig), self.numerics.working.basis), last)
+        """Steady states alone, from the last ones."""
+        task = partial(steady, self.numerics.working.rig(rig), self.numerics.working.basis)
+        return self._each(task, states(last))
 
-    def _each(self, task: Callable[[Record, State | None], Result | None], last: Solutions) -> dict[int, Result]:
-        """Result of a task for each record, without those that have none."""
+    def _each(
+        self, task: Callable[[Record, State | None], Result | None], starts: States, needed: Collection[int] = ()
+    ) -> dict[int, Result]:
+        """Result of a task for each record, without those that have none; it ends where one that is needed has none."""
         records = self.data.records
-        starts = [last[r.number].state if r.number in last else None for r in records]
-        found = zip(records, each(self.executor, task, records, starts), strict=True)
-        return {record.number: result for record, result in found if result is not None}
+        given = [starts.get(r.number) for r in records]
+        found = {}
+        results = map(task, records, given) if self.executor is None else each(self.executor, task, records, given)
+        for record, result in zip(records, results, strict=True):
+            if result is not None:
+                found[record.number] = result
+            elif record.number in needed:
+                raise ConvergenceError(f"diagnose: record {record.number} has lost its steady state")
+        return found
 
     def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:
         """Of the channels in a record, corrected, (2, c, H)."""
@@ -214,6 +241,11 @@ class Campaign:
             for r in self.data.records
             if r.number in solutions
         }
+
+
+def states(solutions: Solutions) -> dict[int, State]:
+    """Their unknowns."""
+    return {number: solution.state for number, solution in solutions.items()}
 
 
 def steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution | None:
@@ -276,6 +308,8 @@ def simulated(
         by_hz=slopes[..., p + 1],
         by_tones=by_tones,
         by_history=history(here, solution, data) if sticks(solution) else None,
+        Q_by_keys=by.own_Q[..., :p] @ by_keys,
+        T_by_keys=by.T[..., :p] @ by_keys,
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import hbm.identification.records as records_of_spectra
+from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.fit import evaluate, fit_model
 from hbm.diagnosis.model import Model
@@ -121,7 +122,7 @@ def test_noise_of_the_harmonics_of_the_force_is_in_the_comparison(truth, tmp_pat
 
 
 def simulated(data, rig, keys, near):
-    return data.simulate(rig, keys, {n: s.solution for n, s in near.items()})
+    return data.simulate(rig, keys, {n: s.solution.state for n, s in near.items()})
 
 
 def test_rates_and_what_drifts_have_exact_derivatives(measured, exactly):
@@ -213,6 +214,8 @@ def test_records_where_a_property_would_vanish_are_left_out(measured):
     few = data.of([1, 2, 6])
     assert few.data.records[2].number == 6
     assert list(few.solve(replace(rig, drift=(Drift(MU, -0.2),)), {})) == [1, 2]
+    with pytest.raises(ConvergenceError, match="record 6 has lost its steady state"):
+        few.simulate(replace(rig, drift=(Drift(MU, -0.2),)), (), {}, needed=(6,))
     assert list(few.simulate(replace(rig, drift=(Drift("contact.friction.stiffness", 1e-3),)), (), {})) == []
     with pytest.raises(ValueError, match=r"^drift of contact.friction.mu: 0 times its value in record 6; must be > 0$"):
         at_record(replace(rig, drift=(Drift(MU, -0.2),)), 6)

@@ -2,6 +2,8 @@
 
 import pickle
 from dataclasses import replace
+from functools import partial
+from operator import attrgetter
 
 import casadi as ca
 import numpy as np
@@ -248,6 +250,10 @@ EVERY_NUMBER = [
 ]
 
 
+def of_channel(name: str, what: str, solution: PeriodicSolution) -> np.ndarray:
+    return np.asarray(getattr(solution[name], what))
+
+
 @pytest.mark.parametrize(("law", "hz", "attachments", "contact"), EVERY_NUMBER)
 def test_every_number_of_the_rig_changes_the_solution_as_its_derivative_says(law, hz, attachments, contact):
     """Central differences of solutions: what they err by falls like the square of the step, down to their rounding.
@@ -262,6 +268,14 @@ def test_every_number_of_the_rig_changes_the_solution_as_its_derivative_says(law
     s = sensitivities(rig, solution, keys)
     rigid = rig.structure.compliance == 0.0  # the slip is a difference of what cancels: rounded a hundred times more
     loan = HarmonicBalance(rig, solution.basis).dynamic_lagrangian  # held, as the derivatives hold it
+    readings = [
+        (f"{what} of {name}", getattr(channel, what), solution[name].peak, partial(of_channel, name, what))
+        for name, channel in s.channels.items()
+        for what in ("coefficients", "samples", "peak")
+    ]
+    for what, slope in (("state.Q", s.own_Q), ("state.T", s.T)):
+        read = attrgetter(what)
+        readings.append((what, slope, np.abs(read(solution)).max(), read))
     assert s.parameters == keys and s.units == tuple(known[key].unit for key in keys)
     for i, (key, value) in enumerate(zip(keys, s.values, strict=True)):
 
@@ -272,15 +286,12 @@ def test_every_number_of_the_rig_changes_the_solution_as_its_derivative_says(law
         step = 1e-7 if key in ("beam.length", "beam.thickness") else 1e-6
         step = 1e-5 if rigid and step == 1e-6 else step
         around = [(h, neighbour(h), neighbour(-h)) for h in (4 * step, step)]
-        for name, channel in s.channels.items():
-            for what in ("coefficients", "samples", "peak"):
-                exact = value * np.asarray(getattr(channel, what)[..., i])
-                coarse, fine = (
-                    np.abs((np.asarray(getattr(up[name], what)) - getattr(down[name], what)) / (2 * h) - exact).max()
-                    for h, up, down in around
-                )
-                rounding = (1e-11 / step if rigid else 1e-6) * max(np.abs(exact).max(), solution[name].peak)
-                assert fine < max(rounding, coarse / 12.0), (key, name, what)
+
+        for what, slope, size, read in readings:
+            exact = value * np.asarray(slope[..., i])
+            coarse, fine = (np.abs((read(up) - read(down)) / (2 * h) - exact).max() for h, up, down in around)
+            rounding = (1e-11 / step if rigid else 1e-6) * max(np.abs(exact).max(), size)
+            assert fine < max(rounding, coarse / 12.0), (key, what)
 
 
 @pytest.mark.parametrize("attachments", [ATTACHED, SOFT], ids=["attached", "soft"])
