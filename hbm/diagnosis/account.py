@@ -53,6 +53,12 @@ class Account:
         search = self.search
         return {"nominal": (search.nominal, self.nominal), "calibrated": (search.calibrated, self.calibrated)}
 
+    @property
+    def nothing_to_fit(self) -> bool:
+        """Whether the records fitted agree with the rig file, and those held out do not."""
+        fits = misfit(self.search.nominal, self.search.campaign).fits
+        return self.best is None and fits and self.nominal is not None and not self.nominal.misfit.fits
+
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""
         verdict = self._verdict()

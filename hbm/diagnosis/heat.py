@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -34,6 +34,9 @@ standard deviations."""
 
 PROMISING = 0.3
 """Steps are taken from next to no effect too where the score test sees this share of the misfit fall."""
+
+DENSE, ROUNDING = 10.0**0.5, 1e-9
+"""Starts of how strong an effect is that nothing else shapes are at most this factor apart."""
 
 SECOND = 3.0
 """The second start is tried where its chi2 is within this factor of the best."""
@@ -96,7 +99,7 @@ def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) 
         if score.drop > PROMISING * _misfit_on(base, few):
             near.append(starting(model, base, score.start))
         fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
-        fits += [fit for i in _limits(model) for fit in _limited(min(fits, key=rank), few, i, steps)]
+        fits += with_limits(min(fits, key=rank), few, steps)
     except FAILURES:
         return None
     best, *others = sorted(fits, key=rank)
@@ -144,8 +147,20 @@ def _starts(model: Model, x: Array, score: Score) -> list[Array]:
         given = [tuple(start[u.name] for u in unknowns) for start in score.starts]
     else:
         grids = [u.starts[1:] or u.starts if i == 0 else u.starts for i, u in enumerate(unknowns)]
+        if not any(u.shapes for u in unknowns):
+            grids[0] = _dense(grids[0])
         given = list(product(*(g[:1] if rest + i in _limits(model) else g for i, g in enumerate(grids))))
     return [np.concatenate([x[:rest], [f.of(v) for f, v in zip(own, values, strict=True)]]) for values in given]
+
+
+def _dense(starts: Sequence[float]) -> tuple[float, ...]:
+    """Starts in ascending order with more of them between, none of one sign more than a factor :data:`DENSE` apart."""
+    values, between = sorted(starts), list[float]()
+    for low, high in pairwise(values):
+        if low * high > 0.0:
+            parts = int(np.ceil(abs(np.log(high / low)) / np.log(DENSE) - ROUNDING))
+            between += np.geomspace(low, high, parts + 1)[1:-1].tolist()
+    return tuple(sorted([*values, *between]))
 
 
 def _limits(model: Model) -> list[int]:
@@ -154,15 +169,22 @@ def _limits(model: Model) -> list[int]:
     return [len(model.free) - len(unknowns) + i for i, u in enumerate(unknowns) if i and np.isinf(u.neutral)]
 
 
-def _limited(e: Evaluation, few: Campaign, i: int, steps: int) -> list[Evaluation]:
-    """Fit from the best value of a limit, tried from high to low until it does harm; none where it does no good."""
+def with_limits(e: Evaluation, campaign: Campaign, steps: int) -> list[Evaluation]:
+    """Fits from the best value of each limit, tried from high to low until it does harm; none where it does no good."""
+    return [fit for i in _limits(e.model) for fit in _with_limit(e, campaign, i, steps)]
+
+
+def _with_limit(e: Evaluation, campaign: Campaign, i: int, steps: int) -> list[Evaluation]:
     f, best, least = e.model.free[i], e.x, e.chi2
     for value in e.model.unknowns[-1][i - len(e.x)].starts[1:]:
         x = e.x.copy()
         x[i] = f.of(value)
-        chi2, _ = best_start(e.model, few, [x], e.solutions)[0]
+        try:
+            chi2, _ = best_start(e.model, campaign, [x], e.solutions)[0]
+        except FAILURES:
+            break
         if chi2 < least:
             best, least = x, chi2
         if chi2 > SECOND * e.chi2:
             break
-    return [fit_model(e.model, few, best, e.solutions, steps, settled=1.0)] if best is not e.x else []
+    return [fit_model(e.model, campaign, best, e.solutions, steps, settled=1.0)] if best is not e.x else []

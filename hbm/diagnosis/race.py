@@ -4,11 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from hbm.diagnosis.attached import attached_starts
-from hbm.diagnosis.fit import Evaluation, fit_model, refine
-from hbm.diagnosis.heat import CLOSE, Heats, Runner, rank
+from hbm.diagnosis.fit import STEPS, Evaluation, fit_model, refine
+from hbm.diagnosis.heat import CLOSE, Heats, Runner, rank, with_limits
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.records import FAILURES, Campaign
+from hbm.diagnosis.model import Model
+from hbm.diagnosis.records import FAILURES, Campaign, Solutions
 from hbm.diagnosis.screen import Score, Screening, small, starting, telling
+from hbm.fourier import Array
 from models.causes.cause import Cause
 from models.rig import Rig
 
@@ -87,14 +89,19 @@ def _final(runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell
     done: list[Evaluation] = []
     for runner in runners:
         tell(f"{runner.cause.label}, all records")
-        model, fits = base.model.extended_by(runner.cause), []
-        for x in (runner.x, *runner.others):
-            try:
-                fits.append(fit_model(model, campaign, x, base.solutions))
-            except FAILURES:
-                continue
+        model = base.model.extended_by(runner.cause)
+        fits = [e for x in (runner.x, *runner.others) for e in _fits(model, campaign, x, base.solutions)]
         done += sorted(fits, key=rank)[:1]
     return done
+
+
+def _fits(model: Model, campaign: Campaign, x: Array, last: Solutions) -> list[Evaluation]:
+    """From a start, limits lowered too; none where it has no steady states."""
+    try:
+        e = fit_model(model, campaign, x, last)
+    except FAILURES:
+        return []
+    return [e, *with_limits(e, campaign, STEPS)]
 
 
 def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:

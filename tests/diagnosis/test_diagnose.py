@@ -11,7 +11,7 @@ import pytest
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.calibrate import calibrate, trusted
 from hbm.diagnosis.decide import sidak
-from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.diagnose import HALF, diagnose
 from hbm.diagnosis.fit import evaluate, fit_model
 from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.misfit import misfit
@@ -208,6 +208,16 @@ def test_a_level_and_a_band_are_held_out():
     others = spectra.hz[np.isin(spectra.records, held) & (spectra.level != np.unique(spectra.level)[1])]
     assert len(np.unique(others)) == 2 and len(others) == 4
     assert choose_held_out(spectra.select(records=spectra.records[:3])) == ()
+
+
+def test_where_only_records_held_out_disagree_half_of_them_are_fitted():
+    rig, spectra = example("null", 4)
+    held = choose_held_out(spectra)
+    spoilt = 1.0 + 0.5 * np.isin(spectra.records, held)[:, None, None]
+    found = diagnose(rig, replace(spectra, coefficients=spectra.coefficients * spoilt), causes=())
+    assert found.held_out_records == held[1::2]
+    assert found.verdict == "unexplained" and found.evidence[0] == HALF
+    assert found.errors["nominal"]["train"].chi2_reduced > 10.0
 
 
 def test_chance_grows_with_the_number_of_candidates():
