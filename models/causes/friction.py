@@ -118,7 +118,7 @@ class ViscousContact(Cause):
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Coefficient of the dashpot."""
-        return (Unknown("coefficient", "N s/m", LAW + "coefficient", 0.0, 1e7, 0.0, (0.0, 10.0, 100.0)),)
+        return (Unknown("coefficient", "N s/m", LAW + "coefficient", 0.0, 1e7, 0.0, (0.0, 10.0, 100.0, 1e3)),)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Put the dashpot beside the law."""
@@ -169,7 +169,7 @@ class BristleMemory(Cause):
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Damping of the bristles."""
-        return (Unknown("sigma1", "N s/m", LAW + "bristle_damping", 0.0, 1e7, 0.0, (0.0, 10.0, 300.0)),)
+        return (Unknown("sigma1", "N s/m", LAW + "bristle_damping", 0.0, 1e7, 0.0, (0.0, 10.0, 300.0, 1e4)),)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Damp the bristles."""

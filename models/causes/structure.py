@@ -119,7 +119,8 @@ class StiffnessDamping(Cause):
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Beta of the damping."""
         now = rig.damping.stiffness_proportional
-        return (Unknown("beta", "s", "damping.stiffness_proportional", 0.0, 1.0, now, (now, now + 1e-6, now + 1e-5)),)
+        starts = tuple(now + more for more in (0.0, 1e-6, 1e-5, 1e-4))
+        return (Unknown("beta", "s", "damping.stiffness_proportional", 0.0, 1.0, now, starts),)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Set beta."""
