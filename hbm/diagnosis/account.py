@@ -54,10 +54,10 @@ class Account:
         return {"nominal": (search.nominal, self.nominal), "calibrated": (search.calibrated, self.calibrated)}
 
     @property
-    def nothing_to_fit(self) -> bool:
-        """Whether the records fitted agree with the rig file, and those held out do not."""
-        fits = misfit(self.search.nominal, self.search.campaign).fits
-        return self.best is None and fits and self.nominal is not None and not self.nominal.misfit.fits
+    def untold(self) -> bool:
+        """Whether the records fitted are explained but do not tell of what those held out show."""
+        e = self.decision.best or self.decision.base
+        return self.hidden is not None and self._verdict() == "unexplained" and misfit(e, self.search.campaign).fits
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""

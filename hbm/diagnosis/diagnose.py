@@ -17,7 +17,7 @@ from hbm.threads import one_thread
 from models.causes.cause import Cause
 from models.rig import Rig
 
-HALF = "Only the records first held out disagree with the rig file: every second of them is fitted instead."
+HALF = "What explains the records first fitted does not hold for those held out: every second of these is fitted too."
 
 
 @one_thread
@@ -40,7 +40,7 @@ def diagnose(
     spectra : MeasuredSpectra
     held_out : iterable of int, optional
         Records that no fit sees; where omitted a level and a frequency band, see :mod:`hbm.diagnosis.heldout`. Where
-        only these disagree with the rig file every second of them is fitted.
+        what explains the others does not hold for these, every second of them is fitted too.
     causes : iterable of Cause, optional
         Candidates, or classes of them; the whole catalogue and every nominal value where omitted.
     tolerances : mapping of str to float, optional
@@ -73,7 +73,7 @@ def diagnose(
         return Account(search, search.decide(), unseen, held)
 
     found = account(held)
-    if held_out is not None or not found.nothing_to_fit:
+    if held_out is not None or not found.untold:
         return found.diagnosis()
     tell("half as many records held out", 0.0)
     again = account(held[1::2]).diagnosis()
