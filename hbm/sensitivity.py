@@ -112,7 +112,7 @@ class Sensitivities:
     @property
     def own_Q(self) -> Array:
         """Derivatives of Q in the modes that the changed rig has, (2H+1, n, p)."""
-        return np.asarray(self.Q - np.einsum("kj,pij->kip", self.solution.state.Q, self.mixing))
+        return self.Q - _mixed(self.solution.state.Q, self.mixing)
 
     def logarithmic(self, channel: str) -> dict[str, float]:
         """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent.
@@ -316,11 +316,16 @@ def balance_change(here: Linearization, keys: Sequence[str]) -> Array:
     mixing = _mixing(held.structure, here.problem.structure.omega_n**2)
     if mixing.any():
         split = here.problem.basis.size * here.problem.structure.n
-        mixed = np.einsum("kj,pij->kip", here.state.Q, mixing).reshape(split, -1) / here.problem.q_ref
+        mixed = _mixed(here.state.Q, mixing).reshape(split, -1) / here.problem.q_ref
         change += balance @ np.concatenate([mixed, np.zeros((here.problem.basis.size, len(keys)))])
         residual = here.residual[:split].reshape(here.state.Q.shape)
         change[:split] += np.einsum("ki,pij->kjp", residual, mixing).reshape(split, -1)
     return np.asarray(change)
+
+
+def _mixed(Q: Array, mixing: Array) -> Array:
+    """Coefficients (2H+1, n) of the changed modes, as (2H+1, n, p) of those there are now, per unit of each change."""
+    return np.asarray(np.einsum("kj,pij->kip", Q, mixing))
 
 
 def _mixing(change: StructureChange, squares: Array) -> Array:

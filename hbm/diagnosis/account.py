@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -57,11 +58,11 @@ class Account:
     def untold(self) -> bool:
         """Whether the records fitted are explained but do not tell of what those held out show."""
         e = self.decision.best or self.decision.base
-        return self.hidden is not None and self._verdict() == "unexplained" and misfit(e, self.search.campaign).fits
+        return self.hidden is not None and self.verdict == "unexplained" and misfit(e, self.search.campaign).fits
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""
-        verdict = self._verdict()
+        verdict = self.verdict
         best = self.decision.best if verdict == "cause-found" else None
         ties = tied(self.decision.fits, best) if best is not None else []
         return Diagnosis(
@@ -90,7 +91,9 @@ class Account:
             scored["extended"] = self.best[1]
         return {name: s.evaluation for name, s in scored.items() if s is not None}
 
-    def _verdict(self) -> Verdict:
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Of the decision, on the records fitted and those held out."""
         search, calibrated = self.search, self.calibrated
         if self.best is None:
             scored = self.nominal if self.decision.base is search.nominal else calibrated

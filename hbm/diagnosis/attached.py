@@ -156,7 +156,7 @@ class _Scan:
         each = [(Span(r.free(beside)), r) for r in records]
         self.columns = [[free.across(r.white.columns[1 + i]) for free, r in each] for i in points]
         self.deflection = [[r.deflection(i, beside) for r in records] for i in points]
-        self.expected = base.expected
+        self.numbers = len(base.x)
         self.calibration = Span(np.vstack([*(free.across(r.white.jacobian) for free, r in each), base.expected]))
         rows = [*(free.across(r.white.residual) for free, r in each), -base.pulls]
         self.residual = self.calibration.across(np.concatenate(rows))
@@ -171,7 +171,7 @@ class _Scan:
         for record, (columns, deflection) in enumerate(zip(self.columns[point], self.deflection[point], strict=True)):
             force = stiffness[:, record] * deflection
             rows.append(columns @ np.hstack([force.real, -force.imag]).T)
-        v = self.calibration.across(np.vstack([*rows, np.zeros((len(self.expected), len(stiffness)))]))
+        v = self.calibration.across(np.vstack([*rows, np.zeros((self.numbers, len(stiffness)))]))
         along, square = v.T @ self.residual, np.maximum(np.sum(v**2, axis=0), 1e-300)
         return np.where(along > 0.0, along**2 / square, 0.0), along / square
 

@@ -1,6 +1,7 @@
 """Candidates against each other, by the score test where the misfit is small and else by quick fits; then full fits."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 from hbm.diagnosis.attached import attached_starts
@@ -97,11 +98,11 @@ def _final(runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell
 
 def _fits(model: Model, campaign: Campaign, x: Array, last: Solutions) -> list[Evaluation]:
     """From a start, limits lowered too; none where it has no steady states."""
-    try:
-        e = fit_model(model, campaign, x, last)
-    except FAILURES:
-        return []
-    return [e, *with_limits(e, campaign, STEPS)]
+    fits: list[Evaluation] = []
+    with suppress(*FAILURES):
+        fits.append(fit_model(model, campaign, x, last))
+        fits += with_limits(fits[0], campaign, STEPS)
+    return fits
 
 
 def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
