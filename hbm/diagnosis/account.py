@@ -99,7 +99,9 @@ class Account:
             scored = self.nominal if self.decision.base is search.nominal else calibrated
             fits = misfit(self.decision.base, search.campaign).fits and (scored is None or scored.misfit.fits)
             return "consistent" if fits else "unexplained"
-        _, scored = self.best
+        best, scored = self.best
+        if not misfit(best, search.campaign).fits:
+            return "unexplained"
         if scored is None:
             return "cause-found"
         if not scored.misfit.fits:
@@ -133,8 +135,9 @@ class Account:
     def _nrmse_held_out(self, e: Evaluation) -> float | None:
         if self.best is not None and e is self.best[0] and self.best[1] is not None:
             return self.best[1].misfit.nrmse
+        known = {} if self.calibrated is None else self.calibrated.evaluation.solutions
         try:
-            return None if self.hidden is None else nrmse(evaluate(e.model, self.hidden, e.x, {}).white)
+            return None if self.hidden is None else nrmse(evaluate(e.model, self.hidden, e.x, known).white)
         except (ConvergenceError, ValueError):
             return None
 

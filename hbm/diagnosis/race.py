@@ -41,7 +41,10 @@ ALIKE = 0.5
 """those whose signature has this cosine with it."""
 
 REFINED = 300.0
-"""Fits whose chi2 is within this of the best are refined too."""
+"""Fits whose chi2 is within this of the best are refined too, where the best leaves less than"""
+
+UNREFINED = 5.0
+"""so many times this of misfit."""
 
 Tell = Callable[[str], None]
 
@@ -112,7 +115,7 @@ def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> li
         return []
     first, *others = ordered
     first = refine(first, campaign)
-    if not small(base):
+    if not small(base) and first.chi2 - len(first.white) < UNREFINED * REFINED:
         others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]
     return sorted([first, *others], key=rank)
 

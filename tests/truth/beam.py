@@ -147,6 +147,7 @@ def static_shapes(fe: FiniteElements, omega2: Array, V: Array, loads: Array) -> 
     Returns stiffnesses, all scaled to 1e12, and shapes: orthogonal to the modes and to each other.
     """
     rest = flexibility(fe, loads) - V @ ((V.T @ loads) / omega2[:, None])
+    rest -= V @ (V.T @ (fe.M @ rest))  # rounding leaves more of the modes in it than it is long
     rest = rest / np.sqrt(np.maximum(np.einsum("ij,ij->j", rest, fe.K @ rest), 1e-300))
     energy, mix = np.linalg.eigh(rest.T @ fe.K @ rest)
     kept = energy > 1e-6

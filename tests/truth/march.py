@@ -55,6 +55,11 @@ def stack(items: Sequence[Reduced]) -> dict[str, Array]:
     return {name: np.array([getattr(item, name) for item in items]) for name in Reduced.__dataclass_fields__}
 
 
+def largest(sizes: Array) -> float:
+    """Largest size, of the records that have not run away: they are given up, the others go on."""
+    return float(np.nanmax(sizes, initial=0.0))
+
+
 def transition(omega2: Array, d: Array, dt: Array) -> tuple[Array, ...]:
     """Exact step of q'' + d q' + omega2 q = p, p linear: (q from q, v, p0, p1; v from the same)."""
     a = d / 2
@@ -201,9 +206,9 @@ class Batch:
             change = (law.force(remembered) - T) / np.maximum(1.0 - slope, 0.3)
             mismatch = np.abs(change) / tolerance
             T = T + change
-            worst = float(mismatch.max())
+            worst = largest(mismatch)
             if self.hidden and trial > 1:
-                worst = max(worst, 0.01 * float((np.abs(push - before) / tolerance[..., None]).max()))
+                worst = max(worst, 0.01 * largest(np.abs(push - before) / tolerance[..., None]))
             if worst < 1.0 and trial > 1:
                 break
         return Instant(State(q, v, remembered, memory), p, Gq, T, R, u, v_slip, rest, now.T, trial, worst)

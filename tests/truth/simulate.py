@@ -197,13 +197,17 @@ class Shooting:
                     continue
                 end, worst, gap, J = self.after_period(trial, now, derivative)
                 for i, r in enumerate(np.flatnonzero(now)):
-                    if derivative:
+                    runs_away = not np.isfinite([worst[i], *gap[i], *J[i].flat]).all()
+                    if derivative and not runs_away:
                         jacobian[r], taken_at[r] = J[i], worst[i]
                     renew[r] = worst[i] > 0.1 * last.residual[r] and not derivative
-                    if worst[i] > 4 * last.residual[r] and last.damping[r] > 0.05:  # too long a step: halve it
+                    too_long = runs_away or worst[i] > 4 * last.residual[r]
+                    if too_long and last.damping[r] > 0.05:  # halve the step
                         last.damping[r] /= 2
                         self._put(trial, r, last.state, r, last.damping[r] * last.step[r])
                         renew[r] = True
+                        continue
+                    if runs_away:
                         continue
                     last.residual[r], last.damping[r] = worst[i], min(1.0, 2 * last.damping[r])
                     last.step[r] = np.linalg.lstsq(np.eye(width) - jacobian[r], gap[i], rcond=5e-5)[0]
