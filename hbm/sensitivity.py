@@ -561,7 +561,8 @@ class _LinearBalance:
 @np.errstate(all="ignore")  # what diverges ends in the message
 def _refined(here: Linearization, balance: _LinearBalance, right: Array) -> tuple[Array, int]:
     """Solve the complete balance with the matrix of Newton's method; and count the refinements."""
-    held, acting = np.zeros(len(right)), right.any(axis=0)  # border that holds the frequency; sensors act on nothing
+    held, whole = np.zeros(len(right)), np.zeros_like(right)  # border that holds the frequency
+    acting = np.flatnonzero(right.any(axis=0))  # not what is the sensors'
     right = right[:, acting]
     x, left, before = np.zeros_like(right), right, np.full(right.shape[1], np.finfo(float).tiny)
     for count in range(MOST_REFINEMENTS + 1):
@@ -570,7 +571,6 @@ def _refined(here: Linearization, balance: _LinearBalance, right: Array) -> tupl
         size = np.abs(step).max(axis=0)
         following = size * np.minimum(size / before, 1.0)  # steps shrink in proportion
         if np.all(following <= REFINED * np.abs(x).max(axis=0)):
-            whole = np.zeros((len(x), len(acting)))
             whole[:, acting] = x
             return whole, count
         left, before = right - balance @ x, np.maximum(size, np.finfo(float).tiny)
