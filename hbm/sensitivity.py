@@ -562,7 +562,9 @@ class _LinearBalance:
 def _refined(here: Linearization, balance: _LinearBalance, right: Array) -> tuple[Array, int]:
     """Solve the complete balance with the matrix of Newton's method; and count the refinements."""
     held, whole = np.zeros(len(right)), np.zeros_like(right)  # border that holds the frequency
-    acting = np.flatnonzero(right.any(axis=0))  # not what is the sensors'
+    acting = np.flatnonzero(right.any(axis=0))
+    if not acting.size:  # sensors alone change
+        return whole, 0
     right = right[:, acting]
     x, left, before = np.zeros_like(right), right, np.full(right.shape[1], np.finfo(float).tiny)
     for count in range(MOST_REFINEMENTS + 1):

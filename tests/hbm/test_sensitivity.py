@@ -390,6 +390,15 @@ def test_sensitivities_can_be_sent_to_another_process():
         assert np.array_equal(sent[name].samples, channel.samples)
 
 
+def test_a_sensor_reads_in_proportion_to_its_gain_and_moves_nothing():
+    rig = beam(JENKINS)
+    solution, sensor = steady_state(rig, 49.0, harmonics=5), rig.response_channels[0]
+    s = sensitivities(rig, solution, (f"channels.{sensor.name}.gain",))
+    read = solution[sensor.name].coefficients
+    np.testing.assert_allclose(s[sensor.name].coefficients[:, 0], read / sensor.gain, rtol=1e-12, atol=0)
+    assert not s.Q.any() and not s["friction"].coefficients.any()
+
+
 def test_damping_that_ratios_replace_has_no_effect():
     rig = replace(beam(JENKINS), damping=Damping(modal_ratios=(0.001,)))
     s = sensitivities(rig, steady_state(rig, 49.0, harmonics=5))
