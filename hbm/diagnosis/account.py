@@ -11,6 +11,7 @@ from hbm.diagnosis.calibrate import off
 from hbm.diagnosis.decide import (
     ALARM,
     Decision,
+    evidence,
     inclusion,
     sidak,
     tied,
@@ -117,7 +118,14 @@ class Account:
         if verdict == "unexplained":
             e = self.decision.best or search.calibrated
             return 1.0 - misfit(e, search.campaign).probability
-        return float(weights([0.0, *(-s.gain for s in search.screening.scores[:1])])[0])
+        return self._nothing()
+
+    def _nothing(self) -> float:
+        """Probability that nothing is missing, even odds before; the candidates share theirs."""
+        base, scores = self.decision.base, [s for s in self.search.screening.scores if s.drop > 0.0]
+        beside = [evidence(e) - evidence(base) for e in self.decision.fits] or [-s.gain for s in scores]
+        dearer = 2.0 * np.log(len(self.search.candidates))
+        return float(weights([0.0, *(b + dearer for b in beside)])[0])
 
     def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:
         models = dict(self.plain)
