@@ -147,7 +147,7 @@ def _starts(model: Model, x: Array, score: Score) -> list[Array]:
         given = [tuple(start[u.name] for u in unknowns) for start in score.starts]
     else:
         grids = [u.starts[1:] or u.starts if i == 0 else u.starts for i, u in enumerate(unknowns)]
-        if not any(u.shapes for u in unknowns):
+        if grids and not any(u.shapes for u in unknowns):
             grids[0] = _dense(grids[0])
         given = list(product(*(g[:1] if rest + i in _limits(model) else g for i, g in enumerate(grids))))
     return [np.concatenate([x[:rest], [f.of(v) for f, v in zip(own, values, strict=True)]]) for values in given]

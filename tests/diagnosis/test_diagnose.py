@@ -23,6 +23,7 @@ from hbm.diagnosis.search import campaign_of, second_alone
 from hbm.errors import InputError
 from models.causes.cause import Unknown
 from models.causes.parameter import WrongParameter
+from models.causes.sensors import SwappedChannels
 from models.causes.structure import AddedMass, AddedSpring, ClampRotation, SupportRotationSpring
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "data" / "examples"
@@ -87,6 +88,15 @@ def test_wrong_youngs_modulus_is_called_by_its_key():
     assert value.unit == "Pa"
     assert abs(value.value - example("null", 4)[0].body.youngs_modulus) < 3 * value.std
     assert found.gain["held_out_nrmse_ratio"] <= 1.0
+
+
+def test_exchanged_channels_are_found_beside_a_force():
+    # both are misfits far too large for derivatives, of which one has nothing to fit
+    rig, spectra = example("null", 6)
+    exchanged = SwappedChannels("a2", "a4")
+    found = diagnose(exchanged.extend(rig, {}), spectra, causes=(exchanged, ClampRotation))
+    assert (found.verdict, found.cause) == ("cause-found", "swapped-channels")
+    assert {name: p.value for name, p in found.parameters.items()} == {"channel": "a2", "other": "a4"}
 
 
 # ---- report
