@@ -23,8 +23,8 @@ from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.rig import Rig
 
-PLACES = 12
-"""Positions along the beam, equally far apart."""
+PLACES, CLOSE = 12, 3
+"""Positions along the beam, equally far apart; and more between the best and each of its neighbours."""
 
 STEP, BEYOND = 0.003, 1.5
 """Relative step of what shapes a stiffness, and how far it is scanned beyond its least and its largest start."""
@@ -76,13 +76,19 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
     found = {label: attached for label, attached in each.items() if attached is not None}
     if not found or not isinstance(rig.body, Beam) or few.points <= 2 * few.data.H * len(numbers):
         return {}
-    positions = rig.body.length * np.arange(1, PLACES + 1) / (PLACES + 1)
-    records = _records(base, few, *points_of(rig, rig.body, positions))
-    scans = [_Scan(base, records, beside=False)]
-    if few.points > (1.0 + LEFT_OVER) * 4 * few.data.H * len(numbers):
-        scans.append(_Scan(base, records, beside=True))
+    along = rig.body.length * np.arange(1, PLACES + 1) / (PLACES + 1)
+    beside = few.points > (1.0 + LEFT_OVER) * 4 * few.data.H * len(numbers)
+    records = _records(base, few, *points_of(rig, rig.body, along))
+    scans = [_Scan(base, records, free) for free in ((False, True) if beside else (False,))]
+    gains = {label: [scan.gains(a.stiffness) for scan in scans] for label, a in found.items()}
+    best = max((gain for *_, (gain, _) in gains.values()), key=np.max)
+    near = along[int(best.max(axis=1).argmax())] + along[0] * np.arange(-CLOSE, CLOSE + 1) / (CLOSE + 1)
+    closer = _Scan(base, _records(base, few, *points_of(rig, rig.body, near)), beside)
     return {
-        label: tuple(start for scan in scans for start in _best(a, *scan.gains(a.stiffness), positions))
+        label: (
+            *(start for gain, size in gains[label] for start in _best(a, gain, size, along)),
+            *_best(a, *closer.gains(a.stiffness), near, most=1),
+        )
         for label, a in found.items()
     }
 
@@ -176,14 +182,14 @@ class _Scan:
         return np.where(along > 0.0, along**2 / square, 0.0), along / square
 
 
-def _best(attached: _Attached, gain: Array, size: Array, positions: Array) -> Iterator[Start]:
+def _best(attached: _Attached, gain: Array, size: Array, positions: Array, most: int = MOST) -> Iterator[Start]:
     """Starts of most gain, apart from each other."""
     span = positions[-1] + positions[0]
     others = np.array([[np.log(v) for v in o.values()] for o in attached.others])
-    left, most = gain.copy(), float(gain.max())
-    for _ in range(MOST):
+    left, least = gain.copy(), max(CHANCE, HELPS * float(gain.max()))
+    for _ in range(most):
         p, s = np.unravel_index(int(left.argmax()), left.shape)
-        if left[p, s] < max(CHANCE, HELPS * most):
+        if left[p, s] < least:
             return
         known = float(np.clip(size[p, s], attached.size.lower, attached.size.upper))
         yield {attached.size.name: known, **attached.others[s], "position": float(positions[p])}

@@ -225,9 +225,10 @@ def test_what_is_attached_is_found_from_its_force_however_large_the_misfit(cause
     assert nominal.white.chi2 > 1e4 * len(nominal.white)
     starts = attached_starts(nominal, campaign, [cause])[cause.name]
     true = next(iter(attached.masses + attached.springs + attached.resonators))._asdict()
-    apart = {"position": L / PLACES, "frequency_hz": 1.0}
+    apart = {"position": L / PLACES / 4, "frequency_hz": 1.0}
     near = [
-        all(abs(start[name] - value) < apart.get(name, 0.2 * value) for name, value in true.items()) for start in starts
+        all(abs(start[name] - value) < apart.get(name, 0.05 * value) for name, value in true.items())
+        for start in starts
     ]
     assert any(near), starts
 
