@@ -124,7 +124,7 @@ class Account:
         """Probability that nothing is missing, even odds before; the candidates share theirs."""
         base, scores = self.decision.base, [s for s in self.search.screening.scores if s.drop > 0.0]
         beside = [evidence(e) - evidence(base) for e in self.decision.fits] or [-s.gain for s in scores]
-        dearer = 2.0 * np.log(len(self.search.candidates))
+        dearer = 2.0 * np.log(max(len(self.search.candidates), 1))
         return float(weights([0.0, *(b + dearer for b in beside)])[0])
 
     def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:

@@ -40,11 +40,8 @@ EXPLAINED, LITTLE = 1.5, 0.03
 ALIKE = 0.5
 """those whose signature has this cosine with it."""
 
-REFINED = 300.0
-"""Fits whose chi2 is within this of the best are refined too, where the best leaves less than"""
-
-UNREFINED = 5.0
-"""so many times this of misfit."""
+REFINED, FAR = 300.0, 1500.0
+"""Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
 
 Tell = Callable[[str], None]
 
@@ -115,7 +112,7 @@ def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> li
         return []
     first, *others = ordered
     first = refine(first, campaign)
-    if not small(base) and first.chi2 - len(first.white) < UNREFINED * REFINED:
+    if not small(base) and first.chi2 - len(first.white) < FAR:
         others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]
     return sorted([first, *others], key=rank)
 

@@ -233,7 +233,7 @@ def run(bench: Bench, hidden: Hidden, strength: float, picked: Array, steps: int
 
 
 def aimed(bench: Bench, hidden: Hidden, target: float) -> float:
-    """Strength whose residual is about as long as the target: one probe of a few records, a second if far off.
+    """Strength whose residual is about as long as the target: one probe of a few records, up to three more if far off.
 
     A strength that leaves no steady states to measure is lowered. What only the instruments do costs nothing and is met
     exactly, under the noise that they then have.
