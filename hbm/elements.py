@@ -157,6 +157,13 @@ class ElementsOverPeriod:
         """
         return np.asarray(self._row_forces(Q, Omega) @ self.onto)
 
+    def acts(self, Q: Array, Omega: float) -> bool:
+        """Whether any of the forces changes with the motion: none does while every stop stays open."""
+        self._read(Q, Omega)
+        evaluate, slopes = buffered(self._functions.slopes, self._inputs)
+        evaluate()
+        return any(slope.any() for slope in slopes)
+
     def linearize(self, Q: Array, Omega: float) -> ElementSlope:
         """Derivatives of :meth:`force`."""
         basis, n, f = self.basis, Q.shape[1], self._functions

@@ -1,7 +1,7 @@
 """Multi-harmonic residual of a rig, as a problem for continuation.
 
 The equations are those of :class:`hbm.balance.Balance`. Where friction is all that is nonlinear, Newton's system is
-reduced to the friction force (:class:`hbm.elimination.Elimination`); with nonlinear elements along the beam it is
+reduced to the friction force (:class:`hbm.elimination.Elimination`); with nonlinear elements that act on the beam it is
 solved whole (:class:`hbm.complete.CompleteBalance`); for a clamp that slips either is corrected
 (:class:`hbm.slipping.SlippingBalance`).
 """
@@ -63,7 +63,9 @@ class Linearization:
 
     def bordered(self, column: Array | None = None) -> Newton:
         """The derivative, with another column (size,) in place of that of the problem's parameter."""
-        kind = Elimination if self.problem.elements is None else CompleteBalance
+        elements = self.problem.elements
+        acting = elements is not None and elements.acts(self.state.Q, self.state.Omega)
+        kind = CompleteBalance if acting else Elimination
         parts = self.problem, self.state, self.kin, self.contact
         held = kind(*parts, column)
         return held if self.problem.clamp is None else SlippingBalance(held, *parts, column)

@@ -20,8 +20,7 @@ STEPS = 15
 REFINED = 4
 """Steps after the discretisation was corrected."""
 
-SETTLED = 0.05
-PART = 1e-3
+SETTLED, PART = 0.05, 1e-3
 """Least squares ends when a step promises to lower chi2 by less than this, or by less than this part of its excess."""
 
 DAMPED = 1e-6
@@ -34,6 +33,9 @@ MANY, MISSED = 8, 2
 
 MOST = 0.7
 """Longest step of a coordinate."""
+
+LONGER, SHORTER, SHORTEST = 2.0, 0.25, 0.01
+"""Factors of the length of a step where the last one helped and where it did not; from the last on it is damped."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +148,13 @@ def evaluate(model: Model, campaign: Campaign, x: Array, last: Solutions, near: 
 
 
 def fit_model(
-    model: Model, campaign: Campaign, x: Array, last: Solutions, steps: int = STEPS, settled: float = SETTLED
+    model: Model,
+    campaign: Campaign,
+    x: Array,
+    last: Solutions,
+    steps: int = STEPS,
+    settled: float = SETTLED,
+    part: float = PART,
 ) -> Evaluation:
     """Coordinates of least chi2 near `x` (Gauss and Newton, steps shortened or damped where that fails).
 
@@ -162,6 +170,8 @@ def fit_model(
         Evaluations, at most.
     settled : float
         Promised fall of chi2 at which the search ends.
+    part : float
+        The same as a part of what chi2 exceeds the number of coefficients by.
 
     Returns
     -------
@@ -173,30 +183,30 @@ def fit_model(
         If the steady state of no record is found at `x`.
     """
     low, high = model.bounds()
-    here, damping, part = evaluate(model, campaign, np.clip(x, low, high), last), DAMPED, 1.0
+    here, damping, length = evaluate(model, campaign, np.clip(x, low, high), last), DAMPED, 1.0
     for _ in range(steps if len(x) else 0):
         step, promised = _step(here, damping, low, high)
-        if abs(promised) < max(settled, PART * (here.chi2 - len(here.white))):
+        if abs(promised) < max(settled, part * (here.chi2 - len(here.white))):
             break
         if promised < 0.0:  # at a corner of the bounds
             damping = max(damping, DAMPED) * 100.0
             if damping > MOST_DAMPED:
                 break
             continue
-        part = min(part, float(MOST / max(np.abs(step).max(), 1e-300)))
+        length = min(length, float(MOST / max(np.abs(step).max(), 1e-300)))
         try:
-            there = evaluate(model, campaign, np.clip(here.x + part * step, low, high), last, here)
+            there = evaluate(model, campaign, np.clip(here.x + length * step, low, high), last, here)
             gained = _fall(here, there)
         except FAILURES:
             gained = -1.0
         if gained > 0.0:
             # valleys are narrow and bent: the direction is kept, and followed further while it pays
             here, damping = there, max(damping / 10.0, LEAST_DAMPED)
-            part = min(1.0, part * 4.0)
+            length = min(1.0, length * LONGER)
         else:
-            part *= 0.25
-            if part < 0.01:
-                damping, part = damping * 1e3, 1.0
+            length *= SHORTER
+            if length < SHORTEST:
+                damping, length = damping * 1e3, 1.0
         if damping > MOST_DAMPED:
             break
     return here

@@ -22,6 +22,9 @@ RECORDS = 6
 STARTS, STEPS = 2, 7
 """Starts from which steps are taken, and how many."""
 
+SETTLED, PART = 1.0, 0.01
+"""They end when chi2 would fall by less than this, or by less than this part of its excess."""
+
 AT_ONCE = 4
 """Candidates run side by side where there is an executor."""
 
@@ -38,8 +41,9 @@ PROMISING = 0.3
 DENSE, ROUNDING = 10.0**0.5, 1e-9
 """Starts of how strong an effect is that nothing else shapes are at most this factor apart."""
 
-SECOND = 3.0
-"""The second start is tried where its chi2 is within this factor of the best."""
+SECOND, WORSE = 3.0, 10.0
+"""The second start is tried where its chi2 is within this factor of the best, and none where it is so many times what
+it was before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +99,12 @@ def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) 
         if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
             starts += _starts(model, model.start, score)
         ordered = _by_place(model, few, starts, base.solutions)
-        near = [x for chi2, x in ordered[:most] if chi2 <= SECOND * ordered[0][0] or most > STARTS]
-        if score.drop > PROMISING * _misfit_on(base, few):
+        before = _misfit_on(base, few)
+        ordered = [(chi2, x) for chi2, x in ordered[:most] if chi2 < WORSE * before]
+        near = [x for chi2, x in ordered if chi2 <= SECOND * ordered[0][0] or most > STARTS]
+        if score.drop > PROMISING * before or not near:
             near.append(starting(model, base, score.start))
-        fits = [fit_model(model, few, x, base.solutions, steps, settled=1.0) for x in near]
+        fits = [fit_model(model, few, x, base.solutions, steps, SETTLED, PART) for x in near]
         fits += with_limits(min(fits, key=rank), few, steps)
     except FAILURES:
         return None
@@ -187,4 +193,4 @@ def _with_limit(e: Evaluation, campaign: Campaign, i: int, steps: int) -> list[E
             best, least = x, chi2
         if chi2 > SECOND * e.chi2:
             break
-    return [fit_model(e.model, campaign, best, e.solutions, steps, settled=1.0)] if best is not e.x else []
+    return [fit_model(e.model, campaign, best, e.solutions, steps, SETTLED, PART)] if best is not e.x else []

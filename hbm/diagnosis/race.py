@@ -108,8 +108,8 @@ def _fits(model: Model, campaign: Campaign, x: Array, last: Solutions) -> list[E
 def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
     """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough."""
     ordered = sorted(done, key=rank)
-    if not ordered:
-        return []
+    if not ordered or ordered[0].chi2 > HOPE * len(ordered[0].white):
+        return ordered
     first, *others = ordered
     first = refine(first, campaign)
     if not small(base) and first.chi2 - len(first.white) < FAR:

@@ -126,9 +126,9 @@ class Campaign:
         """The same, with the discretisation corrected where it is now."""
         return replace(self, corrections=corrections(rig, self.data, self.numerics, solutions, self.executor))
 
-    def coarsely(self, H: int, N_t: int) -> "Campaign":
-        """The same on another basis, without a correction."""
-        working = Grid(FourierBasis(H, N_t), self.numerics.working.modes)
+    def coarsely(self, H: int, N_t: int, modes: int) -> "Campaign":
+        """The same on another discretisation, without a correction."""
+        working = Grid(FourierBasis(H, N_t), modes)
         return replace(self, numerics=replace(self.numerics, working=working), corrections={})
 
     @property

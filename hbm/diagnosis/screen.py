@@ -115,10 +115,14 @@ def telling(base: Evaluation, campaign: Campaign, number: int) -> list[int]:
 
 
 def coarse(campaign: Campaign, numbers: Sequence[int], base: Evaluation | None = None) -> Campaign:
-    """Some records on few harmonics and samples, for what need not be exact; corrected to a model that is known."""
-    few = campaign.of(numbers).coarsely(max(COARSE[0], campaign.data.H + 4), COARSE[1])
+    """Some records on few harmonics and samples, for what need not be exact.
+
+    Corrected to a model that is known, on half of the modes: they do for the change from there.
+    """
+    H, N_t, modes = max(COARSE[0], campaign.data.H + 4), COARSE[1], campaign.numerics.working.modes
     if base is None:
-        return few
+        return campaign.of(numbers).coarsely(H, N_t, modes)
+    few = campaign.of(numbers).coarsely(H, N_t, (modes + 1) // 2)
     there = few.solve(base.model.rig(base.x), base.solutions)
     added = {n: campaign.amplitudes(n, base.found[n].solution) - few.amplitudes(n, s) for n, s in there.items()}
     return replace(few, corrections={n: Correction(change, LEFT * size(change)) for n, change in added.items()})

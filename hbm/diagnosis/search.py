@@ -34,6 +34,9 @@ from models.rig import Rig
 MOST_RANKED = 10
 """Fits that are kept for the ranking."""
 
+STRONGER = 0.7
+"""A second cause is looked for where the first leaves less than this share of chi2: of two, the stronger takes half."""
+
 DISTORTED = 5.0
 """A force is distorted that has a harmonic of so many standard deviations."""
 
@@ -124,15 +127,20 @@ class Search:
         if several is not None:
             return several
         single = best_first(exact, first)
-        pair = self._pair(single, single.best) if single.best is not None else single
+        if single.best is None or single.best.chi2 > STRONGER * self.calibrated.chi2:
+            return single
+        pair = self._pair(single, single.best)
         return pair if self._explains(pair) else best_first(single, pair)
 
     def _explains(self, decision: Decision) -> bool:
-        return decision.best is not None and misfit(decision.best, self.campaign).fits
+        return decision.best is not None and self._fits(decision.best)
+
+    def _fits(self, e: Evaluation) -> bool:
+        return misfit(e, self.campaign).fits
 
     def _within(self) -> bool:
         """Whether numbers of the rig file that move within their tolerances explain everything."""
-        return misfit(self.calibrated, self.campaign).fits and not off(self.trust, self.calibrated)
+        return self._fits(self.calibrated) and not off(self.trust, self.calibrated)
 
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
         fits = best_of(race(base, self.campaign, screening, lambda doing: self.tell(doing, done)))
@@ -143,7 +151,7 @@ class Search:
         """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
         self.tell("free calibration", 0.65)
         base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
-        if not misfit(base, self.campaign).fits or not accepted(self.calibrated, base, self.tried):
+        if not self._fits(base) or not accepted(self.calibrated, base, self.tried):
             return None
         far = {key: pull for key, pull in off(self.trust, base).items() if not key.startswith(SENSORS)}
         wrong = far or {base.model.free[0].name: 0.0}
@@ -157,10 +165,10 @@ class Search:
 
     def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
         """Two causes: one more beside the best."""
-        rest = [c for c in self.candidates if c not in single.model.causes and _fits(c, single.model.rig(single.x))]
+        rest = [c for c in self.candidates if c not in single.model.causes and _suits(c, single.model.rig(single.x))]
         screening = screen(single, self.campaign, rest)
         fits = race(single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", 0.7))
-        alone = [e for pair in fits[:1] for e in second_alone(pair, earlier.base, self.campaign)]
+        alone = [e for pair in fits[:1] if self._fits(pair) for e in second_alone(pair, earlier.base, self.campaign)]
         ranked = best_of([*fits, *alone, *earlier.fits])
         best = next((e for e in ranked[:1] if accepted(earlier.base, e, self.tried**2)), None)
         return Decision(earlier.base, best, tuple(ranked[:MOST_RANKED]))
@@ -190,6 +198,6 @@ def second_alone(pair: Evaluation, base: Evaluation, campaign: Campaign) -> list
         return []
 
 
-def _fits(cause: Cause, rig: Rig) -> bool:
+def _suits(cause: Cause, rig: Rig) -> bool:
     """Whether an extended rig can be extended by a cause too."""
     return any(offered == cause for offered in type(cause).candidates(rig))

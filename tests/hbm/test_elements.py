@@ -222,10 +222,10 @@ def test_newton_matrix_is_the_derivative(elements, parameter) -> None:
 
 
 def test_complete_matrix_is_the_eliminated_one() -> None:
-    """With an element that does nothing, on everything else there is."""
+    """With an element that does next to nothing, on everything else there is."""
     ends = Attachments(support_stiffness=1e6, masses=(PointMass(0.02, 0.2),))
     plain = replace(beam(Dahl(mu=0.5, stiffness=1e7), alpha=6.0, modes=4), attachments=ends)
-    idle = replace(plain, elements=(MidplaneStretching(0.0),))
+    idle = replace(plain, elements=(MidplaneStretching(1e-6),))
     solution = steady_state(plain, 50.0, harmonics=7)
     for parameter in ("frequency", "force"):
         a, b = (HarmonicBalance(rig, solution.basis, parameter=parameter, hz=50.0) for rig in (plain, idle))
@@ -242,6 +242,19 @@ def test_complete_matrix_is_the_eliminated_one() -> None:
         assert here.determinant_sign(row, 1.0) == complete.determinant_sign(row, 1.0) != 0
     kept, all_of_it = (sensitivities(rig, solution, ("beam.length", "contact.friction.mu")) for rig in (plain, idle))
     np.testing.assert_allclose(all_of_it.Q, kept.Q, atol=1e-9 * np.abs(kept.Q).max())
+
+
+def test_a_stop_that_stays_open_costs_no_complete_matrix() -> None:
+    plain = beam(Dahl(mu=0.5, stiffness=1e7), alpha=6.0, modes=4)
+    solution = steady_state(plain, 50.0, harmonics=7)
+    reach = float(np.abs(solution["drive"].samples).max())
+    rigs = [replace(plain, elements=(ImpactStop(gap, 1e4, 0.3),)) for gap in (10 * reach, 0.1 * reach)]
+    open_, closing = (HarmonicBalance(rig, solution.basis) for rig in rigs)
+    x, lam = open_.pack(solution.state)
+    assert isinstance(open_.linearize(x, lam).newton, Elimination)
+    assert isinstance(closing.linearize(x, lam).newton, CompleteBalance)
+    expected = HarmonicBalance(plain, solution.basis).residual(x, lam)
+    np.testing.assert_allclose(open_.residual(x, lam), expected, atol=1e-14)
 
 
 def changed(rig: Rig, key: str, factor: float) -> Rig:
