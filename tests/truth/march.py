@@ -57,7 +57,7 @@ def stack(items: Sequence[Reduced]) -> dict[str, Array]:
 
 def largest(sizes: Array) -> float:
     """Largest size, of the records that have not run away: they are given up, the others go on."""
-    return float(np.nanmax(sizes, initial=0.0))
+    return float(np.fmax.reduce(sizes, axis=None, initial=0.0))
 
 
 def transition(omega2: Array, d: Array, dt: Array) -> tuple[Array, ...]:

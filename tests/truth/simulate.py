@@ -256,8 +256,9 @@ def simulate_records(
     coarse, fine = Batch(rigs, omega, settings.coarse), Batch(rigs, omega, steps)
     rough, exact = force_over(rigs[0], asked, settings.coarse), force_over(rigs[0], asked, steps)
     if start is None:
-        rising = Batch(rigs, omega, settings.coarse, tolerance=1e-8)
-        state, size = ramp(rising, rough, coarse.rest_state(), settings.ramp, settings.hold)
+        rising = Batch(rigs, omega, settings.coarse // 2, tolerance=1e-8)
+        growing = force_over(rigs[0], asked, settings.coarse // 2)
+        state, size = ramp(rising, growing, rising.rest_state(), settings.ramp, settings.hold)
         settled = replace(settings, tolerance=1e-6)
         for _ in range(settings.retries + 1):
             shooting = Shooting(coarse, rough, size, settled)
