@@ -3,7 +3,7 @@
 The force noise of each record is profiled out: the covariance follows the model, and chi2 of different models compare.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ STEPS = 15
 REFINED = 4
 """Steps after the discretisation was corrected."""
 
-SETTLED, PART = 0.05, 1e-3
+SETTLED, PART = 0.05, 3e-3
 """Least squares ends when a step promises to lower chi2 by less than this, or by less than this part of its excess."""
 
 DAMPED = 1e-6
@@ -118,7 +118,14 @@ class Evaluation:
         return self.chi2 + self.white.spread + self.model.counted * float(np.log(len(self.white)))
 
 
-def evaluate(model: Model, campaign: Campaign, x: Array, last: Solutions, near: Evaluation | None = None) -> Evaluation:
+def evaluate(
+    model: Model,
+    campaign: Campaign,
+    x: Array,
+    last: Solutions,
+    near: Evaluation | None = None,
+    needed: Collection[int] = (),
+) -> Evaluation:
     """A model at coordinates.
 
     Parameters
@@ -130,6 +137,8 @@ def evaluate(model: Model, campaign: Campaign, x: Array, last: Solutions, near: 
         Where steady states start.
     near : Evaluation, optional
         Of the same model: its records start from there, extrapolated, and must all be found again.
+    needed : collection of int
+        Other records that must be found.
 
     Returns
     -------
@@ -141,7 +150,9 @@ def evaluate(model: Model, campaign: Campaign, x: Array, last: Solutions, near: 
         If the steady state of no record is found, or one found `near` is not.
     """
     keys, by_x = model.by_x(x)
-    starts, needed = (states(last), ()) if near is None else (states(last) | near.states(x), near.found)
+    starts = states(last)
+    if near is not None:
+        starts, needed = starts | near.states(x), {*needed, *near.found}
     found = campaign.simulate(model.rig(x), keys, starts, needed)
     missing = tuple(number for number in campaign.numbers if number not in found)
     return Evaluation(model, x, found, campaign.whiten(found, by_x), missing, by_x)
@@ -155,6 +166,7 @@ def fit_model(
     steps: int = STEPS,
     settled: float = SETTLED,
     part: float = PART,
+    needed: Collection[int] = (),
 ) -> Evaluation:
     """Coordinates of least chi2 near `x` (Gauss and Newton, steps shortened or damped where that fails).
 
@@ -172,6 +184,8 @@ def fit_model(
         Promised fall of chi2 at which the search ends.
     part : float
         The same as a part of what chi2 exceeds the number of coefficients by.
+    needed : collection of int
+        Records that must have a steady state at `x`.
 
     Returns
     -------
@@ -180,10 +194,11 @@ def fit_model(
     Raises
     ------
     ConvergenceError
-        If the steady state of no record is found at `x`.
+        If the steady state of no record is found at `x`, or that of one that is needed is not.
     """
     low, high = model.bounds()
-    here, damping, length = evaluate(model, campaign, np.clip(x, low, high), last), DAMPED, 1.0
+    here = evaluate(model, campaign, np.clip(x, low, high), last, needed=needed)
+    damping, length = DAMPED, 1.0
     for _ in range(steps if len(x) else 0):
         step, promised = _step(here, damping, low, high)
         if abs(promised) < max(settled, part * (here.chi2 - len(here.white))):

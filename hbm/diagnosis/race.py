@@ -91,16 +91,21 @@ def _final(runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell
     for runner in runners:
         tell(f"{runner.cause.label}, all records")
         model = base.model.extended_by(runner.cause)
-        fits = [e for x in (runner.x, *runner.others) for e in _fits(model, campaign, x, base.solutions)]
-        done += sorted(fits, key=rank)[:1]
+        fits: list[Evaluation] = []
+        for x in (runner.x, *runner.others):
+            fits = sorted([*fits, *_fits(model, campaign, x, base.solutions, fits)], key=rank)
+        done += fits[:1]
     return done
 
 
-def _fits(model: Model, campaign: Campaign, x: Array, last: Solutions) -> list[Evaluation]:
-    """From a start, limits lowered too; none where it has no steady states."""
+def _fits(
+    model: Model, campaign: Campaign, x: Array, last: Solutions, others: Sequence[Evaluation]
+) -> list[Evaluation]:
+    """From a start, limits lowered too; none where it lacks steady states that the best from other starts has."""
     fits: list[Evaluation] = []
+    needed = others[0].found if others else ()
     with suppress(*FAILURES):
-        fits.append(fit_model(model, campaign, x, last))
+        fits.append(fit_model(model, campaign, x, last, needed=needed))
         fits += with_limits(fits[0], campaign, STEPS)
     return fits
 
