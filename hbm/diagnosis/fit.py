@@ -20,7 +20,7 @@ STEPS = 15
 REFINED = 4
 """Steps after the discretisation was corrected."""
 
-SETTLED, PART = 0.05, 3e-3
+SETTLED, PART = 0.05, 1e-3
 """Least squares ends when a step promises to lower chi2 by less than this, or by less than this part of its excess."""
 
 DAMPED = 1e-6
