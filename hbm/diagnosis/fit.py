@@ -167,6 +167,7 @@ def fit_model(
     settled: float = SETTLED,
     part: float = PART,
     needed: Collection[int] = (),
+    reach: float = np.inf,
 ) -> Evaluation:
     """Coordinates of least chi2 near `x` (Gauss and Newton, steps shortened or damped where that fails).
 
@@ -186,6 +187,8 @@ def fit_model(
         The same as a part of what chi2 exceeds the number of coefficients by.
     needed : collection of int
         Records that must have a steady state at `x`.
+    reach : float
+        Chi2 that is of use: the search ends where steps as good as the last one would not get there.
 
     Returns
     -------
@@ -199,7 +202,7 @@ def fit_model(
     low, high = model.bounds()
     here = evaluate(model, campaign, np.clip(x, low, high), last, needed=needed)
     damping, length = DAMPED, 1.0
-    for _ in range(steps if len(x) else 0):
+    for left in reversed(range(steps if len(x) else 0)):
         step, promised = _step(here, damping, low, high)
         if abs(promised) < max(settled, part * (here.chi2 - len(here.white))):
             break
@@ -217,6 +220,8 @@ def fit_model(
         if gained > 0.0:
             # valleys are narrow and bent: the direction is kept, and followed further while it pays
             here, damping = there, max(damping / 10.0, LEAST_DAMPED)
+            if here.chi2 - left * gained / length > reach:
+                break
             length = min(1.0, length * LONGER)
         else:
             length *= SHORTER

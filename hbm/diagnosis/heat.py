@@ -1,7 +1,7 @@
 """Quick fits of candidates: on few records, a coarse discretisation, some steps from the best of many starts."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise, product
 
@@ -56,12 +56,17 @@ class Runner:
     others: tuple[Array, ...] = ()
 
 
+Starts = list[tuple[float, Array]]
+"""Chi2 and where, the one to try first at the beginning."""
+
+
 @dataclass(frozen=True, eq=False)
 class Heats:
-    """Quick heats of candidates, each on one core."""
+    """Quick heats of candidates, each on one core; `compared` are the starts of those that were looked at."""
 
     base: Evaluation
     campaign: Campaign
+    compared: dict[str, Starts] = field(default_factory=dict)
 
     @cached_property
     def few(self) -> Campaign:
@@ -79,10 +84,27 @@ class Heats:
         """Heats that are run before their outcome is looked at."""
         return 1 if self.campaign.executor is None else AT_ONCE
 
+    @cached_property
+    def _quick(self) -> Evaluation:
+        """The base on these records alone."""
+        return replace(self.base, found={number: self.base.found[number] for number in self.few.numbers})
+
+    def ordered(self, scores: Sequence[Score]) -> list[Score]:
+        """Candidates by what their best start leaves."""
+        self._compare(scores)
+        return sorted(scores, key=lambda s: min((chi2 for chi2, _ in self.compared[s.cause.label]), default=np.inf))
+
     def run(self, scores: Sequence[Score], most: int = STARTS, steps: int = STEPS) -> list[Runner | None]:
         """Runners, None where there is no fit."""
-        base = replace(self.base, found={number: self.base.found[number] for number in self.few.numbers})
-        return each(self.campaign.executor, partial(_heat, base, self.few, most=most, steps=steps), scores)
+        self._compare(scores)
+        starts = [self.compared[s.cause.label] for s in scores]
+        heat = partial(_heat, self._quick, self.few, most=most, steps=steps)
+        return each(self.campaign.executor, heat, scores, starts)
+
+    def _compare(self, scores: Sequence[Score]) -> None:
+        new = [s for s in scores if s.cause.label not in self.compared]
+        found = each(self.campaign.executor, partial(_compared, self._quick, self.few), new)
+        self.compared.update((s.cause.label, starts) for s, starts in zip(new, found, strict=True))
 
 
 def rank(e: Evaluation) -> tuple[int, float]:
@@ -90,20 +112,28 @@ def rank(e: Evaluation) -> tuple[int, float]:
     return len(e.missing), e.chi2
 
 
-def _heat(base: Evaluation, few: Campaign, score: Score, most: int, steps: int) -> Runner | None:
-    """Quick fit of a candidate; None where no start has steady states."""
+def _compared(base: Evaluation, few: Campaign, score: Score) -> Starts:
+    """Starts of a candidate; empty where none has steady states."""
     model = lighter(base).extended_by(score.cause)
+    starts = _starts(model, starting(model, base, {}), score)
+    if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
+        starts += _starts(model, model.start, score)
     try:
-        here = starting(model, base, {})
-        starts = _starts(model, here, score)
-        if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
-            starts += _starts(model, model.start, score)
-        ordered = _by_place(model, few, starts, base.solutions)
-        before = _misfit_on(base, few)
-        ordered = [(chi2, x) for chi2, x in ordered[:most] if chi2 < WORSE * before]
-        near = [x for chi2, x in ordered if chi2 <= SECOND * ordered[0][0] or most > STARTS]
-        if score.drop > PROMISING * before or not near:
-            near.append(starting(model, base, score.start))
+        return _by_place(model, few, starts, base.solutions)
+    except FAILURES:
+        return []
+
+
+def _heat(base: Evaluation, few: Campaign, score: Score, starts: Starts, most: int, steps: int) -> Runner | None:
+    """Quick fit of a candidate; None where no start has steady states."""
+    if not starts:
+        return None
+    model, before = lighter(base).extended_by(score.cause), _misfit_on(base, few)
+    first = [(chi2, x) for chi2, x in starts[:most] if chi2 < WORSE * before]
+    near = [x for chi2, x in first if chi2 <= SECOND * first[0][0] or most > STARTS]
+    if score.drop > PROMISING * before or not near:
+        near.append(starting(model, base, score.start))
+    try:
         fits = [fit_model(model, few, x, base.solutions, steps, SETTLED, PART) for x in near]
         fits += with_limits(min(fits, key=rank), few, steps)
     except FAILURES:
@@ -118,7 +148,7 @@ def _misfit_on(base: Evaluation, few: Campaign) -> float:
     return float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
 
 
-def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions) -> list[tuple[float, Array]]:
+def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions) -> Starts:
     """The best start at each place, or of each value of whatever shapes the cause, then the others."""
     unknowns = model.unknowns[-1]
     shapes = [i - len(unknowns) for i, u in enumerate(unknowns) if u.shapes]

@@ -1,12 +1,14 @@
 """Candidates against each other, by the score test where the misfit is small and else by quick fits; then full fits."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
 from hbm.diagnosis.attached import attached_starts
 from hbm.diagnosis.fit import STEPS, Evaluation, fit_model, refine
-from hbm.diagnosis.heat import CLOSE, Heats, Runner, rank, with_limits
+from hbm.diagnosis.heat import AT_ONCE, CLOSE, Heats, Runner, rank, with_limits
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign, Solutions
@@ -24,9 +26,15 @@ AGAIN, MORE_STARTS, MORE_STEPS = 3, 5, 12
 RUNNING, HOPELESS = 20, 0.15
 """So many candidates run first, at most, and none whose predicted fall of chi2 is less than this share of the best."""
 
+FAVOURED = AT_ONCE
+"""After so many in the order of the score test the others run in that of what their best start leaves."""
+
 FINALISTS, LEAST, HOPE = 5, 3, 10.0
 """Candidates that are fitted to all records, at most; most where none explains them, and least where the mean square
 misfit of the best gives hope."""
+
+BEHIND = 30.0
+"""Nothing more is tried with what leaves so many times what the best one does."""
 
 HELPS = 0.5
 """Where the best leaves more than this share of chi2 nothing will explain the records."""
@@ -66,16 +74,19 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
     """
     screening, heats = _started(screening, base, campaign), Heats(base, campaign)
     if small(base):
-        done = _final(_by_score(heats, screening), base, campaign, tell)
+        done = _refined(_final(_by_score(heats, screening), base, campaign, tell), base, campaign)
         ran, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
     else:
         finalists, ran = _by_heat(heats, screening, tell, LITTLE)
-        done, rest = _final(finalists, base, campaign, tell), _running(screening, base)
+        done, rest = _refined(_final(finalists, base, campaign, tell), base, campaign), _running(screening, base)
     rest = [s for s in rest if s.cause.label not in ran]
     if rest and not any(misfit(e, campaign).fits for e in done):
         finalists, _ = _by_heat(heats, replace(screening, scores=tuple(rest)), tell, 0.0)
-        done += _final(finalists, base, campaign, tell)
-    return _refined(done, base, campaign)
+        more = sorted(_final(finalists, base, campaign, tell), key=rank)
+        if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
+            more = _refined(more, base, campaign)
+        done = sorted([*done, *more], key=rank)
+    return done
 
 
 def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Screening:
@@ -88,24 +99,26 @@ def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Scre
 def _final(runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell: Tell) -> list[Evaluation]:
     """Fits of candidates to all records; of several valleys the deepest."""
     done: list[Evaluation] = []
+    margin = CLOSE if small(base) else REFINED
     for runner in runners:
         tell(f"{runner.cause.label}, all records")
         model = base.model.extended_by(runner.cause)
         fits: list[Evaluation] = []
         for x in (runner.x, *runner.others):
-            fits = sorted([*fits, *_fits(model, campaign, x, base.solutions, fits)], key=rank)
+            reach = min((e.chi2 for e in (*done, *fits) if not e.missing), default=np.inf) + margin
+            needed = fits[0].found if fits else ()
+            fits = sorted([*fits, *_fits(model, campaign, x, base.solutions, needed, reach)], key=rank)
         done += fits[:1]
     return done
 
 
 def _fits(
-    model: Model, campaign: Campaign, x: Array, last: Solutions, others: Sequence[Evaluation]
+    model: Model, campaign: Campaign, x: Array, last: Solutions, needed: Collection[int], reach: float
 ) -> list[Evaluation]:
-    """From a start, limits lowered too; none where it lacks steady states that the best from other starts has."""
+    """From a start, limits lowered too; none where it has no steady states, or lacks one that is needed."""
     fits: list[Evaluation] = []
-    needed = others[0].found if others else ()
     with suppress(*FAILURES):
-        fits.append(fit_model(model, campaign, x, last, needed=needed))
+        fits.append(fit_model(model, campaign, x, last, needed=needed, reach=reach))
         fits += with_limits(fits[0], campaign, STEPS)
     return fits
 
@@ -159,6 +172,8 @@ def _first_heat(heats: Heats, screening: Screening, explained: float, tell: Tell
     heat: list[Runner] = []
     ran: set[str] = set()
     for i in range(0, len(running), heats.at_once):
+        if i == FAVOURED and all(r.chi2 > explained for r in heat):
+            running[i:] = heats.ordered(running[i:])
         batch = [s for s in running[i : i + heats.at_once] if not _settled(heat, explained, s.cause, screening)]
         if not batch:
             continue
@@ -173,7 +188,7 @@ def _first_heat(heats: Heats, screening: Screening, explained: float, tell: Tell
 
 
 def _running(screening: Screening, base: Evaluation) -> list[Score]:
-    """Candidates in the order in which they run: what the score test favours first, what takes long last.
+    """Candidates in the order of the score test: what it favours first, what takes long last.
 
     A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause.
     """
@@ -202,7 +217,8 @@ def _finalists(heat: Sequence[Runner], few: Campaign, hopeless: bool, scale: flo
     lost, margin = best > EXPLAINED * few.points, max(10 * CLOSE, best)
     least = LEAST if lost and not hopeless and best < HOPE * few.points else 1
     most = 1 if hopeless else LEAST if lost else FINALISTS
-    return [r for i, r in enumerate(heat[:most]) if i < least or scale * (r.chi2 - best) < margin]
+    near = [r for r in heat[:most] if r.chi2 <= BEHIND * best]
+    return [r for i, r in enumerate(near) if i < least or scale * (r.chi2 - best) < margin]
 
 
 def _unseen(score: Score) -> bool:
@@ -217,7 +233,7 @@ def _stuck(heat: Sequence[Runner], explained: float, rig: Rig, screening: Screen
     """
     best, *others = heat
     if best.chi2 > explained:
-        return list(heat[:AGAIN])
+        return [r for r in heat[:AGAIN] if r.chi2 <= BEHIND * best.chi2]
     alike, own = screening.look_alikes(best.cause.label, ALIKE), best.cause.unknowns(rig)
     simpler = [r for r in others[: FINALISTS - 1] if r.cause.label in alike and len(r.cause.unknowns(rig)) < len(own)]
     return [best] * any(u.shapes for u in own) + simpler
