@@ -7,6 +7,7 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
+import hbm.diagnosis.records as records
 import hbm.identification.records as records_of_spectra
 from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
@@ -282,3 +283,30 @@ def test_candidates_race_alike_side_by_side(measured):
     assert [e.model.label for e in together] == [e.model.label for e in alone]
     for one, other in zip(together, alone, strict=True):
         np.testing.assert_allclose(one.x, other.x, rtol=1e-12)
+
+
+# ---- fits that are of no use end early
+
+
+def test_a_fit_that_cannot_reach_what_is_of_use_ends(measured):
+    rig, data = measured
+    model = Model(rig, {}, (DISTORTION, DRIFT))
+    whole = fit_model(model, data, model.start, {})
+    kept = fit_model(model, data, model.start, {}, reach=whole.chi2 + 1.0)
+    ended = fit_model(model, data, model.start, {}, reach=-1e12)
+    np.testing.assert_array_equal(kept.x, whole.x)
+    assert whole.chi2 < ended.chi2 < evaluate(model, data, model.start, {}).chi2
+
+
+def test_a_record_that_is_needed_must_be_found(measured, monkeypatch):
+    rig, data = measured
+    bare, lost = Model(rig, {}), data.numbers[2]
+    solve = records.simulated
+
+    def without_one(rig, basis, measurement, keys, record, last):
+        return None if record.number == lost else solve(rig, basis, measurement, keys, record, last)
+
+    monkeypatch.setattr(records, "simulated", without_one)
+    assert evaluate(bare, data, bare.start, {}).missing == (lost,)
+    with pytest.raises(ConvergenceError, match=f"record {lost} has lost its steady state"):
+        fit_model(bare, data, bare.start, {}, needed={lost})
