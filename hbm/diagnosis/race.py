@@ -8,7 +8,7 @@ import numpy as np
 
 from hbm.diagnosis.attached import attached_starts
 from hbm.diagnosis.fit import STEPS, Evaluation, fit_model, refine
-from hbm.diagnosis.heat import AT_ONCE, CLOSE, Heats, Runner, rank, with_limits
+from hbm.diagnosis.heat import APART, AT_ONCE, CLOSE, Heats, Runner, rank, with_limits
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign, Solutions
@@ -86,7 +86,40 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
         if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
             more = _refined(more, base, campaign)
         done = sorted([*done, *more], key=rank)
-    return done
+    return followed(done, campaign) if any(misfit(e, campaign).fits for e in done[:1]) else done
+
+
+def followed(done: Sequence[Evaluation], campaign: Campaign) -> list[Evaluation]:
+    """Fits in order, where what is simpler than the best starts once more at the place that the best has found.
+
+    An effect with more numbers gets along narrow valleys that a simpler one, which it contains, is caught in: a
+    resonator of no frequency of its own is a spring.
+    """
+    best, *others = done
+    return sorted([best, *(_beside(best, e, campaign) for e in others)], key=rank)
+
+
+def _beside(best: Evaluation, e: Evaluation, campaign: Campaign) -> Evaluation:
+    """A fit, or a better one from where the best stands, if that has more numbers and is elsewhere."""
+    own, last = _place(e), len(e.model.causes) - 1
+    place = {name: value for name, value in _place(best).items() if name in own}
+    x = np.array([
+        f.of(place[f.name]) if f.cause == last and f.name in place else v
+        for f, v in zip(e.model.free, e.x, strict=True)
+    ])  # fmt: skip
+    apart = np.abs(x - e.x) > APART * np.sqrt(np.diag(e.covariance))
+    if len(e.x) >= len(best.x) or not apart.any():
+        return e
+    with suppress(*FAILURES):
+        return min(e, refine(fit_model(e.model, campaign, x, best.solutions), campaign), key=rank)
+    return e
+
+
+def _place(e: Evaluation) -> dict[str, float]:
+    """Values of what shapes the last cause of a model, by name."""
+    shapes = {u.name for u in e.model.unknowns[-1] if u.shapes}
+    last = len(e.model.causes) - 1
+    return {f.name: f.value(v) for f, v in zip(e.model.free, e.x, strict=True) if f.cause == last and f.name in shapes}
 
 
 def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Screening:
@@ -173,6 +206,7 @@ def _first_heat(heats: Heats, screening: Screening, explained: float, tell: Tell
     ran: set[str] = set()
     for i in range(0, len(running), heats.at_once):
         if i == FAVOURED and all(r.chi2 > explained for r in heat):
+            tell("starts of all others")
             running[i:] = heats.ordered(running[i:])
         batch = [s for s in running[i : i + heats.at_once] if not _settled(heat, explained, s.cause, screening)]
         if not batch:

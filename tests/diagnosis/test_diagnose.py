@@ -17,6 +17,7 @@ from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model, free_of
 from hbm.diagnosis.nominal import with_values
+from hbm.diagnosis.race import followed
 from hbm.diagnosis.records import uncorrelated
 from hbm.diagnosis.screen import screen
 from hbm.diagnosis.search import campaign_of, second_alone
@@ -24,7 +25,7 @@ from hbm.errors import InputError
 from models.causes.cause import Unknown
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SwappedChannels
-from models.causes.structure import AddedMass, AddedSpring, ClampRotation, SupportRotationSpring
+from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportRotationSpring
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "data" / "examples"
 pytestmark = pytest.mark.skipif(not EXAMPLES.exists(), reason=f"the example measurements are not at {EXAMPLES}")
@@ -135,6 +136,27 @@ def test_score_of_a_small_effect_is_the_fall_of_chi2_of_a_refit():
     start = np.append(base.x, model.free[-1].of(wrong.contact.radius))
     refitted = fit_model(model, campaign, start, base.solutions)
     assert score.drop == pytest.approx(base.chi2 - refitted.chi2, rel=0.15)
+
+
+def test_a_simpler_effect_starts_again_where_one_with_more_numbers_stands():
+    """A mass taken for one elsewhere, beside a resonator far above all records where the mass is."""
+    rig, spectra = example("added_mass", 4)
+    campaign, _ = campaign_of(rig, spectra)
+    mass, resonator = (Model(rig, {}, (kind(),)) for kind in (AddedMass, AttachedResonator))
+    true = truth("added_mass")
+    right, wrong = (
+        evaluate(model, campaign, np.array([f.of(place[f.name]) for f in model.free]), {})
+        for model, place in (
+            (resonator, {**true, "frequency_hz": 3000.0}),
+            (mass, {**true, "position": 0.6 * true["position"]}),
+        )
+    )
+    assert right.chi2 < 0.1 * wrong.chi2
+    found = followed([right, wrong], campaign)
+    again = next(e for e in found if e.model is mass)
+    place = dict(zip((f.name for f in mass.free), zip(again.x, again.std, strict=True), strict=True))["position"]
+    assert again.model.values(again.x, 0)["position"] == pytest.approx(true["position"], abs=4 * place[1])
+    assert again.chi2 < right.chi2 < wrong.chi2
 
 
 def test_score_test_names_the_clamp_and_the_look_alikes():
