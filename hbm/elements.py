@@ -157,19 +157,21 @@ class ElementsOverPeriod:
         """
         return np.asarray(self._row_forces(Q, Omega) @ self.onto)
 
-    def acts(self, Q: Array, Omega: float) -> bool:
-        """Whether any of the forces changes with the motion: none does while every stop stays open."""
+    def _slopes(self, Q: Array, Omega: float) -> list[Array]:
+        """Derivatives of the force along the rows to y and to y_t, the entries of each sample in turn."""
         self._read(Q, Omega)
         evaluate, slopes = buffered(self._functions.slopes, self._inputs)
         evaluate()
-        return any(slope.any() for slope in slopes)
+        return slopes
+
+    def acts(self, Q: Array, Omega: float) -> bool:
+        """Whether any of the forces changes with the motion: none does while every stop stays open."""
+        return any(slope.any() for slope in self._slopes(Q, Omega))
 
     def linearize(self, Q: Array, Omega: float) -> ElementSlope:
         """Derivatives of :meth:`force`."""
         basis, n, f = self.basis, Q.shape[1], self._functions
-        self._read(Q, Omega)
-        evaluate, slopes = buffered(f.slopes, self._inputs)
-        evaluate()
+        slopes = self._slopes(Q, Omega)
         by_Q = np.zeros((basis.size, basis.size, (n + 1) * n))
         by_Omega = np.zeros((basis.size, n + 1))
         for i, (slope, (row, column)) in enumerate(zip(slopes, f.places[:2], strict=True)):
@@ -188,9 +190,7 @@ class ElementsOverPeriod:
 
     def slopes_in_time(self, Q: Array, Omega: float) -> tuple[Array, Array]:
         """Derivatives of the forces on modes and support to q and to q' at the samples, two of (N_t, n+1, n)."""
-        self._read(Q, Omega)
-        evaluate, slopes = buffered(self._functions.slopes, self._inputs)
-        evaluate()
+        slopes = self._slopes(Q, Omega)
         N_t, places = self.basis.N_t, self._functions.places
         by_q, by_v = (
             np.einsum("te,ei,ej->tij", k.reshape(N_t, -1), self.onto[row], self.rows[column], optimize=True)

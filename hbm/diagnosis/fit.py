@@ -147,7 +147,7 @@ def evaluate(
     Raises
     ------
     ConvergenceError
-        If the steady state of no record is found, or one found `near` is not.
+        If the steady state of no record is found, or one found `near` or needed is not.
     """
     keys, by_x = model.by_x(x)
     starts = states(last)

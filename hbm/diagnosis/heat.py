@@ -115,10 +115,10 @@ def rank(e: Evaluation) -> tuple[int, float]:
 def _compared(base: Evaluation, few: Campaign, score: Score) -> Starts:
     """Starts of a candidate; empty where none has steady states."""
     model = lighter(base).extended_by(score.cause)
-    starts = _starts(model, starting(model, base, {}), score)
-    if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
-        starts += _starts(model, model.start, score)
     try:
+        starts = _starts(model, starting(model, base, {}), score)
+        if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
+            starts += _starts(model, model.start, score)
         return _by_place(model, few, starts, base.solutions)
     except FAILURES:
         return []
@@ -131,9 +131,9 @@ def _heat(base: Evaluation, few: Campaign, score: Score, starts: Starts, most: i
     model, before = lighter(base).extended_by(score.cause), _misfit_on(base, few)
     first = [(chi2, x) for chi2, x in starts[:most] if chi2 < WORSE * before]
     near = [x for chi2, x in first if chi2 <= SECOND * first[0][0] or most > STARTS]
-    if score.drop > PROMISING * before or not near:
-        near.append(starting(model, base, score.start))
     try:
+        if score.drop > PROMISING * before or not near:
+            near.append(starting(model, base, score.start))
         fits = [fit_model(model, few, x, base.solutions, steps, SETTLED, PART) for x in near]
         fits += with_limits(min(fits, key=rank), few, steps)
     except FAILURES:
@@ -162,9 +162,13 @@ def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Soluti
 
 def _apart(best: Evaluation, others: Sequence[Evaluation]) -> list[Evaluation]:
     """Those nearly as good as the best, in other valleys."""
-    reach = APART * np.sqrt(np.diag(best.covariance))
     near = [e for e in others if e.chi2 < best.chi2 + CLOSE and len(e.missing) == len(best.missing)]
-    return [e for e in near if np.any(np.abs(e.x - best.x) > reach)][:VALLEYS]
+    return [e for e in near if elsewhere(best, e.x)][:VALLEYS]
+
+
+def elsewhere(e: Evaluation, x: Array) -> bool:
+    """Whether other coordinates are further from those of a fit than noise explains."""
+    return bool(np.any(np.abs(x - e.x) > APART * np.sqrt(np.diag(e.covariance))))
 
 
 def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from hbm.diagnosis.attached import attached_starts
 from hbm.diagnosis.fit import STEPS, Evaluation, fit_model, refine
-from hbm.diagnosis.heat import APART, AT_ONCE, CLOSE, Heats, Runner, rank, with_limits
+from hbm.diagnosis.heat import AT_ONCE, CLOSE, Heats, Runner, elsewhere, rank, with_limits
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign, Solutions
@@ -101,14 +101,9 @@ def followed(done: Sequence[Evaluation], campaign: Campaign) -> list[Evaluation]
 
 def _beside(best: Evaluation, e: Evaluation, campaign: Campaign) -> Evaluation:
     """A fit, or a better one from where the best stands, if that has more numbers and is elsewhere."""
-    own, last = _place(e), len(e.model.causes) - 1
-    place = {name: value for name, value in _place(best).items() if name in own}
-    x = np.array([
-        f.of(place[f.name]) if f.cause == last and f.name in place else v
-        for f, v in zip(e.model.free, e.x, strict=True)
-    ])  # fmt: skip
-    apart = np.abs(x - e.x) > APART * np.sqrt(np.diag(e.covariance))
-    if len(e.x) >= len(best.x) or not apart.any():
+    own = _place(e)
+    x = starting(e.model, e, {name: value for name, value in _place(best).items() if name in own})
+    if len(e.x) >= len(best.x) or not elsewhere(e, x):
         return e
     with suppress(*FAILURES):
         return min(e, refine(fit_model(e.model, campaign, x, best.solutions), campaign), key=rank)
@@ -117,9 +112,8 @@ def _beside(best: Evaluation, e: Evaluation, campaign: Campaign) -> Evaluation:
 
 def _place(e: Evaluation) -> dict[str, float]:
     """Values of what shapes the last cause of a model, by name."""
-    shapes = {u.name for u in e.model.unknowns[-1] if u.shapes}
-    last = len(e.model.causes) - 1
-    return {f.name: f.value(v) for f, v in zip(e.model.free, e.x, strict=True) if f.cause == last and f.name in shapes}
+    values = e.model.values(e.x, len(e.model.causes) - 1)
+    return {u.name: values[u.name] for u in e.model.unknowns[-1] if u.shapes}
 
 
 def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Screening:
