@@ -6,6 +6,7 @@ from functools import cached_property, partial
 from itertools import pairwise, product
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from hbm.diagnosis.calibrate import lighter
 from hbm.diagnosis.fit import MANY, Evaluation, best_start, fit_model
@@ -44,6 +45,12 @@ DENSE, ROUNDING = 10.0**0.5, 1e-9
 SECOND, WORSE = 3.0, 10.0
 """The second start is tried where its chi2 is within this factor of the best, and none where it is so many times what
 it was before."""
+
+UNTOUCHED = 1e-3
+"""Share by which chi2 changes at most where a limit is not reached."""
+
+BETWEEN = {"maxiter": 10, "xatol": 0.005}
+"""How the best value of a limit between two is looked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,21 +217,40 @@ def _limits(model: Model) -> list[int]:
 
 
 def with_limits(e: Evaluation, campaign: Campaign, steps: int) -> list[Evaluation]:
-    """Fits from the best value of each limit, tried from high to low until it does harm; none where it does no good."""
+    """Fits from the best value of each limit; none where it does no good."""
     return [fit for i in _limits(e.model) for fit in _with_limit(e, campaign, i, steps)]
 
 
 def _with_limit(e: Evaluation, campaign: Campaign, i: int, steps: int) -> list[Evaluation]:
-    f, best, least = e.model.free[i], e.x, e.chi2
-    for value in e.model.unknowns[-1][i - len(e.x)].starts[1:]:
-        x = e.x.copy()
-        x[i] = f.of(value)
+    """Lowered from value to value until it does harm, then to the best beside the lowest that does none.
+
+    Whatever slips in one record alone may do good between two values only.
+    """
+    f, unknown = e.model.free[i], e.model.unknowns[-1][i - len(e.x)]
+
+    def at(limit: float) -> Array:
+        return np.where(np.arange(len(e.x)) == i, f.of(limit), e.x)
+
+    def left(limit: float) -> float:
         try:
-            chi2, _ = best_start(e.model, campaign, [x], e.solutions)[0]
+            return best_start(e.model, campaign, [at(limit)], e.solutions)[0][0]
         except FAILURES:
+            return np.inf
+
+    now = f.value(e.x[i])
+    tried = [(now, left(now))]
+    for limit in [v for v in unknown.starts if v < now]:
+        tried.append((limit, left(limit)))
+        if tried[-1][1] > SECOND * tried[0][1]:
             break
-        if chi2 < least:
-            best, least = x, chi2
-        if chi2 > SECOND * e.chi2:
-            break
-    return [fit_model(e.model, campaign, best, e.solutions, steps, SETTLED, PART)] if best is not e.x else []
+    harmless = (1.0 + UNTOUCHED) * min(chi2 for _, chi2 in tried)
+    lowest = max(k for k, (_, chi2) in enumerate(tried) if chi2 <= harmless)
+    touched = tried[0][1] > harmless
+    beside = np.log([limit for limit, _ in tried[lowest - touched : lowest + 2]])
+    if len(beside) > 1:
+        found = minimize_scalar(lambda x: left(float(np.exp(x))), bounds=(beside[-1], beside[0]), options=BETWEEN)
+        tried.append((float(np.exp(found.x)), float(found.fun)))
+    best, least = min(tried, key=lambda pair: pair[1])
+    if least * (1.0 + UNTOUCHED) >= tried[0][1]:
+        return []
+    return [fit_model(e.model, campaign, at(best), e.solutions, steps, SETTLED, PART)]

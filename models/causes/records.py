@@ -16,7 +16,7 @@ STIFFNESS, ALPHA, LOAD, LAW = (
     "contact.normal_load",
     "contact.friction.",
 )
-MOST_RATE, SMALL_RATE = 1.0, 1e-3
+MOST_RATE, RATES = 1.0, (1e-3, 1e-2)
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class ParameterDrift(Cause):
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """The rate."""
         key = f"drift[{len(rig.drift)}].rate"
-        return (Unknown("rate", "1", key, -MOST_RATE, MOST_RATE, 0.0, (0.0, SMALL_RATE, -SMALL_RATE)),)
+        return (Unknown("rate", "1", key, -MOST_RATE, MOST_RATE, 0.0, (0.0, *RATES, *(-r for r in RATES))),)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Let it drift."""

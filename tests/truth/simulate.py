@@ -242,7 +242,6 @@ def simulate_records(
     records: Sequence[Record | tuple[float, ...]],
     steps: int = 1024,
     settings: Settings | None = None,
-    start: State | None = None,
 ) -> Truth:
     """Steady states of the rig under each record: (level, hz[, phase[, amplitude]]).
 
@@ -255,23 +254,20 @@ def simulate_records(
     omega = 2 * np.pi * np.array([r.hz for r in asked])
     coarse, fine = Batch(rigs, omega, settings.coarse), Batch(rigs, omega, steps)
     rough, exact = force_over(rigs[0], asked, settings.coarse), force_over(rigs[0], asked, steps)
-    if start is None:
-        rising = Batch(rigs, omega, settings.coarse // 2, tolerance=1e-8)
-        growing = force_over(rigs[0], asked, settings.coarse // 2)
-        state, size = ramp(rising, growing, rising.rest_state(), settings.ramp, settings.hold)
-        settled = replace(settings, tolerance=1e-6)
-        for _ in range(settings.retries + 1):
-            shooting = Shooting(coarse, rough, size, settled)
-            found, residual, _ = shooting.solve(state)
-            bad = residual > 1e-4
-            if not bad.any():
-                break
-            marched, _ = ramp(coarse, rough, state, 0, settings.again)
-            state = merged(found, marched, bad)
-        state = merged(found, state, bad)
-        known = shooting.jacobian if settings.chord and not bad.any() else None
-    else:
-        state, size, known = start, ramp(coarse, rough, start, 0, 1)[1], None
+    rising = Batch(rigs, omega, settings.coarse // 2, tolerance=1e-8)
+    growing = force_over(rigs[0], asked, settings.coarse // 2)
+    state, size = ramp(rising, growing, rising.rest_state(), settings.ramp, settings.hold)
+    settled = replace(settings, tolerance=1e-6)
+    for _ in range(settings.retries + 1):
+        shooting = Shooting(coarse, rough, size, settled)
+        found, residual, _ = shooting.solve(state)
+        bad = residual > 1e-4
+        if not bad.any():
+            break
+        marched, _ = ramp(coarse, rough, state, 0, settings.again)
+        state = merged(found, marched, bad)
+    state = merged(found, state, bad)
+    known = shooting.jacobian if settings.chord and not bad.any() else None
     state, residual, multiplier = Shooting(fine, exact, size, settings).solve(state, known)
     return observe(fine, asked, state, exact, residual, multiplier, settings)
 
