@@ -63,7 +63,7 @@ class NumericalError:
         values = [getattr(p, source) for p in self.probes]
         return float(np.nanmax(values)) if not np.all(np.isnan(values)) else float("nan")
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Say the estimate and where it comes from."""
         p, w = self.at_peak, self.worst
         return (
@@ -168,7 +168,7 @@ class Bifurcation:
         """Force amplitude [N]."""
         return self.solution.level
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Say what and where."""
         return f"{self.kind.value} at {self.hz:.6g} Hz, {self.level:.4g} N"
 
@@ -299,7 +299,7 @@ class ResponseCurve:
         """Whether the curve reached its end, or its start again."""
         return self.branch.complete or self.branch.closed
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Say what was found."""
         top = self.peak
         text = (

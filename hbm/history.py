@@ -133,6 +133,14 @@ class TimeHistory:
     lift_off: float | None
     largest_residual: float
 
+    def __repr__(self) -> str:
+        """Say what was marched."""
+        lifts = "" if self.lift_off is None else f"; the tip lifts off at {self.lift_off:.6g} s"
+        return (
+            f"motion at {self.hz:.6g} Hz, {self.level:g} N, {self.time[0]:.6g} to {self.time[-1]:.6g} s, "
+            f"{len(self.time)} samples, {self.samples_per_period} a period{lifts}"
+        )
+
     @cached_property
     def force(self) -> Array:
         """Excitation, (N,) [N]."""

@@ -45,7 +45,7 @@ class LawChoice:
     rig: Rig
     source: str
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Say which values are used and where they come from."""
         law = self.rig.contact.law
         values = parameters(law) | {name: value for name, value in chosen(law).items() if value != ()}

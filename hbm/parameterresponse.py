@@ -77,7 +77,7 @@ class ParameterCurve(ResponseCurve):
         """Value of the number."""
         return self.along.value_at(lam)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Say what was found."""
         top, values = self.peak, self.values
         unit = "" if self.unit == "1" else f" {self.unit}"

@@ -40,6 +40,10 @@ class Signal:
     samples: Array
     peak: float
 
+    def __repr__(self) -> str:
+        """Peak and size."""
+        return f"peak {self.peak:.6g} {self.unit}, {len(self.coefficients) // 2} harmonics, {len(self.samples)} samples"
+
     @property
     def amplitude(self) -> Array:
         """Amplitude of harmonics 0..H, (H+1,)."""
@@ -101,6 +105,14 @@ class PeriodicSolution:
     memory: Array
     closure: float
     energy_error: float
+
+    def __repr__(self) -> str:
+        """Say where it is, and the peak of each channel."""
+        head = (
+            f"steady state at {self.hz:.6g} Hz, {self.level:g} N, H = {self.basis.H}, {self.basis.N_t} samples; peaks:"
+        )
+        width = max(len(name) for name in self.channels)
+        return "\n".join([head, *(f"  {n:<{width}}  {s.peak:.6g} {s.unit}" for n, s in self.channels.items())])
 
     def __getitem__(self, name: str) -> Signal:
         """Channel by name."""

@@ -60,7 +60,7 @@ class Stability:
         """Whether every disturbance fades, but for what a contact that sticks keeps."""
         return self.unstable == 0
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Say it in words."""
         verdict = "stable" if self.stable else f"unstable ({self.unstable} multipliers outside of the unit circle)"
         kept = f"; {self.undying} kept by what sticks" if self.undying else ""

@@ -51,7 +51,7 @@ class Exponent:
     value: float
     std: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return f"{self.value:.2g} +- {self.std:.1g}"
 
 

@@ -67,7 +67,7 @@ class Numerics:
     fine: Grid
     change: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return (
             f"simulated with {self.working.basis.H} harmonics, {self.working.basis.N_t} samples and "
             f"{self.working.modes} modes, corrected to {self.fine.basis.H}, {self.fine.basis.N_t} and "

@@ -40,7 +40,7 @@ class Separation:
     experiment: Experiment
     chi2: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return f"{self.experiment.said} (predicted difference of chi2: {self.chi2:.3g})"
 
 

@@ -145,7 +145,7 @@ class Diagnosis:
             "evidence": list(self.evidence),
         }  # fmt: skip
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return "\n".join([self._headline(), *(f"  {line}" for line in self.evidence), *self._advice()])
 
     def _headline(self) -> str:

@@ -57,7 +57,7 @@ class Comparison:
     not_separable: tuple[str, ...]
     verdict: str
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """List the laws, then the verdict."""
         width = max(len(r.name) for r in self.ranking)
         head = f"    {'law':<{width}}  {'d chi2':>10}  {'d BIC':>10}  {'held out, d chi2':>20}"

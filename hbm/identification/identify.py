@@ -66,7 +66,7 @@ class Identification:
         """Fit of the best law."""
         return self.fits[self.comparison.ranking[0].name]
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Report of every law, best first, then the comparison."""
         ordered = [str(self.fits[entry.name]) for entry in self.comparison.ranking]
         return "\n\n".join([*ordered, str(self.comparison)])

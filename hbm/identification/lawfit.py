@@ -40,7 +40,7 @@ class FittedParameter:
     held: bool = False
     undetermined: str = ""
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Say value, standard deviation and unit; what to beware of behind it."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         if self.held:
@@ -91,7 +91,7 @@ class FittedParameters(Mapping[str, FittedParameter]):
         scale = np.where(std > 0.0, std, 1.0)
         return np.asarray(self.covariance / np.outer(scale, scale))
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """List the parameters, then the correlations that matter."""
         width = max(len(name) for name in self)
         lines = ["[[Parameters]]", *(f"    {e.name + ':':<{width + 1}}  {e}" for e in self.entries)]
@@ -154,7 +154,7 @@ class Quality:
         """Bayesian information criterion, chi2 + free ln(informed)."""
         return self.chi2 + self.free * float(np.log(max(self.informed, 1.0)))
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """List the numbers; say where the fit fails."""
         lines = [
             "[[Fit Statistics]]",
@@ -200,7 +200,7 @@ class HeldOut:
         """chi2 per coefficient that the measurement decides."""
         return float(self.chi2.sum() / max(self.informed.sum(), 1.0))
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Say it in a line."""
         return (
             f"held out ({self.how}): chi2 {self.chi2.sum():.5g}, {self.chi2_reduced:.4g} per coefficient; "
@@ -276,7 +276,7 @@ class LawFit:
         """Mean of the paper's objective (24) over records [N2]."""
         return float(self.range_error.mean())
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Report in the manner of lmfit."""
         lines = [f"[[Law]] {self.name}, {len(self.records)} records", str(self.quality)]
         lines.append(f"    objective (24)     = {self.objective:.4g} N2 per record")

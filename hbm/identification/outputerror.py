@@ -95,7 +95,7 @@ class SpectraFit:
         """Parameter by name."""
         return self.parameters[name]
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Report in the manner of lmfit."""
         lines = [f"[[Law]] {self.name}, {len(self.records)} records, fitted to spectra", str(self.quality)]
         return "\n".join([*lines, str(self.parameters), f"    {self.numerics}", *(f"    {f}" for f in self.failures)])

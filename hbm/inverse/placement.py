@@ -67,7 +67,7 @@ class Placement:
         placed = (Channel(f"a{i}", quantity, float(x)) for i, x in enumerate(self.positions, 1))
         return replace(rig, channels=kept + tuple(placed))
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         per_noise = f"for {self.noise:g} {self.unit} per sensor, {self.hz[0]:g} to {self.hz[1]:g} Hz"
         lines = [
             f"sensors at {_listed(1e3 * self.positions, '.0f')} mm: friction to {self.std:.2g} N rms, {per_noise}",

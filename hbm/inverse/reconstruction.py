@@ -148,6 +148,11 @@ class Reconstruction:
     law_inputs: LawInputs
     warnings: tuple[str, ...]
 
+    def __repr__(self) -> str:
+        """Say what was reconstructed, and what to beware of."""
+        head = f"{self.formulation} reconstruction of {', '.join(self.signals)} from {self.spectra}"
+        return "\n".join([head, *self.warnings])
+
     def __len__(self) -> int:
         """Number of records."""
         return len(self.spectra)

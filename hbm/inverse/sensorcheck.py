@@ -68,7 +68,7 @@ class SensorCheck:
     before: float
     after: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         return "\n".join(self.findings) or f"the sensors agree: misfit {self.after:.2f} per degree of freedom"
 
 

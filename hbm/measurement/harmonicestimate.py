@@ -88,7 +88,7 @@ class HarmonicEstimate:
         """Amplitude of the fundamental of a channel."""
         return self.quality[self.channels.index(channel)].amplitude
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """What was done, and what to beware of, in sentences."""
         blocks = (
             f"standard deviations from the scatter of {self.blocks} blocks"

@@ -47,6 +47,13 @@ class MeasuredSpectra:
     coefficients: Array
     std: Array
 
+    def __repr__(self) -> str:
+        """Say what there is."""
+        return (
+            f"{self.source}: {len(self)} records, {self.level.min():g} to {self.level.max():g} N, "
+            f"{self.hz.min():g} to {self.hz.max():g} Hz; {', '.join(self.channels)}; harmonics up to {self.H}"
+        )
+
     def __len__(self) -> int:
         """Number of records."""
         return len(self.records)

@@ -419,7 +419,7 @@ def test_extended_rigs_respond_as_the_true_ones(name):
     hz = (47.0, 56.0) if name == "clamp-rotation" else (49.0, 57.5)  # about as far from the top of the resonance
     records = [Record(6.5, hz[0]), Record(4.0, hz[1])]
     quick = Settings(ramp=15, hold=5, coarse=128, tolerance=1e-7)
-    truth = simulate_records(true, records, 512, quick)
+    truth = simulate_records(true, records, 256, quick)
     assert truth.usable.all()
     names, measured = read(truth, 9)
     nominal, missed = beam(PENALTY, modes=10), []
