@@ -146,6 +146,7 @@ for k, ax in zip((1, 3), axes, strict=True):
     ax.set(xlabel="Frequency [Hz]", title=f"Harmonic {k}")
 axes[0].set_ylabel(f"Acceleration {channel} [m/s²]")
 axes[1].legend(frameon=False, fontsize=8)
+plt.show()
 
 # %% [markdown]
 # Friction that gives way earlier in one direction takes the top off the resonance; both harmonics follow. (The shaker
