@@ -3,10 +3,12 @@
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import hbm.diagnosis.heat as heat
 import hbm.diagnosis.records as records
 import hbm.identification.records as records_of_spectra
 from continuation import ConvergenceError
@@ -20,6 +22,7 @@ from hbm.diagnosis.screen import screen, small
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
 from hbm.identification.records import force_columns
+from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, ParameterDrift
 from models.numbers import at_record, number, with_number
@@ -34,6 +37,7 @@ PLAIN = replace(table_1(Coulomb(mu=0.52, critical_slip=4.15e-6)), elements=24, m
 TONES = (Tone(2, 0.02, 0.7), Tone(3, -0.03, 2.0))
 POINTS = [(6.5, 47.0), (6.5, 49.0), (3.0, 50.0), (6.5, 51.5), (6.5, 55.0), (6.5, 58.0)]
 DISTORTION, DRIFT = ForceDistortion(), ParameterDrift(MU)
+STICKING = 1e3
 
 
 def campaign(folder, spectra, **options):
@@ -296,6 +300,28 @@ def test_a_fit_that_cannot_reach_what_is_of_use_ends(measured):
     ended = fit_model(model, data, model.start, {}, reach=-1e12)
     np.testing.assert_array_equal(kept.x, whole.x)
     assert whole.chi2 < ended.chi2 < evaluate(model, data, model.start, {}).chi2
+
+
+@pytest.mark.parametrize("share", [0.9, 0.5, 0.1])
+def test_a_limit_that_does_good_between_two_values_only_is_found(monkeypatch, share):
+    """The clamp slips in one record: of two values tried one after the other, one is not reached, one slips too far."""
+    model = Model(paper_rig(), {}, (ClampFriction(),))
+    stiffness, limit = model.unknowns[-1]
+    high, low = limit.starts[8:10]
+    true = low * (high / low) ** share
+
+    def misfit(value):
+        off = np.log(value / true) ** 2
+        return min(STICKING, 10.0 + 1e7 * off) if value > true else 10.0 + 4e5 * off
+
+    def compared(model, campaign, starts, last):
+        return [(misfit(model.values(starts[0], 0)["limit"]), starts[0])]
+
+    monkeypatch.setattr(heat, "best_start", compared)
+    monkeypatch.setattr(heat, "fit_model", lambda model, campaign, x, *others: model.values(x, 0)["limit"])
+    x = np.array([f.of(u.starts[1 - i]) for i, (f, u) in enumerate(zip(model.free, (stiffness, limit), strict=True))])
+    (found,) = heat.with_limits(SimpleNamespace(model=model, x=x, solutions={}), None, 7)
+    assert misfit(found) < 0.3 * STICKING
 
 
 def test_a_record_that_is_needed_must_be_found(measured, monkeypatch):
