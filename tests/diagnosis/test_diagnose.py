@@ -73,7 +73,7 @@ def test_nothing_is_found_where_nothing_is_wrong():
 
 
 def test_elastic_clamp_is_found_with_its_stiffness():
-    found = diagnosed("clamp_rotation", 2)
+    found = diagnosed("clamp_rotation", 1)
     assert (found.verdict, found.cause) == ("cause-found", "clamp-rotation")
     stiffness = found.parameters["stiffness"]
     assert abs(stiffness.value - truth("clamp_rotation")["stiffness"]) < 3 * stiffness.std
@@ -108,7 +108,7 @@ def test_report_is_the_contract():
         "schema", "verdict", "cause", "parameters", "confidence", "not_separable", "separate_by", "errors", "gain",
         "held_out_records", "ranking", "evidence",
     }  # fmt: skip
-    for found in (diagnosed("null", 4), diagnosed("null", 4, stiffer=1.08), diagnosed("clamp_rotation", 2)):
+    for found in (diagnosed("null", 4), diagnosed("null", 4, stiffer=1.08), diagnosed("clamp_rotation", 1)):
         table = json.loads(json.dumps(found.json(), allow_nan=False))
         assert set(table) == wanted
         assert table["schema"] == 1 and 0.0 <= table["confidence"] <= 1.0
