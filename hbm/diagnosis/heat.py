@@ -1,6 +1,6 @@
 """Quick fits of candidates: on few records, a coarse discretisation, some steps from the best of many starts."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise, product
@@ -222,10 +222,7 @@ def with_limits(e: Evaluation, campaign: Campaign, steps: int) -> list[Evaluatio
 
 
 def _with_limit(e: Evaluation, campaign: Campaign, i: int, steps: int) -> list[Evaluation]:
-    """Lowered from value to value until it does harm, then to the best beside the lowest that does none.
-
-    Whatever slips in one record alone may do good between two values only.
-    """
+    """Fit from the best value of one limit below where it stands."""
     f, unknown = e.model.free[i], e.model.unknowns[-1][i - len(e.x)]
 
     def at(limit: float) -> Array:
@@ -237,20 +234,29 @@ def _with_limit(e: Evaluation, campaign: Campaign, i: int, steps: int) -> list[E
         except FAILURES:
             return np.inf
 
-    now = f.value(e.x[i])
-    tried = [(now, left(now))]
-    for limit in [v for v in unknown.starts if v < now]:
+    now, before = f.value(e.x[i]), sum(campaign.chi2(e.solutions).values())  # of the same kind as of starts
+    best, least = _lowered(left, [value for value in unknown.starts if value < now], now, before)
+    if least * (1.0 + UNTOUCHED) >= before:
+        return []
+    return [fit_model(e.model, campaign, at(best), e.solutions, steps, SETTLED, PART)]
+
+
+def _lowered(left: Callable[[float], float], limits: Sequence[float], now: float, before: float) -> tuple[float, float]:
+    """Best limit and what it leaves: from value to value until one does harm, then beside the lowest that does none.
+
+    Whatever slips in one record alone may do good between two values only.
+    """
+    tried = [(now, before)]
+    for limit in limits:
         tried.append((limit, left(limit)))
-        if tried[-1][1] > SECOND * tried[0][1]:
+        if tried[-1][1] > SECOND * before:
             break
     harmless = (1.0 + UNTOUCHED) * min(chi2 for _, chi2 in tried)
     lowest = max(k for k, (_, chi2) in enumerate(tried) if chi2 <= harmless)
-    touched = tried[0][1] > harmless
+    touched = before > harmless
     beside = np.log([limit for limit, _ in tried[lowest - touched : lowest + 2]])
     if len(beside) > 1:
-        found = minimize_scalar(lambda x: left(float(np.exp(x))), bounds=(beside[-1], beside[0]), options=BETWEEN)
+        ends = (beside[-1], beside[0])
+        found = minimize_scalar(lambda x: left(float(np.exp(x))), bounds=ends, method="bounded", options=BETWEEN)
         tried.append((float(np.exp(found.x)), float(found.fun)))
-    best, least = min(tried, key=lambda pair: pair[1])
-    if least * (1.0 + UNTOUCHED) >= tried[0][1]:
-        return []
-    return [fit_model(e.model, campaign, at(best), e.solutions, steps, SETTLED, PART)]
+    return min(tried, key=lambda pair: pair[1])

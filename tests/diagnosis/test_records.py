@@ -320,7 +320,8 @@ def test_a_limit_that_does_good_between_two_values_only_is_found(monkeypatch, sh
     monkeypatch.setattr(heat, "best_start", compared)
     monkeypatch.setattr(heat, "fit_model", lambda model, campaign, x, *others: model.values(x, 0)["limit"])
     x = np.array([f.of(u.starts[1 - i]) for i, (f, u) in enumerate(zip(model.free, (stiffness, limit), strict=True))])
-    (found,) = heat.with_limits(SimpleNamespace(model=model, x=x, solutions={}), None, 7)
+    sticking = SimpleNamespace(chi2=lambda solutions: {1: STICKING})
+    (found,) = heat.with_limits(SimpleNamespace(model=model, x=x, solutions={}), sticking, 7)
     assert misfit(found) < 0.3 * STICKING
 
 
