@@ -26,6 +26,9 @@ Parameter = Literal["frequency", "force"]
 COUPLING = 0.02
 """Foreshortening of a mode stays out of the Newton matrix below this fraction of its least dynamic stiffness."""
 
+MOST_BLOCKS = 8
+"""Blocks that are remembered: where an element acts they change with the motion."""
+
 
 @dataclass(frozen=True)
 class State:
@@ -208,6 +211,8 @@ class Balance:
         """Where the (harmonic, mode) pairs `strong` (H+1, m) stand in the balance; remembered from point to point."""
         key = strong.tobytes()
         if key not in self._blocks:
+            if len(self._blocks) == MOST_BLOCKS:
+                self._blocks.clear()
             self._blocks[key] = DenseBlock.of(strong, self.structure.shortening, self.basis.size)
         return self._blocks[key]
 

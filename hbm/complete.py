@@ -1,36 +1,29 @@
-"""The complete Newton system of a balance, dense and exact: for nonlinear elements, for folds, for given amplitudes."""
+"""The complete derivative of a balance, dense and exact: for folds, and for given amplitudes."""
 
 from functools import cached_property
 
 import numpy as np
 
-from continuation.problem import DenseLinearization
 from hbm.aft import ContactForce
 from hbm.balance import Balance, Kinematics, State
+from hbm.elements import ElementSlope
 from hbm.fourier import Array
 
 
 class CompleteBalance:
-    """Linearised balance of all unknowns, factored with the border in use.
-
-    The border column is as in :class:`hbm.elimination.Elimination`.
+    """Linearised balance of all unknowns; `slope` is that of the elements, None where none acts.
 
     Attributes
     ----------
-    slope : ElementSlope or None
-        Of the elements, where there are any.
     by_unknowns : (size, size) array
         Derivative of the scaled balances to the scaled unknowns.
     """
 
     def __init__(
-        self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce, column: Array | None = None
+        self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce, slope: ElementSlope | None
     ) -> None:
-        self.problem, self.state, self.kin, self.contact = problem, state, kin, contact
-        self.slope = None if problem.elements is None else problem.elements.linearize(state.Q, state.Omega)
+        self.problem, self.state, self.kin, self.contact, self.slope = problem, state, kin, contact, slope
         self.by_unknowns = self._by_unknowns()
-        column = self.by_parameter if column is None else column
-        self._dense = DenseLinearization(np.zeros(problem.size), self.by_unknowns, column)
 
     def _by_unknowns(self) -> Array:
         problem, contact, size = self.problem, self.contact, self.problem.basis.size
@@ -91,15 +84,3 @@ class CompleteBalance:
                 contact = contact + self.contact.by_rho @ self.slope.by_Omega[:, n]
         scaled = [modal.ravel() / problem.modal_force_ref, contact / problem.F_ref]
         return np.concatenate(scaled) * problem.lam_ref
-
-    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
-        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
-        return self._dense.solve_bordered(row, row_lam, rhs, rhs_row)
-
-    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
-        """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
-        return self._dense.solve_columns(row, row_lam, rhs, rhs_row)
-
-    def determinant_sign(self, row: Array, row_lam: float) -> int:
-        """Sign of the determinant of the bordered matrix."""
-        return self._dense.determinant_sign(row, row_lam)

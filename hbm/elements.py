@@ -5,7 +5,7 @@ product with the Fourier coefficients of these slopes, so that no sum over sampl
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -18,20 +18,68 @@ from models.friction import chosen, describe, parameters, with_symbols
 from models.rig import Rig
 
 
-@dataclass(frozen=True)
 class ElementSlope:
-    """Derivatives of the forces on modes and support, :meth:`ElementsOverPeriod.force`.
+    """Derivatives of the forces on modes and support, :meth:`ElementsOverPeriod.force`, worked out when asked for.
 
-    Attributes
+    Parameters
     ----------
-    by_Q : (2H+1, n+1, 2H+1, n) array
-        To the coefficients of the modes.
-    by_Omega : (2H+1, n+1) array
-        To the fundamental frequency at fixed coefficients.
+    elements : ElementsOverPeriod
+    slopes : list of array
+        Derivatives of the force along the rows to y and to y_t, the entries of each sample in turn.
+    y_t : (N_t, r) array
+        Velocities along the rows.
+    Omega : float
+        Fundamental frequency [rad/s].
     """
 
-    by_Q: Array
-    by_Omega: Array
+    def __init__(self, elements: "ElementsOverPeriod", slopes: list[Array], y_t: Array, Omega: float) -> None:
+        self._elements, self._y_t, self._Omega = elements, y_t, Omega
+        N_t = elements.basis.N_t
+        places = elements.places
+        entries = [(k.reshape(N_t, -1), *place) for k, place in zip(slopes, places, strict=True)]
+        self._entries = [entry if len(entry[1]) else None for entry in entries]
+
+    @property
+    def acts(self) -> bool:
+        """Whether any of the forces changes with the motion: none does while every stop stays open."""
+        return any(entry is not None and entry[0].any() for entry in self._entries)
+
+    def strength(self) -> Array:
+        """What the elements add to the dynamic stiffness of each harmonic and mode, at most, (H+1, n)."""
+        e = self._elements
+        k_Omega = np.arange(e.basis.H + 1)[:, None] * self._Omega
+        found = np.zeros((e.basis.H + 1, e.rows.shape[1]))
+        for entry, factor in zip(self._entries, (np.ones_like(k_Omega), k_Omega), strict=True):
+            if entry is not None:
+                k, row, column = entry
+                found += factor * (np.abs(k).max(axis=0) @ np.abs(e.rows[row] * e.rows[column]))
+        return found
+
+    @cached_property
+    def by_Q(self) -> Array:
+        """Derivatives to the coefficients of the modes, (2H+1, n+1, 2H+1, n)."""
+        e, basis, n = self._elements, self._elements.basis, self._elements.rows.shape[1]
+        found = np.zeros((basis.size, basis.size, (n + 1) * n))
+        for i, entry in enumerate(self._entries):
+            if entry is None:
+                continue
+            k, row, column = entry
+            onto_modes = (e.onto[row][:, :, None] * e.rows[column][:, None]).reshape(len(row), -1)
+            series = (e.wide.analysis @ k) @ onto_modes  # of the stiffness, then of the damping, between the modes
+            matrices = basis.multiplication(series)
+            if i:
+                matrices = self._Omega * basis.derivatives_on_right(matrices)
+            found += matrices
+        return found.reshape(basis.size, basis.size, n + 1, n).swapaxes(1, 2)
+
+    @cached_property
+    def by_Omega(self) -> Array:
+        """Derivatives to the fundamental frequency at fixed coefficients, (2H+1, n+1)."""
+        e, damping = self._elements, self._entries[1]
+        if damping is None:
+            return np.zeros((e.basis.size, e.onto.shape[1]))
+        k, row, column = damping
+        return np.asarray(e.basis.analysis @ (k * self._y_t[:, column]) @ e.onto[row] / self._Omega)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +172,7 @@ class ElementsOverPeriod:
     def __init__(self, rig: Rig, basis: FourierBasis) -> None:
         if basis.N_t <= 4 * basis.H:
             raise ValueError(f"elements: {basis.N_t} samples for {basis.H} harmonics; must be more than 4 per harmonic")
-        self.basis, self._wide = basis, FourierBasis(2 * basis.H, basis.N_t)
+        self.basis, self.wide = basis, FourierBasis(2 * basis.H, basis.N_t)
         rows, share, self._weight = stacked(rig.element_rows)
         self.rows, self.onto = rows, np.column_stack([rows, share])  # reads (r, n), pushes modes and support (r, n+1)
         self._parameters = element_numbers(rig)
@@ -164,37 +212,21 @@ class ElementsOverPeriod:
         evaluate()
         return slopes
 
-    def acts(self, Q: Array, Omega: float) -> bool:
-        """Whether any of the forces changes with the motion: none does while every stop stays open."""
-        return any(slope.any() for slope in self._slopes(Q, Omega))
+    @property
+    def places(self) -> list[npt.NDArray[np.intp]]:
+        """Rows and columns of the entries of the slopes to y and to y_t."""
+        return self._functions.places[:2]
 
     def linearize(self, Q: Array, Omega: float) -> ElementSlope:
         """Derivatives of :meth:`force`."""
-        basis, n, f = self.basis, Q.shape[1], self._functions
-        slopes = self._slopes(Q, Omega)
-        by_Q = np.zeros((basis.size, basis.size, (n + 1) * n))
-        by_Omega = np.zeros((basis.size, n + 1))
-        for i, (slope, (row, column)) in enumerate(zip(slopes, f.places[:2], strict=True)):
-            if not len(row):
-                continue
-            k = slope.reshape(basis.N_t, len(row))
-            onto_modes = (self.onto[row][:, :, None] * self.rows[column][:, None]).reshape(len(row), -1)
-            series = (self._wide.analysis @ k) @ onto_modes  # of the stiffness, then of the damping, between the modes
-            matrices = basis.multiplication(series)
-            if i == 0:
-                by_Q += matrices
-            else:
-                by_Q += Omega * basis.derivative_on_right(matrices.swapaxes(1, 2)).swapaxes(1, 2)
-                by_Omega += basis.analysis @ (k * self._y_t[:, column]) @ self.onto[row] / Omega
-        return ElementSlope(by_Q.reshape(basis.size, basis.size, n + 1, n).swapaxes(1, 2), by_Omega)
+        return ElementSlope(self, self._slopes(Q, Omega), self._y_t.copy(), Omega)
 
     def slopes_in_time(self, Q: Array, Omega: float) -> tuple[Array, Array]:
         """Derivatives of the forces on modes and support to q and to q' at the samples, two of (N_t, n+1, n)."""
-        slopes = self._slopes(Q, Omega)
-        N_t, places = self.basis.N_t, self._functions.places
+        slopes, N_t = self._slopes(Q, Omega), self.basis.N_t
         by_q, by_v = (
             np.einsum("te,ei,ej->tij", k.reshape(N_t, -1), self.onto[row], self.rows[column], optimize=True)
-            for k, (row, column) in zip(slopes, places[:2], strict=True)
+            for k, (row, column) in zip(slopes, self.places, strict=True)
         )
         return by_q, by_v
 

@@ -1,6 +1,7 @@
 """The Newton system of a balance reduced to the friction force, by eliminating the modes.
 
-Mechanics outside the contact is linear, so the dense core is as large as the contact signal, not as the structure.
+Mechanics outside the contact is linear, or nearly: the dense core is as large as the contact signal, and what couples
+modes and harmonics beside it, foreshortening and nonlinear elements, matters in few of them.
 """
 
 from collections.abc import Sequence
@@ -11,31 +12,38 @@ from scipy.linalg import lapack
 
 from hbm.aft import ContactForce
 from hbm.balance import Balance, Kinematics, State
+from hbm.elements import ElementSlope
 from hbm.fourier import Array
 
 LOW_HARMONICS = 5
 RESONANT = 2e-3
-"""Among the coupled modes it stays in the matrix up to this harmonic, and above this fraction of the stiffness."""
+"""What couples modes stays in the matrix up to this harmonic, and above this fraction of the dynamic stiffness."""
 
 
 class Elimination:
     """Linearised balance [K, -P; -E, S] of modes and contact, reduced to the contact.
 
-    K is the structure with the friction force held (its foreshortening is a parametric stiffness), P takes
-    T to the modes, E takes the modes to T through the law. The lowest `coupled` modes are
-    eliminated with a dense factorisation, the others harmonic by harmonic in closed form. The foreshortening of
-    those others, weak beside their damping, is left out here, not in the residual: it costs Newton a little of its
-    quadratic rate, never the answer.
+    K is the structure with the friction force held (its foreshortening is a parametric stiffness, the slopes of its
+    elements are another), P takes T to the modes, E takes the modes to T through the law. The lowest `coupled` modes,
+    all where an element acts, are eliminated with a dense factorisation, the others harmonic by harmonic in closed
+    form. What couples the others, weak beside their damping, is left out here, not in the residual: it costs Newton a
+    little of its quadratic rate, never the answer.
 
     The border column is the derivative of the scaled balances to the scaled continuation parameter: `column` (size,),
     or where omitted that of the problem's own parameter.
     """
 
     def __init__(
-        self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce, column: Array | None = None
+        self,
+        problem: Balance,
+        state: State,
+        kin: Kinematics,
+        contact: ContactForce,
+        slope: ElementSlope | None = None,
+        column: Array | None = None,
     ) -> None:
-        self.problem, self.state, self.contact = problem, state, contact
-        s, basis, m = problem.structure, problem.basis, problem.coupled
+        self.problem, self.state, self.contact, self.slope = problem, state, contact, slope
+        s, basis, m = problem.structure, problem.basis, problem.coupled if slope is None else problem.structure.n
         size = basis.size
         self._m = m
         real, imaginary = problem.dynamic_stiffness(state.Omega)
@@ -49,7 +57,7 @@ class Elimination:
             self._core -= self._law_of_others()
         if problem.dynamic_lagrangian and contact.by_u is not None:
             self._core += problem.dynamic_lagrangian * contact.by_u
-        if kin.by_T is not None:
+        if m:
             p = -kin.Gq[:, :m]
             p[0] += s.slip_row[:m]
             self._p = basis.multiplication(p)  # (2H+1, 2H+1, m)
@@ -62,6 +70,10 @@ class Elimination:
     def _own_column(self) -> Array:
         problem = self.problem
         modal, contact = problem.by_parameter(self.state, self.contact)
+        if problem.parameter == "frequency" and self.slope is not None:
+            modal = modal - self.slope.by_Omega[:, :-1]
+            if self.contact.by_rho is not None:
+                contact = contact + self.contact.by_rho @ self.slope.by_Omega[:, -1]
         column = np.concatenate([modal.ravel() / problem.modal_force_ref, contact / problem.F_ref])
         return column[:, None] * problem.lam_ref
 
@@ -81,19 +93,23 @@ class Elimination:
 
     # ---- coupled modes
 
-    def _factor(self, stiffness: npt.NDArray[np.complex128], by_T: Array) -> None:
-        """Receptance of the coupled modes, and LU with the parametric stiffness T G where that matters.
+    def _factor(self, stiffness: npt.NDArray[np.complex128], by_T: Array | None) -> None:
+        """Receptance of the coupled modes, and LU with what couples them where that matters.
 
-        It matters in the low harmonics, which T couples most, and wherever a mode resonates; elsewhere the
-        coupled modes are diagonal to the accuracy that Newton needs.
+        It matters in the low harmonics, which T couples most, and wherever a mode resonates or an element is stiff;
+        elsewhere the coupled modes are diagonal to the accuracy that Newton needs.
         """
-        problem, m = self.problem, self._m
+        problem, m, slope = self.problem, self._m, self.slope
         self._coupled_receptance = 1.0 / stiffness
-        strong = problem.coupling[:m] > RESONANT * np.abs(stiffness)
+        coupling = problem.coupling[:m] * (by_T is not None) + (0.0 if slope is None else slope.strength())
+        strong = coupling > RESONANT * np.abs(stiffness)
         strong[: LOW_HARMONICS + 1] = True
         block = problem.dense_block(strong)
         self._dense = block.coefficients
-        K = by_T.ravel()[block.products] * block.G
+        K = np.zeros(block.G.shape) if by_T is None else by_T.ravel()[block.products] * block.G
+        if slope is not None:
+            harmonic, mode = np.divmod(block.coefficients, m)
+            K -= slope.by_Q[harmonic[:, None], mode[:, None], harmonic, mode]
         values, c = stiffness.ravel()[block.cosines], np.arange(len(block.cosines))
         K[c, c] += values.real
         values, turning = values[m:], c[m:]  # harmonic 0 does not turn
@@ -121,7 +137,10 @@ class Elimination:
         seen = [self._p.reshape(size, size * m) @ modes.reshape(size * m, r)]
         if len(self._seen) > 1:
             reaction = np.matmul(self._rows[1:, :m], modes)  # (2H+1, 4, r)
-            seen += [self.problem.reaction_of(reaction, self.state.Omega), reaction[:, 3]]
+            rho = self.problem.reaction_of(reaction, self.state.Omega)
+            if self.slope is not None:
+                rho -= np.tensordot(self.slope.by_Q[:, -1], modes, axes=2)
+            seen += [rho, reaction[:, 3]]
         return self._law_of_signals(seen)
 
     def _law_of_signals(self, seen: Sequence[Array]) -> Array:

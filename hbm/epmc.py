@@ -29,7 +29,7 @@ from continuation import DenseLinearization
 from hbm.complete import CompleteBalance
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance, Linearization, State
-from hbm.slipping import SlippingBalance
+from hbm.slipping import SlidRotation
 from models.rig import Rig
 
 
@@ -159,7 +159,7 @@ class DriveAmplitude(ABC):
         """Derivative of the residual to the unknowns, (size, size)."""
         balance, N = self.balance, self.balance.size
         parts = here.problem, here.state, here.kin, here.contact
-        complete = CompleteBalance(*parts)
+        complete = CompleteBalance(*parts, here.slope)
         J = np.zeros((N + 2, N + 2))
         J[:N, :N] = complete.by_unknowns
         J[:N, N] = complete.by_parameter / scale
@@ -168,7 +168,7 @@ class DriveAmplitude(ABC):
         force = balance.F_ref * balance.force_shape if self.grows else np.zeros(balance.basis.size)
         J[N:, N + 1] = balance.structure.residual.drive_by_force * force[self.fundamental]
         if balance.clamp is not None:
-            slipping, port = SlippingBalance(complete, *parts), balance.clamp.port
+            slipping, port = SlidRotation(*parts), balance.clamp.port
             by_force = slipping.slid @ (port.residual[1] * force)
             J[:N, :N] = slipping.complete(J[:N, :N])
             J[:N, N + 1] -= slipping.by_slid @ by_force

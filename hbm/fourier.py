@@ -95,6 +95,10 @@ class FourierBasis:
         """Product of a (..., 2H+1) matrix with the matrix of :meth:`derivative`."""
         return np.asarray(-self._signed_k * matrix[..., self._swapped])
 
+    def derivatives_on_right(self, matrices: Array) -> Array:
+        """The same of (2H+1, 2H+1, m) matrices, as :meth:`multiplication` makes them."""
+        return np.asarray(-self._signed_k[:, None] * matrices[:, self._swapped])
+
     def complex(self, coefficients: Array) -> npt.NDArray[np.complex128]:
         """Amplitudes c_k with s = Re sum c_k exp(i k theta), (H+1, ...)."""
         c = np.zeros((self.H + 1, *coefficients.shape[1:]), dtype=complex)

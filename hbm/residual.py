@@ -1,9 +1,7 @@
 """Multi-harmonic residual of a rig, as a problem for continuation.
 
-The equations are those of :class:`hbm.balance.Balance`. Where friction is all that is nonlinear, Newton's system is
-reduced to the friction force (:class:`hbm.elimination.Elimination`); with nonlinear elements that act on the beam it is
-solved whole (:class:`hbm.complete.CompleteBalance`); for a clamp that slips either is corrected
-(:class:`hbm.slipping.SlippingBalance`).
+The equations are those of :class:`hbm.balance.Balance`. Newton's system is reduced to the friction force
+(:class:`hbm.elimination.Elimination`); for a clamp that slips it is corrected (:class:`hbm.slipping.SlippingBalance`).
 """
 
 from functools import cached_property
@@ -13,13 +11,14 @@ import numpy as np
 from hbm.aft import ContactForce
 from hbm.balance import Balance, Kinematics, Parameter, State
 from hbm.complete import CompleteBalance
+from hbm.elements import ElementSlope
 from hbm.elimination import Elimination
 from hbm.fourier import Array, FourierBasis
-from hbm.slipping import SlippingBalance
+from hbm.slipping import SlidRotation, SlippingBalance
 
 __all__ = ["HarmonicBalance", "Kinematics", "Linearization", "Newton", "Parameter", "State"]
 
-Newton = Elimination | CompleteBalance | SlippingBalance
+Newton = Elimination | SlippingBalance
 
 
 class HarmonicBalance(Balance):
@@ -56,6 +55,17 @@ class Linearization:
         """The friction force with its derivatives."""
         return self.problem.law.linearize(self.kin.signals, self.state.Omega, self.problem.environment)
 
+    @property
+    def _parts(self) -> tuple[Balance, State, Kinematics, ContactForce]:
+        return self.problem, self.state, self.kin, self.contact
+
+    @cached_property
+    def slope(self) -> ElementSlope | None:
+        """Derivatives of the forces of the elements; None where none acts."""
+        elements = self.problem.elements
+        found = None if elements is None else elements.linearize(self.state.Q, self.state.Omega)
+        return found if found is not None and found.acts else None
+
     @cached_property
     def newton(self) -> Newton:
         """The derivative."""
@@ -63,19 +73,16 @@ class Linearization:
 
     def bordered(self, column: Array | None = None) -> Newton:
         """The derivative, with another column (size,) in place of that of the problem's parameter."""
-        elements = self.problem.elements
-        acting = elements is not None and elements.acts(self.state.Q, self.state.Omega)
-        kind = CompleteBalance if acting else Elimination
-        parts = self.problem, self.state, self.kin, self.contact
-        held = kind(*parts, column)
-        return held if self.problem.clamp is None else SlippingBalance(held, *parts, column)
+        held = Elimination(*self._parts, self.slope, column)
+        if self.problem.clamp is None:
+            return held
+        return SlippingBalance(held, SlidRotation(*self._parts), self.problem, own_column=column is None)
 
     @cached_property
     def complete(self) -> Array:
         """Derivative of the residual to the scaled unknowns, (size, size), with nothing left out."""
-        parts = self.problem, self.state, self.kin, self.contact
-        held = CompleteBalance(*parts)
-        return held.by_unknowns if self.problem.clamp is None else SlippingBalance(held, *parts).by_unknowns
+        held = CompleteBalance(*self._parts, self.slope).by_unknowns
+        return held if self.problem.clamp is None else SlidRotation(*self._parts).complete(held)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""

@@ -20,7 +20,6 @@ import numpy as np
 
 from hbm.aft import InputChange
 from hbm.clamp import ClampChange
-from hbm.complete import CompleteBalance
 from hbm.elements import ElementChange, stacked
 from hbm.fourier import Array
 from hbm.residual import HarmonicBalance, Linearization
@@ -487,11 +486,9 @@ class _LinearBalance:
         problem, state, kin = here.problem, here.state, here.kin
         self.here = here
         self.problem, self.state, self.by_T, self.contact = problem, state, kin.by_T, here.contact
-        newton = here.newton if problem.elements is not None or problem.clamp is not None else None
+        newton = here.newton if problem.clamp is not None else None
         self._slid = newton.slid if isinstance(newton, SlippingBalance) else None
-        newton = newton.held if isinstance(newton, SlippingBalance) else newton
-        slope = newton.slope if isinstance(newton, CompleteBalance) else None
-        self._elements = None if slope is None else slope.by_Q
+        self._elements = None if here.slope is None else here.slope.by_Q
         real, imaginary = problem.dynamic_stiffness(state.Omega)
         self._stiffness = (real + 1j * imaginary)[:, :, None]
         size, n = problem.basis.size, problem.structure.n

@@ -7,36 +7,21 @@ import numpy as np
 from hbm.aft import ContactForce
 from hbm.balance import Balance, Kinematics, State
 from hbm.clamp import ClampMotion, ClampOverPeriod
-from hbm.complete import CompleteBalance
 from hbm.elimination import Elimination
 from hbm.fourier import Array
 
 
-class SlippingBalance:
-    """Linearised balance with a slid rotation that follows the unknowns (Sherman, Morrison and Woodbury).
+class SlidRotation:
+    """What is slid in the clamp, as it follows the unknowns of a balance and changes it.
 
     Attributes
     ----------
-    held : Elimination or CompleteBalance
-        The balance with what is slid held.
     slid : (2H+1, 2H+1) array
         Derivative of what is slid to the moment of the clamp if nothing had slid.
-
-    The border column is that of `held`; where it is the problem's own, what the parameter slides is added.
     """
 
-    def __init__(
-        self,
-        held: Elimination | CompleteBalance,
-        problem: Balance,
-        state: State,
-        kin: Kinematics,
-        contact: ContactForce,
-        column: Array | None = None,
-    ) -> None:
-        self.held, self._problem, self._contact = held, problem, contact
-        own = column is None and problem.parameter == "force"
-        self._moment_by_parameter = problem.lam_ref * problem.force_shape * own
+    def __init__(self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce) -> None:
+        self._problem, self._contact = problem, contact
         self._clamp, motion = _slipping(problem, kin)
         self.slid = self._clamp.slope(motion, state.Omega)
 
@@ -51,40 +36,52 @@ class SlippingBalance:
         modal = np.kron(np.eye(size), port.row[:, None])
         return np.concatenate([modal / problem.modal_force_ref, friction / problem.F_ref])
 
-    def _moment(self, x: Array, lam: Array) -> Array:
-        """Change (2H+1, r) of the moment if nothing had slid with scaled unknowns (size, r) and parameter (r,)."""
+    def moment(self, x: Array, force: Array | float = 0.0) -> Array:
+        """Change (2H+1, r) of the moment if nothing had slid with scaled unknowns (size, r) and force (2H+1, r)."""
         problem, size, r = self._problem, self._problem.basis.size, x.shape[1]
         split = size * problem.structure.n
         Q, T = x[:split].reshape(size, -1, r) * problem.q_ref, x[split:] * problem.F_ref
-        return self._clamp.held(Q, T, np.outer(self._moment_by_parameter, lam))
+        return self._clamp.held(Q, T, np.zeros_like(T) + force)
 
     @cached_property
     def slid_by_unknowns(self) -> Array:
         """Derivative of what is slid to the scaled unknowns, (2H+1, size)."""
-        size = self._problem.size
-        return np.asarray(self.slid @ self._moment(np.eye(size), np.zeros(size)))
+        return np.asarray(self.slid @ self.moment(np.eye(self._problem.size)))
 
     def complete(self, held: Array) -> Array:
         """Derivative (size, size) of the scaled balances to the scaled unknowns, of that with the rotation held."""
         return np.asarray(held - self.by_slid @ self.slid_by_unknowns)
 
-    def _correction(self, row: Array, row_lam: float) -> tuple[Array, Array, Array]:
-        """Motion and parameter per slid rotation, (size, 2H+1) and (2H+1,), and what is slid less what that slides."""
-        x, lam = self.held.solve_columns(row, row_lam, self.by_slid, 0.0)
-        return x, lam, np.eye(len(self.slid)) - self.slid @ self._moment(x, lam)
+
+class SlippingBalance:
+    """Linearised balance with a slid rotation that follows the unknowns (Sherman, Morrison and Woodbury).
+
+    Attributes
+    ----------
+    held : Elimination
+        The balance with what is slid held.
+    rotation : SlidRotation
+
+    The border column is that of `held`; where it is the problem's own, what the parameter slides is added.
+    """
+
+    def __init__(self, held: Elimination, rotation: SlidRotation, problem: Balance, own_column: bool) -> None:
+        self.held, self.rotation = held, rotation
+        slides = own_column and problem.parameter == "force"
+        self._force_by_parameter = problem.lam_ref * problem.force_shape * slides
 
     @property
-    def by_unknowns(self) -> Array:
-        """Derivative of the scaled balances to the scaled unknowns, (size, size).
+    def slid(self) -> Array:
+        """Derivative of what is slid to the moment of the clamp if nothing had slid, (2H+1, 2H+1)."""
+        return self.rotation.slid
 
-        Raises
-        ------
-        TypeError
-            If the balance with what is slid held is an elimination, which has no such matrix.
-        """
-        if not isinstance(self.held, CompleteBalance):
-            raise TypeError("by_unknowns: what is slid is held in an elimination; must be a complete balance")
-        return self.complete(self.held.by_unknowns)
+    def _moment(self, x: Array, lam: Array) -> Array:
+        return self.rotation.moment(x, np.outer(self._force_by_parameter, lam))
+
+    def _correction(self, row: Array, row_lam: float) -> tuple[Array, Array, Array]:
+        """Motion and parameter per slid rotation, (size, 2H+1) and (2H+1,), and what is slid less what that slides."""
+        x, lam = self.held.solve_columns(row, row_lam, self.rotation.by_slid, 0.0)
+        return x, lam, np.eye(len(self.slid)) - self.slid @ self._moment(x, lam)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""

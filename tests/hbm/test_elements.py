@@ -8,9 +8,9 @@ from rigs import beam, oscillator
 from scipy.integrate import solve_ivp
 
 import tests.truth as truth
+from continuation import DenseLinearization
 from hbm import integrate
 from hbm.complete import CompleteBalance
-from hbm.elimination import Elimination
 from hbm.fourier import FourierBasis
 from hbm.handover import state_at_phase_zero
 from hbm.residual import HarmonicBalance, State
@@ -221,38 +221,44 @@ def test_newton_matrix_is_the_derivative(elements, parameter) -> None:
     assert slope > (1.95 if elements == ALL[:1] else 1.7)
 
 
-def test_complete_matrix_is_the_eliminated_one() -> None:
-    """With an element that does next to nothing, on everything else there is."""
+@pytest.mark.parametrize("parameter", ["frequency", "force"])
+@pytest.mark.parametrize("elements", [(), ALL[:1], ALL[1:2], ALL[2:], ALL], ids=["none", *ELEMENTS, "all"])
+def test_elimination_solves_the_complete_system(elements, parameter) -> None:
+    """On a steady state of everything there is, up to weak coupling that the elimination leaves out."""
     ends = Attachments(support_stiffness=1e6, masses=(PointMass(0.02, 0.2),))
     plain = replace(beam(Dahl(mu=0.5, stiffness=1e7), alpha=6.0, modes=4), attachments=ends)
-    idle = replace(plain, elements=(MidplaneStretching(1e-6),))
+    rig = replace(plain, elements=elements)
+    solution = steady_state(rig, 50.0, harmonics=9, samples=256)
+    problem = HarmonicBalance(rig, solution.basis, parameter=parameter, hz=50.0)
+    here = problem.linearize(*problem.pack(solution.state))
+    complete = CompleteBalance(problem, here.state, here.kin, here.contact, here.slope)
+    np.testing.assert_array_equal(complete.by_unknowns, here.complete)
+    dense = DenseLinearization(here.residual, complete.by_unknowns, complete.by_parameter)
+    rng = np.random.default_rng(4)
+    row, right = rng.standard_normal(problem.size), rng.standard_normal(problem.size)
+    expected, found = dense.solve_bordered(row, 1.0, right, 0.5), here.solve_bordered(row, 1.0, right, 0.5)
+    np.testing.assert_allclose(found[0], expected[0], atol=2e-2 * np.abs(expected[0]).max())
+    assert found[1] == pytest.approx(expected[1], rel=2e-2)
+    assert here.determinant_sign(row, 1.0) == dense.determinant_sign(row, 1.0) != 0
+
+
+def test_sensitivities_hold_with_an_element_that_does_next_to_nothing() -> None:
+    plain = beam(Dahl(mu=0.5, stiffness=1e7), alpha=6.0, modes=4)
     solution = steady_state(plain, 50.0, harmonics=7)
-    for parameter in ("frequency", "force"):
-        a, b = (HarmonicBalance(rig, solution.basis, parameter=parameter, hz=50.0) for rig in (plain, idle))
-        x, lam = a.pack(solution.state)
-        here, complete = a.linearize(x, lam), b.linearize(x, lam)
-        assert isinstance(here.newton, Elimination) and isinstance(complete.newton, CompleteBalance)
-        np.testing.assert_allclose(complete.residual, here.residual, atol=1e-14)
-        rng = np.random.default_rng(4)
-        row, right = rng.standard_normal(a.size), rng.standard_normal(a.size)
-        expected, found = here.solve_bordered(row, 1.0, right, 0.5), complete.solve_bordered(row, 1.0, right, 0.5)
-        # what the elimination leaves out of weak foreshortening
-        np.testing.assert_allclose(found[0], expected[0], atol=2e-2 * np.abs(expected[0]).max())
-        assert found[1] == pytest.approx(expected[1], rel=2e-2)
-        assert here.determinant_sign(row, 1.0) == complete.determinant_sign(row, 1.0) != 0
+    idle = replace(plain, elements=(MidplaneStretching(1e-6),))
     kept, all_of_it = (sensitivities(rig, solution, ("beam.length", "contact.friction.mu")) for rig in (plain, idle))
     np.testing.assert_allclose(all_of_it.Q, kept.Q, atol=1e-9 * np.abs(kept.Q).max())
 
 
-def test_a_stop_that_stays_open_costs_no_complete_matrix() -> None:
+def test_a_stop_that_stays_open_changes_nothing() -> None:
     plain = beam(Dahl(mu=0.5, stiffness=1e7), alpha=6.0, modes=4)
     solution = steady_state(plain, 50.0, harmonics=7)
     reach = float(np.abs(solution["drive"].samples).max())
     rigs = [replace(plain, elements=(ImpactStop(gap, 1e4, 0.3),)) for gap in (10 * reach, 0.1 * reach)]
     open_, closing = (HarmonicBalance(rig, solution.basis) for rig in rigs)
     x, lam = open_.pack(solution.state)
-    assert isinstance(open_.linearize(x, lam).newton, Elimination)
-    assert isinstance(closing.linearize(x, lam).newton, CompleteBalance)
+    assert open_.linearize(x, lam).slope is None
+    assert closing.linearize(x, lam).slope is not None
     expected = HarmonicBalance(plain, solution.basis).residual(x, lam)
     np.testing.assert_allclose(open_.residual(x, lam), expected, atol=1e-14)
 
