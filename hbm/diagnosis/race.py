@@ -29,9 +29,12 @@ RUNNING, HOPELESS = 20, 0.15
 FAVOURED = AT_ONCE
 """After so many in the order of the score test the others run in that of what their best start leaves."""
 
-FINALISTS, LEAST, HOPE = 5, 3, 10.0
-"""Candidates that are fitted to all records, at most; most where none explains them, and least where the mean square
-misfit of the best gives hope."""
+FINALISTS, LEAST, HOPE = 5, 3, 3.0
+"""Candidates that are fitted to all records, at most; and so many where none explains the few but the mean square
+misfit of the best gives hope: else it is fitted alone, for what it is worth."""
+
+REFINABLE = 10.0
+"""Mean square misfit up to which a better correction of the discretisation may be what is missing."""
 
 BEHIND = 30.0
 """Nothing more is tried with what leaves so many times what the best one does."""
@@ -72,16 +75,19 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
     list of Evaluation
         Of the finalists on all records, the least chi2 first.
     """
-    screening, heats = _started(screening, base, campaign), Heats(base, campaign)
+    screening, heats, reached = _started(screening, base, campaign), Heats(base, campaign), np.inf
     if small(base):
         done = _refined(_final(_by_score(heats, screening), base, campaign, tell), base, campaign)
         ran, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
     else:
         finalists, ran = _by_heat(heats, screening, tell, LITTLE)
-        done, rest = _refined(_final(finalists, base, campaign, tell), base, campaign), _running(screening, base)
+        lost = min((r.chi2 for r in finalists), default=0.0) > HOPE * heats.few.points
+        reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
+        done, rest = _refined(_final(finalists, base, campaign, tell, reach), base, campaign), _running(screening, base)
+        reached = finalists[0].chi2 if lost else np.inf
     rest = [s for s in rest if s.cause.label not in ran]
     if rest and not any(misfit(e, campaign).fits for e in done):
-        finalists, _ = _by_heat(heats, replace(screening, scores=tuple(rest)), tell, 0.0)
+        finalists, _ = _by_heat(heats, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
         more = sorted(_final(finalists, base, campaign, tell), key=rank)
         if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
             more = _refined(more, base, campaign)
@@ -123,8 +129,10 @@ def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Scre
     return replace(screening, scores=scores)
 
 
-def _final(runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell: Tell) -> list[Evaluation]:
-    """Fits of candidates to all records; of several valleys the deepest."""
+def _final(
+    runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell: Tell, of_use: float = np.inf
+) -> list[Evaluation]:
+    """Fits of candidates to all records, as far as they may get below a chi2 of use; of several valleys the deepest."""
     done: list[Evaluation] = []
     margin = CLOSE if small(base) else REFINED
     for runner in runners:
@@ -132,7 +140,7 @@ def _final(runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell
         model = base.model.extended_by(runner.cause)
         fits: list[Evaluation] = []
         for x in (runner.x, *runner.others):
-            reach = min((e.chi2 for e in (*done, *fits) if not e.missing), default=np.inf) + margin
+            reach = min(of_use, min((e.chi2 for e in (*done, *fits) if not e.missing), default=np.inf) + margin)
             needed = fits[0].found if fits else ()
             fits = sorted([*fits, *_fits(model, campaign, x, base.solutions, needed, reach)], key=rank)
         done += fits[:1]
@@ -153,7 +161,7 @@ def _fits(
 def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
     """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough."""
     ordered = sorted(done, key=rank)
-    if not ordered or ordered[0].chi2 > HOPE * len(ordered[0].white):
+    if not ordered or ordered[0].chi2 > REFINABLE * len(ordered[0].white):
         return ordered
     first, *others = ordered
     first = refine(first, campaign)
@@ -181,16 +189,23 @@ def _by_score(heats: Heats, screening: Screening) -> list[Runner]:
     ]
 
 
-def _by_heat(heats: Heats, screening: Screening, tell: Tell, little: float) -> tuple[list[Runner], set[str]]:
-    """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that ran."""
+def _by_heat(
+    heats: Heats, screening: Screening, tell: Tell, little: float, reached: float = np.inf
+) -> tuple[list[Runner], set[str]]:
+    """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that ran.
+
+    Those that leave more than `reached` are out.
+    """
     few = heats.few
     heat, ran = _first_heat(heats, screening, max(EXPLAINED * few.points, little * heats.before), tell)
+    heat = [r for r in heat if r.chi2 < BEHIND * reached]
     if not heat:
         return [], ran
     hopeless = heat[0].chi2 > HELPS * heats.before
     if not hopeless and not heats.base.model.causes:
         heat = _from_other_starts(heat, heats, screening, tell)
-    return _finalists(heat, few, hopeless, len(heats.campaign.numbers) / len(few.numbers)), ran
+    finalists = _finalists(heat, few, hopeless, len(heats.campaign.numbers) / len(few.numbers))
+    return [r for r in finalists if r.chi2 < reached], ran
 
 
 def _first_heat(heats: Heats, screening: Screening, explained: float, tell: Tell) -> tuple[list[Runner], set[str]]:
@@ -243,8 +258,9 @@ def _finalists(heat: Sequence[Runner], few: Campaign, hopeless: bool, scale: flo
     """The best, and those close to it by a chi2 that grows by `scale` to all records."""
     best = heat[0].chi2
     lost, margin = best > EXPLAINED * few.points, max(10 * CLOSE, best)
-    least = LEAST if lost and not hopeless and best < HOPE * few.points else 1
-    most = 1 if hopeless else LEAST if lost else FINALISTS
+    alone = hopeless or best > HOPE * few.points
+    least = LEAST if lost and not alone else 1
+    most = 1 if alone else LEAST if lost else FINALISTS
     near = [r for r in heat[:most] if r.chi2 <= BEHIND * best]
     return [r for i, r in enumerate(near) if i < least or scale * (r.chi2 - best) < margin]
 

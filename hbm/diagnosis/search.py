@@ -13,12 +13,13 @@ from hbm.diagnosis.decide import (
     best_of,
     simpler,
     suspicious,
+    tied,
 )
 from hbm.diagnosis.fit import Evaluation, evaluate, fit_model, refine
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.numerics import Numerics, choose
-from hbm.diagnosis.race import race
+from hbm.diagnosis.race import EXPLAINED, race
 from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.diagnosis.screen import Screening, screen
 from hbm.errors import InputError
@@ -122,7 +123,7 @@ class Search:
         self.tell("screening over the calibrated model", 0.5)
         first = self._race(self.calibrated, screen(self.calibrated, self.campaign, self.candidates), 0.55)
         if self._explains(first):
-            return first
+            return self._plainest(exact, first)
         several = self._several() if off(self.trust, self.calibrated) else None
         if several is not None:
             return several
@@ -143,9 +144,22 @@ class Search:
         return self._fits(self.calibrated) and not off(self.trust, self.calibrated)
 
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
-        fits = best_of(race(base, self.campaign, screening, lambda doing: self.tell(doing, done)))
-        best = next((e for e in fits[:1] if accepted(base, e, self.tried)), None)
-        return Decision(base, best, tuple(fits))
+        return self._best(base, race(base, self.campaign, screening, lambda doing: self.tell(doing, done)))
+
+    def _best(self, base: Evaluation, fits: Sequence[Evaluation]) -> Decision:
+        ranked = best_of(fits)
+        best = next((e for e in ranked[:1] if accepted(base, e, self.tried)), None)
+        return Decision(base, best, tuple(ranked))
+
+    def _plainest(self, exact: Decision, first: Decision) -> Decision:
+        """What explains over the calibrated model, over the rig file as it is if it does so there too.
+
+        Whether a search over the latter gets into the right valley may hang on little.
+        """
+        close = [] if first.best is None else [first.best, *tied(first.fits, first.best)]
+        again = [started(self.nominal, e, e.model.causes, self.campaign) for e in close]
+        plain = self._best(self.nominal, [*(e for e in again if e is not None), *exact.fits])
+        return plain if self._explains(plain) else first
 
     def _several(self) -> Decision | None:
         """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
@@ -168,34 +182,45 @@ class Search:
         rest = [c for c in self.candidates if c not in single.model.causes and _suits(c, single.model.rig(single.x))]
         screening = screen(single, self.campaign, rest)
         fits = race(single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", 0.7))
-        alone = [e for pair in fits[:1] if self._fits(pair) for e in second_alone(pair, earlier.base, self.campaign)]
-        ranked = best_of([*fits, *alone, *earlier.fits])
+        # the first of a pair may only have led to where the second is found
+        pairs = [pair for pair in fits[:1] if self._fits(pair)]
+        alone = [started(earlier.base, pair, pair.model.causes[1:], self.campaign) for pair in pairs]
+        ranked = best_of([*fits, *(e for e in alone if e is not None), *earlier.fits])
         best = next((e for e in ranked[:1] if accepted(earlier.base, e, self.tried**2)), None)
         return Decision(earlier.base, best, tuple(ranked[:MOST_RANKED]))
 
 
-def second_alone(pair: Evaluation, base: Evaluation, campaign: Campaign) -> list[Evaluation]:
-    """Fit of the second cause of a pair without the first, which may only have led to where the second is found.
+def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campaign: Campaign) -> Evaluation | None:
+    """Fit of a model with some of the causes of another one, from where these were found.
 
     Parameters
     ----------
-    pair : Evaluation
-        Of a model with two causes.
     base : Evaluation
-        Of that without any.
+        Of the model without the causes.
+    found : Evaluation
+        Of one with them, maybe with others before them and over other calibrated numbers.
+    causes : sequence of Cause
+        The last ones of its model.
     campaign : Campaign
 
     Returns
     -------
-    list of Evaluation
-        Empty where there is no fit.
+    Evaluation or None
+        None where there is no fit.
     """
-    model, known = base.model.extended_by(pair.model.causes[1]), base.coordinates | pair.coordinates
-    x = np.array([known[1 if f.cause == 0 else f.cause, f.name] for f in model.free])
+    model = base.model
+    for added in causes:
+        model = model.extended_by(added)
+    before = len(found.model.causes) - len(model.causes)  # so many more come before them there
+    known = base.coordinates
+    for (cause, name), x in found.coordinates.items():
+        known[cause if cause < 0 else cause - before, name] = x
+    start = np.array([known[f.cause, f.name] for f in model.free])
     try:
-        return [refine(fit_model(model, campaign, x, pair.solutions), campaign)]
+        best = fit_model(model, campaign, start, found.solutions, reach=EXPLAINED * len(found.white))
+        return refine(best, campaign)
     except FAILURES:
-        return []
+        return None
 
 
 def _suits(cause: Cause, rig: Rig) -> bool:

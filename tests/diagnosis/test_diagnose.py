@@ -20,7 +20,7 @@ from hbm.diagnosis.nominal import with_values
 from hbm.diagnosis.race import followed
 from hbm.diagnosis.records import uncorrelated
 from hbm.diagnosis.screen import screen
-from hbm.diagnosis.search import campaign_of, second_alone
+from hbm.diagnosis.search import campaign_of, started
 from hbm.errors import InputError
 from models.causes.cause import Unknown
 from models.causes.parameter import WrongParameter
@@ -178,7 +178,8 @@ def test_second_cause_of_a_pair_is_fitted_alone():
     mass, position, stiffness = model.free[-3:]
     x = np.concatenate([base.x, [mass.of(1e-5), position.of(0.3), stiffness.of(3e4)]])
     pair = evaluate(model, few, x, base.solutions)
-    (alone,) = second_alone(pair, here, few)
+    alone = started(here, pair, pair.model.causes[1:], few)
+    assert alone is not None
     assert alone.model.causes == (ClampRotation(),)
     assert alone.chi2 < pair.chi2
     assert alone.model.free[-1].value(alone.x[-1]) == pytest.approx(truth("clamp_rotation")["stiffness"], rel=0.2)
