@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from hbm.aft import ContactForce, Environment, LawOverPeriod
 from hbm.clamp import ClampMotion, ClampOverPeriod
-from hbm.elements import ElementsOverPeriod
+from hbm.elements import ElementSlope, ElementsOverPeriod
 from hbm.fourier import Array, FourierBasis
 from models.friction import parameters
 from models.rig import Rig
@@ -326,18 +326,22 @@ class Balance:
         slope[0] += self.structure.slip_row
         return self.basis.multiplication(slope)
 
-    def by_parameter(self, state: State, contact: ContactForce) -> tuple[Array, Array]:
-        """Derivative of the unscaled balances, elements and clamp excluded, to the unscaled continuation parameter."""
+    def by_parameter(self, state: State, contact: ContactForce, slope: ElementSlope | None) -> Array:
+        """Derivative of the scaled balances, clamp excluded, to the scaled continuation parameter, (size,)."""
         s, basis, Q, Omega, shape = self.structure, self.basis, state.Q, state.Omega, self.force_shape
         if self.parameter == "frequency":
             modal = s.damping * basis.derivative(Q) - (2 * Omega * basis.k**2)[:, None] * Q
             d_rho = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
-            slope = -contact.by_Omega
+            law = -contact.by_Omega
+            if slope is not None:
+                modal -= slope.by_Omega[:, :-1]
+                d_rho -= slope.by_Omega[:, -1]
         else:
-            modal, d_rho, slope = -np.outer(shape, s.excitation), -s.reaction.force_share * shape, np.zeros(basis.size)
+            modal, d_rho, law = -np.outer(shape, s.excitation), -s.reaction.force_share * shape, np.zeros(basis.size)
             if contact.by_u is not None:
-                slope = -s.residual.slip_by_force * contact.by_u @ shape
-        return modal, slope if contact.by_rho is None else slope - contact.by_rho @ d_rho
+                law = -s.residual.slip_by_force * contact.by_u @ shape
+        law = law if contact.by_rho is None else law - contact.by_rho @ d_rho
+        return np.concatenate([modal.ravel() / self.modal_force_ref, law / self.F_ref]) * self.lam_ref
 
     def contact_state(self, state: State) -> tuple[Kinematics, Array, Array, float]:
         """Kinematics, friction force at the samples [N], internal state before the first, and closure of the loops."""

@@ -76,11 +76,4 @@ class CompleteBalance:
     @cached_property
     def by_parameter(self) -> Array:
         """Derivative of the scaled balances to the scaled continuation parameter, (size,)."""
-        problem, n = self.problem, self.problem.structure.n
-        modal, contact = problem.by_parameter(self.state, self.contact)
-        if problem.parameter == "frequency" and self.slope is not None:
-            modal = modal - self.slope.by_Omega[:, :n]
-            if self.contact.by_rho is not None:
-                contact = contact + self.contact.by_rho @ self.slope.by_Omega[:, n]
-        scaled = [modal.ravel() / problem.modal_force_ref, contact / problem.F_ref]
-        return np.concatenate(scaled) * problem.lam_ref
+        return self.problem.by_parameter(self.state, self.contact, self.slope)

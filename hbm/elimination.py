@@ -64,18 +64,9 @@ class Elimination:
             self._factor(real[:, :m] + 1j * imaginary[:, :m], kin.by_T)
             self._coupled_of = self._solve_coupled(np.ascontiguousarray(self._p.transpose(0, 2, 1)))
             self._core -= self._law_of_coupled(self._coupled_of)
-        motion, core = self._reduced(self._own_column() if column is None else column[:, None])
+        column = problem.by_parameter(state, contact, slope) if column is None else column
+        motion, core = self._reduced(column[:, None])
         self._motion_lam, self._core_lam = motion[:, :, 0], core[:, 0]
-
-    def _own_column(self) -> Array:
-        problem = self.problem
-        modal, contact = problem.by_parameter(self.state, self.contact)
-        if problem.parameter == "frequency" and self.slope is not None:
-            modal = modal - self.slope.by_Omega[:, :-1]
-            if self.contact.by_rho is not None:
-                contact = contact + self.contact.by_rho @ self.slope.by_Omega[:, -1]
-        column = np.concatenate([modal.ravel() / problem.modal_force_ref, contact / problem.F_ref])
-        return column[:, None] * problem.lam_ref
 
     def _reduced(self, forces: Array) -> tuple[Array, Array]:
         """Motion (2H+1, n, r) under scaled forces (size, r) with T held, and what they ask of T, (2H+1, r)."""
