@@ -13,7 +13,6 @@ from dataclasses import replace
 import numpy as np
 
 from continuation import DenseLinearization
-from hbm.complete import CompleteBalance
 from hbm.fourier import Array
 from hbm.residual import HarmonicBalance, Linearization
 from hbm.response import steady_state
@@ -39,8 +38,8 @@ def eliminated(here: Linearization, row: Array, right: Array) -> Array:
 
 
 def whole(here: Linearization, row: Array, right: Array) -> Array:
-    complete = CompleteBalance(here.problem, here.state, here.kin, here.contact, here.slope)
-    dense = DenseLinearization(here.residual, complete.by_unknowns, complete.by_parameter)
+    by_parameter = here.problem.by_parameter(here.state, here.contact, here.slope)
+    dense = DenseLinearization(here.residual, here.complete, by_parameter)
     return dense.solve_bordered(row, 1.0, right, 0.0)[0]
 
 

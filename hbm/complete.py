@@ -1,7 +1,5 @@
 """The complete derivative of a balance, dense and exact: for folds, and for given amplitudes."""
 
-from functools import cached_property
-
 import numpy as np
 
 from hbm.aft import ContactForce
@@ -72,8 +70,3 @@ class CompleteBalance:
         if contact.by_eta is not None:
             law += (contact.by_eta[:, :, None] * r.stretch).reshape(law.shape)
         return law
-
-    @cached_property
-    def by_parameter(self) -> Array:
-        """Derivative of the scaled balances to the scaled continuation parameter, (size,)."""
-        return self.problem.by_parameter(self.state, self.contact, self.slope)

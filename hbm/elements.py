@@ -68,7 +68,7 @@ class ElementSlope:
             series = (e.wide.analysis @ k) @ onto_modes  # of the stiffness, then of the damping, between the modes
             matrices = basis.multiplication(series)
             if i:
-                matrices = self._Omega * basis.derivatives_on_right(matrices)
+                matrices = self._Omega * basis.derivative_on_right(matrices)
             found += matrices
         return found.reshape(basis.size, basis.size, n + 1, n).swapaxes(1, 2)
 

@@ -39,7 +39,7 @@ class Elimination:
         state: State,
         kin: Kinematics,
         contact: ContactForce,
-        slope: ElementSlope | None = None,
+        slope: ElementSlope | None,
         column: Array | None = None,
     ) -> None:
         self.problem, self.state, self.contact, self.slope = problem, state, contact, slope

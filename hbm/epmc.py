@@ -26,10 +26,8 @@ from functools import cached_property
 import numpy as np
 
 from continuation import DenseLinearization
-from hbm.complete import CompleteBalance
 from hbm.fourier import Array, FourierBasis
 from hbm.residual import HarmonicBalance, Linearization, State
-from hbm.slipping import SlidRotation
 from models.rig import Rig
 
 
@@ -158,19 +156,17 @@ class DriveAmplitude(ABC):
     def jacobian(self, here: Linearization, scale: float) -> Array:
         """Derivative of the residual to the unknowns, (size, size)."""
         balance, N = self.balance, self.balance.size
-        parts = here.problem, here.state, here.kin, here.contact
-        complete = CompleteBalance(*parts, here.slope)
         J = np.zeros((N + 2, N + 2))
-        J[:N, :N] = complete.by_unknowns
-        J[:N, N] = complete.by_parameter / scale
+        J[:N, :N] = here.complete
+        J[:N, N] = here.problem.by_parameter(here.state, here.contact, here.slope) / scale
         J[:N, N + 1] = self.by_sustain(here, scale)
         J[N:, :N] = self._rows
         force = balance.F_ref * balance.force_shape if self.grows else np.zeros(balance.basis.size)
         J[N:, N + 1] = balance.structure.residual.drive_by_force * force[self.fundamental]
-        if balance.clamp is not None:
-            slipping, port = SlidRotation(*parts), balance.clamp.port
+        slipping = here.rotation
+        if slipping is not None and balance.clamp is not None:
+            port = balance.clamp.port
             by_force = slipping.slid @ (port.residual[1] * force)
-            J[:N, :N] = slipping.complete(J[:N, :N])
             J[:N, N + 1] -= slipping.by_slid @ by_force
             J[N:, :N] += port.residual[1] * slipping.slid_by_unknowns[self.fundamental]
             J[N:, N + 1] += port.residual[1] * by_force[self.fundamental]

@@ -92,12 +92,9 @@ class FourierBasis:
         return np.asarray(factor * swapped)
 
     def derivative_on_right(self, matrix: Array) -> Array:
-        """Product of a (..., 2H+1) matrix with the matrix of :meth:`derivative`."""
-        return np.asarray(-self._signed_k * matrix[..., self._swapped])
-
-    def derivatives_on_right(self, matrices: Array) -> Array:
-        """The same of (2H+1, 2H+1, m) matrices, as :meth:`multiplication` makes them."""
-        return np.asarray(-self._signed_k[:, None] * matrices[:, self._swapped])
+        """Product of a (k, 2H+1) matrix, or of each of (k, 2H+1, m), with the matrix of :meth:`derivative`."""
+        factor = -self._signed_k if matrix.ndim == 2 else -self._signed_k[:, None]
+        return np.asarray(factor * matrix[:, self._swapped])
 
     def complex(self, coefficients: Array) -> npt.NDArray[np.complex128]:
         """Amplitudes c_k with s = Re sum c_k exp(i k theta), (H+1, ...)."""

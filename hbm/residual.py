@@ -67,6 +67,11 @@ class Linearization:
         return found if found is not None and found.acts else None
 
     @cached_property
+    def rotation(self) -> SlidRotation | None:
+        """What is slid in the clamp; None where it does not slip."""
+        return None if self.problem.clamp is None else SlidRotation(*self._parts)
+
+    @cached_property
     def newton(self) -> Newton:
         """The derivative."""
         return self.bordered()
@@ -74,15 +79,15 @@ class Linearization:
     def bordered(self, column: Array | None = None) -> Newton:
         """The derivative, with another column (size,) in place of that of the problem's parameter."""
         held = Elimination(*self._parts, self.slope, column)
-        if self.problem.clamp is None:
+        if self.rotation is None:
             return held
-        return SlippingBalance(held, SlidRotation(*self._parts), self.problem, own_column=column is None)
+        return SlippingBalance(held, self.rotation, self.problem, own_column=column is None)
 
     @cached_property
     def complete(self) -> Array:
         """Derivative of the residual to the scaled unknowns, (size, size), with nothing left out."""
         held = CompleteBalance(*self._parts, self.slope).by_unknowns
-        return held if self.problem.clamp is None else SlidRotation(*self._parts).complete(held)
+        return held if self.rotation is None else self.rotation.complete(held)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""

@@ -23,7 +23,6 @@ from hbm.clamp import ClampChange
 from hbm.elements import ElementChange, stacked
 from hbm.fourier import Array
 from hbm.residual import HarmonicBalance, Linearization
-from hbm.slipping import SlippingBalance
 from hbm.solution import DERIVATIVES, TRUE, PeriodicSolution, as_read
 from hbm.threads import one_thread
 from models.change import (
@@ -486,8 +485,7 @@ class _LinearBalance:
         problem, state, kin = here.problem, here.state, here.kin
         self.here = here
         self.problem, self.state, self.by_T, self.contact = problem, state, kin.by_T, here.contact
-        newton = here.newton if problem.clamp is not None else None
-        self._slid = newton.slid if isinstance(newton, SlippingBalance) else None
+        self._slid = None if here.rotation is None else here.rotation.slid
         self._elements = None if here.slope is None else here.slope.by_Q
         real, imaginary = problem.dynamic_stiffness(state.Omega)
         self._stiffness = (real + 1j * imaginary)[:, :, None]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 
 import numpy as np
 
@@ -144,12 +145,7 @@ class Search:
         return self._fits(self.calibrated) and not off(self.trust, self.calibrated)
 
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
-        return self._best(base, race(base, self.campaign, screening, lambda doing: self.tell(doing, done)))
-
-    def _best(self, base: Evaluation, fits: Sequence[Evaluation]) -> Decision:
-        ranked = best_of(fits)
-        best = next((e for e in ranked[:1] if accepted(base, e, self.tried)), None)
-        return Decision(base, best, tuple(ranked))
+        return _decided(base, race(base, self.campaign, screening, lambda doing: self.tell(doing, done)), self.tried)
 
     def _plainest(self, exact: Decision, first: Decision) -> Decision:
         """What explains over the calibrated model, over the rig file as it is if it does so there too.
@@ -157,8 +153,8 @@ class Search:
         Whether a search over the latter gets into the right valley may hang on little.
         """
         close = [] if first.best is None else [first.best, *tied(first.fits, first.best)]
-        again = [started(self.nominal, e, e.model.causes, self.campaign) for e in close]
-        plain = self._best(self.nominal, [*(e for e in again if e is not None), *exact.fits])
+        again = [e for found in close for e in started(self.nominal, found, found.model.causes, self.campaign)]
+        plain = _decided(self.nominal, [*again, *exact.fits], self.tried)
         return plain if self._explains(plain) else first
 
     def _several(self) -> Decision | None:
@@ -184,13 +180,19 @@ class Search:
         fits = race(single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", 0.7))
         # the first of a pair may only have led to where the second is found
         pairs = [pair for pair in fits[:1] if self._fits(pair)]
-        alone = [started(earlier.base, pair, pair.model.causes[1:], self.campaign) for pair in pairs]
-        ranked = best_of([*fits, *(e for e in alone if e is not None), *earlier.fits])
-        best = next((e for e in ranked[:1] if accepted(earlier.base, e, self.tried**2)), None)
-        return Decision(earlier.base, best, tuple(ranked[:MOST_RANKED]))
+        alone = [e for pair in pairs for e in started(earlier.base, pair, pair.model.causes[1:], self.campaign)]
+        found = _decided(earlier.base, [*fits, *alone, *earlier.fits], self.tried**2)
+        return replace(found, fits=found.fits[:MOST_RANKED])
 
 
-def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campaign: Campaign) -> Evaluation | None:
+def _decided(base: Evaluation, fits: Sequence[Evaluation], tried: int) -> Decision:
+    """The best of fits over a base, if it is better than that by more than chance in so many tries."""
+    ranked = best_of(fits)
+    best = next((e for e in ranked[:1] if accepted(base, e, tried)), None)
+    return Decision(base, best, tuple(ranked))
+
+
+def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campaign: Campaign) -> list[Evaluation]:
     """Fit of a model with some of the causes of another one, from where these were found.
 
     Parameters
@@ -205,8 +207,8 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
 
     Returns
     -------
-    Evaluation or None
-        None where there is no fit.
+    list of Evaluation
+        Empty where there is no fit.
     """
     model = base.model
     for added in causes:
@@ -218,9 +220,9 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
     start = np.array([known[f.cause, f.name] for f in model.free])
     try:
         best = fit_model(model, campaign, start, found.solutions, reach=EXPLAINED * len(found.white))
-        return refine(best, campaign)
+        return [refine(best, campaign)]
     except FAILURES:
-        return None
+        return []
 
 
 def _suits(cause: Cause, rig: Rig) -> bool:

@@ -178,8 +178,7 @@ def test_second_cause_of_a_pair_is_fitted_alone():
     mass, position, stiffness = model.free[-3:]
     x = np.concatenate([base.x, [mass.of(1e-5), position.of(0.3), stiffness.of(3e4)]])
     pair = evaluate(model, few, x, base.solutions)
-    alone = started(here, pair, pair.model.causes[1:], few)
-    assert alone is not None
+    (alone,) = started(here, pair, pair.model.causes[1:], few)
     assert alone.model.causes == (ClampRotation(),)
     assert alone.chi2 < pair.chi2
     assert alone.model.free[-1].value(alone.x[-1]) == pytest.approx(truth("clamp_rotation")["stiffness"], rel=0.2)

@@ -233,7 +233,9 @@ def test_elimination_solves_the_complete_system(elements, parameter) -> None:
     here = problem.linearize(*problem.pack(solution.state))
     complete = CompleteBalance(problem, here.state, here.kin, here.contact, here.slope)
     np.testing.assert_array_equal(complete.by_unknowns, here.complete)
-    dense = DenseLinearization(here.residual, complete.by_unknowns, complete.by_parameter)
+    dense = DenseLinearization(
+        here.residual, complete.by_unknowns, problem.by_parameter(here.state, here.contact, here.slope)
+    )
     rng = np.random.default_rng(4)
     row, right = rng.standard_normal(problem.size), rng.standard_normal(problem.size)
     expected, found = dense.solve_bordered(row, 1.0, right, 0.5), here.solve_bordered(row, 1.0, right, 0.5)
