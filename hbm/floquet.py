@@ -178,6 +178,23 @@ class Disturbance:
             return fine
         return np.asarray((4.0 * fine - self._over_period(2)) / 3.0)
 
+    def motion(self, starts: Complex) -> Complex:
+        """Disturbances (q, q', T, states) at the samples from those at the sample before the first.
+
+        Parameters
+        ----------
+        starts : (size, m) array
+
+        Returns
+        -------
+        (N_t, size, m) array
+        """
+        now = np.arange(self.problem.basis.N_t)
+        out = np.empty((len(now), *starts.shape), dtype=complex)
+        for k, step in enumerate(self.steps(self._modes(1), now, now - 1)):
+            out[k] = starts = step @ starts
+        return out
+
     @property
     def rate(self) -> Array:
         """Matrix A of (q, q')' = A (q, q') at the samples, for a law that remembers nothing, (N_t, 2n, 2n)."""

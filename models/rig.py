@@ -116,7 +116,8 @@ class Excitation:
 
     Its distortion is given by `harmonics`: numbers k >= 2 with the coefficients of cos and sin k Omega t, relative to
     the amplitude of the fundamental. With `measured_harmonics` the harmonics of a simulated record are those that were
-    measured of its force; nothing but the diagnosis, which has records, minds it.
+    measured of its force; and unless `settled`, its records were taken before the transient of a start had died out.
+    Nothing but the diagnosis, which has records, minds these two.
 
     >>> round(float(Excitation(2.0, harmonics=((3, 0.0, 0.1),)).force(np.pi / 2)), 9)
     -0.2
@@ -126,6 +127,7 @@ class Excitation:
     position: float = 0.0
     harmonics: tuple[tuple[int, float, float], ...] = ()
     measured_harmonics: bool = False
+    settled: bool = True
 
     def __post_init__(self) -> None:
         """Check the numbers of the harmonics."""

@@ -231,6 +231,11 @@ class Account:
             f"{best.model.label} lowers chi2 from {base.chi2:.5g} to {best.chi2:.5g} "
             f"(BIC by {base.bic - best.bic:.4g}){hidden}."
         )
+        if not best.model.rig(best.x).excitation.settled:
+            yield (
+                "Size and phase of the transients are free in each record; what the records miss has no order from one "
+                "to the next. Hold each frequency longer and measure some of them again: they then agree."
+            )
         for i, cause in enumerate(best.model.causes[1:], start=1):
             said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
             yield f"Beside it: {cause.label}, {said}."

@@ -51,7 +51,16 @@ def accepted(base: Evaluation, e: Evaluation, tried: int) -> bool:
     """Whether an extended model is better than the calibrated one by more than chance."""
     more = max(e.model.counted - base.model.counted, 1)
     fell = base.chi2 - e.chi2
-    return base.bic - e.bic > DECISIVE and fell > sidak(tried, more)
+    return base.bic - e.bic > DECISIVE and fell > sidak(tried, more) and _in_several(base, e)
+
+
+def _in_several(base: Evaluation, e: Evaluation) -> bool:
+    """Whether transients, which are free in each record, are not for one record alone: that explains whatever it is."""
+    if e.model.rig(e.x).excitation.settled:
+        return True
+    both = set(base.white.spreads) & set(e.white.spreads)
+    gained = sorted(max(base.white.deviance(number) - e.white.deviance(number), 0.0) for number in both)
+    return sum(gained[:-1]) > DECISIVE
 
 
 def best_of(fits: Sequence[Evaluation]) -> list[Evaluation]:
@@ -61,7 +70,8 @@ def best_of(fits: Sequence[Evaluation]) -> list[Evaluation]:
 
 def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:
     """Fits that the records cannot tell from the best one, but for those that only contain it."""
-    close = [e for e in fits if e is not best and abs(e.chi2 - best.chi2) < TIED and not e.missing]
+    others = [e for e in fits if e.model.label != best.model.label and not e.missing]
+    close = [e for e in others if abs(e.chi2 - best.chi2) < TIED]
     return [e for e in close if len(e.x) <= len(best.x) or best.chi2 - e.chi2 > 1.0 or not undetermined(e)]
 
 
@@ -99,7 +109,7 @@ def inclusion(fits: Sequence[Evaluation], best: Evaluation, draws: int = DRAWS) 
         shift = e.white.residual - best.white.residual
         r = np.vstack([shift[:, None] + noise, np.tile(-e.pulls[:, None], draws)])
         left = Span(np.vstack([e.white.jacobian, e.expected])).across(r)
-        bics.append(np.sum(left**2, axis=0) + e.model.counted * size)
+        bics.append(np.sum(left**2, axis=0) + e.white.spread + e.model.counted * size)
     return float(np.mean(np.argmin(bics, axis=0) == 0))
 
 

@@ -101,11 +101,16 @@ class Heats:
         self._compare(scores)
         return sorted(scores, key=lambda s: min((chi2 for chi2, _ in self.compared[s.cause.label]), default=np.inf))
 
+    @cached_property
+    def spread(self) -> float:
+        """Logarithm of the determinant of the covariance of these records before."""
+        return self.few.whiten(self._quick.found, self._quick.by_x).spread
+
     def run(self, scores: Sequence[Score], most: int = STARTS, steps: int = STEPS) -> list[Runner | None]:
         """Runners, None where there is no fit."""
         self._compare(scores)
         starts = [self.compared[s.cause.label] for s in scores]
-        heat = partial(_heat, self._quick, self.few, most=most, steps=steps)
+        heat = partial(_heat, self._quick, self.few, self.spread, most=most, steps=steps)
         return each(self.campaign.executor, heat, scores, starts)
 
     def _compare(self, scores: Sequence[Score]) -> None:
@@ -131,8 +136,13 @@ def _compared(base: Evaluation, few: Campaign, score: Score) -> Starts:
         return []
 
 
-def _heat(base: Evaluation, few: Campaign, score: Score, starts: Starts, most: int, steps: int) -> Runner | None:
-    """Quick fit of a candidate; None where no start has steady states."""
+def _heat(
+    base: Evaluation, few: Campaign, spread: float, score: Score, starts: Starts, most: int, steps: int
+) -> Runner | None:
+    """Quick fit of a candidate; None where no start has steady states.
+
+    What it leaves counts with what its covariance spreads beyond `spread`: transients may explain much.
+    """
     if not starts:
         return None
     model, before = lighter(base).extended_by(score.cause), _misfit_on(base, few)
@@ -147,7 +157,7 @@ def _heat(base: Evaluation, few: Campaign, score: Score, starts: Starts, most: i
         return None
     best, *others = sorted(fits, key=rank)
     carried = [_carried(base.model.extended_by(score.cause), base, e) for e in (best, *_apart(best, others))]
-    return Runner(score.cause, best.chi2, carried[0], tuple(carried[1:]))
+    return Runner(score.cause, best.chi2 + best.white.spread - spread, carried[0], tuple(carried[1:]))
 
 
 def _misfit_on(base: Evaluation, few: Campaign) -> float:

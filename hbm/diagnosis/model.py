@@ -1,7 +1,7 @@
 """A model is a nominal rig with calibrated numbers, extended by causes: coordinates in, a rig out."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -83,13 +83,17 @@ class Free:
         return min(ends), max(ends)
 
 
-def free_of(unknown: Unknown, cause: int) -> Free:
-    """Free number of an unknown of a cause."""
+def free_of(unknown: Unknown, cause: int, tolerance: float = np.inf) -> Free:
+    """Free number of an unknown of a cause, its neutral value known to within a relative standard deviation."""
     positive = unknown.lower > 0.0 and unknown.upper / unknown.lower > WIDE
     form: Form = "linear" if not positive else "inverse" if np.isinf(unknown.neutral) else "logarithmic"
     scale = unknown.starts[-1] if form == "inverse" else max(abs(s) for s in unknown.starts) or 1.0
     lower, upper = float(unknown.lower), float(unknown.upper)
-    return Free(unknown.name, unknown.unit, lower, upper, unknown.starts[0], form, scale, cause=cause)
+    free = Free(unknown.name, unknown.unit, lower, upper, unknown.starts[0], form, scale, cause=cause)
+    if not np.isfinite(tolerance) or unknown.neutral <= 0.0:
+        return free
+    expected = free.of(unknown.neutral)
+    return replace(free, expected=expected, std=tolerance * (1.0 if form == "logarithmic" else expected))
 
 
 def calibrated_of(rig: Rig, key: str, value: float, std: float) -> Free:
@@ -149,7 +153,13 @@ class Model:
             for key, std in self.calibrated.items()
             if key not in taken
         ]
-        return (*calibrated, *(free_of(u, i) for i, unknowns in enumerate(self.unknowns) for u in unknowns))
+        own = ((u, i) for i, unknowns in enumerate(self.unknowns) for u in unknowns)
+        return (*calibrated, *(free_of(u, i, self._known(u)) for u, i in own))
+
+    def _known(self, unknown: Unknown) -> float:
+        """How well a number of a cause is known before anything is measured."""
+        known = np.isfinite(unknown.tolerance)
+        return self.calibrated.get(unknown.key, unknown.tolerance) if known else np.inf
 
     @property
     def counted(self) -> int:

@@ -20,6 +20,7 @@ from hbm.residual import State
 from hbm.sensitivity import FORCE, HZ, Disturbance, disturbed, sensitivities
 from hbm.solution import PeriodicSolution
 from hbm.sweep import each
+from hbm.transient import transients
 from models.change import drift_scalars, tone_scalars
 from models.friction import parameters
 from models.numbers import number
@@ -37,6 +38,9 @@ NEWTON = 15
 CLOCKS = 1e-5
 """What the clocks of generator and recorder agree to, relative standard deviation of the frequency of a record."""
 
+INEXACT = 0.2
+"""Of a transient, what its superposition on a steady state leaves out, relative standard deviation."""
+
 LOSSLESS = 1e-9
 """Of the largest loop that friction and slip could close, the loss of a contact that sticks."""
 
@@ -48,7 +52,8 @@ class Simulated:
     """One record as simulated: amplitudes (2, c, H), derivatives to p keys (..., p), to force and to frequency.
 
     Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients;
-    where the contact never slips, `by_history` (2, c, H) what one standard deviation of its mean friction does.
+    where the contact never slips, `by_history` (2, c, H) what one standard deviation of its mean friction does; and
+    where transients may not have died out, `by_transients` (2, c, H, k) what each motion of a start from rest leaves.
     `Q_by_keys` (2H'+1, n, p) and `T_by_keys` (2H'+1, p) are the derivatives of the unknowns of the balance.
     """
 
@@ -59,6 +64,7 @@ class Simulated:
     by_hz: Array
     by_tones: Array | None
     by_history: Array | None
+    by_transients: Array | None
     Q_by_keys: Array
     T_by_keys: Array
 
@@ -79,13 +85,13 @@ class Whitened:
     jacobian : (m, p) array
         Of the simulated amplitudes.
     raw : (m,) array
-        Measured less simulated in units of the channel.
+        Measured less simulated in units of the channel, less the likeliest transients where there are any.
     measured : (m,) array
         In units of the channel.
     record, channel, harmonic : (m,) int array
         Where each entry belongs: number of the record, place of the channel, harmonic.
-    spread : float
-        Logarithm of the determinant of the covariance beside that of the noise of the responses alone.
+    spreads : dict of int to float
+        Logarithm of the determinant of the covariance beside that of the noise of the responses alone, by record.
     """
 
     residual: Array
@@ -95,7 +101,16 @@ class Whitened:
     record: npt.NDArray[np.int64]
     channel: npt.NDArray[np.int64]
     harmonic: npt.NDArray[np.int64]
-    spread: float = 0.0
+    spreads: Mapping[int, float]
+
+    @property
+    def spread(self) -> float:
+        """Sum over the records."""
+        return float(sum(self.spreads.values()))
+
+    def deviance(self, record: int) -> float:
+        """Twice the negative logarithm of a record's likelihood, but for a constant."""
+        return float(np.sum(self.residual[self.record == record] ** 2)) + self.spreads[record]
 
     @property
     def chi2(self) -> float:
@@ -199,39 +214,50 @@ class Campaign:
         return np.asarray(np.hypot(record.std, 0.0 if correction is None else correction.left))
 
     def disturbances(self, record: Record, simulated: Simulated) -> Array:
-        """What one standard deviation of force, frequency and history does to a record as a whole, (k, 2, c, H)."""
+        """What one standard deviation of force, frequency, history and each transient does to a record as a whole.
+
+        They are (k, 2, c, H), transients last.
+        """
         force = force_columns(record, simulated.amplitudes, simulated.by_force, simulated.by_tones)
         history = [] if simulated.by_history is None else [simulated.by_history]
-        return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz, *history]])
+        transients = [] if simulated.by_transients is None else list(np.moveaxis(simulated.by_transients, -1, 0))
+        return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz, *history, *transients]])
 
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
         """Records found, in standard deviations; `by_x` (p, n) turns derivatives to keys into those to coordinates."""
-        rows = [self._whitened(r, found[r.number], by_x) for r in self.data.records if r.number in found]
+        there = [r for r in self.data.records if r.number in found]
+        rows = [self._whitened(r, found[r.number], by_x) for r in there]
         if not rows:
             raise ConvergenceError("diagnose: the steady state of no record was found")
         residual, jacobian, raw, measured, record, channel, harmonic = (
             np.concatenate([row[i] for row in rows]) for i in range(7)
         )
-        spread = float(sum(row[7] for row in rows))
-        return Whitened(residual, jacobian, raw, measured, record, channel, harmonic, spread)
+        spreads = {r.number: float(row[7]) for r, row in zip(there, rows, strict=True)}
+        return Whitened(residual, jacobian, raw, measured, record, channel, harmonic, spreads)
 
     def _whitened(self, record: Record, simulated: Simulated, by_x: Array) -> tuple[npt.NDArray[Any], ...]:
         listed = record.listed
         std = np.broadcast_to(self.std(record), listed.shape)[listed]
         raw = (record.measured - self.amplitudes(record.number, simulated.solution))[listed]
         columns = self.disturbances(record, simulated)[:, listed] / std
-        white = uncorrelated(columns.T, np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / std[:, None])
+        lasting = np.zeros(len(raw))
+        if simulated.by_transients is not None:
+            lasting = _likeliest(columns.T, raw / std, simulated.by_transients.shape[-1])
+        inexact = float(np.hypot(1.0, INEXACT * np.sqrt(np.mean(lasting**2))))
+        columns = columns / inexact
+        rows = np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / (inexact * std[:, None])
+        white = uncorrelated(columns.T, rows)
         _, channel, harmonic = np.nonzero(listed)
         number = np.full(len(raw), record.number)
         return (
             white[:, 0],
             white[:, 1:],
-            raw,
+            raw - std * lasting,
             record.measured[listed],
             number,
             np.asarray(channel),
             np.asarray(harmonic + 1),
-            np.asarray(np.linalg.slogdet(np.eye(len(columns)) + columns @ columns.T)[1]),
+            np.linalg.slogdet(np.eye(len(columns)) + columns @ columns.T)[1] + 2.0 * len(raw) * np.log(inexact),
         )
 
     def chi2(self, solutions: Solutions) -> dict[int, float]:
@@ -295,6 +321,7 @@ def simulated(
     tones = tuple(tone_scalars(here)) if here.excitation.measured_harmonics else ()
     try:
         by = sensitivities(here, solution, (*own, FORCE, HZ, *tones))
+        left = None if here.excitation.settled else left_by_transients(here, solution, data)
     except FAILURES:
         return None
     p = len(own)
@@ -308,6 +335,7 @@ def simulated(
         by_hz=slopes[..., p + 1],
         by_tones=by_tones,
         by_history=history(here, solution, data) if sticks(solution) else None,
+        by_transients=left,
         Q_by_keys=by.own_Q[..., :p] @ by_keys,
         T_by_keys=by.T[..., :p] @ by_keys,
     )
@@ -340,6 +368,16 @@ def history(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array | 
     return np.asarray(size * np.stack(change, axis=1))
 
 
+def left_by_transients(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array:
+    """What the transients of a start from rest leave in amplitudes, (2, c, H, k): each as large as it may well be."""
+    found = transients(rig, solution, data.H)
+    coefficients = found.coefficients.reshape(*found.coefficients.shape[:2], -1)
+    of_channels = [c.name for c in rig.response_channels]
+    basis = FourierBasis(data.H, 2 * data.H + 1)
+    picked = coefficients[:, [of_channels.index(name) for name in data.channels]]
+    return np.asarray(np.moveaxis(parts(basis, picked, data.H), 1, 2))
+
+
 def in_record(rig: Rig, keys: Sequence[str], record: int) -> tuple[tuple[str, ...], Array]:
     """Numbers of the rig of a record that numbers of a rig that drifts decide, and their derivatives to them.
 
@@ -365,6 +403,12 @@ def in_record(rig: Rig, keys: Sequence[str], record: int) -> tuple[tuple[str, ..
     for j, (key, target) in enumerate(zip(keys, acts_on, strict=True)):
         by_keys[own.index(target), j] = after * number(rig, target) if key in drifting else grown.get(target, 1.0)
     return own, by_keys
+
+
+def _likeliest(columns: Array, row: Array, last: int) -> Array:
+    """Of a row (m,) the likeliest part of the last of columns (m, k), each of unit standard deviation."""
+    size = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ row)
+    return np.asarray(columns[:, -last:] @ size[-last:])
 
 
 def uncorrelated(columns: Array, rows: Array) -> Array:

@@ -204,16 +204,16 @@ def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[
         own = [_Entry(c, {}, -1) for c in wrong if c.key not in taken]
         groups.append((Model(base.nominal, {**calibrated, **freed}, base.causes), own))
     rest = [c for c in candidates if not isinstance(c, WrongParameter)]
-    kinds: dict[tuple[int, int], list[Cause]] = {}
+    kinds: dict[tuple[int, int, bool], list[Cause]] = {}
     for cause in rest:
         kinds.setdefault(_kind(base.extended_by(cause)), []).append(cause)
     return [*groups, *(group for causes in kinds.values() for group in _grouped(base, causes))]
 
 
-def _kind(model: Model) -> tuple[int, int]:
-    """Resonators, which may have no steady state, and elements, which are slow: others are not mixed with them."""
+def _kind(model: Model) -> tuple[int, int, bool]:
+    """Resonators, which may have no steady state, elements, which are slow, and transients: alone of their kind."""
     rig = _neutral(model)
-    return len(rig.attachments.resonators), len(rig.elements)
+    return len(rig.attachments.resonators), len(rig.elements), rig.excitation.settled
 
 
 def _grouped(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[_Entry]]]:

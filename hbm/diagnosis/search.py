@@ -20,6 +20,7 @@ from hbm.diagnosis.fit import Evaluation, evaluate, fit_model, refine
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.numerics import Numerics, choose
+from hbm.diagnosis.order import ordered
 from hbm.diagnosis.race import EXPLAINED, race
 from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.diagnosis.screen import Screening, screen
@@ -30,7 +31,7 @@ from hbm.inverse.sensing import sensing
 from hbm.measurement.spectra import MeasuredSpectra
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
-from models.causes.records import ForceDistortion
+from models.causes.records import ForceDistortion, NotSteady
 from models.rig import Rig
 
 MOST_RANKED = 10
@@ -92,7 +93,7 @@ class Search:
         self.campaign = self.campaign.corrected(rig, rough.solutions)
         self.nominal = evaluate(bare, self.campaign, bare.start, rough.solutions)
         tell("screening", 0.1)
-        self.screening: Screening = screen(self.nominal, self.campaign, self.candidates)
+        self.screening: Screening = self._screened(self.nominal)
         tell("calibration", 0.2)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
 
@@ -102,6 +103,13 @@ class Search:
         if isinstance(cause, ForceDistortion):
             return (self.campaign.data.distorted or 0.0) > DISTORTED
         return all(getattr(cause, name, channels[0]) in channels for name in ("channel", "other"))
+
+    def _screened(self, base: Evaluation, candidates: Sequence[Cause] | None = None) -> Screening:
+        """Scores over a model of candidates, all unless given; of transients only where what is missed has no order."""
+        offered = self.candidates if candidates is None else candidates
+        if ordered(base, self.campaign):
+            offered = [c for c in offered if not isinstance(c, NotSteady)]
+        return screen(base, self.campaign, offered)
 
     @property
     def tried(self) -> int:
@@ -122,7 +130,7 @@ class Search:
         if nominal.fits:
             return Decision(self.nominal, None, exact.fits)
         self.tell("screening over the calibrated model", 0.5)
-        first = self._race(self.calibrated, screen(self.calibrated, self.campaign, self.candidates), 0.55)
+        first = self._race(self.calibrated, self._screened(self.calibrated), 0.55)
         if self._explains(first):
             return self._plainest(exact, first)
         several = self._several() if off(self.trust, self.calibrated) else None
@@ -176,7 +184,7 @@ class Search:
     def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
         """Two causes: one more beside the best."""
         rest = [c for c in self.candidates if c not in single.model.causes and _suits(c, single.model.rig(single.x))]
-        screening = screen(single, self.campaign, rest)
+        screening = self._screened(single, rest)
         fits = race(single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", 0.7))
         # the first of a pair may only have led to where the second is found
         pairs = [pair for pair in fits[:1] if self._fits(pair)]

@@ -22,7 +22,7 @@ from models.causes.friction import (
     ViscousContact,
 )
 from models.causes.parameter import WrongParameter
-from models.causes.records import ForceDistortion, ParameterDrift
+from models.causes.records import ForceDistortion, NotSteady, ParameterDrift
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition, SwappedChannels
 from models.causes.structure import (
     AddedMass,
@@ -60,6 +60,7 @@ CAUSES: dict[str, type[Cause]] = {
         SensorPosition,
         SwappedChannels,
         ForceDistortion,
+        NotSteady,
         ParameterDrift,
         WrongParameter,
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import isnan
+from math import inf, isnan
 from typing import ClassVar, Protocol
 
 from models.rig import Rig
@@ -27,6 +27,11 @@ class Unknown:
     starts : tuple of float
         Where fits start, within the bounds; the first makes so small an effect that the score test may use it as
         neutral.
+    times : float
+        The number is so many times the parameter.
+    tolerance : float
+        Relative standard deviation of the neutral value as it is known before anything is measured; that of the number
+        in a calibration comes before it.
     """
 
     name: str
@@ -36,6 +41,8 @@ class Unknown:
     upper: float
     neutral: float
     starts: tuple[float, ...]
+    times: float = 1.0
+    tolerance: float = inf
 
     @property
     def shapes(self) -> bool:
@@ -53,7 +60,7 @@ class Cause(Protocol):
     meaning, looks_like, confused_with : str
         In words: what it does, how it shows, and what shows alike.
     abrupt : bool
-        Whether it sets in at a threshold, so that its first small effect says little of the whole.
+        Whether its first small effect says little of the whole: it sets in at a threshold, or is no steady state's.
     """
 
     name: ClassVar[str]

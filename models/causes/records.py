@@ -7,7 +7,7 @@ from typing import ClassVar
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.friction import describe
-from models.numbers import number
+from models.numbers import number, with_number
 from models.rig import Drift, Rig
 
 STIFFNESS, ALPHA, LOAD, LAW = (
@@ -17,6 +17,7 @@ STIFFNESS, ALPHA, LOAD, LAW = (
     "contact.friction.",
 )
 MOST_RATE, RATES = 1.0, (1e-3, 1e-2)
+MOST_DECAY, KNOWN = 100.0, 0.05
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,38 @@ class ForceDistortion(Cause):
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Have the measured harmonics applied."""
         return replace(rig, excitation=replace(rig.excitation, measured_harmonics=True))
+
+
+@dataclass(frozen=True)
+class NotSteady(Cause):
+    """Transients in the records, of any size and phase in each: only how they decay is a number of the rig.
+
+    With damping proportional to the mass every mode decays at half that coefficient, but for what friction takes.
+    """
+
+    name: ClassVar[str] = "not-steady"
+    meaning: ClassVar[str] = "records were taken before the transient died out"
+    looks_like: ClassVar[str] = "most near resonances and at low levels, of another size and phase in each record"
+    confused_with: ClassVar[str] = "damping.mass_proportional, friction"
+    abrupt: ClassVar[bool] = True
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["NotSteady"]:
+        """Where transients are none yet; with a clamp that slips they are not known."""
+        if rig.excitation.settled and rig.attachments.clamp_limit is None:
+            yield cls()
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """The rate of decay, where it is not that of damping ratios."""
+        if rig.damping.modal_ratios is not None:
+            return ()
+        now = rig.damping.mass_proportional / 2.0
+        return (Unknown("decay_rate", "1/s", ALPHA, 0.0, MOST_DECAY, now, (now,), times=2.0, tolerance=KNOWN),)
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Let the records have transients that decay so."""
+        rig = replace(rig, excitation=replace(rig.excitation, settled=False))
+        return with_number(rig, ALPHA, 2.0 * values["decay_rate"]) if values else rig
 
 
 @dataclass(frozen=True)

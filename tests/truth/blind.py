@@ -240,21 +240,22 @@ def aimed(bench: Bench, hidden: Hidden, target: float) -> float:
     """
     few = np.sqrt(len(bench.records) / 50)  # a typical strength is one for some 50 records
     strength = float(np.clip(hidden.typical * target / 100 / few, hidden.lower, hidden.upper))
-    if hidden.lower == hidden.upper or (bench.quick and hidden.simulated):
+    dear = hidden.simulated or hidden.marched
+    if hidden.lower == hidden.upper or (bench.quick and dear):
         return strength
     good = np.flatnonzero(bench.fit(bench.truth))
-    picked = good[:: max(1, len(good) // 12)] if hidden.simulated else good
+    picked = good[:: max(1, len(good) // 12)] if dear else good
     upper = hidden.upper
-    for _ in range(4 if hidden.simulated else 20):
+    for _ in range(4 if dear else 20):
         truth = run(bench, hidden, strength, picked, min(512, bench.steps))
         if bench.fit(truth).mean() < LEAST:
             upper = strength / 2
             strength = max(upper / 2, hidden.lower)
             continue
-        rho, _ = length_of(bench, truth, picked, None if hidden.simulated else noise_of(bench, truth))
+        rho, _ = length_of(bench, truth, picked, None if dear else noise_of(bench, truth))
         ratio = target / max(rho * np.sqrt(len(good) / len(picked)), 1e-9)
         strength = float(np.clip(strength * np.clip(ratio, 0.02, 50.0), hidden.lower, upper))
-        if 0.2 < ratio < 5.0 and hidden.simulated:
+        if 0.2 < ratio < 5.0 and dear:
             break
     return strength
 

@@ -29,7 +29,7 @@ from tests.truth.effects import (
 )
 from tests.truth.laws import Coulomb, Iwan, Law, LuGre, Parallel, PlaceDependent, Stribeck, Viscous
 from tests.truth.rig import Sensor, Tone, TrueRig
-from tests.truth.simulate import Record, Truth
+from tests.truth.simulate import Record, Truth, taken_early
 
 Array = np.ndarray
 Rigs = TrueRig | list[TrueRig]
@@ -58,6 +58,7 @@ class Hidden:
     records: Callable[[float], Sequence[Record]] | None = None
     afterwards: Callable[[Truth, float], Truth] = lambda truth, _: truth
     simulated: bool = True  # False: the rig moves as without the cause, only the instruments err
+    marched: bool = False  # what happens afterwards takes as long as a simulation
 
 
 @dataclass(frozen=True)
@@ -434,6 +435,24 @@ def wrong(key: str) -> Maker:
     return make
 
 
+def not_steady(scene: Scene) -> Hidden:
+    """The force had been raised a while ago, not long beside the time that a transient takes."""
+    lasting = scene.rng.uniform(0.3, 1.0) * 2 / scene.rig.alpha
+    wait = int(np.clip(lasting * min(r.hz for r in scene.records), 32, 100))
+    periods = int(scene.rng.integers(10, 40))
+    return Hidden(
+        "not-steady",
+        f"records of {periods} periods, {wait} periods after the force was raised",
+        0.5,
+        lambda s: scene.rig,
+        lambda s: {"decay_rate": scene.rig.alpha / 2},
+        upper=1.0,
+        afterwards=lambda truth, s: taken_early(truth, s, wait, periods),
+        simulated=False,
+        marched=True,
+    )
+
+
 def drift(scene: Scene) -> Hidden:
     """value = nominal (1 + rate (record - 1)); records in the order of their numbers."""
     keys = [key for key in KEYS if key not in ("excitation.position", "contact.radius")]
@@ -595,6 +614,7 @@ CATALOGUE: dict[str, Maker] = {
     "sensor-delay": delay,
     "sensor-position": sensor_place,
     "swapped-channels": swapped,
+    "not-steady": not_steady,
     "drift": drift,
     **{f"parameter:{key}": wrong(key) for key in KEYS},
 }

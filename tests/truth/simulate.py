@@ -287,20 +287,11 @@ def observe(
     settings: Settings,
 ) -> Truth:
     """One period of the steady states, sample by sample."""
-    now, seen = batch.begin(state, force[:, :1]), []
-    for i in range(1, batch.steps + 1):
-        now = batch.advance(now, force[:, i : i + 1], i / batch.steps)
-        seen.append(now)
+    seen = period_from(batch, batch.begin(state, force[:, :1]), force)
     seen = seen[-1:] + seen[:-1]  # the end of the period is its beginning
     over = {name: np.array([getattr(s, name)[:, 0] for s in seen]).swapaxes(0, 1) for name in ("T", "R", "u")}
     rest_rate = derivative(np.array([s.rest[:, 0] for s in seen]).T, batch.omega)
     v = np.array([s.v_slip[:, 0] for s in seen]).T + rest_rate
-    sensors = np.broadcast_to(batch.m["sensors"], (len(records), *batch.m["sensors"].shape[1:]))
-    q = np.array([s.state.q[:, 0] for s in seen])
-    still = np.where(batch.dynamic, 0.0, q)
-    moving = np.array([batch.acceleration(s)[:, 0] for s in seen])
-    acceleration = np.einsum("nri,rsi->rsn", moving, sensors)
-    acceleration += second_derivative(np.einsum("nri,rsi->rsn", still, sensors), batch.omega)
     return Truth(
         rig=batch.rig,
         records=records,
@@ -312,11 +303,45 @@ def observe(
         min_R=over["R"].min(axis=1),
         energy=energy_balance(batch, seen, force[:, :-1]),
         force=force[:, :-1],
-        acceleration=acceleration,
+        acceleration=accelerations(batch, seen),
         v=v,
         state=state,
         **over,
     )
+
+
+def period_from(batch: Batch, now: Instant, force: Array) -> list[Instant]:
+    """The instants of the period after one."""
+    seen = []
+    for i in range(1, batch.steps + 1):
+        now = batch.advance(now, force[:, i : i + 1], i / batch.steps)
+        seen.append(now)
+    return seen
+
+
+def accelerations(batch: Batch, seen: Sequence[Instant]) -> Array:
+    """What the sensors feel over a period (records, sensors, N)."""
+    sensors = np.broadcast_to(batch.m["sensors"], (len(batch.omega), *batch.m["sensors"].shape[1:]))
+    still = np.where(batch.dynamic, 0.0, np.array([s.state.q[:, 0] for s in seen]))
+    moving = np.array([batch.acceleration(s)[:, 0] for s in seen])
+    felt = np.einsum("nri,rsi->rsn", moving, sensors)
+    return felt + second_derivative(np.einsum("nri,rsi->rsn", still, sensors), batch.omega)
+
+
+def taken_early(truth: Truth, share: float, wait: int, periods: int) -> Truth:
+    """Records whose force grew by a share of its size so many periods before; accelerations are means over `periods`.
+
+    What lasts of the transient is in these: the harmonics of a record of whole periods are those of its mean period.
+    """
+    batch = Batch([truth.rig], 2 * np.pi * np.array([r.hz for r in truth.records]), truth.steps)
+    force = force_over(truth.rig, truth.records, truth.steps)
+    now, mean = batch.begin(truth.state.map(lambda a: (1.0 - share) * a), force[:, :1]), 0.0
+    for period in range(wait + periods):
+        before, seen = now, period_from(batch, now, force)
+        now = seen[-1]
+        if period >= wait:
+            mean = mean + accelerations(batch, [before, *seen[:-1]]) / periods
+    return replace(truth, acceleration=mean)
 
 
 def derivative(x: Array, omega: Array) -> Array:

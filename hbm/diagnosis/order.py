@@ -1,0 +1,82 @@
+"""Whether what a model misses has an order from record to record, as everything has but a transient.
+
+What is missing in a record is put into one complex force beside the measured one, over the motion where it acts: a
+dynamic stiffness, which whatever belongs to the rig leaves alike at neighbouring frequencies of a level. What is left
+of a transient is of another phase in every record.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from hbm.diagnosis.fit import Evaluation
+from hbm.diagnosis.records import Campaign, Simulated
+from hbm.identification.records import Record, force_columns
+
+CLEAR, CLEAREST = 3.0, 10.0
+"""Records count that miss a force of so many standard deviations, the more so the clearer that is up to the second."""
+
+LEVEL, NEAR = 1.12, 1.1
+"""Records are of one level whose forces follow each other by less than the first factor, and neighbours whose
+frequencies do by less than the second."""
+
+ALIKE, CHANCE = 0.5, 1.64
+"""There is an order where the cosine between neighbours is more than this on the mean, and than so many standard
+deviations of that mean where there is none."""
+
+
+@dataclass(frozen=True)
+class _Missing:
+    """Force that a record misses over the motion, by its phase alone, and how clear it is in standard deviations."""
+
+    record: Record
+    phase: complex
+    clear: float
+
+
+def ordered(base: Evaluation, campaign: Campaign) -> bool:
+    """Whether the force that neighbouring records miss is alike over their motion.
+
+    Parameters
+    ----------
+    base : Evaluation
+        A model beside the records.
+    campaign : Campaign
+
+    Returns
+    -------
+    bool
+        False where no two neighbours miss one clearly.
+    """
+    missing = [_missing(r, base.found[r.number], campaign) for r in campaign.data.records if r.number in base.found]
+    clear = [m for m in missing if m.clear > CLEAR]
+    pairs = [(a, b) for level in _levels(clear) for a, b in pairwise(level) if b.record.hz < NEAR * a.record.hz]
+    weight = np.array([min(a.clear, CLEAREST) * min(b.clear, CLEAREST) for a, b in pairs])
+    cosine = np.array([(a.phase * b.phase.conjugate()).real for a, b in pairs])
+    return bool(weight @ cosine > max(ALIKE * weight.sum(), CHANCE * np.sqrt(weight @ weight / 2.0)))
+
+
+def _missing(record: Record, simulated: Simulated, campaign: Campaign) -> _Missing:
+    listed = record.listed
+    std = np.broadcast_to(campaign.std(record), listed.shape)[listed]
+    residual = (record.measured - campaign.amplitudes(record.number, simulated.solution))[listed] / std
+    by_force = force_columns(replace(record, force_std=1.0), simulated.amplitudes, simulated.by_force)
+    columns = by_force[:, listed] / std
+    covariance = np.linalg.pinv(columns @ columns.T)
+    force = complex(*(covariance @ (columns @ residual)))
+    motion = simulated.solution.basis.complex(simulated.solution["drive"].coefficients)[1]
+    phase = complex(np.exp(1j * (np.angle(force) - np.angle(motion))))
+    return _Missing(record, phase, abs(force) / float(np.hypot(np.sqrt(np.trace(covariance)), record.force_std)))
+
+
+def _levels(missing: Sequence[_Missing]) -> Iterator[list[_Missing]]:
+    """Records of each level by their frequencies."""
+    level: list[_Missing] = []
+    for m in sorted(missing, key=lambda m: m.record.force):
+        if level and m.record.force > LEVEL * level[-1].record.force:
+            yield sorted(level, key=lambda m: m.record.hz)
+            level = []
+        level.append(m)
+    yield sorted(level, key=lambda m: m.record.hz)

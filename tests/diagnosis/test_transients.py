@@ -1,0 +1,114 @@
+"""Records taken before a transient died out, by the independent simulator; and what only looks like them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hbm import load_rig, load_spectra
+from hbm.diagnosis.decide import accepted
+from hbm.diagnosis.fit import Evaluation, evaluate
+from hbm.diagnosis.misfit import nrmse
+from hbm.diagnosis.model import Model
+from hbm.diagnosis.numerics import Grid, Numerics
+from hbm.diagnosis.order import ordered
+from hbm.diagnosis.records import Campaign
+from hbm.diagnosis.search import campaign_of
+from hbm.fourier import FourierBasis
+from models.causes.records import NotSteady
+from models.published import paper_rig
+from models.rig import Attachments, Damping
+from tests.truth import (
+    Coulomb,
+    Settings,
+    Truth,
+    measure,
+    scattered,
+    simulate_records,
+    table_1,
+    write_rig,
+    write_spectra,
+)
+from tests.truth.simulate import taken_early
+
+EXAMPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "examples" / "clamp_rotation"
+H, LATE = 5, NotSteady()
+PLAIN = replace(table_1(Coulomb(mu=0.52, critical_slip=4.15e-6)), elements=24, modes=10)
+RECORDS = scattered([(level, hz) for level in (0.4, 1.5) for hz in (48.0, 50.5, 53.0, 55.5)], np.random.default_rng(2))
+QUICK = Settings(ramp=10, hold=5, coarse=128, tolerance=1e-7, chord=True)
+
+
+@pytest.fixture(scope="module")
+def steady() -> Truth:
+    return simulate_records(PLAIN, RECORDS, 256, QUICK)
+
+
+@pytest.fixture(scope="module")
+def early(steady) -> Truth:
+    """The force grew from half of its size 32 periods before; 8 periods were recorded."""
+    return taken_early(steady, 0.5, 32, 8)
+
+
+def nominal(folder, truth: Truth) -> tuple[Campaign, Evaluation]:
+    """What was measured at 50 dB, beside the rig as it is."""
+    write_rig(folder / "rig.toml", PLAIN, amplitude=1.5)
+    write_spectra(folder / "spectra.csv", measure(truth, 50.0, np.random.default_rng(1), harmonics=H))
+    rig = load_rig(folder / "rig.toml")
+    grid = Grid(FourierBasis(15, 256), 10)
+    campaign, _ = campaign_of(rig, load_spectra(folder / "spectra.csv", rig), Numerics(grid, grid, grid, 0.0))
+    model = Model(rig, {})
+    return campaign, evaluate(model, campaign, model.start, {})
+
+
+def extended(campaign: Campaign, base: Evaluation) -> Evaluation:
+    model = base.model.extended_by(LATE)
+    return evaluate(model, campaign, model.start, base.solutions)
+
+
+def per_coefficient(e: Evaluation) -> float:
+    return e.white.chi2 / len(e.white)
+
+
+def test_transients_leave_noise_and_explain_what_was_measured(tmp_path, steady, early):
+    campaign, base = nominal(tmp_path, early)
+    e = extended(campaign, base)
+    noise = 4 * np.sqrt(2 / len(base.white))
+    assert per_coefficient(base) > 3.0 and per_coefficient(e) < 1.0 + noise
+    assert nrmse(e.white) < 0.3 * nrmse(base.white)
+    assert accepted(base, e, 30) and not ordered(base, campaign)
+    assert e.model.values(e.x, 0)["decay_rate"] == pytest.approx(PLAIN.alpha / 2)
+    campaign, base = nominal(tmp_path, steady)
+    assert per_coefficient(base) < 1.0 + noise
+    assert not accepted(base, extended(campaign, base), 30)
+
+
+def test_one_record_alone_is_no_evidence_of_them(tmp_path, steady, early):
+    """Whatever is wrong with a record, two numbers of its own explain much of it."""
+    _, base = nominal(tmp_path, early)
+    clearest = max(base.white.spreads, key=lambda n: float(np.sum(base.white.residual[base.white.record == n] ** 2)))
+    mixed = steady.acceleration.copy()
+    mixed[clearest - 1] = early.acceleration[clearest - 1]
+    campaign, base = nominal(tmp_path, replace(steady, acceleration=mixed))
+    e = extended(campaign, base)
+    assert base.bic - e.bic > 100.0 and not accepted(base, e, 30)
+
+
+@pytest.mark.skipif(not EXAMPLE.is_dir(), reason=f"needs {EXAMPLE}")
+def test_what_belongs_to_the_rig_has_an_order():
+    rig = load_rig(EXAMPLE / "rig.toml")
+    campaign, _ = campaign_of(rig, load_spectra(EXAMPLE / "spectra.csv", rig))
+    base = evaluate(Model(rig, {}), campaign, np.array([]), {})
+    assert per_coefficient(base) > 3.0 and ordered(base, campaign)
+
+
+def test_they_are_offered_once_and_where_they_are_known():
+    rig = paper_rig()
+    assert list(NotSteady.candidates(rig)) == [LATE]
+    late = LATE.extend(rig, {"decay_rate": 0.4})
+    assert not late.excitation.settled and late.damping.mass_proportional == 0.8
+    assert list(NotSteady.candidates(late)) == []
+    slipping = replace(rig, attachments=Attachments(clamp_stiffness=1e5, clamp_limit=1.0))
+    assert list(NotSteady.candidates(slipping)) == []
+    ratios = replace(rig, damping=Damping(modal_ratios=(1e-3,)))
+    assert LATE.unknowns(ratios) == () and not LATE.extend(ratios, {}).excitation.settled
