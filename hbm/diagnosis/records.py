@@ -223,6 +223,17 @@ class Campaign:
         transients = [] if simulated.by_transients is None else list(np.moveaxis(simulated.by_transients, -1, 0))
         return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz, *history, *transients]])
 
+    def lasting(self, record: Record, simulated: Simulated) -> Array:
+        """The likeliest transients in a record, (2, c, H); nothing where all have died out."""
+        if simulated.by_transients is None:
+            return np.zeros(record.listed.shape)
+        listed = record.listed
+        std = np.broadcast_to(self.std(record), listed.shape)[listed]
+        columns = self.disturbances(record, simulated)[:, listed] / std
+        residual = (record.measured - self.amplitudes(record.number, simulated.solution))[listed] / std
+        size = np.linalg.solve(np.eye(len(columns)) + columns @ columns.T, columns @ residual)
+        return np.asarray(simulated.by_transients @ size[-simulated.by_transients.shape[-1] :])
+
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
         """Records found, in standard deviations; `by_x` (p, n) turns derivatives to keys into those to coordinates."""
         there = [r for r in self.data.records if r.number in found]
@@ -240,10 +251,8 @@ class Campaign:
         std = np.broadcast_to(self.std(record), listed.shape)[listed]
         raw = (record.measured - self.amplitudes(record.number, simulated.solution))[listed]
         columns = self.disturbances(record, simulated)[:, listed] / std
-        lasting = np.zeros(len(raw))
-        if simulated.by_transients is not None:
-            lasting = _likeliest(columns.T, raw / std, simulated.by_transients.shape[-1])
-        inexact = float(np.hypot(1.0, INEXACT * np.sqrt(np.mean(lasting**2))))
+        lasting = self.lasting(record, simulated)[listed]
+        inexact = float(np.hypot(1.0, INEXACT * np.sqrt(np.mean((lasting / std) ** 2))))
         columns = columns / inexact
         rows = np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / (inexact * std[:, None])
         white = uncorrelated(columns.T, rows)
@@ -252,7 +261,7 @@ class Campaign:
         return (
             white[:, 0],
             white[:, 1:],
-            raw - std * lasting,
+            raw - lasting,
             record.measured[listed],
             number,
             np.asarray(channel),
@@ -403,12 +412,6 @@ def in_record(rig: Rig, keys: Sequence[str], record: int) -> tuple[tuple[str, ..
     for j, (key, target) in enumerate(zip(keys, acts_on, strict=True)):
         by_keys[own.index(target), j] = after * number(rig, target) if key in drifting else grown.get(target, 1.0)
     return own, by_keys
-
-
-def _likeliest(columns: Array, row: Array, last: int) -> Array:
-    """Of a row (m,) the likeliest part of the last of columns (m, k), each of unit standard deviation."""
-    size = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ row)
-    return np.asarray(columns[:, -last:] @ size[-last:])
 
 
 def uncorrelated(columns: Array, rows: Array) -> Array:

@@ -110,7 +110,7 @@ def _entries(
     for r in campaign.data.records:
         if r.number not in e.found:
             continue
-        simulated = e.found[r.number].amplitudes
+        simulated = e.found[r.number].amplitudes + campaign.lasting(r, e.found[r.number])
         channel, k = np.nonzero(r.listed.all(axis=0))
         size = np.ones(len(k))
         complex_of = [a[0, channel, k] + 1j * a[1, channel, k] for a in (r.measured, simulated)]
