@@ -29,6 +29,9 @@ from models.causes.parameter import WrongParameter
 MOVED = 3
 """So many numbers that calibration moves far are named."""
 
+ONSET = 3.0
+"""Records in which the tip would lift off show that it does where they leave so many times what the others leave."""
+
 AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
 
@@ -198,12 +201,22 @@ class Account:
     def _lifted(self) -> Iterator[str]:
         """Where the simulation has left what it can say."""
         base = self.decision.best or self.decision.base
-        lifted = [str(number) for number, solution in base.solutions.items() if solution.lift_off]
-        if lifted:
-            yield (
-                f"In the simulation the normal force reaches zero in records {', '.join(lifted)}: the tip may lift off "
-                "there (contact-loss), which is not simulated."
-            )
+        lifted = [number for number, solution in base.solutions.items() if solution.lift_off]
+        own = np.isin(base.white.record, lifted)
+        if not lifted:
+            return
+        yield (
+            f"In the simulation the normal force reaches zero in records {', '.join(map(str, lifted))}: the tip may "
+            "lift off there (contact-loss), which is not simulated."
+        )
+        if not own.all():
+            there, elsewhere = (float(np.mean(base.white.residual[part] ** 2)) for part in (own, ~own))
+            told = "nothing more is missing there"
+            if there > ONSET * max(elsewhere, 1.0):
+                told = (
+                    "what is missing sets in where the tip would lift off; leave these records out to judge the others"
+                )
+            yield f"These leave {there:.3g} noise variances, all others {elsewhere:.3g}: {told}."
 
     def _moved(self) -> Iterator[str]:
         for key, pull in list(off(self.search.trust, self.search.calibrated).items())[:MOVED]:
@@ -233,8 +246,8 @@ class Account:
         )
         if not best.model.rig(best.x).excitation.settled:
             yield (
-                "Size and phase of the transients are free in each record; what the records miss has no order from one "
-                "to the next. Hold each frequency longer and measure some of them again: they then agree."
+                "Size and phase of the transients are free in each record, those held out too; what the records miss "
+                "has no order from one to the next. Hold each frequency longer, measure some again: they then agree."
             )
         for i, cause in enumerate(best.model.causes[1:], start=1):
             said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())

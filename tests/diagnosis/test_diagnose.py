@@ -4,11 +4,13 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from hbm import load_rig, load_spectra
+from hbm.diagnosis.account import Account
 from hbm.diagnosis.calibrate import calibrate, trusted
 from hbm.diagnosis.decide import sidak
 from hbm.diagnosis.diagnose import HALF, diagnose
@@ -269,3 +271,16 @@ def test_fewer_coefficients_than_numbers_are_refused():
     few = spectra.select(records=[1], channels=["force", "a1", "a2"], harmonics=[0, 1])
     with pytest.raises(InputError, match="4 coefficients; must be more than the 7 numbers to fit"):
         diagnose(rig, few, held_out=(), causes=())
+
+
+@pytest.mark.parametrize(
+    ("left", "says"), [(4.0, "sets in where the tip would lift off"), (1.2, "nothing more is missing")]
+)
+def test_what_records_leave_in_which_the_tip_would_lift_off_is_said(left, says):
+    record = np.repeat([1, 2, 3], 10)
+    white = SimpleNamespace(record=record, residual=np.where(record == 2, left, 1.0))
+    solutions = {n: SimpleNamespace(lift_off=n == 2) for n in (1, 2, 3)}
+    decision = SimpleNamespace(best=None, base=SimpleNamespace(white=white, solutions=solutions))
+    first, second = Account._lifted(SimpleNamespace(decision=decision))
+    assert "reaches zero in records 2: " in first
+    assert f"{left**2:.3g} noise variances, all others 1" in second and says in second

@@ -36,12 +36,14 @@ EXAMPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "examples" /
 H, LATE = 5, NotSteady()
 PLAIN = replace(table_1(Coulomb(mu=0.52, critical_slip=4.15e-6)), elements=24, modes=10)
 RECORDS = scattered([(level, hz) for level in (0.4, 1.5) for hz in (48.0, 50.5, 53.0, 55.5)], np.random.default_rng(2))
-QUICK = Settings(ramp=10, hold=5, coarse=128, tolerance=1e-7, chord=True)
+GRID = Grid(FourierBasis(15, 256), 10)
+NUMERICS = Numerics(GRID, GRID, GRID, 0.0)
+QUICK = Settings(ramp=10, hold=5, coarse=64, tolerance=1e-7, chord=True)
 
 
 @pytest.fixture(scope="module")
 def steady() -> Truth:
-    return simulate_records(PLAIN, RECORDS, 256, QUICK)
+    return simulate_records(PLAIN, RECORDS, 128, QUICK)
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +57,7 @@ def nominal(folder, truth: Truth) -> tuple[Campaign, Evaluation]:
     write_rig(folder / "rig.toml", PLAIN, amplitude=1.5)
     write_spectra(folder / "spectra.csv", measure(truth, 50.0, np.random.default_rng(1), harmonics=H))
     rig = load_rig(folder / "rig.toml")
-    grid = Grid(FourierBasis(15, 256), 10)
-    campaign, _ = campaign_of(rig, load_spectra(folder / "spectra.csv", rig), Numerics(grid, grid, grid, 0.0))
+    campaign, _ = campaign_of(rig, load_spectra(folder / "spectra.csv", rig), NUMERICS)
     model = Model(rig, {})
     return campaign, evaluate(model, campaign, model.start, {})
 
@@ -97,7 +98,7 @@ def test_one_record_alone_is_no_evidence_of_them(tmp_path, steady, early):
 @pytest.mark.skipif(not EXAMPLE.is_dir(), reason=f"needs {EXAMPLE}")
 def test_what_belongs_to_the_rig_has_an_order():
     rig = load_rig(EXAMPLE / "rig.toml")
-    campaign, _ = campaign_of(rig, load_spectra(EXAMPLE / "spectra.csv", rig))
+    campaign, _ = campaign_of(rig, load_spectra(EXAMPLE / "spectra.csv", rig), NUMERICS)
     base = evaluate(Model(rig, {}), campaign, np.array([]), {})
     assert per_coefficient(base) > 3.0 and ordered(base, campaign)
 
