@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import eig
 
 from hbm.balance import Balance, State
 from hbm.floquet import Disturbance
@@ -81,16 +82,17 @@ def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transien
 def _motions(problem: Balance, state: State) -> tuple[Complex, Complex]:
     """Exponents (m,) of the motions that a start from rest excites, and their periodic parts (N_t, size, m)."""
     disturbance, basis, n = Disturbance(problem, state), problem.basis, problem.structure.n
-    multipliers, vectors = np.linalg.eig(disturbance.monodromy)
+    multipliers, adjoint, vectors = eig(disturbance.monodromy, left=True)
     start, last = np.zeros(len(multipliers)), basis.synthesis[-1]
     start[: 2 * n] = -np.concatenate([last @ state.Q, state.Omega * (last @ basis.derivative(state.Q))])
     start[2 * n] = -disturbance.law.T[-1]
     left = np.minimum(np.abs(multipliers), 1.0) ** WAITED
     kept = (multipliers.imag >= 0.0) & (left > FADED)  # one of each pair
     kept[np.argsort(np.abs(multipliers - 1.0))[: disturbance.law.undying]] = False  # mean friction that history decides
-    size = np.linalg.solve(vectors, start) * left
+    adjoint, vectors = adjoint[:, kept].conj(), vectors[:, kept]
+    size = left[kept] * (start @ adjoint) / np.sum(adjoint * vectors, axis=0)
     exponents = np.log(multipliers[kept].astype(complex)) * state.Omega / (2 * np.pi)
-    y = disturbance.motion(vectors[:, kept] * size[kept])
+    y = disturbance.motion(vectors * size)
     since = (basis.theta + basis.theta[1]) / state.Omega
     return exponents, y * np.exp(-np.outer(since, exponents))[:, None]
 
