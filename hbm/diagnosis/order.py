@@ -50,8 +50,8 @@ def ordered(base: Evaluation, campaign: Campaign) -> bool:
     bool
         False where no two neighbours miss one clearly.
     """
-    missing = [_missing(r, base.found[r.number], campaign) for r in campaign.data.records if r.number in base.found]
-    clear = [m for m in missing if m.clear > CLEAR]
+    there = [r for r in campaign.data.records if r.number in base.found and r.listed.any()]
+    clear = [m for m in (_missing(r, base.found[r.number], campaign) for r in there) if m.clear > CLEAR]
     pairs = [(a, b) for level in _levels(clear) for a, b in pairwise(level) if b.record.hz < NEAR * a.record.hz]
     weight = np.array([min(a.clear, CLEAREST) * min(b.clear, CLEAREST) for a, b in pairs])
     cosine = np.array([(a.phase * b.phase.conjugate()).real for a, b in pairs])

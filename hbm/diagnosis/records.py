@@ -220,8 +220,8 @@ class Campaign:
         """
         force = force_columns(record, simulated.amplitudes, simulated.by_force, simulated.by_tones)
         history = [] if simulated.by_history is None else [simulated.by_history]
-        transients = [] if simulated.by_transients is None else list(np.moveaxis(simulated.by_transients, -1, 0))
-        return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz, *history, *transients]])
+        lasting = [] if simulated.by_transients is None else list(np.moveaxis(simulated.by_transients, -1, 0))
+        return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz, *history, *lasting]])
 
     def lasting(self, record: Record, simulated: Simulated) -> Array:
         """The likeliest transients in a record, (2, c, H); nothing where all have died out."""
@@ -232,7 +232,7 @@ class Campaign:
         columns = self.disturbances(record, simulated)[:, listed] / std
         residual = (record.measured - self.amplitudes(record.number, simulated.solution))[listed] / std
         size = np.linalg.solve(np.eye(len(columns)) + columns @ columns.T, columns @ residual)
-        return np.asarray(simulated.by_transients @ size[-simulated.by_transients.shape[-1] :])
+        return np.asarray(simulated.by_transients @ size[len(size) - simulated.by_transients.shape[-1] :])
 
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
         """Records found, in standard deviations; `by_x` (p, n) turns derivatives to keys into those to coordinates."""
