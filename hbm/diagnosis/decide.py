@@ -25,6 +25,9 @@ DECISIVE = 30.0
 TIED = 9.0
 """Causes are not separable where their chi2 differs by less."""
 
+SEVERAL, SEEN = 2, 20.0
+"""Transients must be seen in so many records, each of which they make likelier by so much of chi2."""
+
 DRAWS = 400
 """Repetitions of the measurement that the confidence is counted from."""
 
@@ -55,12 +58,12 @@ def accepted(base: Evaluation, e: Evaluation, tried: int) -> bool:
 
 
 def _in_several(base: Evaluation, e: Evaluation) -> bool:
-    """Whether transients, which are free in each record, are not for one record alone: that explains whatever it is."""
+    """Whether transients, which are free in each record, are seen in several: in one they explain whatever it is."""
     if e.model.rig(e.x).excitation.settled:
         return True
     both = set(base.white.spreads) & set(e.white.spreads)
-    gained = sorted(max(base.white.deviance(number) - e.white.deviance(number), 0.0) for number in both)
-    return sum(gained[:-1]) > DECISIVE
+    gained = [base.white.deviance(number) - e.white.deviance(number) for number in both]
+    return sum(gain > SEEN for gain in gained) >= SEVERAL
 
 
 def best_of(fits: Sequence[Evaluation]) -> list[Evaluation]:

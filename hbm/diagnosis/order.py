@@ -22,7 +22,7 @@ LEVEL, NEAR = 1.12, 1.1
 """Records are of one level whose forces follow each other by less than the first factor, and neighbours whose
 frequencies do by less than the second."""
 
-ALIKE, CHANCE = 0.5, 1.64
+ALIKE, CHANCE = 0.4, 1.64
 """There is an order where the cosine between neighbours is more than this on the mean, and than so many standard
 deviations of that mean where there is none."""
 

@@ -40,6 +40,9 @@ MOST_RANKED = 10
 STRONGER = 0.7
 """A second cause is looked for where the first leaves less than this share of chi2: of two, the stronger takes half."""
 
+TOLERANCES_LEAVE = 0.01
+"""Share of the excess of chi2 that is left, at most, where numbers within tolerances were most of what was wrong."""
+
 DISTORTED = 5.0
 """A force is distorted that has a harmonic of so many standard deviations."""
 
@@ -107,9 +110,20 @@ class Search:
     def _screened(self, base: Evaluation, candidates: Sequence[Cause] | None = None) -> Screening:
         """Scores over a model of candidates, all unless given; of transients only where what is missed has no order."""
         offered = self.candidates if candidates is None else candidates
-        if ordered(base, self.campaign):
+        if not self._disordered(base):
             offered = [c for c in offered if not isinstance(c, NotSteady)]
         return screen(base, self.campaign, offered)
+
+    def _disordered(self, base: Evaluation) -> bool:
+        """Whether what a model misses has no order.
+
+        Calibration may take the order from an effect with what it takes of it: only where it takes next to all was that
+        tolerances alone.
+        """
+        if ordered(base, self.campaign):
+            return False
+        left, before = (e.white.chi2 - len(e.white) for e in (base, self.nominal))
+        return left < TOLERANCES_LEAVE * before or not ordered(self.nominal, self.campaign)
 
     @property
     def tried(self) -> int:
