@@ -367,9 +367,8 @@ class WhiteRecord:
         self.record, simulated = record, e.found[record.number]
         own = e.white.record == record.number
         self.residual, self.jacobian = e.white.residual[own], e.white.jacobian[own]
-        std = np.broadcast_to(campaign.std(record), record.listed.shape)[record.listed]
-        noise = campaign.disturbances(record, simulated)[:, record.listed] / std
-        white = uncorrelated(noise.T, columns[record.listed] / std[:, None])
+        noise, std = campaign.correlated(record, simulated), campaign.listed_std(record)
+        white = uncorrelated(noise, columns[record.listed] / std[:, None])
         self.columns = np.split(white, len(places), axis=1)
         self.seen = [p.seen(simulated.solution)[1 : campaign.data.H + 1] for p in places]
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from hbm.diagnosis.nominal import nominal_scalars, unit_of, with_values
+from hbm.diagnosis.nominal import nominal_scalars, tolerances, unit_of, with_values
 from hbm.fourier import Array
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
@@ -90,7 +90,7 @@ def free_of(unknown: Unknown, cause: int, tolerance: float = np.inf) -> Free:
     scale = unknown.starts[-1] if form == "inverse" else max(abs(s) for s in unknown.starts) or 1.0
     lower, upper = float(unknown.lower), float(unknown.upper)
     free = Free(unknown.name, unknown.unit, lower, upper, unknown.starts[0], form, scale, cause=cause)
-    if not np.isfinite(tolerance) or unknown.neutral <= 0.0:
+    if not np.isfinite(tolerance):
         return free
     expected = free.of(unknown.neutral)
     return replace(free, expected=expected, std=tolerance * (1.0 if form == "logarithmic" else expected))
@@ -157,9 +157,9 @@ class Model:
         return (*calibrated, *(free_of(u, i, self._known(u)) for u, i in own))
 
     def _known(self, unknown: Unknown) -> float:
-        """How well a number of a cause is known before anything is measured."""
-        known = np.isfinite(unknown.tolerance)
-        return self.calibrated.get(unknown.key, unknown.tolerance) if known else np.inf
+        """Relative standard deviation of a number of a cause before anything is measured."""
+        known = {**tolerances(self.nominal), **self.calibrated} if unknown.known else {}
+        return known.get(unknown.key, np.inf)
 
     @property
     def counted(self) -> int:

@@ -59,13 +59,11 @@ def ordered(base: Evaluation, campaign: Campaign) -> bool:
 
 
 def _missing(record: Record, simulated: Simulated, campaign: Campaign) -> _Missing:
-    listed = record.listed
-    std = np.broadcast_to(campaign.std(record), listed.shape)[listed]
-    residual = (record.measured - campaign.amplitudes(record.number, simulated.solution))[listed] / std
+    std = campaign.listed_std(record)
     by_force = force_columns(replace(record, force_std=1.0), simulated.amplitudes, simulated.by_force)
-    columns = by_force[:, listed] / std
+    columns = by_force[:, record.listed] / std
     covariance = np.linalg.pinv(columns @ columns.T)
-    force = complex(*(covariance @ (columns @ residual)))
+    force = complex(*(covariance @ (columns @ (campaign.missed(record, simulated) / std))))
     motion = simulated.solution.basis.complex(simulated.solution["drive"].coefficients)[1]
     phase = complex(np.exp(1j * (np.angle(force) - np.angle(motion))))
     return _Missing(record, phase, abs(force) / float(np.hypot(np.sqrt(np.trace(covariance)), record.force_std)))

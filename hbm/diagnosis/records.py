@@ -223,15 +223,25 @@ class Campaign:
         lasting = [] if simulated.by_transients is None else list(np.moveaxis(simulated.by_transients, -1, 0))
         return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz, *history, *lasting]])
 
+    def listed_std(self, record: Record) -> Array:
+        """Of each coefficient listed, (m,)."""
+        return np.asarray(np.broadcast_to(self.std(record), record.listed.shape)[record.listed])
+
+    def missed(self, record: Record, simulated: Simulated) -> Array:
+        """Measured less simulated of each coefficient listed, (m,)."""
+        return np.asarray((record.measured - self.amplitudes(record.number, simulated.solution))[record.listed])
+
+    def correlated(self, record: Record, simulated: Simulated) -> Array:
+        """Disturbances of the coefficients listed, in standard deviations of these, (m, k)."""
+        return np.asarray((self.disturbances(record, simulated)[:, record.listed] / self.listed_std(record)).T)
+
     def lasting(self, record: Record, simulated: Simulated) -> Array:
         """The likeliest transients in a record, (2, c, H); nothing where all have died out."""
         if simulated.by_transients is None:
             return np.zeros(record.listed.shape)
-        listed = record.listed
-        std = np.broadcast_to(self.std(record), listed.shape)[listed]
-        columns = self.disturbances(record, simulated)[:, listed] / std
-        residual = (record.measured - self.amplitudes(record.number, simulated.solution))[listed] / std
-        size = np.linalg.solve(np.eye(len(columns)) + columns @ columns.T, columns @ residual)
+        columns = self.correlated(record, simulated)
+        residual = self.missed(record, simulated) / self.listed_std(record)
+        size = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ residual)
         return np.asarray(simulated.by_transients @ size[len(size) - simulated.by_transients.shape[-1] :])
 
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
@@ -247,15 +257,12 @@ class Campaign:
         return Whitened(residual, jacobian, raw, measured, record, channel, harmonic, spreads)
 
     def _whitened(self, record: Record, simulated: Simulated, by_x: Array) -> tuple[npt.NDArray[Any], ...]:
-        listed = record.listed
-        std = np.broadcast_to(self.std(record), listed.shape)[listed]
-        raw = (record.measured - self.amplitudes(record.number, simulated.solution))[listed]
-        columns = self.disturbances(record, simulated)[:, listed] / std
+        listed, std, raw = record.listed, self.listed_std(record), self.missed(record, simulated)
         lasting = self.lasting(record, simulated)[listed]
-        inexact = float(np.hypot(1.0, INEXACT * np.sqrt(np.mean((lasting / std) ** 2))))
-        columns = columns / inexact
+        inexact = float(np.hypot(1.0, INEXACT * np.linalg.norm(lasting / std) / np.sqrt(max(len(raw), 1))))
+        columns = self.correlated(record, simulated) / inexact
         rows = np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / (inexact * std[:, None])
-        white = uncorrelated(columns.T, rows)
+        white = uncorrelated(columns, rows)
         _, channel, harmonic = np.nonzero(listed)
         number = np.full(len(raw), record.number)
         return (
@@ -266,7 +273,7 @@ class Campaign:
             number,
             np.asarray(channel),
             np.asarray(harmonic + 1),
-            np.linalg.slogdet(np.eye(len(columns)) + columns @ columns.T)[1] + 2.0 * len(raw) * np.log(inexact),
+            np.linalg.slogdet(np.eye(columns.shape[1]) + columns.T @ columns)[1] + 2.0 * len(raw) * np.log(inexact),
         )
 
     def chi2(self, solutions: Solutions) -> dict[int, float]:

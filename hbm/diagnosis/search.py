@@ -120,10 +120,9 @@ class Search:
         Calibration may take the order from an effect with what it takes of it: only where it takes next to all was that
         tolerances alone.
         """
-        if ordered(base, self.campaign):
-            return False
         left, before = (e.white.chi2 - len(e.white) for e in (base, self.nominal))
-        return left < TOLERANCES_LEAVE * before or not ordered(self.nominal, self.campaign)
+        models = {base} if left < TOLERANCES_LEAVE * before else {base, self.nominal}
+        return not any(ordered(e, self.campaign) for e in models)
 
     @property
     def tried(self) -> int:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from math import inf, isnan
+from math import isnan
 from typing import ClassVar, Protocol
 
 from models.rig import Rig
@@ -29,9 +29,8 @@ class Unknown:
         neutral.
     times : float
         The number is so many times the parameter.
-    tolerance : float
-        Relative standard deviation of the neutral value as it is known before anything is measured; that of the number
-        in a calibration comes before it.
+    known : bool
+        Whether the neutral value is known as well as that number of a rig file is.
     """
 
     name: str
@@ -42,7 +41,7 @@ class Unknown:
     neutral: float
     starts: tuple[float, ...]
     times: float = 1.0
-    tolerance: float = inf
+    known: bool = False
 
     @property
     def shapes(self) -> bool:

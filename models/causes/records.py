@@ -17,7 +17,7 @@ STIFFNESS, ALPHA, LOAD, LAW = (
     "contact.friction.",
 )
 MOST_RATE, RATES = 1.0, (1e-3, 1e-2)
-MOST_DECAY, KNOWN = 100.0, 0.05
+MOST_DECAY = 100.0
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class NotSteady(Cause):
         if rig.damping.modal_ratios is not None:
             return ()
         now = rig.damping.mass_proportional / 2.0
-        return (Unknown("decay_rate", "1/s", ALPHA, 0.0, MOST_DECAY, now, (now,), times=2.0, tolerance=KNOWN),)
+        return (Unknown("decay_rate", "1/s", ALPHA, 0.0, MOST_DECAY, now, (now,), times=2.0, known=True),)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Let the records have transients that decay so."""

@@ -226,6 +226,16 @@ def test_records_where_a_property_would_vanish_are_left_out(measured):
         at_record(replace(rig, drift=(Drift(MU, -0.2),)), 6)
 
 
+def test_a_record_of_its_force_alone_counts_for_nothing(measured):
+    rig, data = measured
+    first = data.data.records[0]
+    silent = replace(first, measured=np.full_like(first.measured, np.nan))
+    whole = replace(data, data=replace(data.data, records=(silent, *data.data.records[1:])))
+    white, others = (reduced(rig, some, (DISTORTION, DRIFT)) for some in (whole, data.of(data.numbers[1:])))
+    assert white.spreads[1] == 0.0 and white.spread == others.spread
+    assert np.array_equal(white.residual, others.residual)
+
+
 # ---- numbers of a rig that drifts
 
 
