@@ -20,7 +20,8 @@ from continuation import Branch, ConvergenceError, Point
 from hbm.backbonetrace import OnPoint, solved, traced
 from hbm.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.fourier import Array, FourierBasis
-from hbm.response import default_samples, pad
+from hbm.padding import pad
+from hbm.response import default_samples
 from hbm.solution import PeriodicSolution, describe
 from hbm.threads import one_thread
 from models.rig import Rig

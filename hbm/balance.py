@@ -52,8 +52,8 @@ class Kinematics:
         Matrix that multiplies a series by T; None where the structure is not drawn in.
     signals : (2H+1, 4) array
         Coefficients of u, v, rho, eta (:data:`hbm.aft.SIGNALS`).
-    elements : (2H+1, n+1) array or None
-        Forces of the nonlinear elements on the modes, and on the support.
+    elements : (2H+1, r) array or None
+        Forces of the nonlinear elements along their rows.
     clamp : ClampMotion or None
         Of a clamp that slips.
     """
@@ -155,7 +155,7 @@ class Balance:
         self.Omega_ref = 2 * np.pi * self.hz_ref / periods
         self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
         self.force_shape = _force_shape(rig, basis, periods)
-        self.elements = ElementsOverPeriod(rig, basis) if rig.elements else None
+        self.elements = ElementsOverPeriod(rig, basis) if rig.acting else None
         port, limit = rig.clamp, rig.attachments.clamp_limit
         self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
         self.law = LawOverPeriod(rig.contact.law, basis)
@@ -183,6 +183,12 @@ class Balance:
         values = np.array([float(v) for v in parameters(rig.contact.law).values()])
         other = copy(self)
         other.rig, other.environment = rig, replace(self.environment, parameters=values)
+        return other
+
+    def with_load_on_lift(self, load: float) -> Self:
+        """Return the same balance with a multiple of the load that holds a tip that lifts off on its support."""
+        other = copy(self)
+        other.elements = ElementsOverPeriod(self.rig, self.basis, load)
         return other
 
     def _environment(self, rig: Rig, like: "Balance | None") -> tuple[Environment, float]:
@@ -281,8 +287,8 @@ class Balance:
             signals[:, 2] += self.clamp.port.residual[-1] * clamp.slid
         if self.elements is None:
             return Kinematics(Gq, by_T, signals, clamp=clamp)
-        forces = self.elements.force(Q, Omega)
-        signals[:, 2] -= forces[:, -1]
+        forces = self.elements.along_rows(Q, Omega, state.F * self.force_shape)
+        signals[:, 2] -= forces @ self.elements.onto[:, -1]
         return Kinematics(Gq, by_T, signals, forces, clamp)
 
     def reaction_of(self, rows: Array, Omega: float) -> Array:
@@ -314,8 +320,8 @@ class Balance:
         balance = (s.omega_n**2 - (basis.k * Omega)[:, None] ** 2) * Q
         balance += Omega * s.damping * basis.derivative(Q) - force
         balance -= np.outer(state.F * self.force_shape, s.excitation)
-        if kin.elements is not None:
-            balance -= kin.elements[:, :-1]
+        if self.elements is not None and kin.elements is not None:
+            balance -= kin.elements @ self.elements.rows
         if self.clamp is not None and kin.clamp is not None:
             balance -= np.outer(kin.clamp.slid, self.clamp.port.row)
         return balance
@@ -340,6 +346,10 @@ class Balance:
             modal, d_rho, law = -np.outer(shape, s.excitation), -s.reaction.force_share * shape, np.zeros(basis.size)
             if contact.by_u is not None:
                 law = -s.residual.slip_by_force * contact.by_u @ shape
+            if self.elements is not None and slope is not None:
+                pushed = slope.by_excitation(shape)
+                modal -= pushed @ self.elements.rows
+                d_rho = d_rho - pushed @ self.elements.onto[:, -1]
         law = law if contact.by_rho is None else law - contact.by_rho @ d_rho
         return np.concatenate([modal.ravel() / self.modal_force_ref, law / self.F_ref]) * self.lam_ref
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from hbm.aft import Environment, InputChange, LawOverPeriod
 from hbm.fourier import Array, FourierBasis
-from models.clamp import ClampPort, SlippingClamp
+from models.clamp import SlippingClamp
+from models.structure import SpringPort
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +67,7 @@ class ClampOverPeriod:
     One object serves one thread: it owns the buffers that CasADi reads and fills.
     """
 
-    def __init__(self, port: ClampPort, limit: float, basis: FourierBasis) -> None:
+    def __init__(self, port: SpringPort, limit: float, basis: FourierBasis) -> None:
         self.port, self.basis = port, basis
         self._law = LawOverPeriod(SlippingClamp(limit, port.stiffness), basis)
         self._environment = Environment(0.0, 0.0, np.array([limit, port.stiffness]))

@@ -4,8 +4,10 @@ Each sample is differentiated by CasADi in what the rows of the elements read; b
 product with the Fourier coefficients of these slopes, so that no sum over samples meets a pair of modes.
 """
 
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -19,7 +21,7 @@ from models.rig import Rig
 
 
 class ElementSlope:
-    """Derivatives of the forces on modes and support, :meth:`ElementsOverPeriod.force`, worked out when asked for.
+    """Derivatives of the forces on modes and support, of :class:`ElementsOverPeriod`, worked out when asked for.
 
     Parameters
     ----------
@@ -38,6 +40,27 @@ class ElementSlope:
         places = elements.places
         entries = [(k.reshape(N_t, -1), *place) for k, place in zip(slopes, places, strict=True)]
         self._entries = [entry if len(entry[1]) else None for entry in entries]
+
+    @property
+    def lifting(self) -> Array | None:
+        """Slope, over its reading, of what a tip off its support does not bear, (N_t,); None where it never is off."""
+        stiffness = self._entries[0]
+        if not self._elements.lifts or stiffness is None:
+            return None
+        k, row, _ = stiffness
+        found = k[:, row == len(self._elements.rows) - 1][:, 0]
+        return found if found.any() else None
+
+    @property
+    def supported(self) -> "ElementSlope":
+        """What else acts."""
+        stiffness = self._entries[0]
+        if not self._elements.lifts or stiffness is None:
+            return self
+        k, row, column = stiffness
+        others, rest = row < len(self._elements.rows) - 1, copy(self)
+        rest._entries = [(k[:, others], row[others], column[others]) if others.any() else None, self._entries[1]]
+        return rest
 
     @property
     def acts(self) -> bool:
@@ -81,6 +104,26 @@ class ElementSlope:
         k, row, column = damping
         return np.asarray(e.basis.analysis @ (k * self._y_t[:, column]) @ e.onto[row] / self._Omega)
 
+    def by_excitation(self, shape: Array) -> Array:
+        """Change (2H+1, r) of the forces along the rows with an excitation (2H+1,)."""
+        return self.along(np.outer(shape, self._elements.static[:, 0])[:, :, None])[:, :, 0]
+
+    def by_modes(self) -> Array:
+        """Derivative (2H+1, r, (2H+1) n) of the forces along the rows to coefficients of the modes, velocities held."""
+        size, (_, n) = self._elements.basis.size, self._elements.rows.shape
+        return self.along(np.einsum("kl,ri->krli", np.eye(size), self._elements.rows).reshape(size, -1, size * n))
+
+    def along(self, change: Array) -> Array:
+        """Change (2H+1, r, p) of the forces along the rows with deflections (2H+1, r, p), velocities held."""
+        e, stiffness = self._elements, self._entries[0]
+        out = np.zeros(change.shape)
+        if stiffness is not None:
+            k, row, column = stiffness
+            seen = np.tensordot(e.basis.synthesis, change, axes=1)
+            moved = np.tensordot(e.basis.analysis, k[:, :, None] * seen[:, column], axes=1)
+            out += np.einsum("kep,er->krp", moved, np.eye(change.shape[1])[row])
+        return out
+
 
 @dataclass(frozen=True, eq=False)
 class ElementChange:
@@ -89,14 +132,17 @@ class ElementChange:
     Attributes
     ----------
     rows : ElementRows
-        (p, r, n), (p, r) and (p, r) arrays, all elements in turn.
+        With p first, all elements in turn.
     parameters : (parameters, p) array
     Omega : (p,) array
+    force : (2H+1, p) array
+        Of the excitation.
     """
 
     rows: ElementRows
     parameters: Array
     Omega: Array
+    force: Array
 
 
 def stacked(parts: list[ElementRows], axis: int = 0) -> ElementRows:
@@ -111,12 +157,12 @@ Described = tuple[tuple[type, tuple[tuple[str, object], ...], int], ...]
 def described_elements(rig: Rig) -> Described:
     """What decides the instructions of the elements of a rig; their numbers are run-time inputs."""
     sizes = [len(part.weight) for part in rig.element_rows]
-    return tuple((type(e), tuple(chosen(e).items()), size) for e, size in zip(rig.elements, sizes, strict=True))
+    return tuple((type(e), tuple(chosen(e).items()), size) for e, size in zip(rig.acting, sizes, strict=True))
 
 
 def element_numbers(rig: Rig) -> Array:
     """Parameters of all elements in turn."""
-    return np.array([float(v) for e in rig.elements for v in parameters(e).values()])
+    return np.array([float(v) for e in rig.acting for v in parameters(e).values()])
 
 
 def symbolic_forces(described: Described) -> tuple[ca.SX, list[ca.SX]]:
@@ -132,24 +178,39 @@ def symbolic_forces(described: Described) -> tuple[ca.SX, list[ca.SX]]:
     return ca.densify(ca.vertcat(*forces)), [y, y_t, weight, ca.vertcat(*symbols)]
 
 
-def forces_in_time(rig: Rig, q: Array, qdot: Array) -> Array:
-    """Forces of the elements of a rig on the modes, and last on the support, at N instants.
+class ForcesInTime(NamedTuple):
+    """Forces of the elements of a rig at N instants.
+
+    Attributes
+    ----------
+    on_modes : (N, n) array
+    on_support : (N,) array
+    moved : (N, 1 + c) array
+        What they move drive and channels by, beyond the modes.
+    """
+
+    on_modes: Array
+    on_support: Array
+    moved: Array
+
+
+def forces_in_time(rig: Rig, q: Array, qdot: Array, F: Array) -> ForcesInTime:
+    """Forces of the elements of a rig at N instants.
 
     Parameters
     ----------
     rig : Rig
     q, qdot : (N, n) array
         Modal coordinates and velocities.
-
-    Returns
-    -------
-    (N, n+1) array
+    F : (N,) array
+        Excitation [N]; its rate moves no element.
     """
-    if not rig.elements:
-        return np.zeros((len(q), q.shape[1] + 1))
-    rows, share, weight = stacked(rig.element_rows)
-    force = _forces(described_elements(rig))(rows @ q.T, rows @ qdot.T, weight, element_numbers(rig)).full()
-    return np.asarray(force.T @ np.column_stack([rows, share]))
+    if not rig.acting:
+        return ForcesInTime(np.zeros_like(q), np.zeros(len(q)), np.zeros((len(q), 1 + len(rig.response_channels))))
+    rows, share, weight, static = stacked(rig.element_rows)
+    y = rows @ q.T + np.outer(static[:, 0], F)
+    force = _forces(described_elements(rig))(y, rows @ qdot.T, weight, element_numbers(rig)).full().T
+    return ForcesInTime(force @ rows, force @ share, force @ static)
 
 
 @lru_cache(maxsize=16)
@@ -159,9 +220,16 @@ def _forces(described: Described) -> ca.Function:
 
 
 class ElementsOverPeriod:
-    """The elements of a rig on a Fourier basis.
+    """The elements of a rig on a Fourier basis; the last is the lift of the tip where it `lifts`.
 
     One object serves one thread: it owns the buffers that CasADi reads and fills.
+
+    Parameters
+    ----------
+    rig : Rig
+    basis : FourierBasis
+    load : float
+        What holds a tip that lifts off on its support, in units of the rig's load.
 
     Raises
     ------
@@ -169,32 +237,33 @@ class ElementsOverPeriod:
         If the samples do not resolve products of the harmonics with a stiffness that varies.
     """
 
-    def __init__(self, rig: Rig, basis: FourierBasis) -> None:
+    def __init__(self, rig: Rig, basis: FourierBasis, load: float = 1.0) -> None:
         if basis.N_t <= 4 * basis.H:
             raise ValueError(f"elements: {basis.N_t} samples for {basis.H} harmonics; must be more than 4 per harmonic")
-        self.basis, self.wide = basis, FourierBasis(2 * basis.H, basis.N_t)
-        rows, share, self._weight = stacked(rig.element_rows)
+        self.basis, self.wide, self.lifts = basis, FourierBasis(2 * basis.H, basis.N_t), rig.contact.lift_off
+        parts = rig.element_rows
+        if self.lifts:
+            parts = [*parts[:-1], parts[-1].under(load)]
+        rows, share, self.weight, self.static = stacked(parts)
         self.rows, self.onto = rows, np.column_stack([rows, share])  # reads (r, n), pushes modes and support (r, n+1)
         self._parameters = element_numbers(rig)
         self._functions = _functions(described_elements(rig), basis.N_t)
         self._y: Array = np.zeros((basis.N_t, len(rows)))
         self._y_t = np.zeros_like(self._y)
-        self._inputs = [self._y, self._y_t, self._weight, self._parameters]
+        self._inputs = [self._y, self._y_t, self.weight, self._parameters]
         self._evaluate, (self._force,) = buffered(self._functions.force, self._inputs)
 
-    def _read(self, Q: Array, Omega: float) -> None:
-        seen = Q @ self.rows.T
-        np.matmul(self.basis.synthesis, seen, out=self._y)
-        np.matmul(Omega * self.basis.synthesis, self.basis.derivative(seen), out=self._y_t)
+    def read(self, Q: Array, F: Array) -> Array:
+        """Coefficients of the deflections along the rows, (2H+1, r), of modes (2H+1, n) and excitation (2H+1,)."""
+        return np.asarray(Q @ self.rows.T + np.outer(F, self.static[:, 0]))
 
-    def _row_forces(self, Q: Array, Omega: float) -> Array:
-        """Coefficients of the force along each row, (2H+1, r)."""
-        self._read(Q, Omega)
-        self._evaluate()
-        return np.asarray(self.basis.analysis @ self._force.reshape(self._y.shape))
+    def _read(self, Q: Array, Omega: float, F: Array) -> None:
+        np.matmul(self.basis.synthesis, self.read(Q, F), out=self._y)
+        # what reads a velocity sees nothing of the excitation
+        np.matmul(Omega * self.basis.synthesis, self.basis.derivative(Q @ self.rows.T), out=self._y_t)
 
-    def force(self, Q: Array, Omega: float) -> Array:
-        """Coefficients of the forces on the modes, and last on the support, (2H+1, n+1).
+    def along_rows(self, Q: Array, Omega: float, F: Array) -> Array:
+        """Coefficients of the force along each row, (2H+1, r).
 
         Parameters
         ----------
@@ -202,12 +271,24 @@ class ElementsOverPeriod:
             Coefficients of the modes.
         Omega : float
             Fundamental frequency [rad/s].
+        F : (2H+1,) array
+            Coefficients of the excitation [N].
         """
-        return np.asarray(self._row_forces(Q, Omega) @ self.onto)
+        self._read(Q, Omega, F)
+        self._evaluate()
+        return np.asarray(self.basis.analysis @ self._force.reshape(self._y.shape))
 
-    def _slopes(self, Q: Array, Omega: float) -> list[Array]:
+    def samples(self) -> Array:
+        """Force along each row at the samples of the last motion read, (N_t, r)."""
+        return self._force.reshape(self._y.shape).copy()
+
+    def pull(self, Q: Array, F: Array) -> float:
+        """Largest reading of a tip that lifts off, in units of the load that holds it."""
+        return float((self.basis.synthesis @ self.read(Q, F)[:, -1]).max())
+
+    def _slopes(self, Q: Array, Omega: float, F: Array) -> list[Array]:
         """Derivatives of the force along the rows to y and to y_t, the entries of each sample in turn."""
-        self._read(Q, Omega)
+        self._read(Q, Omega, F)
         evaluate, slopes = buffered(self._functions.slopes, self._inputs)
         evaluate()
         return slopes
@@ -217,40 +298,43 @@ class ElementsOverPeriod:
         """Rows and columns of the entries of the slopes to y and to y_t."""
         return self._functions.places[:2]
 
-    def linearize(self, Q: Array, Omega: float) -> ElementSlope:
-        """Derivatives of :meth:`force`."""
-        return ElementSlope(self, self._slopes(Q, Omega), self._y_t.copy(), Omega)
+    def linearize(self, Q: Array, Omega: float, F: Array) -> ElementSlope:
+        """Derivatives of what the forces of :meth:`along_rows` do to modes and support."""
+        return ElementSlope(self, self._slopes(Q, Omega, F), self._y_t.copy(), Omega)
 
-    def slopes_in_time(self, Q: Array, Omega: float) -> tuple[Array, Array]:
+    def slopes_in_time(self, Q: Array, Omega: float, F: Array) -> tuple[Array, Array]:
         """Derivatives of the forces on modes and support to q and to q' at the samples, two of (N_t, n+1, n)."""
-        slopes, N_t = self._slopes(Q, Omega), self.basis.N_t
+        slopes, N_t = self._slopes(Q, Omega, F), self.basis.N_t
         by_q, by_v = (
             np.einsum("te,ei,ej->tij", k.reshape(N_t, -1), self.onto[row], self.rows[column], optimize=True)
             for k, (row, column) in zip(slopes, self.places, strict=True)
         )
         return by_q, by_v
 
-    def along(self, Q: Array, Omega: float, change: ElementChange) -> Array:
-        """Derivatives of :meth:`force` with the motion held, (2H+1, n+1, p)."""
-        basis, (rows, share, weight) = self.basis, change.rows
-        forces = self._row_forces(Q, Omega)
-        out = np.einsum("kr,pri->kip", forces, np.concatenate([rows, share[:, :, None]], axis=2), optimize=True)
+    def along(self, Q: Array, Omega: float, F: Array, change: ElementChange) -> Array:
+        """Derivatives of :meth:`along_rows` with the motion held, (2H+1, r, p)."""
+        basis, rows = self.basis, change.rows.rows
+        self._read(Q, Omega, F)
         evaluate, found = buffered(self._functions.change, self._inputs)
         evaluate()
-        slopes = [k.reshape(basis.N_t, -1) for k in found]
-        places = self._functions.places
-        for k, (row, column), moved in zip(slopes[2:], places[2:], (weight.T, change.parameters), strict=True):
-            out += np.einsum("ke,ei,ep->kip", basis.analysis @ k, self.onto[row], moved[column], optimize=True)
+        slopes, places = [k.reshape(basis.N_t, -1) for k in found], self._functions.places
+        out, onto = np.zeros((basis.size, len(self.rows), len(change.Omega))), np.eye(len(self.rows))
+        for k, (row, column), moved in zip(
+            slopes[2:], places[2:], (change.rows.weight.T, change.parameters), strict=True
+        ):
+            out += np.einsum("ke,ep,er->krp", basis.analysis @ k, moved[column], onto[row], optimize=True)
         faster = basis.derivative(Q @ self.rows.T)
-        touched = rows.any(axis=2) | (change.Omega != 0.0)[:, None]
+        reads = change.rows.static[:, :, 0]
+        touched = rows.any(axis=2) | (change.Omega != 0.0)[:, None] | (reads != 0.0)
+        touched |= np.outer(change.force.any(axis=0), self.static[:, 0] != 0.0)
         for p in np.flatnonzero(touched.any(axis=1)):
             seen = Q @ rows[p].T
-            d_y = basis.synthesis @ seen
+            d_y = basis.synthesis @ (seen + np.outer(F, reads[p]) + np.outer(change.force[:, p], self.static[:, 0]))
             d_y_t = basis.synthesis @ (Omega * basis.derivative(seen) + change.Omega[p] * faster)
             for k, (row, column), d in zip(slopes[:2], places[:2], (d_y, d_y_t), strict=True):
                 here = touched[p, column]
-                out[:, :, p] += basis.analysis @ (k[:, here] * d[:, column[here]]) @ self.onto[row[here]]
-        return np.asarray(out)
+                out[:, :, p] += basis.analysis @ (k[:, here] * d[:, column[here]]) @ onto[row[here]]
+        return out
 
 
 @dataclass(frozen=True)

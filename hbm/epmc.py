@@ -141,6 +141,8 @@ class DriveAmplitude(ABC):
         series += s.residual.drive_by_force * state.F * balance.force_shape
         if balance.clamp is not None and here.kin.clamp is not None:
             series += balance.clamp.port.residual[1] * here.kin.clamp.slid
+        if balance.elements is not None and here.kin.elements is not None:
+            series += here.kin.elements @ balance.elements.static[:, 0]
         return np.asarray(series[self.fundamental])
 
     def _drive_by_unknowns(self) -> Array:
@@ -163,6 +165,11 @@ class DriveAmplitude(ABC):
         J[N:, :N] = self._rows
         force = balance.F_ref * balance.force_shape if self.grows else np.zeros(balance.basis.size)
         J[N:, N + 1] = balance.structure.residual.drive_by_force * force[self.fundamental]
+        if balance.elements is not None and here.slope is not None:
+            lifting, unknowns = balance.elements.static[:, 0], balance.basis.size * balance.structure.n
+            by_modes = np.einsum("krx,r->kx", here.slope.by_modes(), lifting) * balance.q_ref
+            J[N:, :unknowns] += by_modes[self.fundamental]
+            J[N:, N + 1] += (here.slope.by_excitation(force) @ lifting)[self.fundamental]
         slipping = here.rotation
         if slipping is not None and balance.clamp is not None:
             port = balance.clamp.port
@@ -245,5 +252,10 @@ class ForcedMotion(DriveAmplitude):
             law -= s.residual.slip_by_force * contact.by_u @ shape
         if contact.by_rho is not None:
             law += s.reaction.force_share * contact.by_rho @ shape
-        modal = -np.outer(shape, s.excitation).ravel() / balance.modal_force_ref
-        return np.concatenate([modal, law / balance.F_ref]) * balance.F_ref
+        modal = -np.outer(shape, s.excitation)
+        if balance.elements is not None and here.slope is not None:
+            pushed = here.slope.by_excitation(shape)
+            modal -= pushed @ balance.elements.rows
+            if contact.by_rho is not None:
+                law += contact.by_rho @ (pushed @ balance.elements.onto[:, -1])
+        return np.concatenate([modal.ravel() / balance.modal_force_ref, law / balance.F_ref]) * balance.F_ref

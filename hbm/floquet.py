@@ -71,7 +71,8 @@ class Disturbance:
         if self.kin.by_T is not None:
             lost[:, :n, :n] += self.law.T[:, None, None] * s.shortening
         if self.problem.elements is not None:
-            by_q, by_v = self.problem.elements.slopes_in_time(self.state.Q, self.state.Omega)
+            force = self.state.F * self.problem.force_shape
+            by_q, by_v = self.problem.elements.slopes_in_time(self.state.Q, self.state.Omega, force)
             lost[:, :, :n] -= by_q
             lost[:, :, n:] -= by_v
         return lost[:, :n], lost[:, n]

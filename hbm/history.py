@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hbm.elements import forces_in_time
+from hbm.elements import ForcesInTime, forces_in_time
 from hbm.lawstep import law_step
+from hbm.solution import DERIVATIVES
 from models import Channel, Rig
 from models.rig import UNITS
 from models.structure import Array
@@ -73,22 +74,22 @@ def acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Array:
     T, F : (N,) array
         Friction and excitation [N].
     """
-    return _acceleration(rig, q, qdot, T, F, forces_in_time(rig, q, qdot))
+    return _acceleration(rig, q, qdot, T, F, forces_in_time(rig, q, qdot, F))
 
 
-def _acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array, elements: Array) -> Array:
-    """With the forces (N, n+1) of the elements."""
+def _acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array, elements: ForcesInTime) -> Array:
+    """With the forces of the elements."""
     s = rig.structure
     pushed = s.slip_row - q @ s.shortening
-    driven = F[:, None] * s.excitation + T[:, None] * pushed + elements[:, :-1]
+    driven = F[:, None] * s.excitation + T[:, None] * pushed + elements.on_modes
     return np.asarray(driven - s.damping * qdot - s.omega_n**2 * q)
 
 
 def normal_reaction(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Array:
     """Normal reaction of the support, (N,) [N]; arguments as in :func:`acceleration`."""
-    r, elements = rig.structure.reaction, forces_in_time(rig, q, qdot)
+    r, elements = rig.structure.reaction, forces_in_time(rig, q, qdot, F)
     moved = _acceleration(rig, q, qdot, T, F, elements) @ r.inertia + qdot @ r.damping + q @ r.stiffness
-    pushed = T * (q @ r.stretch - r.friction_lever) - r.force_share * F - elements[:, -1]
+    pushed = T * (q @ r.stretch - r.friction_lever) - r.force_share * F - elements.on_support
     return np.asarray(rig.contact.normal_load + moved + pushed)
 
 
@@ -161,6 +162,21 @@ class TimeHistory:
         excitation = replace(self.rig.excitation, amplitude=self.level)
         return np.asarray(Omega**derivative * excitation.force(Omega * self.time, derivative))
 
+    def _beyond(self, place: int, derivative: int = 0) -> Array:
+        """What elements move drive (0) or a response channel (from 1) by beyond the modes, or its derivative, (N,)."""
+        moved = self._moved[:, place]
+        if not moved.any() or len(moved) < 3:
+            return np.zeros_like(moved)
+        dt = 1.0 / (self.hz * self.samples_per_period)
+        if derivative == 2:
+            inside = np.diff(moved, 2) / dt**2
+            return np.concatenate([inside[:1], inside, inside[-1:]])
+        return np.asarray(np.gradient(moved, dt)) if derivative else moved
+
+    @cached_property
+    def _moved(self) -> Array:
+        return forces_in_time(self.rig, self.q, self.qdot, self.force).moved
+
     def _channel(self, channel: Channel) -> Array:
         """Values of one channel of the rig, (N,): modes, and the static response of those left out."""
         if channel.quantity == "force":
@@ -172,7 +188,9 @@ class TimeHistory:
         }[channel.quantity]
         by_force, by_friction = self.rig.structure.residual.channels.get(channel.name, (0.0, 0.0))
         row = self.rig.structure.channel_rows[channel.name]
-        return np.asarray(modes @ row + by_force * force + by_friction * friction)
+        place = 1 + [c.name for c in self.rig.response_channels].index(channel.name)
+        beyond = self._beyond(place, DERIVATIVES[channel.quantity])
+        return np.asarray(modes @ row + by_force * force + by_friction * friction + beyond)
 
     @cached_property
     def channels(self) -> dict[str, Signal]:
@@ -192,6 +210,7 @@ class TimeHistory:
         drive = (
             self.q @ s.excitation + s.residual.drive_by_force * self.force + s.residual.slip_by_force * self.friction
         )
+        drive += self._beyond(0)
         normal = normal_reaction(self.rig, self.q, self.qdot, self.friction, self.force)
         return signals | {
             "drive": Signal(drive, "m"),

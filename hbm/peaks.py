@@ -14,8 +14,9 @@ from scipy.optimize import brentq
 
 from continuation import Border, ConvergenceError, NewtonSettings, correct
 from hbm.fourier import Array, FourierBasis
+from hbm.padding import pad
 from hbm.residual import HarmonicBalance, State
-from hbm.response import default_samples, pad, trace_frequency
+from hbm.response import default_samples, trace_frequency
 from hbm.sensitivity import FORCE, HZ, sensitivities
 from hbm.solution import PeriodicSolution, describe
 from hbm.threads import one_thread

@@ -14,7 +14,7 @@ from hbm.complete import CompleteBalance
 from hbm.elements import ElementSlope
 from hbm.elimination import Elimination
 from hbm.fourier import Array, FourierBasis
-from hbm.slipping import SlidRotation, SlippingBalance
+from hbm.slipping import SlidRotation, SlippingBalance, lifted_tip
 
 __all__ = ["HarmonicBalance", "Kinematics", "Linearization", "Newton", "Parameter", "State"]
 
@@ -62,9 +62,11 @@ class Linearization:
     @cached_property
     def slope(self) -> ElementSlope | None:
         """Derivatives of the forces of the elements; None where none acts."""
-        elements = self.problem.elements
-        found = None if elements is None else elements.linearize(self.state.Q, self.state.Omega)
-        return found if found is not None and found.acts else None
+        elements, state = self.problem.elements, self.state
+        if elements is None:
+            return None
+        found = elements.linearize(state.Q, state.Omega, state.F * self.problem.force_shape)
+        return found if found.acts else None
 
     @cached_property
     def rotation(self) -> SlidRotation | None:
@@ -78,10 +80,11 @@ class Linearization:
 
     def bordered(self, column: Array | None = None) -> Newton:
         """The derivative, with another column (size,) in place of that of the problem's parameter."""
-        held = Elimination(*self._parts, self.slope, column)
-        if self.rotation is None:
-            return held
-        return SlippingBalance(held, self.rotation, self.problem, own_column=column is None)
+        place = self.rotation or lifted_tip(self.problem, self.contact, self.slope)
+        supported = None if self.slope is None else self.slope.supported
+        acting = supported if supported is not None and supported.acts else None
+        held = Elimination(*self._parts, acting, column)
+        return held if place is None else SlippingBalance(held, place, self.problem, own_column=column is None)
 
     @cached_property
     def complete(self) -> Array:

@@ -22,7 +22,9 @@ from continuation import (
 )
 from hbm.curve import ResponseCurve
 from hbm.fourier import Array, FourierBasis
-from hbm.residual import HarmonicBalance, State
+from hbm.liftoff import solve_lifting
+from hbm.padding import pad
+from hbm.residual import HarmonicBalance
 from hbm.solution import PeriodicSolution, describe
 from hbm.threads import one_thread
 from models.rig import Rig
@@ -102,7 +104,7 @@ def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) ->
     continuation.ConvergenceError
         If Newton does not converge.
     """
-    result = solve_at(problem, pad(problem, start.state), lam, _newton())
+    result = solve_lifting(problem, start.state, lam, _newton())
     if not result.converged:
         hz = problem.hz_at(lam)
         raise ConvergenceError(
@@ -110,28 +112,6 @@ def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) ->
             f"{result.residual_norm:.2g}; {result.reason.value}; start closer, or trace the curve"
         )
     return result.x
-
-
-def pad(problem: HarmonicBalance, state: State) -> Array:
-    """Scaled unknowns of a state on the problem's harmonics and modes.
-
-    New harmonics start from zero, new modes from their linear response to excitation and friction.
-    """
-    H_old, n_old = state.Q.shape[0] // 2, state.Q.shape[1]
-    size, n, H = problem.basis.size, problem.structure.n, problem.basis.H
-    keep = min(H, H_old)
-    source = np.r_[0 : keep + 1, H_old + 1 : H_old + 1 + keep]
-    target = np.r_[0 : keep + 1, H + 1 : H + 1 + keep]
-    m = min(n, n_old)
-    Q, T = np.zeros((size, n)), np.zeros(size)
-    Q[target, :m] = state.Q[source, :m]
-    T[target] = state.T[source]
-    if n > m:
-        s, basis = problem.structure, problem.basis
-        forces = np.outer(T, s.slip_row[m:]) + np.outer(state.F * problem.force_shape, s.excitation[m:])
-        real, imaginary = problem.dynamic_stiffness(state.Omega)
-        Q[:, m:] = basis.real(basis.complex(forces) / (real[:, m:] + 1j * imaginary[:, m:]))
-    return problem.pack(State(Q, T, state.Omega, state.F))[0]
 
 
 def first_solution(problem: HarmonicBalance, lam: float) -> Array:
@@ -157,7 +137,7 @@ def first_solution(problem: HarmonicBalance, lam: float) -> Array:
 
 
 def _from_rest(problem: HarmonicBalance, lam: float) -> Array | None:
-    result = solve_at(problem, np.zeros(problem.size), lam, _newton())
+    result = solve_lifting(problem, problem.unpack(np.zeros(problem.size), lam), lam, _newton())
     return result.x if result.converged else None
 
 

@@ -16,6 +16,7 @@ from hbm.errors import InputError
 from hbm.extensions import rig_of_tables
 from hbm.lawfile import find_law
 from hbm.rigschema import (
+    BeamContactTable,
     BeamRig,
     Complaint,
     ContactTable,
@@ -132,6 +133,7 @@ def _contradictions(file: BeamRig | ModalRig, kind: type, law: Table) -> Iterato
     yield from _of_law(kind, law)
     if isinstance(file, BeamRig):
         yield from _of_positions(file)
+        yield from _of_lift(file.contact)
     yield from _of_channels(file.channels)
 
 
@@ -187,6 +189,12 @@ def _of_positions(file: BeamRig) -> Iterator[Complaint]:
     for key, x in positions.items():
         if x > file.beam.length:
             yield Complaint(key, found(x), f"must be > 0 and <= beam.length = {file.beam.length}")
+
+
+def _of_lift(contact: BeamContactTable) -> Iterator[Complaint]:
+    for name in ("variable_normal_load", "residual_compliance"):
+        if contact.lift_off and not getattr(contact, name):
+            yield Complaint(("contact", "lift_off"), found(True), f"must be false, or contact.{name} = true")
 
 
 def _of_channels(channels: list[Any]) -> Iterator[Complaint]:

@@ -85,6 +85,7 @@ class BeamContactTable(ContactTable):
     variable_normal_load: bool = bool(Contact.load_variation)
     residual_compliance: bool = Contact.residual_compliance
     foreshortening: bool = Contact.foreshortening
+    lift_off: bool = Contact.lift_off
 
 
 class ExcitationTable(Table):

@@ -20,6 +20,7 @@ import numpy as np
 
 from hbm.aft import InputChange
 from hbm.clamp import ClampChange
+from hbm.elementchange import HeldElements
 from hbm.elements import ElementChange, stacked
 from hbm.fourier import Array
 from hbm.residual import HarmonicBalance, Linearization
@@ -179,7 +180,7 @@ def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | No
     d_Q, d_T = balance.unpack(x)
     slid = held.slid + balance.slid(d_Q, d_T)
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
-    channels = _Channels(here, solution, held, _Change(d_Q, d_T, signals, slid))
+    channels = _Channels(here, solution, held, _Change(d_Q, d_T, signals, slid, balance.by_elements(d_Q)))
     values, units = zip(*(known[key] for key in keys), strict=True)
     mixing = _mixing(held.structure, problem.structure.omega_n**2)
     return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, mixing)
@@ -221,12 +222,16 @@ def _law_keys(rig: Rig) -> list[str]:
 
 @dataclass(frozen=True)
 class _Change:
-    """Derivatives of Q (2H+1, n, p), of T (2H+1, p), of u, rho, eta (2H+1, 3, p), of what is slid (2H+1, p)."""
+    """Derivatives of Q (2H+1, n, p), T (2H+1, p), u, rho, eta (2H+1, 3, p), what is slid (2H+1, p).
+
+    And of the forces of the elements that the change of the deflections brings, (2H+1, r, p).
+    """
 
     Q: Array
     T: Array
     signals: Array
     slid: Array
+    elements: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,6 +292,7 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
         moved = moved + disturbance.channels.get(c.name, 0.0)
         if problem.clamp is not None:
             moved += problem.clamp.port.residual[place] * slid
+        moved += np.einsum("krp,r->kp", balance.by_elements(d_Q), balance.static[:, place - 1])
         for _ in range(DERIVATIVES[c.quantity]):
             moved = Omega * basis.derivative(moved)
         out[c.name] = as_read(basis, moved, Omega, c)
@@ -370,7 +376,7 @@ class _Held:
             for what in ("gain", "delay")
         )
         law = np.array([[key == name for key in keys] for name in _law_keys(here.problem.rig)], dtype=float)
-        self.elements = self._elements()
+        self.elements = self._elements(here.kin.elements)
         self.motion, self.clamp = here.kin.clamp, clamp_change(here.problem.rig, keys)
         self.slid = self._slid()
         compliance = self.structure.flexibility[:, 0, 0]
@@ -390,14 +396,16 @@ class _Held:
                     force[k + sine * problem.basis.H, j] = self.state.F
         return force
 
-    def _elements(self) -> Array | None:
-        """Of the forces of the elements on modes and support, (2H+1, n+1, p)."""
-        problem, state = self.problem, self.state
-        if problem.elements is None:
+    def _elements(self, forces: Array | None) -> HeldElements | None:
+        """Of the forces of the elements, these along their rows (2H+1, r)."""
+        problem, state, keys = self.problem, self.state, self.keys
+        if problem.elements is None or forces is None:
             return None
-        rows = stacked(elements_change(problem.rig, self.keys), axis=1)
-        own = np.array([[key == name for key in self.keys] for name in element_scalars(problem.rig)], dtype=float)
-        return problem.elements.along(state.Q, state.Omega, ElementChange(rows, own, 2 * np.pi * self.hz))
+        rows = stacked(elements_change(problem.rig, keys), axis=1)
+        own = np.array([[key == name for key in keys] for name in element_scalars(problem.rig)], dtype=float)
+        moved = ElementChange(rows, own.reshape(-1, len(keys)), 2 * np.pi * self.hz, self.force)
+        change = problem.elements.along(state.Q, state.Omega, state.F * problem.force_shape, moved)
+        return HeldElements(problem.elements, forces, change, rows)
 
     def _slid(self) -> Array:
         """Of the rotation slid in the clamp, (2H+1, p)."""
@@ -444,7 +452,7 @@ class _Held:
         rho -= s.reaction.force_share * self.force + np.outer(problem.force_shape, d.force_share * self.state.F)
         rho += self.by_slid(-1, self.slid)
         if self.elements is not None:
-            rho -= self.elements[:, -1]
+            rho -= self.elements.onto_support()
         eta = self.through(d.stretch)
         eta[0] -= d.friction_lever
         return np.stack([u, rho, eta], axis=1)
@@ -461,7 +469,7 @@ class _Held:
         modal -= s.excitation[:, None] * self.force[:, None]
         modal -= np.multiply.outer(problem.force_shape, state.F * d.rows[:, 1].T)
         if self.elements is not None:
-            modal -= self.elements[:, :-1]
+            modal -= self.elements.onto_modes()
         if problem.clamp is not None and self.motion is not None and self.clamp is not None:
             modal -= np.einsum("k,pi->kip", self.motion.slid, self.clamp.row)
             modal -= np.einsum("kp,i->kip", self.slid, problem.clamp.port.row)
@@ -495,6 +503,19 @@ class _LinearBalance:
         # what maps the modes to u takes T to the modes
         self._friction_to_modes = np.ascontiguousarray(slip_by_modes.transpose(0, 2, 1)).reshape(size * n, size)
         self._rows = np.ascontiguousarray(problem.rows[:, 1:].T)
+
+    @property
+    def static(self) -> Array:
+        """What a force along each row of an element does to drive and channels beyond the modes, (r, 1 + c)."""
+        elements = self.problem.elements
+        return np.zeros((0, 1 + len(self.problem.rig.response_channels))) if elements is None else elements.static
+
+    def by_elements(self, d_Q: Array) -> Array:
+        """Change (2H+1, r, p) of the forces of the elements that deflections bring, velocities held."""
+        elements, slope = self.problem.elements, self.here.slope
+        if elements is None or slope is None or not elements.static.any():
+            return np.zeros((len(d_Q), len(self.static), d_Q.shape[2]))
+        return slope.along(np.einsum("ri,kip->krp", elements.rows, d_Q))
 
     def slid(self, d_Q: Array, d_T: Array) -> Array:
         """Change (2H+1, p) of the rotation slid in the clamp."""
@@ -669,15 +690,21 @@ class _Channels(Mapping[str, ChannelSensitivity]):
         still = held.through(d.rows[:, place])
         still += held.static(d.flexibility[:, place], self.solution["friction"].coefficients)
         still += held.by_slid(place, self.change.slid)
+        if held.elements is not None:
+            still += held.elements.beyond(place - 1, self.change.elements)
         return np.asarray(row @ self.change.Q + by_force * held.force + by_friction * self.change.T + still)
 
     def _normal(self) -> Array:
         """Of rho + eta T at the samples, (N_t, p)."""
         synthesis, signals = self.problem.basis.synthesis, self.change.signals
         eta, T = synthesis @ self.here.kin.signals[:, 3], self.solution["friction"].samples
-        return np.asarray(
-            synthesis @ signals[:, 1] + T[:, None] * (synthesis @ signals[:, 2]) + eta[:, None] * self._friction
-        )
+        normal = synthesis @ signals[:, 1] + T[:, None] * (synthesis @ signals[:, 2]) + eta[:, None] * self._friction
+        rig, elements = self.problem.rig, self.held.elements
+        if elements is None or not rig.contact.lift_off:
+            return np.asarray(normal)
+        tension = elements.tension(self.change.elements, rig.contact.normal_load, self.held.load)
+        on_support = self.solution["normal"].samples[:, None] > 0.0
+        return np.where(on_support, normal - synthesis @ tension, 0.0)
 
 
 def _largest(samples: Array, change: Array) -> Array:

@@ -1,14 +1,72 @@
-"""Newton's system for a rig whose clamp slips: that with the slid rotation held, and a correction of low rank."""
+"""Newton's system where one place gives way, a clamp that slips or a tip that lifts off.
+
+That is the system with what is slid or lifted held, and a correction of the rank of one signal: exact, however stiff
+the place is while it holds.
+"""
 
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from hbm.aft import ContactForce
 from hbm.balance import Balance, Kinematics, State
 from hbm.clamp import ClampMotion, ClampOverPeriod
+from hbm.elements import ElementSlope, ElementsOverPeriod
 from hbm.elimination import Elimination
 from hbm.fourier import Array
+
+
+class Yielding(Protocol):
+    """What gives way at one place.
+
+    Attributes
+    ----------
+    slid : (2H+1, 2H+1) array
+        Derivative of what is slid to the load on the place if nothing had.
+    by_slid : (size, 2H+1) array
+        What the scaled balances lose to it.
+    """
+
+    slid: Array
+
+    @property
+    def by_slid(self) -> Array:  # noqa: D102
+        ...
+
+    def load(self, x: Array, force: Array | float = 0.0) -> Array:
+        """Change (2H+1, r) of that load with scaled unknowns (size, r) and force (2H+1, r)."""
+        ...
+
+
+class LiftedTip:
+    """A tip off its support, as :class:`Yielding`: slid is the force along its row, its load the row's reading."""
+
+    def __init__(self, problem: Balance, elements: ElementsOverPeriod, contact: ContactForce, slope: Array) -> None:
+        self._problem, self._elements, self._contact = problem, elements, contact
+        self.slid = (problem.basis.analysis * slope) @ problem.basis.synthesis
+
+    @cached_property
+    def by_slid(self) -> Array:
+        """What the scaled balances lose to the force along the row, (size, 2H+1)."""
+        problem, size, by_rho = self._problem, self._problem.basis.size, self._contact.by_rho
+        modal = np.kron(np.eye(size), self._elements.rows[-1][:, None])
+        friction = np.zeros((size, size)) if by_rho is None else -self._elements.onto[-1, -1] * by_rho
+        return np.concatenate([modal / problem.modal_force_ref, friction / problem.F_ref])
+
+    def load(self, x: Array, force: Array | float = 0.0) -> Array:
+        """Change (2H+1, r) of the reading with scaled unknowns (size, r) and force (2H+1, r)."""
+        problem, size, r = self._problem, self._problem.basis.size, x.shape[1]
+        Q = x[: size * problem.structure.n].reshape(size, -1, r) * problem.q_ref
+        return np.asarray(np.einsum("knr,n->kr", Q, self._elements.rows[-1]) + self._elements.static[-1, 0] * force)
+
+
+def lifted_tip(problem: Balance, contact: ContactForce, slope: ElementSlope | None) -> LiftedTip | None:
+    """The tip of a balance where it is off its support; None where it never is."""
+    lifting = None if slope is None else slope.lifting
+    if problem.elements is None or lifting is None:
+        return None
+    return LiftedTip(problem, problem.elements, contact, lifting)
 
 
 class SlidRotation:
@@ -36,7 +94,7 @@ class SlidRotation:
         modal = np.kron(np.eye(size), port.row[:, None])
         return np.concatenate([modal / problem.modal_force_ref, friction / problem.F_ref])
 
-    def moment(self, x: Array, force: Array | float = 0.0) -> Array:
+    def load(self, x: Array, force: Array | float = 0.0) -> Array:
         """Change (2H+1, r) of the moment if nothing had slid with scaled unknowns (size, r) and force (2H+1, r)."""
         problem, size, r = self._problem, self._problem.basis.size, x.shape[1]
         split = size * problem.structure.n
@@ -46,7 +104,7 @@ class SlidRotation:
     @cached_property
     def slid_by_unknowns(self) -> Array:
         """Derivative of what is slid to the scaled unknowns, (2H+1, size)."""
-        return np.asarray(self.slid @ self.moment(np.eye(self._problem.size)))
+        return np.asarray(self.slid @ self.load(np.eye(self._problem.size)))
 
     def complete(self, held: Array) -> Array:
         """Derivative (size, size) of the scaled balances to the scaled unknowns, of that with the rotation held."""
@@ -54,34 +112,34 @@ class SlidRotation:
 
 
 class SlippingBalance:
-    """Linearised balance with a slid rotation that follows the unknowns (Sherman, Morrison and Woodbury).
+    """Linearised balance with what is slid at a place following the unknowns (Sherman, Morrison and Woodbury).
 
     Attributes
     ----------
     held : Elimination
         The balance with what is slid held.
-    rotation : SlidRotation
+    place : Yielding
 
     The border column is that of `held`; where it is the problem's own, what the parameter slides is added.
     """
 
-    def __init__(self, held: Elimination, rotation: SlidRotation, problem: Balance, own_column: bool) -> None:
-        self.held, self.rotation = held, rotation
+    def __init__(self, held: Elimination, place: Yielding, problem: Balance, own_column: bool) -> None:
+        self.held, self.place = held, place
         slides = own_column and problem.parameter == "force"
         self._force_by_parameter = problem.lam_ref * problem.force_shape * slides
 
     @property
     def slid(self) -> Array:
-        """Derivative of what is slid to the moment of the clamp if nothing had slid, (2H+1, 2H+1)."""
-        return self.rotation.slid
+        """Derivative of what is slid to the load if nothing had, (2H+1, 2H+1)."""
+        return self.place.slid
 
-    def _moment(self, x: Array, lam: Array) -> Array:
-        return self.rotation.moment(x, np.outer(self._force_by_parameter, lam))
+    def _load(self, x: Array, lam: Array) -> Array:
+        return self.place.load(x, np.outer(self._force_by_parameter, lam))
 
     def _correction(self, row: Array, row_lam: float) -> tuple[Array, Array, Array]:
         """Motion and parameter per slid rotation, (size, 2H+1) and (2H+1,), and what is slid less what that slides."""
-        x, lam = self.held.solve_columns(row, row_lam, self.rotation.by_slid, 0.0)
-        return x, lam, np.eye(len(self.slid)) - self.slid @ self._moment(x, lam)
+        x, lam = self.held.solve_columns(row, row_lam, self.place.by_slid, 0.0)
+        return x, lam, np.eye(len(self.slid)) - self.slid @ self._load(x, lam)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
@@ -94,7 +152,7 @@ class SlippingBalance:
         by_slid, lam_by_slid, matrix = self._correction(row, row_lam)
         if not np.isfinite(matrix).all():
             return np.full_like(x, np.nan), np.full_like(lam, np.nan)
-        slid = np.linalg.solve(matrix, self.slid @ self._moment(x, lam))
+        slid = np.linalg.solve(matrix, self.slid @ self._load(x, lam))
         return x + by_slid @ slid, lam + lam_by_slid @ slid
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:

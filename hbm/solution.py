@@ -171,6 +171,10 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
     # the elastic part C T follows the force at every sample, beyond the harmonics kept
     slip_samples = basis.synthesis @ modal_slip + s.compliance * T
     normal = (basis.synthesis @ kin.signals[:, 2]) + (basis.synthesis @ kin.signals[:, 3]) * T
+    if rig.contact.lift_off:
+        tension = _unborne(problem, state)  # of which the balance knows the harmonics kept
+        on_support = normal - basis.synthesis @ (basis.analysis @ tension)
+        normal = np.where(tension > 0.0, 0.0, np.maximum(on_support, 0.0))
 
     def series(unit: str, coefficients: Array) -> Signal:
         samples = basis.synthesis @ coefficients
@@ -184,6 +188,8 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
         coefficients = state.Q @ row + by_force * force + by_friction * friction.coefficients
         if problem.clamp is not None and kin.clamp is not None:
             coefficients += problem.clamp.port.residual[place] * kin.clamp.slid
+        if problem.elements is not None and kin.elements is not None:
+            coefficients += kin.elements @ problem.elements.static[:, place - 1]
         for _ in range(DERIVATIVES[quantity]):
             coefficients = Omega * basis.derivative(coefficients)
         return series(UNITS[quantity], as_read(basis, coefficients, Omega, sensor))
@@ -207,6 +213,14 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
     return PeriodicSolution(problem.hz_at(lam), state.F, basis, state, channels, memory, closure, energy)
 
 
+def _unborne(problem: HarmonicBalance, state: State) -> Array:
+    """Tension that a tip off its support does not bear, (N_t,) [N]."""
+    if problem.elements is None:
+        return np.zeros(problem.basis.N_t)
+    problem.elements.along_rows(state.Q, state.Omega, state.F * problem.force_shape)
+    return np.asarray(problem.elements.samples()[:, -1] * problem.rig.contact.normal_load / problem.elements.weight[-1])
+
+
 def _energy_error(problem: HarmonicBalance, state: State, kin: Kinematics, channels: Mapping[str, Signal]) -> float:
     """Excitation work minus losses over a period, relative to the largest of them."""
     basis, s, Omega, friction = problem.basis, problem.structure, state.Omega, channels["friction"].coefficients
@@ -220,7 +234,9 @@ def _energy_error(problem: HarmonicBalance, state: State, kin: Kinematics, chann
     velocity = Omega * basis.derivative(state.Q)
     damped = float(np.pi / Omega * np.sum(s.damping * velocity[1:] ** 2))
     rubbed = -work(friction, slip)
-    taken = 0.0 if kin.elements is None else -work(kin.elements[:, :-1], state.Q)
+    taken = 0.0
+    if problem.elements is not None and kin.elements is not None:
+        taken = -work(kin.elements, problem.elements.read(state.Q, state.F * problem.force_shape))
     taken += 0.0 if kin.clamp is None else kin.clamp.taken
     largest = max(abs(supplied), damped, abs(rubbed), abs(taken), np.finfo(float).tiny)
     return (supplied - damped - rubbed - taken) / largest

@@ -73,7 +73,7 @@ class Shape:
         if self.elements:
             r, _, _, numbers = (part.size1() for part in symbolic_forces(self.elements)[1])
             sizes |= dict.fromkeys((f"element_{name}" for name in ("q_old", "q_new", "v_old", "v_new")), n)
-            sizes |= dict.fromkeys(("element_reaction", "element_weight"), r)
+            sizes |= dict.fromkeys(("element_reaction", "element_weight", "element_by_force"), r)
             sizes |= {"element_rows": r * n, "element_numbers": numbers, "force_per_modal": 1}
         return sizes
 
@@ -148,39 +148,45 @@ class _Mechanics:
 
 @dataclass(frozen=True, eq=False)
 class _Elements:
-    """Forces of the nonlinear elements on the modes, in symbols, and last what they add to the reaction, (n+1,)."""
+    """Forces of the nonlinear elements on the modes, in symbols, and last what they add to the reaction, (n+1,).
+
+    `start` and `end` are the excitation at both ends of the step.
+    """
 
     shape: Shape
     p: dict[str, ca.SX]
+    start: ca.SX
+    end: ca.SX
 
     @cached_property
     def _forces(self) -> ca.Function:
-        """(q, v, run-time parameters) -> forces and their derivatives to q and v."""
+        """(q, v, excitation, run-time parameters) -> forces and their derivatives to q and v."""
         n = self.shape.modes
         force, (y, y_t, weight, numbers) = symbolic_forces(self.shape.elements)
-        q, v, reaction = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("reaction", y.size1())
+        q, v, F = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("F")
+        reaction, by_force = (ca.SX.sym(name, y.size1()) for name in ("reaction", "by_force"))
         rows = ca.SX.sym("rows", y.size1(), n)
         onto = ca.horzcat(rows, reaction).T
         slopes = [onto @ ca.jacobian(force, of) @ rows for of in (y, y_t)]
-        outputs = ca.substitute([onto @ force, *slopes], [y, y_t], [rows @ q, rows @ v])
-        return ca.Function("elements", [q, v, rows, reaction, weight, numbers], outputs)
+        outputs = ca.substitute([onto @ force, *slopes], [y, y_t], [rows @ q + by_force * F, rows @ v])
+        return ca.Function("elements", [q, v, F, rows, reaction, weight, by_force, numbers], outputs)
 
-    def at(self, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    def at(self, q: ca.SX, v: ca.SX, F: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Forces (n+1,) and their derivatives (n+1, n) to q and v."""
         p, n = self.p, self.shape.modes
         rows = ca.reshape(p["element_rows"], p["element_rows"].size1() // n, n)
-        held = (p[f"element_{name}"] for name in ("reaction", "weight", "numbers"))
-        forces, by_q, by_v = self._forces(q, v, rows, *held)
+        held = (p[f"element_{name}"] for name in ("reaction", "weight", "by_force", "numbers"))
+        forces, by_q, by_v = self._forces(q, v, F, rows, *held)
         return forces, by_q, by_v
 
     def started(self, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
         """What the forces at the start of a step add to q and v at its end."""
-        forces = self.at(q, v)[0][: self.shape.modes]
+        forces = self.at(q, v, self.start)[0][: self.shape.modes]
         return self.p["element_q_old"] * forces, self.p["element_v_old"] * forces
 
     def kept(self, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
         """What forces as large at the end add."""
-        forces = self.at(q, v)[0][: self.shape.modes]
+        forces = self.at(q, v, self.end)[0][: self.shape.modes]
         return self.p["element_q_new"] * forces, self.p["element_v_new"] * forces
 
     def through(self, q: ca.SX, v: ca.SX, q_end: ca.SX, v_end: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
@@ -194,7 +200,7 @@ class _Elements:
             Where the forces are linearised.
         """
         n, p = self.shape.modes, self.p
-        forces, by_q, by_v = self.at(q_end, v_end)
+        forces, by_q, by_v = self.at(q_end, v_end, self.end)
         q_new, v_new = p["element_q_new"], p["element_v_new"]
         matrix = ca.SX.eye(n) - by_q[:n, :] @ ca.diag(q_new) - by_v[:n, :] @ ca.diag(v_new)
         fixed = ca.horzcat(forces - by_q @ q_end - by_v @ v_end, ca.SX.zeros(n + 1))
@@ -230,14 +236,14 @@ class _Step:
 
 def _step(shape: Shape, iterations: tuple[int, ...]) -> _Step:
     n, layout = shape.modes, shape.layout
-    x, guess, drive = ca.SX.sym("x", shape.size), ca.SX.sym("T0"), ca.SX.sym("drive", 2 * n + 2)
+    x, guess, drive = ca.SX.sym("x", shape.size), ca.SX.sym("T0"), ca.SX.sym("drive", 2 * n + 3)
     end = ca.SX.sym("end", 2 * n)
     parts = [ca.SX.sym(name, size) for name, size in layout.items()]
     p = dict(zip(layout, parts, strict=True))
     law_parameters = ca.SX.sym("law", len(parameters(shape.law)))
     q, v, held, z = x[:n], x[n : 2 * n], x[2 * n], x[2 * n + 1 :]
     mechanics = _Mechanics(shape, p, drive[2 * n], drive[2 * n + 1])
-    elements = _Elements(shape, p) if shape.elements else None
+    elements = _Elements(shape, p, drive[2 * n + 2], drive[2 * n]) if shape.elements else None
     contact, explicit = _contact_equation(shape)
     constants = [p["compliance"], p["load"], p["dt"]]
     # (1 + delay) held_new = T + delay held
@@ -278,7 +284,7 @@ def _step(shape: Shape, iterations: tuple[int, ...]) -> _Step:
     final = mechanics.direction(q_end)
     rho, missed = 0.0, 0.0
     if elements is not None:
-        pushes, _, _ = elements.at(q_end, v_end)
+        pushes, _, _ = elements.at(q_end, v_end, elements.end)
         rho, missed = pushes[n], p["force_per_modal"] * ca.norm_inf(pushes[:n] - modal)
     # the contact equation adds kappa T to the slip
     known = [mechanics.slip(q_end) - kappa * T, kappa, mechanics.slip_velocity(final, v_end), 0.0]

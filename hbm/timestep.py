@@ -117,13 +117,16 @@ class Stepper:
             "slip_by_force": s.residual.slip_by_force,
             "load": self.rig.contact.normal_load,
             **_reaction_rows(s),
-            **(_element_rows(self.rig, E) if self.rig.elements else {}),
+            **(_element_rows(self.rig, E) if self.rig.acting else {}),
         }
         law = np.array(list(parameters(self.rig.contact.law).values()), dtype=float)
         return np.concatenate([np.atleast_1d(values[name]) for name in self.shape.layout] + [law])
 
     def drive(self, steps: int) -> Array:
-        """Response (q, q') of the modes to the force over each step, force and its rate at the end, (steps, 2n+2)."""
+        """Response (q, q') of the modes to the force over each step, force and rate at its end, (steps, 2n+3).
+
+        And last, the force at its start.
+        """
         theta = self.phase + 2 * np.pi * (np.arange(steps + 1) % self.steps_per_period) / self.steps_per_period
         s, Omega = self.rig.structure, 2 * np.pi * self.hz
         excitation = replace(self.rig.excitation, amplitude=self.level)
@@ -135,7 +138,7 @@ class Stepper:
             response = np.moveaxis(E[:, :, 4:], 1, 0) * s.excitation[:, None]
             moved += response.reshape(-1, 2) @ start
         end = [excitation.force(theta[1:]), Omega * excitation.force(theta[1:], 1)]
-        return np.vstack([self.level * moved, *end]).T
+        return np.vstack([self.level * moved, *end, excitation.force(theta[:-1])]).T
 
     def march(self, x: Array, steps: int) -> tuple[Array, Array, float]:
         """Advance a state.
@@ -210,13 +213,14 @@ def _reaction_rows(structure: ModalStructure) -> dict[str, Array | float]:
 def _element_rows(rig: Rig, E: Array) -> dict[str, Array | float]:
     """What the elements read and push, what they add to the reaction, and the weights of their forces."""
     s = rig.structure
-    rows, share, weight = stacked(rig.element_rows)
+    rows, share, weight, static = stacked(rig.element_rows)
     _, force_weights = weights(E, 0.0, None)
     return {
         **{f"element_{name}": value for name, value in force_weights.items()},
         "element_rows": rows.ravel(order="F"),
         "element_reaction": rows @ s.reaction.inertia - share,
         "element_weight": weight,
+        "element_by_force": static[:, 0],
         "element_numbers": element_numbers(rig),
         "force_per_modal": 1.0 / float(np.max(np.abs(s.excitation))),
     }

@@ -170,6 +170,16 @@ class Layout:
         return Layout(beam, radius, excitation, channels, points, self.fractions, attachments)
 
     @property
+    def at_clamp(self) -> int:
+        """Coordinate that is the rotation of a clamp that turns."""
+        return int(self.beam.modes)
+
+    @property
+    def at_support(self) -> int:
+        """Coordinate that is the lift of the tip on a support that yields."""
+        return self.at_clamp + (self.attachments.clamp_stiffness is not None)
+
+    @property
     def form(self) -> "Layout":
         """The layout with every value zero: what decides the instructions that assemble it."""
         return self.with_scalars([0.0] * len(self.scalars()))

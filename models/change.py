@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from models.assembly import Assembly, assembled_change
-from models.clamp import ClampPort
 from models.elements import ElementRows, Ports, Reading, element_rows_change
 from models.friction.law import describe, parameters
 from models.reduction import StructureChange
 from models.rig import ModalBody, Rig
+from models.structure import SpringPort
 
 UNITS = {
     "beam.length": "m",
@@ -34,6 +34,8 @@ UNITS = {
 ENTRY_UNITS = {"position": "m", "mass": "kg", "stiffness": "N/m", "frequency_hz": "Hz"}
 VARIATION = "contact.load_variation"
 CLAMP_STIFFNESS = "attachments.clamp_stiffness"
+SUPPORT_STIFFNESS = "attachments.support_stiffness"
+LOAD = "contact.normal_load"
 DAMPING = ("mass_proportional", "stiffness_proportional", "high_mode_ratio")
 
 
@@ -54,6 +56,8 @@ def structure_scalars(rig: Rig) -> dict[str, Scalar]:
     values = {f"damping.{name}": getattr(rig.damping, name) for name in DAMPING}
     if not isinstance(rig.body, ModalBody):
         values |= dict(zip(_keys(rig), rig.layout.scalars().values(), strict=True))
+        if rig.attachments.support_stiffness is None:  # what stands in for a rigid one is no number of the rig
+            values.pop(SUPPORT_STIFFNESS, None)
         values[VARIATION] = rig.contact.load_variation
     return {key: Scalar(value, UNITS.get(key) or ENTRY_UNITS[key.rpartition(".")[2]]) for key, value in values.items()}
 
@@ -93,30 +97,45 @@ def tone_scalars(rig: Rig) -> dict[str, Scalar]:
 
 def elements_change(rig: Rig, keys: tuple[str, ...]) -> list[ElementRows]:
     """Derivatives of :attr:`Rig.element_rows` to numbers of the rig, p parameters first."""
-    if isinstance(rig.body, ModalBody) or not rig.elements:
+    if isinstance(rig.body, ModalBody) or not rig.acting:
         return []
     change = structure_change(rig, keys)
-    ports = rig.reduction.ports(rig.body.length)
-    length = np.array([float(key == "beam.length") for key in keys])
+    ports = rig.reduction.ports(rig.body.length)._replace(support=rig.support, load=rig.contact.normal_load)
+    length, load = (np.array([float(key == name) for key in keys]) for name in ("beam.length", LOAD))
     points = change.rows[:, change.rows.shape[1] - len(ports.rows) :]
-    moved = Ports(points, change.share, change.drawn_in, change.drawn_stretch, length)
-    return element_rows_change(rig.elements, ports, moved, rig.body.modes)
+    moved = Ports(
+        points,
+        change.share,
+        change.drawn_in,
+        change.drawn_stretch,
+        length,
+        ports.channels,
+        support_change(rig, keys),
+        load,
+    )
+    return element_rows_change(rig.acting, ports, moved, rig.body.modes)
 
 
-def clamp_change(rig: Rig, keys: tuple[str, ...]) -> ClampPort | None:
+def clamp_change(rig: Rig, keys: tuple[str, ...]) -> SpringPort | None:
     """Derivatives of :attr:`Rig.clamp` to numbers of the rig, p parameters first."""
-    stiffness = rig.attachments.clamp_stiffness
-    if rig.clamp is None or stiffness is None:
-        return None
-    at = rig.layout.beam.modes
+    return None if rig.clamp is None else _port_change(rig, keys, rig.layout.at_clamp, CLAMP_STIFFNESS)
+
+
+def support_change(rig: Rig, keys: tuple[str, ...]) -> SpringPort | None:
+    """Derivatives of :attr:`Rig.support` to numbers of the rig, p parameters first."""
+    return None if rig.support is None else _port_change(rig, keys, rig.layout.at_support, SUPPORT_STIFFNESS)
+
+
+def _port_change(rig: Rig, keys: tuple[str, ...], at: int, spring: str) -> SpringPort:
+    """Derivatives of the port of a spring with a key, at a coordinate, p parameters first."""
+    stiffness = float(rig.layout.scalars()[spring])
     changes = [
-        rig.reduction.clamp_change(_assembly_change(rig, key), at, stiffness, float(key == CLAMP_STIFFNESS))
-        for key in keys
+        rig.reduction.port_change(_assembly_change(rig, key), at, stiffness, float(key == spring)) for key in keys
     ]
     if VARIATION in keys:  # of the reaction alone
-        whole = replace(rig, contact=replace(rig.contact, load_variation=1.0)).reduction.clamp(at, stiffness)
+        whole = replace(rig, contact=replace(rig.contact, load_variation=1.0)).reduction.port(at, stiffness)
         changes[keys.index(VARIATION)].residual[-1] = whole.residual[-1]
-    return ClampPort(*(np.array(parts) for parts in zip(*changes, strict=True)))
+    return SpringPort(*(np.array(parts) for parts in zip(*changes, strict=True)))
 
 
 def _assembly_change(rig: Rig, key: str) -> Assembly:

@@ -7,11 +7,10 @@ so that power is conserved exactly. Nothing in this is large or small where k is
 """
 
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar
 
 from models.friction.elements import clip
 from models.friction.law import ContactSample, Value, parameter
-from models.structure import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,21 +31,3 @@ class SlippingClamp:
         """Exact stick-slip return mapping."""
         T = clip(self.stiffness * (z - now.u), -self.limit, self.limit)
         return now.u + T / self.stiffness, T
-
-
-class ClampPort(NamedTuple):
-    """Where a rotation slid in the clamp acts on a structure; or the derivatives to p parameters, p first.
-
-    Attributes
-    ----------
-    row : (n,) array
-        Moment of the clamp per mode [N m per unit of q]; by reciprocity, modal force per slid rotation.
-    stiffness : float or (p,) array
-        Moment that a slid rotation takes back while the modes are held [N m/rad].
-    residual : (3 + c,) array
-        Slip, drive and channels [m/rad] and reaction [N/rad] per slid rotation, beyond the modes.
-    """
-
-    row: Array
-    stiffness: Any
-    residual: Array

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from models.friction.law import Value, parameter
-from models.structure import Array
+from models.structure import Array, SpringPort
 
 
 class Reading(Enum):
@@ -24,6 +24,7 @@ class Reading(Enum):
     POINT = "the deflection at its position"
     SPAN = "the deflection at Gauss points along the beam"
     STRETCH = "a root of the shortening, so that y'y = q'Gq"
+    SUPPORT = "what pulls the tip off its support, in units of the load that holds it there"
 
 
 class Element(Protocol):
@@ -88,6 +89,24 @@ class ImpactStop:
         return -self.stiffness * ca.fmax(y - self.gap, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class LiftOff:
+    """A tip that leaves its support where nothing holds it there, and bears no tension then.
+
+    What the modes of the supported beam leave of the tip's motion has no inertia: off its support the tip is where the
+    beam's elasticity puts it, a distance in proportion to the tension that is not borne (Monjaraz-Tec, Gross and Krack,
+    Nonlinear Dynamics 2022, on contacts without mass). The load and the stiffness of the tip are in row and weight.
+    Friction needs not be looked at: bounded by the reaction it has vanished before the tip leaves.
+    """
+
+    name: ClassVar[str] = "contact-loss"
+    reads: ClassVar[Reading] = Reading.SUPPORT
+
+    def force(self, y: Value, y_t: Value, weight: Value) -> Value:
+        """Give back the tension beyond the load."""
+        return weight * ca.fmax(y - 1.0, 0.0)
+
+
 ELEMENTS: dict[str, type] = {e.name: e for e in (MidplaneStretching, QuadraticDrag, ImpactStop)}
 """Every element by its name."""
 
@@ -112,12 +131,21 @@ class ElementRows(NamedTuple):
     share : (r,) array
         Of a unit force along each row that goes into the support.
     weight : (r,) array
-        Length of beam of each row [m]; 1 where it stands for none.
+        Length of beam of each row [m]; of a tip that lifts off, the work of its load on what it yields to it [J]; else
+        1.
+    static : (r, 1 + c) array
+        What a unit force along each row does to drive and channels beyond the modes; by reciprocity, the first is what
+        the row reads of the excitation.
     """
 
     rows: Array
     share: Array
     weight: Array
+    static: Array
+
+    def under(self, load: float) -> "ElementRows":
+        """Of a tip held on its support by a multiple of the load."""
+        return ElementRows(self.rows / load, self.share / load, self.weight * load**2, self.static / load)
 
 
 class Ports(NamedTuple):
@@ -135,6 +163,12 @@ class Ports(NamedTuple):
         Integral of phi_i' s'.
     length : float or (p,) array
         Of the beam [m].
+    channels : int
+        Number of response channels.
+    support : SpringPort or None
+        Of the support, where the tip can lift off.
+    load : float or (p,) array
+        That holds the tip on the support [N].
     """
 
     rows: Array
@@ -142,6 +176,9 @@ class Ports(NamedTuple):
     shortening: Array
     stretch: Array
     length: Any
+    channels: int
+    support: SpringPort | None = None
+    load: Any = 0.0
 
 
 def ports_of(elements: Sequence[Element]) -> list[int]:
@@ -165,12 +202,35 @@ def element_rows(elements: Sequence[Element], ports: Ports, modes: int) -> list[
 
 
 def _rows(element: Element, first: int, ports: Ports, modes: int) -> ElementRows:
+    if element.reads is Reading.SUPPORT:
+        return _lifting_rows(_support(ports), ports.load)
     if element.reads is Reading.STRETCH:
         root, inverse = _root(ports.shortening)
-        return ElementRows(root, inverse.T @ ports.stretch, np.ones(len(root)))
-    if element.reads is Reading.SPAN:
-        return ElementRows(ports.rows[first:], ports.share[first:], gauss_points(modes)[1] * ports.length)
-    return ElementRows(ports.rows[first : first + 1], ports.share[first : first + 1], np.ones(1))
+        found = root, inverse.T @ ports.stretch, np.ones(len(root))
+    elif element.reads is Reading.SPAN:
+        found = ports.rows[first:], ports.share[first:], gauss_points(modes)[1] * ports.length
+    else:
+        found = ports.rows[first : first + 1], ports.share[first : first + 1], np.ones(1)
+    return ElementRows(*found, np.zeros((len(found[0]), 1 + ports.channels)))
+
+
+def _support(ports: Ports) -> SpringPort:
+    """Of the support.
+
+    Raises
+    ------
+    ValueError
+        If the tip cannot lift off.
+    """
+    if ports.support is None:
+        raise ValueError("contact-loss: where the tip would lift off is not known; must have lift_off = true")
+    return ports.support
+
+
+def _lifting_rows(support: SpringPort, load: float) -> ElementRows:
+    by_force = support.residual / load
+    weight = np.array([load**2 / support.stiffness])
+    return ElementRows(support.row[None] / load, -by_force[-1:], weight, by_force[None, 1:-1])
 
 
 def element_rows_change(elements: Sequence[Element], ports: Ports, change: Ports, modes: int) -> list[ElementRows]:
@@ -180,18 +240,29 @@ def element_rows_change(elements: Sequence[Element], ports: Ports, change: Ports
 
 
 def _rows_change(element: Element, first: int, ports: Ports, d: Ports, modes: int) -> ElementRows:
+    if element.reads is Reading.SUPPORT:
+        return _lifting_change(_support(ports), ports.load, _support(d), d.load)
     if element.reads is Reading.STRETCH:
         root, inverse = _root(ports.shortening)
         # one of the roots of the changed shortening: the element does not mind which
         rows = inverse.T @ d.shortening @ (np.eye(len(ports.shortening)) - inverse @ root / 2)
         share = inverse.T @ ports.stretch
         d_share = (d.stretch - np.einsum("prn,r->pn", rows, share)) @ inverse
-        return ElementRows(rows, d_share, np.zeros((len(rows), len(root))))
-    if element.reads is Reading.SPAN:
-        weight = np.multiply.outer(d.length, gauss_points(modes)[1])
-        return ElementRows(d.rows[:, first:], d.share[:, first:], weight)
-    here = slice(first, first + 1)
-    return ElementRows(d.rows[:, here], d.share[:, here], np.zeros((len(d.rows), 1)))
+        found = rows, d_share, np.zeros((len(rows), len(root)))
+    elif element.reads is Reading.SPAN:
+        found = d.rows[:, first:], d.share[:, first:], np.multiply.outer(d.length, gauss_points(modes)[1])
+    else:
+        here = slice(first, first + 1)
+        found = d.rows[:, here], d.share[:, here], np.zeros((len(d.rows), 1))
+    return ElementRows(*found, np.zeros((*found[0].shape[:2], 1 + d.channels)))
+
+
+def _lifting_change(support: SpringPort, load: float, d: SpringPort, d_load: Array) -> ElementRows:
+    """Derivatives of :func:`_lifting_rows`."""
+    row = d.row / load - np.outer(d_load / load**2, support.row)
+    by_force = d.residual / load - np.outer(d_load / load**2, support.residual)
+    weight = 2.0 * load * d_load / support.stiffness - (load / support.stiffness) ** 2 * d.stiffness
+    return ElementRows(row[:, None], -by_force[:, -1:], weight[:, None], by_force[:, None, 1:-1])
 
 
 LEAST_STRETCH = 1e-12

@@ -11,9 +11,8 @@ import numpy as np
 from scipy.linalg import eigh
 
 from models.assembly import Assembly
-from models.clamp import ClampPort
 from models.elements import Ports
-from models.structure import Array, ModalStructure, Reaction, ResidualFlexibility
+from models.structure import Array, ModalStructure, Reaction, ResidualFlexibility, SpringPort
 
 
 class Dampers(NamedTuple):
@@ -175,7 +174,7 @@ class Reduction:
         )
 
     def ports(self, length: float) -> Ports:
-        """What nonlinear elements can read, on a beam of that length."""
+        """What nonlinear elements can read of what is not the support, on a beam of that length."""
         assembly, kept, varies = self.assembly, self.kept, self.switches.load_variation
         points = slice(len(assembly.rows) - 1 - len(assembly.share), -1)
         return Ports(
@@ -184,30 +183,31 @@ class Reduction:
             shortening=kept.T @ assembly.shortening @ kept,
             stretch=(assembly.stretch @ kept)[0] * varies,
             length=length,
+            channels=len(assembly.rows) - 3 - len(assembly.share),
         )
 
-    def clamp(self, at: int, stiffness: float) -> ClampPort:
-        """Where a rotation slid in the clamp acts.
+    def port(self, at: int, stiffness: float) -> SpringPort:
+        """Where a displacement slid within a spring to the ground acts.
 
         Parameters
         ----------
         at : int
-            Coordinate that is the rotation of the clamp.
+            Coordinate that stretches it: the rotation of the clamp, or the lift of the tip.
         stiffness : float
-            Of its spring [N m/rad].
+            Of the spring [N/m or N m/rad].
         """
         row, on = stiffness * self.kept[at], self.switches
         if not on.residual_compliance:
-            return ClampPort(row, stiffness, np.zeros(len(self._seen(self.rows))))
-        moved, taken = self._turned(at, stiffness)
+            return SpringPort(row, stiffness, np.zeros(len(self._seen(self.rows))))
+        moved, taken = self._displaced(at, stiffness)
         residual = self._seen(self.assembly.rows @ moved - self.rows @ (row / self.squares))
         residual[-1] *= on.load_variation
-        return ClampPort(row, float(taken + row @ (row / self.squares)), residual)
+        return SpringPort(row, float(taken + row @ (row / self.squares)), residual)
 
-    def _turned(self, at: int, stiffness: float) -> tuple[Array, float]:
-        """Coordinates, and moment taken back, of a structure at rest per rotation slid in its clamp."""
-        turn = np.eye(len(self.kept))[at]
-        free = np.linalg.solve(self.assembly.stiffness - stiffness * np.outer(turn, turn), turn)
+    def _displaced(self, at: int, stiffness: float) -> tuple[Array, float]:
+        """Coordinates, and load taken back, of a structure at rest per displacement slid within a spring."""
+        own = np.eye(len(self.kept))[at]
+        free = np.linalg.solve(self.assembly.stiffness - stiffness * np.outer(own, own), own)
         taken = stiffness / (1.0 + stiffness * free[at])
         return taken * free, float(taken)
 
@@ -217,23 +217,23 @@ class Reduction:
 
     # ---- derivatives
 
-    def clamp_change(self, d: Assembly, at: int, stiffness: float, d_stiffness: float) -> ClampPort:
-        """Derivatives of :meth:`clamp` with those `d` of the assembly, its own spring's `d_stiffness` included.
+    def port_change(self, d: Assembly, at: int, stiffness: float, d_stiffness: float) -> SpringPort:
+        """Derivatives of :meth:`port` with those `d` of the assembly, its own spring's `d_stiffness` included.
 
         What the own spring does is small where it is stiff: worked out as such, not as a difference of what is not.
         """
         own = np.zeros_like(d.stiffness)
         own[at, at] = d_stiffness
         others = d._replace(stiffness=d.stiffness - own)
-        moved, taken = self._turned(at, stiffness)
+        moved, taken = self._displaced(at, stiffness)
         row, rows = stiffness * self.kept[at], self.rows
-        modes = row / self.squares  # at rest per rotation slid
+        modes = row / self.squares  # at rest per displacement slid
         ratio = np.multiply.outer(self.rest_flexibility, self.squares)
         following = (stiffness * self.rest[at]) ** 2 @ (ratio / (1.0 - ratio))
         d_row = stiffness * self._moved(others)[at]
         d_row += d_stiffness * row / stiffness**2 * (taken + row @ modes - following)
         if not self.switches.residual_compliance:
-            return ClampPort(d_row, d_stiffness, np.zeros(len(self._seen(rows))))
+            return SpringPort(d_row, d_stiffness, np.zeros(len(self._seen(rows))))
         d_rows = d.rows @ self.kept + self.assembly.rows @ self._moved(d)
         d_modes = (d_row - self.kept.T @ d.stiffness @ self.kept @ modes) / self.squares
         d_taken = moved @ others.stiffness @ moved + d_stiffness * (taken / stiffness) ** 2
@@ -242,7 +242,7 @@ class Reduction:
         seen += d_stiffness * taken / stiffness**2 * self.assembly.rows @ moved
         residual = self._seen(seen - d_rows @ modes - rows @ d_modes)
         residual[-1] *= self.switches.load_variation
-        return ClampPort(d_row, float(d_taken + d_row @ modes + row @ d_modes), residual)
+        return SpringPort(d_row, float(d_taken + d_row @ modes + row @ d_modes), residual)
 
     def change(self, d: Assembly, own: Dampers | None = None) -> "StructureChange":
         """Derivatives with those `d` of the assembly, and with the `own` change of the damping at held frequencies.

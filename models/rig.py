@@ -9,15 +9,17 @@ import numpy.typing as npt
 
 from models.assembly import MORE_MODES, Assembly, Attachments, Layout, assembled
 from models.beam import Beam
-from models.clamp import ClampPort
-from models.elements import Element, ElementRows, Reading, element_rows, gauss_points
+from models.elements import Element, ElementRows, LiftOff, Reading, element_rows, gauss_points
 from models.friction import FrictionLaw
 from models.reduction import Dampers, Reduction, Switches
-from models.structure import Array, ModalStructure, modal_damping
+from models.structure import Array, ModalStructure, SpringPort, modal_damping
 
 Quantity = Literal["force", "acceleration", "velocity", "displacement"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
 Numbers = npt.NDArray[np.intp]
+RIGID = 1e10
+"""Stiffness of a support that does not yield, in units of E I / L^3, where a tip can lift off it."""
+
 UNITS: dict[str, str] = {"force": "N", "acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
 
 
@@ -100,6 +102,9 @@ class Contact:
         Scale on R(t) - P as the friction sees it: 1 as in physics.md section 2, 0 for a constant load.
     residual_compliance, foreshortening : bool
         Keep C_res and the T G q coupling of physics.md section 2.
+    lift_off : bool
+        Whether the tip leaves its support where the reaction would turn negative, :class:`models.elements.LiftOff`; of
+        a beam whose reaction varies, with its residual compliance.
     """
 
     normal_load: float
@@ -108,6 +113,7 @@ class Contact:
     load_variation: float = 1.0
     residual_compliance: bool = True
     foreshortening: bool = True
+    lift_off: bool = False
 
 
 @dataclass(frozen=True)
@@ -206,7 +212,7 @@ class Rig:
     attachments : Attachments
         What is attached to a beam.
     elements : tuple of Element
-        Nonlinear elements along a beam.
+        Nonlinear elements along a beam; for all that act, see :attr:`acting`.
     drift : tuple of Drift
         What changes from record to record; the rig itself is that of record 1, see :func:`models.numbers.at_record`.
     """
@@ -242,8 +248,8 @@ class Rig:
         """
         contact, numbers = self.contact, self.mode_numbers
         if isinstance(self.body, ModalBody):
-            if self.attachments or self.elements:
-                found = "attachments" if self.attachments else "elements"
+            if self.attachments or self.acting:
+                found = "attachments" if self.attachments else "elements" if self.elements else "lift_off = true"
                 raise ValueError(f"{self.name}: has {found} and is given by its modes; must be a beam")
             assembly = _of_modes(self, self.body)
         else:
@@ -269,24 +275,61 @@ class Rig:
         """
         if isinstance(self.body, ModalBody):
             raise ValueError(f"{self.name}: is given by its modes; must be a beam")
-        more = MORE_MODES if self.attachments else 0
+        attachments = self._attached(self.body)
+        more = MORE_MODES if attachments else 0
         positions = tuple(c.position for c in self.response_channels)
         beam = replace(self.body, modes=self.body.modes + more)
         points = tuple(e.position for e in self.elements if e.reads is Reading.POINT)  # type: ignore[attr-defined]
         spans = any(e.reads is Reading.SPAN for e in self.elements)
         fractions = tuple(gauss_points(self.body.modes)[0].tolist()) if spans else ()
         radius, excitation = self.contact.radius, self.excitation.position
-        return Layout(beam, radius, excitation, positions, points, fractions, self.attachments)
+        return Layout(beam, radius, excitation, positions, points, fractions, attachments)
+
+    def _attached(self, beam: Beam) -> Attachments:
+        """What is attached; with a support all but rigid where it is rigid and the tip can lift off it."""
+        if not self.contact.lift_off or self.attachments.support_stiffness is not None:
+            return self.attachments
+        return replace(self.attachments, support_stiffness=RIGID * beam.bending_stiffness / beam.length**3)
 
     @cached_property
     def element_rows(self) -> list[ElementRows]:
         """Where each element touches the beam, in its modes."""
-        if isinstance(self.body, ModalBody) or not self.elements:
+        if isinstance(self.body, ModalBody) or not self.acting:
             return []
-        return element_rows(self.elements, self.reduction.ports(self.body.length), self.body.modes)
+        ports = self.reduction.ports(self.body.length)._replace(support=self.support, load=self.contact.normal_load)
+        return element_rows(self.acting, ports, self.body.modes)
+
+    @property
+    def acting(self) -> tuple[Element, ...]:
+        """The nonlinear elements, and last the lift of the tip where it can lift off."""
+        return (*self.elements, LiftOff()) if self.contact.lift_off else self.elements
 
     @cached_property
-    def clamp(self) -> ClampPort | None:
+    def support(self) -> SpringPort | None:
+        """Where a gap under the tip acts; None where the tip is kept on its support.
+
+        Raises
+        ------
+        ValueError
+            If the rig is given by its modes, its reaction is constant, its residual compliance is left out, or its
+            clamp slips.
+        """
+        contact = self.contact
+        if not contact.lift_off:
+            return None
+        needed = {
+            "variable_normal_load = true": contact.load_variation > 0.0,
+            "residual_compliance = true": contact.residual_compliance,
+            "no clamp_limit": self.attachments.clamp_limit is None,
+        }
+        for what, given in needed.items():
+            if not given:
+                raise ValueError(f"{self.name}: has lift_off = true; must have {what} with it, or lift_off = false")
+        layout = self.layout
+        return self.reduction.port(layout.at_support, float(layout.attachments.support_stiffness or 0.0))
+
+    @cached_property
+    def clamp(self) -> SpringPort | None:
         """Where friction in the clamp acts; None where the clamp does not slip.
 
         Raises
@@ -299,7 +342,7 @@ class Rig:
             return None
         if ends.clamp_stiffness is None:
             raise ValueError(f"{self.name}: has a clamp_limit and no clamp_stiffness; must have both, or no limit")
-        return self.reduction.clamp(self.layout.beam.modes, ends.clamp_stiffness)
+        return self.reduction.port(self.layout.at_clamp, ends.clamp_stiffness)
 
     def with_modes(self, modes: int) -> "Rig":
         """Return the same beam rig on another number of modes; a modal rig is returned as it is.

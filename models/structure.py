@@ -1,6 +1,7 @@
 """The structure without its friction: natural modes and the rows that couple them to the contact."""
 
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -81,6 +82,26 @@ class ResidualFlexibility:
     slip_by_force: float = 0.0
     drive_by_force: float = 0.0
     channels: dict[str, tuple[float, float]] = field(default_factory=dict)
+
+
+class SpringPort(NamedTuple):
+    """Where a displacement slid within a spring acts on a structure; or the derivatives to p parameters, p first.
+
+    The spring, of a clamp that turns or of a support, is part of the structure; what is slid in it is a load on it.
+
+    Attributes
+    ----------
+    row : (n,) array
+        Load of the spring per mode [N or N m per unit of q]; by reciprocity, modal force per slid displacement.
+    stiffness : float or (p,) array
+        Load that a slid displacement takes back while the modes are held [N/m or N m/rad].
+    residual : (3 + c,) array
+        Slip, drive, channels and reaction per slid displacement, beyond the modes.
+    """
+
+    row: Array
+    stiffness: Any
+    residual: Array
 
 
 @dataclass(frozen=True, eq=False)

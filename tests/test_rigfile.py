@@ -88,7 +88,7 @@ SPREAD, ELEMENTS, LIMITS = (f": contact.friction.{key}" for key in ("spread", "e
 PENALTY = 'law = "coulomb-penalty"\nmu = 0.52\ncritical_slip = 4.15e-6\n'
 
 BEAM_KEYS = "length, width, thickness, youngs_modulus, density, modes"
-CONTACT_KEYS = "normal_load, friction, radius, variable_normal_load, residual_compliance, foreshortening"
+CONTACT_KEYS = "normal_load, friction, radius, variable_normal_load, residual_compliance, foreshortening, lift_off"
 LAW_NAMES = (
     "coulomb-lagrange, coulomb-penalty, vlfm, karnopp, sdfm, fbfm, stribeck, dahl, lugre, hybrid, iwan, viscous, none, "
     "or file.py:Class"

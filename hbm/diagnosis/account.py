@@ -201,13 +201,16 @@ class Account:
     def _lifted(self) -> Iterator[str]:
         """Where the simulation has left what it can say."""
         base = self.decision.best or self.decision.base
+        if base.model.rig(base.x).contact.lift_off:
+            yield from self._off(base)
+            return
         lifted = [number for number, solution in base.solutions.items() if solution.lift_off]
         own = np.isin(base.white.record, lifted)
         if not lifted:
             return
         yield (
             f"In the simulation the normal force reaches zero in records {', '.join(map(str, lifted))}: the tip may "
-            "lift off there (contact-loss), which is not simulated."
+            "lift off there (contact-loss), which this model does not simulate."
         )
         if not own.all():
             there, elsewhere = (float(np.mean(base.white.residual[part] ** 2)) for part in (own, ~own))
@@ -217,6 +220,17 @@ class Account:
                     "what is missing sets in where the tip would lift off; leave these records out to judge the others"
                 )
             yield f"These leave {there:.3g} noise variances, all others {elsewhere:.3g}: {told}."
+
+    @staticmethod
+    def _off(base: Evaluation) -> Iterator[str]:
+        """For how long the tip is off its support."""
+        share = {number: float(np.mean(s["normal"].samples <= 0.0)) for number, s in base.solutions.items()}
+        lifted = [number for number, off in share.items() if off > 0.0]
+        if lifted:
+            yield (
+                f"The tip is off its support in records {', '.join(map(str, lifted))}, for up to "
+                f"{max(share.values()):.2g} of the period."
+            )
 
     def _moved(self) -> Iterator[str]:
         for key, pull in list(off(self.search.trust, self.search.calibrated).items())[:MOVED]:

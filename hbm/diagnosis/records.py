@@ -320,6 +320,8 @@ def _starts(rig: Rig, last: State, reconstructed: State) -> list[State]:
 
     Its modes share a resonance with others; what the friction is there is nearer than how they move.
     """
+    if rig.contact.lift_off:  # which is marched to where Newton's method does not get
+        return [last]
     given = [last, reconstructed]
     forced = [replace(state, Q=state.Q[:, :0]) for state in given]
     return [*given, *forced] if last.Q.shape[1] == rig.structure.n else [*forced, *given]

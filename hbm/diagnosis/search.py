@@ -23,7 +23,7 @@ from hbm.diagnosis.numerics import Numerics, choose
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.race import EXPLAINED, race
 from hbm.diagnosis.records import FAILURES, Campaign
-from hbm.diagnosis.screen import Screening, screen
+from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError
 from hbm.identification.records import measurement_of
 from hbm.inverse.reconstruct import reconstruct
@@ -32,6 +32,7 @@ from hbm.measurement.spectra import MeasuredSpectra
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady
+from models.causes.structure import ContactLoss
 from models.rig import Rig
 
 MOST_RANKED = 10
@@ -112,6 +113,7 @@ class Search:
         offered = self.candidates if candidates is None else candidates
         if not self._disordered(base):
             offered = [c for c in offered if not isinstance(c, NotSteady)]
+        offered = [c for c in offered if not isinstance(c, ContactLoss)]  # has no size: see _lifted
         return screen(base, self.campaign, offered)
 
     def _disordered(self, base: Evaluation) -> bool:
@@ -166,7 +168,27 @@ class Search:
         return self._fits(self.calibrated) and not off(self.trust, self.calibrated)
 
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
-        return _decided(base, race(base, self.campaign, screening, lambda doing: self.tell(doing, done)), self.tried)
+        lifted = self._lifted(base, done)
+        if any(self._fits(e) for e in lifted):
+            return _decided(base, lifted, self.tried)
+        fits = race(base, self.campaign, screening, lambda doing: self.tell(doing, done))
+        return _decided(base, [*lifted, *fits], self.tried)
+
+    def _lifted(self, base: Evaluation, done: float) -> list[Evaluation]:
+        """A model whose tip lifts off, where its reaction turns negative; else nothing.
+
+        It has no number to fit, and what corrects the discretisation of a tip that is kept on its support says nothing
+        of one that is not: quick fits would not tell.
+        """
+        causes = [c for c in self.candidates if isinstance(c, ContactLoss) and _suits(c, base.model.rig(base.x))]
+        if not causes or not any(s.lift_off for s in base.solutions.values()):
+            return []
+        model = base.model.extended_by(causes[0])
+        self.tell(f"{causes[0].label}, all records", done)
+        try:
+            return [refine(fit_model(model, self.campaign, starting(model, base, {}), base.solutions), self.campaign)]
+        except FAILURES:
+            return []
 
     def _plainest(self, exact: Decision, first: Decision) -> Decision:
         """What explains over the calibrated model, over the rig file as it is if it does so there too.

@@ -9,13 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from continuation import ConvergenceError, NewtonSettings, solve_at
+from continuation import ConvergenceError, NewtonSettings
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.observed import motion_of
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.inverse.sensing import Complex, Sensing
+from hbm.liftoff import solve_lifting
 from hbm.residual import HarmonicBalance, State
-from hbm.response import TOLERANCE, first_solution, pad
+from hbm.response import TOLERANCE, first_solution
 from hbm.solution import PeriodicSolution, describe
 from models.numbers import at_record
 from models.rig import Rig
@@ -170,7 +171,7 @@ def solve_from(rig: Rig, basis: FourierBasis, record: Record, start: State, step
     """
     problem = HarmonicBalance(rig, basis, level=record.force)
     lam = problem.lam_at(record.hz)
-    result = solve_at(problem, pad(problem, start), lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=steps))
+    result = solve_lifting(problem, start, lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=steps))
     if not result.converged:
         raise ConvergenceError(f"no convergence, last residual {result.residual_norm:.2g}; {result.reason.value}")
     return describe(problem, result.x, lam)

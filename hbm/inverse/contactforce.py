@@ -253,13 +253,15 @@ def nonlinear_forces(sensing: Sensing, friction: Complex, q: Complex) -> Complex
 
 
 def element_forces(sensing: Sensing, q: Complex) -> Complex:
-    """Forces of nonlinear elements on the modes, and last on the support, (r, H+1, n+1)."""
+    """Forces of nonlinear elements on the modes, and last on the support, (r, H+1, n+1); none reads the excitation."""
     r, H, n = len(q), sensing.H, q.shape[2]
     if not sensing.rig.elements:
         return np.zeros((r, H + 1, n + 1), dtype=complex)
     N = 1 << int(np.ceil(np.log2(8 * H + 1)))
-    motion = [to_samples(s, N).reshape(r * N, n) for s in (q, sensing.i_omega[..., None] * q)]
-    return to_amplitudes(forces_in_time(sensing.rig, *motion).reshape(r, N, n + 1), H)
+    at, rate = (to_samples(s, N).reshape(r * N, n) for s in (q, sensing.i_omega[..., None] * q))
+    forces = forces_in_time(sensing.rig, at, rate, np.zeros(r * N))
+    both = np.column_stack([forces.on_modes, forces.on_support])
+    return to_amplitudes(both.reshape(r, N, n + 1), H)
 
 
 def product(a: Complex, b: Complex) -> Complex:

@@ -126,7 +126,7 @@ class Sensing:
 
 
 def sensing(rig: Rig, spectra: MeasuredSpectra) -> Sensing:
-    """Put measured spectra beside the linear structure of a rig.
+    """Put measured spectra beside the linear structure of a rig, with its tip on the support.
 
     Parameters
     ----------
@@ -142,6 +142,8 @@ def sensing(rig: Rig, spectra: MeasuredSpectra) -> Sensing:
     InputError
         If no response was measured.
     """
+    # what is measured is explained with the tip on its support; the reaction turns negative where it is off
+    rig = replace(rig, contact=replace(rig.contact, lift_off=False))
     forces = [c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels]
     channels = tuple(c.name for c in rig.response_channels if c.name in spectra.channels)
     if not channels:

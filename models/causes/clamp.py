@@ -32,8 +32,8 @@ class ClampFriction(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ClampFriction"]:
-        """Of a beam whose clamp is rigid."""
-        if isinstance(rig.body, Beam) and rig.attachments.clamp_stiffness is None:
+        """Of a beam whose clamp is rigid; where the tip can lift off it is not known."""
+        if isinstance(rig.body, Beam) and rig.attachments.clamp_stiffness is None and not rig.contact.lift_off:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:

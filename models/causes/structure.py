@@ -103,6 +103,33 @@ class SupportFlexibility(Cause):
 
 
 @dataclass(frozen=True)
+class ContactLoss(Cause):
+    """A tip that leaves its support, :class:`models.elements.LiftOff`."""
+
+    name: ClassVar[str] = "contact-loss"
+    meaning: ClassVar[str] = "the tip lifts off where the model keeps contact"
+    looks_like: ClassVar[str] = "nothing while the reaction stays positive; then all harmonics"
+    confused_with: ClassVar[str] = "impact-stop"
+    abrupt: ClassVar[bool] = True
+
+    @classmethod
+    def candidates(cls, rig: Rig) -> Iterator["ContactLoss"]:
+        """Of a beam whose reaction varies; with a clamp that slips it is not known."""
+        contact = rig.contact
+        known = contact.residual_compliance and rig.attachments.clamp_limit is None
+        if isinstance(rig.body, Beam) and known and contact.load_variation > 0.0 and not contact.lift_off:
+            yield cls()
+
+    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+        """None: what holds the tip is the load."""
+        return ()
+
+    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+        """Let the tip lift off."""
+        return replace(rig, contact=replace(rig.contact, lift_off=True))
+
+
+@dataclass(frozen=True)
 class StiffnessDamping(Cause):
     """Damping in proportion to the stiffness."""
 

@@ -78,7 +78,8 @@ def test_drag_takes_eight_thirds() -> None:
     rig = one_mode(QuadraticDrag(c))
     solution = steady_state(rig, 47.5, harmonics=1, samples=1024)
     a, Omega = np.hypot(*solution.state.Q[1:, 0]), 2 * np.pi * 47.5
-    forces = HarmonicBalance(rig, solution.basis).elements.force(solution.state.Q, Omega)
+    elements = HarmonicBalance(rig, solution.basis).elements
+    forces = elements.along_rows(solution.state.Q, Omega, solution.state.F * np.eye(3)[1]) @ elements.rows
     taken = -np.pi * forces[1:, 0] @ solution.basis.derivative(solution.state.Q)[1:, 0]
     cubed = float(np.trapezoid(np.abs(first_shape()) ** 3, SPAN))
     assert taken == pytest.approx(8 / 3 * c * a**3 * Omega**2 * cubed, rel=1e-6)

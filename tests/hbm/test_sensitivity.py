@@ -15,8 +15,9 @@ from scipy.optimize import brentq
 from continuation import NewtonSettings, solve_at
 from hbm import ResponseCurve, Sensitivities, sensitivities
 from hbm.fourier import FourierBasis
+from hbm.padding import pad
 from hbm.residual import HarmonicBalance, State
-from hbm.response import pad, steady_state, trace_frequency
+from hbm.response import steady_state, trace_frequency
 from hbm.sensitivity import rig_scalars
 from hbm.solution import PeriodicSolution, describe
 from hbm.symbolic import residual_function

@@ -17,8 +17,9 @@ from continuation import NewtonSettings, solve_at
 from hbm import integrate, sensitivities
 from hbm.handover import state_at_phase_zero
 from hbm.loop import friction_loop
+from hbm.padding import pad
 from hbm.residual import HarmonicBalance
-from hbm.response import pad, steady_state
+from hbm.response import steady_state
 from hbm.solution import PeriodicSolution, describe
 from models import Dahl, FrictionLaw, Frictionless, Iwan, Jenkins, LuGre, ModalBody, Rig, Stribeck, Viscous
 from models.causes import CAUSES, Cause, all_candidates
@@ -124,8 +125,8 @@ def away(a: PeriodicSolution, b: PeriodicSolution) -> float:
 
 def test_every_cause_is_tried_here():
     tried = {type(cause_of(label)[1]).name for label in LABELS}
-    # a rig alone does not show them: tests/diagnosis/test_records.py, test_transients.py
-    of_records = {"force-distortion", "drift", "not-steady"}
+    # a rig alone does not show them: tests/diagnosis/test_records.py, test_transients.py, test_contact_loss.py
+    of_records = {"force-distortion", "drift", "not-steady", "contact-loss"}
     assert tried == set(CAUSES) - {"swapped-channels"} - of_records
     parameters_tried = {label for label in LABELS if label.startswith("parameter:")}
     assert parameters_tried == {c.label for c in CAUSES["parameter"].candidates(NOMINAL["penalty"])}
