@@ -106,6 +106,8 @@ class ElementSlope:
 
     def by_excitation(self, shape: Array) -> Array:
         """Change (2H+1, r) of the forces along the rows with an excitation (2H+1,)."""
+        if not self._elements.static.any():
+            return np.zeros((len(shape), len(self._elements.rows)))
         return self.along(np.outer(shape, self._elements.static[:, 0])[:, :, None])[:, :, 0]
 
     def by_modes(self) -> Array:

@@ -142,7 +142,7 @@ class _Recorder:
         self._keep(X, self.steps + 1)
         self.friction.append(T)
         self.residual = max(self.residual, residual)
-        if self.lift_off is None:
+        if self.lift_off is None and not self.stepper.rig.contact.lift_off:
             self.lift_off = self._lift_off(X, T)
         self.steps += len(T)
         self.state = X[-1]

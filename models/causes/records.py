@@ -59,8 +59,9 @@ class NotSteady(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["NotSteady"]:
-        """Where transients are none yet; with a clamp that slips they are not known."""
-        if rig.excitation.settled and rig.attachments.clamp_limit is None:
+        """Where transients are none yet; with a clamp that slips or a tip that lifts off they are not known."""
+        known = rig.attachments.clamp_limit is None and not rig.contact.lift_off
+        if rig.excitation.settled and known:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:

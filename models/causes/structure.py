@@ -114,9 +114,9 @@ class ContactLoss(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ContactLoss"]:
-        """Of a beam whose reaction varies; with a clamp that slips it is not known."""
+        """Of a beam whose reaction varies; with a clamp that slips, or transients, it is not known."""
         contact = rig.contact
-        known = contact.residual_compliance and rig.attachments.clamp_limit is None
+        known = contact.residual_compliance and rig.attachments.clamp_limit is None and rig.excitation.settled
         if isinstance(rig.body, Beam) and known and contact.load_variation > 0.0 and not contact.lift_off:
             yield cls()
 

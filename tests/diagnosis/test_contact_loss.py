@@ -78,5 +78,6 @@ def test_it_is_offered_once_and_where_it_is_known(tmp_path) -> None:
         replace(rig, contact=replace(rig.contact, load_variation=0.0)),
         replace(rig, contact=replace(rig.contact, residual_compliance=False)),
         replace(rig, attachments=Attachments(clamp_stiffness=1e5, clamp_limit=1.0)),
+        replace(rig, excitation=replace(rig.excitation, settled=False)),
     ):
         assert not list(Cause.candidates(known))

@@ -110,6 +110,7 @@ def test_they_are_offered_once_and_where_they_are_known():
     assert not late.excitation.settled and late.damping.mass_proportional == 0.8
     assert list(NotSteady.candidates(late)) == []
     slipping = replace(rig, attachments=Attachments(clamp_stiffness=1e5, clamp_limit=1.0))
-    assert list(NotSteady.candidates(slipping)) == []
+    lifting = replace(rig, contact=replace(rig.contact, lift_off=True))
+    assert list(NotSteady.candidates(slipping)) == list(NotSteady.candidates(lifting)) == []
     ratios = replace(rig, damping=Damping(modal_ratios=(1e-3,)))
     assert LATE.unknowns(ratios) == () and not LATE.extend(ratios, {}).excitation.settled

@@ -17,10 +17,10 @@ from hbm.slipping import SlippingBalance
 from hbm.solution import PeriodicSolution
 from hbm.symbolic import residual_function
 from models import Attachments, Channel, Dahl, Jenkins, Rig, Viscous
-from models.clamp import ClampPort
 from models.elements import MidplaneStretching
 from models.numbers import number, with_number
 from models.published import PAPER_BEAM, PAPER_PENALTY
+from models.structure import SpringPort
 from tests.truth.measure import coefficients
 
 OWN = PAPER_BEAM.bending_stiffness / PAPER_BEAM.length
@@ -43,7 +43,7 @@ def away(a: PeriodicSolution, b: PeriodicSolution) -> float:
 def test_a_prescribed_rotation_takes_the_area_of_masings_loop(turned) -> None:
     """4 L (theta - L / k), and no moment above the limit."""
     k, limit, basis = 5e3, 0.5, FourierBasis(200, 4096)
-    clamp = ClampOverPeriod(ClampPort(np.array([k]), k, np.zeros(3)), limit, basis)
+    clamp = ClampOverPeriod(SpringPort(np.array([k]), k, np.zeros(3)), limit, basis)
     Q = np.zeros((basis.size, 1))
     Q[1, 0], Q[0, 0] = turned, 0.3 * turned  # a mean is forgotten
     motion = clamp.motion(clamp.held(Q, np.zeros(basis.size), np.zeros(basis.size)), 300.0)
