@@ -264,6 +264,12 @@ class ElementsOverPeriod:
         # what reads a velocity sees nothing of the excitation
         np.matmul(Omega * self.basis.synthesis, self.basis.derivative(Q @ self.rows.T), out=self._y_t)
 
+    def in_time(self, Q: Array, Omega: float, F: Array) -> Array:
+        """Force along each row at the samples, (N_t, r); a buffer, until the next call. See :meth:`along_rows`."""
+        self._read(Q, Omega, F)
+        self._evaluate()
+        return self._force.reshape(self._y.shape)
+
     def along_rows(self, Q: Array, Omega: float, F: Array) -> Array:
         """Coefficients of the force along each row, (2H+1, r).
 
@@ -276,13 +282,7 @@ class ElementsOverPeriod:
         F : (2H+1,) array
             Coefficients of the excitation [N].
         """
-        self._read(Q, Omega, F)
-        self._evaluate()
-        return np.asarray(self.basis.analysis @ self._force.reshape(self._y.shape))
-
-    def samples(self) -> Array:
-        """Force along each row at the samples of the last motion read, (N_t, r)."""
-        return self._force.reshape(self._y.shape).copy()
+        return np.asarray(self.basis.analysis @ self.in_time(Q, Omega, F))
 
     def pull(self, Q: Array, F: Array) -> float:
         """Largest reading of a tip that lifts off, in units of the load that holds it."""

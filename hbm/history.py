@@ -63,6 +63,14 @@ class Signal(NamedTuple):
     unit: str
 
 
+def differences(T: Array, dt: float) -> tuple[Array, Array]:
+    """First and second derivative of a signal, central inside, those of the neighbours or one-sided at the ends."""
+    if len(T) < 3:
+        return np.zeros_like(T), np.zeros_like(T)
+    curvature = np.diff(T, 2) / dt**2
+    return np.gradient(T, dt), np.concatenate([curvature[:1], curvature, curvature[-1:]])
+
+
 def acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Array:
     """Modal accelerations from the equation of motion (4), (N, n).
 
@@ -165,13 +173,7 @@ class TimeHistory:
     def _beyond(self, place: int, derivative: int = 0) -> Array:
         """What elements move drive (0) or a response channel (from 1) by beyond the modes, or its derivative, (N,)."""
         moved = self._moved[:, place]
-        if not moved.any() or len(moved) < 3:
-            return np.zeros_like(moved)
-        dt = 1.0 / (self.hz * self.samples_per_period)
-        if derivative == 2:
-            inside = np.diff(moved, 2) / dt**2
-            return np.concatenate([inside[:1], inside, inside[-1:]])
-        return np.asarray(np.gradient(moved, dt)) if derivative else moved
+        return (moved, *differences(moved, 1.0 / (self.hz * self.samples_per_period)))[derivative]
 
     @cached_property
     def _moved(self) -> Array:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hbm.history import State, TimeHistory, normal_reaction
+from hbm.history import State, TimeHistory, differences, normal_reaction
 from hbm.recurrence import monodromy
 from hbm.threads import one_thread
 from hbm.timestep import Stepper
@@ -158,7 +158,7 @@ class _Recorder:
         """What was kept."""
         s, n = self.stepper, self.stepper.rig.structure.n
         friction = np.concatenate(self.friction)
-        rate, curvature = _differences(friction, s.dt)
+        rate, curvature = differences(friction, s.dt)
         motion = np.concatenate(self.kept)
         steps = np.arange(self.first, self.steps + 1, self.every)
         return TimeHistory(
@@ -176,14 +176,6 @@ class _Recorder:
             lift_off=self.lift_off,
             largest_residual=self.residual,
         )
-
-
-def _differences(T: Array, dt: float) -> tuple[Array, Array]:
-    """First and second derivative of a signal, central inside, those of the neighbours or one-sided at the ends."""
-    if len(T) < 3:
-        return np.zeros_like(T), np.zeros_like(T)
-    curvature = np.diff(T, 2) / dt**2
-    return np.gradient(T, dt), np.concatenate([curvature[:1], curvature, curvature[-1:]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,7 +338,7 @@ def _periodic_history(period: _Period, time: float) -> TimeHistory:
     recorder = _Recorder(s, State.from_flat(period.x, n, time), 0, 1)
     recorder.add(period.X, period.T, period.residual)
     T = np.roll(period.T, 1)
-    rate, curvature = _differences(np.concatenate([T[-1:], T, T[:1]]), s.dt)
+    rate, curvature = differences(np.concatenate([T[-1:], T, T[:1]]), s.dt)
     return replace(
         recorder.history(),
         time=np.asarray(time + s.dt * np.arange(s.steps_per_period), dtype=float),

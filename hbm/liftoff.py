@@ -33,13 +33,14 @@ def solve_lifting(problem: HarmonicBalance, start: State, lam: float, settings: 
     own; and if that does not get there either, the motion is marched in time from where the tip was held, and solved
     for from there.
     """
-    result = solve_at(problem, pad(problem, start), lam, settings)
+    x = pad(problem, start)
+    result = solve_at(problem, x, lam, settings)
     if result.converged or problem.elements is None or not problem.rig.contact.lift_off:
         return result
     by_modes = _by_modes(problem, start, lam, settings)
     if by_modes is not None:
         return by_modes
-    held = solve_at(problem.with_load_on_lift(HELD), pad(problem, start), lam, settings)
+    held = solve_at(problem.with_load_on_lift(HELD), x, lam, settings)
     if not held.converged:
         return result
     lowered = _lowered(problem, held.x, lam, settings)

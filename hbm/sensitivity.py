@@ -284,7 +284,7 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
     x, _ = _refined(balance.here, balance, balance.scaled(disturbance.modes, disturbance.friction + balance.law(held)))
     d_Q, d_T = balance.unpack(x)
     s, basis, Omega = problem.structure, problem.basis, solution.state.Omega
-    slid = balance.slid(d_Q, d_T)
+    slid, pushed = balance.slid(d_Q, d_T), balance.by_elements(d_Q)
     out = {"friction": d_T}
     for place, c in enumerate(rig.response_channels, start=2):
         _, by_friction = s.residual.channels.get(c.name, (0.0, 0.0))
@@ -292,7 +292,8 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
         moved = moved + disturbance.channels.get(c.name, 0.0)
         if problem.clamp is not None:
             moved += problem.clamp.port.residual[place] * slid
-        moved += np.einsum("krp,r->kp", balance.by_elements(d_Q), balance.static[:, place - 1])
+        if problem.elements is not None:
+            moved += np.einsum("krp,r->kp", pushed, problem.elements.static[:, place - 1])
         for _ in range(DERIVATIVES[c.quantity]):
             moved = Omega * basis.derivative(moved)
         out[c.name] = as_read(basis, moved, Omega, c)
@@ -504,17 +505,11 @@ class _LinearBalance:
         self._friction_to_modes = np.ascontiguousarray(slip_by_modes.transpose(0, 2, 1)).reshape(size * n, size)
         self._rows = np.ascontiguousarray(problem.rows[:, 1:].T)
 
-    @property
-    def static(self) -> Array:
-        """What a force along each row of an element does to drive and channels beyond the modes, (r, 1 + c)."""
-        elements = self.problem.elements
-        return np.zeros((0, 1 + len(self.problem.rig.response_channels))) if elements is None else elements.static
-
     def by_elements(self, d_Q: Array) -> Array:
         """Change (2H+1, r, p) of the forces of the elements that deflections bring, velocities held."""
         elements, slope = self.problem.elements, self.here.slope
         if elements is None or slope is None or not elements.static.any():
-            return np.zeros((len(d_Q), len(self.static), d_Q.shape[2]))
+            return np.zeros((len(d_Q), 0 if elements is None else len(elements.rows), d_Q.shape[2]))
         return slope.along(np.einsum("ri,kip->krp", elements.rows, d_Q))
 
     def slid(self, d_Q: Array, d_T: Array) -> Array:

@@ -31,7 +31,8 @@ class Yielding(Protocol):
     slid: Array
 
     @property
-    def by_slid(self) -> Array:  # noqa: D102
+    def by_slid(self) -> Array:
+        """What the scaled balances lose to what is slid."""
         ...
 
     def load(self, x: Array, force: Array | float = 0.0) -> Array:
@@ -49,10 +50,8 @@ class LiftedTip:
     @cached_property
     def by_slid(self) -> Array:
         """What the scaled balances lose to the force along the row, (size, 2H+1)."""
-        problem, size, by_rho = self._problem, self._problem.basis.size, self._contact.by_rho
-        modal = np.kron(np.eye(size), self._elements.rows[-1][:, None])
-        friction = np.zeros((size, size)) if by_rho is None else -self._elements.onto[-1, -1] * by_rho
-        return np.concatenate([modal / problem.modal_force_ref, friction / problem.F_ref])
+        *row, share = self._elements.onto[-1]
+        return _lost(self._problem, np.array(row), [(self._contact.by_rho, -share)])
 
     def load(self, x: Array, force: Array | float = 0.0) -> Array:
         """Change (2H+1, r) of the reading with scaled unknowns (size, r) and force (2H+1, r)."""
@@ -86,13 +85,9 @@ class SlidRotation:
     @cached_property
     def by_slid(self) -> Array:
         """What the scaled balances lose to a slid rotation, (size, 2H+1)."""
-        problem, contact, port, size = self._problem, self._contact, self._clamp.port, self._problem.basis.size
-        friction = np.zeros((size, size))
-        for slope, share in ((contact.by_u, port.residual[0]), (contact.by_rho, port.residual[-1])):
-            if slope is not None:
-                friction += share * slope
-        modal = np.kron(np.eye(size), port.row[:, None])
-        return np.concatenate([modal / problem.modal_force_ref, friction / problem.F_ref])
+        contact, port = self._contact, self._clamp.port
+        seen = [(contact.by_u, port.residual[0]), (contact.by_rho, port.residual[-1])]
+        return _lost(self._problem, port.row, seen)
 
     def load(self, x: Array, force: Array | float = 0.0) -> Array:
         """Change (2H+1, r) of the moment if nothing had slid with scaled unknowns (size, r) and force (2H+1, r)."""
@@ -109,6 +104,20 @@ class SlidRotation:
     def complete(self, held: Array) -> Array:
         """Derivative (size, size) of the scaled balances to the scaled unknowns, of that with the rotation held."""
         return np.asarray(held - self.by_slid @ self.slid_by_unknowns)
+
+
+def _lost(problem: Balance, row: Array, seen: list[tuple[Array | None, float]]) -> Array:
+    """What the scaled balances lose to a signal that pushes the modes along a row, (size, 2H+1).
+
+    `seen` are slopes of the law, and the share of the signal in what each is a slope to.
+    """
+    size = problem.basis.size
+    friction = np.zeros((size, size))
+    for slope, share in seen:
+        if slope is not None:
+            friction += share * slope
+    modal = np.kron(np.eye(size), row[:, None])
+    return np.concatenate([modal / problem.modal_force_ref, friction / problem.F_ref])
 
 
 class SlippingBalance:

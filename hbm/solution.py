@@ -124,6 +124,11 @@ class PeriodicSolution:
         return bool(self.channels["normal"].samples.min() < 0.0)
 
     @property
+    def off(self) -> float:
+        """Share of the period without a reaction: for which a tip that can lift off is off its support."""
+        return float(np.mean(self.channels["normal"].samples <= 0.0))
+
+    @property
     def work_rate(self) -> float:
         """Wear work rate [W], the mean of R |v| over the period (26), v the velocity of the contact point itself.
 
@@ -215,10 +220,11 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
 
 def _unborne(problem: HarmonicBalance, state: State) -> Array:
     """Tension that a tip off its support does not bear, (N_t,) [N]."""
-    if problem.elements is None:
+    elements = problem.elements
+    if elements is None:
         return np.zeros(problem.basis.N_t)
-    problem.elements.along_rows(state.Q, state.Omega, state.F * problem.force_shape)
-    return np.asarray(problem.elements.samples()[:, -1] * problem.rig.contact.normal_load / problem.elements.weight[-1])
+    forces = elements.in_time(state.Q, state.Omega, state.F * problem.force_shape)
+    return np.asarray(forces[:, -1] * problem.rig.contact.normal_load / elements.weight[-1])
 
 
 def _energy_error(problem: HarmonicBalance, state: State, kin: Kinematics, channels: Mapping[str, Signal]) -> float:

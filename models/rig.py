@@ -17,10 +17,10 @@ from models.structure import Array, ModalStructure, SpringPort, modal_damping
 Quantity = Literal["force", "acceleration", "velocity", "displacement"]
 QUANTITIES: tuple[str, ...] = get_args(Quantity)
 Numbers = npt.NDArray[np.intp]
+UNITS: dict[str, str] = {"force": "N", "acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
+
 RIGID = 1e10
 """Stiffness of a support that does not yield, in units of E I / L^3, where a tip can lift off it."""
-
-UNITS: dict[str, str] = {"force": "N", "acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
 
 
 @dataclass(frozen=True)

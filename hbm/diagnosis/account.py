@@ -224,7 +224,7 @@ class Account:
     @staticmethod
     def _off(base: Evaluation) -> Iterator[str]:
         """For how long the tip is off its support."""
-        share = {number: float(np.mean(s["normal"].samples <= 0.0)) for number, s in base.solutions.items()}
+        share = {number: solution.off for number, solution in base.solutions.items()}
         lifted = [number for number, off in share.items() if off > 0.0]
         if lifted:
             yield (

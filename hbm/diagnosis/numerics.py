@@ -178,7 +178,7 @@ def correction(
     if between is None:
         return None
     coarse, finer = amplitudes_of(data, solution), amplitudes_of(data, between)
-    share = LEFT_OFF if rig.contact.lift_off and solution["normal"].samples.min() <= 0.0 else LEFT
+    share = LEFT_OFF if rig.contact.lift_off and solution.off else LEFT
     if _length(finer - coarse, record) < NEGLIGIBLE:
         return Correction(finer - coarse, share * size(finer - coarse))
     (last,) = _solved(rig, [record], numerics.fine, [between])
