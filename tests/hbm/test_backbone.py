@@ -25,6 +25,11 @@ DAHL = Dahl(mu=0.5, stiffness=1e7)
 JENKINS = Jenkins(mu=0.5, critical_slip=0.5 / 0.37)  # on the unit oscillator a stiffness of 0.37
 
 
+def lifting(rig: Rig) -> Rig:
+    """On a load on which the tip of the test is off its support for most of the period."""
+    return replace(rig, contact=replace(rig.contact, normal_load=100.0, lift_off=True))
+
+
 # ---- the system that is solved
 
 
@@ -36,8 +41,9 @@ JENKINS = Jenkins(mu=0.5, critical_slip=0.5 / 0.37)  # on the unit oscillator a 
         replace(beam(DAHL), elements=(MidplaneStretching(1e6),)),
         replace(beam(DAHL), attachments=Attachments(clamp_stiffness=1e4, clamp_limit=3.0)),
         beam(Coulomb(mu=0.5)),
+        lifting(beam(DAHL)),
     ],
-    ids=["dahl", "elements", "clamp", "set-valued"],
+    ids=["dahl", "elements", "clamp", "set-valued", "lift-off"],
 )
 def test_derivative_of_the_residual(rig: Rig, kind: type[DriveAmplitude]) -> None:
     problem, rng, lam = kind(rig, FourierBasis(3, 64)), np.random.default_rng(2), -3.7
