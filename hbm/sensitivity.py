@@ -92,6 +92,8 @@ class Sensitivities:
         Corrections of the first back-substitution.
     mixing : (p, n, n) array
         Derivatives of the modes within each other: columns are the changed modes in those there are now.
+    disturbed : dict of str to (2H+1, d) array
+        What the disturbances beside do, as of :func:`disturbed`.
     """
 
     solution: PeriodicSolution
@@ -103,6 +105,7 @@ class Sensitivities:
     channels: Mapping[str, ChannelSensitivity]
     refinements: int
     mixing: Array
+    disturbed: Mapping[str, Array]
 
     def __getitem__(self, name: str) -> ChannelSensitivity:
         """Channel by name."""
@@ -125,7 +128,9 @@ class Sensitivities:
 
 
 @one_thread
-def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | None = None) -> Sensitivities:
+def sensitivities(
+    rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | None = None, beside: "Disturbance | None" = None
+) -> Sensitivities:
     """Exact derivatives of a periodic solution to the parameters of its rig.
 
     Parameters
@@ -137,6 +142,8 @@ def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | No
     keys : sequence of str, optional
         What to differentiate to, of :func:`rig_scalars`; where omitted the friction law's parameters, normal load,
         force, frequency and mass-proportional damping.
+    beside : Disturbance, optional
+        What to solve for along with it, at next to no cost.
 
     Returns
     -------
@@ -176,14 +183,17 @@ def sensitivities(rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | No
         raise ValueError(f"sensitivities: {found}; must be some of {', '.join(known)}")
     held, balance = _Held(here, keys), _LinearBalance(here)
     law = problem.basis.analysis @ _friction(here, held.inputs)
-    x, refinements = _refined(here, balance, balance.scaled(-held.modal, law))
-    d_Q, d_T = balance.unpack(x)
+    right = balance.scaled(-held.modal, law)
+    also = np.zeros((len(right), 0)) if beside is None else balance.disturbed(beside)
+    x, refinements = _refined(here, balance, np.hstack([right, also]))
+    d_Q, d_T = balance.unpack(x[:, : len(keys)])
     slid = held.slid + balance.slid(d_Q, d_T)
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
     channels = _Channels(here, solution, held, _Change(d_Q, d_T, signals, slid, balance.by_elements(d_Q)))
     values, units = zip(*(known[key] for key in keys), strict=True)
     mixing = _mixing(held.structure, problem.structure.omega_n**2)
-    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, mixing)
+    moved = {} if beside is None else _seen_of(balance, beside, x[:, len(keys) :])
+    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, mixing, moved)
 
 
 def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
@@ -280,13 +290,17 @@ def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) ->
     """
     problem = HarmonicBalance(rig, solution.basis, level=solution.level)
     balance = _LinearBalance(problem.linearize(*problem.pack(solution.state)))
-    held = np.stack([disturbance.slip, disturbance.reaction, np.zeros_like(disturbance.slip)], axis=1)
-    x, _ = _refined(balance.here, balance, balance.scaled(disturbance.modes, disturbance.friction + balance.law(held)))
-    d_Q, d_T = balance.unpack(x)
-    s, basis, Omega = problem.structure, problem.basis, solution.state.Omega
+    x, _ = _refined(balance.here, balance, balance.disturbed(disturbance))
+    return _seen_of(balance, disturbance, x)
+
+
+def _seen_of(balance: "_LinearBalance", disturbance: Disturbance, x: Array) -> dict[str, Array]:
+    """Change of response channels and friction by a disturbance, and by the scaled unknowns (size, p) it moves."""
+    problem, (d_Q, d_T) = balance.problem, balance.unpack(x)
+    s, basis, Omega = problem.structure, problem.basis, balance.state.Omega
     slid, pushed = balance.slid(d_Q, d_T), balance.by_elements(d_Q)
     out = {"friction": d_T}
-    for place, c in enumerate(rig.response_channels, start=2):
+    for place, c in enumerate(problem.rig.response_channels, start=2):
         _, by_friction = s.residual.channels.get(c.name, (0.0, 0.0))
         moved = np.einsum("kip,i->kp", d_Q, s.channel_rows[c.name]) + by_friction * d_T
         moved = moved + disturbance.channels.get(c.name, 0.0)
@@ -554,6 +568,11 @@ class _LinearBalance:
             if slope is not None:
                 change += slope @ signals[:, i]
         return change
+
+    def disturbed(self, by: Disturbance) -> Array:
+        """What acts beside the excitation in the units of the residual, (size, p)."""
+        held = np.stack([by.slip, by.reaction, np.zeros_like(by.slip)], axis=1)
+        return self.scaled(by.modes, by.friction + self.law(held))
 
     def scaled(self, modal: Array, contact: Array) -> Array:
         """Balances (size, p) in the units of the residual, of modal (2H+1, n, p) and contact (2H+1, p) forces."""

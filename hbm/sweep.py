@@ -1,10 +1,12 @@
 """The same task for many items, here or by an executor of ``concurrent.futures``."""
 
 import os
+import pickle
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
+from functools import lru_cache
 from multiprocessing import get_context
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from hbm.threads import one_thread
 
@@ -15,9 +17,12 @@ CHUNKS = 8
 
 
 def all_cores(prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
-    """Executor with a process for each core this one may run on, each prepared first."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else None
-    return ProcessPoolExecutor(cores, get_context("spawn"), prepare)
+    """Executor with a process for each core this one may run on, each prepared first, at once."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    executor = ProcessPoolExecutor(cores, get_context("spawn"), prepare)
+    for _ in range(cores):  # a process starts with its first task, which may come late
+        executor.submit(int)
+    return executor
 
 
 def each(executor: Executor | None, task: Callable[..., Result], *items: Sequence[Any]) -> list[Result]:
@@ -26,8 +31,9 @@ def each(executor: Executor | None, task: Callable[..., Result], *items: Sequenc
     Parameters
     ----------
     executor : concurrent.futures.Executor or None
-        Without one the items are done one after the other, here. One of processes needs a task that can be pickled.
+        Without one the items are done one after the other, here.
     task : callable
+        One that can be pickled, where there is an executor.
     *items : sequence
         One sequence for each argument of the task.
     """
@@ -35,9 +41,16 @@ def each(executor: Executor | None, task: Callable[..., Result], *items: Sequenc
         return [task(*values) for values in zip(*items, strict=True)]
     size = max(1, len(items[0]) // CHUNKS)
     parts = [list(zip(*(values[i : i + size] for values in items), strict=True)) for i in range(0, len(items[0]), size)]
-    return [result for part in executor.map(_part, [task] * len(parts), parts) for result in part]
+    return [result for part in executor.map(_part, [pickle.dumps(task)] * len(parts), parts) for result in part]
 
 
 @one_thread
-def _part(task: Callable[..., Result], values: Sequence[tuple[Any, ...]]) -> list[Result]:
+def _part(pickled: bytes, values: Sequence[tuple[Any, ...]]) -> list[Any]:
+    task = _unpickled(pickled)
     return [task(*arguments) for arguments in values]
+
+
+@lru_cache(maxsize=1)
+def _unpickled(task: bytes) -> Callable[..., Any]:
+    """A task, one for all parts that a process does: a rig in it is worked out once."""
+    return cast(Callable[..., Any], pickle.loads(task))

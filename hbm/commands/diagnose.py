@@ -13,12 +13,17 @@ from hbm.commands.options import RigFile, Spread, console, named, positive, prin
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from hbm.diagnosis.discrepancy import Discrepancy
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.results.diagnosisfiles import Diagnosed
     from models.rig import Rig
 
 COMMAND = "diagnose"
+
+NEARLY_DONE = 0.97
+"""Fraction of the work that is done when the verdict is known."""
 
 
 class SpreadDiagnose(Spread):
@@ -94,7 +99,8 @@ def diagnose(
             on_progress=work.show,
             executor=executor,
         )
-    force, failure = _missing_force(found)
+        work.show("the force that is missing", NEARLY_DONE)
+        force, failure = _missing_force(found, executor)
     from hbm.results.diagnosisfiles import Diagnosed
 
     result = Diagnosed(found, loaded, measured, force, tuple(_warnings(found, failure)))
@@ -182,7 +188,7 @@ def _failing(source: str) -> Iterator[None]:
         raise ArithmeticError(f"{COMMAND}: {source}: {failed}; nothing written") from None
 
 
-def _missing_force(found: "Diagnosis") -> tuple["Discrepancy | None", str]:
+def _missing_force(found: "Diagnosis", executor: "Executor") -> tuple["Discrepancy | None", str]:
     """What the calibrated model lacks, or why that could not be worked out."""
     from hbm.diagnosis.discrepancy import discrepancy
     from hbm.diagnosis.records import FAILURES
@@ -190,8 +196,7 @@ def _missing_force(found: "Diagnosis") -> tuple["Discrepancy | None", str]:
     if found.calibrated is None or found.campaign is None or found.verdict == "consistent":
         return None, ""
     try:
-        with working("looking for the missing force"):
-            return discrepancy(found.calibrated, found.campaign), ""
+        return discrepancy(found.calibrated, found.campaign, executor), ""
     except FAILURES as failed:
         return None, f"{COMMAND}: the missing force could not be worked out, the rest is written: {failed}"
 

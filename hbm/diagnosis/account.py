@@ -1,7 +1,7 @@
 """A decision accounted for: scored on the records held out, and said in numbers and sentences."""
 
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -84,9 +84,9 @@ class Account:
             nominal=self.search.nominal,
             calibrated=self.search.calibrated,
             extended_fit=best,
-            campaign=self.search.campaign,
+            campaign=replace(self.search.campaign, executor=None),
             held=self._held(best),
-            held_campaign=self.hidden,
+            held_campaign=None if self.hidden is None else replace(self.hidden, executor=None),
         )
 
     def _held(self, best: Evaluation | None) -> dict[str, Evaluation]:

@@ -6,7 +6,9 @@ calibrated numbers move along, within what is expected of them, so that no place
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +21,7 @@ from hbm.fourier import Array
 from hbm.identification.records import Measurement, Record, parts
 from hbm.sensitivity import disturbed
 from hbm.solution import PeriodicSolution
+from hbm.sweep import each
 from models.rig import UNITS, Rig
 
 LEFT_OVER = 0.1
@@ -309,7 +312,7 @@ def _phase(f: MissingForce) -> str:
     )
 
 
-def discrepancy(e: Evaluation, campaign: Campaign) -> Discrepancy:
+def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = None) -> Discrepancy:
     """The force that a model lacks, at each place in turn.
 
     Parameters
@@ -317,6 +320,8 @@ def discrepancy(e: Evaluation, campaign: Campaign) -> Discrepancy:
     e : Evaluation
         A model beside the records of the campaign.
     campaign : Campaign
+    executor : concurrent.futures.Executor, optional
+        Does the records side by side.
 
     Returns
     -------
@@ -325,11 +330,10 @@ def discrepancy(e: Evaluation, campaign: Campaign) -> Discrepancy:
     rig = campaign.numerics.working.rig(e.model.rig(e.x))
     unit = {c.name: UNITS[c.quantity] for c in rig.channels}
     places = [*places_of(rig), *(sensor(name, unit[name]) for name in campaign.data.channels)]
-    white = [
-        WhiteRecord(r, e, campaign, places, _columns(rig, places, e.found[r.number].solution, campaign.data))
-        for r in campaign.data.records
-        if r.number in e.found
-    ]
+    found = [r for r in campaign.data.records if r.number in e.found]
+    solutions = [e.found[r.number].solution for r in found]
+    columns = each(executor, partial(_columns, rig, campaign.data), solutions)
+    white = [WhiteRecord(r, e, campaign, places, c) for r, c in zip(found, columns, strict=True)]
     points, numbers = sum(len(w.residual) for w in white), 2 * campaign.data.H * len(white)
     alone = [_at(place, [Span(w.columns[i]) for w in white], white, e, i) for i, place in enumerate(places)]
     beside = [
@@ -373,10 +377,9 @@ class WhiteRecord:
         self.seen = [p.seen(simulated.solution)[1 : campaign.data.H + 1] for p in places]
 
 
-def _columns(rig: Rig, places: Sequence[Place], solution: PeriodicSolution, data: Measurement) -> Array:
+def _columns(rig: Rig, data: Measurement, solution: PeriodicSolution) -> Array:
     """Change of the amplitudes of the channels with cosines, then sines of each harmonic at each place."""
-    forces = [p for p in places if p.kind != "reading"]
-    moved = read_by(data, solution, disturbed(rig, solution, all_at_once(forces, solution, data.H)))
+    moved = read_by(data, solution, disturbed(rig, solution, all_at_once(places_of(rig), solution, data.H)))
     readings = [_of_reading(i, len(data.channels), data.H) for i in range(len(data.channels))]
     return np.concatenate([moved, *readings], axis=3)
 

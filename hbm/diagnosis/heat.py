@@ -1,6 +1,7 @@
 """Quick fits of candidates: on few records, a coarse discretisation, some steps from the best of many starts."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise, product
@@ -109,9 +110,13 @@ class Heats:
     def run(self, scores: Sequence[Score], most: int = STARTS, steps: int = STEPS) -> list[Runner | None]:
         """Runners, None where there is no fit."""
         self._compare(scores)
-        starts = [self.compared[s.cause.label] for s in scores]
-        heat = partial(_heat, self._quick, self.few, self.spread, most=most, steps=steps)
-        return each(self.campaign.executor, heat, scores, starts)
+        near = [_near(self._quick, self.few, s, self.compared[s.cause.label], most) for s in scores]
+        causes = [score.cause for score, starts in zip(scores, near, strict=True) for _ in starts]
+        task = partial(_stepped, self._quick, self.few, steps)
+        each_fit = iter(each(self.campaign.executor, task, causes, [x for starts in near for x in starts]))
+        fits = [[e for _ in starts if (e := next(each_fit)) is not None] for starts in near]
+        limited = each(self.campaign.executor, partial(_limited, self.few, steps), fits)
+        return [_runner(self._quick, self.spread, s.cause, f) for s, f in zip(scores, limited, strict=True)]
 
     def _compare(self, scores: Sequence[Score]) -> None:
         new = [s for s in scores if s.cause.label not in self.compared]
@@ -136,28 +141,45 @@ def _compared(base: Evaluation, few: Campaign, score: Score) -> Starts:
         return []
 
 
-def _heat(
-    base: Evaluation, few: Campaign, spread: float, score: Score, starts: Starts, most: int, steps: int
-) -> Runner | None:
-    """Quick fit of a candidate; None where no start has steady states.
+def _near(base: Evaluation, few: Campaign, score: Score, starts: Starts, most: int) -> list[Array]:
+    """Where steps are taken from; nowhere where no start has steady states."""
+    if not starts:
+        return []
+    before = _misfit_on(base, few)
+    first = [(chi2, x) for chi2, x in starts[:most] if chi2 < WORSE * before]
+    near = [x for chi2, x in first if chi2 <= SECOND * first[0][0] or most > STARTS]
+    if score.drop > PROMISING * before or not near:
+        near.append(starting(lighter(base).extended_by(score.cause), base, score.start))
+    return near
+
+
+def _stepped(base: Evaluation, few: Campaign, steps: int, cause: Cause, x: Array) -> Evaluation | None:
+    """Quick fit of a candidate from one start; None where that has no steady state."""
+    try:
+        return fit_model(lighter(base).extended_by(cause), few, x, base.solutions, steps, SETTLED, PART)
+    except FAILURES:
+        return None
+
+
+def _limited(few: Campaign, steps: int, fits: Sequence[Evaluation]) -> list[Evaluation]:
+    """Fits of a candidate, the best first, with those whose limits are lowered."""
+    found = list(fits)
+    if found:
+        with suppress(*FAILURES):
+            found += with_limits(min(found, key=rank), few, steps)
+    return sorted(found, key=rank)
+
+
+def _runner(base: Evaluation, spread: float, cause: Cause, fits: Sequence[Evaluation]) -> Runner | None:
+    """A candidate as its best fit leaves it; None where there is none.
 
     What it leaves counts with what its covariance spreads beyond `spread`: transients may explain much.
     """
-    if not starts:
+    if not fits:
         return None
-    model, before = lighter(base).extended_by(score.cause), _misfit_on(base, few)
-    first = [(chi2, x) for chi2, x in starts[:most] if chi2 < WORSE * before]
-    near = [x for chi2, x in first if chi2 <= SECOND * first[0][0] or most > STARTS]
-    try:
-        if score.drop > PROMISING * before or not near:
-            near.append(starting(model, base, score.start))
-        fits = [fit_model(model, few, x, base.solutions, steps, SETTLED, PART) for x in near]
-        fits += with_limits(min(fits, key=rank), few, steps)
-    except FAILURES:
-        return None
-    best, *others = sorted(fits, key=rank)
-    carried = [_carried(base.model.extended_by(score.cause), base, e) for e in (best, *_apart(best, others))]
-    return Runner(score.cause, best.chi2 + best.white.spread - spread, carried[0], tuple(carried[1:]))
+    best, *others = fits
+    carried = [_carried(base.model.extended_by(cause), base, e) for e in (best, *_apart(best, others))]
+    return Runner(cause, best.chi2 + best.white.spread - spread, carried[0], tuple(carried[1:]))
 
 
 def _misfit_on(base: Evaluation, few: Campaign) -> float:

@@ -76,7 +76,7 @@ class Numerics:
         )
 
 
-def choose(rig: Rig, data: Measurement) -> Numerics:
+def choose(rig: Rig, data: Measurement, executor: Executor | None = None) -> Numerics:
     """Coarsest working discretisation that will do.
 
     Parameters
@@ -84,6 +84,8 @@ def choose(rig: Rig, data: Measurement) -> Numerics:
     rig : Rig
         With as many modes as the highest measured harmonic needs.
     data : Measurement
+    executor : concurrent.futures.Executor, optional
+        Does the records side by side.
 
     Returns
     -------
@@ -95,8 +97,9 @@ def choose(rig: Rig, data: Measurement) -> Numerics:
     best: list[Array | None] | None = None
     change = np.inf
     for working in rungs:
-        found = _solved(rig, probed, working, [None] * len(probed))
-        best = _amplitudes(data, _solved(rig, probed, fine, found)) if best is None else best
+        found = each(executor, partial(_solved, working.rig(rig), working.basis), probed, [None] * len(probed))
+        if best is None:
+            best = _amplitudes(data, each(executor, partial(_solved, fine.rig(rig), fine.basis), probed, found))
         pairs = zip(_amplitudes(data, found), best, probed, strict=True)
         lengths = [_length(a - b, r) for a, b, r in pairs if a is not None and b is not None]
         change = max(lengths, default=np.inf)
@@ -120,17 +123,12 @@ def amplitudes_of(data: Measurement, solution: PeriodicSolution) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _solved(
-    rig: Rig, records: list[Record], grid: Grid, last: list[PeriodicSolution | None]
-) -> list[PeriodicSolution | None]:
-    fine = grid.rig(rig)
-    out: list[PeriodicSolution | None] = []
-    for record, start in zip(records, last, strict=True):
-        try:
-            out.append(solve_record(record.rig(fine), grid.basis, record, None if start is None else start.state))
-        except (ConvergenceError, ValueError):
-            out.append(None)
-    return out
+def _solved(rig: Rig, basis: FourierBasis, record: Record, start: PeriodicSolution | None) -> PeriodicSolution | None:
+    """Steady state of a record; None where it is not found."""
+    try:
+        return solve_record(record.rig(rig), basis, record, None if start is None else start.state)
+    except (ConvergenceError, ValueError):
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,14 +172,14 @@ def correction(
     rig: Rig, data: Measurement, numerics: Numerics, record: Record, solution: PeriodicSolution
 ) -> Correction | None:
     """Correction of one record."""
-    (between,) = _solved(rig, [record], numerics.finer, [solution])
+    between = _solved(numerics.finer.rig(rig), numerics.finer.basis, record, solution)
     if between is None:
         return None
     coarse, finer = amplitudes_of(data, solution), amplitudes_of(data, between)
     share = LEFT_OFF if rig.contact.lift_off and solution.off else LEFT
     if _length(finer - coarse, record) < NEGLIGIBLE:
         return Correction(finer - coarse, share * size(finer - coarse))
-    (last,) = _solved(rig, [record], numerics.fine, [between])
+    last = _solved(numerics.fine.rig(rig), numerics.fine.basis, record, between)
     if last is None:
         return None
     best = amplitudes_of(data, last)

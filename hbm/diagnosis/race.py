@@ -211,18 +211,22 @@ def _by_heat(
 def _first_heat(heats: Heats, screening: Screening, explained: float, tell: Tell) -> tuple[list[Runner], set[str]]:
     """Quick fits of what may explain the records, the least chi2 first; and the labels of all that were tried."""
     running = _running(screening, heats.base)
+    waiting, started = running, 0
     heat: list[Runner] = []
     ran: set[str] = set()
-    for i in range(0, len(running), heats.at_once):
-        if i == FAVOURED and all(r.chi2 > explained for r in heat):
+
+    def outrun(score: Score) -> bool:
+        return _settled(heat, explained, score.cause, screening)
+
+    while waiting := [s for s in waiting if not outrun(s)]:
+        if started == FAVOURED and all(r.chi2 > explained for r in heat):
             tell("starts of all others")
-            running[i:] = heats.ordered(running[i:])
-        batch = [s for s in running[i : i + heats.at_once] if not _settled(heat, explained, s.cause, screening)]
-        if not batch:
-            continue
-        tell(", ".join(s.cause.label for s in batch) + f" ({i + 1} of {len(running)})")
+            waiting = heats.ordered(waiting)
+        batch, waiting = waiting[: heats.at_once], waiting[heats.at_once :]
+        started += len(batch)
+        tell(", ".join(s.cause.label for s in batch) + f" ({started} of {len(running)})")
         for score, runner in zip(batch, heats.run(batch), strict=True):  # the same with and without an executor
-            if _settled(heat, explained, score.cause, screening):
+            if outrun(score):
                 continue
             ran.add(score.cause.label)
             if runner is not None:

@@ -17,7 +17,7 @@ from hbm.diagnosis.numerics import Correction, Grid, Numerics, amplitudes_of, co
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.records import Measurement, Record, force_columns, parts, solve_from, solve_record
 from hbm.residual import State
-from hbm.sensitivity import FORCE, HZ, Disturbance, disturbed, sensitivities
+from hbm.sensitivity import FORCE, HZ, Disturbance, sensitivities
 from hbm.solution import PeriodicSolution
 from hbm.sweep import each
 from hbm.transient import transients
@@ -337,8 +337,9 @@ def simulated(
     here, solution = solved
     own, by_keys = in_record(rig, keys, record.number)
     tones = tuple(tone_scalars(here)) if here.excitation.measured_harmonics else ()
+    spare = spare_friction(here, solution)
     try:
-        by = sensitivities(here, solution, (*own, FORCE, HZ, *tones))
+        by = sensitivities(here, solution, (*own, FORCE, HZ, *tones), held_beside(solution) if spare > 0.0 else None)
         left = None if here.excitation.settled else left_by_transients(here, solution, data)
     except FAILURES:
         return None
@@ -352,7 +353,7 @@ def simulated(
         by_force=slopes[..., p],
         by_hz=slopes[..., p + 1],
         by_tones=by_tones,
-        by_history=history(here, solution, data) if sticks(solution) else None,
+        by_history=history(spare, by.disturbed, solution, data) if spare > 0.0 else None,
         by_transients=left,
         Q_by_keys=by.own_Q[..., :p] @ by_keys,
         T_by_keys=by.T[..., :p] @ by_keys,
@@ -365,22 +366,30 @@ def sticks(solution: PeriodicSolution) -> bool:
     return abs(solution.friction_loss) <= LOSSLESS * float(np.ptp(T) * np.ptp(slip))
 
 
-def history(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array | None:
-    """Change of the amplitudes (2, c, H) with one standard deviation of the mean friction of a contact that sticks.
-
-    The mean may be anything that friction can hold beside what oscillates; it stiffens or softens the beam like a
-    force along it (foreshortening), which near a sharp resonance is seen.
-    """
+def spare_friction(rig: Rig, solution: PeriodicSolution) -> float:
+    """What friction can hold beside what oscillates, where the contact never slips; else 0 [N]."""
+    if not sticks(solution):
+        return 0.0
     law = parameters(rig.contact.law)
     held = max((float(law[name]) for name in ("mu", "mu_static") if name in law), default=0.0) * rig.contact.normal_load
-    spare = held - float(np.ptp(solution["friction"].samples)) / 2.0
-    if spare <= 0.0:
-        return None
+    return max(held - float(np.ptp(solution["friction"].samples)) / 2.0, 0.0)
+
+
+def held_beside(solution: PeriodicSolution) -> Disturbance:
+    """A constant friction force."""
     constant = np.zeros((solution.basis.size, 1))
     constant[0] = 1.0
     none = np.zeros_like(constant)
-    modes = np.zeros((solution.basis.size, rig.structure.n, 1))
-    by_force = disturbed(rig, solution, Disturbance(modes, constant, none, none, {}))
+    return Disturbance(np.zeros((*solution.state.Q.shape, 1)), constant, none, none, {})
+
+
+def history(spare: float, by_force: Mapping[str, Array], solution: PeriodicSolution, data: Measurement) -> Array:
+    """Change of the amplitudes (2, c, H) with one standard deviation of the mean friction of a contact that sticks.
+
+    The mean may be anything that friction can hold beside what oscillates; it stiffens or softens the beam like a
+    force along it (foreshortening), which near a sharp resonance is seen. `by_force` is what a constant friction force
+    does, `spare` what friction can hold.
+    """
     size = spare / np.sqrt(3.0) / float(by_force["friction"][0, 0])
     change = [parts(solution.basis, by_force[name], data.H)[..., 0] for name in data.channels]
     return np.asarray(size * np.stack(change, axis=1))

@@ -64,7 +64,7 @@ def campaign_of(
     data = measurement_of(seen, sensing(seen.rig, spectra))
     if not any(r.listed.any() for r in data.records):
         raise InputError(f"{spectra.source}: no harmonic of any response was measured; must have one")
-    numerics = choose(seen.rig, data) if numerics is None else numerics
+    numerics = choose(seen.rig, data, executor) if numerics is None else numerics
     return Campaign(data, numerics, executor=executor), seen.warnings
 
 

@@ -138,8 +138,10 @@ def embedded(figure: Figure, dpi: int = RESOLUTIONS[0]) -> str:
 
 def settle(figure: Figure) -> Figure:
     """Lay a figure out once and for all, so that saving it several times is quick; returns it."""
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)  # "none" would draw it once more for each file
     return figure
 
 

@@ -6,8 +6,9 @@ import numpy as np
 
 import hbm.integrate
 from hbm import steady_state
-from hbm.diagnosis.records import history, sticks
+from hbm.diagnosis.records import held_beside, history, spare_friction, sticks
 from hbm.identification.records import Measurement
+from hbm.sensitivity import FORCE, disturbed, sensitivities
 from models.published import PAPER_PENALTY, paper_rig
 
 PAPER = paper_rig().with_modes(5)
@@ -26,7 +27,11 @@ def test_motion_depends_on_the_mean_friction_as_time_integration_says():
     assert plain.converged and pushed.converged and sticks(balanced)
     mean = pushed.history.friction[:-1].mean() - plain.history.friction[:-1].mean()
     spare = RIG.contact.law.mu * RIG.contact.normal_load - np.ptp(balanced["friction"].samples) / 2
-    change = history(RIG, balanced, Measurement((), CHANNELS, H, np.zeros(0)))
+    assert spare_friction(RIG, balanced) == spare
+    by = sensitivities(RIG, balanced, [FORCE], held_beside(balanced))
+    change = history(spare, by.disturbed, balanced, Measurement((), CHANNELS, H, np.zeros(0)))
+    alone = disturbed(RIG, balanced, held_beside(balanced))
+    assert all(np.allclose(by.disturbed[name], alone[name], rtol=1e-9, atol=0.0) for name in alone)
     by_mean = change[:, :, 0] / (spare / np.sqrt(3))
     for name, predicted in zip(CHANNELS, by_mean.T, strict=True):
         moved = pushed.history.harmonics(name, H) - plain.history.harmonics(name, H)
@@ -36,4 +41,6 @@ def test_motion_depends_on_the_mean_friction_as_time_integration_says():
 
 
 def test_contact_that_slips_has_no_say_in_its_mean():
-    assert not sticks(steady_state(RIG, 50.0, harmonics=15))
+    slipping = steady_state(RIG, 50.0, harmonics=15)
+    assert not sticks(slipping)
+    assert spare_friction(RIG, slipping) == 0.0
