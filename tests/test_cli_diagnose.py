@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -46,8 +47,9 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No figures: those are drawn once."""
+    """No figures, these are drawn once, and no processes, whose start would take longer than what they do."""
     monkeypatch.setattr("hbm.results.diagnosisfiles.diagnosis_plates", lambda found: [])
+    monkeypatch.setattr("hbm.sweep.all_cores", lambda prepare: nullcontext())
 
 
 @pytest.fixture(scope="module")
@@ -304,7 +306,7 @@ def nameless(rows: list[Row]) -> list[Row]:
     ],
 )
 def test_spectra_that_will_not_do_are_refused(
-    folder: Path, tmp_path: Path, change: Callable[[list[Row]], list[Row]], line: str
+    folder: Path, tmp_path: Path, plain: None, change: Callable[[list[Row]], list[Row]], line: str
 ) -> None:
     refused(run("diagnose", str(folder / "rig.toml"), changed(folder, tmp_path, change), *to(tmp_path)), line, tmp_path)
 

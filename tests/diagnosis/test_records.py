@@ -2,6 +2,7 @@
 
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from multiprocessing import get_context
 from types import SimpleNamespace
 
@@ -22,6 +23,7 @@ from hbm.diagnosis.screen import screen, small
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
 from hbm.identification.records import force_columns
+from hbm.sweep import each
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, ParameterDrift
@@ -297,6 +299,20 @@ def test_candidates_race_alike_side_by_side(measured):
     assert [e.model.label for e in together] == [e.model.label for e in alone]
     for one, other in zip(together, alone, strict=True):
         np.testing.assert_allclose(one.x, other.x, rtol=1e-12)
+
+
+def noted(done: list[int], item: int) -> int:
+    """How many items a task has done."""
+    done.append(item)
+    return len(done)
+
+
+def test_all_parts_in_a_process_share_a_task_and_what_it_has_worked_out():
+    task: partial[int] = partial(noted, [])
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        assert each(pool, task, range(20)) == list(range(1, 21))
+        assert each(pool, partial(noted, [0]), range(3)) == [2, 3, 4]
+    assert task.args == ([],)
 
 
 # ---- fits that are of no use end early
