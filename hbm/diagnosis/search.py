@@ -8,6 +8,7 @@ import numpy as np
 
 from hbm.diagnosis.calibrate import SENSORS, calibrate, off, profiled, trusted
 from hbm.diagnosis.decide import (
+    DECISIVE,
     Decision,
     accepted,
     best_first,
@@ -146,6 +147,10 @@ class Search:
             return Decision(self.nominal, None, exact.fits)
         self.tell("screening over the calibrated model", 0.5)
         first = self._race(self.calibrated, self._screened(self.calibrated), 0.55)
+        if self._calibrated_further(first):
+            if self._within():
+                return Decision(self.calibrated, None, exact.fits)
+            first = _decided(self.calibrated, first.fits, self.tried)
         if self._explains(first):
             return self._plainest(exact, first)
         several = self._several() if off(self.trust, self.calibrated) else None
@@ -189,6 +194,16 @@ class Search:
             return [refine(fit_model(model, self.campaign, starting(model, base, {}), base.solutions), self.campaign)]
         except FAILURES:
             return []
+
+    def _calibrated_further(self, found: Decision) -> bool:
+        """Whether calibration gets further from where a cause is found: then it had ended in a wrong valley."""
+        if found.best is None:
+            return False
+        again = started(self.calibrated, found.best, (), self.campaign)
+        if not again or again[0].chi2 > self.calibrated.chi2 - DECISIVE:
+            return False
+        self.calibrated = again[0]
+        return True
 
     def _plainest(self, exact: Decision, first: Decision) -> Decision:
         """What explains over the calibrated model, over the rig file as it is if it does so there too.

@@ -25,6 +25,7 @@ from hbm.diagnosis.screen import screen
 from hbm.diagnosis.search import campaign_of, started
 from hbm.errors import InputError
 from models.causes.cause import Unknown
+from models.causes.friction import ViscousContact
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SwappedChannels
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportRotationSpring
@@ -100,6 +101,21 @@ def test_exchanged_channels_are_found_beside_a_force():
     found = diagnose(exchanged.extend(rig, {}), spectra, causes=(exchanged, ClampRotation))
     assert (found.verdict, found.cause) == ("cause-found", "swapped-channels")
     assert {name: p.value for name, p in found.parameters.items()} == {"channel": "a2", "other": "a4"}
+
+
+def test_no_cause_is_named_for_what_calibration_missed(monkeypatch):
+    """Calibration that ends where it starts, from where a cause that does nothing leads to what tolerances explain."""
+    rig, spectra = example("null", 6)
+    stiffer = with_values(rig, {E: 1.01 * rig.body.youngs_modulus})
+
+    def stuck(model, campaign, last):
+        return evaluate(model, campaign, model.start, last)
+
+    monkeypatch.setattr("hbm.diagnosis.search.calibrate", stuck)
+    found = diagnose(stiffer, spectra, causes=(ViscousContact,))
+    assert found.verdict == "consistent"
+    assert found.errors["nominal"]["train"].chi2_reduced > 2.0
+    assert found.errors["calibrated"]["train"].chi2_reduced == pytest.approx(1.0, abs=0.2)
 
 
 # ---- report
