@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import pairwise, product
+from itertools import islice, pairwise, product
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -85,7 +85,8 @@ class Heats:
     @property
     def before(self) -> float:
         """Chi2 of these records before."""
-        return _misfit_on(self.base, self.few)
+        white = self.base.white
+        return float(np.sum(white.residual[np.isin(white.record, self.few.numbers)] ** 2))
 
     @property
     def at_once(self) -> int:
@@ -110,11 +111,12 @@ class Heats:
     def run(self, scores: Sequence[Score], most: int = STARTS, steps: int = STEPS) -> list[Runner | None]:
         """Runners, None where there is no fit."""
         self._compare(scores)
-        near = [_near(self._quick, self.few, s, self.compared[s.cause.label], most) for s in scores]
+        before = self.before
+        near = [_near(self._quick, before, s, self.compared[s.cause.label], most) for s in scores]
         causes = [score.cause for score, starts in zip(scores, near, strict=True) for _ in starts]
         task = partial(_stepped, self._quick, self.few, steps)
         each_fit = iter(each(self.campaign.executor, task, causes, [x for starts in near for x in starts]))
-        fits = [[e for _ in starts if (e := next(each_fit)) is not None] for starts in near]
+        fits = [[e for e in islice(each_fit, len(starts)) if e is not None] for starts in near]
         limited = each(self.campaign.executor, partial(_limited, self.few, steps), fits)
         return [_runner(self._quick, self.spread, s.cause, f) for s, f in zip(scores, limited, strict=True)]
 
@@ -141,11 +143,10 @@ def _compared(base: Evaluation, few: Campaign, score: Score) -> Starts:
         return []
 
 
-def _near(base: Evaluation, few: Campaign, score: Score, starts: Starts, most: int) -> list[Array]:
-    """Where steps are taken from; nowhere where no start has steady states."""
+def _near(base: Evaluation, before: float, score: Score, starts: Starts, most: int) -> list[Array]:
+    """Where steps are taken from, by what starts leave of chi2 before; nowhere where none has steady states."""
     if not starts:
         return []
-    before = _misfit_on(base, few)
     first = [(chi2, x) for chi2, x in starts[:most] if chi2 < WORSE * before]
     near = [x for chi2, x in first if chi2 <= SECOND * first[0][0] or most > STARTS]
     if score.drop > PROMISING * before or not near:
@@ -180,11 +181,6 @@ def _runner(base: Evaluation, spread: float, cause: Cause, fits: Sequence[Evalua
     best, *others = fits
     carried = [_carried(base.model.extended_by(cause), base, e) for e in (best, *_apart(best, others))]
     return Runner(cause, best.chi2 + best.white.spread - spread, carried[0], tuple(carried[1:]))
-
-
-def _misfit_on(base: Evaluation, few: Campaign) -> float:
-    """Chi2 of some records by the model."""
-    return float(np.sum(base.white.residual[np.isin(base.white.record, few.numbers)] ** 2))
 
 
 def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions) -> Starts:

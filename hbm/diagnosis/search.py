@@ -147,7 +147,9 @@ class Search:
             return Decision(self.nominal, None, exact.fits)
         self.tell("screening over the calibrated model", 0.5)
         first = self._race(self.calibrated, self._screened(self.calibrated), 0.55)
-        if self._calibrated_further(first):
+        further = self._calibrated_from(first)
+        if further is not None:
+            self.calibrated = further
             if self._within():
                 return Decision(self.calibrated, None, exact.fits)
             first = _decided(self.calibrated, first.fits, self.tried)
@@ -195,15 +197,10 @@ class Search:
         except FAILURES:
             return []
 
-    def _calibrated_further(self, found: Decision) -> bool:
-        """Whether calibration gets further from where a cause is found: then it had ended in a wrong valley."""
-        if found.best is None:
-            return False
-        again = started(self.calibrated, found.best, (), self.campaign)
-        if not again or again[0].chi2 > self.calibrated.chi2 - DECISIVE:
-            return False
-        self.calibrated = again[0]
-        return True
+    def _calibrated_from(self, found: Decision) -> Evaluation | None:
+        """Calibration from where a cause is found, where it gets further: then it had ended in a wrong valley."""
+        again = [] if found.best is None else started(self.calibrated, found.best, (), self.campaign)
+        return next((e for e in again if e.chi2 <= self.calibrated.chi2 - DECISIVE), None)
 
     def _plainest(self, exact: Decision, first: Decision) -> Decision:
         """What explains over the calibrated model, over the rig file as it is if it does so there too.

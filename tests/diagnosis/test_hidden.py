@@ -50,5 +50,5 @@ def test_hidden_cause_is_found_with_its_parameters_and_predicts_better(tmp_path)
 
 def test_effect_that_no_catalogue_holds_is_not_explained_away(tmp_path):
     """With little of the catalogue, all of it takes minutes where nothing explains; and one that is soon simulated."""
-    case = drawn(set(OUTSIDE), 6)
+    case = drawn(set(OUTSIDE), 7)
     assert diagnosed(case, tmp_path, SOME).verdict == "unexplained", case.answer["what"]
