@@ -20,15 +20,15 @@ class Motion:
     """Where a nonlinear effect finds itself in a trial of the end of a step.
 
     `y`, `y_rate` (records, copies, rows): what its rows read; `q`, `Gq` (records, copies, n) the coordinates and the
-    geometric matrix times them; `phase` of the excitation 0..1; `flexibility` (records, 1, rows) response of each row
-    to its own force within the step; `dt` (records, 1) of the step, 0 where it only begins.
+    geometric matrix times them; `phase` (records, 1) of the excitation in periods; `flexibility` (records, 1, rows)
+    response of each row to its own force within the step; `dt` (records, 1) of the step, 0 where it only begins.
     """
 
     y: Array
     y_rate: Array
     q: Array
     Gq: Array
-    phase: float
+    phase: Array
     flexibility: Array
     dt: Array
 
@@ -238,13 +238,13 @@ class PointForce(Effect):
 
 @dataclass(frozen=True)
 class AxialPumping(Effect):
-    """An axial force of amplitude [N] at a multiple of the excitation; outside the catalogue."""
+    """An axial force of amplitude [N] at a multiple of the excitation, in step with it; outside the catalogue."""
 
     amplitude: float
     multiple: int = 2
     nonlinear = True
 
-    def tension(self, at: Motion) -> float:
+    def tension(self, at: Motion) -> Array:
         return self.amplitude * np.cos(2 * np.pi * self.multiple * at.phase)
 
 

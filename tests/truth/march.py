@@ -75,9 +75,9 @@ def transition(omega2: Array, d: Array, dt: Array) -> tuple[Array, ...]:
 class Batch:
     """Rigs, frequencies and the number of steps of a period, ready to march."""
 
-    def __init__(self, rigs: Sequence[TrueRig], omega: Array, steps: int, tolerance: float = 1e-12) -> None:
-        """`tolerance`, of P, is that of the friction force in each step."""
-        self.rigs, self.steps, self.omega, self.tolerance = rigs, steps, omega, tolerance
+    def __init__(self, rigs: Sequence[TrueRig], omega: Array, lag: Array, steps: int, tolerance: float = 1e-12) -> None:
+        """`lag` of the force in periods; `tolerance`, of P, is that of the friction force in each step."""
+        self.rigs, self.steps, self.omega, self.lag, self.tolerance = rigs, steps, omega, lag, tolerance
         self.rig, self.law = rigs[0], side_by_side([rig.law for rig in rigs])
         m = self.m = stack([rig.reduced() for rig in rigs])
         self.dt = (2 * np.pi / omega / steps)[:, None]
@@ -127,7 +127,7 @@ class Batch:
     def select(self, keep: Array) -> "Batch":
         """The same batch with some of its records."""
         rigs = self.rigs if len(self.rigs) == 1 else [self.rigs[i] for i in np.flatnonzero(keep)]
-        return Batch(rigs, self.omega[keep], self.steps, self.tolerance)
+        return Batch(rigs, self.omega[keep], self.lag[keep], self.steps, self.tolerance)
 
     def _effects(self, q: Array, v: Array, Gq: Array, phase: float, start: Array, tried: Array, soft: Array, dt: Array):
         """Generalised force, extra tension, extra part of R and new memory of the hidden effects."""
@@ -135,6 +135,7 @@ class Batch:
             return 0.0, 0.0, 0.0, start
         rows = self.m["rows"]
         y, y_rate = q @ rows.swapaxes(1, 2), v @ rows.swapaxes(1, 2)
+        phase = phase - self.lag[:, None]
         forces, memory, tension, r, s = [], [], 0.0, 0, 0
         for effect, count in zip(self.hidden, self.row_count, strict=True):
             at = Motion(y[..., r : r + count], y_rate[..., r : r + count], q, Gq, phase, soft[..., r : r + count], dt)

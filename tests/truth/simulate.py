@@ -104,6 +104,13 @@ def force_over(rig: TrueRig, records: Sequence[Record], steps: int) -> Array:
     return np.array(rows)
 
 
+def batch_of(rigs: Sequence[TrueRig], records: Sequence[Record], steps: int, tolerance: float = 1e-12) -> Batch:
+    """Records ready to march."""
+    omega = 2 * np.pi * np.array([r.hz for r in records])
+    lag = np.array([r.phase for r in records]) / (2 * np.pi)
+    return Batch(rigs, omega, lag, steps, tolerance)
+
+
 def ramp(batch: Batch, force: Array, start: State, periods: int, hold: int) -> tuple[State, State]:
     """March under a force that grows to its full size; the state, and the largest size of each part in the end."""
     now, N = batch.begin(start, 0 * force[:, :1]), batch.steps
@@ -251,10 +258,9 @@ def simulate_records(
     settings = settings or Settings()
     rigs = [rig] if isinstance(rig, TrueRig) else list(rig)
     asked = tuple(r if isinstance(r, Record) else Record(*r) for r in records)
-    omega = 2 * np.pi * np.array([r.hz for r in asked])
-    coarse, fine = Batch(rigs, omega, settings.coarse), Batch(rigs, omega, steps)
+    coarse, fine = batch_of(rigs, asked, settings.coarse), batch_of(rigs, asked, steps)
     rough, exact = force_over(rigs[0], asked, settings.coarse), force_over(rigs[0], asked, steps)
-    rising = Batch(rigs, omega, settings.coarse // 2, tolerance=1e-8)
+    rising = batch_of(rigs, asked, settings.coarse // 2, tolerance=1e-8)
     growing = force_over(rigs[0], asked, settings.coarse // 2)
     state, size = ramp(rising, growing, rising.rest_state(), settings.ramp, settings.hold)
     settled = replace(settings, tolerance=1e-6)
@@ -333,7 +339,7 @@ def taken_early(truth: Truth, share: float, wait: int, periods: int) -> Truth:
 
     What lasts of the transient is in these: the harmonics of a record of whole periods are those of its mean period.
     """
-    batch = Batch([truth.rig], 2 * np.pi * np.array([r.hz for r in truth.records]), truth.steps)
+    batch = batch_of([truth.rig], truth.records, truth.steps)
     force = force_over(truth.rig, truth.records, truth.steps)
     now, mean = batch.begin(truth.state.map(lambda a: (1.0 - share) * a), force[:, :1]), 0.0
     for period in range(wait + periods):

@@ -26,9 +26,8 @@ from tests.truth.blind import (
     write_measured,
 )
 from tests.truth.hidden import CATALOGUE, MAKERS, OUTSIDE, Unfit
-from tests.truth.march import Batch
 from tests.truth.measure import read
-from tests.truth.simulate import force_over, ramp
+from tests.truth.simulate import batch_of, force_over, ramp
 
 RIG = 3
 
@@ -132,7 +131,7 @@ def test_every_cause_can_be_made(name: str) -> None:
             return read(hidden.afterwards(replace(bench.truth, rig=rigs, steps=48), strength), 3)[1]
         asked = (bench.records if hidden.records is None else hidden.records(strength))[-1:]
         rig = rigs if isinstance(rigs, TrueRig) else rigs[-1]
-        batch = Batch([rig], 2 * np.pi * np.array([asked[0].hz]), 48, tolerance=1e-8)
+        batch = batch_of([rig], asked, 48, tolerance=1e-8)
         end, _ = ramp(batch, force_over(rig, asked, 48), batch.rest_state(), 1, 1)
         return (end.q @ batch.m["sensors"].swapaxes(1, 2)) / bench.truth.u.max()
 

@@ -12,6 +12,7 @@ import pytest
 
 from tests.truth import (
     AddedMass,
+    AxialPumping,
     ClampFriction,
     ClampRotation,
     ContactLoss,
@@ -184,6 +185,16 @@ def test_hidden_forces_conserve_work_too() -> None:
     truth = simulate_records(replace(plain, effects=effects), records, 384, QUICK)
     assert truth.converged.all()
     assert np.abs(truth.energy).max() < 5e-5
+
+
+def test_an_axial_force_keeps_step_with_the_excitation() -> None:
+    """Records that differ by where the time begins are the same motion."""
+    rig = replace(table_1(PAPER), effects=(AxialPumping(20.0),))
+    later = 1.1
+    truth = simulate_records(rig, [Record(6.5, 58.0), Record(6.5, 58.0, later)], 384, QUICK)
+    assert truth.converged.all()
+    first, second = np.fft.rfft(truth.acceleration)[:, :, 1:6]
+    np.testing.assert_allclose(second, first * np.exp(-1j * later * np.arange(1, 6)), atol=1e-3 * np.abs(first).max())
 
 
 def test_a_tip_that_is_pulled_off_its_support_is_free() -> None:
