@@ -5,9 +5,8 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
-import jupytext
-import nbformat
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -15,7 +14,14 @@ SCRIPTS = sorted((ROOT / "notebooks").glob("[0-9]*.py"))
 BY_NAME = pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
 
 
-def executed(script: Path, folder: Path) -> nbformat.NotebookNode:
+def read(path: Path) -> Any:
+    """Script or notebook as a notebook."""
+    import jupytext  # 3 s, which a worker that runs none of these need not wait for
+
+    return jupytext.read(path)
+
+
+def executed(script: Path, folder: Path) -> Any:
     """Run a script as a notebook, in processes of their own and on the interpreter of this test.
 
     Whatever kernels are installed do not matter, nor what Jupyter warns about.
@@ -36,10 +42,10 @@ def executed(script: Path, folder: Path) -> nbformat.NotebookNode:
     command += ["--set-kernel", "of-this-test", "--execute", "--run-path", str(script.parent)]
     run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900)
     assert run.returncode == 0, run.stdout + run.stderr
-    return nbformat.read(target, as_version=4)
+    return read(target)
 
 
-def figures(notebook: nbformat.NotebookNode) -> int:
+def figures(notebook: Any) -> int:
     outputs = (output for cell in notebook.cells for output in cell.get("outputs", []))
     return sum("image/png" in output.get("data", {}) for output in outputs)
 
@@ -52,14 +58,14 @@ def test_there_are_notebooks():
 @BY_NAME
 def test_every_cell_runs_and_every_number_holds(script, tmp_path):
     found = executed(script, tmp_path)
-    assert figures(found) == figures(nbformat.read(script.with_suffix(".ipynb"), as_version=4)) > 0
+    assert figures(found) == figures(read(script.with_suffix(".ipynb"))) > 0
 
 
 @BY_NAME
 def test_notebook_has_the_cells_of_its_script(script):
     cells = [
         [(cell.cell_type, cell.source) for cell in notebook.cells]
-        for notebook in (jupytext.read(script), jupytext.read(script.with_suffix(".ipynb")))
+        for notebook in (read(script), read(script.with_suffix(".ipynb")))
     ]
     assert cells[0] == cells[1]
 
@@ -67,7 +73,7 @@ def test_notebook_has_the_cells_of_its_script(script):
 @BY_NAME
 def test_notebook_was_run_from_top_to_bottom_and_is_small(script):
     path = script.with_suffix(".ipynb")
-    code = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    code = [cell for cell in read(path).cells if cell.cell_type == "code"]
     assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
     assert not [o for cell in code for o in cell.outputs if o.output_type == "error" or o.get("name") == "stderr"]
     assert path.stat().st_size < 1_000_000

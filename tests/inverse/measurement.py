@@ -4,6 +4,7 @@ No law and no harmonic balance solver: the force is given, the motion is one lin
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -25,6 +26,7 @@ class Truth:
     channels: dict[str, np.ndarray]
 
 
+@cache
 def beam_modes(beam: Beam, n: int) -> tuple[np.ndarray, np.ndarray]:
     """Roots of tan b = tanh b by bisection, and the mass that normalises sin, sinh, cos, cosh shapes."""
     roots = []
@@ -51,6 +53,19 @@ def shapes(beam: Beam, b: np.ndarray, x: np.ndarray, order: int = 0) -> np.ndarr
     return (hyperbolic + circular) * b**order / np.sqrt(beam.density * beam.width * beam.thickness * L)
 
 
+@cache
+def integrals(beam: Beam, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Along the beam: slopes squared (n, n), and what modes that accelerate and that turn add to the reaction, (n,)."""
+    L, rhoA = beam.length, beam.density * beam.width * beam.thickness
+    b, _ = beam_modes(beam, n)
+    x = np.linspace(0.0, L, 20001)
+    weight = np.full(len(x), x[1])
+    weight[[0, -1]] /= 2
+    phi, slope = shapes(beam, b, x), shapes(beam, b, x, 1)
+    s, s1 = (3 * L * x**2 - x**3) / (2 * L**3), (6 * L * x - 3 * x**2) / (2 * L**3)
+    return (slope.T * weight) @ slope, rhoA * (weight * s) @ phi, (weight * s1) @ slope
+
+
 def respond(rig: Rig, hz: float, force: complex, friction: np.ndarray) -> Truth:
     """Steady motion under a force (amplitude of the fundamental) and a friction force (SAMPLES,)."""
     beam = rig.body
@@ -58,12 +73,8 @@ def respond(rig: Rig, hz: float, force: complex, friction: np.ndarray) -> Truth:
     n, K, L = 14, H_TRUE, beam.length  # 14 dynamic modes; what is above answers statically, in closed form
     b, omega = beam_modes(beam, n)
     EI, h = beam.youngs_modulus * beam.width * beam.thickness**3 / 12, rig.contact.radius + beam.thickness / 2
-    x = np.linspace(0.0, L, 20001)
-    weight = np.full(len(x), x[1])
-    weight[[0, -1]] /= 2
-    phi, slope = shapes(beam, b, x), shapes(beam, b, x, 1)
+    G, inertia, stretch = integrals(beam, n)
     c = h * shapes(beam, b, np.array([L]), 1)[0]
-    G = (slope.T * weight) @ slope
     drive = shapes(beam, b, np.array([rig.excitation.position]))[0]
     alpha = np.full(n, rig.damping.mass_proportional)
     alpha[5:] = 2 * 0.02 * omega[5:]
@@ -87,10 +98,6 @@ def respond(rig: Rig, hz: float, force: complex, friction: np.ndarray) -> Truth:
     motion, F_t = series(q), series(F)
     drawn = 0.5 * np.einsum("ti,ij,tj->t", motion, G, motion)
     slip = motion @ c - drawn + compliance * friction + at_drive * F_t
-    s, s1 = (3 * L * x**2 - x**3) / (2 * L**3), (6 * L * x - 3 * x**2) / (2 * L**3)
-    rhoA = beam.density * beam.width * beam.thickness
-    inertia = rhoA * (weight * s) @ phi
-    stretch = (weight * s1) @ slope
     q_tt, q_t = series(-((k * Omega) ** 2)[:, None] * q), series((1j * k * Omega)[:, None] * q)
     X = rig.excitation.position
     normal = rig.contact.normal_load + q_tt @ inertia + q_t @ (alpha * inertia) + friction * (motion @ stretch)
