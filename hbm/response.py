@@ -6,6 +6,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from hbm.curve import ResponseCurve
 from hbm.fourier import Array, FourierBasis
 from hbm.liftoff import solve_lifting
 from hbm.padding import pad
-from hbm.residual import HarmonicBalance
+from hbm.residual import HarmonicBalance, State
 from hbm.solution import PeriodicSolution, describe
 from hbm.threads import one_thread
 from models.rig import Rig
@@ -43,6 +44,9 @@ EXCURSION = 0.3
 
 SWEEP = (0.85, 1.35)
 """Default sweep in units of the first sliding resonance."""
+
+FEW = 3
+"""Harmonics along a ramp of the force, which are soon solved, before there are all."""
 
 OnPoint = Callable[[float, int], None]
 """Called with the frequency [Hz] (or force [N]) and the number of every point found."""
@@ -117,15 +121,15 @@ def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) ->
 def first_solution(problem: HarmonicBalance, lam: float) -> Array:
     """Solution at `lam` from nothing, by the first way that works.
 
-    Newton from rest; from one harmonic upwards; along a ramp of the force; along the frequency from far off, where the
-    contact sticks.
+    Newton from rest; from one harmonic upwards; along a ramp of the force with few harmonics, and with all; along the
+    frequency from far off, where the contact sticks.
 
     Raises
     ------
     continuation.ConvergenceError
         If none does.
     """
-    for way in (_from_rest, _by_harmonics, _by_force, _from_afar):
+    for way in (_from_rest, _by_harmonics, partial(_by_force, H=FEW), _by_force, _from_afar):
         x = way(problem, lam)
         if x is not None:
             return x
@@ -141,12 +145,13 @@ def _from_rest(problem: HarmonicBalance, lam: float) -> Array | None:
     return result.x if result.converged else None
 
 
-def _by_force(problem: HarmonicBalance, lam: float) -> Array | None:
+def _by_force(problem: HarmonicBalance, lam: float, H: int | None = None) -> Array | None:
     hz, F = problem.hz_at(lam), problem.at(lam)[1]
-    ramp = HarmonicBalance(problem.rig, problem.basis, parameter="force", hz=hz, level=F)
+    basis = problem.basis if H is None else FourierBasis(min(H, problem.basis.H), problem.basis.N_t)
+    ramp = HarmonicBalance(problem.rig, basis, parameter="force", hz=hz, level=F)
     settings = replace(trace_settings(ramp, 1e-3, 1.0, 0.02), max_points=300)
     branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
-    return pad(problem, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
+    return _upwards(problem, lam, basis.H, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
 
 
 def _from_afar(problem: HarmonicBalance, lam: float) -> Array | None:
@@ -163,7 +168,11 @@ def _from_afar(problem: HarmonicBalance, lam: float) -> Array | None:
 
 
 def _by_harmonics(problem: HarmonicBalance, lam: float) -> Array | None:
-    H, state = 1, None
+    return _upwards(problem, lam, 1, None)
+
+
+def _upwards(problem: HarmonicBalance, lam: float, H: int, state: State | None) -> Array | None:
+    """From few harmonics, where a state may be known, to all of them."""
     while True:
         coarse = problem.on(FourierBasis(min(H, problem.basis.H), problem.basis.N_t))
         start = np.zeros(coarse.size) if state is None else pad(coarse, state)
