@@ -3,12 +3,14 @@
 Standard deviations are themselves known to a few per cent only: a misfit counts as one beyond :data:`NOISE_KNOWN`.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
+from hbm.diagnosis.coherent import alike
 from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.records import Campaign, Whitened, uncorrelated
 from hbm.fourier import Array
@@ -24,7 +26,10 @@ Labels = npt.NDArray[np.generic]
 
 @dataclass(frozen=True)
 class Cell:
-    """A part of the measurement that fits worst of its kind: `probability` of so bad a worst one by noise alone."""
+    """A part of the measurement that fits worst of its kind: `probability` of so bad a worst one by noise alone.
+
+    `chi2_reduced` is how much larger it is than noise makes it.
+    """
 
     what: str
     chi2_reduced: float
@@ -43,7 +48,7 @@ class Misfit:
     nrmse : float
         |measured - simulated| / |measured|, each channel by its own rms.
     cells : tuple of Cell
-        Everything together, then the worst record, channel, harmonic...
+        Everything together, then the worst record, channel, harmonic...; and what all channels miss alike.
     """
 
     chi2: float
@@ -130,7 +135,17 @@ def _misfit(white: Whitened, residual: Array, used: float, campaign: Campaign) -
         ),
     )
     cells += [_worst(kind, labels, r2, share, name) for kind, labels, name in kinds]
+    cells += _alike(replace(white, residual=residual), hz)
     return Misfit(float(r2.sum()), points - used, nrmse(white), tuple(cells))
+
+
+def _alike(white: Whitened, hz: Mapping[int, float]) -> Iterator[Cell]:
+    """The harmonic that the channels miss most alike, if it can be told."""
+    found = list(alike(white, hz, (1.0 + NOISE_KNOWN) ** 2))
+    if found:
+        worst = min(found, key=lambda a: a.probability)
+        what = f"harmonic {worst.harmonic} of all channels together about {worst.hz:.3g} Hz"
+        yield Cell(what, worst.size, worst.points, _of_several(worst.probability, len(found)))
 
 
 def _worst(kind: str, labels: Labels, r2: Array, share: float, name: object) -> Cell:
@@ -141,6 +156,9 @@ def _worst(kind: str, labels: Labels, r2: Array, share: float, name: object) -> 
     i = int(p.argmin())
     first = labels[int(np.flatnonzero(inverse == i)[0])]
     assert callable(name)
-    return Cell(
-        name(first), float(chi2[i] / n[i]), int(n[i]), float(-np.expm1(len(n) * np.log1p(-min(p[i], 1 - 1e-16))))
-    )
+    return Cell(name(first), float(chi2[i] / n[i]), int(n[i]), _of_several(float(p[i]), len(n)))
+
+
+def _of_several(probability: float, number: int) -> float:
+    """Probability that the least probable of so many is as improbable as that."""
+    return float(-np.expm1(number * np.log1p(-min(probability, 1 - 1e-16))))

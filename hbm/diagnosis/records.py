@@ -88,8 +88,8 @@ class Whitened:
         Measured less simulated in units of the channel, less the likeliest transients where there are any.
     measured : (m,) array
         In units of the channel.
-    record, channel, harmonic : (m,) int array
-        Where each entry belongs: number of the record, place of the channel, harmonic.
+    record, channel, harmonic, part : (m,) int array
+        Where each entry belongs: number of the record, place of the channel, harmonic, 0 of a cosine and 1 of a sine.
     spreads : dict of int to float
         Logarithm of the determinant of the covariance beside that of the noise of the responses alone, by record.
     """
@@ -101,6 +101,7 @@ class Whitened:
     record: npt.NDArray[np.int64]
     channel: npt.NDArray[np.int64]
     harmonic: npt.NDArray[np.int64]
+    part: npt.NDArray[np.int64]
     spreads: Mapping[int, float]
 
     @property
@@ -250,11 +251,11 @@ class Campaign:
         rows = [self._whitened(r, found[r.number], by_x) for r in there]
         if not rows:
             raise ConvergenceError("diagnose: the steady state of no record was found")
-        residual, jacobian, raw, measured, record, channel, harmonic = (
-            np.concatenate([row[i] for row in rows]) for i in range(7)
+        residual, jacobian, raw, measured, record, channel, harmonic, part = (
+            np.concatenate([row[i] for row in rows]) for i in range(8)
         )
-        spreads = {r.number: float(row[7]) for r, row in zip(there, rows, strict=True)}
-        return Whitened(residual, jacobian, raw, measured, record, channel, harmonic, spreads)
+        spreads = {r.number: float(row[8]) for r, row in zip(there, rows, strict=True)}
+        return Whitened(residual, jacobian, raw, measured, record, channel, harmonic, part, spreads)
 
     def _whitened(self, record: Record, simulated: Simulated, by_x: Array) -> tuple[npt.NDArray[Any], ...]:
         listed, std, raw = record.listed, self.listed_std(record), self.missed(record, simulated)
@@ -263,7 +264,7 @@ class Campaign:
         columns = self.correlated(record, simulated) / inexact
         rows = np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / (inexact * std[:, None])
         white = uncorrelated(columns, rows)
-        _, channel, harmonic = np.nonzero(listed)
+        part, channel, harmonic = np.nonzero(listed)
         number = np.full(len(raw), record.number)
         return (
             white[:, 0],
@@ -273,6 +274,7 @@ class Campaign:
             number,
             np.asarray(channel),
             np.asarray(harmonic + 1),
+            np.asarray(part),
             np.linalg.slogdet(np.eye(columns.shape[1]) + columns.T @ columns)[1] + 2.0 * len(raw) * np.log(inexact),
         )
 
