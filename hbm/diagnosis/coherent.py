@@ -7,16 +7,14 @@ record, channel and harmonic do once in three.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy.special import gammaincc
 
+from hbm.diagnosis.groups import near_each_other
 from hbm.diagnosis.records import Whitened
 from hbm.fourier import Array
-
-Mask = npt.NDArray[np.bool_]
 
 BAND = 1.5
 """Frequencies belong to one band, where a harmonic moves the structure alike, if none follows by more than this."""
@@ -24,7 +22,7 @@ BAND = 1.5
 ROWS, CHANNELS = 10, 2
 """Fewer coefficients of fewer channels say nothing."""
 
-TRACY_WIDOM = stats.gamma(46.446, -9.84801, 0.186054)
+SHAPE, SCALE, SHIFT = 46.446, 0.186054, 9.84801
 """Gamma distribution like that of Tracy and Widom for real matrices: Chiani, J. Multivariate Anal. 129 (2014), 69."""
 
 
@@ -59,7 +57,7 @@ def alike(white: Whitened, hz: Mapping[int, float], variance: float = 1.0) -> It
     Alike
         Where enough was measured.
     """
-    for band in _bands({int(n): hz[int(n)] for n in np.unique(white.record)}):
+    for band in near_each_other(map(int, np.unique(white.record)), hz.__getitem__, BAND):
         about = float(np.mean([hz[n] for n in band]))
         for k in np.unique(white.harmonic):
             R = _rows(white, (white.harmonic == k) & np.isin(white.record, band))
@@ -69,15 +67,7 @@ def alike(white: Whitened, hz: Mapping[int, float], variance: float = 1.0) -> It
                 yield Alike(int(k), about, largest / mean, R.size, probability)
 
 
-def _bands(hz: Mapping[int, float]) -> Iterator[list[int]]:
-    """Records by their frequencies, those without a gap between them together."""
-    order = sorted(hz, key=lambda n: hz[n])
-    cuts = [i for i, (a, b) in enumerate(pairwise(order), 1) if hz[b] > BAND * hz[a]]
-    for start, end in pairwise([0, *cuts, len(order)]):
-        yield order[start:end]
-
-
-def _rows(white: Whitened, here: Mask) -> Array:
+def _rows(white: Whitened, here: npt.NDArray[np.bool_]) -> Array:
     """Cosines and sines (n, c) of the channels, where all of them were measured."""
     row, i = np.unique(2 * white.record[here] + white.part[here], return_inverse=True)
     channel, j = np.unique(white.channel[here], return_inverse=True)
@@ -93,4 +83,5 @@ def _of_noise(largest: float, n: int, c: int) -> tuple[float, float]:
     """
     root = np.sqrt(n - 1.0) + np.sqrt(c)
     spread = root * (1.0 / np.sqrt(n - 1.0) + 1.0 / np.sqrt(c)) ** (1.0 / 3.0)
-    return float(root**2 + spread * TRACY_WIDOM.mean()), float(TRACY_WIDOM.sf((largest - root**2) / spread))
+    above = max((largest - root**2) / spread + SHIFT, 0.0)
+    return float(root**2 + spread * (SHAPE * SCALE - SHIFT)), float(gammaincc(SHAPE, above / SCALE))

@@ -5,13 +5,13 @@ dynamic stiffness, which whatever belongs to the rig leaves alike at neighbourin
 of a transient is of another phase in every record.
 """
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from hbm.diagnosis.fit import Evaluation
+from hbm.diagnosis.groups import near_each_other
 from hbm.diagnosis.records import Campaign, Simulated
 from hbm.identification.records import Record, force_columns
 
@@ -52,7 +52,8 @@ def ordered(base: Evaluation, campaign: Campaign) -> bool:
     """
     there = [r for r in campaign.data.records if r.number in base.found and r.listed.any()]
     clear = [m for m in (_missing(r, base.found[r.number], campaign) for r in there) if m.clear > CLEAR]
-    pairs = [(a, b) for level in _levels(clear) for a, b in pairwise(level) if b.record.hz < NEAR * a.record.hz]
+    levels = [sorted(level, key=lambda m: m.record.hz) for level in near_each_other(clear, _force, LEVEL)]
+    pairs = [(a, b) for level in levels for a, b in pairwise(level) if b.record.hz < NEAR * a.record.hz]
     weight = np.array([min(a.clear, CLEAREST) * min(b.clear, CLEAREST) for a, b in pairs])
     cosine = np.array([(a.phase * b.phase.conjugate()).real for a, b in pairs])
     return bool(weight @ cosine > max(ALIKE * weight.sum(), CHANCE * np.sqrt(weight @ weight / 2.0)))
@@ -69,12 +70,5 @@ def _missing(record: Record, simulated: Simulated, campaign: Campaign) -> _Missi
     return _Missing(record, phase, abs(force) / float(np.hypot(np.sqrt(np.trace(covariance)), record.force_std)))
 
 
-def _levels(missing: Sequence[_Missing]) -> Iterator[list[_Missing]]:
-    """Records of each level by their frequencies."""
-    level: list[_Missing] = []
-    for m in sorted(missing, key=lambda m: m.record.force):
-        if level and m.record.force > LEVEL * level[-1].record.force:
-            yield sorted(level, key=lambda m: m.record.hz)
-            level = []
-        level.append(m)
-    yield sorted(level, key=lambda m: m.record.hz)
+def _force(missing: _Missing) -> float:
+    return missing.record.force

@@ -22,10 +22,6 @@ def noise(rng: np.random.Generator) -> np.ndarray:
     return rng.standard_normal((len(HZ), 2, CHANNELS, HARMONICS))
 
 
-def probability(residual: np.ndarray) -> float:
-    return min(a.probability for a in alike(whitened(residual), HZ))
-
-
 def misfit_of(residual: np.ndarray) -> Misfit:
     return _misfit(whitened(residual), residual.ravel(), 0.0, _Campaign())
 
@@ -58,9 +54,7 @@ def test_what_moves_all_channels_is_seen_where_sums_of_squares_often_do_not_see_
 
 def test_standard_deviations_that_are_a_little_small_are_no_pattern():
     rng = np.random.default_rng(3)
-    assert (
-        _misfit(whitened(1.03 * noise(rng)), 1.03 * noise(rng).ravel(), 0.0, _Campaign()).cells[-1].probability > 0.01
-    )
+    assert misfit_of(1.03 * noise(rng)).cells[-1].probability > 0.01
 
 
 def test_channels_that_miss_harmonics_and_one_channel_alone_are_no_error():
