@@ -2,6 +2,7 @@
 
 Writes OUT/data/NNNN/{rig.toml, spectra.csv} and OUT/answers/NNNN.json; what exists is left alone. Case n has the seed
 SEED + n. With --per-rig k, k cases in turn share a rig, its records and its run without a cause: twice as fast.
+--background LOW HIGH: imperfections in every rig, of a size drawn between these (0 0.01: up to 1 % of the response).
 --plan: null first, then each cause of the catalogue, then those outside it, over and over, instead of draws.
 """
 
@@ -31,14 +32,22 @@ def make(n: int, args: argparse.Namespace) -> str:
     cause = planned(n, args.per_rig) if args.plan else "any"
     rig_seed = args.seed + n - n % args.per_rig
     try:
-        case = draw(args.seed + n, args.set, cause, rig_seed, (args.rho[0], args.rho[1]), args.tolerances)
+        case = draw(
+            args.seed + n,
+            args.set,
+            cause,
+            rig_seed,
+            (args.rho[0], args.rho[1]),
+            args.tolerances,
+            background=None if args.background is None else (args.background[0], args.background[1]),
+        )
     except Unfit as why:
         return f"{n:04d} left out: {why} ({cause}, {time.perf_counter() - began:.0f} s)"
     write_case(data, answer, case)
     a = case.answer
     return (
         f"{n:04d} {a['drawn']}: rho {a['rho']:.0f} (aimed at {a['rho_target']:.0f}, one record "
-        f"{a['largest_share']:.0%}), "
+        f"{a['largest_share']:.0%}), effect {a['effect']:.2%}, background {a['background']:.2%}, "
         f"{a['usable']} of {a['records']} records, {a['snr_db']} dB, {time.perf_counter() - began:.0f} s"
     )
 
@@ -61,6 +70,7 @@ def main() -> None:
     parser.add_argument("--per-rig", type=int, default=1)
     parser.add_argument("--plan", action="store_true")
     parser.add_argument("--tolerances", action="store_true")
+    parser.add_argument("--background", type=float, nargs=2, metavar=("LOW", "HIGH"))
     parser.add_argument("--rho", type=float, nargs=2, default=(50.0, 3000.0))
     args = parser.parse_args()
     began, todo = time.perf_counter(), range(args.count)

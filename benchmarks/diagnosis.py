@@ -1,6 +1,6 @@
 """The score of the diagnosis over a bank of blind cases: right names, false alarms, abstentions, against the ceiling.
 
-    python -m benchmarks.blind_cases --seed 1 --count 84 --set E --plan --per-rig 6 --out /tmp/bank
+    python -m benchmarks.blind_cases --seed 1 --count 84 --set E --plan --per-rig 6 --background 0 0.01 --out /tmp/bank
     python -m benchmarks.diagnosis --bank /tmp/bank --out /tmp/score --workers 2
 
 Runs `diagnose` on every case, in a process that sees nothing but BANK/data/NNNN, then opens the answers. --set makes
@@ -67,7 +67,10 @@ def make_truth(path: Path, answer: dict[str, object]) -> None:
     if not path.exists():
         path.parent.mkdir(parents=True, exist_ok=True)
         seed, rig_seed, which = int(str(answer["seed"])), int(str(answer["rig_seed"])), str(answer["set"])
-        write_truth(path, draw(seed, which, None, rig_seed, tolerances=bool(answer["tolerances"])))
+        sizes = answer.get("background_range")
+        background = None if sizes is None else (float(sizes[0]), float(sizes[1]))
+        case = draw(seed, which, None, rig_seed, tolerances=bool(answer["tolerances"]), background=background)
+        write_truth(path, case)
 
 
 def outcomes(bank: Path, out: Path) -> list[Outcome]:

@@ -23,19 +23,21 @@ def estimate(value, std=None):
     return {"value": value} if std is None else {"value": value, "std": std, "unit": "1"}
 
 
-def outcome(truth, named=None, *, true=None, found=None, verdict=None, rho=100.0, lacks=100.0, **more):
-    """One case: the hidden cause (None: nothing; "outside ...") and what was said."""
+def outcome(
+    truth, named=None, *, true=None, found=None, verdict=None, rho=100.0, lacks=100.0, seconds=20.0, sizes=(), **more
+):
+    """One case: the hidden cause (None: nothing; "outside ..."), sizes of background and effect, and what was said."""
     outside = str(truth).startswith("outside")
     kind = "consistent" if truth is None else "unexplained" if outside else "cause-found"
     answer = {
         "verdict": kind, "cause": truth if kind == "cause-found" else None, "drawn": truth,
         "parameters": true or {}, "rho": rho if truth else 0.0, "rig_seed": 1,
-    }  # fmt: skip
+    } | dict(zip(("background", "effect"), sizes, strict=False))  # fmt: skip
     said = {
         "verdict": verdict or ("cause-found" if named else "consistent"), "cause": named, "parameters": found or {},
         "confidence": 0.99, "not_separable": [], "errors": {},
     } | more  # fmt: skip
-    took = {"seconds": 20.0, "cpu_seconds": 18.0}
+    took = {"seconds": seconds, "cpu_seconds": 0.9 * seconds}
     return Outcome("0001", {"case": "0001", "diagnosis": said, "lack_of_fit": lacks} | took, answer, RIG)
 
 
@@ -77,6 +79,37 @@ def test_verdicts_without_a_name():
     assert not outcome("added-mass", verdict="consistent").right
     failed = Outcome("0001", {"case": "0001", "failed": "no steady state"}, outcome(None).answer, RIG)
     assert (failed.verdict, failed.right, failed.named, failed.covered) == ("failed", False, False, False)
+
+
+def left(size, structured=True):
+    return {"size": size, "structured": structured, "explained": {"train": 0.9, "held_out": 0.9}}
+
+
+def test_a_main_cause_is_a_name():
+    assert outcome("added-mass", "added-mass", verdict="main-cause").right
+    assert not outcome("added-mass", "added-spring", verdict="main-cause").right
+    assert outcome("added-mass", "drift", verdict="main-cause", not_separable=["added-mass"]).covered
+    alarm = outcome(None, "added-mass", verdict="main-cause")
+    assert alarm.named and not alarm.right
+
+
+@pytest.mark.parametrize("verdict", ["cause-found", "main-cause"])
+def test_a_name_outside_the_catalogue_needs_a_rest_above_the_background(verdict):
+    def right(remainder, background):
+        stranger = "outside magnet"
+        return outcome(stranger, "drift", verdict=verdict, sizes=(background, 0.1), remainder=remainder).right
+
+    assert right(left(0.02), 0.01) and right(left(0.02), 0.0)
+    assert not right(left(0.005), 0.01)
+    assert not right(left(0.02, structured=False), 0.01)
+    assert not right(None, 0.0)
+
+
+def test_answers_without_sizes_still_count():
+    old = outcome("added-mass", "added-mass")
+    assert (old.background, old.effect, old.dominance) == (0.0, None, np.inf)
+    assert outcome("added-mass", sizes=(0.01, 0.03)).dominance == pytest.approx(3.0)
+    assert outcome("added-mass", sizes=(0.01,)).dominance is None
 
 
 def test_truth_among_those_not_separable():
@@ -153,8 +186,10 @@ def test_table_counts_what_it_says():
     assert counted("cause and those", "hold the truth, all") == (2, 5)
     assert counted("cause and those", "hold the truth, where") == (2, 4)
     assert row(rows, "cause and those", "mean").value == pytest.approx(5 / 4)
-    assert counted("false alarms", "cause-found or") == (2, 9)
+    assert counted("false alarms", "a cause named") == (1, 9)
     assert counted("false alarms", "unexplained") == (1, 9)
+    assert counted("false alarms", "a cause named, background") == (0, 0)
+    assert counted("outside", "right") == (1, 3)
     assert counted("outside", "called unexplained") == (1, 3)
     assert counted("outside", "called unexplained, lack of fit") == (1, 2)
     assert counted("outside", "a name with") == (1, 3)
@@ -167,7 +202,7 @@ def test_table_counts_what_it_says():
     json.dumps([r.json() for r in rows], allow_nan=False)
     lines = page.markdown({"set": "E"}, rows, {}).splitlines()
     assert "| all causes | 0.200 | 1/5 | 0.036 to 0.624 | 1 |  |" in lines
-    assert "| cause-found or unexplained | 0.222 | 2/9 | 0.063 to 0.547 |" in lines
+    assert "| a cause named | 0.111 | 1/9 | 0.020 to 0.435 |" in lines
 
 
 def test_confidence_that_keeps_its_word():
@@ -176,6 +211,61 @@ def test_confidence_that_keeps_its_word():
     assert row(rates.confidence(sure), "calibration", "expected").value == pytest.approx(0.0)
     unsure = [outcome("added-mass", "drift", confidence=0.3) for _ in range(10)]
     assert row(rates.confidence(sure + unsure), "calibration", "expected").value == pytest.approx(0.15)
+
+
+def test_bins_of_effect_and_background():
+    found = [
+        outcome("added-mass", "added-mass", sizes=(0.0, 0.02)),
+        outcome("added-mass", "added-mass", verdict="main-cause", sizes=(0.002, 0.02), remainder=left(0.003)),
+        outcome("added-mass", "drift", sizes=(0.004, 0.02)),
+        outcome("added-mass", "added-mass", sizes=(0.01, 0.015), remainder=left(0.02)),
+        outcome("added-mass", "added-mass"),
+    ]
+    rows = rates.table(found, NONE)
+
+    def counted(group, name):
+        r = row(rows, group, name)
+        return r.k, r.n
+
+    sizes, ratio = "right cause first, by effect and", "right cause first, by effect over"
+    assert counted(sizes, "effect 1.0% to 3.0%, no background") == (1, 1)
+    assert counted(sizes, "effect 1.0% to 3.0%, background < 0.3%") == (1, 1)
+    assert counted(sizes, "effect 1.0% to 3.0%, background 0.3% to 0.6%") == (0, 1)
+    assert counted(sizes, "effect 1.0% to 3.0%, background > 0.6%") == (1, 1)
+    assert sum(r.n for r in rows if r.group.startswith(sizes)) == 4
+    assert [counted(ratio, name) for name in (">= 5", "2 to 5", "< 2")] == [(3, 4), (0, 0), (1, 1)]
+    assert row(rows, "remainder of causes", "size over").value == pytest.approx((1.5 + 2.0) / 2)
+    apart = [outcome("outside magnet", "drift", verdict="main-cause", sizes=(0.01, 0.1), remainder=left(0.02))]
+    rows = rates.table([*apart, outcome("outside magnet", verdict="unexplained")], NONE)
+    assert counted("outside", "right") == (2, 2)
+    assert counted("outside", "called unexplained") == (1, 2)
+    assert counted("outside", "main-cause, structured rest") == (1, 2)
+    assert counted("outside", "cause-found, structured rest") == (0, 2)
+
+
+def test_pulls_with_and_without_background():
+    def found(error, background):
+        true, said = {"mass": 0.1}, {"mass": estimate(0.1 + error, 0.01)}
+        return outcome("added-mass", "added-mass", true=true, found=said, sizes=(background, 0.1))
+
+    rows = rates.parameters([found(0.0, 0.0), found(0.015, 0.0), found(0.05, 0.01), found(0.01, 0.01)])
+    within = {name: row(rows, "parameters", f"within 2 std{name}") for name in ("", ", no background", ", background")}
+    assert {name: (r.k, r.n) for name, r in within.items()} == {
+        "": (3, 4), ", no background": (2, 2), ", background": (1, 2),
+    }  # fmt: skip
+    assert row(rows, "parameters", "std of pulls, background").value == pytest.approx(2.0)
+
+
+def test_certain_and_wrong_and_what_it_cost():
+    sure = [outcome("added-mass", "drift", confidence=0.999), outcome("added-mass", "added-mass", confidence=0.996)]
+    slow = outcome("added-mass", "added-mass", verdict="main-cause", confidence=0.99, seconds=50.0)
+    certain = row(rates.confidence([*sure, slow]), "calibration", "wrong of those stated")
+    assert (certain.k, certain.n) == (1, 2)
+    rows = rates.cost([*sure, slow])
+    assert row(rows, "runs", "seconds, median, cause-found").value == 20.0
+    assert row(rows, "runs", "seconds of processor, largest, main-cause").value == 45.0
+    assert row(rows, "runs", "seconds, largest, unexplained").value is None
+    assert row(rows, "runs", "seconds, largest").value == 50.0
 
 
 def test_confusion_keeps_wrong_channels_apart():

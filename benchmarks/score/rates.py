@@ -7,9 +7,11 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from benchmarks.score.ceiling import Allowed, at
-from benchmarks.score.rules import Outcome, estimates, is_parameter
+from benchmarks.score.rules import NAMING, Outcome, estimates, is_parameter
 
 NORMAL_95 = 1.959964
+SIZES = "right cause first, by effect and background"
+RATIO = "right cause first, by effect over background"
 RHO_BINS = ((0.0, 20.0), (20.0, 50.0), (50.0, 200.0), (200.0, 1000.0), (1000.0, np.inf))
 STRONG = 20.0
 """Rho from which on parameters and physics should not be taken for each other."""
@@ -17,7 +19,12 @@ STRONG = 20.0
 LACKS = 10.0
 """What the best model fitted leaves beyond noise, from which on an effect is seen to be outside the catalogue."""
 
+EFFECT_BINS = ((0.0, 0.01), (0.01, 0.03), (0.03, 0.1), (0.1, np.inf))
+BACKGROUND_BINS = ((0.0, 0.003), (0.003, 0.006), (0.006, np.inf))
+DOMINANCE_BINS = ((5.0, np.inf), (2.0, 5.0), (0.0, 2.0))
 CONFIDENT = 0.9
+CERTAIN = 0.995
+VERDICTS = (*NAMING, "consistent", "unexplained")
 HELD_OUT = 1.2
 EXPLAINED = 0.9
 CLOSE = 0.05
@@ -91,11 +98,13 @@ def table(outcomes: Sequence[Outcome], best: Allowed) -> list[Row]:
     outside = [o for o in outcomes if o.kind == "unexplained"]
     return [
         *names(causes, best),
+        *over_background(causes),
         *sets(causes, best),
         *alarms(nulls),
         *strangers(outside),
         *mistaken(causes),
         *parameters(causes),
+        *remainders(causes),
         *held_out(causes),
         *confidence(outcomes),
         *cost(outcomes),
@@ -125,6 +134,29 @@ def bin_name(low: float, high: float) -> str:
     return f"rho < {high:g}" if low == 0 else f"rho > {low:g}" if np.isinf(high) else f"rho {low:g} to {high:g}"
 
 
+def over_background(causes: Sequence[Outcome]) -> list[Row]:
+    """By the size of the effect and of the imperfections, of the answers that say them, and by their ratio."""
+    known = [(o, o.effect) for o in causes if o.effect is not None]
+    ratios = [(o, o.dominance) for o in causes if o.dominance is not None]
+    rows = []
+    for low, high in EFFECT_BINS:
+        here = [o for o, effect in known if low <= effect < high]
+        name = f"effect {share_name(low, high)}"
+        rows.append(rate(SIZES, f"{name}, no background", (o.right for o in here if not o.background)))
+        for least, most in BACKGROUND_BINS:
+            chosen = [o for o in here if least < o.background <= most]
+            rows.append(rate(SIZES, f"{name}, background {share_name(least, most)}", (o.right for o in chosen)))
+    for low, high in DOMINANCE_BINS:
+        chosen = [o for o, ratio in ratios if low <= ratio < high or ratio == high == np.inf]
+        name = f">= {low:g}" if np.isinf(high) else f"< {high:g}" if low == 0 else f"{low:g} to {high:g}"
+        rows.append(rate(RATIO, name, (o.right for o in chosen)))
+    return rows
+
+
+def share_name(low: float, high: float) -> str:
+    return f"< {high:.1%}" if low == 0 else f"> {low:.1%}" if np.isinf(high) else f"{low:.1%} to {high:.1%}"
+
+
 def sets(causes: Sequence[Outcome], best: Allowed) -> list[Row]:
     group = "cause and those not separable"
     named = [o for o in causes if o.named]
@@ -138,24 +170,41 @@ def sets(causes: Sequence[Outcome], best: Allowed) -> list[Row]:
 
 def alarms(nulls: Sequence[Outcome]) -> list[Row]:
     group = "false alarms on nulls"
-    rows = [rate(group, "cause-found or unexplained", (o.verdict in ("cause-found", "unexplained") for o in nulls))]
-    rows += [rate(group, v, (o.verdict == v for o in nulls)) for v in ("cause-found", "unexplained", "failed")]
+    rows = []
+    for what, chosen in (
+        ("", nulls),
+        (", no background", [o for o in nulls if not o.background]),
+        (", background", [o for o in nulls if o.background]),
+    ):
+        rows.append(rate(group, f"a cause named{what}", (o.named for o in chosen)))
+        rows.append(rate(group, f"unexplained{what}", (o.verdict == "unexplained" for o in chosen)))
+    rows += [rate(group, verdict, (o.verdict == verdict for o in nulls)) for verdict in ("main-cause", "failed")]
     return rows
 
 
 def strangers(outside: Sequence[Outcome]) -> list[Row]:
     group = "outside the catalogue"
+    lacking = [o for o in outside if o.lacks >= LACKS]
     return [
+        rate(group, "right", (o.right for o in outside)),
         rate(group, "called unexplained", (o.verdict == "unexplained" for o in outside)),
-        rate(group, f"called unexplained, lack of fit >= {LACKS:g}", (o.right for o in outside if o.lacks >= LACKS)),
+        rate(group, f"called unexplained, lack of fit >= {LACKS:g}", (o.verdict == "unexplained" for o in lacking)),
+        *(
+            rate(group, f"{verdict}, structured rest above the background", (seen(o, verdict) for o in outside))
+            for verdict in NAMING
+        ),
         rate(group, "called consistent", (o.verdict == "consistent" for o in outside)),
         rate(group, "a name", (o.named for o in outside)),
         rate(group, f"a name with confidence >= {CONFIDENT}", (confident(o) for o in outside)),
     ]
 
 
+def seen(o: Outcome, verdict: str) -> bool:
+    return o.verdict == verdict and o.rest_seen
+
+
 def confident(o: Outcome) -> bool:
-    return o.named and float(o.said["confidence"]) >= CONFIDENT
+    return o.named and o.confidence >= CONFIDENT
 
 
 def mistaken(causes: Sequence[Outcome]) -> list[Row]:
@@ -172,9 +221,9 @@ def mistaken(causes: Sequence[Outcome]) -> list[Row]:
 
 def parameters(causes: Sequence[Outcome]) -> list[Row]:
     group = "parameters of causes rightly named"
-    found = [e for o in causes if o.right for e in estimates(o)]
+    pairs = [(o, e) for o in causes if o.right for e in estimates(o)]
+    found = [e for _, e in pairs]
     values, changes = [e.of_value for e in found], [e.of_change for e in found if e.of_change is not None]
-    pulls = [e.z for e in found if e.z is not None]
     rows = []
     for what, errors in (("value", values), ("change", changes)):
         rows += [
@@ -182,12 +231,26 @@ def parameters(causes: Sequence[Outcome]) -> list[Row]:
             number(group, f"relative error of the {what}, 90 %", errors, quantile(0.9)),
             rate(group, f"{what} within {CLOSE:.0%}", (e <= CLOSE for e in errors)),
         ]
-    return [
-        *rows,
-        rate(group, "within 2 std", (abs(z) < 2 for z in pulls)),
-        number(group, "std of pulls", pulls, lambda v: float(np.std(v))),
-        number(group, "1.48 median size of pulls", pulls, lambda v: float(1.4826 * np.median(np.abs(v)))),
-    ]
+    for what, chosen in (
+        ("", found),
+        (", no background", [e for o, e in pairs if not o.background]),
+        (", background", [e for o, e in pairs if o.background]),
+    ):
+        pulls = [e.z for e in chosen if e.z is not None]
+        rows += [
+            rate(group, f"within 2 std{what}", (abs(z) < 2 for z in pulls)),
+            number(group, f"std of pulls{what}", pulls, lambda v: float(np.std(v))),
+            number(group, f"1.48 median size of pulls{what}", pulls, lambda v: float(1.4826 * np.median(np.abs(v)))),
+        ]
+    return rows
+
+
+def remainders(causes: Sequence[Outcome]) -> list[Row]:
+    """What is said to be left of the response beside the true imperfections, where the name is right."""
+    group = "remainder of causes rightly named"
+    told = [o for o in causes if o.right and o.background and "size" in o.remainder]
+    ratios = [float(o.remainder["size"]) / o.background for o in told]
+    return [number(group, "size over the true background, median", ratios, quantile(0.5))]
 
 
 def held_out(causes: Sequence[Outcome]) -> list[Row]:
@@ -210,12 +273,13 @@ def confidence(outcomes: Sequence[Outcome]) -> list[Row]:
         n = sum(p[2] for p in points)
         error = sum(p[2] * abs(p[0] - p[1]) for p in points) / n if n else None
         rows.append(Row(group, f"expected calibration error, {what}", error, n))
-    return rows
+    certain = [o for o in outcomes if not o.failed and o.confidence >= CERTAIN]
+    return [*rows, rate(group, f"wrong of those stated at >= {CERTAIN}", (not o.right for o in certain))]
 
 
 def reliability(outcomes: Sequence[Outcome]) -> list[tuple[float, float, int]]:
     """Mean confidence, share right and number, by tenths of the confidence."""
-    pairs = np.array([(o.said["confidence"], o.right) for o in outcomes if not o.failed], dtype=float).reshape(-1, 2)
+    pairs = np.array([(o.confidence, o.right) for o in outcomes if not o.failed], dtype=float).reshape(-1, 2)
     places = np.minimum((pairs[:, 0] * RELIABILITY_BINS).astype(int), RELIABILITY_BINS - 1)
     bins = [pairs[places == i] for i in range(RELIABILITY_BINS)]
     return [(float(b[:, 0].mean()), float(b[:, 1].mean()), len(b)) for b in bins if len(b)]
@@ -224,12 +288,15 @@ def reliability(outcomes: Sequence[Outcome]) -> list[tuple[float, float, int]]:
 def cost(outcomes: Sequence[Outcome]) -> list[Row]:
     group = "runs"
     rows = [rate(group, "failed", (o.failed for o in outcomes))]
-    for what, key in (("seconds", "seconds"), ("seconds of processor", "cpu_seconds")):
-        spent = [float(o.result[key]) for o in outcomes if not o.failed]
-        rows += [
-            number(group, f"{what}, median", spent, quantile(0.5)),
-            number(group, f"{what}, largest", spent, max),
-        ]
+    for verdict in (None, *VERDICTS):
+        chosen = [o for o in outcomes if (not o.failed if verdict is None else o.verdict == verdict)]
+        for what, key in (("seconds", "seconds"), ("seconds of processor", "cpu_seconds")):
+            spent = [float(o.result[key]) for o in chosen]
+            kind = "" if verdict is None else f", {verdict}"
+            rows += [
+                number(group, f"{what}, median{kind}", spent, quantile(0.5)),
+                number(group, f"{what}, largest{kind}", spent, max),
+            ]
     return rows
 
 

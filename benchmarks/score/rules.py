@@ -48,6 +48,8 @@ TELLING = {"drift": "parameter"}
 """The parameter that is part of a cause's name, beside the channels."""
 
 NEUTRAL = {"gain": 1.0, "ratio": 1.0}
+NAMING = ("cause-found", "main-cause")
+"""Verdicts with a cause; the second leaves a rest unexplained."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +85,11 @@ class Outcome:
 
     @property
     def named(self) -> bool:
-        return self.verdict == "cause-found"
+        return self.verdict in NAMING
 
     @property
     def kind(self) -> str:
-        """Verdict that is right."""
+        """What the case is by the verdict that would say it best: `cause-found` of every case with a cause."""
         return str(self.answer["verdict"])
 
     @property
@@ -96,8 +98,45 @@ class Outcome:
 
     @property
     def right(self) -> bool:
-        """Whether the verdict is right, and the cause with what belongs to its name."""
-        return self.verdict == self.kind and (not self.named or same_cause(self.said, self.answer))
+        """Whether the verdict is right: of a cause, its name with what belongs to it, decisive alone or not.
+
+        Outside the catalogue it is `unexplained`, or a name with a rest that is said to be more than imperfections.
+        """
+        if self.kind == "cause-found":
+            return self.named and same_cause(self.said, self.answer)
+        return self.verdict == self.kind or (self.kind == "unexplained" and self.rest_seen)
+
+    @property
+    def background(self) -> float:
+        """Size of the imperfections of the true rig, relative to the response."""
+        return float(self.answer.get("background", 0.0))
+
+    @property
+    def effect(self) -> float | None:
+        """Size of the hidden cause by the same measure; None where the answer does not say."""
+        found = self.answer.get("effect")
+        return None if found is None else float(found)
+
+    @property
+    def dominance(self) -> float | None:
+        """Effect over background."""
+        if not self.background:
+            return np.inf
+        return None if self.effect is None else self.effect / self.background
+
+    @property
+    def remainder(self) -> Mapping[str, Any]:
+        """What was said to be left; nothing where the diagnosis does not say."""
+        return self.said.get("remainder") or {}
+
+    @property
+    def rest_seen(self) -> bool:
+        """Whether a cause is named, and beside it a structured rest larger than the imperfections of the rig."""
+        return self.named and bool(self.remainder.get("structured")) and self.remainder["size"] > self.background
+
+    @property
+    def confidence(self) -> float:
+        return float(self.said["confidence"])
 
     @property
     def covered(self) -> bool:

@@ -36,13 +36,15 @@ def element_matrices(h: float) -> tuple[Array, Array, Array]:
 class FiniteElements:
     """Assembled matrices, which hidden effects may change; degrees of freedom w_0, theta_0, w_1, theta_1, ..., extras.
 
+    Mass per length and bending stiffness are those of the beam, or of each element.
+
     `fixed` are the degrees of freedom held at zero: the clamp's two and the tip's deflection, unless an effect frees
     one. `support` is the stiffness of the support under the tip where it yields.
     """
 
     nodes: Array
-    mass_per_length: float
-    bending: float
+    mass_per_length: float | Array
+    bending: float | Array
     M: Array = field(init=False)
     K: Array = field(init=False)
     G: Array = field(init=False)
@@ -52,11 +54,13 @@ class FiniteElements:
     def __post_init__(self) -> None:
         size = 2 * len(self.nodes)
         self.M, self.K, self.G = (np.zeros((size, size)) for _ in range(3))
-        for i, h in enumerate(np.diff(self.nodes)):
+        lengths = np.diff(self.nodes)
+        heavy, stiff = (np.broadcast_to(x, lengths.shape) for x in (self.mass_per_length, self.bending))
+        for i, h in enumerate(lengths):
             at = np.ix_(range(2 * i, 2 * i + 4), range(2 * i, 2 * i + 4))
             mass, bend, geometric = element_matrices(h)
-            self.M[at] += self.mass_per_length * mass
-            self.K[at] += self.bending * bend
+            self.M[at] += heavy[i] * mass
+            self.K[at] += stiff[i] * bend
             self.G[at] += geometric
         self.fixed = {0, 1, self.tip}
 

@@ -10,17 +10,21 @@ of length rho (chi2 = rho^2 over the response's coefficients, harmonics 1 and up
 the same simulator under the same noise), and the rho that came out, over the records kept, is stated. With `tolerances`
 the rig is built a little off its file; rho is against the rig as built. The steps, 2048 at 60 dB and 1024 at 50, leave
 0.1 noise units in all; for F, 512, 0.3.
+
+With `background`, a range of sizes, the rig as built has imperfections too (`background.py`): of a size drawn from its
+seed, none for one rig in six. Then there are 1024 steps and fewer frequencies, which takes a third of the time.
 """
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from tests.truth.background import background_of, drawn_size, drifting, relative_change, response
 from tests.truth.hidden import CATALOGUE, MAKERS, OUTSIDE, Hidden, Scene, Unfit
 from tests.truth.laws import Coulomb, Dahl
 from tests.truth.measure import Spectra, measure, read, with_noise, write_rig, write_spectra
@@ -32,6 +36,7 @@ SETS = ("A", "C", "D", "E", "F")
 STEPS, FEW_STEPS = {50: 1024, 60: 2048}, 512
 CLOSE = 0.05  # of P: with less normal force than that the tip nearly lifts off
 LEAST = 0.8  # of the records, that must be fit to keep
+DRAWS, MISSES = 3, 10.0  # on a background: a cause this many times weaker than asked is drawn again, so many times
 TARGETS = ((1.25, 1.5), (2.0, 3.0), (5.0, 7.0))  # slip amplitude over the critical slip, by level
 UPPER_TARGETS = ((1.3, 1.7), (3.5, 5.0))
 MATERIALS = ((210e9, 7800.0), (200e9, 7900.0), (70e9, 2700.0), (103e9, 8500.0), (110e9, 4430.0), (120e9, 8900.0))
@@ -50,6 +55,14 @@ class Bench:
     settings: Settings
     truth: Truth
     quick: bool = False
+    few: bool = False  # records, of which probes take those that respond most
+    path: tuple[float, ...] = ()  # of Young's modulus from record to record, in a background
+    background: Mapping[str, object] = field(default_factory=lambda: stated(0.0, 0.0, {}))
+
+    def each(self, rigs: TrueRig | Sequence[TrueRig], picked: Array) -> TrueRig | list[TrueRig]:
+        """Rigs of these records, Young's modulus drifting in the background."""
+        rigs = drifting(rigs, self.path) if self.path else rigs
+        return rigs if isinstance(rigs, TrueRig) else [rigs[i] for i in picked]
 
     def fit(self, truth: Truth) -> Array:
         """Records that somebody would have kept."""
@@ -57,6 +70,11 @@ class Bench:
             return np.ones(len(truth.records), bool)
         near = truth.min_R <= CLOSE * truth.rig.normal_load
         return truth.usable & ~near & (np.abs(truth.energy) < 1e-4)
+
+
+def stated(size: float, asked: float, parts: Mapping[str, float]) -> dict[str, object]:
+    """What the answer says of a background."""
+    return {"background": size, "background_asked": asked, "background_parts": dict(parts)}
 
 
 @dataclass(frozen=True)
@@ -128,8 +146,11 @@ def draw_rig(rng: np.random.Generator) -> TrueRig:
     )
 
 
-def draw_records(rig: TrueRig, which: str, rng: np.random.Generator) -> list[tuple[float, float]]:
-    """Levels and frequencies: from stuck at most frequencies to clear slip, around the resonance."""
+def draw_records(rig: TrueRig, which: str, rng: np.random.Generator, fewer: bool = False) -> list[tuple[float, float]]:
+    """Levels and frequencies: from stuck at most frequencies to clear slip, around the resonance.
+
+    `fewer` frequencies of each level: 7 or 8 and 5, for 11 to 14 and 6 to 8.
+    """
 
     def band(mode: int, targets: Sequence[tuple[float, float]], count: int) -> list[tuple[float, float]]:
         peaks = [peak(rig, rig.law, mode, rng.uniform(*target)) for target in targets]
@@ -147,8 +168,9 @@ def draw_records(rig: TrueRig, which: str, rng: np.random.Generator) -> list[tup
     if which == "A":
         return band(1, TARGETS[2:], int(rng.integers(12, 16)))
     few = which == "F"
-    first = band(1, TARGETS, 5 if few else int(rng.integers(11, 15)))
-    return first + (band(2, UPPER_TARGETS, 3 if few else int(rng.integers(6, 9))) if which in "EF" else [])
+    counts = ((7, 9), (5, 6)) if fewer else ((11, 15), (6, 9))
+    first = band(1, TARGETS, 5 if few else int(rng.integers(*counts[0])))
+    return first + (band(2, UPPER_TARGETS, 3 if few else int(rng.integers(*counts[1]))) if which in "EF" else [])
 
 
 def built_from(nominal: TrueRig, rng: np.random.Generator) -> TrueRig:
@@ -164,7 +186,14 @@ def built_from(nominal: TrueRig, rng: np.random.Generator) -> TrueRig:
 
 
 @lru_cache(maxsize=3)
-def set_up(seed: int, which: str, kind: str = "coulomb", tolerances: bool = False, quick: bool = False) -> Bench:
+def set_up(
+    seed: int,
+    which: str,
+    kind: str = "coulomb",
+    tolerances: bool = False,
+    quick: bool = False,
+    background: tuple[float, float] | None = None,
+) -> Bench:
     """The bench of a seed. `kind`: coulomb, dahl, or `constant-load` (R = P in the rig file)."""
     if which not in SETS:
         raise ValueError(f"set {which!r}; there are {', '.join(SETS)}")
@@ -173,11 +202,13 @@ def set_up(seed: int, which: str, kind: str = "coulomb", tolerances: bool = Fals
         if quick
         else Settings(slow_modes=8, chord=True, tolerance=1e-7, coarse=128 if which == "F" else 256)
     )
+    if background is not None and not quick:
+        settings = replace(settings, ramp=25, hold=5, retries=1, again=20, coarse=128)
     for attempt in range(20):
         rng = np.random.default_rng([seed, SETS.index(which), attempt])
         try:
             rig = draw_rig(rng)
-            asked = draw_records(rig, which, rng)
+            asked = draw_records(rig, which, rng, background is not None)
             records = tuple(scattered(asked[:: len(asked) // 3] if quick else asked, rng))
             if which == "A":
                 rig = replace(rig, sensors=(rig.sensors[int(rng.integers(6))],))
@@ -188,17 +219,31 @@ def set_up(seed: int, which: str, kind: str = "coulomb", tolerances: bool = Fals
             if kind == "constant-load":
                 rig = replace(rig, variable_normal_load=0.0)
             built = built_from(rig, rng) if tolerances else rig
-            steps = 128 if quick else FEW_STEPS if which == "F" else STEPS[snr]
+            steps = 128 if quick else FEW_STEPS if which == "F" else STEPS[snr if background is None else 50]
             truth = simulate_records(built, records, steps, settings)
             harmonics = 1 if which in "AC" else 9
-            bench = Bench(rig, built, records, steps, snr, harmonics, settings, truth, quick)
+            bench = Bench(rig, built, records, steps, snr, harmonics, settings, truth, quick, background is not None)
             slip = np.ptp(truth.u, axis=1).max() * stiffness / (2 * rig.law.mu * rig.normal_load)
             if not quick and (bench.fit(truth).mean() < 0.85 or slip < 2.0):
                 raise Unfit("unstable, lifting or hardly slipping")
-            return bench
+            return bench if background is None else on_background(bench, background, seed)
         except Unfit:
             continue
     raise Unfit(f"seed {seed} makes no rig in 20 attempts")
+
+
+def on_background(bench: Bench, sizes: tuple[float, float], seed: int) -> Bench:
+    """The bench with imperfections, which have dice of their own."""
+    rng = np.random.default_rng([seed, 29])
+    asked = drawn_size(rng, *sizes)
+    if not asked:
+        return bench
+    good = np.flatnonzero(bench.fit(bench.truth))
+    made = background_of(bench.truth, good, asked, bench.settings, bench.harmonics, rng)
+    stands = replace(bench, built=made.rig, truth=made.truth, path=made.path)
+    if stands.fit(made.truth).mean() < 0.85:
+        raise Unfit("unstable with its imperfections")
+    return replace(stands, background=stated(made.size, asked, made.parts))
 
 
 def noise_of(bench: Bench, truth: Truth) -> Array:
@@ -227,8 +272,7 @@ def run(bench: Bench, hidden: Hidden, strength: float, picked: Array, steps: int
         chosen = np.isin(np.arange(len(bench.records)), picked)
         return hidden.afterwards(replace(bench.truth, rig=rigs).where(chosen), strength)
     asked = bench.records if hidden.records is None else hidden.records(strength)
-    built = rigs if isinstance(rigs, TrueRig) else [rigs[i] for i in picked]
-    truth = simulate_records(built, [asked[i] for i in picked], steps, bench.settings)
+    truth = simulate_records(bench.each(rigs, picked), [asked[i] for i in picked], steps, bench.settings)
     return hidden.afterwards(truth, strength)
 
 
@@ -244,7 +288,8 @@ def aimed(bench: Bench, hidden: Hidden, target: float) -> float:
     if hidden.lower == hidden.upper or (bench.quick and dear):
         return strength
     good = np.flatnonzero(bench.fit(bench.truth))
-    picked = good[:: max(1, len(good) // 12)] if dear else good
+    picked = (liveliest(bench, good) if bench.few else good[:: max(1, len(good) // 12)]) if dear else good
+    extent = 1.0 if bench.few else np.sqrt(len(good) / len(picked))
     upper = hidden.upper
     for _ in range(4 if dear else 20):
         truth = run(bench, hidden, strength, picked, min(512, bench.steps))
@@ -253,11 +298,30 @@ def aimed(bench: Bench, hidden: Hidden, target: float) -> float:
             strength = max(upper / 2, hidden.lower)
             continue
         rho, _ = length_of(bench, truth, picked, None if dear else noise_of(bench, truth))
-        ratio = target / max(rho * np.sqrt(len(good) / len(picked)), 1e-9)
+        ratio = target / max(rho * extent, 1e-9)
         strength = float(np.clip(strength * np.clip(ratio, 0.02, 50.0), hidden.lower, upper))
         if 0.2 < ratio < 5.0 and dear:
             break
     return strength
+
+
+def liveliest(bench: Bench, good: Array) -> Array:
+    """The half of the records that move or accelerate most: they touch a stop, and are most of a residual's length."""
+    felt = np.abs(np.fft.rfft(bench.truth.acceleration)[..., 1]).max(axis=1)[good]
+    moved = felt / np.array([bench.records[i].hz for i in good]) ** 2
+    lively = np.maximum(felt / felt.max(), moved / moved.max())
+    return np.sort(good[np.argsort(-lively)[: (len(good) + 1) // 2]])
+
+
+def strong_enough(bench: Bench, hidden: Hidden, strength: float) -> tuple[float, Truth]:
+    """The truth at this strength, or at half or a quarter of it where too few records can be used."""
+    everyone = np.arange(len(bench.records))
+    for _ in range(3):
+        truth = run(bench, hidden, strength, everyone, bench.steps)
+        if bench.fit(truth).mean() >= LEAST or strength / 2 < hidden.lower:
+            break
+        strength /= 2
+    return strength, truth
 
 
 def kind_of(cause: str | None) -> str:
@@ -273,30 +337,40 @@ def draw(
     rho: tuple[float, float] = (50.0, 3000.0),
     tolerances: bool = False,
     quick: bool = False,
+    background: tuple[float, float] | None = None,
 ) -> Case:
     """The case of a seed.
 
     `cause`: a key of `MAKERS`, None for a null case, "any" for a draw of all: one null and one outside the catalogue
     in eight each. `rig_seed`: take the bench of another seed. `quick`: few records, coarse; for tests.
+    `background`: range of the sizes of imperfections, relative to the response; None for none.
     """
     rng = np.random.default_rng([seed, 17])
     drawn = draw_cause(rng)
     name = drawn if cause == "any" else cause
     target = float(np.exp(rng.uniform(*np.log(rho))))
     seed_of_rig = seed if rig_seed is None else rig_seed
-    bench = set_up(seed_of_rig, which, kind_of(name), tolerances, quick)
+    bench = set_up(seed_of_rig, which, kind_of(name), tolerances, quick, background)
+    everyone = np.arange(len(bench.records))
     if name is None:
         hidden, strength, truth = None, 0.0, bench.truth
     else:
-        hidden = MAKERS[name](Scene(bench.built, bench.records, bench.truth, rng))
-        strength = aimed(bench, hidden, target)
-        truth = run(bench, hidden, strength, np.arange(len(bench.records)), bench.steps)
+        for _ in range(1 if background is None else DRAWS):
+            hidden = MAKERS[name](Scene(bench.built, bench.records, bench.truth, rng))
+            strength, truth = strong_enough(bench, hidden, aimed(bench, hidden, target))
+            if bench.fit(truth).mean() >= LEAST and length_of(bench, truth, everyone)[0] > target / MISSES:
+                break
+        else:
+            if background is not None:
+                raise Unfit(f"seed {seed}: the cause is hardly seen, or where it is no record can be used")
     keep = bench.fit(truth)
     if keep.mean() < LEAST:
         raise Unfit(f"seed {seed}: {keep.mean():.0%} of the records can be used")
     seen = truth.where(keep)
     spectra = measure(seen, bench.snr, np.random.default_rng([seed, 23]), harmonics=bench.harmonics, usable_only=False)
-    length, share = length_of(bench, truth, np.arange(len(bench.records)), spectra.std[0, 1:, 0])
+    length, share = length_of(bench, truth, everyone, spectra.std[0, 1:, 0])
+    both = keep & bench.fit(bench.truth)
+    change = relative_change(response(truth, bench.harmonics)[both], response(bench.truth, bench.harmonics)[both])
     slip = np.ptp(seen.u, axis=1) / 2
     answer = {
         "verdict": "consistent" if hidden is None else ("unexplained" if hidden.cause is None else "cause-found"),
@@ -312,6 +386,9 @@ def draw(
         "set": which,
         "snr_db": bench.snr,
         "tolerances": tolerances,
+        "effect": change,
+        "background_range": background,
+        **bench.background,
         "levels": sorted({r.level for r in bench.records}),
         "records": len(bench.records),
         "usable": int(keep.sum()),

@@ -92,6 +92,23 @@ class AddedSpring(Effect):
 
 
 @dataclass(frozen=True)
+class Stinger(Effect):
+    """What the shaker adds to the beam at the drive point: a mass, and a spring to ground."""
+
+    mass: float
+    stiffness: float
+    position: float
+
+    def places(self) -> list[float]:
+        return [self.position]
+
+    def build(self, fe: FiniteElements) -> None:
+        here = np.outer(fe.row(self.position), fe.row(self.position))
+        fe.M += self.mass * here
+        fe.K += self.stiffness * here
+
+
+@dataclass(frozen=True)
 class AttachedResonator(Effect):
     mass: float
     frequency_hz: float

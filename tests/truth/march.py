@@ -72,18 +72,46 @@ def transition(omega2: Array, d: Array, dt: Array) -> tuple[Array, ...]:
     return qq, qv, (1 - qq) / omega2 - q1, q1, vq, vv, S - v1, v1
 
 
+def newmark(omega2: Array, d: Array, dt: Array, beta: float = 1 / 12) -> tuple[Array, ...]:
+    """The same by Newmark's rule with gamma 1/2: no damping of its own, and stable for omega dt < 2.4.
+
+    Its frequencies are of fourth order. Those of the trapezoidal rule, beta 1/4, are of second: at 1024 steps a sharp
+    mode at three times the excitation then moved the response by 0.5 %, more than most backgrounds.
+    """
+    early, late = dt**2 * (0.5 - beta), dt**2 * beta
+    c, D = d * dt / 2 + omega2 * early, 1 + d * dt / 2 + omega2 * late
+    first = (-omega2, -d, 1.0, 0.0)  # acceleration at the beginning from q, v, p0, p1; then at the end
+    last = ((c - 1) * omega2 / D, ((c - 1) * d - omega2 * dt) / D, -c / D, 1 / D)
+    q = [early * a + late * b for a, b in zip(first, last, strict=True)]
+    v = [dt / 2 * (a + b) for a, b in zip(first, last, strict=True)]
+    return 1 + q[0], dt + q[1], q[2], q[3], v[0], 1 + v[1], v[2], v[3]
+
+
 class Batch:
     """Rigs, frequencies and the number of steps of a period, ready to march."""
 
-    def __init__(self, rigs: Sequence[TrueRig], omega: Array, lag: Array, steps: int, tolerance: float = 1e-12) -> None:
-        """`lag` of the force in periods; `tolerance`, of P, is that of the friction force in each step."""
+    def __init__(
+        self,
+        rigs: Sequence[TrueRig],
+        omega: Array,
+        lag: Array,
+        steps: int,
+        tolerance: float = 1e-12,
+        reduced: dict[str, Array] | None = None,
+    ) -> None:
+        """`lag` of the force in periods; `tolerance`, of P, is that of the friction force in each step.
+
+        `reduced`: the rigs' reduced structures, stacked, where they are known.
+        """
         self.rigs, self.steps, self.omega, self.lag, self.tolerance = rigs, steps, omega, lag, tolerance
         self.rig, self.law = rigs[0], side_by_side([rig.law for rig in rigs])
-        m = self.m = stack([rig.reduced() for rig in rigs])
+        m = self.m = stack([rig.reduced() for rig in rigs]) if reduced is None else reduced
         self.dt = (2 * np.pi / omega / steps)[:, None]
         self.dynamic = (m["inertia"] > 0) & (np.sqrt(m["omega2"]) * self.dt < FASTEST)
         static = 1.0 / np.broadcast_to(m["omega2"], self.dynamic.shape)
-        steps_of = transition(m["omega2"], m["damping"], self.dt)
+        exactly, ruled = (f(m["omega2"], m["damping"], self.dt) for f in (transition, newmark))
+        rule = np.array([[rig.newmark] for rig in rigs])
+        steps_of = [np.where(rule, a, b) for a, b in zip(ruled, exactly, strict=True)]
         fallback = (0.0, 0.0, 0.0, static, 0.0, 0.0, 0.0, 0.0)
         exact = [np.where(self.dynamic, a, b)[:, None] for a, b in zip(steps_of, fallback, strict=True)]
         self.qq, self.qv, self.q0, self.q1, self.vq, self.vv, self.v0, self.v1 = exact
@@ -126,8 +154,10 @@ class Batch:
 
     def select(self, keep: Array) -> "Batch":
         """The same batch with some of its records."""
-        rigs = self.rigs if len(self.rigs) == 1 else [self.rigs[i] for i in np.flatnonzero(keep)]
-        return Batch(rigs, self.omega[keep], self.lag[keep], self.steps, self.tolerance)
+        rigs, reduced = self.rigs, self.m
+        if len(rigs) > 1:
+            rigs, reduced = [rigs[i] for i in np.flatnonzero(keep)], {name: a[keep] for name, a in self.m.items()}
+        return Batch(rigs, self.omega[keep], self.lag[keep], self.steps, self.tolerance, reduced)
 
     def _effects(self, q: Array, v: Array, Gq: Array, phase: float, start: Array, tried: Array, soft: Array, dt: Array):
         """Generalised force, extra tension, extra part of R and new memory of the hidden effects."""

@@ -36,7 +36,12 @@ class Tone:
 
 @dataclass(frozen=True)
 class TrueRig:
-    """SI units; conventions of physics.md. `variable_normal_load` scales R(t) - P in the law: 1 true, 0 constant P."""
+    """SI units; conventions of physics.md. `variable_normal_load` scales R(t) - P in the law: 1 true, 0 constant P.
+
+    What no rig file holds: `damping_factors` multiply the damping of the modes of the bare beam but beta's part,
+    `thickness_terms` are the relative amplitudes of cos(n pi x / L) in the thickness, n = 1, 2, ..., which mass follows
+    and the cube of which bending follows; `newmark` marches the modes by Newmark's rule instead of exactly.
+    """
 
     length: float
     width: float
@@ -57,6 +62,9 @@ class TrueRig:
     high_mode_from: int = 6
     elements: int = 48
     modes: int = 16
+    damping_factors: tuple[float, ...] = ()
+    thickness_terms: tuple[float, ...] = ()
+    newmark: bool = False
 
     @property
     def arm(self) -> float:
@@ -74,7 +82,12 @@ class TrueRig:
         """Elements of the beam alone, clamped and supported rigidly."""
         places = [self.drive, *(place for effect in self.effects for place in effect.places())]
         mesh = nodes(self.length, self.elements, places)
-        return FiniteElements(mesh, self.density * self.area, self.bending)
+        if not self.thickness_terms:
+            return FiniteElements(mesh, self.density * self.area, self.bending)
+        order = np.arange(1, len(self.thickness_terms) + 1)
+        middle = (mesh[1:] + mesh[:-1]) / 2
+        thick = 1 + np.cos(np.pi * order * middle[:, None] / self.length) @ np.array(self.thickness_terms)
+        return FiniteElements(mesh, self.density * self.area * thick, self.bending * thick**3)
 
     def complete(self) -> FiniteElements:
         """Elements with the hidden effects in them."""
@@ -89,10 +102,17 @@ class TrueRig:
         The border is drawn by frequency, half way to the first high mode of the bare beam, so that a hidden
         resonator does not renumber the modes.
         """
-        bare, _ = modes_of(self.bare(), self.high_mode_from)
-        border = np.sqrt(bare[-1] * bare[-2]) if self.high_mode_from > 1 else 0.0
+        bare, _ = modes_of(self.bare(), max(self.high_mode_from, len(self.damping_factors)))
+        border = (
+            np.sqrt(bare[self.high_mode_from - 1] * bare[self.high_mode_from - 2]) if self.high_mode_from > 1 else 0.0
+        )
         high = (omega2 > border) & (self.high_mode_ratio > 0)
-        return np.where(high, 2 * self.high_mode_ratio * np.sqrt(omega2), self.alpha) + self.beta * omega2
+        damping = np.where(high, 2 * self.high_mode_ratio * np.sqrt(omega2), self.alpha)
+        if self.damping_factors:
+            known = np.log(bare[: len(self.damping_factors)])
+            nearest = np.abs(np.log(omega2)[:, None] - known).argmin(axis=1)
+            damping = damping * np.array(self.damping_factors)[nearest]
+        return damping + self.beta * omega2
 
     def reduced(self) -> Reduced:
         """Modes, and the static shapes that make the contact, the drive and the effects exact statically."""

@@ -47,7 +47,8 @@ class Truth:
     """Steady states over one period at N samples, time origin that of the force; (records, N) unless stated.
 
     acceleration (records, sensors, N) as each sensor reads it but for gain and delay; v is du/dt; `energy` the balance
-    of a period's work relative to the work of the force (or of the dissipation, where that is larger).
+    of a period's work relative to the work of the force (or of the dissipation, where that is larger); `rigs` those
+    that the records were simulated with.
     """
 
     rig: TrueRig
@@ -66,6 +67,7 @@ class Truth:
     u: Array
     v: Array
     state: State
+    rigs: Array
 
     @property
     def lifted(self) -> Array:
@@ -104,11 +106,17 @@ def force_over(rig: TrueRig, records: Sequence[Record], steps: int) -> Array:
     return np.array(rows)
 
 
-def batch_of(rigs: Sequence[TrueRig], records: Sequence[Record], steps: int, tolerance: float = 1e-12) -> Batch:
+def batch_of(
+    rigs: Sequence[TrueRig],
+    records: Sequence[Record],
+    steps: int,
+    tolerance: float = 1e-12,
+    reduced: dict[str, Array] | None = None,
+) -> Batch:
     """Records ready to march."""
     omega = 2 * np.pi * np.array([r.hz for r in records])
     lag = np.array([r.phase for r in records]) / (2 * np.pi)
-    return Batch(rigs, omega, lag, steps, tolerance)
+    return Batch(rigs, omega, lag, steps, tolerance, reduced)
 
 
 def ramp(batch: Batch, force: Array, start: State, periods: int, hold: int) -> tuple[State, State]:
@@ -258,9 +266,10 @@ def simulate_records(
     settings = settings or Settings()
     rigs = [rig] if isinstance(rig, TrueRig) else list(rig)
     asked = tuple(r if isinstance(r, Record) else Record(*r) for r in records)
-    coarse, fine = batch_of(rigs, asked, settings.coarse), batch_of(rigs, asked, steps)
+    coarse = batch_of(rigs, asked, settings.coarse)
+    fine = batch_of(rigs, asked, steps, reduced=coarse.m)
     rough, exact = force_over(rigs[0], asked, settings.coarse), force_over(rigs[0], asked, steps)
-    rising = batch_of(rigs, asked, settings.coarse // 2, tolerance=1e-8)
+    rising = batch_of(rigs, asked, settings.coarse // 2, 1e-8, coarse.m)
     growing = force_over(rigs[0], asked, settings.coarse // 2)
     state, size = ramp(rising, growing, rising.rest_state(), settings.ramp, settings.hold)
     settled = replace(settings, tolerance=1e-6)
@@ -312,6 +321,7 @@ def observe(
         acceleration=accelerations(batch, seen),
         v=v,
         state=state,
+        rigs=np.array([*batch.rigs] * (len(records) // len(batch.rigs)), dtype=object),
         **over,
     )
 
@@ -339,7 +349,8 @@ def taken_early(truth: Truth, share: float, wait: int, periods: int) -> Truth:
 
     What lasts of the transient is in these: the harmonics of a record of whole periods are those of its mean period.
     """
-    batch = batch_of([truth.rig], truth.records, truth.steps)
+    one = all(rig is truth.rigs[0] for rig in truth.rigs)
+    batch = batch_of([truth.rig] if one else list(truth.rigs), truth.records, truth.steps)
     force = force_over(truth.rig, truth.records, truth.steps)
     now, mean = batch.begin(truth.state.map(lambda a: (1.0 - share) * a), force[:, :1]), 0.0
     for period in range(wait + periods):

@@ -53,7 +53,7 @@ def test_same_seed_same_case() -> None:
 
 def test_a_null_is_null(null: Case) -> None:
     assert (null.answer["verdict"], null.answer["cause"], null.rho) == ("consistent", None, 0.0)
-    bench = set_up(RIG, "E", "coulomb", False, True)
+    bench = set_up(RIG, "E", "coulomb", False, True, None)
     assert null.truth is bench.truth
     assert null.truth.rig == null.nominal
     scores = ((null.spectra.cos - null.spectra.true_cos) / null.spectra.std)[:, 1:, 1:]
@@ -116,7 +116,7 @@ def test_poorer_sets_hold_less() -> None:
 @pytest.mark.parametrize("name", MAKERS)
 def test_every_cause_can_be_made(name: str) -> None:
     """It marches, and what is seen depends on its strength."""
-    bench = set_up(RIG, "E", "coulomb", False, True)
+    bench = set_up(RIG, "E", "coulomb", False, True, None)
     hidden = MAKERS[name](Scene(bench.built, bench.records, bench.truth, np.random.default_rng(4)))
     answer = hidden.parameters(hidden.typical)
     json.dumps(answer)
