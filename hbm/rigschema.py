@@ -105,6 +105,7 @@ class ChannelTable(Table):
 
     name: ChannelName
     quantity: Quantity
+    repeatability: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
 
 
 class BeamChannelTable(ChannelTable):

@@ -184,6 +184,8 @@ class Channel:
         On a beam [m].
     gain, delay : float
         The channel reads gain times what was there a delay [s] ago; of motion only.
+    repeatability : float
+        Share of its response that differs from one mounting of the structure to the next.
     """
 
     name: str
@@ -191,6 +193,7 @@ class Channel:
     position: float = 0.0
     gain: float = 1.0
     delay: float = 0.0
+    repeatability: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -66,6 +66,13 @@ def diagnose(
             help="What a number of the rig file may be off by, relative standard deviation; repeated for each.",
         ),
     ] = None,
+    repeatability: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PERCENT",
+            help="What the structure does differently from one mounting to the next, of its response.",
+        ),
+    ] = None,
 ) -> None:
     """What the simulation gets wrong, its cause, the extended rig, and what it gains on records held out.
 
@@ -88,7 +95,7 @@ def diagnose(
     from hbm.lawfile import files_run, run_files
     from hbm.sweep import all_cores
 
-    tolerances = _tolerances(loaded, tolerance)
+    tolerances, floor = _tolerances(loaded, tolerance), _share(repeatability)
     with _failing(measured.source), all_cores(partial(run_files, files_run())) as executor, Work() as work:
         found = search(
             loaded,
@@ -96,6 +103,7 @@ def diagnose(
             held_out=held or None,
             causes=candidates,
             tolerances=tolerances,
+            repeatability=floor,
             on_progress=work.show,
             executor=executor,
         )
@@ -170,6 +178,16 @@ def _tolerances(rig: "Rig", texts: Sequence[str] | None) -> Mapping[str, float] 
             raise InputError(f"{COMMAND}: --tolerance {key}; must be a number > 0 of the rig file: {accepted}")
         chosen[key] = positive(COMMAND, f"--tolerance {key}", value, "relative")
     return chosen
+
+
+def _share(percent: str | None) -> float:
+    """Repeatability as a share of the response."""
+    if percent is None:
+        return 0.0
+    found = positive(COMMAND, "--repeatability", percent, "%") / 100.0
+    if found >= 1.0:
+        raise InputError(f"{COMMAND}: --repeatability = {percent}; must be below 100 %")
+    return found
 
 
 # -------------------------------------------------------------------------------------------------------- computing

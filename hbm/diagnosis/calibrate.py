@@ -11,14 +11,12 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from hbm.diagnosis.fit import Evaluation, fit_model
-from hbm.diagnosis.model import Model
+from hbm.diagnosis.model import SENSORS, Model
 from hbm.diagnosis.nominal import tolerances, with_values
 from hbm.diagnosis.records import Campaign, Solutions
 from hbm.diagnosis.screen import coarse, spread
 from hbm.sensitivity import LOAD
 from models.rig import Rig
-
-SENSORS = "channels."
 
 FEW = 8
 LAST_STEPS = 4

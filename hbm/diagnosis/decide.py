@@ -78,6 +78,19 @@ def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:
     return [e for e in close if len(e.x) <= len(best.x) or best.chi2 - e.chi2 > 1.0 or not undetermined(e)]
 
 
+def plainest(best: Evaluation, fits: Sequence[Evaluation]) -> Evaluation:
+    """The best fit, or a simpler one that it contains and is not decisively better than."""
+    inside = [e for e in fits if _contains(best, e) and e.bic - best.bic < DECISIVE]
+    return min(inside, key=lambda e: (e.model.counted, e.bic), default=best)
+
+
+def _contains(rich: Evaluation, e: Evaluation) -> bool:
+    """Whether the causes of a model are among, or special cases of, those of a richer one."""
+    more = [{cause.label, *getattr(cause, "contains", ())} for cause in rich.model.causes]
+    own = [cause.label for cause in e.model.causes]
+    return e.model.counted < rich.model.counted and all(any(label in names for names in more) for label in own)
+
+
 def undetermined(e: Evaluation) -> bool:
     """Whether a number of a cause may be anything."""
     known = [(abs(f.value(x)), s) for f, x, s in zip(e.model.free, e.x, e.std, strict=True) if f.cause >= 0]
@@ -140,6 +153,11 @@ class Decision:
     base: Evaluation
     best: Evaluation | None
     fits: tuple[Evaluation, ...]
+
+    @property
+    def story(self) -> Evaluation:
+        """What was decided for."""
+        return self.best or self.base
 
 
 def best_first(*decisions: Decision) -> Decision:

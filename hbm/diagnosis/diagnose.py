@@ -10,8 +10,10 @@ from dataclasses import replace
 import models.causes
 from hbm.diagnosis.account import Account
 from hbm.diagnosis.heldout import check_held_out, choose_held_out
+from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.search import OnProgress, Search
 from hbm.diagnosis.verdict import Diagnosis
+from hbm.measurement.repeatability import repeatability_of, unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.threads import one_thread
 from models.causes.cause import Cause
@@ -28,6 +30,7 @@ def diagnose(
     held_out: Iterable[int] | None = None,
     causes: Iterable[Cause | type[Cause]] | None = None,
     tolerances: Mapping[str, float] | None = None,
+    repeatability: float = 0.0,
     on_progress: OnProgress | None = None,
     executor: Executor | None = None,
 ) -> Diagnosis:
@@ -46,6 +49,10 @@ def diagnose(
     tolerances : mapping of str to float, optional
         What numbers of the rig file are off by at most, relative standard deviations by their keys; within these
         nothing is called wrong. :data:`hbm.diagnosis.nominal.TOLERANCES` where omitted.
+    repeatability : float
+        Share of its response by which the structure differs from one mounting to the next, 0.01 for 1 %. It counts as
+        noise, as do what the rig file states of a channel and what records measured more than once show, whichever is
+        largest.
     on_progress : callable, optional
         Called with what is done and the fraction done.
     executor : concurrent.futures.Executor, optional
@@ -66,18 +73,28 @@ def diagnose(
     check_held_out(spectra, held)
     tell = on_progress or (lambda doing, done: None)
     candidates = list(_candidates(rig, causes))
+    shares = repeatability_of(rig, spectra, repeatability)
+    spectra = unrepeatable(spectra, shares)
 
     def account(held: tuple[int, ...]) -> Account:
         train, unseen = spectra.split(held) if held else (spectra, None)
         search = Search(rig, train, candidates, tolerances, tell, executor)
         return Account(search, search.decide(), unseen, held)
 
+    beside = tuple(_unrepeatable(shares))
     found = account(held)
     if held_out is not None or not found.untold:
-        return found.diagnosis()
+        diagnosis = found.diagnosis()
+        return replace(diagnosis, evidence=(*beside, *diagnosis.evidence))
     tell("half as many records held out", 0.0)
     again = account(held[1::2]).diagnosis()
-    return replace(again, evidence=(HALF, *again.evidence))
+    return replace(again, evidence=(HALF, *beside, *again.evidence))
+
+
+def _unrepeatable(shares: Mapping[str, float]) -> Iterator[str]:
+    told = ", ".join(f"{name} {percent(share)}" for name, share in shares.items() if share > 0.0)
+    if told:
+        yield f"What does not repeat from one mounting to the next counts as noise, of the response of {told}."
 
 
 def _candidates(rig: Rig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:

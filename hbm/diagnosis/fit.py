@@ -4,12 +4,13 @@ The force noise of each record is profiled out: the covariance follows the model
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from continuation import ConvergenceError
 from hbm.diagnosis.model import Model
+from hbm.diagnosis.numerics import Correction
 from hbm.diagnosis.records import FAILURES, Campaign, Simulated, Solutions, Whitened, states
 from hbm.fourier import Array
 from hbm.residual import State
@@ -54,6 +55,8 @@ class Evaluation:
         Records without a steady state.
     by_x : (p, n) array
         Derivatives of the numbers of the rig that the records are differentiated to.
+    corrections : dict of int to Correction
+        Of the discretisation, by record.
     """
 
     model: Model
@@ -62,6 +65,7 @@ class Evaluation:
     white: Whitened
     missing: tuple[int, ...]
     by_x: Array
+    corrections: Mapping[int, Correction] = field(default_factory=dict)
 
     @property
     def pulls(self) -> Array:
@@ -155,7 +159,7 @@ def evaluate(
         starts, needed = starts | near.states(x), {*needed, *near.found}
     found = campaign.simulate(model.rig(x), keys, starts, needed)
     missing = tuple(number for number in campaign.numbers if number not in found)
-    return Evaluation(model, x, found, campaign.whiten(found, by_x), missing, by_x)
+    return Evaluation(model, x, found, campaign.whiten(found, by_x), missing, by_x, campaign.corrections)
 
 
 def fit_model(

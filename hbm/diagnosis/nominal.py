@@ -15,7 +15,7 @@ TOLERANCES = {
     FRICTION + "mu": 0.02,
     FRICTION + "mu_static": 0.02,
     "friction": 0.05,
-    "gain": 0.002,
+    "gain": 0.005,
     "delay": 2e-6,
     "position": 5e-4,
 }

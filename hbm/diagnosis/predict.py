@@ -6,7 +6,7 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.diagnosis.fit import Evaluation, evaluate
-from hbm.diagnosis.misfit import Misfit, likeliest, misfit_of_new
+from hbm.diagnosis.misfit import Misfit, likeliest, misfit_of_new, nrmse
 from hbm.diagnosis.records import Campaign
 from hbm.diagnosis.verdict import Errors
 
@@ -27,7 +27,7 @@ class Predicted:
     @property
     def errors(self) -> Errors:
         """Relative error, and noise variances on the mean."""
-        return Errors(self.misfit.nrmse, self.evaluation.white.chi2 / len(self.evaluation.white))
+        return Errors(self.misfit.nrmse, self.evaluation.white.charged / len(self.evaluation.white))
 
 
 def predicted(e: Evaluation, hidden: Campaign | None) -> Predicted | None:
@@ -40,7 +40,7 @@ def predicted(e: Evaluation, hidden: Campaign | None) -> Predicted | None:
     except (ConvergenceError, ValueError):
         return None
     first = misfit_of_new(there, e.x, e.covariance, hidden)
-    return Predicted(there, replace(_within(there, e, first, hidden), nrmse=first.nrmse))
+    return Predicted(there, replace(_within(there, e, first, hidden), nrmse=nrmse(there.white.predicted)))
 
 
 def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -> Misfit:

@@ -9,7 +9,6 @@ import numpy as np
 from hbm.diagnosis.attached import attached_starts
 from hbm.diagnosis.fit import STEPS, Evaluation, fit_model, refine
 from hbm.diagnosis.heat import AT_ONCE, CLOSE, Heats, Runner, elsewhere, rank, with_limits
-from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import FAILURES, Campaign, Solutions
 from hbm.diagnosis.screen import Score, Screening, small, starting, telling
@@ -55,9 +54,10 @@ REFINED, FAR = 300.0, 1500.0
 """Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
 
 Tell = Callable[[str], None]
+Enough = Callable[[Evaluation], bool]
 
 
-def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell) -> list[Evaluation]:
+def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell, enough: Enough) -> list[Evaluation]:
     """Fit the candidates that may explain a misfit, over a model that was calibrated or not.
 
     Parameters
@@ -69,6 +69,8 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
         Of the candidates over the same base.
     tell : callable
         Progress.
+    enough : callable
+        Whether a fit leaves so little that no other candidates are looked at.
 
     Returns
     -------
@@ -86,13 +88,13 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell)
         done, rest = _refined(_final(finalists, base, campaign, tell, reach), base, campaign), _running(screening, base)
         reached = finalists[0].chi2 if lost else np.inf
     rest = [s for s in rest if s.cause.label not in ran]
-    if rest and not any(misfit(e, campaign).fits for e in done):
+    if rest and not any(enough(e) for e in done):
         finalists, _ = _by_heat(heats, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
         more = sorted(_final(finalists, base, campaign, tell), key=rank)
         if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
             more = _refined(more, base, campaign)
         done = sorted([*done, *more], key=rank)
-    return followed(done, campaign) if any(misfit(e, campaign).fits for e in done[:1]) else done
+    return followed(done, campaign) if any(enough(e) for e in done[:1]) else done
 
 
 def followed(done: Sequence[Evaluation], campaign: Campaign) -> list[Evaluation]:

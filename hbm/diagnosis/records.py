@@ -11,8 +11,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import block_diag
 
 from continuation import ConvergenceError
+from hbm.diagnosis.background import Basis, basis_of
 from hbm.diagnosis.numerics import Correction, Grid, Numerics, amplitudes_of, corrections
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.records import Measurement, Record, force_columns, parts, solve_from, solve_record
@@ -44,6 +46,9 @@ INEXACT = 0.2
 LOSSLESS = 1e-9
 """Of the largest loop that friction and slip could close, the loss of a contact that sticks."""
 
+TINY = 1e-12
+"""Variance of a disturbance that is none."""
+
 FAILURES = (ConvergenceError, ArithmeticError, ValueError, np.linalg.LinAlgError)
 
 
@@ -67,6 +72,11 @@ class Simulated:
     by_transients: Array | None
     Q_by_keys: Array
     T_by_keys: Array
+
+    @property
+    def transients(self) -> int:
+        """How many motions of a start from rest are left in it."""
+        return 0 if self.by_transients is None else self.by_transients.shape[-1]
 
     def moved(self, change: Array) -> State:
         """Where the steady state is to first order when the numbers of the keys change by so much, (p,)."""
@@ -92,6 +102,12 @@ class Whitened:
         Where each entry belongs: number of the record, place of the channel, harmonic, 0 of a cosine and 1 of a sine.
     spreads : dict of int to float
         Logarithm of the determinant of the covariance beside that of the noise of the responses alone, by record.
+    shared : float
+        What a background, which records share, adds to that.
+    free : float
+        What transients that are free in each record add to it: so much chi2 their freedom costs.
+    lasting : (m,) array
+        Those transients, in units of the channel.
     """
 
     residual: Array
@@ -103,11 +119,24 @@ class Whitened:
     harmonic: npt.NDArray[np.int64]
     part: npt.NDArray[np.int64]
     spreads: Mapping[int, float]
+    shared: float = 0.0
+    free: float = 0.0
+    lasting: Array | None = None
+
+    @property
+    def predicted(self) -> "Whitened":
+        """The same as predicted: transients that are free in each record foretell nothing of another."""
+        return self if self.lasting is None else replace(self, raw=self.raw + self.lasting, lasting=None)
+
+    @property
+    def charged(self) -> float:
+        """Sum of squares and what transients cost: they explain whatever they are fitted to, records held out too."""
+        return self.chi2 + self.free
 
     @property
     def spread(self) -> float:
-        """Sum over the records."""
-        return float(sum(self.spreads.values()))
+        """Of all records together."""
+        return float(sum(self.spreads.values())) + self.shared
 
     def deviance(self, record: int) -> float:
         """Twice the negative logarithm of a record's likelihood, but for a constant."""
@@ -125,12 +154,16 @@ class Whitened:
 
 @dataclass(frozen=True, eq=False)
 class Campaign:
-    """Measured records, how they are simulated and by whom, and what corrects the simulation of each."""
+    """Measured records, how they are simulated and by whom, and what corrects the simulation of each.
+
+    `background` is the size of what no model describes, by harmonic: see :mod:`hbm.diagnosis.background`.
+    """
 
     data: Measurement
     numerics: Numerics
     corrections: Mapping[int, Correction] = field(default_factory=dict)
     executor: Executor | None = None
+    background: Mapping[int, float] = field(default_factory=dict)
 
     def of(self, numbers: Sequence[int]) -> "Campaign":
         """Some of the records."""
@@ -243,7 +276,7 @@ class Campaign:
         columns = self.correlated(record, simulated)
         residual = self.missed(record, simulated) / self.listed_std(record)
         size = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ residual)
-        return np.asarray(simulated.by_transients @ size[len(size) - simulated.by_transients.shape[-1] :])
+        return np.asarray(simulated.by_transients @ size[len(size) - simulated.transients :])
 
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
         """Records found, in standard deviations; `by_x` (p, n) turns derivatives to keys into those to coordinates."""
@@ -255,7 +288,37 @@ class Campaign:
             np.concatenate([row[i] for row in rows]) for i in range(8)
         )
         spreads = {r.number: float(row[8]) for r, row in zip(there, rows, strict=True)}
-        return Whitened(residual, jacobian, raw, measured, record, channel, harmonic, part, spreads)
+        free = float(sum(float(row[9]) for row in rows))
+        lasting = np.concatenate([row[10] for row in rows]) if free else None
+        white = Whitened(
+            residual, jacobian, raw, measured, record, channel, harmonic, part, spreads, free=free, lasting=lasting
+        )
+        return self._beside_background(white, there, found, by_x) if any(self.background.values()) else white
+
+    def basis(self, numbers: Sequence[int]) -> Basis:
+        """Independent combinations of the coefficients of some records."""
+        records = [r for r in self.data.records if r.number in set(numbers)]
+        return basis_of(records, [self.std(r) for r in records])
+
+    def _beside_background(
+        self, white: Whitened, there: Sequence[Record], found: Mapping[int, Simulated], by_x: Array
+    ) -> Whitened:
+        """The same where a background correlates the records."""
+        basis = self.basis([r.number for r in there])
+        rows, columns = self.unwhitened(there, found, by_x)
+        rows, columns = (basis.whiten(self.background, a) for a in (rows, columns))
+        whole, determinant = uncorrelated_many(columns, rows)
+        shared = basis.spread(self.background) + determinant - sum(white.spreads.values())
+        return replace(white, residual=whole[:, 0], jacobian=whole[:, 1:], shared=shared)
+
+    def unwhitened(self, there: Sequence[Record], found: Mapping[int, Simulated], by_x: Array) -> tuple[Array, Array]:
+        """Residual and derivatives (m, 1 + n) in noise's standard deviations; and disturbances, each of one record."""
+        rows, columns = [], []
+        for r in there:
+            s, std = found[r.number], self.listed_std(r)
+            rows.append(np.column_stack([self.missed(r, s), s.by_keys[r.listed] @ by_x]) / std[:, None])
+            columns.append(self.correlated(r, s))
+        return np.concatenate(rows), block_diag(*columns)
 
     def _whitened(self, record: Record, simulated: Simulated, by_x: Array) -> tuple[npt.NDArray[Any], ...]:
         listed, std, raw = record.listed, self.listed_std(record), self.missed(record, simulated)
@@ -266,6 +329,8 @@ class Campaign:
         white = uncorrelated(columns, rows)
         part, channel, harmonic = np.nonzero(listed)
         number = np.full(len(raw), record.number)
+        spread = _determinant(columns) + 2.0 * len(raw) * np.log(inexact)
+        settled = columns[:, : columns.shape[1] - simulated.transients]
         return (
             white[:, 0],
             white[:, 1:],
@@ -275,7 +340,9 @@ class Campaign:
             np.asarray(channel),
             np.asarray(harmonic + 1),
             np.asarray(part),
-            np.linalg.slogdet(np.eye(columns.shape[1]) + columns.T @ columns)[1] + 2.0 * len(raw) * np.log(inexact),
+            spread,
+            np.asarray(spread - _determinant(settled) if simulated.transients else 0.0),
+            lasting,
         )
 
     def chi2(self, solutions: Solutions) -> dict[int, float]:
@@ -432,6 +499,20 @@ def in_record(rig: Rig, keys: Sequence[str], record: int) -> tuple[tuple[str, ..
     for j, (key, target) in enumerate(zip(keys, acts_on, strict=True)):
         by_keys[own.index(target), j] = after * number(rig, target) if key in drifting else grown.get(target, 1.0)
     return own, by_keys
+
+
+def _determinant(columns: Array) -> float:
+    """Logarithm of the determinant of 1 + A A'."""
+    return float(np.linalg.slogdet(np.eye(columns.shape[1]) + columns.T @ columns)[1])
+
+
+def uncorrelated_many(columns: Array, rows: Array) -> tuple[Array, float]:
+    """As :func:`uncorrelated`, for hundreds of columns; and the logarithm of the determinant of 1 + A A'."""
+    size, V = np.linalg.eigh(columns.T @ columns)
+    size = np.maximum(size, 0.0)
+    share = np.where(size > TINY, (1.0 - 1.0 / np.sqrt(1.0 + size)) / np.where(size > TINY, size, 1.0), 0.5)
+    along = columns @ V
+    return np.asarray(rows - along @ (share[:, None] * (along.T @ rows))), float(np.log1p(size).sum())
 
 
 def uncorrelated(columns: Array, rows: Array) -> Array:

@@ -3,27 +3,33 @@
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from hbm.diagnosis.calibrate import SENSORS, calibrate, off, profiled, trusted
+from hbm.diagnosis.background import LARGEST
+from hbm.diagnosis.calibrate import calibrate, off, profiled, trusted
 from hbm.diagnosis.decide import (
     DECISIVE,
     Decision,
     accepted,
     best_first,
     best_of,
+    evidence,
+    plainest,
     simpler,
     suspicious,
     tied,
 )
 from hbm.diagnosis.fit import Evaluation, evaluate, fit_model, refine
+from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.model import Model
+from hbm.diagnosis.model import SENSORS, Model
 from hbm.diagnosis.numerics import Numerics, choose
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.race import EXPLAINED, race
 from hbm.diagnosis.records import FAILURES, Campaign
+from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError
 from hbm.identification.records import measurement_of
@@ -44,6 +50,18 @@ STRONGER = 0.7
 
 TOLERANCES_LEAVE = 0.01
 """Share of the excess of chi2 that is left, at most, where numbers within tolerances were most of what was wrong."""
+
+NEARLY = 0.9
+"""Share of the misfit of the calibrated rig file of which a cause explains next to all."""
+
+TOLERATED = 0.015
+"""Misfit of the rig file as it is, relative to the response, in which no cause is looked for that tolerances do for."""
+
+PAYS = 0.7
+"""Share of what one cause leaves that a second one must take."""
+
+CLOSEST, LAST = 1, 4
+"""Causes found over the rig file as it is that are calibrated too; steps of the last fit."""
 
 DISTORTED = 5.0
 """A force is distorted that has a harmonic of so many standard deviations."""
@@ -101,6 +119,7 @@ class Search:
         self.screening: Screening = self._screened(self.nominal)
         tell("calibration", 0.2)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
+        self.fitted: list[Evaluation] = []
 
     def _seen(self, cause: Cause) -> bool:
         """Whether what was measured can speak of a cause: its channels, or the harmonics of the force."""
@@ -134,9 +153,16 @@ class Search:
 
     def decide(self) -> Decision:
         """The simplest story that will do: see :mod:`hbm.diagnosis.decide`."""
+        found = self._plain()
+        return found if self._fits(found.story) and self.tolerable(found.story) else self._beside_background()
+
+    def _plain(self) -> Decision:
+        """The simplest story that leaves noise alone; where there is none, the best of those that nearly do."""
         nominal = misfit(self.nominal, self.campaign)
         if nominal.fits and not suspicious(self.screening, self.rig):
             return Decision(self.nominal, None, ())
+        if self._within() and beyond_noise(self.nominal.white) <= TOLERATED:
+            return Decision(self.calibrated, None, ())
         exact = self._race(self.nominal, self.screening, 0.3)
         if self._explains(exact) and exact.best is not None:
             if simpler(exact.best, self.calibrated, self.tried) or not self._within():
@@ -145,24 +171,85 @@ class Search:
             return Decision(self.calibrated, None, exact.fits)
         if nominal.fits:
             return Decision(self.nominal, None, exact.fits)
-        self.tell("screening over the calibrated model", 0.5)
-        first = self._race(self.calibrated, self._screened(self.calibrated), 0.55)
-        further = self._calibrated_from(first)
-        if further is not None:
-            self.calibrated = further
-            if self._within():
-                return Decision(self.calibrated, None, exact.fits)
-            first = _decided(self.calibrated, first.fits, self.tried)
+        first = self._over_calibrated(exact)
+        if self._within():
+            return Decision(self.calibrated, None, exact.fits)
         if self._explains(first):
             return self._plainest(exact, first)
+        single = best_first(exact, first)
+        if single.best is not None and self._enough(single.best):
+            return single
         several = self._several() if off(self.trust, self.calibrated) else None
         if several is not None:
             return several
-        single = best_first(exact, first)
         if single.best is None or single.best.chi2 > STRONGER * self.calibrated.chi2:
             return single
-        pair = self._pair(single, single.best)
-        return pair if self._explains(pair) else best_first(single, pair)
+        return self._pair(single, single.best)
+
+    def _over_calibrated(self, exact: Decision) -> Decision:
+        """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
+        near = [e for e in exact.fits if self._enough(e)][:CLOSEST]
+        if near:
+            self.tell("the best ones, calibrated", 0.5)
+            again = [e for found in near for e in started(self.calibrated, found, found.model.causes, self.campaign)]
+            self.fitted += again
+            return _decided(self.calibrated, again, self.tried)
+        self.tell("screening over the calibrated model", 0.5)
+        first = self._race(self.calibrated, self._screened(self.calibrated), 0.55)
+        further = self._calibrated_from(first)
+        if further is None:
+            return first
+        self.calibrated = further
+        return _decided(self.calibrated, first.fits, self.tried)
+
+    def _enough(self, e: Evaluation) -> bool:
+        """Whether a model leaves noise, or so little of what the rig file does that it may be a background."""
+        if self._fits(e):
+            return True
+        before = self.calibrated if e.model.calibrated else self.nominal
+        return explained(before.white, e.white) >= NEARLY and beyond_noise(e.white) <= LARGEST
+
+    def tolerable(self, e: Evaluation) -> bool:
+        """Whether no number of the rig file beside a cause is off by more than tolerances explain."""
+        return not e.model.calibrated or not off(self.trust, e)
+
+    def _beside_background(self) -> Decision:
+        """The likeliest story where no model leaves noise alone: all of them beside what the best one leaves."""
+        self.tell("beside a background", 0.8)
+        models = [e for e in (*self.fitted, *self._calibrated_too()) if not e.missing and self.tolerable(e)]
+        models = [e for e in models if len(e.model.causes) == 1 or self._pays(e, models)]
+        likeliest = min((self.nominal, self.calibrated, *models), key=evidence)
+        self.campaign = replace(self.campaign, background=background_of(likeliest, self.campaign))
+        nominal, calibrated, *others = (beside(e, self.campaign) for e in (self.nominal, self.calibrated, *models))
+        ranked = sorted(others, key=evidence)
+        bases = [(e, calibrated if e.model.calibrated else nominal) for e in ranked]
+        best = next((e for e, base in bases if accepted(base, e, self.tried) or self._due(e)), None)
+        if best is None or (self.tolerable(calibrated) and not simpler(best, calibrated, self.tried)):
+            return Decision(calibrated, None, tuple(ranked))
+        best = self._fitted_beside(plainest(best, ranked), models)
+        return Decision(calibrated if best.model.calibrated else nominal, best, (best, *_others(best, ranked)))
+
+    def _fitted_beside(self, best: Evaluation, models: Sequence[Evaluation]) -> Evaluation:
+        """The model that was chosen to first order, fitted beside the background from where it stood without."""
+        start = next(e for e in models if e.model is best.model)
+        try:
+            campaign = replace(self.campaign, corrections=start.corrections)
+            return fit_model(start.model, campaign, start.x, start.solutions, LAST)
+        except FAILURES:
+            return best
+
+    def _pays(self, pair: Evaluation, models: Sequence[Evaluation]) -> bool:
+        """Whether a second cause takes a large share of what the first leaves."""
+        first = [e for e in models if e.model.causes == pair.model.causes[:1]]
+        return all(explained(e.white, pair.white) >= PAYS for e in first)
+
+    def _calibrated_too(self) -> list[Evaluation]:
+        """The best causes found over the rig file as it is, over the calibrated one where they are not known there."""
+        known = {e.model.label for e in self.fitted if e.model.calibrated}
+        plain = [e for e in best_of(self.fitted) if e.model.label not in known and not e.missing]
+        return [
+            e for found in plain[:CLOSEST] for e in started(self.calibrated, found, found.model.causes, self.campaign)
+        ]
 
     def _explains(self, decision: Decision) -> bool:
         return decision.best is not None and self._fits(decision.best)
@@ -176,9 +263,11 @@ class Search:
 
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
         lifted = self._lifted(base, done)
+        self.fitted += lifted
         if any(self._fits(e) for e in lifted):
             return _decided(base, lifted, self.tried)
-        fits = race(base, self.campaign, screening, lambda doing: self.tell(doing, done))
+        fits = race(base, self.campaign, screening, lambda doing: self.tell(doing, done), self._enough)
+        self.fitted += fits
         return _decided(base, [*lifted, *fits], self.tried)
 
     def _lifted(self, base: Evaluation, done: float) -> list[Evaluation]:
@@ -216,23 +305,36 @@ class Search:
         """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
         self.tell("free calibration", 0.65)
         base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
-        if not self._fits(base) or not accepted(self.calibrated, base, self.tried):
+        wrong = self._beyond(base) or self._beyond(self.calibrated)
+        if not self._enough(base) or not wrong:
             return None
-        far = {key: pull for key, pull in off(self.trust, base).items() if not key.startswith(SENSORS)}
-        wrong = far or {base.model.free[0].name: 0.0}
         model = Model(self.rig, self.trust.calibrated, tuple(WrongParameter(key) for key in wrong))
         x = {f.name: v for f, v in zip(base.model.free, base.x, strict=True)}
-        keys = list(wrong)
-        names = [f.name if f.cause < 0 else keys[f.cause] for f in model.free]
+        names = [f.name if f.cause < 0 else wrong[f.cause] for f in model.free]
         start = np.array([f.of(np.exp(x[name])) for f, name in zip(model.free, names, strict=True)])
         best = fit_model(model, self.campaign, start, base.solutions)
+        self.fitted.append(best)
         return Decision(self.calibrated, best, (best,))
+
+    def _beyond(self, e: Evaluation) -> list[str]:
+        """Numbers of the rig file, those of sensors aside, that a model moves by more than tolerances explain."""
+        return [key for key in off(self.trust, e) if not key.startswith(SENSORS)]
+
+    def _due(self, e: Evaluation) -> bool:
+        """Whether a model only frees numbers that calibration moves beyond their tolerances: these are wrong."""
+        wrong = {cause.key for cause in e.model.causes if isinstance(cause, WrongParameter)}
+        return len(wrong) == len(e.model.causes) and wrong <= set(self._beyond(self.calibrated))
+
+    def _tell_pair(self, first: str, doing: str) -> None:
+        self.tell(f"{first} and {doing}", 0.7)
 
     def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
         """Two causes: one more beside the best."""
         rest = [c for c in self.candidates if c not in single.model.causes and _suits(c, single.model.rig(single.x))]
         screening = self._screened(single, rest)
-        fits = race(single, self.campaign, screening, lambda doing: self.tell(f"{single.model.label} and {doing}", 0.7))
+        tell = partial(self._tell_pair, single.model.label)
+        fits = race(single, self.campaign, screening, tell, self._enough)
+        self.fitted += fits
         # the first of a pair may only have led to where the second is found
         pairs = [pair for pair in fits[:1] if self._fits(pair)]
         alone = [e for pair in pairs for e in started(earlier.base, pair, pair.model.causes[1:], self.campaign)]
@@ -245,6 +347,14 @@ def _decided(base: Evaluation, fits: Sequence[Evaluation], tried: int) -> Decisi
     ranked = best_of(fits)
     best = next((e for e in ranked[:1] if accepted(base, e, tried)), None)
     return Decision(base, best, tuple(ranked))
+
+
+def _others(best: Evaluation, ranked: Sequence[Evaluation]) -> list[Evaluation]:
+    """Fits with other causes, the best one of each."""
+    first: dict[str, Evaluation] = {}
+    for e in ranked:
+        first.setdefault(e.model.label, e)
+    return [e for label, e in first.items() if label != best.model.label]
 
 
 def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campaign: Campaign) -> list[Evaluation]:

@@ -6,10 +6,17 @@ from typing import Any, Literal
 
 from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.records import Campaign
+from hbm.diagnosis.remainder import Remainder, percent
 from models.rig import Rig
 
-Verdict = Literal["consistent", "cause-found", "unexplained"]
+Verdict = Literal["consistent", "cause-found", "main-cause", "unexplained"]
+NAMED: tuple[Verdict, ...] = ("cause-found", "main-cause")
+"""Verdicts that name a cause and have an extended rig."""
+
 SCHEMA = 1
+
+BELIEF = ((0.97, "as good as certain"), (0.9, "likely"), (0.5, "more likely than not"), (0.0, "open"))
+"""What a confidence is in words."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +76,7 @@ class Diagnosis:
     Attributes
     ----------
     verdict : str
-        consistent, cause-found or unexplained.
+        consistent; cause-found; main-cause, which is decisive but leaves much; or unexplained.
     cause : str or None
         Of formats.md section 6.
     parameters : dict of str to Estimate
@@ -79,6 +86,8 @@ class Diagnosis:
         Candidates that these records cannot tell from the cause.
     separate_by : str
         The measurement that would.
+    remainder : Remainder
+        What the model of the verdict leaves: the extended one, or the calibrated nominal.
     errors : dict
         nominal, calibrated, extended -> train, held_out -> Errors.
     held_out_records : tuple of int
@@ -103,6 +112,7 @@ class Diagnosis:
     confidence: float
     not_separable: tuple[str, ...]
     separate_by: str
+    remainder: Remainder
     errors: Mapping[str, Mapping[str, Errors]]
     held_out_records: tuple[int, ...]
     ranking: tuple[Ranked, ...]
@@ -136,6 +146,7 @@ class Diagnosis:
             "confidence": self.confidence,
             "not_separable": list(self.not_separable),
             "separate_by": self.separate_by,
+            "remainder": self.remainder.json(),
             "errors": {
                 model: {part: e.json() for part, e in parts.items()} for model, parts in self.errors.items()
             },
@@ -148,16 +159,37 @@ class Diagnosis:
     def __repr__(self) -> str:
         return "\n".join([self._headline(), *(f"  {line}" for line in self.evidence), *self._advice()])
 
+    @property
+    def belief(self) -> str:
+        """The confidence in words."""
+        return next(words for least, words in BELIEF if self.confidence >= least)
+
     def _headline(self) -> str:
-        if self.verdict == "consistent":
+        left = percent(self.remainder.size)
+        if self.verdict == "consistent" and not self.remainder.structured:
             return "Consistent: no discrepancy beyond noise."
+        if self.verdict == "consistent":
+            return (
+                f"Consistent to {left} of the response: more than noise, and no cause that was tried takes most of it."
+            )
+        if self.verdict == "unexplained" and not self.remainder.structured:
+            hidden = percent(self.errors["calibrated"]["train"].nrmse)
+            return f"Unexplained: the noise is {hidden} of the response; records like these agree with any model."
         if self.verdict == "unexplained":
-            return "Unexplained: there is a discrepancy, and no cause that was tried explains it."
+            return (
+                f"Unexplained: the simulation is off by {left} of the response beyond noise, and no cause that was "
+                "tried takes most of it."
+            )
         said = ", ".join(_said(name, p) for name, p in self.parameters.items())
         ratio = self.gain["held_out_nrmse_ratio"]
+        first = "Cause found" if self.verdict == "cause-found" else "Main cause"
+        rest = {
+            (True, "cause-found"): f"what remains is {left} of the response",
+            (True, "main-cause"): f"the rest, {left} of the response, is unexplained",
+        }.get((self.remainder.structured, self.verdict), "what remains is noise")
         return (
-            f"Cause found: {self.cause}{f' ({said})' if said else ''}, confidence {self.confidence:.2f}; "
-            f"error on records held out {ratio:.3g} times that of the calibrated nominal."
+            f"{first}: {self.cause}{f' ({said})' if said else ''}, {self.belief} ({self.confidence:.2f}); "
+            f"error on records held out {ratio:.3g} times that of the calibrated rig file; {rest}."
         )
 
     def _advice(self) -> list[str]:

@@ -58,15 +58,21 @@ class Cause(Protocol):
         Of formats.md section 6.
     meaning, looks_like, confused_with : str
         In words: what it does, how it shows, and what shows alike.
+    check : str
+        The cheapest experiment that would confirm or refute it on the structure.
     abrupt : bool
         Whether its first small effect says little of the whole: it sets in at a threshold, or is no steady state's.
+    contains : tuple of str
+        Simpler causes that it is at some values of its parameters.
     """
 
     name: ClassVar[str]
     meaning: ClassVar[str]
     looks_like: ClassVar[str]
     confused_with: ClassVar[str]
+    check: ClassVar[str] = ""
     abrupt: ClassVar[bool] = False
+    contains: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["Cause"]:

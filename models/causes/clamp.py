@@ -28,7 +28,12 @@ class ClampFriction(Cause):
     meaning: ClassVar[str] = "one Jenkins element is all that holds the rotation of the clamp"
     looks_like: ClassVar[str] = "as clamp-rotation up to a level, then a loss that grows with it, and odd harmonics"
     confused_with: ClassVar[str] = "clamp-rotation, parameter:contact.radius"
+    check: ClassVar[str] = (
+        "put an accelerometer next to the clamp and repeat a record at a low and at a high level: only at the high "
+        "one may its rotation lag behind the force"
+    )
     abrupt: ClassVar[bool] = True
+    contains: ClassVar[tuple[str, ...]] = ("clamp-rotation",)
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ClampFriction"]:

@@ -31,6 +31,9 @@ class MidplaneStretchingCause(Cause):
     meaning: ClassVar[str] = "the ends hold the beam axially, so that it stiffens as it bends"
     looks_like: ClassVar[str] = "in phase, with the cube of the amplitude; frequencies rise with the level"
     confused_with: ClassVar[str] = "impact-stop, support-rotation-spring"
+    check: ClassVar[str] = (
+        "measure the resonance at three levels: its frequency must rise with the square of the amplitude"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["MidplaneStretchingCause"]:
@@ -58,6 +61,9 @@ class QuadraticDragCause(Cause):
     meaning: ClassVar[str] = "a distributed force against the motion grows with the square of the velocity"
     looks_like: ClassVar[str] = "in quadrature; loss with the cube of the amplitude"
     confused_with: ClassVar[str] = "parameter:damping.mass_proportional, viscous-contact"
+    check: ClassVar[str] = (
+        "fix a card to the beam so that it moves more air, and repeat the records missed most: the loss must grow"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["QuadraticDragCause"]:
@@ -87,6 +93,10 @@ class ImpactStopCause(Cause):
     meaning: ClassVar[str] = "the beam strikes a one-sided stop"
     looks_like: ClassVar[str] = "nothing below a threshold of the amplitude; then even and odd harmonics"
     confused_with: ClassVar[str] = "midplane-stretching"
+    check: ClassVar[str] = (
+        "look for what the beam can strike there and move it away, or measure just below and just above the level at "
+        "which it sets in"
+    )
     abrupt: ClassVar[bool] = True
 
     @classmethod

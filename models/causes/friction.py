@@ -38,6 +38,10 @@ class StribeckWeakening(Cause):
     meaning: ClassVar[str] = "friction falls with the sliding speed"
     looks_like: ClassVar[str] = "odd harmonics, the 7th as strong as the 1st; less loss the faster it slides"
     confused_with: ClassVar[str] = "asymmetric-friction with one sensor and one level"
+    check: ClassVar[str] = (
+        "measure at the lowest and at the highest level at which the tip slides, harmonics 1 to 9: the loss per cycle "
+        "must grow less than in proportion to the slip"
+    )
 
     exponent: float = 2.0
 
@@ -78,6 +82,10 @@ class DistributedMicroslip(Cause):
     meaning: ClassVar[str] = "parts of the contact slip before the whole does"
     looks_like: ClassVar[str] = "odd harmonics, largest at low level; loss grows with amplitude to the power 2 to 3"
     confused_with: ClassVar[str] = "parameter:contact.friction.critical_slip, bristle-memory"
+    check: ClassVar[str] = (
+        "add three levels below the onset of full slip: the contact must lose energy there too, with the slip to the "
+        "power 2 to 3"
+    )
 
     elements: int = 10
 
@@ -108,6 +116,9 @@ class ViscousContact(Cause):
     meaning: ClassVar[str] = "the contact damps in proportion to its velocity, beside its friction"
     looks_like: ClassVar[str] = "1st harmonic, in phase with the slip velocity; needs gross slip"
     confused_with: ClassVar[str] = "parameter:damping.mass_proportional, stiffness-damping"
+    check: ClassVar[str] = (
+        "lift the tip off its support and let the beam ring down: damping that is still there is not in the contact"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ViscousContact"]:
@@ -135,6 +146,9 @@ class AsymmetricFriction(Cause):
     meaning: ClassVar[str] = "friction depends on the direction"
     looks_like: ClassVar[str] = "odd and even harmonics, the slip is off centre; alike at all levels"
     confused_with: ClassVar[str] = "variable-normal-load, second harmonic of the force"
+    check: ClassVar[str] = (
+        "turn the half cylinder round and repeat the records missed most: the even harmonics must change their sign"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["AsymmetricFriction"]:
@@ -160,6 +174,9 @@ class BristleMemory(Cause):
     meaning: ClassVar[str] = "sticking friction depends on the rate"
     looks_like: ClassVar[str] = "odd harmonics, in phase with the velocity, growing with frequency; alike at all levels"
     confused_with: ClassVar[str] = "stiffness-damping"
+    check: ClassVar[str] = (
+        "reach the same slip at a low and at a high frequency: the loss per cycle must grow with the frequency"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["BristleMemory"]:
@@ -184,6 +201,7 @@ class VariableNormalLoad(Cause):
     meaning: ClassVar[str] = "the normal force on the friction varies more or less than in the model"
     looks_like: ClassVar[str] = "even and odd harmonics, growing with level"
     confused_with: ClassVar[str] = "parameter:contact.normal_load, asymmetric-friction, second harmonic of the force"
+    check: ClassVar[str] = "put a load cell under the support: it shows by how much the reaction varies"
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["VariableNormalLoad"]:

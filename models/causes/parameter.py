@@ -38,6 +38,9 @@ class WrongParameter(Cause):
     meaning: ClassVar[str] = "a nominal value of the rig file is wrong"
     looks_like: ClassVar[str] = "what a change of that value does"
     confused_with: ClassVar[str] = "causes that act in the same place"
+    check: ClassVar[str] = (
+        "measure this number by itself, or change it by a known amount and repeat the records missed most"
+    )
 
     key: str
 

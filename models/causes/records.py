@@ -28,6 +28,9 @@ class ForceDistortion(Cause):
     meaning: ClassVar[str] = "the force has harmonics the simulation leaves out"
     looks_like: ClassVar[str] = "harmonics that follow those of the measured force, even ones among them"
     confused_with: ClassVar[str] = "variable-normal-load where the force's harmonics were not measured"
+    check: ClassVar[str] = (
+        "read the harmonics of the measured force in every record: those of the response must follow them"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ForceDistortion"]:
@@ -55,6 +58,10 @@ class NotSteady(Cause):
     meaning: ClassVar[str] = "records were taken before the transient died out"
     looks_like: ClassVar[str] = "most near resonances and at low levels, of another size and phase in each record"
     confused_with: ClassVar[str] = "damping.mass_proportional, friction"
+    check: ClassVar[str] = (
+        "repeat one of the records missed most and hold its frequency five decay times longer before recording: it "
+        "must come out otherwise"
+    )
     abrupt: ClassVar[bool] = True
 
     @classmethod
@@ -91,6 +98,7 @@ class ParameterDrift(Cause):
     meaning: ClassVar[str] = "a property changes from record to record"
     looks_like: ClassVar[str] = "a misfit ordered by the number of the record, not by level or frequency"
     confused_with: ClassVar[str] = "the same value wrong from the start, where levels were measured one after the other"
+    check: ClassVar[str] = "repeat the first record at the end: the two must differ as the drift predicts"
 
     parameter: str
 

@@ -24,6 +24,9 @@ class SensorGain(Cause):
     meaning: ClassVar[str] = "one channel reads gain times the truth"
     looks_like: ClassVar[str] = "one channel only, the same factor everywhere"
     confused_with: ClassVar[str] = "anything that few sensors see"
+    check: ClassVar[str] = (
+        "exchange this sensor and another one and repeat one record: the error must move with the sensor"
+    )
 
     channel: str
 
@@ -61,6 +64,10 @@ class SensorDelay(Cause):
     meaning: ClassVar[str] = "one channel lags"
     looks_like: ClassVar[str] = "one channel only, a phase that grows with the frequency"
     confused_with: ClassVar[str] = "anything that few sensors see"
+    check: ClassVar[str] = (
+        "exchange this sensor and another one, amplifier and filter included, and repeat one record: the lag must "
+        "move along"
+    )
 
     channel: str
 
@@ -98,6 +105,7 @@ class SensorPosition(Cause):
     meaning: ClassVar[str] = "one sensor sits elsewhere than its position says"
     looks_like: ClassVar[str] = "one channel only, a factor that differs between modes"
     confused_with: ClassVar[str] = "sensor-gain where one mode is measured"
+    check: ClassVar[str] = "measure where the sensor sits"
 
     channel: str
 
@@ -138,6 +146,9 @@ class SwappedChannels(Cause):
     meaning: ClassVar[str] = "two channels are exchanged"
     looks_like: ClassVar[str] = "two channels only, each as it should be for the other"
     confused_with: ClassVar[str] = "sensor-position"
+    check: ClassVar[str] = (
+        "tap the beam beside one of the two sensors: the channel that answers first and most is its own"
+    )
 
     channel: str
     other: str

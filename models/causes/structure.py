@@ -36,6 +36,10 @@ class ClampRotation(Cause):
     meaning: ClassVar[str] = "the clamp is a rotational spring, not rigid"
     looks_like: ClassVar[str] = "linear, alike at all levels; lowers the frequencies of modes unequally"
     confused_with: ClassVar[str] = "parameter:beam.youngs_modulus, clamp-friction"
+    check: ClassVar[str] = (
+        "measure about modes 2 and 3, or the beam hung free: a wrong Young's modulus lowers all frequencies by the "
+        "same factor, a clamp that turns does not"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ClampRotation"]:
@@ -60,6 +64,10 @@ class SupportRotationSpring(Cause):
     meaning: ClassVar[str] = "the support resists the rotation of the tip elastically"
     looks_like: ClassVar[str] = "linear; raises the frequencies as an end moment does"
     confused_with: ClassVar[str] = "added-spring, clamp-rotation"
+    check: ClassVar[str] = (
+        "measure three records about the second mode: an end moment shifts it by another share than a spring along "
+        "the beam"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SupportRotationSpring"]:
@@ -86,6 +94,7 @@ class SupportFlexibility(Cause):
     meaning: ClassVar[str] = "the support yields vertically"
     looks_like: ClassVar[str] = "linear; the tip moves vertically"
     confused_with: ClassVar[str] = "clamp-rotation, added-mass"
+    check: ClassVar[str] = "put an accelerometer on the support: it must move with the tip"
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SupportFlexibility"]:
@@ -110,6 +119,9 @@ class ContactLoss(Cause):
     meaning: ClassVar[str] = "the tip lifts off where the model keeps contact"
     looks_like: ClassVar[str] = "nothing while the reaction stays positive; then all harmonics"
     confused_with: ClassVar[str] = "impact-stop"
+    check: ClassVar[str] = (
+        "raise the normal load by a known amount: the level at which all harmonics set in must rise with it"
+    )
     abrupt: ClassVar[bool] = True
 
     @classmethod
@@ -137,6 +149,10 @@ class StiffnessDamping(Cause):
     meaning: ClassVar[str] = "damping beta omega_i^2 beside the mass-proportional one"
     looks_like: ClassVar[str] = "in phase with the velocity, growing with the frequency; upper modes and harmonics"
     confused_with: ClassVar[str] = "bristle-memory, viscous-contact"
+    check: ClassVar[str] = (
+        "lift the tip off its support and let modes 1 to 3 ring down: their damping ratios must grow with their "
+        "frequencies"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["StiffnessDamping"]:
@@ -162,6 +178,9 @@ class AddedMass(Cause):
     meaning: ClassVar[str] = "a lumped mass sits on the beam"
     looks_like: ClassVar[str] = "linear, in phase, growing with the square of the frequency"
     confused_with: ClassVar[str] = "added-spring, attached-resonator below its frequency"
+    check: ClassVar[str] = (
+        "weigh what is mounted there, or add a known mass at that place and repeat the records missed most"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["AddedMass"]:
@@ -188,6 +207,9 @@ class AddedSpring(Cause):
     meaning: ClassVar[str] = "a spring holds the beam to the ground"
     looks_like: ClassVar[str] = "linear, in phase, whatever the frequency"
     confused_with: ClassVar[str] = "support-rotation-spring, added-mass, attached-resonator above its frequency"
+    check: ClassVar[str] = (
+        "look for what touches the beam there, such as a cable, free it and repeat the records missed most"
+    )
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["AddedSpring"]:
@@ -214,6 +236,11 @@ class AttachedResonator(Cause):
     meaning: ClassVar[str] = "something small swings on the beam"
     looks_like: ClassVar[str] = "linear; changes its sign at its frequency, with a peak near it"
     confused_with: ClassVar[str] = "added-mass below its frequency, added-spring above"
+    check: ClassVar[str] = (
+        "look for what can swing there, such as a cable or a loose part, hold it still and repeat the records about "
+        "its frequency"
+    )
+    contains: ClassVar[tuple[str, ...]] = ("added-mass", "added-spring")
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["AttachedResonator"]:

@@ -124,7 +124,7 @@ def test_no_cause_is_named_for_what_calibration_missed(monkeypatch):
 def test_report_is_the_contract():
     wanted = {
         "schema", "verdict", "cause", "parameters", "confidence", "not_separable", "separate_by", "errors", "gain",
-        "held_out_records", "ranking", "evidence",
+        "held_out_records", "ranking", "evidence", "remainder",
     }  # fmt: skip
     for found in (diagnosed("null", 4), diagnosed("null", 4, stiffer=1.08), diagnosed("clamp_rotation", 1)):
         table = json.loads(json.dumps(found.json(), allow_nan=False))
@@ -134,6 +134,9 @@ def test_report_is_the_contract():
         assert all(set(p) == {"value", "std", "unit"} for p in table["parameters"].values())
         assert all(set(r) == {"cause", "parameters", "bic", "held_out_nrmse"} for r in table["ranking"])
         assert all(set(e) == {"nrmse", "chi2_reduced"} for parts in table["errors"].values() for e in parts.values())
+        assert set(table["remainder"]) == {
+            "explained", "size", "noise_variances", "structured", "places", "harmonics", "sentence"
+        }  # fmt: skip
         assert table["evidence"] and str(found).count("\n") >= len(table["evidence"])
 
 

@@ -292,9 +292,9 @@ def test_candidates_race_alike_side_by_side(measured):
     base = evaluate(bare, data, bare.start, {})
     candidates = [WrongParameter(MU), WrongParameter(E), WrongParameter(LOAD), ParameterDrift(MU), ParameterDrift(LOAD)]
     screening = screen(base, data, candidates)
-    alone = race(base, data, screening, lambda doing: None)
+    alone = race(base, data, screening, lambda doing: None, lambda e: False)
     with ThreadPoolExecutor(2) as pool:
-        together = race(base, replace(data, executor=pool), screening, lambda doing: None)
+        together = race(base, replace(data, executor=pool), screening, lambda doing: None, lambda e: False)
     assert not small(base)
     assert [e.model.label for e in together] == [e.model.label for e in alone]
     for one, other in zip(together, alone, strict=True):

@@ -35,7 +35,7 @@ def measured(rig, scatter, noise=1e-4, times=40):
 
 
 def test_repeated_records_show_how_far_they_repeat(rig):
-    """Scatter of a share in each of cosine and sine is sqrt(2) of it in the amplitude; forces that differ do not count."""
+    """Scatter in each of cosine and sine is sqrt(2) times as much in the amplitude; forces that differ do not count."""
     found = repeatability_of(rig, measured(rig, {"a1": 0.01, "a2": 0.0}))
     assert found["a1"] == pytest.approx(0.01 * np.sqrt(2.0), rel=0.15)
     assert found["a2"] < 1e-4

@@ -1,0 +1,175 @@
+"""What a model leaves of the misfit: how much was explained, how large the rest is, where it is, what it looks like."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.diagnosis.groups import near_each_other
+from hbm.diagnosis.misfit import nrmse
+from hbm.diagnosis.records import Campaign, Whitened
+
+BAND, LEVEL = 1.5, 1.12
+"""Records are of one band, and of one level, whose frequencies, and forces, follow by less than this factor."""
+
+TELLING, MOST = 0.15, 3
+"""Parts are named that hold this share of what remains, and so many at most."""
+
+TOGETHER = 0.6
+"""Share that the channels have in common, from which on the structure is said to move and not a sensor."""
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What the model that was chosen leaves.
+
+    Attributes
+    ----------
+    explained : dict of str to float
+        Share of the misfit of the calibrated rig file beyond noise that is explained, of the records fitted (train) and
+        held out.
+    size : float
+        Rms of what remains beyond noise, relative to the response.
+    noise_variances : float
+        Mean square of what remains, in standard deviations of the noise: 1 where noise alone is left.
+    structured : bool
+        Whether noise does not make the like of it.
+    places : tuple of str
+        Where it is, in words.
+    harmonics : dict of int to float
+        Share of what remains beyond noise by harmonic; those that count.
+    """
+
+    explained: Mapping[str, float]
+    size: float
+    noise_variances: float
+    structured: bool
+    places: tuple[str, ...] = ()
+    harmonics: Mapping[int, float] = field(default_factory=dict)
+
+    @property
+    def sentence(self) -> str:
+        """All of it in words."""
+        told = ", ".join(
+            f"{share:.1%} of the misfit on the records {where}"
+            for where, share in zip(("fitted", "held out"), self.explained.values(), strict=False)
+        )
+        explained = f"Explained: {told}. " if told else ""
+        if not self.structured:
+            return f"{explained}What remains is noise."
+        where = f": {'; '.join(self.places)}" if self.places else ""
+        return (
+            f"{explained}What remains is {self.size:.2g} of the response ({self.noise_variances:.3g} noise variances) "
+            f"and more than noise{where}."
+        ).replace(f"{self.size:.2g} of the response", f"{percent(self.size)} of the response")
+
+    def json(self) -> dict[str, Any]:
+        """As in a diagnosis file."""
+        return {
+            "explained": dict(self.explained),
+            "size": self.size,
+            "noise_variances": self.noise_variances,
+            "structured": self.structured,
+            "places": list(self.places),
+            "harmonics": {str(k): share for k, share in self.harmonics.items()},
+            "sentence": self.sentence,
+        }
+
+
+def percent(share: float) -> str:
+    """A share in per cent, to two digits.
+
+    >>> percent(0.00452)
+    '0.45 %'
+    """
+    return f"{100.0 * share:.2g} %"
+
+
+def excess(white: Whitened) -> float:
+    """Chi2 beyond noise, freedom charged for."""
+    return max(white.charged - len(white), 0.0)
+
+
+def beyond_noise(white: Whitened) -> float:
+    """Rms misfit beyond noise, relative to the response."""
+    return nrmse(white) * float(np.sqrt(excess(white) / max(white.charged, 1e-300)))
+
+
+def explained(before: Whitened, after: Whitened) -> float:
+    """Share of the misfit beyond noise that another model does not leave; 0 where there was none."""
+    was = excess(before)
+    return float(np.clip(1.0 - excess(after) / was, 0.0, 1.0)) if was > 0.0 else 0.0
+
+
+def remainder(white: Whitened, campaign: Campaign, structured: bool, shares: Mapping[str, float]) -> Remainder:
+    """What records leave of a model.
+
+    Parameters
+    ----------
+    white : Whitened
+        Records beside the model, in standard deviations of the noise.
+    campaign : Campaign
+    structured : bool
+        Whether it is more than noise.
+    shares : mapping of str to float
+        Explained, on the records fitted and held out.
+    """
+    if not structured:
+        return Remainder(shares, 0.0, white.chi2 / len(white), False)
+    places = (*_records(white, campaign), *_channels(white, campaign), *_harmonics_said(white))
+    return Remainder(shares, beyond_noise(white), white.chi2 / len(white), True, places, _by_harmonic(white))
+
+
+def _by_harmonic(white: Whitened) -> dict[int, float]:
+    parts = _shares(white, white.harmonic)
+    return {int(k): share for k, share in sorted(parts.items(), key=lambda p: -p[1]) if share > TELLING}
+
+
+def _harmonics_said(white: Whitened) -> Iterator[str]:
+    told = list(_by_harmonic(white).items())[:MOST]
+    if told:
+        yield "by harmonic " + ", ".join(f"{k} ({share:.0%})" for k, share in told)
+
+
+def _records(white: Whitened, campaign: Campaign) -> Iterator[str]:
+    """Bands and levels that hold most of it."""
+    records = [r for r in campaign.data.records if r.number in set(white.record.tolist())]
+    bands = list(near_each_other(records, lambda r: r.hz, BAND))
+    levels = list(near_each_other(records, lambda r: r.force, LEVEL))
+    band_of = {r.number: i for i, band in enumerate(bands) for r in band}
+    level_of = {r.number: i for i, level in enumerate(levels) for r in level}
+    label = np.array([band_of[int(n)] * len(levels) + level_of[int(n)] for n in white.record])
+    told = sorted(_shares(white, label).items(), key=lambda p: -p[1])[:MOST]
+    if len(bands) * len(levels) == 1 or not told or told[0][1] < TELLING:
+        return
+    words = []
+    for i, share in told:
+        own = [r for r in bands[int(i) // len(levels)] if level_of[r.number] == int(i) % len(levels)]
+        if share >= TELLING and own:
+            force = float(np.mean([r.force for r in own]))
+            words.append(
+                f"{min(r.hz for r in own):.4g} to {max(r.hz for r in own):.4g} Hz at {force:.3g} N ({share:.0%})"
+            )
+    yield "most in records " + ", ".join(words)
+
+
+def _channels(white: Whitened, campaign: Campaign) -> Iterator[str]:
+    """Whether the structure moves otherwise, or a channel reads otherwise."""
+    names, parts = campaign.data.channels, _shares(white, white.channel)
+    if len(parts) < 2:
+        return
+    worst, share = max(parts.items(), key=lambda p: p[1])
+    if share > TOGETHER:
+        yield f"in channel {names[int(worst)]} ({share:.0%})"
+    elif share < 2.0 / len(parts):
+        yield "alike in all channels"
+
+
+def _shares(white: Whitened, labels: npt.NDArray[Any]) -> dict[Any, float]:
+    """Share of chi2 beyond noise by label."""
+    whole = excess(white)
+    found, inverse = np.unique(labels, return_inverse=True)
+    beyond = np.bincount(inverse.ravel(), white.residual**2 - 1.0)
+    return {label.item(): float(part / whole) for label, part in zip(found, beyond, strict=True)} if whole else {}

@@ -1,0 +1,99 @@
+"""What is said of what a model leaves: shares, size, places; and of nested causes the plainest."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hbm.diagnosis.decide import DECISIVE, plainest
+from hbm.diagnosis.records import Whitened
+from hbm.diagnosis.remainder import beyond_noise, explained, remainder
+from models.causes.clamp import ClampFriction
+from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation
+
+HZ, FORCES, CHANNELS, H = np.array([50.0, 52.0, 54.0, 150.0, 155.0]), (2.0, 6.0), 3, 4
+STD, RESPONSE = 0.01, 1.0
+
+
+@pytest.fixture
+def campaign():
+    pairs = [(force, hz) for force in FORCES for hz in HZ]
+    records = [SimpleNamespace(number=i, hz=hz, force=force) for i, (force, hz) in enumerate(pairs, 1)]
+    return SimpleNamespace(data=SimpleNamespace(records=records, channels=("a1", "a2", "a3")))
+
+
+@pytest.fixture
+def noise(campaign):
+    """Noise of one standard deviation beside a response of one unit in each fundamental."""
+    shape = (len(campaign.data.records), 2, CHANNELS, H)
+    record, part, channel, harmonic = (a.ravel() for a in np.indices(shape))
+    residual = np.random.default_rng(6).standard_normal(len(record))
+    residual *= np.sqrt(len(residual) / np.sum(residual**2))
+    measured = np.where(harmonic == 0, RESPONSE, 0.0)
+    return Whitened(
+        residual, np.zeros((len(record), 0)), STD * residual, measured, record + 1, channel, harmonic + 1, part, {}
+    )
+
+
+def missing(white, where, size):
+    """The same where a share of the response is missing in some of the coefficients."""
+    added = size * RESPONSE / STD * where
+    return replace(white, residual=white.residual + added, raw=white.raw + STD * added)
+
+
+def test_noise_alone_has_no_size_and_says_so(noise, campaign):
+    left = remainder(noise, campaign, False, {"train": 1.0, "held_out": 1.0})
+    assert left.size == 0.0 and left.noise_variances == pytest.approx(1.0)
+    assert left.sentence.endswith("What remains is noise.")
+    assert explained(noise, noise) == 0.0
+
+
+def test_size_is_the_share_of_the_response_that_is_missing(noise):
+    """In every fundamental: noise is not counted, whatever it is."""
+    for size in (0.02, 0.1):
+        assert beyond_noise(missing(noise, noise.harmonic == 1, size)) == pytest.approx(size, rel=0.1)
+
+
+def test_explained_is_a_share_of_the_squares_beyond_noise(noise):
+    before, after = (missing(noise, noise.harmonic == 1, size) for size in (0.2, 0.02))
+    assert explained(before, after) == pytest.approx(0.99, abs=0.005)
+    assert explained(after, before) == 0.0
+
+
+def test_freedom_of_transients_is_charged_for(noise):
+    """What transients explain that are free in each record costs what their freedom does."""
+    before = missing(noise, noise.harmonic == 1, 0.1)
+    cost = 0.25 * (before.chi2 - len(before))
+    assert explained(before, replace(noise, free=cost)) == pytest.approx(0.75, abs=0.01)
+
+
+def test_places_say_where_most_of_it_is(noise, campaign):
+    """In one channel, one harmonic, one level of one band."""
+    there = (noise.harmonic == 3) & (noise.channel == 1) & (noise.record > len(HZ)) & (noise.record <= len(HZ) + 3)
+    left = remainder(missing(noise, there, 0.3), campaign, True, {})
+    assert left.harmonics.keys() == {3} and left.harmonics[3] > 0.9
+    told = "; ".join(left.places)
+    assert "50 to 54 Hz at 6 N" in told and "in channel a2" in told and "by harmonic 3" in told
+    assert "150" not in told
+    alike = remainder(missing(noise, noise.harmonic == 1, 0.3), campaign, True, {})
+    assert "alike in all channels" in alike.places
+
+
+def fit(bic, counted, *causes):
+    labels = SimpleNamespace(causes=causes, counted=counted, label=" + ".join(c.label for c in causes))
+    return SimpleNamespace(bic=bic, model=labels)
+
+
+def test_a_cause_that_another_contains_wins_unless_the_rest_pays():
+    """An elastic clamp in a slipping one, a spring or a mass in a resonator, one cause in two; others never."""
+    elastic, slipping = fit(1000.0, 1, ClampRotation()), fit(1000.0 - DECISIVE / 2, 2, ClampFriction())
+    assert plainest(slipping, [slipping, elastic]) is elastic
+    assert plainest(slipping, [slipping, fit(1000.0 + DECISIVE, 1, ClampRotation())]) is slipping
+    resonator = fit(900.0, 3, AttachedResonator())
+    for simple in (AddedMass(), AddedSpring()):
+        plain = fit(910.0, 2, simple)
+        assert plainest(resonator, [resonator, plain]) is plain
+    assert plainest(resonator, [resonator, fit(905.0, 1, ClampRotation())]) is resonator
+    pair = fit(980.0, 3, AddedMass(), ClampRotation())
+    assert plainest(pair, [pair, elastic]) is elastic
