@@ -21,16 +21,20 @@ from hbm.causefile import causes_in_file
 from hbm.cli import app
 from hbm.diagnosis.diagnose import diagnose as search
 from hbm.diagnosis.nominal import nominal_scalars
+from hbm.diagnosis.remainder import Remainder
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.response import steady_state
 from hbm.results.diagnosisfiles import FILES
+from hbm.results.diagnosissummary import first_screen, verdict_line
 from hbm.rigfile import load_rig
 from models import Attachments, PointMass, Rig
+from models.causes import CAUSES
 
 PAPER = Path(__file__).parents[1] / "examples" / "paper_beam.toml"
 STATES = (*((level, hz) for hz in (46.0, 57.0, 64.0) for level in (3.0, 6.5)), (6.5, 150.0))
 H, MEASURED, SAMPLES, NOISE = 13, 7, 128, 0.03
 MASS = PointMass(mass=0.004, position=0.33)
+QUESTIONS = ("What is wrong", "Why", "Added to the model", "Gain", "What remains", "What to measure next")
 Row = list[Any]
 HEADING = ["record", "level", "frequency_hz", "channel", "harmonic", "cos", "sin", "std"]
 
@@ -125,19 +129,39 @@ def test_cause_is_named_and_everything_is_written(mass: tuple[Path, Result]) -> 
     out, result = mass
     assert (result.exit_code, result.stderr) == (0, "")
     lines = result.stdout.splitlines()
-    assert lines[0].startswith("Cause found: added-mass (mass = 0.00")
+    assert re.fullmatch(r"Cause found: added-mass, .* \(confidence (0.9\d|1.00)\)\.", lines[0])
     assert {str(out / name) for name in FILES} == {line.removeprefix("wrote ") for line in lines if "wrote " in line}
     assert all((out / name).exists() for name in FILES)
     rows = {line.split()[0]: line.split()[1:] for line in lines if line.split()[:1] in (["nominal"], ["extended"])}
     assert float(rows["nominal"][2]) > 30 * float(rows["extended"][2])
 
 
+def test_six_answers_stand_before_all_tables_on_twelve_lines(mass: tuple[Path, Result]) -> None:
+    lines = mass[1].stdout.splitlines()
+    first = lines[1 : lines.index(next(line for line in lines if line.startswith("models")))]
+    assert len(first) <= 12
+    assert [line.split("  ")[0] for line in first if line[0] != " "] == list(QUESTIONS)
+    said = " ".join(" ".join(line.split()) for line in first)
+    table = diagnosed(mass[0])
+    before, after = (f"{100 * table['errors'][model]['held_out']['nrmse']:.2g} %" for model in ("nominal", "extended"))
+    assert f"Error on the 2 records held out: {before} with the rig file as it is" in said
+    assert re.search(rf"{after} with added-mass; [\d.]+ % by noise alone", said)
+    assert "added-mass (mass 0.00" in said and "± 0.00" in said and "a lumped mass sits on the beam" in said
+    assert "extended.toml is the rig file with added-mass; nothing else is changed." in said
+    assert table["remainder"]["sentence"] in said
+    assert "To confirm added-mass: weigh what is mounted there" in said
+
+
 def test_diagnosis_file_is_the_contract(mass: tuple[Path, Result]) -> None:
     table = diagnosed(mass[0])
     assert list(table) == [
-        *("schema", "verdict", "cause", "parameters", "confidence", "not_separable", "separate_by", "errors", "gain"),
-        *("held_out_records", "ranking", "evidence"),
+        *("schema", "verdict", "cause", "parameters", "confidence", "not_separable", "separate_by"),
+        *("remainder", "errors", "gain", "held_out_records", "ranking", "evidence"),
     ]
+    assert list(table["remainder"]) == [
+        *("explained", "size", "noise_variances", "structured", "places", "harmonics", "sentence"),
+    ]
+    assert min(table["remainder"]["explained"].values()) > 0.99 and not table["remainder"]["structured"]
     assert (table["verdict"], table["cause"], table["held_out_records"]) == ("cause-found", "added-mass", [3, 6])
     found = table["parameters"]["mass"]
     assert set(found) == {"value", "std", "unit"} and found["unit"] == "kg"
@@ -173,7 +197,17 @@ def test_page_needs_nothing_but_itself(mass: tuple[Path, Result]) -> None:
         "Evidence",
     ):
         assert heading in text
-    assert text.count("data:image/") == 6
+    assert text.count("data:image/") == 7
+
+
+def test_first_screen_of_the_page_is_one_figure_and_the_six_answers(mass: tuple[Path, Result]) -> None:
+    text = (mass[0] / "report.html").read_text(encoding="utf-8")
+    first = text[text.index("<h1>") : text.index("<nav")]
+    assert first.count("data:image/") == 1 and "figures/overview.csv" in first
+    assert re.findall(r'<th scope="row">(.*?)</th>', first) == list(QUESTIONS[1:])
+    order = ("Cause found: added-mass", "The rig file misses", "data:image/", "weigh what is mounted there")
+    places = [first.index(part) for part in order]
+    assert places == sorted(places)
 
 
 def test_figures_say_what_their_files_say(mass: tuple[Path, Result]) -> None:
@@ -188,6 +222,78 @@ def test_figures_say_what_their_files_say(mass: tuple[Path, Result]) -> None:
     ]  # fmt: skip
     assert len(off) == 5 * 6
     assert np.sqrt(np.mean(np.square(off)) / 2) < 1.5
+
+
+def test_overview_shows_errors_before_and_after(mass: tuple[Path, Result]) -> None:
+    with (mass[0] / "figures" / "overview.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    error = {(row["model"], row["record"]): float(row["relative_error"]) for row in rows}
+    noise = {row["record"]: float(row["relative_noise"]) for row in rows}
+    assert all(error["extended", n] < 2.0 * noise[n] for n in noise)
+    assert max(error["nominal", n] / noise[n] for n in noise) > 5.0
+    assert {row["record"] for row in rows if row["held_out"] == "1"} == {"3", "6"}
+    shown = [row for row in rows if row["model"] == "extended" and row["measured"]]
+    assert shown and all(float(r["simulated"]) == pytest.approx(float(r["measured"]), abs=5 * NOISE) for r in shown)
+
+
+def answers(**changes: Any) -> dict[str, str]:
+    """The first screen of what the search found, had it found otherwise."""
+    return first_screen(replace(FOUND[0], **changes), None, [], "harmonic 1 of a3 at 6.5 N", 0.012)
+
+
+LEFT = Remainder({"train": 0.8, "held_out": 0.7}, 0.031, 12.0, True, ("most in records 46 to 64 Hz at 6.5 N (90%)",))
+WITHOUT: dict[str, Any] = {"cause": None, "parameters": {}, "extended_fit": None}
+
+
+@pytest.mark.usefixtures("mass")
+def test_a_main_cause_says_what_it_leaves_and_how_to_go_on() -> None:
+    changed = replace(FOUND[0], verdict="main-cause", remainder=LEFT)
+    assert verdict_line(changed).startswith("Main cause: added-mass, ")
+    assert verdict_line(changed).endswith("; the rest is unexplained.")
+    said = answers(verdict="main-cause", remainder=LEFT)
+    assert said["What remains"] == LEFT.sentence
+    assert "run hbm diagnose on extended.toml" in said["What to measure next"]
+
+
+@pytest.mark.usefixtures("mass")
+def test_ties_are_told_apart_before_anything_is_confirmed() -> None:
+    said = answers(not_separable=("added-spring",), separate_by="three records at 9 N")
+    assert said["Why"].endswith("These records cannot tell it from added-spring.")
+    assert said["What to measure next"].startswith(
+        "To tell added-mass from added-spring: three records at 9 N. To confirm added-mass: weigh"
+    )
+
+
+@pytest.mark.usefixtures("mass")
+def test_a_model_without_steady_states_on_records_held_out_has_no_error_there() -> None:
+    nominal = {"nominal": {"train": FOUND[0].errors["nominal"]["train"]}}
+    assert answers(errors={**FOUND[0].errors, **nominal})["Gain"].split(": ")[1].endswith("by noise alone.")
+    assert "as it is" not in answers(errors={**FOUND[0].errors, **nominal})["Gain"]
+
+
+@pytest.mark.usefixtures("mass")
+def test_unexplained_says_where_to_look() -> None:
+    errors = {name: FOUND[0].errors[name] for name in ("nominal", "calibrated")}
+    said = answers(verdict="unexplained", remainder=LEFT, errors=errors, **WITHOUT)
+    assert said["Why"] == "No cause that was tried takes most of the misfit."
+    assert said["Added to the model"] == "Nothing."
+    assert said["Gain"].startswith("None. Error on the 2 records held out: ")
+    assert said["What to measure next"].startswith("Add records where most remains: 46 to 64 Hz at 6.5 N (90%). More")
+
+
+@pytest.mark.usefixtures("mass")
+@pytest.mark.parametrize(("structured", "told"), [(True, "Mount the structure anew"), (False, "Nothing for these")])
+def test_consistent_says_whether_it_may_be_the_structure(structured: bool, told: str) -> None:
+    said = answers(verdict="consistent", remainder=replace(LEFT, structured=structured), **WITHOUT)
+    assert said["What to measure next"].startswith(told)
+    assert said["What is wrong"].startswith("Little." if structured else "Nothing.")
+
+
+def test_every_cause_says_how_to_check_it_and_the_page_says_the_same() -> None:
+    page = (Path(__file__).parents[1] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    told = dict(re.findall(r"^\| `([a-z-]+)(?::<key>)?` \| ([^|]*) \|$", page, re.M))
+    assert told == {name: cause.check for name, cause in CAUSES.items()}
+    assert all(told.values())
 
 
 def test_nothing_wrong_is_consistent_and_has_no_extended_rig(folder: Path, tmp_path: Path, plain: None) -> None:
@@ -329,6 +435,8 @@ def test_spectra_without_standard_deviations_are_refused(folder: Path, tmp_path:
         (("--tolerance", "beam.length"), 'diagnose: --tolerance = "beam.length"; must be KEY=VALUE'),
         (("--tolerance", "beam.colour=1"), "diagnose: --tolerance beam.colour; must be a number > 0 of the rig file"),
         (("--tolerance", "beam.length=-1"), "diagnose: --tolerance beam.length = -1; must be a number > 0 [relative]"),
+        (("--repeatability", "0"), "diagnose: --repeatability = 0; must be a number > 0 [%]"),
+        (("--repeatability", "100"), "diagnose: --repeatability = 100; must be below 100 %"),
         (("--hold-out", "99"), "no record 99 to hold out; records are 1, 2, 3"),
         (("--hold-out", "x"), 'diagnose: --hold-out = "x"; must be the number of a record'),
         (("--causes-file", "no.py"), 'diagnose: --causes-file = "no.py"'),

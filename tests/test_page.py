@@ -115,6 +115,18 @@ def test_page_says_everything_in_order_and_escapes_it() -> None:
     assert found.all("img", "alt") == ["Two"]
 
 
+def test_the_first_figure_stands_before_the_key_numbers_and_the_contents() -> None:
+    sections = [Section(name, text=("Text.",)) for name in ("One", "Two", "Three")]
+    first = Section("First", figure=small_figure(), caption="A line.", csv=("figures/first.csv",))
+    found = Outline(page_html(Page("p", lead=("Lead.",), first=first, summary=(("Records", "3"),), sections=sections)))
+    assert found.words == [
+        *("p", "p", "Lead.", "A line.", "Numbers:", "figures/first.csv", "Records", "3", "One", "Two", "Three"),
+        *("One", "Text.", "Two", "Text.", "Three", "Text."),
+    ]
+    assert found.all("img", "alt") == ["First"]
+    assert found.all("a", "href") == ["figures/first.csv", "#s1", "#s2", "#s3"]
+
+
 def test_an_empty_page_is_a_page() -> None:
     assert Outline(page_html(Page("Nothing"))).words == ["Nothing", "Nothing"]
 

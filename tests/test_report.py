@@ -24,6 +24,7 @@ from hbm.report import (
     plot_loops,
     plot_phase,
 )
+from hbm.report.diagnosis import Compared, View, clearest, noise_error, record_errors
 from hbm.response import steady_state, trace_frequency
 from hbm.rigfile import load_rig
 from hbm.stability import Stability
@@ -221,3 +222,56 @@ def test_a_users_style_stays_in_force(curves: list[ResponseCurve]) -> None:
         plot_phase(curves, ax)
         assert ax.yaxis.label.get_size() == 14.0
     assert ax.get_facecolor() == mpl.colors.to_rgba("lightyellow")
+
+
+# ---- what a diagnosis shows first
+
+
+def records_of_two_channels(off: dict[tuple[int, int, float], float]) -> Compared:
+    """Five records at each of two levels, two channels, three harmonics; deviations by channel, harmonic and level."""
+    hz, level = np.tile(np.linspace(45.0, 49.0, 5), 2), np.repeat([3.0, 6.5], 5)
+    record, channel, harmonic = (part.ravel() for part in np.indices((10, 2, 3)))
+    harmonic += 1
+    measured = 10.0 * (1 + channel) / harmonic**2 * np.exp(0.3j * record)
+    apart = np.array([off.get(key, 0.0) for key in zip(channel, harmonic, level[record], strict=True)])
+    std = np.full(len(record), 0.01)
+    held = record % 5 == 3
+    return Compared(record + 1, channel, harmonic, level[record], hz[record], measured, measured - apart, std, held)
+
+
+def test_the_view_is_where_most_is_missed_relative_to_the_channel() -> None:
+    found = clearest([records_of_two_channels({(0, 2, 6.5): 1.0, (1, 1, 3.0): 1.5})], missed=True)
+    assert found == View(0, 2, 6.5, (45.0, 49.0))
+
+
+def test_the_view_of_a_rig_that_is_right_is_what_moves_most() -> None:
+    assert clearest([records_of_two_channels({})], missed=False).harmonic == 1
+
+
+def test_deviations_that_noise_may_make_are_no_view() -> None:
+    noisy = records_of_two_channels({(0, 1, 3.0): 0.03, (1, 3, 6.5): 0.06})
+    assert clearest([noisy], missed=True) == View(1, 3, 6.5, (45.0, 49.0))
+
+
+def test_a_view_holds_its_records_in_the_order_of_their_frequencies() -> None:
+    c = records_of_two_channels({})
+    own = View(1, 3, 6.5, (45.0, 49.0)).of(c)
+    assert list(c.record[own]) == [6, 7, 8, 9, 10]
+    assert set(c.channel[own]) == {1} and set(c.harmonic[own]) == {3}
+
+
+def test_error_of_a_record_is_relative_to_what_it_reads_each_channel_by_its_own() -> None:
+    c = records_of_two_channels({(0, 1, 3.0): 1.0})
+    first, error, noise = record_errors(c)
+    assert list(c.record[first]) == list(range(1, 11))
+    # channel 0 reads 10 [1, 1/4, 1/9] and channel 1 twice that: both count alike
+    whole = 10.0 * np.sqrt(2.0 * (1.0 + 1.0 / 16.0 + 1.0 / 81.0))
+    assert np.allclose(error, np.repeat([1.0 / whole, 0.0], 5))
+    assert np.allclose(noise, np.sqrt(2.0) * 0.01 * np.sqrt(3.0 + 3.0 / 4.0) / whole)
+
+
+def test_error_of_noise_is_that_of_records_without_misfit() -> None:
+    c = records_of_two_channels({})
+    _, _, noise = record_errors(c)
+    assert noise_error(c, held=True) == pytest.approx(noise[0])  # all records read alike
+    assert noise_error(replace(c, held_out=np.zeros_like(c.held_out)), held=True) == 0.0

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from hbm.diagnosis.discrepancy import Discrepancy
     from hbm.diagnosis.verdict import Diagnosis
+    from hbm.measurement.spectra import MeasuredSpectra
     from hbm.results.diagnosisfiles import Diagnosed
     from models.rig import Rig
 
@@ -95,7 +96,7 @@ def diagnose(
     from hbm.lawfile import files_run, run_files
     from hbm.sweep import all_cores
 
-    tolerances, floor = _tolerances(loaded, tolerance), _share(repeatability)
+    tolerances, floor = _tolerances(loaded, _sensors(loaded, measured), tolerance), _share(repeatability)
     with _failing(measured.source), all_cores(partial(run_files, files_run())) as executor, Work() as work:
         found = search(
             loaded,
@@ -162,13 +163,13 @@ def _check_apply(rig: "Rig", candidates: Sequence[Any] | None) -> None:
             raise InputError(f"{COMMAND}: --cause = {quoted(cause.name)}; there is nothing in this rig it can act on")
 
 
-def _tolerances(rig: "Rig", texts: Sequence[str] | None) -> Mapping[str, float] | None:
+def _tolerances(rig: "Rig", channels: Sequence[str], texts: Sequence[str] | None) -> Mapping[str, float] | None:
     """Tolerances of the numbers of a rig, with those of the options."""
     if not texts:
         return None
     from hbm.diagnosis.nominal import nominal_scalars, tolerances
 
-    known, chosen = nominal_scalars(rig), tolerances(rig)
+    known, chosen = nominal_scalars(rig), tolerances(rig, channels)
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals:
@@ -178,6 +179,11 @@ def _tolerances(rig: "Rig", texts: Sequence[str] | None) -> Mapping[str, float] 
             raise InputError(f"{COMMAND}: --tolerance {key}; must be a number > 0 of the rig file: {accepted}")
         chosen[key] = positive(COMMAND, f"--tolerance {key}", value, "relative")
     return chosen
+
+
+def _sensors(rig: "Rig", spectra: "MeasuredSpectra") -> list[str]:
+    """Channels of motion that were measured."""
+    return [c.name for c in rig.response_channels if c.name in spectra.channels]
 
 
 def _share(percent: str | None) -> float:

@@ -1,16 +1,19 @@
 """What the command line prints of a diagnosis."""
 
 from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
 from hbm.commands.tables import print_lines, titled_table
 from hbm.results.diagnosisfiles import Diagnosed, error_table, ranking_table
+from hbm.results.diagnosissummary import verdict_line
 
 
 def print_diagnosis(console: Console, found: Diagnosed) -> None:
-    """Print the verdict, the errors of the models, the causes that were fitted, and the evidence."""
+    """Print the verdict and what is said first, the errors of the models, the causes that were fitted, the evidence."""
     d = found.diagnosis
-    print_lines(console, [str(d).splitlines()[0]])
-    print_lines(console, [f"warning: {line}" for line in found.warnings])
+    print_lines(console, [verdict_line(d), *(f"warning: {line}" for line in found.warnings)])
+    console.print(_answers(found))
     for title, (headings, rows) in (("models", error_table(d)), ("causes", ranking_table(d))):
         columns = headings[:-1] if title == "causes" else headings
         table = titled_table(title, *(heading.replace(" [", "\n").rstrip("]") for heading in columns))
@@ -18,6 +21,14 @@ def print_diagnosis(console: Console, found: Diagnosed) -> None:
             table.add_row(*row[: len(columns)])
         if rows:
             console.print(table)
-    if d.not_separable:
-        print_lines(console, [f"not told apart: {', '.join(d.not_separable)}", f"to tell them apart: {d.separate_by}"])
     print_lines(console, found.evidence[len(found.warnings) :])
+
+
+def _answers(found: Diagnosed) -> Table:
+    """What is said first, a row for each question."""
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for question, answer in found.answers().items():
+        table.add_row(question, Text(answer))
+    return table

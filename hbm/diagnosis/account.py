@@ -44,7 +44,14 @@ WORSE = 1.05
 SAYS_NOTHING = 0.3
 """Records that a model misses by this share of the response agree with nothing, whatever their noise."""
 
-RELIABLE = {"noise": 0.98, "cause-found": 0.95, "main-cause": 0.85, "unexplained": 0.8, "consistent": 0.95}
+RELIABLE = {
+    "noise": 0.98,
+    "cause-found": 0.95,
+    "main-cause": 0.85,
+    "unexplained": 0.8,
+    "consistent": 0.95,
+    "within": 0.7,
+}
 """How often verdicts were right where the truth was known: a cause that leaves noise alone, one with a background,
 and so on; benchmarks/diagnosis.py on a bank apart from those that are scored."""
 
@@ -116,7 +123,7 @@ class Account:
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """What the model of the verdict leaves."""
-        e = self._noise(best or self.search.calibrated)
+        e = self._noise(best or self.decision.base)
         shares = {} if best is None else self._shares
         return remainder(e.white, self.campaign, not misfit(e, self.campaign).fits, shares)
 
@@ -198,15 +205,16 @@ class Account:
         """Share of repetitions that would decide alike; else how improbable it is that another verdict is right.
 
         Times how often such a verdict was right where the truth was known, for a model that is wrong in another way
-        would decide alike in every repetition.
+        would decide alike in every repetition. What is within tolerances and a background may hide a weak effect.
         """
         if best is not None:
-            kind = verdict if misfit(self._noise(best), self.campaign).fits is False else "noise"
+            kind = "noise" if misfit(self._noise(best), self.campaign).fits else verdict
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":
             e = self._noise(self.decision.story)
             return RELIABLE[verdict] * (1.0 - misfit(e, self.campaign).probability)
-        return RELIABLE[verdict] * self._nothing()
+        noise = misfit(self.search.nominal, self.campaign).fits
+        return RELIABLE[verdict] * self._nothing() if noise else RELIABLE["within"]
 
     def _nothing(self) -> float:
         """Probability that nothing is missing, even odds before; the candidates share theirs."""

@@ -78,7 +78,9 @@ class Free:
         """Derivative of the value to the coordinate."""
         if self.form == "linear":
             return self.scale
-        return self.value(x) if self.form == "logarithmic" else -self.scale / x**2
+        if self.form == "logarithmic":
+            return self.value(x)
+        return -self.scale / x**2 if x else -np.inf  # an infinite stiffness may be any that is large
 
     @property
     def bounds(self) -> tuple[float, float]:

@@ -17,8 +17,11 @@ BAND, LEVEL = 1.5, 1.12
 TELLING, MOST = 0.15, 3
 """Parts are named that hold this share of what remains, and so many at most."""
 
+NEARLY_ALL = 0.999
+"""More is not told apart."""
+
 TOGETHER = 0.6
-"""Share that the channels have in common, from which on the structure is said to move and not a sensor."""
+"""Share of one channel from which on it is said to be the one that reads otherwise."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +31,8 @@ class Remainder:
     Attributes
     ----------
     explained : dict of str to float
-        Share of the misfit of the calibrated rig file beyond noise that is explained, of the records fitted (train) and
-        held out.
+        Share of the misfit beyond noise that is explained, of the records fitted (train) and held out: of the rig file
+        that the cause extends, calibrated or as it is.
     size : float
         Rms of what remains beyond noise, relative to the response.
     noise_variances : float
@@ -53,7 +56,7 @@ class Remainder:
     def sentence(self) -> str:
         """All of it in words."""
         told = ", ".join(
-            f"{share:.1%} of the misfit on the records {where}"
+            f"{_nearly_all(share)} of the misfit on the records {where}"
             for where, share in zip(("fitted", "held out"), self.explained.values(), strict=False)
         )
         explained = f"Explained: {told}. " if told else ""
@@ -61,9 +64,9 @@ class Remainder:
             return f"{explained}What remains is noise."
         where = f": {'; '.join(self.places)}" if self.places else ""
         return (
-            f"{explained}What remains is {self.size:.2g} of the response ({self.noise_variances:.3g} noise variances) "
-            f"and more than noise{where}."
-        ).replace(f"{self.size:.2g} of the response", f"{percent(self.size)} of the response")
+            f"{explained}What remains is {percent(self.size)} of the response ({self.noise_variances:.3g} noise "
+            f"variances) and more than noise{where}."
+        )
 
     def json(self) -> dict[str, Any]:
         """As in a diagnosis file."""
@@ -79,12 +82,16 @@ class Remainder:
 
 
 def percent(share: float) -> str:
-    """A share in per cent, to two digits.
+    """A share in per cent, to two digits; to three from a tenth on.
 
-    >>> percent(0.00452)
-    '0.45 %'
+    >>> percent(0.00452), percent(0.998), percent(1.196)
+    ('0.45 %', '99.8 %', '120 %')
     """
-    return f"{100.0 * share:.2g} %"
+    return f"{100.0 * share:.{2 if share < 0.1 else 3}g} %"
+
+
+def _nearly_all(share: float) -> str:
+    return "over 99.9 %" if share > NEARLY_ALL else percent(share)
 
 
 def excess(white: Whitened) -> float:

@@ -182,7 +182,8 @@ class Search:
         several = self._several() if off(self.trust, self.calibrated) else None
         if several is not None:
             return several
-        if single.best is None or single.best.chi2 > STRONGER * self.calibrated.chi2:
+        small = beyond_noise(self.calibrated.white) <= LARGEST and self.tolerable(self.calibrated)
+        if small or single.best is None or single.best.chi2 > STRONGER * self.calibrated.chi2:
             return single
         return self._pair(single, single.best)
 

@@ -4,7 +4,7 @@ Nominal, calibrated and extended models have the same colour and marker in all o
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +45,13 @@ LOST = 0.2
 
 ALIKE = 1.05
 """Forces less than this apart are of one level."""
+
+ASIDE = 0.006
+"""Share of a band of frequencies by which models stand beside each other, for their points would hide each other."""
+
+CLEAR, CURVE = 3.0, 4
+"""Deviations of so many standard deviations show a misfit; records from which on a level is drawn as a curve."""
+
 FREQUENCY = "Frequency [Hz]"
 
 
@@ -79,6 +86,74 @@ class Compared:
     def deviation(self) -> Array:
         """Rms of both parts of measured less simulated, in standard deviations."""
         return np.asarray(np.abs(self.measured - self.simulated) / self.std / np.sqrt(2.0))
+
+
+@dataclass(frozen=True)
+class View:
+    """One harmonic of one channel, at one level and in one band of frequencies.
+
+    Attributes
+    ----------
+    channel, harmonic : int
+        Place of the channel.
+    level : float
+        Mean of the nominal forces [N].
+    band : (float, float)
+        Its ends [Hz].
+    """
+
+    channel: int
+    harmonic: int
+    level: float
+    band: tuple[float, float]
+
+    def of(self, c: Compared) -> npt.NDArray[np.int64]:
+        """Places of its entries, in the order of their frequencies."""
+        own = (c.channel == self.channel) & (c.harmonic == self.harmonic) & np.isclose(_levels(c.level), self.level)
+        i = np.flatnonzero(own & (c.hz >= self.band[0]) & (c.hz <= self.band[1]))
+        return np.asarray(i[np.argsort(c.hz[i])])
+
+
+def clearest(models: Sequence[Compared], *, missed: bool) -> View:
+    """What models miss most, relative to the response of the channel; or what moves most.
+
+    Deviations that noise may make do not count. Curves of a few records are passed over where there are longer ones.
+    """
+    c = Compared(*(np.concatenate([getattr(m, f.name) for m in models]) for f in fields(Compared)))
+    bands = frequency_bands(c.hz)
+    band = np.array([next(i for i, (low, high) in enumerate(bands) if low <= hz <= high) for hz in c.hz])
+    label = np.stack([c.channel, c.harmonic, _levels(c.level), band], axis=1)
+    found, place, count = np.unique(label, axis=0, return_inverse=True, return_counts=True)
+    shown = np.where(c.deviation > CLEAR, np.abs(c.measured - c.simulated), 0.0) if missed else np.abs(c.measured)
+    size = np.bincount(place.ravel(), shown / _typical(c))
+    size[count < min(CURVE * len(models), int(count.max()))] = -np.inf
+    channel, harmonic, level, i = found[int(size.argmax())]
+    return View(int(channel), int(harmonic), float(level), bands[int(i)])
+
+
+def _typical(c: Compared) -> Array:
+    """Rms of all that its channel reads, for each entry."""
+    rms = np.sqrt(np.bincount(c.channel, np.abs(c.measured) ** 2) / np.maximum(np.bincount(c.channel), 1))
+    return np.asarray(np.where(rms > 0.0, rms, 1.0)[c.channel])
+
+
+def noise_error(c: Compared, *, held: bool) -> float:
+    """Relative error that noise alone makes, on the records fitted or on those held out; 0 where there are none."""
+    own = c.held_out == held
+    size = _typical(c)[own]
+    whole = np.linalg.norm(c.measured[own] / size)
+    return float(np.linalg.norm(np.sqrt(2.0) * c.std[own] / size) / whole) if whole > 0.0 else 0.0
+
+
+def record_errors(c: Compared) -> tuple[npt.NDArray[np.int64], Array, Array]:
+    """Of each record: place of its first entry, relative error over all channels and harmonics, and that of noise."""
+    _, first, inverse = np.unique(c.record, return_index=True, return_inverse=True)
+    size = _typical(c)
+    off, noise, whole = (
+        np.sqrt(np.bincount(inverse.ravel(), (part / size) ** 2))
+        for part in (np.abs(c.measured - c.simulated), np.sqrt(2.0) * c.std, np.abs(c.measured))
+    )
+    return first, off / whole, noise / whole
 
 
 def compared(diagnosis: "Diagnosis", level: Mapping[int, float]) -> dict[str, Compared]:
@@ -117,6 +192,75 @@ def _entries(
         numbers = np.full(len(k), r.number), channel, k + 1
         rows.append((*numbers, level[r.number] * size, r.hz * size, *complex_of, r.std[channel, k], size == held))
     return tuple(np.concatenate(column) for column in zip(*rows, strict=True)) if rows else ()
+
+
+# ----------------------------------------------------------------------------------------------------------- overview
+
+
+def plot_overview(models: Mapping[str, Compared], view: View, quantity: str, unit: str) -> Figure:
+    """What shows the misfit best, before and after; and the error of each record.
+
+    Parameters
+    ----------
+    models : mapping of str to Compared
+    view : View
+    quantity, unit : str
+        Name of the channel, and its unit.
+
+    Returns
+    -------
+    Figure
+    """
+    figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
+    any_model = next(iter(models.values()))
+    for name, c in models.items():
+        i = view.of(c)
+        left.plot(c.hz[i], np.abs(c.simulated[i]), color=COLORS[name], linestyle=STYLES[name], linewidth=1.2)
+    own = np.zeros(len(any_model.hz), dtype=bool)
+    own[view.of(any_model)] = True
+    _measured_points(left, any_model, own, {float(v): INK for v in np.unique(any_model.level)})
+    left.set_ylim(bottom=0.0)
+    left.xaxis.set_major_locator(MaxNLocator(5))
+    dressed(left, FREQUENCY, f"Harmonic {view.harmonic} of {quantity} [{unit}]")
+    left.set_title(f"at {view.level:.3g} N", fontsize=SMALL + 1, loc="left", color=INK)
+    _draw_record_errors(right, models)
+    handles = _record_handles(any_model)
+    for name in models:
+        shown: dict[str, Any] = {"linestyle": STYLES[name], "marker": MARKERS[name], "markersize": 4}
+        handles.append(Line2D([], [], color=COLORS[name], label=name, **shown))
+    handles.append(Line2D([], [], linestyle="", marker="_", color="0.35", label="noise"))
+    _legend(figure, handles, columns=6)
+    return figure
+
+
+def _draw_record_errors(ax: Axes, models: Mapping[str, Compared]) -> None:
+    """Error of each record over its frequency; where there are several bands over its place among the frequencies."""
+    any_model = next(iter(models.values()))
+    frequencies, bands = np.unique(any_model.hz), frequency_bands(any_model.hz)
+    several = len(bands) > 1
+    place = _in_order(frequencies, bands) if several else frequencies
+    for name, c in models.items():
+        first, error, noise = record_errors(c)
+        x = np.interp(c.hz[first], frequencies, place)
+        for held in (False, True):
+            i = c.held_out[first] == held
+            _points(ax, x[i], 100.0 * error[i], name, hollow=held)
+    ax.plot(x, 100.0 * noise, "_", color="0.35", markersize=5, markeredgewidth=0.9, zorder=1)
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    _few_powers(ax.yaxis, high / low)
+    if several:
+        ends = np.searchsorted(frequencies, [hz for band in bands for hz in band])
+        ax.set_xticks(place[ends], [f"{hz:.4g}" for hz in frequencies[ends]])
+    dressed(ax, f"{FREQUENCY}{', not to scale' if several else ''}", "Error [%]")
+    ax.set_title("all channels and harmonics, by record", fontsize=SMALL + 1, loc="left", color=INK)
+
+
+def _in_order(frequencies: Array, bands: Sequence[tuple[float, float]]) -> Array:
+    """Places of frequencies side by side, with a gap between bands."""
+    band = np.array([next(i for i, (low, high) in enumerate(bands) if low <= hz <= high) for hz in frequencies])
+    return np.asarray(np.arange(len(frequencies)) + 1.5 * band)
 
 
 # ---------------------------------------------------------------------------------------------------------- responses
@@ -209,9 +353,10 @@ def plot_deviations(models: Mapping[str, Compared], channels: Sequence[str]) -> 
             ax.plot(any_model.hz[own], noise[own], "_", color="0.35", markersize=5, markeredgewidth=0.9, zorder=1)
             for name, c in models.items():
                 off = 100 * np.abs(c.measured - c.simulated) / np.abs(c.measured)
+                beside = ASIDE * (MODELS.index(name) - 1) * (band[1] - band[0])
                 for held in (False, True):
                     i = _chosen(c, row, band) & (c.held_out == held)
-                    _points(ax, c.hz[i], off[i], name, hollow=held)
+                    _points(ax, c.hz[i] + beside, off[i], name, hollow=held)
             ax.set_yscale("log")
             ax.set_ylim(bottom=LOST * float(noise[(any_model.channel == row) & (any_model.harmonic == 1)].min()))
             _readable(ax, len(bands))
@@ -282,8 +427,9 @@ def _record_handles(c: Compared) -> list[Line2D]:
     return shown
 
 
-def _legend(figure: Figure, handles: Sequence[Line2D]) -> None:
-    figure.legend(handles=handles, loc="outside upper left", ncols=5, frameon=False, fontsize=SMALL, labelcolor=INK)
+def _legend(figure: Figure, handles: Sequence[Line2D], columns: int = 5) -> None:
+    style: dict[str, Any] = {"frameon": False, "fontsize": SMALL, "labelcolor": INK}
+    figure.legend(handles=handles, loc="outside upper left", ncols=columns, columnspacing=1.4, **style)
 
 
 # ------------------------------------------------------------------------------------------------------------- misfit
@@ -449,7 +595,9 @@ def _draw_growth(ax: Axes, d: "Discrepancy") -> None:
         x = np.array([amplitude[clear].min(), amplitude[clear].max()])
         middle = np.exp(np.mean(np.log(size[clear]))), np.exp(np.mean(np.log(amplitude[clear])))
         ax.plot(x, middle[0] * (x / middle[1]) ** power.value, color=INK, linewidth=0.9)
-        ax.text(0.03, 0.97, f"power {power}", transform=ax.transAxes, va="top", fontsize=SMALL, color=INK)
+        ax.text(
+            0.03, 0.97, f"power {power}".replace("+-", "±"), transform=ax.transAxes, va="top", fontsize=SMALL, color=INK
+        )
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_ylim(0.3 * float(np.nanmin(size[clear])) if clear.any() else None, 4.0 * float(np.nanmax(size)))

@@ -84,6 +84,8 @@ class Page:
     lead : sequence of str
         Paragraphs under the title: what was done, what came out.
     warnings : sequence of str
+    first : Section or None
+        The one figure that says most, before the key numbers; its heading is not shown.
     summary : sequence of (str, str)
         Key numbers, each with its name.
     sections : sequence of Section
@@ -93,6 +95,7 @@ class Page:
     title: str
     lead: Sequence[str] = ()
     warnings: Sequence[str] = ()
+    first: Section | None = None
     summary: Sequence[tuple[str, str]] = ()
     sections: Sequence[Section] = field(default=())
     foot: str = ""
@@ -120,7 +123,8 @@ def page_html(page: Page) -> str:
         loader=PackageLoader("hbm.report", "."), autoescape=True, undefined=StrictUndefined
     ).get_template("page.html")
     for dpi in RESOLUTIONS:
-        images = [section.figure and embedded(section.figure, dpi) for section in page.sections]
+        shown = [section for section in (page.first, *page.sections) if section is not None]
+        images = {section: embedded(section.figure, dpi) for section in shown if section.figure is not None}
         text = template.render(page=page, images=images)
         size = len(text.encode())
         if size <= LARGEST:

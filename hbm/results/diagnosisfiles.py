@@ -9,6 +9,7 @@ import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,13 +17,13 @@ import numpy as np
 
 from hbm.diagnosis.decide import DECISIVE
 from hbm.diagnosis.discrepancy import Discrepancy, MissingForce
-from hbm.diagnosis.verdict import Diagnosis, Estimate, Ranked
+from hbm.diagnosis.verdict import Diagnosis, Ranked
 from hbm.extensions import Extension
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.report import diagnosis as figures
 from hbm.report.identification import plot_ranking
 from hbm.report.page import Page, Section, Table, page_html
-from hbm.results.identifyreport import Value, value_text
+from hbm.results.diagnosissummary import WRONG, first_screen, text, verdict_line
 from hbm.results.outputs import Columns, columns_text
 from hbm.results.plates import Plate, plate_contents, plate_files
 from hbm.results.rigwriter import extended_rig_text
@@ -34,7 +35,7 @@ from models.rig import UNITS, Rig
 
 DIAGNOSIS_FILE, EXTENDED_FILE, PAGE_FILE = "diagnosis.json", "extended.toml", "report.html"
 ERROR_FILE, RANKING_FILE, FORCE_FILE = "errors.csv", "ranking.csv", "missing_force.csv"
-PLATES = ("gain", "responses", "deviations", "misfit_map", "missing_force", "ranking")
+PLATES = ("overview", "gain", "responses", "deviations", "misfit_map", "missing_force", "ranking")
 FILES = (
     DIAGNOSIS_FILE,
     EXTENDED_FILE,
@@ -48,11 +49,6 @@ FILES = (
 
 MODELS, PARTS = figures.MODELS, ("train", "held_out")
 MOST_RANKED = 10
-VERDICTS = {
-    "consistent": "consistent: no discrepancy beyond noise",
-    "cause-found": "cause found",
-    "unexplained": "unexplained: there is a discrepancy, and no cause that was tried explains it",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +77,36 @@ class Diagnosed:
     def evidence(self) -> tuple[str, ...]:
         """Sentences: to beware of, of the diagnosis, of the missing force."""
         return (*self.warnings, *self.diagnosis.evidence, *(self.force.sentences() if self.force else ()))
+
+    @cached_property
+    def compared(self) -> Mapping[str, figures.Compared]:
+        """The models beside all records, by their names; empty where these are not known."""
+        level = dict(zip(self.spectra.records.tolist(), self.spectra.level.tolist(), strict=True))
+        return {} if self.diagnosis.campaign is None else figures.compared(self.diagnosis, level)
+
+    @cached_property
+    def view(self) -> figures.View | None:
+        """What shows the misfit best; of a rig that is consistent, what moves most."""
+        models = self.compared
+        if not models:
+            return None
+        missed = self.diagnosis.verdict != "consistent"
+        return figures.clearest([c for name, c in models.items() if name != "extended"], missed=missed)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of those that were measured."""
+        campaign = self.diagnosis.campaign
+        return () if campaign is None else tuple(campaign.data.channels)
+
+    def answers(self) -> dict[str, str]:
+        """What is said first, by what it answers."""
+        view, where, noise = self.view, "", 0.0
+        if view is not None:
+            where = f"harmonic {view.harmonic} of {self.channels[view.channel]} at {view.level:.3g} N"
+            models = list(self.compared.values())
+            noise = figures.noise_error(models[0], held=bool(self.diagnosis.held_out_records))
+        return first_screen(self.diagnosis, self.force, extensions_of(self.diagnosis, {}), where, noise)
 
 
 def diagnosis_contents(
@@ -202,11 +228,6 @@ def _ranked_row(r: Ranked) -> tuple[str, float, float, float, str]:
     return r.label, r.bic, r.chi2, held, "; ".join(f"{name} {text(p)}" for name, p in r.parameters.items())
 
 
-def text(p: Estimate) -> str:
-    """A parameter with its standard deviation and unit."""
-    return p.value if isinstance(p.value, str) else value_text(Value("", p.value, p.std, p.unit))
-
-
 def error_table(diagnosis: Diagnosis) -> tuple[list[str], list[list[str]]]:
     """Headings and rows of the table of models, as printed and as on the page."""
     headings = ["model", "error [%]", "held out [%]", "misfit", "misfit held out"]
@@ -234,7 +255,58 @@ def ranking_table(diagnosis: Diagnosis) -> tuple[list[str], list[list[str]]]:
 
 def diagnosis_plates(found: Diagnosed) -> list[Plate]:
     """The figures with their numbers; those of the models only where these are known."""
-    return [*_gain_plates(found.diagnosis), *_model_plates(found), *_force_plates(found), *_ranking_plates(found)]
+    own = found.diagnosis
+    return [
+        *_overview(found),
+        *_gain_plates(own),
+        *_model_plates(found),
+        *_force_plates(found),
+        *_ranking_plates(found),
+    ]
+
+
+def _overview(found: Diagnosed) -> Iterator[Plate]:
+    """The one figure that shows what is wrong, before and after."""
+    view = found.view
+    if view is None:
+        return
+    channel = found.channels[view.channel]
+    (unit,) = (UNITS[c.quantity] for c in found.rig.channels if c.name == channel)
+    most = "moves most" if found.diagnosis.verdict == "consistent" else "the rig file misses most clearly"
+    yield Plate(
+        "overview",
+        "What is wrong",
+        f"Left: what {most}, harmonic {view.harmonic} of {channel} at {view.level:.3g} N, with 95 % bars. Right: "
+        "relative error of each record over all channels and harmonics, beside what noise makes of it. Hollow: records "
+        "held out, which no fit has seen.",
+        figures.plot_overview(found.compared, view, channel, unit),
+        overview_columns(found.compared, view),
+    )
+
+
+def overview_columns(models: Mapping[str, figures.Compared], view: figures.View) -> Columns:
+    """Relative error of each record and of noise in it, by model; and the amplitudes that the view shows."""
+    parts = []
+    for name, c in models.items():
+        first, error, noise = figures.record_errors(c)
+        amplitudes = np.full((2, len(first)), np.nan)
+        shown = view.of(c)
+        place = np.searchsorted(c.record[first], c.record[shown])
+        amplitudes[:, place] = np.abs([c.measured[shown], c.simulated[shown]])
+        parts.append(
+            {
+                "model": np.full(len(first), name),
+                "record": c.record[first],
+                "level": c.level[first],
+                "frequency_hz": c.hz[first],
+                "held_out": c.held_out[first],
+                "relative_error": error,
+                "relative_noise": noise,
+                "measured": amplitudes[0],
+                "simulated": amplitudes[1],
+            }
+        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _gain_plates(d: Diagnosis) -> Iterator[Plate]:
@@ -247,13 +319,9 @@ def _gain_plates(d: Diagnosis) -> Iterator[Plate]:
 
 
 def _model_plates(found: Diagnosed) -> Iterator[Plate]:
-    spectra, d = found.spectra, found.diagnosis
-    if d.campaign is None:
-        return
-    models = figures.compared(d, dict(zip(spectra.records.tolist(), spectra.level.tolist(), strict=True)))
+    models, channels = found.compared, found.channels
     if not models:
         return
-    channels = d.campaign.data.channels
     unit = {c.name: UNITS[c.quantity] for c in found.rig.channels}
     columns = compared_columns(models, channels)
     first = {name: values[columns["harmonic"] == 1] for name, values in columns.items() if name != "deviation"}
@@ -392,28 +460,19 @@ def _ranking_plates(found: Diagnosed) -> Iterator[Plate]:
 
 
 def diagnosis_page(found: Diagnosed, plates: Sequence[Plate]) -> Page:
-    """The page about a diagnosis, with its figures."""
-    d = found.diagnosis
+    """The page about a diagnosis, with its figures; the overview comes first."""
+    answers = found.answers()
+    wrong = answers.pop(WRONG)
+    shown = {plate.name: plate.section for plate in plates}
     return Page(
         title=f"{found.rig.name}: what the simulation gets wrong",
-        lead=(str(d).splitlines()[0],),
+        lead=(verdict_line(found.diagnosis), wrong),
         warnings=found.warnings,
-        summary=_key_numbers(d),
-        sections=[*_table_sections(d), *(plate.section for plate in plates), Section("Evidence", text=found.evidence)],
+        first=shown.pop("overview", None),
+        summary=list(answers.items()),
+        sections=[*_table_sections(found.diagnosis), *shown.values(), Section("Evidence", text=found.evidence)],
         foot=f"hbm {installed_version()}, hbm diagnose; spectra: {found.spectra.source}",
     )
-
-
-def _key_numbers(d: Diagnosis) -> list[tuple[str, str]]:
-    numbers = [("Verdict", VERDICTS[d.verdict])]
-    if d.cause is not None:
-        numbers += [("Cause", d.cause), *((name, text(p)) for name, p in d.parameters.items())]
-        ratio = d.gain["held_out_nrmse_ratio"]
-        numbers += [("Held-out error, extended over calibrated", f"{ratio:.3g}")] * bool(d.held_out_records)
-    numbers.append(("Confidence", f"{d.confidence:.3g}"))
-    if d.not_separable:
-        numbers += [("Not told apart", ", ".join(d.not_separable)), ("To tell them apart", d.separate_by or "-")]
-    return numbers
 
 
 def _table_sections(d: Diagnosis) -> Iterator[Section]:
