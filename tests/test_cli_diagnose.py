@@ -366,6 +366,20 @@ def test_too_small_standard_deviations_are_said(folder: Path, tmp_path: Path, pl
     assert line.removeprefix("warning: ") == diagnosed(out)["evidence"][0]
 
 
+def test_what_a_structure_does_not_repeat_is_no_discrepancy(folder: Path, tmp_path: Path, plain: None) -> None:
+    """A mass that moves the response by less than repeats differ by is not looked for, and why is said."""
+    rig, spectra = str(folder / "rig.toml"), str(folder / "mass.csv")
+    (tmp_path / "out").mkdir()
+    result = run(
+        "diagnose", rig, spectra, "--cause", "added-mass", "--repeatability", "60", "--out", str(tmp_path / "out")
+    )
+    assert result.exit_code == 0, result.output
+    table = diagnosed(tmp_path / "out")
+    assert (table["verdict"], table["cause"]) != ("cause-found", "added-mass")
+    assert table["errors"]["nominal"]["train"]["chi2_reduced"] < 2.0
+    assert "does not repeat" in table["evidence"][0] and "60 %" in table["evidence"][0]
+
+
 def test_one_level_is_said(folder: Path, tmp_path: Path, plain: None) -> None:
     spectra = changed(folder, tmp_path, lambda rows: [row for row in rows if row[1] == "6.5"])
     args = ("--cause", "added-mass", "--out", str(tmp_path / "out"))

@@ -123,7 +123,8 @@ class Account:
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """What the model of the verdict leaves."""
-        e = self._noise(best or self.decision.base)
+        plain = self.decision.base if self.decision.best is None else self.search.calibrated
+        e = self._noise(best or plain)
         shares = {} if best is None else self._shares
         return remainder(e.white, self.campaign, not misfit(e, self.campaign).fits, shares)
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from hbm.diagnosis.discrepancy import Discrepancy
 from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.verdict import Diagnosis, Estimate
 from hbm.extensions import Extension
 from hbm.results.identifyreport import Value, value_text
@@ -79,12 +80,12 @@ def text(p: Estimate) -> str:
 
 
 def _wrong(d: Diagnosis, where: str) -> str:
-    nominal, calibrated = (_percent(d.errors[name]["train"].nrmse) for name in ("nominal", "calibrated"))
+    nominal, calibrated = (percent(d.errors[name]["train"].nrmse) for name in ("nominal", "calibrated"))
     missed = f"rig file misses the records fitted by {nominal} of their response, and by {calibrated} once calibrated"
     if d.verdict != "consistent":
         return f"The {missed}, most clearly in {where}."
     if d.remainder.structured:
-        return f"Little. The {missed}, of which {_percent(d.remainder.size)} are more than noise."
+        return f"Little. The {missed}, of which {percent(d.remainder.size)} are more than noise."
     return f"Nothing. The {missed}, which is noise."
 
 
@@ -109,7 +110,7 @@ def _missing(force: Discrepancy | None) -> Iterator[str]:
     """The place of the force that is missing, if it can be told."""
     if force is not None and force.explainable:
         best, beside = force.best, " beside one at the contact" if force.two else ""
-        share = _percent(best.share, 3)
+        share = percent(best.share)
         yield f"An unknown {best.place.kind} at {best.place.name}{beside} would explain {share} of it."
 
 
@@ -128,15 +129,6 @@ def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
 def _instead_of(neutral: float) -> str:
     """What the rig file says, where it says anything."""
     return f" instead of {neutral:.4g}" if math.isfinite(neutral) and neutral != 0.0 else ""
-
-
-def _percent(share: float, digits: int = 2) -> str:
-    """A share in per cent.
-
-    >>> _percent(0.00452), _percent(1.278), _percent(0.9987, 3)
-    ('0.45 %', '130 %', '99.9 %')
-    """
-    return f"{float(f'{100.0 * share:.{digits}g}'):g} %"
 
 
 def _added(d: Diagnosis, added: Sequence[Extension]) -> str:
@@ -160,8 +152,8 @@ def _gain(d: Diagnosis, noise: float) -> str:
         "extended": f"with {d.cause}",
     }
     known = [(d.errors[name][part].nrmse, said) for name, said in models.items() if part in d.errors.get(name, {})]
-    told = [f"{_percent(nrmse)} {said}" for nrmse, said in known]
-    alone = f"; {_percent(noise)} by noise alone" if noise > 0.0 else ""
+    told = [f"{percent(nrmse)} {said}" for nrmse, said in known]
+    alone = f"; {percent(noise)} by noise alone" if noise > 0.0 else ""
     return f"{'' if 'extended' in d.errors else 'None. '}Error on the {records}: {', '.join(told)}{alone}."
 
 

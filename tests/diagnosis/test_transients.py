@@ -13,6 +13,7 @@ from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.model import Model
 from hbm.diagnosis.numerics import Grid, Numerics
 from hbm.diagnosis.order import ordered
+from hbm.diagnosis.predict import predicted
 from hbm.diagnosis.records import Campaign
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
@@ -82,6 +83,16 @@ def test_transients_leave_noise_and_explain_what_was_measured(tmp_path, steady, 
     campaign, base = nominal(tmp_path, steady)
     assert per_coefficient(base) < 1.0 + noise
     assert not accepted(base, extended(campaign, base), 30)
+
+
+def test_what_is_free_in_each_record_takes_no_credit(tmp_path, steady, early):
+    """Fitted to records held out they foretell nothing: the error there is that without them, and chi2 pays for them."""
+    campaign, base = nominal(tmp_path, early)
+    e = extended(campaign, base)
+    unseen = predicted(e, campaign)
+    assert unseen.errors.nrmse == pytest.approx(nrmse(base.white), rel=1e-2)
+    assert unseen.errors.chi2_reduced == pytest.approx((e.white.chi2 + e.white.free) / len(e.white), rel=1e-2)
+    assert e.white.free > 10.0 * len(e.found) and base.white.free == 0.0
 
 
 def test_one_record_alone_is_no_evidence_of_them(tmp_path, steady, early):
