@@ -86,7 +86,7 @@ def test_transients_leave_noise_and_explain_what_was_measured(tmp_path, steady, 
 
 
 def test_what_is_free_in_each_record_takes_no_credit(tmp_path, steady, early):
-    """Fitted to records held out they foretell nothing: the error there is that without them, and chi2 pays for them."""
+    """Fitted to records held out they foretell nothing: the error there is that without them; chi2 pays for them."""
     campaign, base = nominal(tmp_path, early)
     e = extended(campaign, base)
     unseen = predicted(e, campaign)
