@@ -21,7 +21,7 @@ from hbm.causefile import causes_in_file
 from hbm.cli import app
 from hbm.diagnosis.diagnose import diagnose as search
 from hbm.diagnosis.nominal import nominal_scalars
-from hbm.diagnosis.remainder import Remainder
+from hbm.diagnosis.remainder import Remainder, percent
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.response import steady_state
 from hbm.results.diagnosisfiles import FILES
@@ -143,7 +143,7 @@ def test_six_answers_stand_before_all_tables_on_twelve_lines(mass: tuple[Path, R
     assert [line.split("  ")[0] for line in first if line[0] != " "] == list(QUESTIONS)
     said = " ".join(" ".join(line.split()) for line in first)
     table = diagnosed(mass[0])
-    before, after = (f"{100 * table['errors'][model]['held_out']['nrmse']:.2g} %" for model in ("nominal", "extended"))
+    before, after = (percent(table["errors"][model]["held_out"]["nrmse"]) for model in ("nominal", "extended"))
     assert f"Error on the 2 records held out: {before} with the rig file as it is" in said
     assert re.search(rf"{after} with added-mass; [\d.]+ % by noise alone", said)
     assert "added-mass (mass 0.00" in said and "± 0.00" in said and "a lumped mass sits on the beam" in said

@@ -382,11 +382,17 @@ REFUSED = {
         "amplitude = 1.0\nposition = 0.5",
         ": excitation.position does not go with [modal]; accepted keys are amplitude",
     ),
+    "repeatability beyond the response": (
+        MODAL,
+        'quantity = "acceleration"',
+        'quantity = "acceleration"\nrepeatability = 1.5',
+        ": channels[2].repeatability = 1.5; must be >= 0 and <= 1",
+    ),
     "channel position in a modal rig": (
         MODAL,
         'quantity = "acceleration"',
         'quantity = "acceleration"\nposition = 0.5',
-        ": channels[2].position does not go with [modal]; accepted keys are name, quantity",
+        ": channels[2].position does not go with [modal]; accepted keys are name, quantity, repeatability",
     ),
     "radius in a modal rig": (
         MODAL,

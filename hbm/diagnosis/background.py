@@ -171,7 +171,7 @@ class Linear:
 
 
 SIZES = (0.0, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2)
-"""Sizes of a background that are compared, relative to the response."""
+"""Sizes of a background that are compared: standard deviation of each of cosine and sine, relative to the amplitude."""
 
 LARGEST, OF_HARMONICS = 0.01, 0.05
 """No background is larger than this share of the fundamental, and of each other harmonic; more is something missing."""
