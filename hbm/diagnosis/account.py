@@ -155,18 +155,24 @@ class Account:
         if self.best is None:
             return self._without_cause(self.decision.base)
         best, scored = self.best
-        if misfit(self._noise(best), self.campaign).fits and self._holds(scored):
+        settled, least = best.model.rig(best.x).excitation.settled, min(self._shares.values())
+        noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
+        if noise and (settled or (least >= MAIN and self._foretells(scored))):
             return "cause-found"
-        least, left = min(self._shares.values()), beyond_noise(self._noise(best).white)
+        left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
         if least < MAIN or before <= NOTABLE or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
-        if least >= NEARLY and left <= LARGEST:
+        if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)):
             return "cause-found"
         # what is free in each record takes most of anything
-        return (
-            "main-cause" if best.model.rig(best.x).excitation.settled else self._without_cause(self.search.calibrated)
-        )
+        return "main-cause" if settled else self._without_cause(self.search.calibrated)
+
+    def _foretells(self, scored: Predicted | None) -> bool:
+        """Whether the error on records held out is no larger than that of calibration, nothing fitted to them."""
+        if scored is None or self.calibrated is None:
+            return True
+        return scored.errors.nrmse <= WORSE * self.calibrated.errors.nrmse
 
     @staticmethod
     def _extends(best: Evaluation) -> str:

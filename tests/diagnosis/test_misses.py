@@ -22,15 +22,8 @@ from models.causes.structure import AddedMass, AddedSpring, ClampRotation, Suppo
 from tests.truth.blind import Case, draw, write_case
 
 RIG, SIZES = 9000, (0.004, 0.01)
-CAUSES = (
-    AddedMass,
-    AddedSpring,
-    AttachedResonator,
-    ClampRotation,
-    ClampFriction,
-    SupportRotationSpring,
-    WrongParameter,
-)
+CAUSES = (AddedMass, AddedSpring, ClampRotation, SupportRotationSpring, WrongParameter)
+CLAMPS = (ClampRotation, ClampFriction)
 E = "beam.youngs_modulus"
 pytestmark = pytest.mark.slow
 

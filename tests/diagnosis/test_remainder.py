@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hbm.diagnosis.account import Account
 from hbm.diagnosis.decide import DECISIVE, plainest
 from hbm.diagnosis.records import Whitened
 from hbm.diagnosis.remainder import beyond_noise, explained, remainder
@@ -97,3 +98,46 @@ def test_a_cause_that_another_contains_wins_unless_the_rest_pays():
     assert plainest(resonator, [resonator, fit(905.0, 1, ClampRotation())]) is resonator
     pair = fit(980.0, 3, AddedMass(), ClampRotation())
     assert plainest(pair, [pair, elastic]) is elastic
+
+
+def judged(monkeypatch, *, settled, noise, shares, left=0.0, before=0.1, foretells=True, predicts=True):
+    """The verdict on a cause, from what is known of it."""
+    rig = SimpleNamespace(excitation=SimpleNamespace(settled=settled))
+    best = SimpleNamespace(model=SimpleNamespace(rig=lambda x: rig), x=None, white=left)
+    monkeypatch.setattr("hbm.diagnosis.account.misfit", lambda e, campaign: SimpleNamespace(fits=noise))
+    monkeypatch.setattr("hbm.diagnosis.account.beyond_noise", lambda white: white)
+    account = SimpleNamespace(
+        best=(best, None),
+        campaign=None,
+        search=SimpleNamespace(calibrated=None),
+        _shares=dict(zip(("train", "held_out"), shares, strict=True)),
+        _noise=lambda e: e,
+        _before=lambda e: SimpleNamespace(white=before),
+        _holds=lambda scored: True,
+        _predicts=lambda scored: predicts,
+        _foretells=lambda scored: foretells,
+        _without_cause=lambda base: "none",
+    )
+    return Account.verdict.func(account)
+
+
+def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):
+    """Noise left; a background left; more left; most left; less than half explained; too little to begin with."""
+    for noise, shares, left, before, said in (
+        (True, (0.3, 0.3), 0.0, 0.002, "cause-found"),
+        (False, (0.99, 0.97), 0.004, 0.1, "cause-found"),
+        (False, (0.99, 0.97), 0.02, 0.1, "main-cause"),
+        (False, (0.8, 0.6), 0.004, 0.01, "main-cause"),
+        (False, (0.8, 0.4), 0.004, 0.01, "none"),
+        (False, (0.99, 0.99), 0.001, 0.004, "none"),
+    ):
+        assert judged(monkeypatch, settled=True, noise=noise, shares=shares, left=left, before=before) == said
+    assert judged(monkeypatch, settled=True, noise=False, shares=(0.9, 0.9), predicts=False) == "none"
+
+
+def test_transients_are_only_named_where_they_pay_and_calibration_foretells_no_better(monkeypatch):
+    """What is free in each record leaves noise of anything."""
+    assert judged(monkeypatch, settled=False, noise=True, shares=(0.9, 0.9)) == "cause-found"
+    assert judged(monkeypatch, settled=False, noise=True, shares=(0.43, 0.39)) == "none"
+    assert judged(monkeypatch, settled=False, noise=True, shares=(0.9, 0.9), foretells=False, left=0.02) == "none"
+    assert judged(monkeypatch, settled=False, noise=False, shares=(0.9, 0.8), left=0.13) == "none"
