@@ -19,6 +19,7 @@ from hbm.diagnosis.decide import (
     weights,
 )
 from hbm.diagnosis.fit import Evaluation, evaluate
+from hbm.diagnosis.judge import background_of, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent, remainder
@@ -103,7 +104,7 @@ class Account:
         return Diagnosis(
             verdict=verdict,
             cause=None if best is None else name_of(best),
-            parameters={} if best is None else estimates(best),
+            parameters={} if best is None else estimates(self._known(best)),
             confidence=self._confidence(verdict, best),
             not_separable=tuple(dict.fromkeys(name_of(e) for e in ties)),
             separate_by=self._advice(best, ties),
@@ -120,6 +121,12 @@ class Account:
             held=self._held(best),
             held_campaign=None if self.hidden is None else replace(self.hidden, executor=None),
         )
+
+    def _known(self, best: Evaluation) -> Evaluation:
+        """The model of the verdict beside a background: too small a one to be seen still moves its numbers."""
+        if any(self.search.campaign.background.values()):
+            return best
+        return widened(best, replace(self.campaign, background=background_of(best, self.campaign)))
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """What the model of the verdict leaves."""

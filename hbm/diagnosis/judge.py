@@ -42,11 +42,15 @@ def background_of(e: Evaluation, campaign: Campaign) -> Mapping[int, float]:
     return likeliest_sizes(linear(e, campaign))
 
 
+def widened(e: Evaluation, campaign: Campaign) -> Evaluation:
+    """A model where it is, what it leaves beside noise counted in what is known of its numbers."""
+    return replace(e, white=replace(campaign, corrections=e.corrections).whiten(e.found, e.by_x))
+
+
 def beside(e: Evaluation, campaign: Campaign) -> Evaluation:
     """A model where it is likeliest beside the background of a campaign, to first order."""
-    white = replace(campaign, corrections=e.corrections).whiten(e.found, e.by_x)
-    there = replace(e, white=white)
-    step = _step(there)
+    there = widened(e, campaign)
+    white, step = there.white, _step(there)
     return replace(there, x=e.x + step, white=replace(white, residual=white.residual - white.jacobian @ step))
 
 
