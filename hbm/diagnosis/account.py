@@ -53,8 +53,8 @@ RELIABLE = {
     "consistent": 0.95,
     "within": 0.7,
 }
-"""How often verdicts were right where the truth was known: a cause that leaves noise alone, one with a background,
-and so on; benchmarks/diagnosis.py on a bank apart from those that are scored."""
+"""How often verdicts are assumed to be right: a cause that leaves noise alone, or a background, and so on; `within`
+where tolerances explain what is left. Set by eye on cases apart from those scored, not fitted; scores are worse."""
 
 AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
@@ -82,7 +82,7 @@ class Account:
         """A model beside noise alone."""
         if not any(self.search.campaign.background.values()):
             return e
-        return replace(e, white=replace(self.campaign, corrections=e.corrections).whiten(e.found, e.by_x))
+        return widened(e, self.campaign)
 
     @property
     def plain(self) -> dict[str, tuple[Evaluation, Predicted | None]]:
@@ -218,7 +218,7 @@ class Account:
     def _confidence(self, verdict: Verdict, best: Evaluation | None) -> float:
         """Share of repetitions that would decide alike; else how improbable it is that another verdict is right.
 
-        Times how often such a verdict was right where the truth was known, for a model that is wrong in another way
+        Times how often such a verdict is assumed to be right, for a model that is wrong in another way
         would decide alike in every repetition. What is within tolerances and a background may hide a weak effect.
         """
         if best is not None:

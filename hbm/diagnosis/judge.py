@@ -43,7 +43,7 @@ def background_of(e: Evaluation, campaign: Campaign) -> Mapping[int, float]:
 
 
 def widened(e: Evaluation, campaign: Campaign) -> Evaluation:
-    """A model where it is, what it leaves beside noise counted in what is known of its numbers."""
+    """A model where it is, beside noise and whatever background the campaign has."""
     return replace(e, white=replace(campaign, corrections=e.corrections).whiten(e.found, e.by_x))
 
 

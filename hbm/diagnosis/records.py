@@ -278,10 +278,10 @@ class Campaign:
         size = np.linalg.solve(np.eye(columns.shape[1]) + columns.T @ columns, columns.T @ residual)
         return np.asarray(simulated.by_transients @ size[len(size) - simulated.transients :])
 
-    def _inexact(self, record: Record, simulated: Simulated) -> float:
+    def _inexact(self, record: Record, lasting: Array) -> float:
         """Standard deviation that what the superposition of transients leaves out makes of that of the noise."""
-        lasting = self.lasting(record, simulated)[record.listed] / self.listed_std(record)
-        return float(np.hypot(1.0, INEXACT * np.linalg.norm(lasting) / np.sqrt(max(len(lasting), 1))))
+        size = lasting[record.listed] / self.listed_std(record)
+        return float(np.hypot(1.0, INEXACT * np.linalg.norm(size) / np.sqrt(max(len(size), 1))))
 
     def whiten(self, found: Mapping[int, Simulated], by_x: Array) -> Whitened:
         """Records found, in standard deviations; `by_x` (p, n) turns derivatives to keys into those to coordinates."""
@@ -320,14 +320,16 @@ class Campaign:
         """Residual and derivatives (m, 1 + n) in noise's standard deviations; and disturbances, each of one record."""
         rows, columns = [], []
         for r in there:
-            s, std, inexact = found[r.number], self.listed_std(r), self._inexact(r, found[r.number])
+            s, std = found[r.number], self.listed_std(r)
+            inexact = self._inexact(r, self.lasting(r, s))
             rows.append(np.column_stack([self.missed(r, s), s.by_keys[r.listed] @ by_x]) / (inexact * std[:, None]))
             columns.append(self.correlated(r, s) / inexact)
         return np.concatenate(rows), block_diag(*columns)
 
     def _whitened(self, record: Record, simulated: Simulated, by_x: Array) -> tuple[npt.NDArray[Any], ...]:
         listed, std, raw = record.listed, self.listed_std(record), self.missed(record, simulated)
-        lasting, inexact = self.lasting(record, simulated)[listed], self._inexact(record, simulated)
+        whole = self.lasting(record, simulated)
+        lasting, inexact = whole[listed], self._inexact(record, whole)
         columns = self.correlated(record, simulated) / inexact
         rows = np.column_stack([raw, simulated.by_keys[listed] @ by_x]) / (inexact * std[:, None])
         white = uncorrelated(columns, rows)

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -326,15 +325,12 @@ class Search:
         wrong = {cause.key for cause in e.model.causes if isinstance(cause, WrongParameter)}
         return len(wrong) == len(e.model.causes) and wrong <= set(self._beyond(self.calibrated))
 
-    def _tell_pair(self, first: str, doing: str) -> None:
-        self.tell(f"{first} and {doing}", 0.7)
-
     def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
         """Two causes: one more beside the best."""
         rest = [c for c in self.candidates if c not in single.model.causes and _suits(c, single.model.rig(single.x))]
         screening = self._screened(single, rest)
-        tell = partial(self._tell_pair, single.model.label)
-        fits = race(single, self.campaign, screening, tell, self._enough)
+        first = single.model.label
+        fits = race(single, self.campaign, screening, lambda d: self.tell(f"{first} and {d}", 0.7), self._enough)
         self.fitted += fits
         # the first of a pair may only have led to where the second is found
         pairs = [pair for pair in fits[:1] if self._fits(pair)]
