@@ -7,7 +7,7 @@ Statist. Soc. B 63 (2001), 425). Its prior is small and structured, or it would 
 share that changes slowly with frequency and level, in part alike in all channels.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,7 +29,7 @@ BAND = 1.5
 NARROW = 1e-3
 """Least width of a band, of its frequency."""
 
-ALIKE = 0.5
+ALIKE = 0.9
 """Share of the variance that all channels have in common."""
 
 Complex = npt.NDArray[np.complex128]
@@ -181,6 +181,24 @@ def likeliest_sizes(model: Linear) -> dict[int, float]:
     """Size of the background by harmonic that makes what a model leaves likeliest, none larger than it may be."""
     found: dict[int, float] = {}
     for k in model.basis.harmonics:
-        most = LARGEST if k == 1 else OF_HARMONICS
-        found[k] = min((s for s in SIZES if s <= most), key=lambda s: model.deviance({**found, k: s}))
+        found[k] = min(_allowed(k), key=lambda s: model.deviance({**found, k: s}))
     return found
+
+
+def expected_sizes(model: Linear) -> dict[int, float]:
+    """Root mean square of the size by harmonic, each of :data:`SIZES` as likely before as any other.
+
+    A background too small to be seen is likeliest to be none, but may be there.
+    """
+    likeliest = likeliest_sizes(model)
+    return {k: _expected(_allowed(k), [model.deviance({**likeliest, k: s}) for s in _allowed(k)]) for k in likeliest}
+
+
+def _expected(sizes: Sequence[float], deviances: Sequence[float]) -> float:
+    weight = np.exp(-0.5 * (np.array(deviances) - min(deviances)))
+    return float(np.sqrt(weight @ np.square(sizes) / weight.sum()))
+
+
+def _allowed(k: int) -> list[float]:
+    """Sizes that a background of a harmonic may have."""
+    return [s for s in SIZES if s <= (LARGEST if k == 1 else OF_HARMONICS)]

@@ -21,6 +21,9 @@ from models.causes.cause import Cause
 RECORDS = 6
 """Records that a quick fit sees."""
 
+MISSED = 1.5
+"""Mean square misfit from which on a record shows something."""
+
 STARTS, STEPS = 2, 7
 """Starts from which steps are taken, and how many."""
 
@@ -38,7 +41,8 @@ VALLEYS, APART = 2, 3.0
 standard deviations."""
 
 PROMISING = 0.3
-"""Steps are taken from next to no effect too where the score test sees this share of the misfit fall."""
+"""Steps are taken from next to no effect too where the score test sees this share of the misfit fall, or where every
+start does harm."""
 
 DENSE, ROUNDING = 10.0**0.5, 1e-9
 """Starts of how strong an effect is that nothing else shapes are at most this factor apart."""
@@ -78,15 +82,38 @@ class Heats:
 
     @cached_property
     def few(self) -> Campaign:
-        """What they run on."""
-        numbers = telling(self.base, self.campaign, RECORDS)
-        return replace(coarse(self.campaign, numbers, self.base), executor=None)
+        """What they run on: records that the base misses far more than the others weigh no more than these.
+
+        A record beside a jump of the response may be missed a thousand times as much as all others together, and be on
+        the wrong branch whatever a small step does: least squares would follow it and nothing else.
+        """
+        few = replace(coarse(self.campaign, self._numbers, self.base), executor=None)
+        heavier = {r.number: self._missed[r.number] / self._usual - 1.0 for r in few.data.records}
+        wider = {r.number: np.sqrt(heavier[r.number]) * few.std(r) for r in few.data.records if heavier[r.number] > 0.0}
+        corrections = {n: replace(c, left=np.hypot(c.left, wider.get(n, 0.0))) for n, c in few.corrections.items()}
+        return replace(few, corrections=corrections)
+
+    @cached_property
+    def _numbers(self) -> list[int]:
+        return telling(self.base, self.campaign, RECORDS)
+
+    @cached_property
+    def _missed(self) -> dict[int, float]:
+        """Mean square misfit of each of these records before."""
+        white = self.base.white
+        return {n: float(np.mean(white.residual[white.record == n] ** 2)) for n in self._numbers}
+
+    @property
+    def _usual(self) -> float:
+        """What half of those exceed that leave more than noise: an effect with a threshold may be seen in few."""
+        seen = [missed for missed in self._missed.values() if missed > MISSED]
+        return float(np.median(seen)) if seen else 1.0
 
     @property
     def before(self) -> float:
-        """Chi2 of these records before."""
-        white = self.base.white
-        return float(np.sum(white.residual[np.isin(white.record, self.few.numbers)] ** 2))
+        """Chi2 of these records before, as they weigh."""
+        points = {n: int(np.sum(self.base.white.record == n)) for n in self._numbers}
+        return sum(points[n] * min(missed, self._usual) for n, missed in self._missed.items())
 
     @property
     def at_once(self) -> int:
@@ -149,7 +176,7 @@ def _near(base: Evaluation, before: float, score: Score, starts: Starts, most: i
         return []
     first = [(chi2, x) for chi2, x in starts[:most] if chi2 < WORSE * before]
     near = [x for chi2, x in first if chi2 <= SECOND * first[0][0] or most > STARTS]
-    if score.drop > PROMISING * before or not near:
+    if score.drop > PROMISING * before or not near or starts[0][0] > before:
         near.append(starting(lighter(base).extended_by(score.cause), base, score.start))
     return near
 

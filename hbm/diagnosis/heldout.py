@@ -15,6 +15,9 @@ BAND = 6
 FEWEST = 4
 """Records below which nothing can be held out."""
 
+MOST = 0.5
+"""Of the level every second record is held out, where the whole of it and the band are more than this share."""
+
 
 def choose_held_out(spectra: MeasuredSpectra) -> tuple[int, ...]:
     """Numbers of records to hold out; none where there are too few.
@@ -30,14 +33,18 @@ def choose_held_out(spectra: MeasuredSpectra) -> tuple[int, ...]:
     if len(spectra) < FEWEST:
         return ()
     levels, frequencies = np.unique(spectra.level), np.unique(spectra.hz)
-    held = np.zeros(len(spectra), dtype=bool)
+    level, band = np.zeros(len(spectra), dtype=bool), np.zeros(len(spectra), dtype=bool)
     if len(levels) >= LEVELS and len(spectra) >= PER_LEVEL * len(levels):
-        held |= spectra.level == levels[len(levels) // 2]
+        level = spectra.level == levels[len(levels) // 2]
     if len(frequencies) >= FEWEST:
         width = max(1, len(frequencies) // BAND)
         first = min((3 * len(frequencies)) // 5, len(frequencies) - width - 1)
-        band = frequencies[first : first + width]
-        held |= (band[0] <= spectra.hz) & (spectra.hz <= band[-1])
+        inside = frequencies[first : first + width]
+        band = (inside[0] <= spectra.hz) & (spectra.hz <= inside[-1])
+    held = level | band
+    if held.mean() > MOST:
+        level[np.flatnonzero(level)[1::2]] = False
+        held = level | band
     if held.all() or not held.any() or (~held).sum() < 2:
         return ()
     return tuple(int(n) for n in spectra.records[held])

@@ -9,13 +9,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbm.diagnosis.background import Linear, likeliest_sizes
-from hbm.diagnosis.fit import Evaluation
+from hbm.diagnosis.background import Linear, expected_sizes, likeliest_sizes
+from hbm.diagnosis.fit import Evaluation, evaluate
+from hbm.diagnosis.model import Model
 from hbm.diagnosis.records import Campaign
 from hbm.fourier import Array
 
 FREE = 1e-12
 """Precision of a number of which nothing is known before."""
+
+TRUSTED = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
+"""What the rig file may be off by, as shares of the tolerances; equally likely before."""
 
 
 def linear(e: Evaluation, campaign: Campaign) -> Linear:
@@ -42,6 +46,11 @@ def background_of(e: Evaluation, campaign: Campaign) -> Mapping[int, float]:
     return likeliest_sizes(linear(e, campaign))
 
 
+def possible_background_of(e: Evaluation, campaign: Campaign) -> Mapping[int, float]:
+    """Size by harmonic of the background that may be in what a model leaves, even if noise alone may be."""
+    return expected_sizes(linear(e, campaign))
+
+
 def widened(e: Evaluation, campaign: Campaign) -> Evaluation:
     """A model where it is, beside noise and whatever background the campaign has."""
     return replace(e, white=replace(campaign, corrections=e.corrections).whiten(e.found, e.by_x))
@@ -61,3 +70,59 @@ def _step(e: Evaluation) -> Array:
     std = np.array([f.std for f in e.model.free])
     gradient = e.white.jacobian.T @ e.white.residual - e.pulls / std
     return np.asarray(np.clip(e.x + e.covariance @ gradient, low, high) - e.x)
+
+
+def std_within(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaign) -> Array:
+    """Standard deviations of the values of a model's numbers, as far as those of the rig file may be off too.
+
+    A cause that is found over the rig file as it is has numbers as exact as the noise allows, if all others are exact.
+    How far they are off is averaged over shares of their tolerances, each as likely as it makes the records.
+
+    Parameters
+    ----------
+    e : Evaluation
+        Of causes over the rig file as it is.
+    tolerances : mapping of str to float
+        Of its numbers, by their keys.
+    campaign : Campaign
+        Beside whose background they count.
+
+    Returns
+    -------
+    (n,) array
+        About the values of `e`, which stay.
+
+    Raises
+    ------
+    ConvergenceError
+        If the steady state of no record is found.
+    """
+    model = Model(e.model.nominal, tolerances, e.model.causes)
+    known = e.coordinates
+    x = np.array([known.get((f.cause, f.name), f.expected) for f in model.free])
+    wide = evaluate(model, replace(campaign, corrections=e.corrections), x, e.solutions)
+    square = _mean_square(wide.white.jacobian, wide.white.residual, np.array([f.std for f in model.free]))
+    own = [i for i, f in enumerate(model.free) if f.cause >= 0]
+    slopes = np.array([model.free[i].slope(x[i]) for i in own])
+    return np.asarray(np.maximum(np.abs(slopes) * np.sqrt(square[own]), e.std))
+
+
+def _mean_square(J: Array, residual: Array, tolerance: Array) -> Array:
+    """Mean square of what numbers are off by, (n,), some of them known to within their tolerances before."""
+    known = np.isfinite(tolerance)
+    squares, deviances = [], []
+    for share in TRUSTED:
+        free = known & (share > 0.0) | ~known
+        expected = known[free]
+        precision = np.full(int(free.sum()), FREE)
+        precision[expected] = 1.0 / (share * tolerance[known & free]) ** 2
+        A, gradient = J[:, free].T @ J[:, free] + np.diag(precision), J[:, free].T @ residual
+        covariance = np.linalg.inv(A)
+        step = covariance @ gradient
+        square = np.zeros(len(tolerance))
+        square[free] = np.diag(covariance) + step**2
+        squares.append(square)
+        spread = np.linalg.slogdet(A)[1] - np.log(precision[expected]).sum()
+        deviances.append(float(residual @ residual - gradient @ step + spread))
+    weight = np.exp(-0.5 * (np.array(deviances) - min(deviances)))
+    return np.asarray(weight @ np.array(squares) / weight.sum())

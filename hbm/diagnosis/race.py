@@ -203,9 +203,9 @@ def _by_heat(
     heat = [r for r in heat if r.chi2 < BEHIND * reached]
     if not heat:
         return [], ran
-    hopeless = heat[0].chi2 > HELPS * heats.before
-    if not hopeless and not heats.base.model.causes:
+    if not heats.base.model.causes:
         heat = _from_other_starts(heat, heats, screening, tell)
+    hopeless = heat[0].chi2 > HELPS * heats.before
     finalists = _finalists(heat, few, hopeless, len(heats.campaign.numbers) / len(few.numbers))
     return [r for r in finalists if r.chi2 < reached], ran
 

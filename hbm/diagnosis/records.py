@@ -352,9 +352,11 @@ class Campaign:
         )
 
     def chi2(self, solutions: Solutions) -> dict[int, float]:
-        """Squared misfit of each record by the noise of its responses alone."""
+        """Squared misfit of each record by the noise of its responses and what the discretisation leaves."""
         return {
-            r.number: float(np.nansum(((r.measured - self.amplitudes(r.number, solutions[r.number])) / r.std) ** 2))
+            r.number: float(
+                np.nansum(((r.measured - self.amplitudes(r.number, solutions[r.number])) / self.std(r)) ** 2)
+            )
             for r in self.data.records
             if r.number in solutions
         }

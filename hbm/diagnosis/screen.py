@@ -109,9 +109,11 @@ def telling(base: Evaluation, campaign: Campaign, number: int) -> list[int]:
     """Numbers of records spread as by :func:`spread`, those that a model misses most among them."""
     found = [n for n in campaign.numbers if n in base.found]
     missed = sorted(found, key=lambda n: -float(np.sum(base.white.residual[base.white.record == n] ** 2)))
+    if len(found) <= number:
+        return found
     worst = missed[: number // 3]
-    others = [n for n in spread(campaign, number - len(worst)) if n in base.found]
-    return sorted({*worst, *others})
+    rest = campaign.of([n for n in found if n not in worst])
+    return sorted([*worst, *spread(rest, number - len(worst))])
 
 
 def coarse(campaign: Campaign, numbers: Sequence[int], base: Evaluation | None = None) -> Campaign:

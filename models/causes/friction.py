@@ -159,7 +159,7 @@ class AsymmetricFriction(Cause):
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Forward over backward."""
-        return (Unknown("ratio", "1", LAW + "ratio", 0.01, 100.0, 1.0, (1.0, 1.2, 0.8)),)
+        return (Unknown("ratio", "1", LAW + "ratio", 0.01, 100.0, 1.0, (1.0, 1.2, 0.8, 2.0, 0.5)),)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Make the law asymmetric."""
