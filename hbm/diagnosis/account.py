@@ -233,7 +233,7 @@ class Account:
         would decide alike in every repetition. What is within tolerances may hide a weak effect.
         """
         if best is not None:
-            kind = verdict
+            kind: str = verdict
             if misfit(self._noise(best), self.campaign).fits:
                 kind = "foretold" if self._shares.get("held_out", 0.0) >= FORETOLD else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
