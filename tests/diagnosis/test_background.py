@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.diagnosis.background import LARGEST, Linear, basis_of, likeliest_sizes
+from hbm.diagnosis.background import LARGEST, SIZES, Linear, basis_of, expected_sizes, likeliest_sizes
+from hbm.diagnosis.judge import _mean_square
 from hbm.identification.records import Record
 
 HZ, LEVELS, CHANNELS, H = np.linspace(48.0, 56.0, 9), (2.0, 5.0), 3, 2
@@ -109,3 +110,37 @@ def test_records_that_are_missing_are_left_out():
     some = basis_of([whole, *there[1:]], [r.std for r in there])
     assert some.points == basis_of(there, [r.std for r in there]).points - 2 * H
     assert sorted(np.concatenate([h.where.ravel() for h in some.harmonics.values()])) == list(range(some.points))
+
+
+def test_a_background_that_is_not_seen_may_be_there(basis):
+    """Its mean square over all sizes, by hand; more than none, less than what would be seen."""
+    nothing = np.zeros((basis.points, 0)), np.zeros(0), np.zeros(0)
+    model = Linear(basis, drawn(basis, {}, np.random.default_rng(11)), *nothing)
+    likeliest, found = likeliest_sizes(model), expected_sizes(model)
+    allowed = [s for s in SIZES if s <= LARGEST]
+    likelihood = np.array([np.exp(-0.5 * model.deviance({**likeliest, 1: s})) for s in allowed])
+    assert found[1] ** 2 == pytest.approx(likelihood @ np.square(allowed) / likelihood.sum())
+    assert likeliest[1] == 0.0 < found[1] < 1e-3
+    seen = Linear(basis, drawn(basis, {1: 0.005}, np.random.default_rng(12)), *nothing)
+    assert expected_sizes(seen)[1] == pytest.approx(likeliest_sizes(seen)[1], rel=0.5)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
+def test_numbers_are_as_uncertain_as_the_rig_file_is_wrong(share):
+    """One number fitted with all others at their nominal values, which are off by a share of their tolerances.
+
+    Over draws its standard deviation is the size of its error, whatever the share; that of the noise alone is not.
+    """
+    rng = np.random.default_rng(3)
+    tolerance = np.array([np.inf, *np.full(12, 2.0)])
+    pulls, by_noise = [], []
+    for _ in range(300):
+        J = rng.standard_normal((60, 13)) + 0.7  # alike: the number may do some of what the others do
+        off = np.array([0.3, *share * 2.0 * rng.standard_normal(12)])
+        measured = J @ off + rng.standard_normal(60)
+        alone = float(J[:, 0] @ measured / (J[:, 0] @ J[:, 0]))
+        std = np.sqrt(_mean_square(J, measured - J[:, 0] * alone, tolerance)[0])
+        pulls.append((alone - 0.3) / std)
+        by_noise.append((alone - 0.3) * np.linalg.norm(J[:, 0]))
+    assert 0.75 < np.sqrt(np.mean(np.square(pulls))) < 1.25
+    assert share == 0.0 or np.sqrt(np.mean(np.square(by_noise))) > 2.0

@@ -263,6 +263,17 @@ def test_a_level_and_a_band_are_held_out():
     assert choose_held_out(spectra.select(records=spectra.records[:3])) == ()
 
 
+def test_no_more_than_half_is_held_out():
+    """Where one level has most of the records every second one of it is fitted."""
+    _, spectra = example("null", 1)
+    middle = spectra.level == np.unique(spectra.level)[1]
+    uneven = spectra.select(records=spectra.records[middle | (np.arange(len(spectra)) % 4 == 0)])
+    held = choose_held_out(uneven)
+    own = np.isin(uneven.records, held)
+    assert 0.2 < own.mean() <= 0.5
+    assert 0 < np.sum(own & (uneven.level == np.unique(uneven.level)[1])) < middle.sum()
+
+
 def test_where_only_records_held_out_disagree_half_of_them_are_fitted():
     rig, spectra = example("null", 4)
     held = choose_held_out(spectra)

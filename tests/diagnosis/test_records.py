@@ -363,3 +363,25 @@ def test_a_record_that_is_needed_must_be_found(measured, monkeypatch):
     assert evaluate(bare, data, bare.start, {}).missing == (lost,)
     with pytest.raises(ConvergenceError, match=f"record {lost} has lost its steady state"):
         fit_model(bare, data, bare.start, {}, needed={lost})
+
+
+# ---- quick fits
+
+
+def test_no_record_leads_the_quick_fits(measured):
+    """Missed a thousand times as much as the others it weighs as the middle one of them does."""
+    rig, data = measured
+    model = Model(rig, {})
+    base = evaluate(model, data, model.start, {})
+    loud = data.numbers[2]
+    times = np.where(base.white.record == loud, 1e3, 1.0)
+    heats = heat.Heats(replace(base, white=replace(base.white, residual=base.white.residual * times)), data)
+    missed = {n: float(np.mean((base.white.residual * times)[base.white.record == n] ** 2)) for n in heats.few.numbers}
+    usual = np.median([m for m in missed.values() if m > heat.MISSED])
+    plain = {r.number: data.std(r) for r in data.data.records}
+    for r in heats.few.data.records:
+        wider = np.sqrt(max(missed[r.number] / usual, 1.0))
+        assert heats.few.std(r) == pytest.approx(wider * plain[r.number], rel=0.02)  # beside the coarse grid's error
+    points = {n: int(np.sum(base.white.record == n)) for n in missed}
+    assert heats.before == pytest.approx(sum(points[n] * min(m, usual) for n, m in missed.items()))
+    assert missed[loud] > 100 * usual

@@ -4,7 +4,9 @@ import re
 from importlib import import_module
 from pathlib import Path
 
+from hbm.diagnosis.account import FORETOLD, RELIABLE
 from hbm.diagnosis.background import SIZES
+from hbm.diagnosis.judge import TRUSTED
 from hbm.diagnosis.nominal import TOLERANCES
 from hbm.diagnosis.verdict import BELIEF
 
@@ -40,3 +42,14 @@ def test_tolerances_are_those_of_calibration() -> None:
     delay, position = f"{1e6 * TOLERANCES['delay']:g} µs", f"{1e3 * TOLERANCES['position']:g} mm"
     assert table["gain, delay and position of each sensor"] == f"{percent['gain']}, {delay}, {position}"
     assert table["position of the excitation"] == position
+
+
+def test_shares_of_right_verdicts_are_those_of_the_confidence() -> None:
+    table = PAGE[PAGE.index("| verdict | right |") :].split("\n\n")[0]
+    assert [float(right) for right in re.findall(r"\| ([\d.]+) \|$", table, re.M)] == list(RELIABLE.values())
+    assert f"at least {FORETOLD:g} of the misfit held out" in table
+
+
+def test_shares_of_tolerances_are_those_that_are_averaged() -> None:
+    *shares, last = (f"{share:g}" for share in TRUSTED)
+    assert f"over {', '.join(shares)} and {last} of their tolerances" in " ".join(PAGE.split())
