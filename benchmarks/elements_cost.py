@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from continuation import DenseLinearization
+from hbm.balance.problem import HarmonicBalance, Linearization
 from hbm.fourier import Array
-from hbm.residual import HarmonicBalance, Linearization
-from hbm.response import steady_state
-from hbm.threads import one_thread
+from hbm.parallel import one_thread
+from hbm.response.trace import steady_state
 from models import Rig
 from models.elements import ImpactStop, MidplaneStretching, QuadraticDrag
 from models.published import PAPER_PENALTY, paper_rig

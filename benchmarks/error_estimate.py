@@ -11,9 +11,9 @@ from dataclasses import replace
 from rich.console import Console
 from rich.table import Table
 
-import hbm.accuracy
-from hbm.accuracy import difference, estimate_error, frequency_response
-from hbm.response import steady_state
+import hbm.response.accuracy
+from hbm.response.accuracy import difference, estimate_error, frequency_response
+from hbm.response.trace import steady_state
 from models import Damping
 from models.published import paper_rig
 
@@ -23,11 +23,11 @@ WORTH = 1e-4
 
 def main() -> None:
     """Trace, estimate at 20 points, solve the references, print the table."""
-    hbm.accuracy.SPREAD = POINTS
+    hbm.response.accuracy.SPREAD = POINTS
     rig = replace(paper_rig(), damping=Damping(mass_proportional=0.6))
     curve = frequency_response(rig, (40.0, 65.0))
     H, N_t = curve.basis.H, curve.basis.N_t
-    scales = {name: float(curve[name].peak.max()) for name in hbm.accuracy.JUDGED}
+    scales = {name: float(curve[name].peak.max()) for name in hbm.response.accuracy.JUDGED}
     table = Table("Hz", "estimated\n%", "true\n%", "ratio", title=f"H = {H}, {N_t} samples, 5 modes")
     ratios = []
     for probe in estimate_error(curve).probes:

@@ -23,11 +23,11 @@ from rich.table import Table
 from two_paths import NEUTRAL, damped, solutions_at
 
 from continuation import ConvergenceError
-from hbm.handover import state_at_phase_zero
-from hbm.integrate import PeriodicMotion
-from hbm.integrate import steady_state as shoot
-from hbm.response import steady_state, trace_frequency
-from hbm.solution import PeriodicSolution
+from hbm.balance.solution import PeriodicSolution
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import PeriodicMotion
+from hbm.integration.integrate import steady_state as shoot
+from hbm.response.trace import steady_state, trace_frequency
 from models import (
     ForceBalance,
     FrictionLaw,

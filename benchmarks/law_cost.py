@@ -14,10 +14,10 @@ from rich.console import Console
 from rich.table import Table
 from two_paths import damped
 
+from hbm.balance.problem import HarmonicBalance
 from hbm.fourier import FourierBasis
-from hbm.residual import HarmonicBalance
-from hbm.response import trace_frequency
-from hbm.threads import one_thread
+from hbm.parallel import one_thread
+from hbm.response.trace import trace_frequency
 from models import FrictionLaw
 from models.published import PAPER_PENALTY, paper_rig
 

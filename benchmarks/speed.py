@@ -29,12 +29,12 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_info
 
-from hbm.curve import ResponseCurve
+from hbm.balance.problem import HarmonicBalance
+from hbm.balance.solution import describe
 from hbm.fourier import FourierBasis
-from hbm.residual import HarmonicBalance
-from hbm.response import solve_near, steady_state, trace_frequency
-from hbm.solution import describe
-from hbm.threads import one_thread
+from hbm.parallel import one_thread
+from hbm.response.curve import ResponseCurve
+from hbm.response.trace import solve_near, steady_state, trace_frequency
 from models import Rig
 from models.published import paper_rig
 

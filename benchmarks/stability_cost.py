@@ -6,11 +6,11 @@ python benchmarks/stability_cost.py
 import time
 from dataclasses import replace
 
-from hbm.bifurcations import with_stability
-from hbm.curve import ResponseCurve
-from hbm.hill import hill
-from hbm.response import trace_frequency
-from hbm.stability import floquet
+from hbm.response.bifurcations import with_stability
+from hbm.response.curve import ResponseCurve
+from hbm.response.trace import trace_frequency
+from hbm.stability.hill import hill
+from hbm.stability.multipliers import floquet
 from models import Damping, Frictionless, Rig
 from models.elements import MidplaneStretching, QuadraticDrag
 from models.published import (

@@ -18,12 +18,12 @@ from rich.console import Console
 from rich.table import Table
 
 from continuation import ConvergenceError
-from hbm.handover import state_at_phase_zero
-from hbm.history import State, TimeHistory
-from hbm.integrate import PeriodicMotion, simulate
-from hbm.integrate import steady_state as shoot
-from hbm.response import steady_state
-from hbm.solution import PeriodicSolution
+from hbm.balance.solution import PeriodicSolution
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.history import State, TimeHistory
+from hbm.integration.integrate import PeriodicMotion, simulate
+from hbm.integration.integrate import steady_state as shoot
+from hbm.response.trace import steady_state
 from models import Damping, FrictionLaw, Rig
 from models.published import PAPER_FIGURE_9C, PAPER_STRIBECK, paper_rig
 

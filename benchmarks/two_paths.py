@@ -13,12 +13,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from hbm.curve import ResponseCurve
-from hbm.handover import state_at_phase_zero
-from hbm.integrate import PeriodicMotion
-from hbm.integrate import steady_state as shoot
-from hbm.response import solve_near, trace_frequency
-from hbm.solution import PeriodicSolution, describe
+from hbm.balance.solution import PeriodicSolution, describe
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import PeriodicMotion
+from hbm.integration.integrate import steady_state as shoot
+from hbm.response.curve import ResponseCurve
+from hbm.response.trace import solve_near, trace_frequency
 from models import Damping, Rig
 from models.published import paper_rig
 

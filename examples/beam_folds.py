@@ -19,13 +19,13 @@ from matplotlib.figure import Figure
 
 from continuation import Kind
 from hbm import ResponseCurve, linear_modes, steady_state, with_stability
-from hbm.folds import FoldPath, fold_path, isolas
+from hbm.balance.solution import PeriodicSolution
+from hbm.figures.style import FAINT, INK, SMALL, dressed, graded
 from hbm.fourier import Array
-from hbm.handover import state_at_phase_zero
-from hbm.integrate import simulate
-from hbm.report.style import FAINT, INK, SMALL, dressed, graded
-from hbm.response import trace_frequency
-from hbm.solution import PeriodicSolution
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import simulate
+from hbm.response.trace import trace_frequency
+from hbm.tracking.folds import FoldPath, fold_path, isolas
 from models import Damping, Rig
 from models.published import paper_rig
 

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from continuation import Branch, ConvergenceError, Kind
 from hbm import ResponseCurve, trace_frequency, with_stability
-from hbm.branching import crossing, doubled
+from hbm.response.branching import crossing, doubled
 from models import Channel, Contact, Damping, Excitation, ModalBody, Rig
 
 HZ = 1 / (2 * np.pi)

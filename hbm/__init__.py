@@ -15,13 +15,13 @@ From measurements: :func:`load_history` and :func:`harmonic_spectra` make :class
 :func:`load_spectra` reads them; :func:`reconstruct` finds friction, reaction and slip at the contact with their
 uncertainty, a :class:`Reconstruction`; :func:`identify` fits friction laws to it, :func:`fit_spectra` the whole rig
 to the spectra; :func:`place_sensors` says where sensors belong. What a user can get wrong is an
-:class:`InputError`; what cannot be computed, a :class:`ConvergenceError`. Figures are in :mod:`hbm.report`, files
-in :mod:`hbm.results.files`.
+:class:`InputError`; what cannot be computed, a :class:`ConvergenceError`. Figures are in :mod:`hbm.figures`, files
+in :mod:`hbm.files.curves`.
 
 Six lines from a rig to a figure::
 
     from hbm import frequency_response, load_rig
-    from hbm.report import plot_curves
+    from hbm.figures import plot_curves
 
     rig = load_rig("examples/paper_beam.toml")
     curve = frequency_response(rig, (45.0, 60.0))
@@ -36,39 +36,39 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from continuation import ConvergenceError
-    from hbm.accuracy import frequency_response
-    from hbm.backbone import NonlinearMode, PhaseResonance, nonlinear_mode, phase_resonance
-    from hbm.bifurcations import stability_of, with_stability
-    from hbm.curve import Assessment, Bifurcation, NumericalError, ResponseCurve
+    from hbm.balance.solution import PeriodicSolution
     from hbm.diagnosis.diagnose import diagnose
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.errors import InputError
-    from hbm.folds import FoldPath, fold_path, isolas
-    from hbm.history import TimeHistory
+    from hbm.files.curves import SavedCurve, read_curves, write_curves, write_history
     from hbm.identification.identify import Identification, identify
     from hbm.identification.lawfit import LawFit
-    from hbm.identification.outputerror import SpectraFit, fit_spectra
-    from hbm.integrate import simulate
+    from hbm.identification.spectra import SpectraFit, fit_spectra
+    from hbm.integration.history import TimeHistory
+    from hbm.integration.integrate import simulate
     from hbm.inverse.placement import Placement, place_sensors
     from hbm.inverse.reconstruct import reconstruct
     from hbm.inverse.reconstruction import Reconstruction
-    from hbm.lawchoice import choose_law
-    from hbm.loop import FrictionLoop, friction_loop
     from hbm.measurement.harmonicestimate import HarmonicEstimate
     from hbm.measurement.harmonics import harmonic_spectra
     from hbm.measurement.historyfile import load_history
     from hbm.measurement.recording import Recording
     from hbm.measurement.spectra import MeasuredSpectra
     from hbm.measurement.spectrafile import load_spectra, write_spectra
-    from hbm.modes import LinearModes, linear_modes
-    from hbm.parameterresponse import ParameterCurve, parameter_response
-    from hbm.peaks import Peaks, follow_peak
-    from hbm.response import force_response, steady_state, trace_frequency
-    from hbm.results.files import SavedCurve, read_curves, write_curves, write_history
-    from hbm.rigfile import load_rig
-    from hbm.sensitivity import Sensitivities, sensitivities
-    from hbm.solution import PeriodicSolution
-    from hbm.stability import Stability
+    from hbm.modes.backbone import NonlinearMode, PhaseResonance, nonlinear_mode, phase_resonance
+    from hbm.modes.linear import LinearModes, linear_modes
+    from hbm.response.accuracy import frequency_response
+    from hbm.response.bifurcations import stability_of, with_stability
+    from hbm.response.curve import Assessment, Bifurcation, NumericalError, ResponseCurve
+    from hbm.response.loop import FrictionLoop, friction_loop
+    from hbm.response.trace import force_response, steady_state, trace_frequency
+    from hbm.rigfiles.lawchoice import choose_law
+    from hbm.rigfiles.load import load_rig
+    from hbm.sensitivity.derivatives import Sensitivities, sensitivities
+    from hbm.stability.multipliers import Stability
+    from hbm.tracking.folds import FoldPath, fold_path, isolas
+    from hbm.tracking.parameterresponse import ParameterCurve, parameter_response
+    from hbm.tracking.peaks import Peaks, follow_peak
 
     __version__: str
 
@@ -134,39 +134,39 @@ __all__ = [
 
 _HOMES = {
     "continuation": ("ConvergenceError",),
-    "hbm.accuracy": ("frequency_response",),
-    "hbm.backbone": ("NonlinearMode", "PhaseResonance", "nonlinear_mode", "phase_resonance"),
-    "hbm.bifurcations": ("stability_of", "with_stability"),
-    "hbm.curve": ("Assessment", "Bifurcation", "NumericalError", "ResponseCurve"),
+    "hbm.response.accuracy": ("frequency_response",),
+    "hbm.modes.backbone": ("NonlinearMode", "PhaseResonance", "nonlinear_mode", "phase_resonance"),
+    "hbm.response.bifurcations": ("stability_of", "with_stability"),
+    "hbm.response.curve": ("Assessment", "Bifurcation", "NumericalError", "ResponseCurve"),
     "hbm.errors": ("InputError",),
-    "hbm.folds": ("FoldPath", "fold_path", "isolas"),
-    "hbm.history": ("TimeHistory",),
+    "hbm.tracking.folds": ("FoldPath", "fold_path", "isolas"),
+    "hbm.integration.history": ("TimeHistory",),
     "hbm.identification.identify": ("Identification", "identify"),
     "hbm.identification.lawfit": ("LawFit",),
-    "hbm.identification.outputerror": ("SpectraFit", "fit_spectra"),
-    "hbm.integrate": ("simulate",),
+    "hbm.identification.spectra": ("SpectraFit", "fit_spectra"),
+    "hbm.integration.integrate": ("simulate",),
     "hbm.inverse.placement": ("Placement", "place_sensors"),
     "hbm.diagnosis.diagnose": ("diagnose",),
     "hbm.diagnosis.verdict": ("Diagnosis",),
     "hbm.inverse.reconstruct": ("reconstruct",),
     "hbm.inverse.reconstruction": ("Reconstruction",),
-    "hbm.lawchoice": ("choose_law",),
-    "hbm.loop": ("FrictionLoop", "friction_loop"),
+    "hbm.rigfiles.lawchoice": ("choose_law",),
+    "hbm.response.loop": ("FrictionLoop", "friction_loop"),
     "hbm.measurement.harmonicestimate": ("HarmonicEstimate",),
     "hbm.measurement.harmonics": ("harmonic_spectra",),
     "hbm.measurement.historyfile": ("load_history",),
     "hbm.measurement.recording": ("Recording",),
     "hbm.measurement.spectra": ("MeasuredSpectra",),
     "hbm.measurement.spectrafile": ("load_spectra", "write_spectra"),
-    "hbm.modes": ("LinearModes", "linear_modes"),
-    "hbm.parameterresponse": ("ParameterCurve", "parameter_response"),
-    "hbm.peaks": ("Peaks", "follow_peak"),
-    "hbm.response": ("force_response", "steady_state", "trace_frequency"),
-    "hbm.results.files": ("SavedCurve", "read_curves", "write_curves", "write_history"),
-    "hbm.rigfile": ("load_rig",),
-    "hbm.sensitivity": ("Sensitivities", "sensitivities"),
-    "hbm.solution": ("PeriodicSolution",),
-    "hbm.stability": ("Stability",),
+    "hbm.modes.linear": ("LinearModes", "linear_modes"),
+    "hbm.tracking.parameterresponse": ("ParameterCurve", "parameter_response"),
+    "hbm.tracking.peaks": ("Peaks", "follow_peak"),
+    "hbm.response.trace": ("force_response", "steady_state", "trace_frequency"),
+    "hbm.files.curves": ("SavedCurve", "read_curves", "write_curves", "write_history"),
+    "hbm.rigfiles.load": ("load_rig",),
+    "hbm.sensitivity.derivatives": ("Sensitivities", "sensitivities"),
+    "hbm.balance.solution": ("PeriodicSolution",),
+    "hbm.stability.multipliers": ("Stability",),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 

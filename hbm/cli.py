@@ -36,9 +36,9 @@ from hbm.commands.stability import Stability, judged
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
-    from hbm.curve import ResponseCurve
-    from hbm.history import TimeHistory
-    from hbm.lawchoice import KnownLaw
+    from hbm.integration.history import TimeHistory
+    from hbm.response.curve import ResponseCurve
+    from hbm.rigfiles.lawchoice import KnownLaw
     from models.rig import Rig
 
 INTERRUPTED = 130
@@ -118,8 +118,8 @@ def modes(rig: RigFile) -> None:
     Example:  hbm modes examples/paper_beam.toml
     """
     from hbm.commands.tables import print_modes
-    from hbm.modes import linear_modes
-    from hbm.rigfile import load_rig
+    from hbm.modes.linear import linear_modes
+    from hbm.rigfiles.load import load_rig
 
     loaded = load_rig(rig)
     print_modes(console(), loaded, linear_modes(loaded))
@@ -204,8 +204,8 @@ def frf(
 
     Example:  hbm frf examples/paper_beam.toml --from 45 --to 60 --level 2 4 6.5 --out beam.csv --plot beam.png
     """
-    from hbm.lawchoice import choose_law
-    from hbm.rigfile import load_rig
+    from hbm.rigfiles.lawchoice import choose_law
+    from hbm.rigfiles.load import load_rig
 
     check_outputs("frf", out, plot)
     hz, levels, H = _range(begin, end), _levels(level), harmonics_or_auto("frf", harmonics)
@@ -246,7 +246,7 @@ def simulate(
     hz = positive("simulate", "--frequency", frequency, "Hz")
     seconds = 50.0 / hz if duration is None else positive("simulate", "--duration", duration, "s")
     _check_duration(hz, seconds)
-    from hbm.rigfile import load_rig
+    from hbm.rigfiles.load import load_rig
 
     _deliver_history(_march(load_rig(rig), hz, seconds), out, plot, contact=contact)
 
@@ -263,7 +263,7 @@ app.command("continue")(follow)
 
 
 def _laws(names: Sequence[str] | None) -> list[Any]:
-    from hbm.lawfile import find_law
+    from hbm.rigfiles.laws import find_law
     from models import LAWS
 
     laws = []
@@ -277,7 +277,7 @@ def _laws(names: Sequence[str] | None) -> list[Any]:
 
 def _with_values(laws: Sequence[Any], *, refuse: bool) -> list["KnownLaw"]:
     """Laws with the parameters that are known of them; those without any are refused or left out."""
-    from hbm.lawchoice import known_law
+    from hbm.rigfiles.lawchoice import known_law
     from models import describe
 
     known = {law: known_law(law) for law in laws}
@@ -324,9 +324,9 @@ def _responses(
 ) -> tuple[list["ResponseCurve"], list[str]]:
     """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
     from continuation import ConvergenceError
-    from hbm.accuracy import frequency_response
     from hbm.commands.progress import Sweep
-    from hbm.response import default_sweep
+    from hbm.response.accuracy import frequency_response
+    from hbm.response.trace import default_sweep
 
     curves: list[ResponseCurve] = []
     failures: list[str] = []
@@ -352,7 +352,7 @@ def _partial(curve: "ResponseCurve") -> str:
 
 def _march(rig: "Rig", hz: float, seconds: float) -> "TimeHistory":
     from hbm.commands.progress import Sweep
-    from hbm.integrate import simulate as march
+    from hbm.integration.integrate import simulate as march
 
     with Sweep("time", 0.0, seconds, unit="s") as progress:
         return march(rig, hz, duration=seconds, progress=progress.time)
@@ -363,9 +363,9 @@ def _march(rig: "Rig", hz: float, seconds: float) -> "TimeHistory":
 
 def _deliver_loops(known: Sequence["KnownLaw"], slip: float, hz: float, load: float, plot: Path) -> None:
     from hbm.commands.tables import print_loops
-    from hbm.loop import friction_loop
-    from hbm.report import plot_loops
-    from hbm.results.files import write_figure
+    from hbm.figures import plot_loops
+    from hbm.files.curves import write_figure
+    from hbm.response.loop import friction_loop
 
     loops = [friction_loop(k.law, slip, hz, load=load) for k in known]
     write_figure(plot, plot_loops(loops))
@@ -376,13 +376,13 @@ def _deliver_loops(known: Sequence["KnownLaw"], slip: float, hz: float, load: fl
 def _deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None) -> None:
     written = []
     if out is not None:
-        from hbm.results.files import companion, write_curves
+        from hbm.files.curves import companion, write_curves
 
         write_curves(out, curves)
         written += [out, companion(out)]
     if plot is not None:
-        from hbm.report import plot_curves
-        from hbm.results.files import write_figure
+        from hbm.figures import plot_curves
+        from hbm.files.curves import write_figure
 
         write_figure(plot, plot_curves(curves))
         written.append(plot)
@@ -395,13 +395,13 @@ def _deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: P
 def _deliver_history(history: "TimeHistory", out: Path | None, plot: Path | None, *, contact: bool) -> None:
     written = []
     if out is not None:
-        from hbm.results.files import write_history
+        from hbm.files.curves import write_history
 
         write_history(out, history, contact=contact)
         written.append(out)
     if plot is not None:
-        from hbm.report import plot_history
-        from hbm.results.files import write_figure
+        from hbm.figures import plot_history
+        from hbm.files.curves import write_figure
 
         write_figure(plot, plot_history(history))
         written.append(plot)

@@ -1,15 +1,15 @@
 """The whole residual as one CasADi function: for exact sensitivities, for other solvers, and for C code.
 
-:class:`hbm.residual.HarmonicBalance` evaluates the same equations faster, with the linear modes eliminated; this one is
-what CasADi can differentiate, map over threads and generate.
+:class:`hbm.balance.problem.HarmonicBalance` evaluates the same equations faster, with the linear modes eliminated; this
+one is what CasADi can differentiate, map over threads and generate.
 """
 
 import casadi as ca
 import numpy as np
 
-from hbm.aft import NEWTON
-from hbm.lawperiod import law_functions
-from hbm.residual import HarmonicBalance
+from hbm.aft.force import NEWTON
+from hbm.aft.period import law_functions
+from hbm.balance.problem import HarmonicBalance
 
 
 def residual_function(problem: HarmonicBalance) -> ca.Function:

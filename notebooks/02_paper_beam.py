@@ -29,8 +29,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hbm import force_response, frequency_response, linear_modes, load_rig, simulate, steady_state, trace_frequency
-from hbm.integrate import steady_state as shoot
-from hbm.report import plot_frequency_response, plot_loop
+from hbm.figures import plot_frequency_response, plot_loop
+from hbm.integration.integrate import steady_state as shoot
 from models import Damping
 
 plt.rcParams |= {

@@ -31,8 +31,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hbm import friction_loop, sensitivities, simulate, steady_state, trace_frequency
-from hbm.handover import state_at_phase_zero
-from hbm.integrate import steady_state as shoot
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import steady_state as shoot
 from models import Channel, Coulomb, Damping, FrictionLaw, Jenkins
 from models.published import (
     PAPER_CONTACT_LENGTH,

@@ -29,7 +29,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hbm import identify, load_rig, load_spectra, place_sensors, reconstruct
-from hbm.report.inverse import plot_energy, plot_friction_harmonics, plot_reconstructed_loops, plot_signals
+from hbm.figures.inverse import plot_energy, plot_friction_harmonics, plot_reconstructed_loops, plot_signals
 
 # %matplotlib inline
 plt.rcParams |= {"figure.dpi": 110}

@@ -32,7 +32,7 @@ import numpy as np
 from hbm import load_rig, load_spectra, trace_frequency
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.discrepancy import discrepancy
-from hbm.report import diagnosis as figures
+from hbm.figures import diagnosis as figures
 from models.causes.parameter import WrongParameter
 
 # %matplotlib inline

@@ -9,8 +9,8 @@ import numpy as np
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
-from hbm.response import steady_state
-from hbm.rigfile import load_rig
+from hbm.response.trace import steady_state
+from hbm.rigfiles.load import load_rig
 from models import Rig
 
 RIG_FILE = Path(__file__).parents[1] / "examples" / "paper_beam.toml"

@@ -16,16 +16,16 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 import hbm
-import hbm.accuracy
-import hbm.integrate
+import hbm.integration.integrate
+import hbm.response.accuracy
 from continuation import ConvergenceError, End
 from hbm.cli import app
 from hbm.commands.tables import print_laws
-from hbm.curve import ResponseCurve
 from hbm.errors import InputError
-from hbm.lawchoice import choose_law
-from hbm.modes import contact_stiffness, linear_modes
-from hbm.results.files import read_curves
+from hbm.files.curves import read_curves
+from hbm.modes.linear import contact_stiffness, linear_modes
+from hbm.response.curve import ResponseCurve
+from hbm.rigfiles.lawchoice import choose_law
 from models import LAWS, FrictionLaw, Jenkins, describe
 from models.published import (
     ASSUMED_IWAN,
@@ -379,7 +379,7 @@ def test_laws_draws_loops_and_prints_what_they_lose(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def found() -> ResponseCurve:
-    return hbm.accuracy.frequency_response(paper_rig(), (40.0, 40.5), harmonics=1)
+    return hbm.response.accuracy.frequency_response(paper_rig(), (40.0, 40.5), harmonics=1)
 
 
 @pytest.fixture
@@ -394,7 +394,7 @@ def failing(
             curve.problem.level = level
             return wrong.get(level, lambda found: found)(curve)
 
-        monkeypatch.setattr(hbm.accuracy, "frequency_response", response)
+        monkeypatch.setattr(hbm.response.accuracy, "frequency_response", response)
 
     return arrange
 
@@ -462,7 +462,7 @@ def test_a_failed_simulation_is_one_line_and_status_1(
     def fail(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr(hbm.integrate, "simulate", fail)
+    monkeypatch.setattr(hbm.integration.integrate, "simulate", fail)
     result = run("simulate", PAPER, "--frequency", "50", "--out", str(tmp_path / "h.csv"))
     assert (result.stderr, result.stdout, result.exit_code) == (f"{line}\n", "", 1)
     assert list(tmp_path.iterdir()) == []
@@ -504,7 +504,7 @@ def test_help_and_version_load_nothing_heavy(args: list[str]) -> None:
 
 
 def test_only_figures_load_matplotlib() -> None:
-    modules = "sys, hbm, hbm.results.files, hbm.commands.tables, hbm.commands.progress"
+    modules = "sys, hbm, hbm.files.curves, hbm.commands.tables, hbm.commands.progress"
     code = f"import {modules}\nhbm.simulate\nprint('matplotlib' in sys.modules)"
     assert python(code) == "False\n"
 

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from hbm.cli import app
-from hbm.modes import linear_modes
+from hbm.modes.linear import linear_modes
 from models.published import paper_rig
 
 PAPER = str(Path(__file__).parents[1] / "examples" / "paper_beam.toml")

@@ -8,9 +8,9 @@ from typer.testing import CliRunner, Result
 
 from hbm.cli import app
 from hbm.errors import InputError
-from hbm.parameterresponse import parameter_response
-from hbm.results.parameterfiles import read_parameter_curve
-from hbm.rigfile import load_rig
+from hbm.files.parameterfiles import read_parameter_curve
+from hbm.rigfiles.load import load_rig
+from hbm.tracking.parameterresponse import parameter_response
 
 RIG = str(Path(__file__).parents[1] / "examples" / "paper_beam.toml")
 MU = ("--parameter", "contact.friction.mu", "--from", "0.5", "--to", "0.55", "--frequency", "51", "--harmonics", "3")

@@ -15,18 +15,18 @@ from typer.testing import CliRunner, Result
 
 import hbm.diagnosis.diagnose
 import hbm.diagnosis.discrepancy
-import hbm.diagnosis.numerics
-import hbm.report.diagnosis
-from hbm.causefile import causes_in_file
+import hbm.figures.diagnosis
+import hbm.outputerror.numerics
 from hbm.cli import app
 from hbm.diagnosis.diagnose import diagnose as search
-from hbm.diagnosis.nominal import nominal_scalars
 from hbm.diagnosis.remainder import Remainder, percent
 from hbm.diagnosis.verdict import Diagnosis
-from hbm.response import steady_state
-from hbm.results.diagnosisfiles import FILES
-from hbm.results.diagnosissummary import first_screen, verdict_line
-from hbm.rigfile import load_rig
+from hbm.files.diagnosisfiles import FILES
+from hbm.files.diagnosissummary import first_screen, verdict_line
+from hbm.outputerror.nominal import nominal_scalars
+from hbm.response.trace import steady_state
+from hbm.rigfiles.causes import causes_in_file
+from hbm.rigfiles.load import load_rig
 from models import Attachments, PointMass, Rig
 from models.causes import CAUSES
 
@@ -46,14 +46,14 @@ def run(*args: str) -> Result:
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """The discretisation that made the data."""
-    monkeypatch.setattr(hbm.diagnosis.numerics, "LADDER", ((H, SAMPLES, 0), (H, SAMPLES, 0)))
+    monkeypatch.setattr(hbm.outputerror.numerics, "LADDER", ((H, SAMPLES, 0), (H, SAMPLES, 0)))
 
 
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
     """No figures, these are drawn once, and no processes, whose start would take longer than what they do."""
-    monkeypatch.setattr("hbm.results.diagnosisfiles.diagnosis_plates", lambda found: [])
-    monkeypatch.setattr("hbm.sweep.all_cores", lambda prepare: nullcontext())
+    monkeypatch.setattr("hbm.files.diagnosisfiles.diagnosis_plates", lambda found: [])
+    monkeypatch.setattr("hbm.parallel.all_cores", lambda prepare: nullcontext())
 
 
 @pytest.fixture(scope="module")
@@ -118,8 +118,8 @@ def mass(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
 
     out = tmp_path_factory.mktemp("found") / "mass"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hbm.diagnosis.numerics, "LADDER", ((H, SAMPLES, 0), (H, SAMPLES, 0)))
-        patch.setattr(hbm.report.diagnosis, "MOST_CHANNELS", 1)  # drawing all takes seconds
+        patch.setattr(hbm.outputerror.numerics, "LADDER", ((H, SAMPLES, 0), (H, SAMPLES, 0)))
+        patch.setattr(hbm.figures.diagnosis, "MOST_CHANNELS", 1)  # drawing all takes seconds
         patch.setattr(hbm.diagnosis.diagnose, "diagnose", remembered)
         args = ("--cause", "added-mass", "--hold-out", "3", "6", "--out", str(out))
         return out, run("diagnose", str(folder / "rig.toml"), str(folder / "mass.csv"), *args)

@@ -9,11 +9,11 @@ from typer.testing import CliRunner, Result
 import hbm.inverse.reconstruct
 from continuation import ConvergenceError
 from hbm.cli import app
+from hbm.files import inversefiles
+from hbm.files.identifyreport import FILES as IDENTIFY_FILES
+from hbm.files.inversefiles import read_reconstruction
+from hbm.files.inversereport import DRAWINGS, FILES
 from hbm.inverse.reconstruct import FORMULATIONS
-from hbm.results import inversefiles
-from hbm.results.identifyreport import FILES as IDENTIFY_FILES
-from hbm.results.inversefiles import read_reconstruction
-from hbm.results.inversereport import DRAWINGS, FILES
 from models import LAWS
 from tests.contactdata import RIG_FILE, reconstruction, write_spectra_file
 
@@ -32,11 +32,11 @@ def spectra(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing takes seconds: left out where the test is about something else."""
-    monkeypatch.setattr("hbm.results.inversereport.DRAWINGS", ())
+    monkeypatch.setattr("hbm.files.inversereport.DRAWINGS", ())
 
 
 def test_everything_is_written_named_and_printed(spectra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hbm.results.inversereport.DRAWINGS", DRAWINGS[-1:])  # the others are drawn in test_page.py
+    monkeypatch.setattr("hbm.files.inversereport.DRAWINGS", DRAWINGS[-1:])  # the others are drawn in test_page.py
     out = tmp_path / "contact"
     result = run("inverse", RIG, spectra, "--out", str(out))
     assert (result.exit_code, result.stderr) == (0, "")
@@ -248,8 +248,8 @@ def test_where_the_forward_model_fails_the_rest_is_kept_and_the_status_is_1(
     def lost(*_: object, **__: object) -> None:
         raise ConvergenceError("no steady state")
 
-    monkeypatch.setattr("hbm.identification.outputerror.fit_spectra", lost)
-    monkeypatch.setattr("hbm.results.identifyreport.identify_plates", lambda *_: [])
+    monkeypatch.setattr("hbm.identification.spectra.fit_spectra", lost)
+    monkeypatch.setattr("hbm.files.identifyreport.identify_plates", lambda *_: [])
     result = run("identify", RIG, spectra, "--law", "coulomb-penalty", "--output-error", "--out", str(tmp_path))
     assert (result.stderr, result.exit_code) == ("identify: --output-error: no steady state\n", 1)
     assert {path.name for path in tmp_path.iterdir()} == {"laws.csv", "parameters.csv", "report.html"}

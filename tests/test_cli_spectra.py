@@ -7,11 +7,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from hbm.cli import app
-from hbm.integrate import simulate
+from hbm.files.curves import write_history
+from hbm.integration.integrate import simulate
 from hbm.measurement.spectrafile import load_spectra
-from hbm.response import steady_state
-from hbm.results.files import write_history
-from hbm.rigfile import load_rig
+from hbm.response.trace import steady_state
+from hbm.rigfiles.load import load_rig
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 RIG = str(EXAMPLES / "one_mode.toml")  # channels force and a1

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from hbm import reconstruct
+from hbm.balance.solution import as_read
 from hbm.errors import InputError
-from hbm.extensions import Extension, extended
 from hbm.fourier import FourierBasis
 from hbm.inverse.sensing import sensing
 from hbm.measurement.spectra import spectra_of
-from hbm.results.rigwriter import extended_rig_text, write_extended_rig
-from hbm.rigfile import load_rig
-from hbm.solution import as_read
+from hbm.rigfiles.extensions import Extension, extended
+from hbm.rigfiles.load import load_rig
+from hbm.rigfiles.write import extended_rig_text, write_extended_rig
 from models import Rig
 from models.assembly import PointMass
 from models.causes import CAUSES, all_candidates

@@ -12,14 +12,14 @@ import pytest
 from matplotlib.figure import Figure
 
 import hbm
-from hbm.accuracy import frequency_response
-from hbm.curve import ResponseCurve
 from hbm.errors import InputError
-from hbm.history import TimeHistory
-from hbm.integrate import simulate
-from hbm.results.files import companion, read_curves, write_curves, write_figure, write_history
-from hbm.rigfile import COMPUTED_CHANNELS, load_rig
-from hbm.stability import Stability
+from hbm.files.curves import companion, read_curves, write_curves, write_figure, write_history
+from hbm.integration.history import TimeHistory
+from hbm.integration.integrate import simulate
+from hbm.response.accuracy import frequency_response
+from hbm.response.curve import ResponseCurve
+from hbm.rigfiles.load import COMPUTED_CHANNELS, load_rig
+from hbm.stability.multipliers import Stability
 from hbm.textfiles import check_output, write_together
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hbm import response
-from hbm.history import State, TimeHistory
-from hbm.integrate import simulate, steady_state
-from hbm.stepfunction import marcher
-from hbm.timestep import Stepper
+from hbm.integration.history import State, TimeHistory
+from hbm.integration.integrate import simulate, steady_state
+from hbm.integration.stepfunction import marcher
+from hbm.integration.timestep import Stepper
+from hbm.response import trace as response
 from models import (
     LAWS,
     Beam,

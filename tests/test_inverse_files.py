@@ -9,10 +9,10 @@ import pytest
 from scipy.io import loadmat
 
 from hbm.errors import InputError
+from hbm.files import inversefiles
+from hbm.files.inversefiles import COLUMNS, read_reconstruction, write_reconstruction
+from hbm.files.outputs import check_folder, write_folder
 from hbm.inverse.reconstruction import SIGNALS
-from hbm.results import inversefiles
-from hbm.results.inversefiles import COLUMNS, read_reconstruction, write_reconstruction
-from hbm.results.outputs import check_folder, write_folder
 from tests.contactdata import reconstruction
 
 HEADING = (

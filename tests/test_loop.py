@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hbm.loop import friction_loop
+from hbm.response.loop import friction_loop
 from models import LAWS, Coulomb, Dahl, Iwan, Jenkins, VelocityLimited, Viscous, published
 
 P, U, HZ = 83.0, 1e-5, 50.0

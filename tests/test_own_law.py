@@ -13,14 +13,14 @@ from typer.testing import CliRunner
 
 from hbm.cli import app
 from hbm.errors import InputError
-from hbm.handover import state_at_phase_zero
-from hbm.integrate import steady_state as shoot
-from hbm.lawchoice import choose_law
-from hbm.lawfile import files_run, find_law, run_files
-from hbm.loop import friction_loop
-from hbm.response import steady_state
-from hbm.rigfile import load_rig
-from hbm.sweep import all_cores, each
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import steady_state as shoot
+from hbm.parallel import all_cores, each
+from hbm.response.loop import friction_loop
+from hbm.response.trace import steady_state
+from hbm.rigfiles.lawchoice import choose_law
+from hbm.rigfiles.laws import files_run, find_law, run_files
+from hbm.rigfiles.load import load_rig
 from models import LAWS, Dahl, Damping
 from models.friction import parameters
 from models.friction.extended import beside_dashpot

@@ -14,9 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from hbm.inverse.reconstruction import Reconstruction
-from hbm.report import page as pages
-from hbm.report.identification import (
+from hbm.figures import page as pages
+from hbm.figures.identification import (
     ParameterByLevel,
     law_residuals,
     plot_law_loops,
@@ -24,7 +23,7 @@ from hbm.report.identification import (
     plot_parameters,
     plot_ranking,
 )
-from hbm.report.inverse import (
+from hbm.figures.inverse import (
     BAND,
     loop_band,
     misfit_limit,
@@ -34,11 +33,12 @@ from hbm.report.inverse import (
     plot_signals,
     representative,
 )
-from hbm.report.page import LARGEST, Page, Section, Table, page_html
-from hbm.results.identifyreport import FILES as IDENTIFY_FILES
-from hbm.results.identifyreport import IdentifiedLaw, Value, identify_contents, identify_plates
-from hbm.results.inversereport import DRAWINGS, FILES, Drawing, inverse_contents, inverse_page, with_std
-from hbm.results.plates import plate_files
+from hbm.figures.page import LARGEST, Page, Section, Table, page_html
+from hbm.files.identifyreport import FILES as IDENTIFY_FILES
+from hbm.files.identifyreport import IdentifiedLaw, Value, identify_contents, identify_plates
+from hbm.files.inversereport import DRAWINGS, FILES, Drawing, inverse_contents, inverse_page, with_std
+from hbm.files.plates import plate_files
+from hbm.inverse.reconstruction import Reconstruction
 from tests.contactdata import STATES, reconstruction
 
 VOID = {"meta", "img", "br", "link", "hr", "input"}

@@ -11,11 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from continuation import End
-from hbm.curve import ResponseCurve
-from hbm.history import TimeHistory
-from hbm.integrate import simulate
-from hbm.loop import FrictionLoop, friction_loop
-from hbm.report import (
+from hbm.figures import (
     plot_contact,
     plot_curves,
     plot_frequency_response,
@@ -24,10 +20,14 @@ from hbm.report import (
     plot_loops,
     plot_phase,
 )
-from hbm.report.diagnosis import Compared, View, clearest, noise_error, record_errors
-from hbm.response import steady_state, trace_frequency
-from hbm.rigfile import load_rig
-from hbm.stability import Stability
+from hbm.figures.diagnosis import Compared, View, clearest, noise_error, record_errors
+from hbm.integration.history import TimeHistory
+from hbm.integration.integrate import simulate
+from hbm.response.curve import ResponseCurve
+from hbm.response.loop import FrictionLoop, friction_loop
+from hbm.response.trace import steady_state, trace_frequency
+from hbm.rigfiles.load import load_rig
+from hbm.stability.multipliers import Stability
 from models.published import ASSUMED_IWAN, PAPER_COULOMB, PAPER_DAHL, PAPER_PENALTY
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -8,7 +8,7 @@ from typing import ClassVar
 import pytest
 
 from hbm.errors import InputError
-from hbm.rigfile import COMPUTED_CHANNELS, load_rig, rig_from_dict
+from hbm.rigfiles.load import COMPUTED_CHANNELS, load_rig, rig_from_dict
 from models import LAWS, Beam, ModalBody, Rig
 from models.friction import Parameter, chosen, describe, parameter, parameters, settings
 from models.published import (

@@ -5,9 +5,9 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 from cases import Case, Row, load, seconds, timed
 
-from hbm.curve import ResponseCurve
-from hbm.response import trace_frequency
-from hbm.threads import one_thread
+from hbm.parallel import one_thread
+from hbm.response.curve import ResponseCurve
+from hbm.response.trace import trace_frequency
 
 
 def traced(case: Case, *, finer: int = 1) -> ResponseCurve:

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import NullFormatter
 
-from hbm.report.style import FAINT, SMALL, WIDTH, dressed, graded
+from hbm.figures.style import FAINT, SMALL, WIDTH, dressed, graded
 
 from .common import DATA, Finding, Sweep, legend_above, read_sweeps, table, with_std
 from .single_mode import Equivalent, ModeFit, Reference, diagnosed, equivalent, exponent, fit_mode, reference, slope

@@ -14,12 +14,12 @@ from rich.console import Group
 from rich.table import Table
 from scipy.optimize import least_squares
 
+from hbm.figures.style import INK, SMALL, WIDTH, dressed
 from hbm.identification.identify import identify as identify_laws
 from hbm.inverse.contactforce import to_samples
 from hbm.inverse.reconstruction import SIGNALS, EstimatedSignal, Estimates, LawInputs, Misfit, Reconstruction
-from hbm.loop import friction_loop
 from hbm.measurement.spectra import spectra_of
-from hbm.report.style import INK, SMALL, WIDTH, dressed
+from hbm.response.loop import friction_loop
 from models.friction import Dahl, FrictionLaw, Iwan, Jenkins
 from models.friction.law import parameters
 from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig

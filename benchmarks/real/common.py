@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from rich.console import RenderableType
 from rich.table import Table
 
-from hbm.report.style import INK, SMALL
+from hbm.figures.style import INK, SMALL
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 """Beside the repository; nothing of it is copied into it."""

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
+from hbm.figures.style import INK, SMALL, WIDTH, dressed, graded
 from hbm.measurement.harmonics import HarmonicEstimate, harmonic_spectra
 from hbm.measurement.recording import recording
-from hbm.report.style import INK, SMALL, WIDTH, dressed, graded
 
 from .common import DATA, Finding, read_rows, table, with_std
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from hbm.report.style import WIDTH, dressed, graded
+from hbm.figures.style import WIDTH, dressed, graded
 
 from .common import DATA, Finding, Sweep, legend_above, read_sweeps, table, with_std
 from .single_mode import Equivalent, Mode, Reference, diagnosed, equivalent, exponent, fit_mode, reference, slope

@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
+from hbm.figures.style import INK, SMALL, WIDTH, dressed, graded
 from hbm.measurement.harmonics import HarmonicEstimate, harmonic_spectra
 from hbm.measurement.historyfile import load_history
 from hbm.measurement.recording import recording
-from hbm.report.style import INK, SMALL, WIDTH, dressed, graded
 
 from .common import DATA, Finding, read_rows, table, with_std, write_history
 

@@ -14,11 +14,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
+from hbm.figures.style import FAINT, INK, SMALL, WIDTH, dressed
 from hbm.inverse.reconstruct import reconstruct
 from hbm.measurement.harmonics import harmonic_spectra
 from hbm.measurement.historyfile import load_history
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
-from hbm.report.style import FAINT, INK, SMALL, WIDTH, dressed
 from models.friction import Frictionless
 from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig
 

@@ -20,7 +20,7 @@ from hbm.diagnosis.discrepancy import discrepancy
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
-from hbm.sweep import all_cores
+from hbm.parallel import all_cores
 from models.friction import Frictionless
 from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig
 

@@ -1,11 +1,11 @@
 """What Fisher information allows: how often the truth is the nearest of all candidates, whatever the method.
 
 Local-linear likelihood at the nominal rig. A cause of length rho adds rho times its unit signature to the records, an
-exact derivative in standard deviations; tolerances of the rig file (:data:`hbm.diagnosis.nominal.TOLERANCES`) add what
-they can do as a correlated noise, in which all candidates are compared. A number that only shapes an effect is scanned,
-each shape a direction of its own. Left out: causes without a derivative to their size (exchanged channels, drift, a
-stop, contact loss), candidates whose next to no effect has no steady state for a fifth of the records, and that
-candidates with several numbers can bend.
+exact derivative in standard deviations; tolerances of the rig file (:data:`hbm.outputerror.nominal.TOLERANCES`) add
+what they can do as a correlated noise, in which all candidates are compared. A number that only shapes an effect is
+scanned, each shape a direction of its own. Left out: causes without a derivative to their size (exchanged channels,
+drift, a stop, contact loss), candidates whose next to no effect has no steady state for a fifth of the records, and
+that candidates with several numbers can bend.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,13 +17,15 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.diagnosis.calibrate import trusted
-from hbm.diagnosis.fit import evaluate
-from hbm.diagnosis.model import Free, Model
-from hbm.diagnosis.records import FAILURES, Campaign, Solutions, uncorrelated
 from hbm.diagnosis.screen import coarse
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import evaluate
+from hbm.outputerror.model import Free, Model
+from hbm.outputerror.simulated import FAILURES, Solutions
+from hbm.outputerror.whitened import uncorrelated
 from models.causes import all_candidates
 from models.causes.cause import Cause, Unknown
 from models.causes.parameter import WrongParameter

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from benchmarks.score.ceiling import RHO, Allowed, Ceiling, at
 from benchmarks.score.rates import RHO_BINS, confusion, in_bin, said_of, truth_of, wilson
 from benchmarks.score.rules import GROUPS, Outcome, is_parameter
-from hbm.report.style import INK, SMALL, dressed
+from hbm.figures.style import INK, SMALL, dressed
 
 VERDICTS = ("consistent", "unexplained", "failed")
 SHADE, EDGE, CEILING, EXACT = "#2a5783", "0.45", "#c4622d", "0.55"

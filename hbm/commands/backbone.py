@@ -10,8 +10,8 @@ from hbm.commands.options import LARGEST_H, RigFile, check_outputs, console, pos
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
-    from hbm.backbone import Backbone, NumericalChange
-    from hbm.curve import ResponseCurve
+    from hbm.modes.backbone import Backbone, NumericalChange
+    from hbm.response.curve import ResponseCurve
     from models.rig import Rig
 
 
@@ -47,7 +47,7 @@ def backbone(
     levels = [positive("backbone", "--level", text, "N") for text in level or ()]
     if levels and plot is None:
         raise InputError("backbone: --level without --plot; must have both")
-    from hbm.rigfile import load_rig
+    from hbm.rigfiles.load import load_rig
 
     loaded = load_rig(rig)
     if not 1 <= number <= loaded.structure.n:
@@ -84,9 +84,9 @@ def _traced(
 ) -> tuple[list["Backbone"], list[str]]:
     """Nonlinear mode and phase resonance, and a line for each that failed."""
     from continuation import ConvergenceError
-    from hbm.backbone import nonlinear_mode, phase_resonance
-    from hbm.backbonetrace import default_amplitudes
     from hbm.commands.progress import Sweep
+    from hbm.modes.amplitudes import default_amplitudes
+    from hbm.modes.backbone import nonlinear_mode, phase_resonance
 
     ends = amplitudes or default_amplitudes(rig, mode)
     found: list[Backbone] = []
@@ -108,7 +108,7 @@ def _traced(
 
 def _responses(rig: "Rig", levels: Sequence[float], failures: list[str]) -> list["ResponseCurve"]:
     from continuation import ConvergenceError
-    from hbm.response import trace_frequency
+    from hbm.response.trace import trace_frequency
 
     curves = []
     for level in levels:
@@ -125,18 +125,18 @@ def _responses(rig: "Rig", levels: Sequence[float], failures: list[str]) -> list
 def _deliver(
     backbones: Sequence["Backbone"], mode: int, curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None
 ) -> None:
-    from hbm.backbone import numerical_change
+    from hbm.modes.backbone import numerical_change
 
     changes, written = [numerical_change(b) for b in backbones], []
     if out is not None:
-        from hbm.results.backbonefiles import write_backbones
-        from hbm.results.files import companion
+        from hbm.files.backbonefiles import write_backbones
+        from hbm.files.curves import companion
 
         write_backbones(out, backbones, changes, mode)
         written += [out, companion(out)]
     if plot is not None:
-        from hbm.report.backbone import plot_backbones
-        from hbm.results.files import write_figure
+        from hbm.figures.backbone import plot_backbones
+        from hbm.files.curves import write_figure
 
         write_figure(plot, plot_backbones(backbones, curves, number=mode))
         written.append(plot)
@@ -146,7 +146,7 @@ def _deliver(
 
 def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"], mode: int) -> None:
     from hbm.commands.tables import print_lines, titled_table
-    from hbm.results.backbonefiles import backbone_name
+    from hbm.files.backbonefiles import backbone_name
 
     screen, rig = console(), backbones[0].rig
     table = titled_table(

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from hbm.diagnosis.discrepancy import Discrepancy
     from hbm.diagnosis.verdict import Diagnosis
+    from hbm.files.diagnosisfiles import Diagnosed
     from hbm.measurement.spectra import MeasuredSpectra
-    from hbm.results.diagnosisfiles import Diagnosed
     from models.rig import Rig
 
 COMMAND = "diagnose"
@@ -82,8 +82,8 @@ def diagnose(
 
     Example:  hbm diagnose rig.toml spectra.csv --hold-out 3 7 --out diagnosis
     """
-    from hbm.results.diagnosisfiles import FILES
-    from hbm.results.outputs import check_folder
+    from hbm.files.diagnosisfiles import FILES
+    from hbm.files.outputs import check_folder
 
     held = record_numbers(COMMAND, "--hold-out", hold_out)
     with named(COMMAND):
@@ -93,8 +93,8 @@ def diagnose(
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
     from hbm.diagnosis.diagnose import diagnose as search
-    from hbm.lawfile import files_run, run_files
-    from hbm.sweep import all_cores
+    from hbm.parallel import all_cores
+    from hbm.rigfiles.laws import files_run, run_files
 
     tolerances, floor = _tolerances(loaded, _sensors(loaded, measured), tolerance), _share(repeatability)
     with _failing(measured.source), all_cores(partial(run_files, files_run())) as executor, Work() as work:
@@ -110,7 +110,7 @@ def diagnose(
         )
         work.show("the force that is missing", NEARLY_DONE)
         force, failure = _missing_force(found, executor)
-    from hbm.results.diagnosisfiles import Diagnosed
+    from hbm.files.diagnosisfiles import Diagnosed
 
     result = Diagnosed(found, loaded, measured, force, tuple(_warnings(found, failure)))
     _deliver(result, rig, out, own)
@@ -125,7 +125,7 @@ def _causes(names: Sequence[str] | None, file: Path | None) -> tuple[list[Any] |
     """Causes to try, None for the whole catalogue; and the names of one's own."""
     if not names and file is None:
         return None, {}
-    from hbm.causefile import causes_in_file
+    from hbm.rigfiles.causes import causes_in_file
     from models.causes import CAUSES
 
     chosen = [_cause(name) for name in names or ()] or list(CAUSES.values())
@@ -143,7 +143,7 @@ def _causes(names: Sequence[str] | None, file: Path | None) -> tuple[list[Any] |
 
 
 def _cause(name: str) -> Any:
-    from hbm.causefile import ONE_VALUE, find_cause
+    from hbm.rigfiles.causes import ONE_VALUE, find_cause
 
     try:
         kind = find_cause(name, Path())
@@ -167,7 +167,7 @@ def _tolerances(rig: "Rig", channels: Sequence[str], texts: Sequence[str] | None
     """Tolerances of the numbers of a rig, with those of the options."""
     if not texts:
         return None
-    from hbm.diagnosis.nominal import nominal_scalars, tolerances
+    from hbm.outputerror.nominal import nominal_scalars, tolerances
 
     known, chosen = nominal_scalars(rig), tolerances(rig, channels)
     for text in texts:
@@ -215,7 +215,7 @@ def _failing(source: str) -> Iterator[None]:
 def _missing_force(found: "Diagnosis", executor: "Executor") -> tuple["Discrepancy | None", str]:
     """What the calibrated model lacks, or why that could not be worked out."""
     from hbm.diagnosis.discrepancy import discrepancy
-    from hbm.diagnosis.records import FAILURES
+    from hbm.outputerror.simulated import FAILURES
 
     if found.calibrated is None or found.campaign is None or found.verdict == "consistent":
         return None, ""
@@ -240,8 +240,8 @@ def _warnings(found: "Diagnosis", failure: str) -> list[str]:
 
 def _deliver(result: "Diagnosed", rig: Path, out: Path, own: Mapping[type, str]) -> None:
     from hbm.commands.diagnosistables import print_diagnosis
-    from hbm.results.diagnosisfiles import FILES, diagnosis_contents
-    from hbm.results.outputs import write_folder
+    from hbm.files.diagnosisfiles import FILES, diagnosis_contents
+    from hbm.files.outputs import write_folder
 
     with working("drawing"):
         contents = diagnosis_contents(result, rig, out, own)

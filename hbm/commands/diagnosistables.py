@@ -5,8 +5,8 @@ from rich.table import Table
 from rich.text import Text
 
 from hbm.commands.tables import print_lines, titled_table
-from hbm.results.diagnosisfiles import Diagnosed, error_table, ranking_table
-from hbm.results.diagnosissummary import verdict_line
+from hbm.files.diagnosisfiles import Diagnosed, error_table, ranking_table
+from hbm.files.diagnosissummary import verdict_line
 
 
 def print_diagnosis(console: Console, found: Diagnosed) -> None:

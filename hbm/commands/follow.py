@@ -21,7 +21,7 @@ from hbm.commands.stability import Stability, judged
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
-    from hbm.parameterresponse import ParameterCurve
+    from hbm.tracking.parameterresponse import ParameterCurve
     from models.rig import Rig
 
 COMMAND = "continue"
@@ -59,7 +59,7 @@ def follow(
     hz = None if frequency is None else positive(COMMAND, "--frequency", frequency, "Hz")
     force = None if level is None else positive(COMMAND, "--level", level, "N")
     H = harmonics_or_auto(COMMAND, harmonics)
-    from hbm.rigfile import load_rig
+    from hbm.rigfiles.load import load_rig
 
     curve = _response(load_rig(rig), parameter, values, hz, force, H)
     curve = judged(curve) if stability else curve
@@ -80,7 +80,7 @@ def _response(
 ) -> "ParameterCurve":
     from continuation import ConvergenceError
     from hbm.commands.progress import Sweep
-    from hbm.parameterresponse import checked, parameter_response
+    from hbm.tracking.parameterresponse import checked, parameter_response
 
     try:
         checked(rig, key, values, hz=hz, level=level)
@@ -97,15 +97,15 @@ def _response(
 
 def _deliver(curve: "ParameterCurve", out: Path | None, plot: Path | None) -> None:
     from hbm.commands.parametertables import print_parameter_curve
-    from hbm.results.files import companion, write_figure
-    from hbm.results.parameterfiles import write_parameter_curve
+    from hbm.files.curves import companion, write_figure
+    from hbm.files.parameterfiles import write_parameter_curve
 
     written = []
     if out is not None:
         write_parameter_curve(out, curve)
         written += [out, companion(out)]
     if plot is not None:
-        from hbm.report.parameter import plot_parameter_curve
+        from hbm.figures.parameter import plot_parameter_curve
 
         write_figure(plot, plot_parameter_curve(curve))
         written.append(plot)

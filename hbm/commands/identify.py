@@ -12,7 +12,7 @@ from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.identification.identify import Identification
-    from hbm.identification.outputerror import SpectraFit
+    from hbm.identification.spectra import SpectraFit
     from hbm.inverse.reconstruction import Reconstruction
     from hbm.measurement.spectra import MeasuredSpectra
     from models.rig import Rig
@@ -67,8 +67,8 @@ def identify(
 
     Example:  hbm identify rig.toml spectra.csv --law coulomb-penalty --law stribeck --by-level --out laws
     """
-    from hbm.results.identifyreport import FILES
-    from hbm.results.outputs import check_folder
+    from hbm.files.identifyreport import FILES
+    from hbm.files.outputs import check_folder
 
     held = record_numbers(COMMAND, "--held-out", held_out)
     with named(COMMAND):
@@ -97,7 +97,7 @@ def _on_spectra(
     """The best law fitted to the spectra of the records that are not held out, or why it failed."""
     from continuation import ConvergenceError
     from hbm.commands.progress import Work
-    from hbm.identification.outputerror import fit_spectra
+    from hbm.identification.spectra import fit_spectra
 
     try:
         with Work() as work:
@@ -109,7 +109,7 @@ def _on_spectra(
 
 def _check_law(name: str) -> None:
     """Refuse a law that there is not."""
-    from hbm.lawfile import find_law
+    from hbm.rigfiles.laws import find_law
 
     try:
         find_law(name, Path())
@@ -119,8 +119,8 @@ def _check_law(name: str) -> None:
 
 def _deliver(found: "Identification", contact: "Reconstruction", again: "SpectraFit | None", out: Path) -> None:
     from hbm.commands.inversetables import print_laws_found
-    from hbm.results.identifyreport import FILES, identified_law, identify_contents, law_warnings
-    from hbm.results.outputs import write_folder
+    from hbm.files.identifyreport import FILES, identified_law, identify_contents, law_warnings
+    from hbm.files.outputs import write_folder
 
     by_level = {name: {level: fits[name] for level, fits in found.levels.items()} for name in found.fits}
     laws = [identified_law(fit, contact, by_level[name]) for name, fit in found.fits.items()]

@@ -128,8 +128,8 @@ def record_numbers(command: str, option: str, texts: Sequence[str] | None) -> li
 
 def check_out(command: str, out: Path) -> None:
     """Refuse a folder that could not be written, before anything is computed."""
-    from hbm.results.inversereport import FILES
-    from hbm.results.outputs import check_folder
+    from hbm.files.inversereport import FILES
+    from hbm.files.outputs import check_folder
 
     with named(command):
         check_folder(out, FILES, "--out")
@@ -146,7 +146,7 @@ def check_formulation(command: str, name: str) -> None:
 def load(rig: Path, spectra: Path, records: Sequence[int] = ()) -> tuple["Rig", "MeasuredSpectra"]:
     """The rig and its spectra, of the records named or of all."""
     from hbm.measurement.spectrafile import load_spectra
-    from hbm.rigfile import load_rig
+    from hbm.rigfiles.load import load_rig
 
     loaded = load_rig(rig)
     measured = load_spectra(spectra, loaded)
@@ -183,9 +183,9 @@ def working(doing: str) -> Iterator[None]:
 
 def _deliver(found: "Reconstruction", records: Sequence[int] | None, out: Path) -> None:
     from hbm.commands.inversetables import print_reconstruction
-    from hbm.results.inversefiles import NEEDED_FOR_NETCDF, NETCDF_FILE, has_netcdf
-    from hbm.results.inversereport import FILES, inverse_contents
-    from hbm.results.outputs import write_folder
+    from hbm.files.inversefiles import NEEDED_FOR_NETCDF, NETCDF_FILE, has_netcdf
+    from hbm.files.inversereport import FILES, inverse_contents
+    from hbm.files.outputs import write_folder
 
     with working("drawing"):
         contents = inverse_contents(found, records)

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from hbm.commands.tables import print_lines, titled_table
+from hbm.files.inversereport import LEVEL_NOTE, level_table
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.results.inversereport import LEVEL_NOTE, level_table
 
 if TYPE_CHECKING:
-    from hbm.results.identifyreport import IdentifiedLaw
+    from hbm.files.identifyreport import IdentifiedLaw
 
 
 def print_reconstruction(console: Console, reconstruction: Reconstruction) -> None:
@@ -28,7 +28,7 @@ def print_laws_found(
     console: Console, reconstruction: Reconstruction, laws: Sequence["IdentifiedLaw"], warnings: Sequence[str]
 ) -> None:
     """Print how laws fit, the best first, with their parameters, and what to beware of."""
-    from hbm.results.identifyreport import law_table
+    from hbm.files.identifyreport import law_table
 
     headings, rows = law_table(laws)
     table = titled_table(f"{reconstruction.rig.name}, {len(reconstruction)} records", *map(_stacked, headings[:-1]))

@@ -4,7 +4,7 @@ from rich.console import Console
 
 from continuation import Kind
 from hbm.commands.tables import LISTED, print_lines, stable_words, titled_table
-from hbm.parameterresponse import ParameterCurve
+from hbm.tracking.parameterresponse import ParameterCurve
 
 
 def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:

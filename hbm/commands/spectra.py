@@ -82,7 +82,7 @@ def spectra(
     from hbm.measurement.harmonicestimate import spectra_of_records
     from hbm.measurement.harmonics import harmonic_spectra
     from hbm.measurement.spectrafile import write_spectra
-    from hbm.rigfile import load_rig
+    from hbm.rigfiles.load import load_rig
 
     loaded = None if rig is None else load_rig(rig)
     recordings = [_recorded(path, columns, loaded) for path in histories]

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 import typer
 
 if TYPE_CHECKING:
-    from hbm.curve import ResponseCurve
+    from hbm.response.curve import ResponseCurve
 
 Curve = TypeVar("Curve", bound="ResponseCurve")
 
@@ -16,7 +16,7 @@ Stability = Annotated[
 
 def judged(curve: Curve) -> Curve:
     """The curve with its stability, or as it is where that cannot be told, and why."""
-    from hbm.bifurcations import with_stability
+    from hbm.response.bifurcations import with_stability
 
     try:
         return with_stability(curve)

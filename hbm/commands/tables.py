@@ -13,13 +13,13 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from hbm.curve import Assessment, ResponseCurve
-from hbm.history import TimeHistory
-from hbm.lawchoice import KnownLaw, known_law, plain
-from hbm.loop import FrictionLoop
+from hbm.integration.history import TimeHistory
 from hbm.measurement.harmonicestimate import HarmonicEstimate
-from hbm.modes import LinearModes
-from hbm.rigschema import accepted_setting
+from hbm.modes.linear import LinearModes
+from hbm.response.curve import Assessment, ResponseCurve
+from hbm.response.loop import FrictionLoop
+from hbm.rigfiles.lawchoice import KnownLaw, known_law, plain
+from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
 from models.rig import Rig
 

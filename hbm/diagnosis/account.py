@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 
 from continuation import ConvergenceError
-from hbm.diagnosis.background import LARGEST
 from hbm.diagnosis.calibrate import off
 from hbm.diagnosis.decide import (
     ALARM,
@@ -18,7 +17,6 @@ from hbm.diagnosis.decide import (
     tied,
     weights,
 )
-from hbm.diagnosis.fit import Evaluation, evaluate
 from hbm.diagnosis.judge import possible_background_of, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.predict import Predicted, predicted
@@ -28,6 +26,8 @@ from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Estimate, Ranked, Verdict
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.background import LARGEST
+from hbm.outputerror.fit import Evaluation, evaluate
 from models.causes.parameter import WrongParameter
 
 MOVED = 3

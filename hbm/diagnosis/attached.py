@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.diagnosis.discrepancy import LEFT_OVER, WhiteRecord, read_by
-from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.places import Complex, Place, all_at_once, contact_of, points_of
-from hbm.diagnosis.records import Campaign
 from hbm.diagnosis.span import Span
 from hbm.fourier import Array
-from hbm.sensitivity import disturbed
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
+from hbm.sensitivity.derivatives import disturbed
 from models.assembly import LISTS, PointMass, PointSpring, Resonator
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown

@@ -1,7 +1,7 @@
 """The calibrated nominal: numbers of the rig file moved within what they may be off by.
 
 Calibrated are the friction law, the normal load, Young's modulus, the mass-proportional damping, and gain, delay and
-place of each sensor (:data:`hbm.diagnosis.nominal.TOLERANCES`). `trusted` holds them near the rig file by those
+place of each sensor (:data:`hbm.outputerror.nominal.TOLERANCES`). `trusted` holds them near the rig file by those
 tolerances; `profiled` lets those of friction, material and damping go free, so that nothing they can explain is blamed
 on anything else. The load stays: friction sees only its product with mu.
 """
@@ -10,12 +10,13 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from hbm.diagnosis.fit import Evaluation, fit_model
-from hbm.diagnosis.model import SENSORS, Model
-from hbm.diagnosis.nominal import tolerances, with_values
-from hbm.diagnosis.records import Campaign, Solutions
 from hbm.diagnosis.screen import coarse, spread
-from hbm.sensitivity import LOAD
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation, fit_model
+from hbm.outputerror.model import SENSORS, Model
+from hbm.outputerror.nominal import tolerances, with_values
+from hbm.outputerror.simulated import Solutions
+from hbm.sensitivity.scalars import LOAD
 from models.rig import Rig
 
 FEW = 8

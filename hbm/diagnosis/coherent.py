@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincc
 
-from hbm.diagnosis.groups import near_each_other
-from hbm.diagnosis.records import Whitened
 from hbm.fourier import Array
+from hbm.outputerror.groups import near_each_other
+from hbm.outputerror.whitened import Whitened
 
 BAND = 1.5
 """Frequencies belong to one band, where a harmonic moves the structure alike, if none follows by more than this."""

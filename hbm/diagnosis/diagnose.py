@@ -15,7 +15,7 @@ from hbm.diagnosis.search import OnProgress, Search
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.measurement.repeatability import repeatability_of, unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.threads import one_thread
+from hbm.parallel import one_thread
 from models.causes.cause import Cause
 from models.rig import Rig
 
@@ -48,7 +48,7 @@ def diagnose(
         Candidates, or classes of them; the whole catalogue and every nominal value where omitted.
     tolerances : mapping of str to float, optional
         What numbers of the rig file are off by at most, relative standard deviations by their keys; within these
-        nothing is called wrong. :data:`hbm.diagnosis.nominal.TOLERANCES` where omitted.
+        nothing is called wrong. :data:`hbm.outputerror.nominal.TOLERANCES` where omitted.
     repeatability : float
         Share of its response by which the structure differs from one mounting to the next, 0.01 for 1 %. It counts as
         noise, as do what the rig file states of a channel and what records measured more than once show, whichever is

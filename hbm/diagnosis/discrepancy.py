@@ -13,15 +13,16 @@ from functools import partial
 import numpy as np
 import numpy.typing as npt
 
-from hbm.diagnosis.fit import Evaluation
+from hbm.balance.solution import PeriodicSolution
 from hbm.diagnosis.places import CONTACT, Complex, Place, all_at_once, places_of, sensor
-from hbm.diagnosis.records import Campaign, uncorrelated
 from hbm.diagnosis.span import Span
 from hbm.fourier import Array
-from hbm.identification.records import Measurement, Record, parts
-from hbm.sensitivity import disturbed
-from hbm.solution import PeriodicSolution
-from hbm.sweep import each
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.records import Measurement, Record, parts
+from hbm.outputerror.whitened import uncorrelated
+from hbm.parallel import each
+from hbm.sensitivity.derivatives import disturbed
 from models.rig import UNITS, Rig
 
 LEFT_OVER = 0.1

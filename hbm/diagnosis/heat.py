@@ -10,12 +10,13 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hbm.diagnosis.calibrate import lighter
-from hbm.diagnosis.fit import MANY, Evaluation, best_start, fit_model
-from hbm.diagnosis.model import Model
-from hbm.diagnosis.records import FAILURES, Campaign, Solutions
 from hbm.diagnosis.screen import Score, coarse, starting, telling
 from hbm.fourier import Array
-from hbm.sweep import each
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import MANY, Evaluation, best_start, fit_model
+from hbm.outputerror.model import Model
+from hbm.outputerror.simulated import FAILURES, Solutions
+from hbm.parallel import each
 from models.causes.cause import Cause
 
 RECORDS = 6

@@ -9,11 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbm.diagnosis.background import Linear, expected_sizes, likeliest_sizes
-from hbm.diagnosis.fit import Evaluation, evaluate
-from hbm.diagnosis.model import Model
-from hbm.diagnosis.records import Campaign
 from hbm.fourier import Array
+from hbm.outputerror.background import Linear, expected_sizes, likeliest_sizes
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.model import Model
 
 FREE = 1e-12
 """Precision of a number of which nothing is known before."""

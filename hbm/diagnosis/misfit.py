@@ -11,9 +11,10 @@ import numpy.typing as npt
 from scipy import stats
 
 from hbm.diagnosis.coherent import alike
-from hbm.diagnosis.fit import Evaluation
-from hbm.diagnosis.records import Campaign, Whitened, uncorrelated
 from hbm.fourier import Array
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.whitened import Whitened, uncorrelated
 
 NOISE_KNOWN = 0.03
 """Standard deviations in a spectra file may be this much too small, relatively."""

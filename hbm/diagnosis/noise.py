@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbm.diagnosis.fit import Evaluation
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.records import Campaign
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
 
 TOO_SMALL = 1.3
 """A misfit of so many noise variances on, everywhere alike, is put down to the standard deviations."""

@@ -10,10 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from hbm.diagnosis.fit import Evaluation
-from hbm.diagnosis.groups import near_each_other
-from hbm.diagnosis.records import Campaign, Simulated
-from hbm.identification.records import Record, force_columns
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.groups import near_each_other
+from hbm.outputerror.records import Record, force_columns
+from hbm.outputerror.simulated import Simulated
 
 CLEAR, CLEAREST = 3.0, 10.0
 """Records count that miss a force of so many standard deviations, the more so the clearer that is up to the second."""

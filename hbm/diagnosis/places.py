@@ -12,9 +12,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array
-from hbm.sensitivity import Disturbance
-from hbm.solution import PeriodicSolution
+from hbm.sensitivity.moving import Disturbance
 from models.beam import Beam, lift_shape, rotation_shape
 from models.rig import Channel, Rig
 

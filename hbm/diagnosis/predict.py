@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from continuation import ConvergenceError
-from hbm.diagnosis.fit import Evaluation, evaluate
 from hbm.diagnosis.misfit import Misfit, likeliest, misfit_of_new, nrmse
-from hbm.diagnosis.records import Campaign
 from hbm.diagnosis.verdict import Errors
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation, evaluate
 
 LINEARISED = 4
 """Times the prediction of records held out is linearised anew where the first does not fit, at most;"""

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.attached import attached_starts
-from hbm.diagnosis.fit import STEPS, Evaluation, fit_model, refine
 from hbm.diagnosis.heat import AT_ONCE, CLOSE, Heats, Runner, elsewhere, rank, with_limits
-from hbm.diagnosis.model import Model
-from hbm.diagnosis.records import FAILURES, Campaign, Solutions
 from hbm.diagnosis.screen import Score, Screening, small, starting, telling
 from hbm.fourier import Array
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
+from hbm.outputerror.model import Model
+from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause
 from models.rig import Rig
 

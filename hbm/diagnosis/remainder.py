@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hbm.diagnosis.groups import near_each_other
 from hbm.diagnosis.misfit import nrmse
-from hbm.diagnosis.records import Campaign, Whitened
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.groups import near_each_other
+from hbm.outputerror.whitened import Whitened
 
 BAND, LEVEL = 1.5, 1.12
 """Records are of one band, and of one level, whose frequencies, and forces, follow by less than this factor."""

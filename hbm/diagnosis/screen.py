@@ -11,13 +11,14 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from hbm.diagnosis.fit import Evaluation, evaluate
-from hbm.diagnosis.model import Model
-from hbm.diagnosis.nominal import nominal_scalars
-from hbm.diagnosis.numerics import LEFT, Correction, size
-from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.diagnosis.span import Span
 from hbm.fourier import Array
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.model import Model
+from hbm.outputerror.nominal import nominal_scalars
+from hbm.outputerror.numerics import LEFT, Correction, size
+from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause, Unknown
 from models.causes.parameter import WrongParameter
 from models.rig import Rig

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbm.diagnosis.background import LARGEST
 from hbm.diagnosis.calibrate import calibrate, off, profiled, trusted
 from hbm.diagnosis.decide import (
     DECISIVE,
@@ -20,21 +19,23 @@ from hbm.diagnosis.decide import (
     suspicious,
     tied,
 )
-from hbm.diagnosis.fit import Evaluation, evaluate, fit_model, refine
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.model import SENSORS, Model
-from hbm.diagnosis.numerics import Numerics, choose
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.race import EXPLAINED, race
-from hbm.diagnosis.records import FAILURES, Campaign
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError
-from hbm.identification.records import measurement_of
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.sensing import sensing
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.background import LARGEST
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation, evaluate, fit_model, refine
+from hbm.outputerror.model import SENSORS, Model
+from hbm.outputerror.numerics import Numerics, choose
+from hbm.outputerror.records import measurement_of
+from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady

@@ -9,13 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hbm.diagnosis.fit import Evaluation
-from hbm.diagnosis.records import FAILURES, Campaign, uncorrelated
+from hbm.balance.problem import HarmonicBalance
+from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import FourierBasis
-from hbm.residual import HarmonicBalance
-from hbm.response import first_solution
-from hbm.sensitivity import sensitivities
-from hbm.solution import PeriodicSolution, describe
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.simulated import FAILURES
+from hbm.outputerror.whitened import uncorrelated
+from hbm.response.trace import first_solution
+from hbm.sensitivity.derivatives import sensitivities
 from models.rig import Channel, Rig
 
 HARMONICS = (15, 256)

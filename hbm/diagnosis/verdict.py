@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from hbm.diagnosis.fit import Evaluation
-from hbm.diagnosis.records import Campaign
 from hbm.diagnosis.remainder import Remainder, percent
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
 from models.rig import Rig
 
 Verdict = Literal["consistent", "cause-found", "main-cause", "unexplained"]

@@ -2,6 +2,6 @@
 
 In reading order: :func:`~hbm.identification.identify.identify` fits laws to reconstructed contact signals and returns
 an :class:`~hbm.identification.identify.Identification` of :class:`~hbm.identification.lawfit.LawFit` objects and their
-:class:`~hbm.identification.comparison.Comparison`; :func:`~hbm.identification.outputerror.fit_spectra` starts from one
+:class:`~hbm.identification.comparison.Comparison`; :func:`~hbm.identification.spectra.fit_spectra` starts from one
 of them and fits the whole rig's response to the measured spectra.
 """

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.aft import ContactForce, Environment, InputChange, LawOverPeriod
+from hbm.aft.force import ContactForce, Environment, InputChange, LawOverPeriod
 from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis
-from hbm.identification.observed import Observed, ObservedRecord
+from hbm.inverse.observed import Observed, ObservedRecord
 from models.friction import FrictionLaw
 
 BALANCED = 1e-5

@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 
 from hbm.fourier import Array, FourierBasis
 from hbm.identification.closure import Answer, LawOnRecords
-from hbm.identification.observed import Observed
 from hbm.identification.start import Candidate
+from hbm.inverse.observed import Observed
 
 ROUNDS = 5
 """Renewals of the covariance, at most."""

@@ -12,11 +12,11 @@ from hbm.identification.comparison import Comparison, compare
 from hbm.identification.fit import Judged, LeastSquares, fit, whitened
 from hbm.identification.judgement import fitted_parameters
 from hbm.identification.lawfit import HeldOut, LawFit, Loops, Quality
-from hbm.identification.observed import Observed, observe
 from hbm.identification.start import Candidate, Scales, candidate, scales_of
 from hbm.inverse.contactforce import to_samples
+from hbm.inverse.observed import Observed, observe
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.threads import one_thread
+from hbm.parallel import one_thread
 from models.friction import FrictionLaw
 from models.rig import Rig
 
@@ -88,7 +88,7 @@ def identify(
     Each law is shown the reconstructed slip and reaction; what it predicts of harmonics 1..H of the friction force is
     compared with what was reconstructed, weighted by the covariance of the difference: noise of the force, and of the
     slip through the law's slope. The mean is left out, accelerometers do not see it. Harmonics of the slip above those
-    measured follow from the law's own force and the structure (:mod:`hbm.identification.observed`).
+    measured follow from the law's own force and the structure (:mod:`hbm.inverse.observed`).
 
     Parameters
     ----------

@@ -12,8 +12,8 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.identification.coordinates import Coordinate, Coordinates, Linear, Ratio, coordinate_of
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.lawchoice import known_law
-from hbm.lawfile import find_law
+from hbm.rigfiles.lawchoice import known_law
+from hbm.rigfiles.laws import find_law
 from models.friction import FrictionLaw, Parameter, describe, parameters, settings
 
 MOST_STARTS = 8

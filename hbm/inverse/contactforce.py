@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from hbm.elements import forces_in_time
+from hbm.balance.elements import forces_in_time
 from hbm.fourier import Array
 from hbm.inverse.sensing import Complex, Sensing
 

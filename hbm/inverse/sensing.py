@@ -11,10 +11,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from hbm.balance.solution import DERIVATIVES
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.solution import DERIVATIVES
 from models.beam import Beam
 from models.rig import Rig
 from models.structure import ModalStructure

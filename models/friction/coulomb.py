@@ -28,7 +28,7 @@ class Coulomb:
 
     The contact point itself does not move while it sticks; what moves is the structure's compliance C
     in series with it, which must be positive. Where a structure brings none, the harmonic
-    balance supplies it and takes it back (dynamic Lagrangian, :mod:`hbm.residual`).
+    balance supplies it and takes it back (dynamic Lagrangian, :mod:`hbm.balance.problem`).
     """
 
     name: ClassVar[str] = "coulomb-lagrange"

@@ -9,7 +9,7 @@ compliance C (C_res, and inside a time step of a set-valued law the dynamic comp
 displacement is u + C T. The reaction is R = rho + eta T at each instant. Both relations make T implicit. A law may
 solve them itself, in closed form (:func:`models.friction.elements.limits`); or it uses `now.displacement` and
 `now.reaction`, which depend on `now.T`, and whoever calls it closes T = law(T) by Newton's method
-(:mod:`hbm.lawstep`).
+(:mod:`hbm.aft.step`).
 """
 
 from dataclasses import MISSING, Field, dataclass, fields, replace

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.diagnosis.background import LARGEST, SIZES, Linear, basis_of, expected_sizes, likeliest_sizes
 from hbm.diagnosis.judge import _mean_square
-from hbm.identification.records import Record
+from hbm.outputerror.background import LARGEST, SIZES, Linear, basis_of, expected_sizes, likeliest_sizes
+from hbm.outputerror.records import Record
 
 HZ, LEVELS, CHANNELS, H = np.linspace(48.0, 56.0, 9), (2.0, 5.0), 3, 2
 STD = 1e-3

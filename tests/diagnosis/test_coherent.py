@@ -3,7 +3,7 @@ import pytest
 
 from hbm.diagnosis.coherent import alike
 from hbm.diagnosis.misfit import SIGNIFICANCE, Misfit, _misfit
-from hbm.diagnosis.records import Whitened
+from hbm.outputerror.whitened import Whitened
 
 HZ = {n: (50.0 if n <= 24 else 160.0) + 0.3 * n for n in range(1, 37)}
 CHANNELS, HARMONICS = 6, 9

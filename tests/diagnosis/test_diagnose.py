@@ -14,16 +14,16 @@ from hbm.diagnosis.account import Account
 from hbm.diagnosis.calibrate import calibrate, trusted
 from hbm.diagnosis.decide import sidak
 from hbm.diagnosis.diagnose import HALF, diagnose
-from hbm.diagnosis.fit import evaluate, fit_model
 from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.model import Model, free_of
-from hbm.diagnosis.nominal import with_values
 from hbm.diagnosis.race import followed
-from hbm.diagnosis.records import uncorrelated
 from hbm.diagnosis.screen import screen
 from hbm.diagnosis.search import campaign_of, started
 from hbm.errors import InputError
+from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.model import Model, free_of
+from hbm.outputerror.nominal import with_values
+from hbm.outputerror.whitened import uncorrelated
 from models.causes.cause import Unknown
 from models.causes.friction import ViscousContact
 from models.causes.parameter import WrongParameter

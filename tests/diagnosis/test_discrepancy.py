@@ -8,18 +8,19 @@ import numpy as np
 import pytest
 
 from hbm import load_rig
-from hbm.diagnosis import records
 from hbm.diagnosis.attached import PLACES, attached_starts
 from hbm.diagnosis.discrepancy import discrepancy
-from hbm.diagnosis.fit import evaluate
-from hbm.diagnosis.model import Model
-from hbm.diagnosis.numerics import Grid, Numerics
 from hbm.diagnosis.places import all_at_once, places_of
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
 from hbm.measurement.spectra import spectra_of
-from hbm.response import steady_state
-from hbm.sensitivity import disturbed, sensitivities
+from hbm.outputerror import campaign as records
+from hbm.outputerror import simulated
+from hbm.outputerror.fit import evaluate
+from hbm.outputerror.model import Model
+from hbm.outputerror.numerics import Grid, Numerics
+from hbm.response.trace import steady_state
+from hbm.sensitivity.derivatives import disturbed, sensitivities
 from models import Attachments, Jenkins, PointMass, PointSpring, Resonator
 from models.causes.friction import ViscousContact
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator
@@ -61,7 +62,7 @@ def measured(*rigs):
 def exactly(monkeypatch):
     """Frequencies and the history of the contact are exact here; the effects are so small that both would hide them."""
     monkeypatch.setattr(records, "CLOCKS", 0.0)
-    monkeypatch.setattr(records, "sticks", lambda solution: False)
+    monkeypatch.setattr(simulated, "sticks", lambda solution: False)
 
 
 def beside(spectra):

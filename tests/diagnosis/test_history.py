@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-import hbm.integrate
+import hbm.integration.integrate
 from hbm import steady_state
-from hbm.diagnosis.records import held_beside, history, spare_friction, sticks
-from hbm.identification.records import Measurement
-from hbm.sensitivity import FORCE, disturbed, sensitivities
+from hbm.outputerror.records import Measurement
+from hbm.outputerror.simulated import held_beside, history, spare_friction, sticks
+from hbm.sensitivity.derivatives import disturbed, sensitivities
+from hbm.sensitivity.scalars import FORCE
 from models.published import PAPER_PENALTY, paper_rig
 
 PAPER = paper_rig().with_modes(5)
@@ -19,9 +20,9 @@ CHANNELS = ("a1", "a6")
 def test_motion_depends_on_the_mean_friction_as_time_integration_says():
     """Foreshortening: the mean of T stiffens the beam. Time integration starts from a contact that was pushed aside."""
     balanced = steady_state(RIG, HZ, level=LEVEL, harmonics=9, samples=512)
-    plain = hbm.integrate.steady_state(RIG, HZ, level=LEVEL, steps_per_period=512)
+    plain = hbm.integration.integrate.steady_state(RIG, HZ, level=LEVEL, steps_per_period=512)
     state = plain.history.state
-    pushed = hbm.integrate.steady_state(
+    pushed = hbm.integration.integrate.steady_state(
         RIG, HZ, level=LEVEL, steps_per_period=512, start=replace(state, z=state.z + 2e-7)
     )
     assert plain.converged and pushed.converged and sticks(balanced)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from hbm import load_rig, load_spectra
-from hbm.diagnosis.background import LARGEST
 from hbm.diagnosis.diagnose import diagnose
-from hbm.diagnosis.nominal import with_values
 from hbm.diagnosis.verdict import NAMED
+from hbm.outputerror.background import LARGEST
+from hbm.outputerror.nominal import with_values
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportRotationSpring

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 import hbm.diagnosis.heat as heat
-import hbm.diagnosis.records as records
-import hbm.identification.records as records_of_spectra
+import hbm.outputerror.campaign as records
+import hbm.outputerror.records as records_of_spectra
 from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
-from hbm.diagnosis.fit import evaluate, fit_model
-from hbm.diagnosis.model import Model
-from hbm.diagnosis.numerics import Grid, Numerics
 from hbm.diagnosis.race import race
-from hbm.diagnosis.records import in_record
 from hbm.diagnosis.screen import screen, small
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
-from hbm.identification.records import force_columns
-from hbm.sweep import each
+from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.model import Model
+from hbm.outputerror.numerics import Grid, Numerics
+from hbm.outputerror.records import force_columns
+from hbm.outputerror.simulated import in_record
+from hbm.parallel import each
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, ParameterDrift

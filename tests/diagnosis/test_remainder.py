@@ -8,8 +8,8 @@ import pytest
 
 from hbm.diagnosis.account import Account
 from hbm.diagnosis.decide import DECISIVE, plainest
-from hbm.diagnosis.records import Whitened
 from hbm.diagnosis.remainder import beyond_noise, explained, remainder
+from hbm.outputerror.whitened import Whitened
 from models.causes.clamp import ClampFriction
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation
 

@@ -5,11 +5,12 @@ from importlib import import_module
 from pathlib import Path
 
 from hbm.diagnosis.account import FORETOLD, RELIABLE
-from hbm.diagnosis.background import SIZES
 from hbm.diagnosis.judge import TRUSTED
-from hbm.diagnosis.nominal import TOLERANCES
 from hbm.diagnosis.verdict import BELIEF
+from hbm.outputerror.background import SIZES
+from hbm.outputerror.nominal import TOLERANCES
 
+ROOMS = Path(__file__).parents[2] / "hbm"
 PAGE = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
 
 
@@ -17,7 +18,8 @@ def test_every_rule_of_the_table_is_a_constant_of_the_code() -> None:
     rows = re.findall(r"^\| .* \| ([\d.]+) \| `(\w+)\.([A-Z_]+)` \|$", PAGE, re.M)
     assert len(rows) > 15
     for number, module, name in rows:
-        assert float(number) == getattr(import_module(f"hbm.diagnosis.{module}"), name), f"{module}.{name}"
+        room = "outputerror" if (ROOMS / "outputerror" / f"{module}.py").exists() else "diagnosis"
+        assert float(number) == getattr(import_module(f"hbm.{room}.{module}"), name), f"{module}.{name}"
 
 
 def test_sizes_of_a_background_are_those_that_are_compared() -> None:

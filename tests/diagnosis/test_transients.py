@@ -8,15 +8,15 @@ import pytest
 
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.decide import accepted
-from hbm.diagnosis.fit import Evaluation, evaluate
 from hbm.diagnosis.misfit import nrmse
-from hbm.diagnosis.model import Model
-from hbm.diagnosis.numerics import Grid, Numerics
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.predict import predicted
-from hbm.diagnosis.records import Campaign
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.model import Model
+from hbm.outputerror.numerics import Grid, Numerics
 from models.causes.records import NotSteady
 from models.published import paper_rig
 from models.rig import Attachments, Damping

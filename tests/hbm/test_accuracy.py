@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from rigs import HZ, beam, oscillator
 
-from hbm.accuracy import choose_harmonics, difference, estimate_error, frequency_response
-from hbm.curve import ResponseCurve
-from hbm.response import default_samples, steady_state, trace_frequency
+from hbm.response.accuracy import choose_harmonics, difference, estimate_error, frequency_response
+from hbm.response.curve import ResponseCurve
+from hbm.response.trace import default_samples, steady_state, trace_frequency
 from models import Frictionless, Viscous
 
 SWEEP = (44.0, 58.0)
@@ -44,7 +44,7 @@ def test_sources_of_error_are_told_apart(coarse):
 def test_too_few_samples_are_said():
     rig, coarse_samples = beam(), 32
     curve = trace_frequency(rig, (46.0, 52.0), harmonics=5, samples=coarse_samples)
-    from hbm.accuracy import _warnings
+    from hbm.response.accuracy import _warnings
 
     said = list(_warnings(curve, estimate_error(curve), 5e-3))
     assert any(w.startswith(f"doubling the {coarse_samples} samples moves the answer by") for w in said)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hbm.aft import Environment, InputChange, LawOverPeriod
+from hbm.aft.force import Environment, InputChange, LawOverPeriod
 from hbm.fourier import FourierBasis
 from models import (
     LAWS,

@@ -9,15 +9,15 @@ from rigs import CubicSpring, beam, oscillator
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 
-from hbm.backbone import NonlinearMode, nonlinear_mode, phase_resonance
-from hbm.epmc import DriveAmplitude, ForcedMotion, FreeMotion
+from hbm.figures.backbone import plot_backbones
 from hbm.fourier import Array, FourierBasis
-from hbm.handover import state_at_phase_zero
-from hbm.integrate import simulate
-from hbm.modes import linear_modes, stuck_modes
-from hbm.peaks import follow_peak
-from hbm.report.backbone import plot_backbones
-from hbm.response import steady_state
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import simulate
+from hbm.modes.backbone import NonlinearMode, nonlinear_mode, phase_resonance
+from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
+from hbm.modes.linear import linear_modes, stuck_modes
+from hbm.response.trace import steady_state
+from hbm.tracking.peaks import follow_peak
 from models import Attachments, Coulomb, Dahl, Frictionless, Jenkins, Rig, Viscous
 from models.elements import MidplaneStretching
 

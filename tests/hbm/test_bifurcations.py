@@ -14,14 +14,14 @@ from rigs import HZ, CubicSpring, oscillator
 from scipy.integrate import solve_ivp
 
 from continuation import Kind
-from hbm import bifurcations
-from hbm.bifurcations import stability_of, with_stability
-from hbm.branching import crossing, doubled
-from hbm.curve import Bifurcation, ResponseCurve
-from hbm.report import plot_frequency_response
-from hbm.response import trace_frequency
-from hbm.results.files import companion, read_curves, write_curves
-from hbm.solution import PeriodicSolution
+from hbm.balance.solution import PeriodicSolution
+from hbm.figures import plot_frequency_response
+from hbm.files.curves import companion, read_curves, write_curves
+from hbm.response import bifurcations
+from hbm.response.bifurcations import stability_of, with_stability
+from hbm.response.branching import crossing, doubled
+from hbm.response.curve import Bifurcation, ResponseCurve
+from hbm.response.trace import trace_frequency
 from models import Channel, Contact, Damping, Excitation, ModalBody, Rig
 
 Rate = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]

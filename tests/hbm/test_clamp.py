@@ -7,14 +7,14 @@ import pytest
 from rigs import beam
 
 import tests.truth as truth
-from hbm import integrate
-from hbm.clamp import ClampOverPeriod
+from hbm.balance.clamp import ClampOverPeriod
+from hbm.balance.problem import HarmonicBalance
+from hbm.balance.slipping import SlippingBalance
+from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import FourierBasis
-from hbm.residual import HarmonicBalance
-from hbm.response import steady_state
-from hbm.sensitivity import sensitivities
-from hbm.slipping import SlippingBalance
-from hbm.solution import PeriodicSolution
+from hbm.integration import integrate
+from hbm.response.trace import steady_state
+from hbm.sensitivity.derivatives import sensitivities
 from hbm.symbolic import residual_function
 from models import Attachments, Channel, Dahl, Jenkins, Rig, Viscous
 from models.elements import MidplaneStretching

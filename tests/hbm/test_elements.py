@@ -9,16 +9,16 @@ from scipy.integrate import solve_ivp
 
 import tests.truth as truth
 from continuation import DenseLinearization
-from hbm import integrate
-from hbm.complete import CompleteBalance
+from hbm.balance.jacobian import CompleteBalance
+from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import FourierBasis
-from hbm.handover import state_at_phase_zero
-from hbm.residual import HarmonicBalance, State
-from hbm.response import steady_state, trace_frequency
-from hbm.sensitivity import sensitivities
-from hbm.solution import PeriodicSolution
+from hbm.integration import integrate
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.timestep import Stepper
+from hbm.response.trace import steady_state, trace_frequency
+from hbm.sensitivity.derivatives import sensitivities
 from hbm.symbolic import residual_function
-from hbm.timestep import Stepper
 from models import Attachments, Channel, Dahl, Damping, Element, Frictionless, Jenkins, PointMass, Rig, Viscous
 from models.elements import ELEMENTS, ImpactStop, MidplaneStretching, QuadraticDrag
 from models.published import PAPER_BEAM, PAPER_PENALTY

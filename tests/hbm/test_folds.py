@@ -9,10 +9,10 @@ from rigs import beam, oscillator
 from scipy.optimize import root
 
 from continuation import ChordCurve, FoldCurve, Kind
-from hbm.folds import PlaneBalance, fold_path, isolas
 from hbm.fourier import FourierBasis
-from hbm.parameter import ParameterBalance, parameter_key
-from hbm.response import first_solution, trace_frequency
+from hbm.response.trace import first_solution, trace_frequency
+from hbm.tracking.folds import PlaneBalance, fold_path, isolas
+from hbm.tracking.parameter import ParameterBalance, parameter_key
 from models import ContactSample, Rig
 from models.assembly import Attachments, Resonator
 from models.friction import parameter

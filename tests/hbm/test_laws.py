@@ -5,11 +5,11 @@ import pytest
 from equations import fine, steady_force
 from rigs import beam
 
-from hbm.aft import Environment, LawOverPeriod
+from hbm.aft.force import Environment, LawOverPeriod
 from hbm.fourier import FourierBasis
-from hbm.handover import state_at_phase_zero
-from hbm.integrate import steady_state as shoot
-from hbm.response import steady_state
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import steady_state as shoot
+from hbm.response.trace import steady_state
 from models import (
     LAWS,
     Coulomb,

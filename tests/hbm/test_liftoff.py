@@ -7,13 +7,13 @@ import pytest
 from rigs import beam
 
 import tests.truth as truth
-from hbm import integrate
-from hbm.bifurcations import stability_of
-from hbm.handover import state_at_phase_zero
-from hbm.residual import HarmonicBalance
-from hbm.response import steady_state
-from hbm.sensitivity import sensitivities
-from hbm.solution import PeriodicSolution
+from hbm.balance.problem import HarmonicBalance
+from hbm.balance.solution import PeriodicSolution
+from hbm.integration import integrate
+from hbm.integration.handover import state_at_phase_zero
+from hbm.response.bifurcations import stability_of
+from hbm.response.trace import steady_state
+from hbm.sensitivity.derivatives import sensitivities
 from models import Attachments, Channel, Frictionless, Rig
 from models.numbers import with_number
 from models.published import PAPER_PENALTY

@@ -8,14 +8,14 @@ import pytest
 from rigs import beam, oscillator
 
 from continuation import Kind, refine
-from hbm.bifurcations import stability_of, with_stability
+from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import FourierBasis
-from hbm.handover import state_at_phase_zero
-from hbm.integrate import steady_state as shoot
-from hbm.parameter import ParameterBalance, parameter_key
-from hbm.parameterresponse import parameter_response
-from hbm.response import first_solution, steady_state
-from hbm.solution import PeriodicSolution
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import steady_state as shoot
+from hbm.response.bifurcations import stability_of, with_stability
+from hbm.response.trace import first_solution, steady_state
+from hbm.tracking.parameter import ParameterBalance, parameter_key
+from hbm.tracking.parameterresponse import parameter_response
 from models import ContactSample, Rig
 from models.assembly import Attachments, PointMass, Resonator
 from models.friction import parameter

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from rigs import HZ, CubicSpring, beam, oscillator
 
+from hbm.balance.problem import HarmonicBalance
+from hbm.balance.solution import describe
 from hbm.fourier import FourierBasis
-from hbm.residual import HarmonicBalance
-from hbm.response import force_response, solve_near, steady_state, trace_frequency
-from hbm.solution import describe
+from hbm.response.trace import force_response, solve_near, steady_state, trace_frequency
 from models import Coulomb, Frictionless, Jenkins, Viscous
 
 

@@ -14,12 +14,12 @@ from scipy.optimize import brentq
 
 from continuation import NewtonSettings, solve_at
 from hbm import ResponseCurve, Sensitivities, sensitivities
+from hbm.balance.padding import pad
+from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import FourierBasis
-from hbm.padding import pad
-from hbm.residual import HarmonicBalance, State
-from hbm.response import steady_state, trace_frequency
-from hbm.sensitivity import rig_scalars
-from hbm.solution import PeriodicSolution, describe
+from hbm.response.trace import steady_state, trace_frequency
+from hbm.sensitivity.scalars import rig_scalars
 from hbm.symbolic import residual_function
 from models import (
     Attachments,

@@ -7,15 +7,15 @@ import pytest
 from rigs import HZ, beam, oscillator
 from scipy.special import mathieu_a, mathieu_b
 
-from hbm import integrate
-from hbm.bifurcations import stability_of, with_stability
-from hbm.curve import ResponseCurve
+from hbm.balance.problem import HarmonicBalance
 from hbm.fourier import FourierBasis
-from hbm.handover import state_at_phase_zero
-from hbm.hill import HillMatrix, hill, hill_exponents
-from hbm.residual import HarmonicBalance
-from hbm.response import steady_state, trace_frequency
-from hbm.stability import floquet
+from hbm.integration import integrate
+from hbm.integration.handover import state_at_phase_zero
+from hbm.response.bifurcations import stability_of, with_stability
+from hbm.response.curve import ResponseCurve
+from hbm.response.trace import steady_state, trace_frequency
+from hbm.stability.hill import HillMatrix, hill, hill_exponents
+from hbm.stability.multipliers import floquet
 from models import Attachments, Coulomb, Dahl, Frictionless, Iwan, Jenkins, LuGre, Rig, Stribeck
 from models.elements import ImpactStop, MidplaneStretching, QuadraticDrag
 
@@ -208,7 +208,7 @@ def test_refusals() -> None:
     with pytest.raises(ValueError, match="oscillator is rigid where coulomb-lagrange sticks; must have residual_compl"):
         floquet(problem, state)
     jenkins = steady_state(beam(JENKINS, modes=2), 50.0, harmonics=3, samples=32)
-    with pytest.raises(ValueError, match=r"coulomb-penalty remembers; must not; take hbm.stability.floquet"):
+    with pytest.raises(ValueError, match=r"coulomb-penalty remembers; must not; take the monodromy"):
         hill(HarmonicBalance(beam(JENKINS, modes=2), jenkins.basis), jenkins.state)
     with pytest.raises(
         ValueError, match="hill: 4 harmonics of 16 samples; must be at least 1, and fewer than a quarter"

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from hbm.balance.problem import HarmonicBalance, State
 from hbm.fourier import FourierBasis
-from hbm.residual import HarmonicBalance, State
 from hbm.symbolic import residual_function
 from models import (
     LAWS,

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm import integrate, response
-from hbm.transient import transients
+from hbm.integration import integrate
+from hbm.response import trace as response
+from hbm.stability.transients import transients
 from models import Channel, Contact, Damping, Excitation, Frictionless, Jenkins, ModalBody, Rig
 from models.published import paper_rig
 

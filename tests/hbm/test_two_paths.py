@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from rigs import beam
 
-from hbm.handover import state_at_phase_zero
-from hbm.integrate import simulate
-from hbm.integrate import steady_state as shoot
-from hbm.response import steady_state
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.integrate import simulate
+from hbm.integration.integrate import steady_state as shoot
+from hbm.response.trace import steady_state
 from models import Attachments, Coulomb, FrictionLaw, Jenkins, PointMass, PointSpring, Resonator, Stribeck, Viscous
 
 CHANNELS = ("drive", "slip", "friction", "normal")

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from hbm.aft import Environment, LawOverPeriod
+from hbm.aft.force import Environment, LawOverPeriod
 from hbm.fourier import FourierBasis
-from hbm.identification.observed import ABOVE, Observed, ObservedRecord
 from hbm.identification.start import Scales
+from hbm.inverse.observed import ABOVE, Observed, ObservedRecord
 from models.friction import FrictionLaw, parameters
 
 P, C, OMEGA = 83.0, 2e-8, 300.0

@@ -10,9 +10,9 @@ import pytest
 from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
 from hbm.errors import InputError
-from hbm.identification import outputerror
+from hbm.identification import spectra as outputerror
 from hbm.identification.identify import identify
-from hbm.identification.outputerror import fit_spectra
+from hbm.identification.spectra import fit_spectra
 from hbm.inverse.reconstruct import reconstruct
 from models import Jenkins
 

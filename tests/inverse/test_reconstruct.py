@@ -8,7 +8,7 @@ from hbm.errors import InputError
 from hbm.inverse.contactforce import prior
 from hbm.inverse.reconstruct import reconstruct
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
-from hbm.response import steady_state
+from hbm.response.trace import steady_state
 from models.causes import CAUSES
 from models.published import paper_rig
 from models.rig import Channel

@@ -10,7 +10,7 @@ import pytest
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.measurement.spectrafile import load_spectra, write_spectra
-from hbm.rigfile import load_rig
+from hbm.rigfiles.load import load_rig
 from models import Channel, Rig
 from models.published import paper_rig
 

@@ -14,13 +14,14 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "hbm"))
 from rigs import beam
 
 from continuation import NewtonSettings, solve_at
-from hbm import integrate, sensitivities
-from hbm.handover import state_at_phase_zero
-from hbm.loop import friction_loop
-from hbm.padding import pad
-from hbm.residual import HarmonicBalance
-from hbm.response import steady_state
-from hbm.solution import PeriodicSolution, describe
+from hbm import sensitivities
+from hbm.balance.padding import pad
+from hbm.balance.problem import HarmonicBalance
+from hbm.balance.solution import PeriodicSolution, describe
+from hbm.integration import integrate
+from hbm.integration.handover import state_at_phase_zero
+from hbm.response.loop import friction_loop
+from hbm.response.trace import steady_state
 from models import Dahl, FrictionLaw, Frictionless, Iwan, Jenkins, LuGre, ModalBody, Rig, Stribeck, Viscous
 from models.causes import CAUSES, Cause, all_candidates
 from models.causes.sensors import SensorDelay, SensorGain, SwappedChannels

@@ -1,0 +1,364 @@
+"""Alternating frequency/time: the steady force of a friction law over one period, with exact derivatives.
+
+The law's step is differentiated by CasADi sample by sample; what couples the samples (its internal
+state) is a banded recurrence, solved backwards for the Fourier coefficients of the force.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.aft.period import DT, buffered, law_functions
+from hbm.aft.recurrence import (
+    backwards,
+    forwards,
+    in_time,
+    monodromy,
+    periodic_adjoint,
+    radius,
+    sources,
+    through_states,
+)
+from hbm.aft.step import ENVIRONMENT, SIGNALS, law_step
+from hbm.fourier import Array, FourierBasis
+from models.friction import FrictionLaw
+
+NEWTON = (2, 3, 9)
+"""Iterations on T = law(T) at each sample, enough for most; more where those left more than CLOSURE."""
+
+MOST_PERIODS = 8
+"""Newton iterations on the state that a period maps on itself."""
+
+CLOSURE = 1e-12
+"""A loop counts as closed when the state after a period repeats to this fraction of its range."""
+
+
+NEUTRAL = 1e-9
+"""A loop whose state returns undiminished to this accuracy never slips: its history decides its mean force."""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """Run-time inputs of a law besides the signals.
+
+    Attributes
+    ----------
+    compliance : float
+        Series compliance C [m/N].
+    load : float
+        Static normal load P [N].
+    parameters : (p,) array
+        Law parameters, ordered as :func:`models.friction.parameters`.
+    """
+
+    compliance: float
+    load: float
+    parameters: Array
+
+
+@dataclass(frozen=True)
+class ContactForce:
+    """Friction over one period, and how its coefficients change.
+
+    Attributes
+    ----------
+    T : (N_t,) array
+        Force at the samples [N].
+    coefficients : (2H+1,) array
+        Its Fourier coefficients [N].
+    by_u, by_rho, by_eta : (2H+1, 2H+1) arrays or None
+        Derivatives of the coefficients to those of u (its velocity included), rho and eta;
+        None where the law does not depend on them.
+    by_Omega : (2H+1,) array
+        Derivative to the fundamental frequency at fixed coefficients.
+    """
+
+    T: Array
+    coefficients: Array
+    by_u: Array | None
+    by_rho: Array | None
+    by_eta: Array | None
+    by_Omega: Array
+
+
+@dataclass(frozen=True)
+class InputChange:
+    """Changes, in p columns, of everything that a law is shown over a period.
+
+    Attributes
+    ----------
+    signals : (2H+1, 3, p) array
+        Of the coefficients of u (the velocity follows), rho and eta.
+    Omega : (p,) array
+        Of the fundamental frequency.
+    law : (parameters + 1, p) array
+        Of the law's parameters, then of the static load (the load within rho not included).
+    compliance : (p,) array, optional
+        Of the series compliance; none where omitted.
+    """
+
+    signals: Array
+    Omega: Array
+    law: Array
+    compliance: Array | None = None
+
+
+@dataclass(frozen=True)
+class LawSteps:
+    """How a disturbance passes the samples of a law: derivatives of the force, then of the states.
+
+    Attributes
+    ----------
+    T : (N_t,) array
+        The force [N].
+    by_states : (N_t, 1 + states, states) array
+        To the states before each sample.
+    by_signals, by_signals_before : (N_t, 1 + states, 4) array
+        To u, v, rho, eta (:data:`SIGNALS`) of the sample, and of the one before.
+    """
+
+    T: Array
+    by_states: Array
+    by_signals: Array
+    by_signals_before: Array
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the force depends on samples before."""
+        return bool(self.by_states.size or self.by_signals_before.any())
+
+    @property
+    def undying(self) -> int:
+        """How many disturbances of the states return undiminished where the motion is held: anchors that stick."""
+        transitions = self.by_states[:, 1:]
+        if transitions.shape[2] == 0:
+            return 0
+        return int(np.count_nonzero(np.abs(np.linalg.eigvals(monodromy(transitions))) >= 1.0 - NEUTRAL))
+
+
+class LawOverPeriod:
+    """A friction law on a Fourier basis: coefficients of the contact signals in, of the force out.
+
+    One object serves one thread: it owns the buffers that CasADi reads and fills.
+    """
+
+    def __init__(self, law: FrictionLaw, basis: FourierBasis) -> None:
+        self.basis = basis
+        self._law, self._step = law, law_step(law)
+        self._shown: tuple[Array | None, float] = (None, 0.0)
+        self._signals, self._environment = np.zeros((basis.N_t, len(SIGNALS))), np.zeros(len(ENVIRONMENT))
+        self._fades = False  # whether the state before the period fades without ever being forgotten
+        self._bind(NEWTON[0])
+
+    def _bind(self, iterations: int) -> None:
+        """Functions that solve T = law(T) with so many iterations, and the buffers they read and fill."""
+        self.functions, self._iterations = law_functions(self._law, self.basis.N_t, iterations), iterations
+        self._carried = np.zeros(self.functions.period.size1_in(0))
+        self._z = self._carried[: self.functions.states]
+        self._parameters = np.zeros(self.functions.period.size1_in(3))
+        self._inputs = [self._carried, self._signals, self._environment, self._parameters]
+        self._march, (self._marched,) = buffered(self.functions.march, self._inputs)
+        self._period, (self._T, self._unsolved, local, self._end) = buffered(self.functions.period, self._inputs)
+        # rows: T, states; columns: states before, active inputs
+        self._local = local.reshape(self.basis.N_t, 1 + self.functions.states, -1)
+
+    def force(self, signals: Array, Omega: float, environment: Environment) -> tuple[Array, float]:
+        """Steady friction force at the samples.
+
+        Parameters
+        ----------
+        signals : (2H+1, 4) array
+            Coefficients of u, v, rho, eta.
+        Omega : float
+            Fundamental frequency [rad/s].
+        environment : Environment
+
+        Returns
+        -------
+        (N_t,) array
+            Force T [N].
+        float
+            Closure of the loop: change of the force with the state that the period leads to, and what T = law(T) is
+            short of, relative to its peak.
+        """
+        self._shown = (signals, Omega)
+        np.matmul(self.basis.synthesis, signals, out=self._signals)
+        self._environment[:] = environment.compliance, environment.load, 2 * np.pi / (Omega * self.basis.N_t)
+        self._parameters[:] = environment.parameters
+        closure = self._close()
+        while not self._solved and self._iterations < NEWTON[-1]:
+            self._bind(next(n for n in NEWTON if n > self._iterations))
+            self._parameters[:] = environment.parameters
+            closure = self._close()
+        return self._T, closure
+
+    @property
+    def _solved(self) -> bool:
+        """Whether T = law(T) holds at every sample of the last period."""
+        return bool(np.abs(self._unsolved).max() <= CLOSURE * np.abs(self._T).max())
+
+    @property
+    def memory(self) -> Array:
+        """What the law knows before the first sample of the last period computed, as a time integration keeps it."""
+        z = self._carried[: self._step.states]
+        memory = self._step.memory(z, self._signals[-1], float(self._T[-1]), float(self._environment[1]))
+        return np.asarray(memory)
+
+    def _close(self) -> float:
+        """March until the loop is measured closed.
+
+        From the virgin state, for a contact that never slips keeps what its history left. A state that fades,
+        like a bristle's, has one orbit only, and the last one found is a better start.
+        """
+        if self._fades:
+            closure = self._close_from_here()
+            if closure <= CLOSURE and radius(self._transitions) < 1.0 - NEUTRAL:
+                return closure
+        self._carried[:] = 0.0
+        return self._close_from_here()
+
+    def _close_from_here(self) -> float:
+        if len(self._carried) == 0:
+            self._period()
+            return 0.0
+        self._march()
+        self._carried[:] = self._marched
+        n, closure = self.functions.states, np.inf
+        for _ in range(MOST_PERIODS):
+            self._period()
+            if not self._solved and self._iterations < NEWTON[-1]:
+                return closure
+            gap = self._end[:n] - self._z
+            if not gap.any() and not self._unsolved.any():  # friction that slips forgets where it came from
+                return 0.0
+            pull = self._pull
+            closure = self._open_force(pull * gap)
+            if not closure > CLOSURE:
+                break
+            self._fades = True
+            # states have units of their own: measured by the force each of them makes
+            slope = np.eye(n) - monodromy(self._transitions) * pull[:, None] / pull
+            self._z += np.linalg.lstsq(slope, pull * gap, rcond=1e-9)[0] / pull
+        return closure
+
+    @property
+    def _transitions(self) -> Array:
+        """Derivative of the state after each sample to that before, (N_t, states, states)."""
+        return self._local[:, 1:, : self.functions.states]
+
+    @property
+    def _pull(self) -> Array:
+        """Largest change of the force over the period per unit of each state, (states,)."""
+        pull = np.abs(self._local[:, 0, : self.functions.states]).max(axis=0)
+        return np.where(pull > 0.0, pull, 1.0)
+
+    def _open_force(self, by_state: Array) -> float:
+        """Largest force that stands between two periods or is short of T = law(T), over the largest force."""
+        missing = max(float(np.abs(by_state).max(initial=0.0)), float(np.abs(self._unsolved).max()))
+        largest = float(np.abs(self._T).max())
+        return missing / largest if largest > 0.0 else 0.0
+
+    def linearize(self, signals: Array, Omega: float, environment: Environment) -> ContactForce:
+        """Friction force with the derivatives of its coefficients; arguments as :meth:`force`."""
+        self._show(signals, Omega, environment)
+        T, basis = self._T.copy(), self.basis
+        gradients = dict(zip(self.functions.active, self._gradients(self._local, self._period), strict=True))
+        for i in range(DT):
+            if (earlier := gradients.get(DT + 1 + i)) is not None:  # the sample before the first is the last
+                earlier = np.roll(earlier, -1, axis=1)
+                gradients[i] = gradients[i] + earlier if i in gradients else earlier
+        by_u, by_v, by_rho, by_eta = (gradients[i] @ basis.synthesis if i in gradients else None for i in range(4))
+        by_Omega = np.zeros(basis.size)
+        if DT in gradients:
+            by_Omega -= gradients[DT].sum(axis=1) * 2 * np.pi / (Omega**2 * basis.N_t)
+        if by_v is not None:
+            chained = Omega * basis.derivative_on_right(by_v)
+            by_u = chained if by_u is None else by_u + chained
+            by_Omega += by_v @ signals[:, 1] / Omega
+        return ContactForce(T, basis.analysis @ T, by_u, by_rho, by_eta, by_Omega)
+
+    def _show(self, signals: Array, Omega: float, environment: Environment) -> None:
+        """Find the steady force, unless the buffers hold this period already."""
+        if self._shown[0] is not signals or self._shown[1] != Omega:
+            self.force(signals, Omega, environment)
+
+    def steps(self, signals: Array, Omega: float, environment: Environment) -> "LawSteps":
+        """Derivatives of every sample of the steady force; arguments as :meth:`force`."""
+        self._show(signals, Omega, environment)
+        n_z, N_t = self.functions.states, self.basis.N_t
+        local = self._local.copy()
+        now, before = (np.zeros((N_t, 1 + n_z, len(SIGNALS))) for _ in range(2))
+        for at, i in enumerate(self.functions.active, start=n_z):
+            if i != DT:  # a perturbation does not change the time between samples
+                inputs, column = (now, i) if i < DT else (before, i - DT - 1)
+                inputs[:, :, column] = local[:, :, at]
+        return LawSteps(self._T.copy(), local[:, :, :n_z], now, before)
+
+    def along(self, signals: Array, Omega: float, environment: Environment, change: InputChange) -> Array:
+        """Change of the force at the samples with everything that it depends on, (N_t, p).
+
+        Marches forwards, for few changes and all samples; :meth:`linearize` for few outputs and all signals.
+        """
+        self._show(signals, Omega, environment)
+        evaluate, (_, _, local, _) = buffered(self.functions.tangent(), self._inputs)
+        evaluate()
+        n_z, local = self.functions.states, local.reshape(self.basis.N_t, 1 + self.functions.states, -1)
+        inputs = self._sampled(signals, Omega, change)
+        if n_z == 0:
+            return np.asarray((local @ inputs)[:, 0])
+
+        def march(start: Array) -> tuple[Array, Array]:
+            """Change of the force (N_t, p) and of the state at the end (n_z, p) over a period."""
+            driven = local[:, :, n_z:] @ inputs
+            z = forwards(local[:, 1:, :n_z], start, driven[:, 1:])
+            return driven[:, 0] + np.einsum("kz,kzp->kp", local[:, 0, :n_z], z[:-1]), z[-1]
+
+        start = np.zeros((n_z, len(change.Omega)))
+        if radius(local[:, 1:, :n_z]) < 1.0 - NEUTRAL:
+            start += np.linalg.solve(np.eye(n_z) - monodromy(local[:, 1:, :n_z]), march(start)[1])
+        else:  # a contact that stays stuck remembers the period before, which started from its virgin state
+            steady = self._carried.copy()
+            self._carried[:] = 0.0
+            evaluate()
+            start = march(start)[1]
+            self._carried[:] = steady
+            evaluate()
+        return march(start)[0]
+
+    def _sampled(self, signals: Array, Omega: float, change: InputChange) -> Array:
+        """Change of the active inputs, the parameters, the load and the compliance at the samples, (N_t, inputs, p)."""
+        u, rho, eta = change.signals.transpose(1, 0, 2)
+        v = Omega * self.basis.derivative(u) + np.outer(signals[:, 1] / Omega, change.Omega)
+        now = [self.basis.synthesis @ coefficients for coefficients in (u, v, rho, eta)]
+        before = [np.roll(moving, 1, axis=0) for moving in now]
+        dt = np.broadcast_to(-2 * np.pi / (Omega**2 * self.basis.N_t) * change.Omega, now[0].shape)
+        inputs = [*now, dt, *before]
+        compliance = np.zeros_like(change.Omega) if change.compliance is None else change.compliance
+        law = [np.broadcast_to(value, dt.shape) for value in (*change.law, compliance)]
+        return np.stack([*(inputs[i] for i in self.functions.active), *law], axis=1)
+
+    def _gradients(self, local: Array, evaluate: Callable[[], None]) -> list[Array]:
+        """Derivatives of the force's coefficients to each sample of each input of `local`, (2H+1, N_t).
+
+        `evaluate` fills `local` anew from the present start state.
+        """
+        n_z, W = self.functions.states, self.basis.analysis
+        inputs = range(n_z, local.shape[2])
+        if n_z == 0:
+            return [local[:, 0, i] * W for i in inputs]
+        c, A = local[:, 0, :n_z], local[:, 1:, :n_z]
+        if radius(A) < 1.0 - NEUTRAL:
+            adjoint = periodic_adjoint(c, A, W)
+            return [local[:, 0, i] * W + through_states(adjoint, local, i) for i in inputs]
+        lam = backwards(A, sources(c, W, 0))
+        adjoint, seed = in_time(lam), lam[:, -1]
+        steady = [local[:, 0, i] * W + through_states(adjoint, local, i) for i in inputs]
+        # a contact that stays stuck remembers the period before, which started from its virgin state
+        self._carried[:] = 0.0
+        self._shown = (None, 0.0)
+        evaluate()
+        right = np.zeros((len(W), self.basis.N_t + 1, n_z))
+        right[:, 0] = seed
+        adjoint = in_time(backwards(local[:, 1:, :n_z], right))
+        return [part + through_states(adjoint, local, i) for part, i in zip(steady, inputs, strict=True)]

@@ -1,0 +1,368 @@
+"""Nonlinear elements over one period: coefficients of the motion in, of the forces on the modes out.
+
+Each sample is differentiated by CasADi in what the rows of the elements read; between the modes the derivative is a
+product with the Fourier coefficients of these slopes, so that no sum over samples meets a pair of modes.
+"""
+
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import NamedTuple
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+
+from hbm.aft.period import buffered
+from hbm.fourier import Array, FourierBasis
+from models.elements import ElementRows
+from models.friction import chosen, describe, parameters, with_symbols
+from models.rig import Rig
+
+
+class ElementSlope:
+    """Derivatives of the forces on modes and support, of :class:`ElementsOverPeriod`, worked out when asked for.
+
+    Parameters
+    ----------
+    elements : ElementsOverPeriod
+    slopes : list of array
+        Derivatives of the force along the rows to y and to y_t, the entries of each sample in turn.
+    y_t : (N_t, r) array
+        Velocities along the rows.
+    Omega : float
+        Fundamental frequency [rad/s].
+    """
+
+    def __init__(self, elements: "ElementsOverPeriod", slopes: list[Array], y_t: Array, Omega: float) -> None:
+        self._elements, self._y_t, self._Omega = elements, y_t, Omega
+        N_t = elements.basis.N_t
+        places = elements.places
+        entries = [(k.reshape(N_t, -1), *place) for k, place in zip(slopes, places, strict=True)]
+        self._entries = [entry if len(entry[1]) else None for entry in entries]
+
+    @property
+    def lifting(self) -> Array | None:
+        """Slope, over its reading, of what a tip off its support does not bear, (N_t,); None where it never is off."""
+        stiffness = self._entries[0]
+        if not self._elements.lifts or stiffness is None:
+            return None
+        k, row, _ = stiffness
+        found = k[:, row == len(self._elements.rows) - 1][:, 0]
+        return found if found.any() else None
+
+    @property
+    def supported(self) -> "ElementSlope":
+        """What else acts."""
+        stiffness = self._entries[0]
+        if not self._elements.lifts or stiffness is None:
+            return self
+        k, row, column = stiffness
+        others, rest = row < len(self._elements.rows) - 1, copy(self)
+        rest._entries = [(k[:, others], row[others], column[others]) if others.any() else None, self._entries[1]]
+        return rest
+
+    @property
+    def acts(self) -> bool:
+        """Whether any of the forces changes with the motion: none does while every stop stays open."""
+        return any(entry is not None and entry[0].any() for entry in self._entries)
+
+    def strength(self) -> Array:
+        """What the elements add to the dynamic stiffness of each harmonic and mode, at most, (H+1, n)."""
+        e = self._elements
+        k_Omega = np.arange(e.basis.H + 1)[:, None] * self._Omega
+        found = np.zeros((e.basis.H + 1, e.rows.shape[1]))
+        for entry, factor in zip(self._entries, (np.ones_like(k_Omega), k_Omega), strict=True):
+            if entry is not None:
+                k, row, column = entry
+                found += factor * (np.abs(k).max(axis=0) @ np.abs(e.rows[row] * e.rows[column]))
+        return found
+
+    @cached_property
+    def by_Q(self) -> Array:
+        """Derivatives to the coefficients of the modes, (2H+1, n+1, 2H+1, n)."""
+        e, basis, n = self._elements, self._elements.basis, self._elements.rows.shape[1]
+        found = np.zeros((basis.size, basis.size, (n + 1) * n))
+        for i, entry in enumerate(self._entries):
+            if entry is None:
+                continue
+            k, row, column = entry
+            onto_modes = (e.onto[row][:, :, None] * e.rows[column][:, None]).reshape(len(row), -1)
+            series = (e.wide.analysis @ k) @ onto_modes  # of the stiffness, then of the damping, between the modes
+            matrices = basis.multiplication(series)
+            if i:
+                matrices = self._Omega * basis.derivative_on_right(matrices)
+            found += matrices
+        return found.reshape(basis.size, basis.size, n + 1, n).swapaxes(1, 2)
+
+    @cached_property
+    def by_Omega(self) -> Array:
+        """Derivatives to the fundamental frequency at fixed coefficients, (2H+1, n+1)."""
+        e, damping = self._elements, self._entries[1]
+        if damping is None:
+            return np.zeros((e.basis.size, e.onto.shape[1]))
+        k, row, column = damping
+        return np.asarray(e.basis.analysis @ (k * self._y_t[:, column]) @ e.onto[row] / self._Omega)
+
+    def by_excitation(self, shape: Array) -> Array:
+        """Change (2H+1, r) of the forces along the rows with an excitation (2H+1,)."""
+        if not self._elements.static.any():
+            return np.zeros((len(shape), len(self._elements.rows)))
+        return self.along(np.outer(shape, self._elements.static[:, 0])[:, :, None])[:, :, 0]
+
+    def by_modes(self) -> Array:
+        """Derivative (2H+1, r, (2H+1) n) of the forces along the rows to coefficients of the modes, velocities held."""
+        size, (_, n) = self._elements.basis.size, self._elements.rows.shape
+        return self.along(np.einsum("kl,ri->krli", np.eye(size), self._elements.rows).reshape(size, -1, size * n))
+
+    def along(self, change: Array) -> Array:
+        """Change (2H+1, r, p) of the forces along the rows with deflections (2H+1, r, p), velocities held."""
+        e, stiffness = self._elements, self._entries[0]
+        out = np.zeros(change.shape)
+        if stiffness is not None:
+            k, row, column = stiffness
+            seen = np.tensordot(e.basis.synthesis, change, axes=1)
+            moved = np.tensordot(e.basis.analysis, k[:, :, None] * seen[:, column], axes=1)
+            out += np.einsum("kep,er->krp", moved, np.eye(change.shape[1])[row])
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class ElementChange:
+    """Derivatives of all elements to p parameters.
+
+    Attributes
+    ----------
+    rows : ElementRows
+        With p first, all elements in turn.
+    parameters : (parameters, p) array
+    Omega : (p,) array
+    force : (2H+1, p) array
+        Of the excitation.
+    """
+
+    rows: ElementRows
+    parameters: Array
+    Omega: Array
+    force: Array
+
+
+def stacked(parts: list[ElementRows], axis: int = 0) -> ElementRows:
+    """Rows of all elements in turn, along the given axis."""
+    return ElementRows(*(np.concatenate(arrays, axis=axis) for arrays in zip(*parts, strict=True)))
+
+
+Described = tuple[tuple[type, tuple[tuple[str, object], ...], int], ...]
+"""Class, settings and number of rows of each element: what decides the instructions."""
+
+
+def described_elements(rig: Rig) -> Described:
+    """What decides the instructions of the elements of a rig; their numbers are run-time inputs."""
+    sizes = [len(part.weight) for part in rig.element_rows]
+    return tuple((type(e), tuple(chosen(e).items()), size) for e, size in zip(rig.acting, sizes, strict=True))
+
+
+def element_numbers(rig: Rig) -> Array:
+    """Parameters of all elements in turn."""
+    return np.array([float(v) for e in rig.acting for v in parameters(e).values()])
+
+
+def symbolic_forces(described: Described) -> tuple[ca.SX, list[ca.SX]]:
+    """Force along each row (r,), and what it depends on: deflections, velocities and weights (r,), parameters."""
+    y, y_t, weight = (ca.SX.sym(name, sum(size for *_, size in described)) for name in ("y", "y_t", "weight"))
+    forces, symbols, first = [], [], 0
+    for kind, settings, size in described:
+        element, p = with_symbols(kind(**dict.fromkeys(describe(kind), 0.0), **dict(settings)))
+        rows = slice(first, first + size)
+        forces.append(element.force(y[rows], y_t[rows], weight[rows]))
+        symbols.append(p)
+        first += size
+    return ca.densify(ca.vertcat(*forces)), [y, y_t, weight, ca.vertcat(*symbols)]
+
+
+class ForcesInTime(NamedTuple):
+    """Forces of the elements of a rig at N instants.
+
+    Attributes
+    ----------
+    on_modes : (N, n) array
+    on_support : (N,) array
+    moved : (N, 1 + c) array
+        What they move drive and channels by, beyond the modes.
+    """
+
+    on_modes: Array
+    on_support: Array
+    moved: Array
+
+
+def forces_in_time(rig: Rig, q: Array, qdot: Array, F: Array) -> ForcesInTime:
+    """Forces of the elements of a rig at N instants.
+
+    Parameters
+    ----------
+    rig : Rig
+    q, qdot : (N, n) array
+        Modal coordinates and velocities.
+    F : (N,) array
+        Excitation [N]; its rate moves no element.
+    """
+    if not rig.acting:
+        return ForcesInTime(np.zeros_like(q), np.zeros(len(q)), np.zeros((len(q), 1 + len(rig.response_channels))))
+    rows, share, weight, static = stacked(rig.element_rows)
+    y = rows @ q.T + np.outer(static[:, 0], F)
+    force = _forces(described_elements(rig))(y, rows @ qdot.T, weight, element_numbers(rig)).full().T
+    return ForcesInTime(force @ rows, force @ share, force @ static)
+
+
+@lru_cache(maxsize=16)
+def _forces(described: Described) -> ca.Function:
+    force, inputs = symbolic_forces(described)
+    return ca.Function("forces", inputs, [force])
+
+
+class ElementsOverPeriod:
+    """The elements of a rig on a Fourier basis; the last is the lift of the tip where it `lifts`.
+
+    One object serves one thread: it owns the buffers that CasADi reads and fills.
+
+    Parameters
+    ----------
+    rig : Rig
+    basis : FourierBasis
+    load : float
+        What holds a tip that lifts off on its support, in units of the rig's load.
+
+    Raises
+    ------
+    ValueError
+        If the samples do not resolve products of the harmonics with a stiffness that varies.
+    """
+
+    def __init__(self, rig: Rig, basis: FourierBasis, load: float = 1.0) -> None:
+        if basis.N_t <= 4 * basis.H:
+            raise ValueError(f"elements: {basis.N_t} samples for {basis.H} harmonics; must be more than 4 per harmonic")
+        self.basis, self.wide, self.lifts = basis, FourierBasis(2 * basis.H, basis.N_t), rig.contact.lift_off
+        parts = rig.element_rows
+        if self.lifts:
+            parts = [*parts[:-1], parts[-1].under(load)]
+        rows, share, self.weight, self.static = stacked(parts)
+        self.rows, self.onto = rows, np.column_stack([rows, share])  # reads (r, n), pushes modes and support (r, n+1)
+        self._parameters = element_numbers(rig)
+        self._functions = _functions(described_elements(rig), basis.N_t)
+        self._y: Array = np.zeros((basis.N_t, len(rows)))
+        self._y_t = np.zeros_like(self._y)
+        self._inputs = [self._y, self._y_t, self.weight, self._parameters]
+        self._evaluate, (self._force,) = buffered(self._functions.force, self._inputs)
+
+    def read(self, Q: Array, F: Array) -> Array:
+        """Coefficients of the deflections along the rows, (2H+1, r), of modes (2H+1, n) and excitation (2H+1,)."""
+        return np.asarray(Q @ self.rows.T + np.outer(F, self.static[:, 0]))
+
+    def _read(self, Q: Array, Omega: float, F: Array) -> None:
+        np.matmul(self.basis.synthesis, self.read(Q, F), out=self._y)
+        # what reads a velocity sees nothing of the excitation
+        np.matmul(Omega * self.basis.synthesis, self.basis.derivative(Q @ self.rows.T), out=self._y_t)
+
+    def in_time(self, Q: Array, Omega: float, F: Array) -> Array:
+        """Force along each row at the samples, (N_t, r); a buffer, until the next call. See :meth:`along_rows`."""
+        self._read(Q, Omega, F)
+        self._evaluate()
+        return self._force.reshape(self._y.shape)
+
+    def along_rows(self, Q: Array, Omega: float, F: Array) -> Array:
+        """Coefficients of the force along each row, (2H+1, r).
+
+        Parameters
+        ----------
+        Q : (2H+1, n) array
+            Coefficients of the modes.
+        Omega : float
+            Fundamental frequency [rad/s].
+        F : (2H+1,) array
+            Coefficients of the excitation [N].
+        """
+        return np.asarray(self.basis.analysis @ self.in_time(Q, Omega, F))
+
+    def pull(self, Q: Array, F: Array) -> float:
+        """Largest reading of a tip that lifts off, in units of the load that holds it."""
+        return float((self.basis.synthesis @ self.read(Q, F)[:, -1]).max())
+
+    def _slopes(self, Q: Array, Omega: float, F: Array) -> list[Array]:
+        """Derivatives of the force along the rows to y and to y_t, the entries of each sample in turn."""
+        self._read(Q, Omega, F)
+        evaluate, slopes = buffered(self._functions.slopes, self._inputs)
+        evaluate()
+        return slopes
+
+    @property
+    def places(self) -> list[npt.NDArray[np.intp]]:
+        """Rows and columns of the entries of the slopes to y and to y_t."""
+        return self._functions.places[:2]
+
+    def linearize(self, Q: Array, Omega: float, F: Array) -> ElementSlope:
+        """Derivatives of what the forces of :meth:`along_rows` do to modes and support."""
+        return ElementSlope(self, self._slopes(Q, Omega, F), self._y_t.copy(), Omega)
+
+    def slopes_in_time(self, Q: Array, Omega: float, F: Array) -> tuple[Array, Array]:
+        """Derivatives of the forces on modes and support to q and to q' at the samples, two of (N_t, n+1, n)."""
+        slopes, N_t = self._slopes(Q, Omega, F), self.basis.N_t
+        by_q, by_v = (
+            np.einsum("te,ei,ej->tij", k.reshape(N_t, -1), self.onto[row], self.rows[column], optimize=True)
+            for k, (row, column) in zip(slopes, self.places, strict=True)
+        )
+        return by_q, by_v
+
+    def along(self, Q: Array, Omega: float, F: Array, change: ElementChange) -> Array:
+        """Derivatives of :meth:`along_rows` with the motion held, (2H+1, r, p)."""
+        basis, rows = self.basis, change.rows.rows
+        self._read(Q, Omega, F)
+        evaluate, found = buffered(self._functions.change, self._inputs)
+        evaluate()
+        slopes, places = [k.reshape(basis.N_t, -1) for k in found], self._functions.places
+        out, onto = np.zeros((basis.size, len(self.rows), len(change.Omega))), np.eye(len(self.rows))
+        for k, (row, column), moved in zip(
+            slopes[2:], places[2:], (change.rows.weight.T, change.parameters), strict=True
+        ):
+            out += np.einsum("ke,ep,er->krp", basis.analysis @ k, moved[column], onto[row], optimize=True)
+        faster = basis.derivative(Q @ self.rows.T)
+        reads = change.rows.static[:, :, 0]
+        touched = rows.any(axis=2) | (change.Omega != 0.0)[:, None] | (reads != 0.0)
+        touched |= np.outer(change.force.any(axis=0), self.static[:, 0] != 0.0)
+        for p in np.flatnonzero(touched.any(axis=1)):
+            seen = Q @ rows[p].T
+            d_y = basis.synthesis @ (seen + np.outer(F, reads[p]) + np.outer(change.force[:, p], self.static[:, 0]))
+            d_y_t = basis.synthesis @ (Omega * basis.derivative(seen) + change.Omega[p] * faster)
+            for k, (row, column), d in zip(slopes[:2], places[:2], (d_y, d_y_t), strict=True):
+                here = touched[p, column]
+                out[:, :, p] += basis.analysis @ (k[:, here] * d[:, column[here]]) @ onto[row[here]]
+        return out
+
+
+@dataclass(frozen=True)
+class _Functions:
+    """Functions of all samples.
+
+    `change` gives the entries of d force / d y, y_t, weight and parameters that may differ from zero, `slopes` those of
+    the first two; `places` (2, entries) are their rows and columns.
+    """
+
+    force: ca.Function
+    slopes: ca.Function
+    change: ca.Function
+    places: list[npt.NDArray[np.intp]]
+
+
+@lru_cache(maxsize=16)
+def _functions(described: Described, N_t: int) -> _Functions:
+    force, inputs = symbolic_forces(described)
+    jacobians = [ca.jacobian(force, of) for of in inputs]
+    places = [np.array(j.sparsity().get_triplet(), dtype=int).reshape(2, -1) for j in jacobians]
+    entries = [ca.SX(ca.vertcat(*j.nonzeros())) if j.nnz() else ca.SX(0, 1) for j in jacobians]
+
+    def over_period(name: str, outputs: list[ca.SX]) -> ca.Function:
+        return ca.Function(name, inputs, outputs).map(name, "serial", N_t, [2, 3], [])
+
+    return _Functions(
+        over_period("force", [force]), over_period("slopes", entries[:2]), over_period("change", entries), places
+    )

@@ -1,0 +1,229 @@
+"""The Newton system of a balance reduced to the friction force, by eliminating the modes.
+
+Mechanics outside the contact is linear, or nearly: the dense core is as large as the contact signal, and what couples
+modes and harmonics beside it, foreshortening and nonlinear elements, matters in few of them.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import lapack
+
+from hbm.aft.force import ContactForce
+from hbm.balance.elements import ElementSlope
+from hbm.balance.equations import Balance, Kinematics, State
+from hbm.fourier import Array
+
+LOW_HARMONICS = 5
+RESONANT = 2e-3
+"""What couples modes stays in the matrix up to this harmonic, and above this fraction of the dynamic stiffness."""
+
+
+class Elimination:
+    """Linearised balance [K, -P; -E, S] of modes and contact, reduced to the contact.
+
+    K is the structure with the friction force held (its foreshortening is a parametric stiffness, the slopes of its
+    elements are another), P takes T to the modes, E takes the modes to T through the law. The lowest `coupled` modes,
+    all where an element acts, are eliminated with a dense factorisation, the others harmonic by harmonic in closed
+    form. What couples the others, weak beside their damping, is left out here, not in the residual: it costs Newton a
+    little of its quadratic rate, never the answer.
+
+    The border column is the derivative of the scaled balances to the scaled continuation parameter: `column` (size,),
+    or where omitted that of the problem's own parameter.
+    """
+
+    def __init__(
+        self,
+        problem: Balance,
+        state: State,
+        kin: Kinematics,
+        contact: ContactForce,
+        slope: ElementSlope | None,
+        column: Array | None = None,
+    ) -> None:
+        self.problem, self.state, self.contact, self.slope = problem, state, contact, slope
+        s, basis, m = problem.structure, problem.basis, problem.coupled if slope is None else problem.structure.n
+        size = basis.size
+        self._m = m
+        real, imaginary = problem.dynamic_stiffness(state.Omega)
+        self._receptance = 1.0 / (real[:, m:] + 1j * imaginary[:, m:])
+        self._rows = problem.rows.T
+        slopes = [contact.by_u, contact.by_rho, contact.by_eta]
+        self._seen = [i for i in range(3 if s.reaction.varies else 1) if slopes[i] is not None]
+        self._law_slopes = [b for i, b in enumerate(slopes) if b is not None and i in self._seen]
+        self._core = np.eye(size)
+        if s.n > m:
+            self._core -= self._law_of_others()
+        if problem.dynamic_lagrangian and contact.by_u is not None:
+            self._core += problem.dynamic_lagrangian * contact.by_u
+        if m:
+            p = -kin.Gq[:, :m]
+            p[0] += s.slip_row[:m]
+            self._p = basis.multiplication(p)  # (2H+1, 2H+1, m)
+            self._factor(real[:, :m] + 1j * imaginary[:, :m], kin.by_T)
+            self._coupled_of = self._solve_coupled(np.ascontiguousarray(self._p.transpose(0, 2, 1)))
+            self._core -= self._law_of_coupled(self._coupled_of)
+        column = problem.by_parameter(state, contact, slope) if column is None else column
+        motion, core = self._reduced(column[:, None])
+        self._motion_lam, self._core_lam = motion[:, :, 0], core[:, 0]
+
+    def _reduced(self, forces: Array) -> tuple[Array, Array]:
+        """Motion (2H+1, n, r) under scaled forces (size, r) with T held, and what they ask of T, (2H+1, r)."""
+        problem, m, r = self.problem, self._m, forces.shape[1]
+        size, n = problem.basis.size, problem.structure.n
+        modal = forces[: size * n].reshape(size, n, r) * problem.modal_force_ref
+        motion, core = np.empty((size, n, r)), forces[size * n :] * problem.F_ref
+        if m:
+            motion[:, :m] = self._solve_coupled(modal[:, :m])
+            core += self._law_of_coupled(np.ascontiguousarray(motion[:, :m]))
+        if n > m:
+            motion[:, m:] = self._receptance_of(modal[:, m:])
+            core += self._law_of_field(motion[:, m:])
+        return motion, core
+
+    # ---- coupled modes
+
+    def _factor(self, stiffness: npt.NDArray[np.complex128], by_T: Array | None) -> None:
+        """Receptance of the coupled modes, and LU with what couples them where that matters.
+
+        It matters in the low harmonics, which T couples most, and wherever a mode resonates or an element is stiff;
+        elsewhere the coupled modes are diagonal to the accuracy that Newton needs.
+        """
+        problem, m, slope = self.problem, self._m, self.slope
+        self._coupled_receptance = 1.0 / stiffness
+        coupling = problem.coupling[:m] * (by_T is not None) + (0.0 if slope is None else slope.strength())
+        strong = coupling > RESONANT * np.abs(stiffness)
+        strong[: LOW_HARMONICS + 1] = True
+        block = problem.dense_block(strong)
+        self._dense = block.coefficients
+        K = np.zeros(block.G.shape) if by_T is None else by_T.ravel()[block.products] * block.G
+        if slope is not None:
+            harmonic, mode = np.divmod(block.coefficients, m)
+            K -= slope.by_Q[harmonic[:, None], mode[:, None], harmonic, mode]
+        values, c = stiffness.ravel()[block.cosines], np.arange(len(block.cosines))
+        K[c, c] += values.real
+        values, turning = values[m:], c[m:]  # harmonic 0 does not turn
+        turned = turning - m + len(c)
+        K[turned, turned] += values.real
+        K[turning, turned] += values.imag
+        K[turned, turning] -= values.imag
+        self._lu, self._pivots, _ = lapack.dgetrf(K, overwrite_a=1)
+
+    def _solve_coupled(self, forces: Array) -> Array:
+        """Motion (2H+1, m, r) of the coupled modes under modal forces."""
+        basis = self.problem.basis
+        flat = forces.reshape(-1, forces.shape[2])
+        if len(self._dense) == len(flat):
+            motion = np.empty(forces.shape)
+        else:
+            motion = basis.real(basis.complex(forces) * self._coupled_receptance[:, :, None])
+        motion.reshape(flat.shape)[self._dense] = lapack.dgetrs(self._lu, self._pivots, flat[self._dense])[0]
+        return motion
+
+    def _law_of_coupled(self, modes: Array) -> Array:
+        """Change (2H+1, r) of the law's force coefficients with the coupled modes (2H+1, m, r)."""
+        basis, m = self.problem.basis, self._m
+        size, r = basis.size, modes.shape[2]
+        seen = [self._p.reshape(size, size * m) @ modes.reshape(size * m, r)]
+        if len(self._seen) > 1:
+            reaction = np.matmul(self._rows[1:, :m], modes)  # (2H+1, 4, r)
+            rho = self.problem.reaction_of(reaction, self.state.Omega)
+            if self.slope is not None:
+                rho -= np.tensordot(self.slope.by_Q[:, -1], modes, axes=2)
+            seen += [rho, reaction[:, 3]]
+        return self._law_of_signals(seen)
+
+    def _law_of_signals(self, seen: Sequence[Array]) -> Array:
+        """Change of the law's force coefficients with those of u, rho, eta."""
+        out = np.zeros_like(seen[0])
+        for i, slope in zip(self._seen, self._law_slopes, strict=True):
+            out += slope @ seen[i]
+        return out
+
+    # ---- other modes: their receptance is diagonal in modes and harmonics
+
+    def _receptance_of(self, forces: Array) -> Array:
+        """Motion (2H+1, n - m, r) of the other modes under modal forces."""
+        basis = self.problem.basis
+        return basis.real(basis.complex(forces) * self._receptance[:, :, None])
+
+    def _law_of_field(self, others: Array) -> Array:
+        """Change (2H+1, r) of the law's force coefficients with the other modes (2H+1, n - m, r)."""
+        seen = np.matmul(self._rows[:, self._m :], others)
+        rho = self.problem.reaction_of(seen[:, 1:4], self.state.Omega)
+        return self._law_of_signals([seen[:, 0], rho, seen[:, 4]])
+
+    def _law_of_others(self) -> Array:
+        """Change (2H+1, 2H+1) of the law's force coefficients with those of T, through the other modes."""
+        problem, basis = self.problem, self.problem.basis
+        size, H = basis.size, basis.H
+        rows = self._rows[:, self._m :] * problem.structure.slip_row[self._m :]
+        transfer = self._receptance @ rows.T  # (H+1, 5)
+        k_Omega = np.arange(H + 1) * self.state.Omega
+        rho = -(k_Omega**2) * transfer[:, 1] + 1j * k_Omega * transfer[:, 2] + transfer[:, 3]
+        out = np.zeros((size, size))
+        of_signals = (transfer[:, 0], rho, transfer[:, 4])
+        for i, slope in zip(self._seen, self._law_slopes, strict=True):
+            t = of_signals[i]
+            out += slope * np.concatenate([t.real, t.real[1:]])
+            # a - i b is turned by t: the sine column feeds the cosine with +imag, the cosine the sine with -imag
+            out[:, 1 : H + 1] -= slope[:, H + 1 :] * t.imag[1:]
+            out[:, H + 1 :] += slope[:, 1 : H + 1] * t.imag[1:]
+        return out
+
+    # ---- the interface of continuation.Linearization
+
+    def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
+        """Core matrix with the border row; and that row's part on the modes, (2H+1, n)."""
+        problem, m = self.problem, self._m
+        size, n = problem.basis.size, problem.structure.n
+        modes = row[: size * n].reshape(size, n) / problem.q_ref
+        matrix = np.empty((size + 1, size + 1))
+        matrix[:size, :size] = self._core
+        matrix[:size, size] = self._core_lam
+        matrix[size, :size] = row[size * n :] / problem.F_ref
+        matrix[size, size] = row_lam - np.vdot(modes, self._motion_lam)
+        if m:
+            matrix[size, :size] += modes[:, :m].ravel() @ self._coupled_of.reshape(size * m, size)
+        if n > m:
+            basis = problem.basis
+            adjoint = basis.real(basis.complex(modes[:, m:]) * self._receptance.conj())
+            matrix[size, :size] += adjoint @ problem.structure.slip_row[m:]
+        return matrix, modes
+
+    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
+        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
+        x, lam = self.solve_columns(row, row_lam, rhs[:, None], rhs_row)
+        return x[:, 0], float(lam[0])
+
+    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
+        """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
+        problem, m, r = self.problem, self._m, rhs.shape[1]
+        size, n = problem.basis.size, problem.structure.n
+        matrix, modes = self._bordered(row, row_lam)
+        d_Q, core = self._reduced(rhs)
+        right = np.vstack([core, rhs_row - modes.ravel() @ d_Q.reshape(size * n, r)])
+        _, _, solution, info = lapack.dgesv(matrix, right)
+        if info:
+            solution = np.full((size + 1, r), np.nan)
+        d_T, d_lam = solution[:size], solution[size]
+        if m:
+            d_Q[:, :m] += self._coupled_of @ d_T
+        if n > m:
+            d_Q[:, m:] += self._receptance_of(problem.structure.slip_row[m:, None] * d_T[:, None])
+        d_Q -= self._motion_lam[:, :, None] * d_lam
+        return np.concatenate([d_Q.reshape(size * n, r) / problem.q_ref, d_T / problem.F_ref]), d_lam
+
+    def determinant_sign(self, row: Array, row_lam: float) -> int:
+        """Sign of the determinant of the bordered matrix; uncoupled modes contribute positive blocks."""
+        matrix, _ = self._bordered(row, row_lam)
+        lu, pivots, _ = lapack.dgetrf(matrix)
+        sign = _determinant_sign(lu, pivots)
+        return sign * _determinant_sign(self._lu, self._pivots) if self._m else sign
+
+
+def _determinant_sign(lu: Array, pivots: Array) -> int:
+    """Sign of the determinant of a matrix from its LU factors."""
+    negative = np.count_nonzero(lu.diagonal() < 0.0) + np.count_nonzero(pivots != np.arange(len(pivots)))
+    return 0 if not lu.diagonal().all() else -1 if negative % 2 else 1

@@ -1,0 +1,371 @@
+"""The force balance of a rig on a Fourier basis: unknowns, scaling and equations.
+
+Unknowns are the modal coefficients Q (2H+1, n) and the coefficients of the friction force T (2H+1,).
+
+Scaling. Modal rows are divided by the largest generalised excitation, the contact row by the excitation
+amplitude: a residual of 1e-10 means that every force balance, harmonic by harmonic, closes to 1e-10 of the
+excitation.
+"""
+
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.aft.force import ContactForce, Environment, LawOverPeriod
+from hbm.balance.clamp import ClampMotion, ClampOverPeriod
+from hbm.balance.elements import ElementSlope, ElementsOverPeriod
+from hbm.fourier import Array, FourierBasis
+from models.friction import parameters
+from models.rig import Rig
+
+Parameter = Literal["frequency", "force"]
+
+COUPLING = 0.02
+"""Foreshortening of a mode stays out of the Newton matrix below this fraction of its least dynamic stiffness."""
+
+MOST_BLOCKS = 8
+"""Blocks that are remembered: where an element acts they change with the motion."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Unknowns in physical units: Q (2H+1, n), T (2H+1,) [N], Omega [rad/s] and force F [N]."""
+
+    Q: Array
+    T: Array
+    Omega: float
+    F: float
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What the contact sees of a state.
+
+    Attributes
+    ----------
+    Gq : (2H+1, n) array
+        Coefficients of G q; du/dq = c - G q. Zeros where the structure is not drawn in.
+    by_T : (2H+1, 2H+1) array or None
+        Matrix that multiplies a series by T; None where the structure is not drawn in.
+    signals : (2H+1, 4) array
+        Coefficients of u, v, rho, eta (:data:`hbm.aft.force.SIGNALS`).
+    elements : (2H+1, r) array or None
+        Forces of the nonlinear elements along their rows.
+    clamp : ClampMotion or None
+        Of a clamp that slips.
+    """
+
+    Gq: Array
+    by_T: Array | None
+    signals: Array
+    elements: Array | None = None
+    clamp: ClampMotion | None = None
+
+
+@dataclass(frozen=True)
+class DenseBlock:
+    """The coefficients whose parametric stiffness is kept in the Newton matrix.
+
+    Attributes
+    ----------
+    cosines : (c,) array of int
+        The pairs, in the order harmonic by harmonic, mode by mode.
+    coefficients : (d,) array of int
+        Their cosine, then their sine coefficients in the flat (2H+1, m) unknowns.
+    products : (d, d) array of int
+        Where each pair of coefficients finds its entry in the flat multiplication matrix of T.
+    G : (d, d) array
+        Shortening of the modes of each pair.
+    """
+
+    cosines: npt.NDArray[np.intp]
+    coefficients: npt.NDArray[np.intp]
+    products: npt.NDArray[np.intp]
+    G: Array
+
+    @staticmethod
+    def of(strong: npt.NDArray[np.bool_], shortening: Array, size: int) -> "DenseBlock":
+        """Block of the pairs `strong` (H+1, m); harmonic 0 whole."""
+        cosines = np.flatnonzero(strong)
+        sines = np.flatnonzero(strong[1:]) + strong.size  # behind the (H+1) m cosines
+        coefficients = np.concatenate([cosines, sines])
+        harmonic, mode = np.divmod(coefficients, strong.shape[1])
+        products = harmonic[:, None] * size + harmonic
+        return DenseBlock(cosines, coefficients, products, shortening[mode[:, None], mode])
+
+
+class Units(NamedTuple):
+    """What the scaled unknowns and balances are multiples of.
+
+    Attributes
+    ----------
+    hz, F : float
+        Frequency [Hz], force [N].
+    modal_force, q : float
+        Generalised force and coordinate of a mass-normalised mode.
+    """
+
+    hz: float
+    F: float
+    modal_force: float
+    q: float
+
+
+class Balance:
+    """A rig on a Fourier basis with one free parameter: its unknowns and their equations.
+
+    Parameters
+    ----------
+    rig : Rig
+        Structure, contact and excitation.
+    basis : FourierBasis
+        Harmonics and samples.
+    parameter : {"frequency", "force"}
+        What the continuation parameter is: the frequency in units of `hz_ref`, or F / amplitude.
+    hz : float
+        Excitation frequency where the parameter is the force [Hz].
+    level : float, optional
+        Force amplitude where the parameter is the frequency [N]; the rig's where omitted.
+    like : Balance, optional
+        Balance of a similar rig whose units the unknowns and equations take.
+    periods : int
+        Periods of the force in one of the motion; frequencies are those of the force, Omega that of the motion.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        basis: FourierBasis,
+        *,
+        parameter: Parameter = "frequency",
+        hz: float = 0.0,
+        level: float | None = None,
+        like: "Balance | None" = None,
+        periods: int = 1,
+    ) -> None:
+        s = rig.structure
+        self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
+        self.level = rig.excitation.amplitude if level is None else level
+        self.fixed_hz, self.periods = hz, periods
+        self.units: Units = self._units() if like is None else like.units
+        self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref = self.units
+        self.Omega_ref = 2 * np.pi * self.hz_ref / periods
+        self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
+        self.force_shape = _force_shape(rig, basis, periods)
+        self.elements = ElementsOverPeriod(rig, basis) if rig.acting else None
+        port, limit = rig.clamp, rig.attachments.clamp_limit
+        self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
+        self.law = LawOverPeriod(rig.contact.law, basis)
+        self.environment, self.dynamic_lagrangian = self._environment(rig, like)
+        r = s.reaction
+        self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stiffness, r.stretch], axis=1)
+        self._blocks: dict[bytes, DenseBlock] = {}
+        self.coupling = rig.contact.normal_load * np.diag(s.shortening)
+        self.coupled = self._coupled_modes()
+
+    # ---- set-up
+
+    def _units(self) -> "Units":
+        omega_1 = float(self.structure.omega_n[0])
+        modal_force = self.level * float(np.abs(self.structure.excitation).max())
+        return Units(
+            hz=2.0 ** round(float(np.log2(omega_1 / (2 * np.pi)))),  # a power of two: scaling back loses no digit
+            F=self.level,
+            modal_force=modal_force,
+            q=10.0 * modal_force / omega_1**2,  # a tenfold dynamic amplification of the static response of mode 1
+        )
+
+    def with_law_of(self, rig: Rig) -> Self:
+        """Return the same balance with the law's parameters of a rig that differs in nothing else."""
+        values = np.array([float(v) for v in parameters(rig.contact.law).values()])
+        other = copy(self)
+        other.rig, other.environment = rig, replace(self.environment, parameters=values)
+        return other
+
+    def with_load_on_lift(self, load: float) -> Self:
+        """Return the same balance with a multiple of the load that holds a tip that lifts off on its support."""
+        other = copy(self)
+        other.elements = ElementsOverPeriod(self.rig, self.basis, load)
+        return other
+
+    def _environment(self, rig: Rig, like: "Balance | None") -> tuple[Environment, float]:
+        """Law inputs; and the compliance lent to a set-valued law of a structure that has none.
+
+        The loan is taken back harmonic by harmonic (dynamic Lagrangian frequency-time): the law is shown
+        u - loan T, with T the unknown coefficients, so that at convergence the contact point sticks and slips
+        exactly and its motion has the coefficients of u. The answer does not depend on the loan.
+        """
+        s = self.structure
+        values = np.array([float(v) for v in parameters(rig.contact.law).values()])
+        lend = rig.contact.law.set_valued and s.compliance == 0.0
+        # a tenth of what the structure yields at the first harmonic left out: less is stiffer to solve, more is blunter
+        loan = 0.1 * float(np.sum(s.slip_row**2 / (s.omega_n**2 + (self.basis.H * s.omega_n[0]) ** 2))) if lend else 0.0
+        loan = like.dynamic_lagrangian if lend and like is not None else loan
+        return Environment(s.compliance + loan, rig.contact.normal_load, values), loan
+
+    def _coupled_modes(self) -> int:
+        """How many of the lowest modes need their foreshortening in the Newton matrix."""
+        s = self.structure
+        least_stiffness = np.minimum(s.damping * s.omega_n, s.omega_n**2)
+        strong = np.flatnonzero(self.coupling > COUPLING * least_stiffness)
+        return int(strong[-1]) + 1 if strong.size else 0
+
+    def dense_block(self, strong: npt.NDArray[np.bool_]) -> "DenseBlock":
+        """Where the (harmonic, mode) pairs `strong` (H+1, m) stand in the balance; remembered from point to point."""
+        key = strong.tobytes()
+        if key not in self._blocks:
+            if len(self._blocks) == MOST_BLOCKS:
+                self._blocks.clear()
+            self._blocks[key] = DenseBlock.of(strong, self.structure.shortening, self.basis.size)
+        return self._blocks[key]
+
+    # ---- vectors
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.basis.size * (self.structure.n + 1)
+
+    def pack(self, state: State) -> tuple[Array, float]:
+        """Scaled unknowns and continuation parameter of a state."""
+        x = np.concatenate([(state.Q / self.q_ref).ravel(), state.T / self.F_ref])
+        return x, state.Omega / self.Omega_ref if self.parameter == "frequency" else state.F / self.F_ref
+
+    def unpack(self, x: Array, lam: float) -> State:
+        """State in physical units of scaled unknowns."""
+        split = self.basis.size * self.structure.n
+        Q = x[:split].reshape(self.basis.size, -1) * self.q_ref
+        Omega, F = self.at(lam)
+        return State(Q, x[split:] * self.F_ref, Omega, F)
+
+    def at(self, lam: float) -> tuple[float, float]:
+        """Frequency [rad/s] and force amplitude [N] at a value of the continuation parameter."""
+        if self.parameter == "frequency":
+            return lam * self.Omega_ref, self.level
+        return 2 * np.pi * self.fixed_hz / self.periods, lam * self.F_ref
+
+    def hz_at(self, lam: float) -> float:
+        """Frequency [Hz] at a value of the continuation parameter."""
+        return lam * self.hz_ref if self.parameter == "frequency" else self.fixed_hz
+
+    def lam_at(self, hz: float) -> float:
+        """Value of the continuation parameter at a frequency [Hz], where the frequency is the parameter."""
+        return hz / self.hz_ref
+
+    # ---- mechanics
+
+    def kinematics(self, state: State) -> Kinematics:
+        """Slip, its velocity, and the two parts of the reaction, from the modes."""
+        s, basis, Q, Omega = self.structure, self.basis, state.Q, state.Omega
+        rows = Q @ self.rows  # slip, three of the reaction, stretch
+        signals = np.empty((basis.size, 4))
+        u = signals[:, 0]
+        u[:] = rows[:, 0]
+        if self.coupled:
+            Gq, by_T = Q @ s.shortening, basis.multiplication(state.T)
+            fine = basis.exact_products
+            u -= 0.5 * (fine.analysis @ np.einsum("ti,ti->t", fine.synthesis @ Gq, fine.synthesis @ Q))
+        else:
+            Gq, by_T = np.zeros_like(Q), None
+        if self.dynamic_lagrangian:
+            u -= self.dynamic_lagrangian * state.T
+        u += s.residual.slip_by_force * state.F * self.force_shape
+        clamp = None
+        if self.clamp is not None:
+            clamp = self.clamp.motion(self.clamp.held(Q, state.T, state.F * self.force_shape), Omega)
+            u += self.clamp.port.residual[0] * clamp.slid
+        signals[:, 1] = Omega * basis.derivative(u)
+        signals[:, 2] = self.reaction_of(rows[:, 1:4], Omega)
+        signals[0, 2] += self.rig.contact.normal_load
+        signals[:, 2] -= s.reaction.force_share * state.F * self.force_shape
+        signals[:, 3] = rows[:, 4]
+        signals[0, 3] -= s.reaction.friction_lever
+        if self.clamp is not None and clamp is not None:
+            signals[:, 2] += self.clamp.port.residual[-1] * clamp.slid
+        if self.elements is None:
+            return Kinematics(Gq, by_T, signals, clamp=clamp)
+        forces = self.elements.along_rows(Q, Omega, state.F * self.force_shape)
+        signals[:, 2] -= forces @ self.elements.onto[:, -1]
+        return Kinematics(Gq, by_T, signals, forces, clamp)
+
+    def reaction_of(self, rows: Array, Omega: float) -> Array:
+        """Coefficients (2H+1, ...) of the reaction's part from the modes.
+
+        Parameters
+        ----------
+        rows : (2H+1, 3, ...) array
+            Coefficients of the inertia, damping and stiffness rows times the modes.
+        Omega : float
+            [rad/s].
+        """
+        inertia, damping, stiffness = rows[:, 0], rows[:, 1], rows[:, 2]
+        squared = (self.basis.k * Omega) ** 2
+        return Omega * self.basis.derivative(damping) - (squared * inertia.T).T + stiffness
+
+    def dynamic_stiffness(self, Omega: float) -> tuple[Array, Array]:
+        """Dynamic stiffness per mass-normalised mode, real and imaginary part, (H+1, n) [1/s2]."""
+        k = np.arange(self.basis.H + 1)[:, None] * Omega
+        return self.structure.omega_n**2 - k**2, k * self.structure.damping
+
+    def _modal_balance(self, state: State, kin: Kinematics) -> Array:
+        """Inertia, damping and stiffness minus friction, excitation and elements, per mode, (2H+1, n)."""
+        s, basis = self.structure, self.basis
+        Q, Omega = state.Q, state.Omega
+        force = np.outer(state.T, s.slip_row)
+        if kin.by_T is not None:
+            force -= kin.by_T @ kin.Gq
+        balance = (s.omega_n**2 - (basis.k * Omega)[:, None] ** 2) * Q
+        balance += Omega * s.damping * basis.derivative(Q) - force
+        balance -= np.outer(state.F * self.force_shape, s.excitation)
+        if self.elements is not None and kin.elements is not None:
+            balance -= kin.elements @ self.elements.rows
+        if self.clamp is not None and kin.clamp is not None:
+            balance -= np.outer(kin.clamp.slid, self.clamp.port.row)
+        return balance
+
+    def slip_by_modes(self, kin: Kinematics) -> Array:
+        """Matrices of du/dq = c - G q times a series, (2H+1, 2H+1, n)."""
+        slope = -kin.Gq
+        slope[0] += self.structure.slip_row
+        return self.basis.multiplication(slope)
+
+    def by_parameter(self, state: State, contact: ContactForce, slope: ElementSlope | None) -> Array:
+        """Derivative of the scaled balances, clamp excluded, to the scaled continuation parameter, (size,)."""
+        s, basis, Q, Omega, shape = self.structure, self.basis, state.Q, state.Omega, self.force_shape
+        if self.parameter == "frequency":
+            modal = s.damping * basis.derivative(Q) - (2 * Omega * basis.k**2)[:, None] * Q
+            d_rho = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
+            law = -contact.by_Omega
+            if slope is not None:
+                modal -= slope.by_Omega[:, :-1]
+                d_rho -= slope.by_Omega[:, -1]
+        else:
+            modal, d_rho, law = -np.outer(shape, s.excitation), -s.reaction.force_share * shape, np.zeros(basis.size)
+            if contact.by_u is not None:
+                law = -s.residual.slip_by_force * contact.by_u @ shape
+            if self.elements is not None and slope is not None:
+                pushed = slope.by_excitation(shape)
+                modal -= pushed @ self.elements.rows
+                d_rho = d_rho - pushed @ self.elements.onto[:, -1]
+        law = law if contact.by_rho is None else law - contact.by_rho @ d_rho
+        return np.concatenate([modal.ravel() / self.modal_force_ref, law / self.F_ref]) * self.lam_ref
+
+    def contact_state(self, state: State) -> tuple[Kinematics, Array, Array, float]:
+        """Kinematics, friction force at the samples [N], internal state before the first, and closure of the loops."""
+        kin = self.kinematics(state)
+        T, closure = self.law.force(kin.signals, state.Omega, self.environment)
+        if kin.clamp is not None:
+            closure = max(closure, kin.clamp.closure)
+        return kin, T.copy(), self.law.memory, closure
+
+
+def _force_shape(rig: Rig, basis: FourierBasis, periods: int) -> Array:
+    """Coefficients of the excitation per amplitude of its fundamental, (2H+1,); harmonics beyond H left out."""
+    shape = np.zeros(basis.size)
+    for k, cosine, sine in rig.excitation.tones:
+        if k * periods <= basis.H:
+            shape[k * periods], shape[basis.H + k * periods] = cosine, sine
+    return shape

@@ -1,0 +1,45 @@
+"""A state of a balance on other harmonics and modes."""
+
+import numpy as np
+
+from hbm.balance.elements import ElementsOverPeriod
+from hbm.balance.equations import Balance, State
+from hbm.fourier import Array
+from models.beam import Beam
+
+
+def pad(problem: Balance, state: State) -> Array:
+    """Scaled unknowns of a state on the problem's harmonics and modes.
+
+    New harmonics start from zero, new modes from their linear response to excitation, friction and the lift of the tip.
+    """
+    H_old, n_old = state.Q.shape[0] // 2, state.Q.shape[1]
+    size, n, H = problem.basis.size, problem.structure.n, problem.basis.H
+    keep = min(H, H_old)
+    source = np.r_[0 : keep + 1, H_old + 1 : H_old + 1 + keep]
+    target = np.r_[0 : keep + 1, H + 1 : H + 1 + keep]
+    m = min(n, n_old)
+    Q, T = np.zeros((size, n)), np.zeros(size)
+    Q[target, :m] = state.Q[source, :m]
+    T[target] = state.T[source]
+    if n > m:
+        s, basis = problem.structure, problem.basis
+        forces = np.outer(T, s.slip_row[m:]) + np.outer(state.F * problem.force_shape, s.excitation[m:])
+        forces += _lift_on_others(problem, Q[:, :m], state.Omega, state.F)
+        real, imaginary = problem.dynamic_stiffness(state.Omega)
+        Q[:, m:] = basis.real(basis.complex(forces) / (real[:, m:] + 1j * imaginary[:, m:]))
+    return problem.pack(State(Q, T, state.Omega, state.F))[0]
+
+
+def _lift_on_others(problem: Balance, Q: Array, Omega: float, F: float) -> Array:
+    """Force (2H+1, n - m) of a tip that is off its support in the lowest m modes (2H+1, m), on all others."""
+    m, rig = Q.shape[1], problem.rig
+    others = problem.structure.n - m
+    lifting, lifts = problem.elements, rig.contact.lift_off and m > 0
+    if lifting is None or not lifts or not isinstance(rig.body, Beam):
+        return np.zeros((len(Q), others))
+    if others >= rig.body.modes:  # the state is of another rig
+        return np.zeros((len(Q), others))
+    fewer = ElementsOverPeriod(rig.with_modes(rig.body.modes - others), problem.basis)
+    force = fewer.along_rows(Q, Omega, F * problem.force_shape)[:, -1]
+    return np.outer(force, lifting.rows[-1, m:])

@@ -1,0 +1,102 @@
+"""Multi-harmonic residual of a rig, as a problem for continuation.
+
+The equations are those of :class:`hbm.balance.equations.Balance`. Newton's system is reduced to the friction force
+(:class:`hbm.balance.elimination.Elimination`); for a clamp that slips it is corrected
+(:class:`hbm.balance.slipping.SlippingBalance`).
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from hbm.aft.force import ContactForce
+from hbm.balance.elements import ElementSlope
+from hbm.balance.elimination import Elimination
+from hbm.balance.equations import Balance, Kinematics, Parameter, State
+from hbm.balance.jacobian import CompleteBalance
+from hbm.balance.slipping import SlidRotation, SlippingBalance, lifted_tip
+from hbm.fourier import Array, FourierBasis
+
+__all__ = ["HarmonicBalance", "Kinematics", "Linearization", "Newton", "Parameter", "State"]
+
+Newton = Elimination | SlippingBalance
+
+
+class HarmonicBalance(Balance):
+    """The balance of a rig as a :class:`continuation.Problem`."""
+
+    def on(self, basis: FourierBasis) -> "HarmonicBalance":
+        """Return the same problem with other harmonics and samples."""
+        return HarmonicBalance(
+            self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level, periods=self.periods
+        )
+
+    def residual(self, x: Array, lam: float) -> Array:
+        """Scaled force balance of every mode and harmonic, then of the contact, (size,)."""
+        return self.linearize(x, lam).residual
+
+    def linearize(self, x: Array, lam: float) -> "Linearization":
+        """Residual with its linearisation, which is worked out when first solved with."""
+        state = self.unpack(x, lam)
+        kin = self.kinematics(state)
+        T, _ = self.law.force(kin.signals, state.Omega, self.environment)
+        modal, contact = self._modal_balance(state, kin), state.T - self.basis.analysis @ T
+        residual = np.concatenate([(modal / self.modal_force_ref).ravel(), contact / self.F_ref])
+        return Linearization(self, state, kin, residual)
+
+
+class Linearization:
+    """Residual at a state, and its derivative when asked for; a :class:`continuation.Linearization`."""
+
+    def __init__(self, problem: HarmonicBalance, state: State, kin: Kinematics, residual: Array) -> None:
+        self.problem, self.state, self.kin, self.residual = problem, state, kin, residual
+
+    @cached_property
+    def contact(self) -> ContactForce:
+        """The friction force with its derivatives."""
+        return self.problem.law.linearize(self.kin.signals, self.state.Omega, self.problem.environment)
+
+    @property
+    def _parts(self) -> tuple[Balance, State, Kinematics, ContactForce]:
+        return self.problem, self.state, self.kin, self.contact
+
+    @cached_property
+    def slope(self) -> ElementSlope | None:
+        """Derivatives of the forces of the elements; None where none acts."""
+        elements, state = self.problem.elements, self.state
+        if elements is None:
+            return None
+        found = elements.linearize(state.Q, state.Omega, state.F * self.problem.force_shape)
+        return found if found.acts else None
+
+    @cached_property
+    def rotation(self) -> SlidRotation | None:
+        """What is slid in the clamp; None where it does not slip."""
+        return None if self.problem.clamp is None else SlidRotation(*self._parts)
+
+    @cached_property
+    def newton(self) -> Newton:
+        """The derivative."""
+        return self.bordered()
+
+    def bordered(self, column: Array | None = None) -> Newton:
+        """The derivative, with another column (size,) in place of that of the problem's parameter."""
+        place = self.rotation or lifted_tip(self.problem, self.contact, self.slope)
+        supported = None if self.slope is None else self.slope.supported
+        acting = supported if supported is not None and supported.acts else None
+        held = Elimination(*self._parts, acting, column)
+        return held if place is None else SlippingBalance(held, place, self.problem, own_column=column is None)
+
+    @cached_property
+    def complete(self) -> Array:
+        """Derivative of the residual to the scaled unknowns, (size, size), with nothing left out."""
+        held = CompleteBalance(*self._parts, self.slope).by_unknowns
+        return held if self.rotation is None else self.rotation.complete(held)
+
+    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
+        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
+        return self.newton.solve_bordered(row, row_lam, rhs, rhs_row)
+
+    def determinant_sign(self, row: Array, row_lam: float) -> int:
+        """Sign of the determinant of the bordered matrix."""
+        return self.newton.determinant_sign(row, row_lam)

@@ -1,0 +1,248 @@
+"""One periodic solution in physical terms: channels with names and units.
+
+:func:`describe` turns a solution of the harmonic balance into a :class:`PeriodicSolution` of :class:`Signal` objects.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.balance.problem import HarmonicBalance, Kinematics, State
+from hbm.fourier import Array, FourierBasis
+from models.rig import UNITS, Channel
+
+DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+TRUE = Channel("true", "displacement")
+"""A sensor that reads what is there."""
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One period of one quantity.
+
+    Attributes
+    ----------
+    unit : str
+        SI unit.
+    coefficients : (2H+1,) array
+        Fourier coefficients a_0, a_1..a_H, b_1..b_H.
+    samples : (N_t,) array
+        Values at the phases of the basis.
+    peak : float
+        Largest magnitude over the period; of the zero-mean signal for a slip, the maximum for a normal reaction.
+    """
+
+    unit: str
+    coefficients: Array
+    samples: Array
+    peak: float
+
+    def __repr__(self) -> str:
+        """Peak and size."""
+        return f"peak {self.peak:.6g} {self.unit}, {len(self.coefficients) // 2} harmonics, {len(self.samples)} samples"
+
+    @property
+    def amplitude(self) -> Array:
+        """Amplitude of harmonics 0..H, (H+1,)."""
+        return amplitudes(self.coefficients)
+
+
+def amplitudes(coefficients: Array) -> Array:
+    """Amplitude of each harmonic, (..., 2H+1) -> (..., H+1)."""
+    H = coefficients.shape[-1] // 2
+    out = np.abs(coefficients[..., : H + 1])
+    out[..., 1:] = np.hypot(coefficients[..., 1 : H + 1], coefficients[..., H + 1 :])
+    return out
+
+
+def as_read(basis: FourierBasis, coefficients: Array, Omega: float, sensor: Channel) -> Array:
+    """Coefficients (2H+1, ...) of what a sensor reads of a signal: gain s(t - delay)."""
+    if sensor.delay == 0.0:
+        return np.asarray(sensor.gain * coefficients)
+    turn = sensor.gain * np.exp(-1j * Omega * sensor.delay * np.arange(basis.H + 1))
+    return basis.real((basis.complex(coefficients).T * turn).T)
+
+
+def _smooth_peak(samples: Array) -> float:
+    """Largest magnitude of a smooth periodic signal, by a parabola through the three samples around it."""
+    magnitude = np.abs(samples)
+    i = int(magnitude.argmax())
+    before, top, after = (float(magnitude[j]) for j in (i - 1, i, (i + 1) % len(samples)))
+    bend = before + after - 2 * top
+    return top - (after - before) ** 2 / (8 * bend) if bend < 0.0 else top
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicSolution:
+    """One steady state of a rig.
+
+    Attributes
+    ----------
+    hz, level : float
+        Excitation frequency [Hz] and force amplitude [N].
+    basis : FourierBasis
+        Of one period of the motion, which may be two of the force (:func:`hbm.response.branching.doubled`).
+    state : State
+        Modal and friction coefficients.
+    channels : dict of str to Signal
+        The rig's channels, `drive` (displacement at the excitation), `slip`, `slip_velocity`, `friction`, `normal`.
+    memory : (states,) array
+        Internal state of the friction law before the first sample.
+    closure : float
+        Change of the friction state over the period, relative to its range.
+    energy_error : float
+        Excitation work minus losses in damping, friction, elements and clamp over a period, relative to the work.
+    """
+
+    hz: float
+    level: float
+    basis: FourierBasis
+    state: State
+    channels: Mapping[str, Signal]
+    memory: Array
+    closure: float
+    energy_error: float
+
+    def __repr__(self) -> str:
+        """Say where it is, and the peak of each channel."""
+        head = (
+            f"steady state at {self.hz:.6g} Hz, {self.level:g} N, H = {self.basis.H}, {self.basis.N_t} samples; peaks:"
+        )
+        width = max(len(name) for name in self.channels)
+        return "\n".join([head, *(f"  {n:<{width}}  {s.peak:.6g} {s.unit}" for n, s in self.channels.items())])
+
+    def __getitem__(self, name: str) -> Signal:
+        """Channel by name."""
+        return self.channels[name]
+
+    @property
+    def lift_off(self) -> bool:
+        """Whether the normal reaction would turn negative: the tip leaves the support, the model does not."""
+        return bool(self.channels["normal"].samples.min() < 0.0)
+
+    @property
+    def off(self) -> float:
+        """Share of the period without a reaction: for which a tip that can lift off is off its support."""
+        return float(np.mean(self.channels["normal"].samples <= 0.0))
+
+    @property
+    def work_rate(self) -> float:
+        """Wear work rate [W], the mean of R |v| over the period (26), v the velocity of the contact point itself.
+
+        The paper prints R v, whose mean over a period can be zero where the contact slides; wear has no sign. Where the
+        reaction would be negative the tip is off its support and does not wear.
+        """
+        return (
+            self.state.Omega
+            / (2 * np.pi)
+            * path_work(np.abs, np.maximum(self["normal"].samples, 0.0), self["slip"].samples)
+        )
+
+    @property
+    def friction_loss(self) -> float:
+        """Energy that friction takes from the structure in one period [J], the area of the loop of T over the slip."""
+        return -path_work(np.asarray, self["friction"].samples, self["slip"].samples)
+
+
+def path_work(measure: Callable[[Array], Array], force: Array, slip: Array) -> float:
+    """Sum of the force over the slip's steps, trapezoidal; from samples, so that a stuck contact does no work."""
+    return float(0.5 * (force + np.roll(force, -1)) @ measure(np.roll(slip, -1) - slip))
+
+
+def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution:
+    """Physical channels of a solution of the harmonic balance.
+
+    Parameters
+    ----------
+    problem : HarmonicBalance
+    x : (size,) array
+        Scaled unknowns.
+    lam : float
+        Continuation parameter.
+
+    Returns
+    -------
+    PeriodicSolution
+    """
+    state = problem.unpack(x, lam)
+    kin, T, memory, closure = problem.contact_state(state)
+    rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
+    friction = Signal("N", basis.analysis @ T, T, float(np.abs(T).max()))
+    modal_slip = kin.signals[:, 0] + problem.dynamic_lagrangian * state.T
+    slip = modal_slip + s.compliance * friction.coefficients
+    # the elastic part C T follows the force at every sample, beyond the harmonics kept
+    slip_samples = basis.synthesis @ modal_slip + s.compliance * T
+    normal = (basis.synthesis @ kin.signals[:, 2]) + (basis.synthesis @ kin.signals[:, 3]) * T
+    if rig.contact.lift_off:
+        tension = _unborne(problem, state)  # of which the balance knows the harmonics kept
+        on_support = normal - basis.synthesis @ (basis.analysis @ tension)
+        normal = np.where(tension > 0.0, 0.0, np.maximum(on_support, 0.0))
+
+    def series(unit: str, coefficients: Array) -> Signal:
+        samples = basis.synthesis @ coefficients
+        return Signal(unit, coefficients, samples, _smooth_peak(samples))
+
+    force = state.F * problem.force_shape
+
+    def motion(
+        place: int, quantity: str, row: Array, by_force: float, by_friction: float, sensor: Channel = TRUE
+    ) -> Signal:
+        coefficients = state.Q @ row + by_force * force + by_friction * friction.coefficients
+        if problem.clamp is not None and kin.clamp is not None:
+            coefficients += problem.clamp.port.residual[place] * kin.clamp.slid
+        if problem.elements is not None and kin.elements is not None:
+            coefficients += kin.elements @ problem.elements.static[:, place - 1]
+        for _ in range(DERIVATIVES[quantity]):
+            coefficients = Omega * basis.derivative(coefficients)
+        return series(UNITS[quantity], as_read(basis, coefficients, Omega, sensor))
+
+    residual = s.residual
+    places = {c.name: i for i, c in enumerate(rig.response_channels, start=2)}
+    channels = {
+        c.name: series("N", force)
+        if c.quantity == "force"
+        else motion(places[c.name], c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)), c)
+        for c in rig.channels
+    }
+    channels |= {
+        "drive": motion(1, "displacement", s.excitation, residual.drive_by_force, residual.slip_by_force),
+        "slip": Signal("m", slip, slip_samples, float(np.abs(slip_samples - slip_samples.mean()).max())),
+        "slip_velocity": series("m/s", Omega * basis.derivative(slip)),
+        "friction": friction,
+        "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
+    }
+    energy = _energy_error(problem, state, kin, channels)
+    return PeriodicSolution(problem.hz_at(lam), state.F, basis, state, channels, memory, closure, energy)
+
+
+def _unborne(problem: HarmonicBalance, state: State) -> Array:
+    """Tension that a tip off its support does not bear, (N_t,) [N]."""
+    elements = problem.elements
+    if elements is None:
+        return np.zeros(problem.basis.N_t)
+    forces = elements.in_time(state.Q, state.Omega, state.F * problem.force_shape)
+    return np.asarray(forces[:, -1] * problem.rig.contact.normal_load / elements.weight[-1])
+
+
+def _energy_error(problem: HarmonicBalance, state: State, kin: Kinematics, channels: Mapping[str, Signal]) -> float:
+    """Excitation work minus losses over a period, relative to the largest of them."""
+    basis, s, Omega, friction = problem.basis, problem.structure, state.Omega, channels["friction"].coefficients
+    slip = kin.signals[:, 0] + problem.dynamic_lagrangian * state.T
+
+    def work(force: Array, displacement: Array) -> float:
+        # mean of s1 s2' over the period from the coefficients, times the period
+        return float(np.pi * np.vdot(force[1:], basis.derivative(displacement)[1:]))
+
+    supplied = work(state.F * problem.force_shape, channels["drive"].coefficients)
+    velocity = Omega * basis.derivative(state.Q)
+    damped = float(np.pi / Omega * np.sum(s.damping * velocity[1:] ** 2))
+    rubbed = -work(friction, slip)
+    taken = 0.0
+    if problem.elements is not None and kin.elements is not None:
+        taken = -work(kin.elements, problem.elements.read(state.Q, state.F * problem.force_shape))
+    taken += 0.0 if kin.clamp is None else kin.clamp.taken
+    largest = max(abs(supplied), damped, abs(rubbed), abs(taken), np.finfo(float).tiny)
+    return (supplied - damped - rubbed - taken) / largest

@@ -1,0 +1,30 @@
+"""Figures of results. Functions take axes and return them, or return a whole figure; none shows or saves anything.
+
+Colour carries the level, line style the stability (dashed where unstable). Nothing global is changed: a user's own
+style stays in force for everything that is not said here. Figures of the inverse problem are in
+:mod:`hbm.figures.inverse`, of identified laws in :mod:`hbm.figures.identification`; :mod:`hbm.figures.page` makes the
+one HTML page that holds figures, tables and what to beware of.
+"""
+
+from hbm.figures.curves import (
+    least_reaction,
+    phase_degrees,
+    plot_contact,
+    plot_curves,
+    plot_frequency_response,
+    plot_phase,
+)
+from hbm.figures.histories import plot_history
+from hbm.figures.loops import plot_loop, plot_loops
+
+__all__ = [
+    "least_reaction",
+    "phase_degrees",
+    "plot_contact",
+    "plot_curves",
+    "plot_frequency_response",
+    "plot_history",
+    "plot_loop",
+    "plot_loops",
+    "plot_phase",
+]

@@ -1,0 +1,121 @@
+"""Figures of backbones: frequency and damping over amplitude, and frequency responses with their backbone."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hbm.figures.style import FAINT, INK, SMALL, WIDTH, dressed, level_colors, new_axes
+from hbm.fourier import Array
+from hbm.modes.amplitudes import StuckMode
+from hbm.modes.backbone import Backbone, NonlinearMode
+from hbm.response.curve import ResponseCurve
+
+MODE, RESONANCE = "#1f4e79", "#c8553d"
+"""Inks of the nonlinear mode and of phase resonance; distinct in grey."""
+
+
+def plot_backbones(backbones: Sequence[Backbone], curves: Sequence[ResponseCurve] = (), *, number: int = 1) -> Figure:
+    """Page of a mode's frequency and damping over amplitude, and of its backbones over frequency responses.
+
+    Parameters
+    ----------
+    backbones : sequence of Backbone
+        Of one mode of one rig.
+    curves : sequence of ResponseCurve
+        Levels to draw beneath them.
+    number : int
+        Of the mode, for the linear limits.
+
+    Returns
+    -------
+    Figure
+    """
+    figure = Figure(figsize=(WIDTH, 7.6), layout="constrained")
+    frequency, damping, response = figure.subplots(3, 1, height_ratios=(1, 1, 1.5)).tolist()
+    plot_frequency(backbones, frequency, number=number)
+    plot_damping(backbones, damping, number=number)
+    damping.sharex(frequency)
+    plot_backbone_over_responses(backbones, curves, response)
+    frequency.set_xlabel("")
+    rig = backbones[0].rig
+    frequency.set_title(f"{rig.name}, {rig.contact.law.name}", fontsize=10, loc="left", color=INK)
+    figure.align_ylabels()
+    return figure
+
+
+def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:
+    """Frequency over drive amplitude, with those of the contact stuck and sliding as thin lines."""
+    ax, rig = new_axes(ax), backbones[0].rig
+    limits = StuckMode.of(rig, number).omega, float(rig.structure.omega_n[number - 1])
+    _mark_limits(ax, *(omega / (2 * np.pi) for omega in limits))
+    _draw(ax, [(b, b.amplitude * 1e3, b.hz) for b in backbones])
+    ax.set_xscale("log")
+    _shade_lift_off(ax, backbones)
+    ax.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+    return dressed(ax, "Drive displacement, fundamental [mm]", "Frequency [Hz]")
+
+
+def plot_damping(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:
+    """Damping ratio over drive amplitude, with those of the contact stuck and sliding as thin lines."""
+    ax, rig, stuck = new_axes(ax), backbones[0].rig, StuckMode.of(backbones[0].rig, number)
+    s = rig.structure
+    _mark_limits(
+        ax, 50 * stuck.damping / stuck.omega, 50 * float(s.damping[number - 1] / s.omega_n[number - 1]), apart=1.5
+    )
+    _draw(ax, [(b, b.amplitude * 1e3, 100 * b.damping_ratio) for b in backbones])
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    _shade_lift_off(ax, backbones)
+    return dressed(ax, "Drive displacement, fundamental [mm]", "Damping ratio [%]")
+
+
+def plot_backbone_over_responses(
+    backbones: Sequence[Backbone], curves: Sequence[ResponseCurve] = (), ax: Axes | None = None
+) -> Axes:
+    """Drive amplitude over frequency: backbones over frequency responses."""
+    ax = new_axes(ax)
+    for curve, color in zip(curves, level_colors(curves) if curves else [], strict=True):
+        ax.plot(curve.hz, curve["drive"].amplitude[:, 1] * 1e3, color=color, linewidth=1.0, label=f"{curve.level:g} N")
+    _draw(ax, [(b, b.hz, b.amplitude * 1e3) for b in backbones])
+    ax.set_yscale("log")
+    if curves:
+        ax.set_xlim(min(float(c.hz.min()) for c in curves), max(float(c.hz.max()) for c in curves))
+        lowest = min(float(c["drive"].amplitude[:, 1].min()) for c in curves)
+        tallest = max(float(c["drive"].amplitude[:, 1].max()) for c in curves)
+        ax.set_ylim(lowest * 1e3 / 1.5, tallest * 1e3 * 2.0)
+        ax.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+    return dressed(ax, "Frequency [Hz]", "Drive displacement,\nfundamental [mm]")
+
+
+def _draw(ax: Axes, lines: Sequence[tuple[Backbone, Array, Array]]) -> None:
+    for backbone, x, y in lines:
+        free = isinstance(backbone, NonlinearMode)
+        ax.plot(
+            x,
+            y,
+            color=MODE if free else RESONANCE,
+            linewidth=1.6 if free else 1.1,
+            linestyle="-" if free else (0, (4, 1.5)),
+            label="nonlinear mode" if free else "phase resonance",
+        )
+
+
+def _mark_limits(ax: Axes, stuck: float, sliding: float, apart: float = 1.0) -> None:
+    """Thin lines at two limits, with one label where their ratio is less than `apart`."""
+    names = {stuck: "stuck", sliding: "sliding"}
+    if max(names) < apart * min(names):
+        names = {stuck: "stuck,\nsliding", sliding: ""}
+    for value, name in names.items():
+        ax.axhline(value, color=FAINT, linewidth=0.8, zorder=0)
+        ax.annotate(name, (1.0, value), (3, 0), ax.get_yaxis_transform(), "offset points", va="center", fontsize=SMALL)
+
+
+def _shade_lift_off(ax: Axes, backbones: Sequence[Backbone]) -> None:
+    """Shade the amplitudes at which the tip would lift off in the first backbone."""
+    first = backbones[0].lift_off
+    if first is not None:
+        ax.axvspan(first * 1e3, backbones[0].amplitude.max() * 1e3, color="0.95", zorder=-1, linewidth=0)
+        across = ax.get_xaxis_transform()
+        ax.text(first * 1e3, 0.5, "lift-off ", transform=across, ha="right", va="center", fontsize=SMALL)

@@ -1,0 +1,247 @@
+"""Figures of frequency responses."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from hbm.figures.style import FAINT, INK, SMALL, WIDTH, Color, dressed, level_colors, new_axes
+from hbm.fourier import Array
+from hbm.response.curve import ResponseCurve
+
+Curves = ResponseCurve | Sequence[ResponseCurve]
+
+MARKERS = {
+    "corner": ("|", 4.0),
+    "fold": ("o", 3.2),
+    "branch point": ("D", 3.4),
+    "Neimark-Sacker": ("s", 3.4),
+    "period doubling": ("^", 4.0),
+    "ends here": ("x", 6.0),
+}
+DASHES = {"unstable": (0, (3, 1.5)), "in doubt": (0, (1, 1))}
+PHASE_TICKS = np.arange(-270, 91, 90)
+
+
+def plot_curves(curves: Curves) -> Figure:
+    """Page with everything about some frequency responses: amplitude, phase, slip, friction, reaction.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+        Levels to overlay.
+
+    Returns
+    -------
+    Figure
+    """
+    curves = _listed(curves)
+    figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
+    rows = figure.subplots(5, 1, sharex=True, height_ratios=(2.4, 1, 1.2, 1.2, 1.4)).tolist()
+    plot_frequency_response(curves, rows[0])
+    plot_phase(curves, rows[1])
+    plot_contact(curves, rows[2:])
+    for ax in rows[:-1]:
+        ax.set_xlabel("")
+    ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
+    rows[0].set_xlim(min(ends), max(ends))
+    rig = curves[0].rig
+    rows[0].set_title(f"{rig.name}, {rig.contact.law.name}", fontsize=10, loc="left", color=INK)
+    figure.align_ylabels()
+    return figure
+
+
+def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bool = True) -> Axes:
+    """Peak drive displacement over the excitation frequency.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+        Levels to overlay.
+    ax : Axes, optional
+        Where to draw; new axes where omitted.
+    label : bool
+        Add a legend of the levels, of unstable stretches (dashed) and of the markers: folds and other bifurcations,
+        corners, the end of a partial curve.
+
+    Returns
+    -------
+    Axes
+    """
+    curves, ax = _listed(curves), new_axes(ax)
+    for curve, color in zip(curves, level_colors(curves), strict=True):
+        y = curve["drive"].peak * 1e3
+        draw_line(ax, curve, y, color)
+        mark(ax, curve, y, color)
+    ax.set_ylim(bottom=0.0)
+    if label:
+        explain(ax)
+    return dressed(ax, "Excitation frequency [Hz]", "Drive displacement,\npeak [mm]")
+
+
+def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
+    """Phase of the drive displacement's fundamental against the force, from -270 to 90 degrees.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+    ax : Axes, optional
+
+    Returns
+    -------
+    Axes
+    """
+    curves, ax = _listed(curves), new_axes(ax)
+    for curve, color in zip(curves, level_colors(curves), strict=True):
+        draw_line(ax, curve, phase_degrees(curve), color)
+    low, high = ax.get_ylim()
+    ax.set_yticks([t for t in PHASE_TICKS if low - 45 < t < high + 45])
+    return dressed(ax, "Excitation frequency [Hz]", "Phase to\nthe force [°]")
+
+
+def phase_degrees(curve: ResponseCurve) -> Array:
+    """Phase of the drive displacement's fundamental [°], in -270..90, negative for a lag."""
+    return np.asarray(np.mod(np.degrees(curve["drive"].phase[:, 1]) + 270.0, 360.0) - 270.0)
+
+
+def plot_contact(curves: Curves, axes: Sequence[Axes] | None = None) -> tuple[Axes, Axes, Axes]:
+    """Slip, friction force and normal reaction over the excitation frequency.
+
+    Slip and friction are peaks over the period; of the reaction the largest and the least are drawn, with the
+    static load and, where the reaction comes near it, the zero at which the tip lifts off.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+    axes : sequence of three Axes, optional
+
+    Returns
+    -------
+    tuple of Axes
+        Slip, friction, reaction.
+    """
+    curves = _listed(curves)
+    slip, friction, normal = _stack(3) if axes is None else axes
+    for curve, color in zip(curves, level_colors(curves), strict=True):
+        draw_line(slip, curve, curve["slip"].peak * 1e6, color)
+        draw_line(friction, curve, curve["friction"].peak, color)
+        draw_line(normal, curve, curve["normal"].peak, color)
+        draw_line(normal, curve, least_reaction(curve), color, linewidth=0.9)
+    slip.set_ylim(bottom=0.0)
+    friction.set_ylim(bottom=0.0)
+    _mark_static_load(normal, curves)
+    dressed(slip, "", "Slip,\npeak [µm]")
+    dressed(friction, "", "Friction force,\npeak [N]")
+    dressed(normal, "Excitation frequency [Hz]", "Normal reaction,\nmax and min [N]")
+    return slip, friction, normal
+
+
+def least_reaction(curve: ResponseCurve) -> Array:
+    """Least normal reaction over the period at every point, (points,) [N]."""
+    return np.array([p.channels["normal"].samples.min() for p in curve.points])
+
+
+def _listed(curves: Curves) -> list[ResponseCurve]:
+    return [curves] if isinstance(curves, ResponseCurve) else list(curves)
+
+
+def _stack(rows: int) -> Sequence[Axes]:
+    import matplotlib.pyplot as plt
+
+    axes: Sequence[Axes] = (
+        plt.figure(figsize=(WIDTH, 5.0), layout="constrained").subplots(rows, 1, sharex=True).tolist()
+    )
+    return axes
+
+
+def draw_line(
+    ax: Axes, curve: ResponseCurve, y: Array, color: Color, linewidth: float = 1.4, label: str | None = None
+) -> None:
+    """Draw a line over what is varied, dashed where the curve says it is unstable, dotted in doubt."""
+    label = f"{curve.level:g} N" if label is None else label
+    if curve.stable is None or curve.doubtful is None:
+        ax.plot(curve.values, y, color=color, linewidth=linewidth, label=label)
+        return
+    unstable = ~curve.stable & ~curve.doubtful
+    ax.plot(curve.values, np.where(unstable | curve.doubtful, np.nan, y), color=color, linewidth=linewidth, label=label)
+    for name, chosen in (("unstable", unstable), ("in doubt", curve.doubtful)):
+        if chosen.any():
+            part = np.where(_with_neighbours(chosen), y, np.nan)
+            ax.plot(curve.values, part, color=color, linewidth=linewidth, linestyle=DASHES[name], label=f"_{name}")
+
+
+def _with_neighbours(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Mask that also covers the entries beside it: the segments that lead there."""
+    wide = mask.copy()
+    wide[1:] |= mask[:-1]
+    wide[:-1] |= mask[1:]
+    return wide
+
+
+def mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
+    """Discreet markers where the curve turns back, has corners, bifurcates, or ends too early."""
+    for kind, (values, heights) in _places(curve, y).items():
+        marker, size = MARKERS[kind]
+        ax.plot(
+            values,
+            heights,
+            linestyle="none",
+            marker=marker,
+            markersize=size,
+            color=color,
+            markerfacecolor="white",
+            markeredgewidth=0.8,
+            label=f"_{kind}",
+        )
+
+
+def _places(curve: ResponseCurve, y: Array) -> dict[str, tuple[Array, Array]]:
+    """What is varied, and height, of the markers of each kind; a bifurcation is marked where it was located."""
+    points = curve.branch.points
+    at = {
+        "corner": [i for i, p in enumerate(points) if p.corner],
+        "fold": [i for i, p in enumerate(points) if p.fold],
+        "ends here": [] if curve.complete else [len(points) - 1],
+    }
+    places = {kind: (curve.values[i], y[i]) for kind, i in at.items()}
+    if curve.stability is None:
+        return places
+    found = [b for b in curve.bifurcations if b.special.located or b.kind.value == "fold"]
+    located = {
+        kind: [b for b in found if b.kind.value == kind] for kind in MARKERS if kind not in ("corner", "ends here")
+    }
+    for kind, found in located.items():
+        drive = [1e3 * b.solution.channels["drive"].peak for b in found]
+        places[kind] = (np.array([curve.value_at(b.special.lam) for b in found]), np.array(drive))
+    return places
+
+
+def explain(ax: Axes) -> None:
+    """Legend: one entry per level, one for what is unstable or in doubt, one per kind of marker that is there."""
+    last = [*DASHES, *MARKERS]
+    drawn = {str(line.get_label()): line for line in ax.lines if np.size(line.get_xdata())}
+    shown = {label: line for label, line in drawn.items() if not label.startswith("_")}
+    shown |= {label: drawn[f"_{label}"] for label in last if f"_{label}" in drawn}
+    if shown:
+        ax.legend(list(shown.values()), list(shown), frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+
+
+def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve]) -> None:
+    """Line at the static load, and at zero where the reaction comes near it."""
+    P = curves[0].rig.contact.normal_load
+    ax.axhline(P, color=FAINT, linewidth=0.8, zorder=0)
+    ax.annotate("$P$", (1.0, P), (3, 0), ax.get_yaxis_transform(), "offset points", va="center", fontsize=SMALL)
+    if min(float(least_reaction(c).min()) for c in curves) < 0.25 * P:
+        ax.axhline(0.0, color="0.35", linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=0)
+        ax.text(
+            0.995,
+            0.0,
+            "lift-off below",
+            transform=ax.get_yaxis_transform(),
+            ha="right",
+            va="bottom",
+            fontsize=SMALL,
+            color="0.35",
+        )

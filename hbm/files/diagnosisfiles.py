@@ -1,0 +1,484 @@
+"""Everything about a diagnosis in one folder: the verdict, the extended rig, figures with their numbers, one HTML page.
+
+``diagnosis.json`` is formats.md section 4; ``extended.toml`` is there where a cause was found.
+:func:`diagnosis_contents` makes the files; :data:`FILES` names all there can be.
+"""
+
+import json
+import math
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hbm.diagnosis.decide import DECISIVE
+from hbm.diagnosis.discrepancy import Discrepancy, MissingForce
+from hbm.diagnosis.verdict import Diagnosis, Ranked
+from hbm.figures import diagnosis as figures
+from hbm.figures.identification import plot_ranking
+from hbm.figures.page import Page, Section, Table, page_html
+from hbm.files.diagnosissummary import WRONG, first_screen, text, verdict_line
+from hbm.files.outputs import Columns, columns_text
+from hbm.files.plates import Plate, plate_contents, plate_files
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.rigfiles.extensions import Extension
+from hbm.rigfiles.load import rig_from_dict
+from hbm.rigfiles.write import extended_rig_text
+from hbm.version import installed_version
+from models.causes.parameter import WrongParameter
+from models.causes.sensors import SensorDelay, SensorGain, SensorPosition
+from models.rig import UNITS, Rig
+
+DIAGNOSIS_FILE, EXTENDED_FILE, PAGE_FILE = "diagnosis.json", "extended.toml", "report.html"
+ERROR_FILE, RANKING_FILE, FORCE_FILE = "errors.csv", "ranking.csv", "missing_force.csv"
+PLATES = ("overview", "gain", "responses", "deviations", "misfit_map", "missing_force", "ranking")
+FILES = (
+    DIAGNOSIS_FILE,
+    EXTENDED_FILE,
+    PAGE_FILE,
+    ERROR_FILE,
+    RANKING_FILE,
+    FORCE_FILE,
+    *(name for plate in PLATES for name in plate_files(plate)),
+)
+"""All files that can be in the folder."""
+
+MODELS, PARTS = figures.MODELS, ("train", "held_out")
+MOST_RANKED = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosed:
+    """A diagnosis with what it was made of.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+    rig : Rig
+        Nominal.
+    spectra : MeasuredSpectra
+    force : Discrepancy or None
+        What the calibrated model lacks; None where it was not worked out.
+    warnings : tuple of str
+        What to beware of, such as a part of the result that is missing.
+    """
+
+    diagnosis: Diagnosis
+    rig: Rig
+    spectra: MeasuredSpectra
+    force: Discrepancy | None = None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def evidence(self) -> tuple[str, ...]:
+        """Sentences: to beware of, of the diagnosis, of the missing force."""
+        return (*self.warnings, *self.diagnosis.evidence, *(self.force.sentences() if self.force else ()))
+
+    @cached_property
+    def compared(self) -> Mapping[str, figures.Compared]:
+        """The models beside all records, by their names; empty where these are not known."""
+        level = dict(zip(self.spectra.records.tolist(), self.spectra.level.tolist(), strict=True))
+        return {} if self.diagnosis.campaign is None else figures.compared(self.diagnosis, level)
+
+    @cached_property
+    def view(self) -> figures.View | None:
+        """What shows the misfit best; of a rig that is consistent, what moves most."""
+        models = self.compared
+        if not models:
+            return None
+        missed = self.diagnosis.verdict != "consistent"
+        return figures.clearest([c for name, c in models.items() if name != "extended"], missed=missed)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of those that were measured."""
+        campaign = self.diagnosis.campaign
+        return () if campaign is None else tuple(campaign.data.channels)
+
+    def answers(self) -> dict[str, str]:
+        """What is said first, by what it answers."""
+        view, where, noise = self.view, "", 0.0
+        if view is not None:
+            where = f"harmonic {view.harmonic} of {self.channels[view.channel]} at {view.level:.3g} N"
+            models = list(self.compared.values())
+            noise = figures.noise_error(models[0], held=bool(self.diagnosis.held_out_records))
+        return first_screen(self.diagnosis, self.force, extensions_of(self.diagnosis, {}), where, noise)
+
+
+def diagnosis_contents(
+    found: Diagnosed, nominal: Path, folder: Path, named: Mapping[type, str] | None = None
+) -> dict[str, str | bytes]:
+    """Contents of the files of a diagnosis, by their names in the folder.
+
+    Parameters
+    ----------
+    found : Diagnosed
+    nominal : Path
+        Rig file, which the extended one repeats.
+    folder : Path
+        Where the files go: causes of one's own are looked for from there.
+    named : mapping of type to str, optional
+        Names of causes of one's own, ``file.py:Class``.
+
+    Returns
+    -------
+    dict of str to str or bytes
+    """
+    plates = diagnosis_plates(found)
+    contents: dict[str, str | bytes] = {
+        DIAGNOSIS_FILE: json.dumps(diagnosis_table(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        ERROR_FILE: columns_text(error_columns(found.diagnosis)),
+        RANKING_FILE: columns_text(ranking_columns(found.diagnosis)),
+    }
+    if found.diagnosis.extended is not None:
+        contents[EXTENDED_FILE] = _extended_text(found.diagnosis, nominal, folder, named or {})
+    if found.force is not None and found.force.explainable:
+        contents[FORCE_FILE] = columns_text(force_columns(found.force))
+    return contents | {PAGE_FILE: page_html(diagnosis_page(found, plates))} | plate_contents(plates)
+
+
+# ---------------------------------------------------------------------------------------------------- verdict and rig
+
+
+def diagnosis_table(found: Diagnosed) -> dict[str, Any]:
+    """The diagnosis file: every key is there, None where a number is not known."""
+    table = found.diagnosis.json()
+    errors = {model: {part: {} for part in PARTS} | table["errors"].get(model, {}) for model in MODELS}
+    if "extended" not in table["errors"]:
+        errors["extended"] = {}
+    known: dict[str, Any] = _finite(table | {"errors": errors, "evidence": list(found.evidence)})
+    return known
+
+
+def _finite(entry: Any) -> Any:
+    """Numbers that are not finite as None."""
+    if isinstance(entry, dict):
+        return {key: _finite(value) for key, value in entry.items()}
+    if isinstance(entry, list | tuple):
+        return [_finite(value) for value in entry]
+    if isinstance(entry, np.generic):
+        entry = entry.item()
+    return None if isinstance(entry, float) and not math.isfinite(entry) else entry
+
+
+def extensions_of(diagnosis: Diagnosis, named: Mapping[type, str]) -> list[Extension]:
+    """What makes the extended rig of the nominal one: calibrated numbers, then causes."""
+    e = diagnosis.extended_fit
+    if e is None:
+        return []
+    calibrated = [(f.name, f.value(x)) for f, x in zip(e.model.free, e.x, strict=True) if f.cause < 0]
+    out = [_corrected(key, value) for key, value in calibrated]
+    for i, cause in enumerate(e.model.causes):
+        out.append(Extension.of(cause, e.model.values(e.x, i), named.get(type(cause), "")))
+    return out
+
+
+def _corrected(key: str, value: float) -> Extension:
+    """The extension that sets a calibrated number."""
+    table, _, rest = key.partition(".")
+    if table != "channels":
+        return Extension.of(WrongParameter(key), {"value": value})
+    channel, _, name = rest.rpartition(".")
+    if name == "gain":
+        return Extension.of(SensorGain(channel), {"gain": value})
+    if name == "delay":
+        return Extension.of(SensorDelay(channel), {"delay_s": value})
+    return Extension.of(SensorPosition(channel), {"position": value})
+
+
+def _extended_text(diagnosis: Diagnosis, nominal: Path, folder: Path, named: Mapping[type, str]) -> str:
+    text = extended_rig_text(nominal.read_text(encoding="utf-8-sig"), extensions_of(diagnosis, named))
+    rig_from_dict(tomllib.loads(text), str(folder / EXTENDED_FILE))
+    return text
+
+
+# ------------------------------------------------------------------------------------------------------------- tables
+
+
+def error_columns(diagnosis: Diagnosis) -> Columns:
+    """Columns of ``errors.csv``: a row per model and part."""
+    rows = [(m, part, e.nrmse, e.chi2_reduced) for m, own in diagnosis.errors.items() for part, e in own.items()]
+    names = ("model", "records", "nrmse", "chi2_reduced")
+    return {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
+
+
+def ranking_columns(diagnosis: Diagnosis) -> Columns:
+    """Columns of ``ranking.csv``: a row per candidate that was fitted, the calibrated nominal among them."""
+    rows = _ranked_rows(diagnosis)
+    names = ("cause", "bic", "chi2", "held_out_nrmse")
+    columns = {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
+    return columns | {"parameters": np.array([row[4] for row in rows])}
+
+
+def _ranked_rows(diagnosis: Diagnosis) -> list[tuple[str, float, float, float, str]]:
+    rows = [_ranked_row(r) for r in diagnosis.ranking]
+    e = diagnosis.calibrated
+    if e is not None:
+        held = diagnosis.errors.get("calibrated", {}).get("held_out")
+        rows.append(("calibrated nominal", e.bic, e.chi2, np.nan if held is None else held.nrmse, ""))
+    return sorted(rows, key=lambda row: row[1])
+
+
+def _ranked_row(r: Ranked) -> tuple[str, float, float, float, str]:
+    held = np.nan if r.held_out_nrmse is None else r.held_out_nrmse
+    return r.label, r.bic, r.chi2, held, "; ".join(f"{name} {text(p)}" for name, p in r.parameters.items())
+
+
+def error_table(diagnosis: Diagnosis) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows of the table of models, as printed and as on the page."""
+    headings = ["model", "error [%]", "held out [%]", "misfit", "misfit held out"]
+    rows = []
+    for name, parts in diagnosis.errors.items():
+        known = [parts.get(part) for part in PARTS]
+        nrmse = ["-" if e is None else f"{100 * e.nrmse:.3g}" for e in known]
+        rows.append([name, *nrmse, *("-" if e is None else f"{e.chi2_reduced:.4g}" for e in known)])
+    return headings, rows
+
+
+def ranking_table(diagnosis: Diagnosis) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows of the table of causes, the best first."""
+    rows = _ranked_rows(diagnosis)[:MOST_RANKED]
+    best = rows[0][1] if rows else 0.0
+    shown = [
+        [cause, f"{bic - best:.4g}", f"{100 * held:.3g}" if math.isfinite(held) else "-", parameters or "-"]
+        for cause, bic, _, held, parameters in rows
+    ]
+    return ["cause", "BIC above best", "held-out error [%]", "parameters"], shown
+
+
+# ------------------------------------------------------------------------------------------------------------ figures
+
+
+def diagnosis_plates(found: Diagnosed) -> list[Plate]:
+    """The figures with their numbers; those of the models only where these are known."""
+    own = found.diagnosis
+    return [
+        *_overview(found),
+        *_gain_plates(own),
+        *_model_plates(found),
+        *_force_plates(found),
+        *_ranking_plates(found),
+    ]
+
+
+def _overview(found: Diagnosed) -> Iterator[Plate]:
+    """The one figure that shows what is wrong, before and after."""
+    view = found.view
+    if view is None:
+        return
+    channel = found.channels[view.channel]
+    (unit,) = (UNITS[c.quantity] for c in found.rig.channels if c.name == channel)
+    most = "moves most" if found.diagnosis.verdict == "consistent" else "the rig file misses most clearly"
+    yield Plate(
+        "overview",
+        "What is wrong",
+        f"Left: what {most}, harmonic {view.harmonic} of {channel} at {view.level:.3g} N, with 95 % bars. Right: "
+        "relative error of each record over all channels and harmonics, beside what noise makes of it. Hollow: records "
+        "held out, which no fit has seen.",
+        figures.plot_overview(found.compared, view, channel, unit),
+        overview_columns(found.compared, view),
+    )
+
+
+def overview_columns(models: Mapping[str, figures.Compared], view: figures.View) -> Columns:
+    """Relative error of each record and of noise in it, by model; and the amplitudes that the view shows."""
+    parts = []
+    for name, c in models.items():
+        first, error, noise = figures.record_errors(c)
+        amplitudes = np.full((2, len(first)), np.nan)
+        shown = view.of(c)
+        place = np.searchsorted(c.record[first], c.record[shown])
+        amplitudes[:, place] = np.abs([c.measured[shown], c.simulated[shown]])
+        parts.append(
+            {
+                "model": np.full(len(first), name),
+                "record": c.record[first],
+                "level": c.level[first],
+                "frequency_hz": c.hz[first],
+                "held_out": c.held_out[first],
+                "relative_error": error,
+                "relative_noise": noise,
+                "measured": amplitudes[0],
+                "simulated": amplitudes[1],
+            }
+        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _gain_plates(d: Diagnosis) -> Iterator[Plate]:
+    if d.errors:
+        caption = (
+            "Relative error, and misfit in noise variances (1: noise alone), of each model on the records it was "
+            "fitted to (filled) and on those held out (hollow)."
+        )
+        yield Plate("gain", "What the extended model gains", caption, figures.plot_gain(d), error_columns(d))
+
+
+def _model_plates(found: Diagnosed) -> Iterator[Plate]:
+    models, channels = found.compared, found.channels
+    if not models:
+        return
+    unit = {c.name: UNITS[c.quantity] for c in found.rig.channels}
+    columns = compared_columns(models, channels)
+    first = {name: values[columns["harmonic"] == 1] for name, values in columns.items() if name != "deviation"}
+    yield Plate(
+        "responses",
+        "Measured and simulated",
+        "Amplitude of the fundamental over the frequency, by level, with 95 % bars: before (nominal, calibrated) and "
+        "after (extended). Hollow: records held out, which no fit has seen.",
+        figures.plot_responses(models, channels, [unit[name] for name in channels]),
+        first,
+    )
+    yield Plate(
+        "deviations",
+        "Deviations",
+        "Measured less simulated fundamental relative to the measured one, phase included; beside what noise makes of "
+        "it. Hollow: records held out.",
+        figures.plot_deviations(models, channels),
+        deviation_columns(models, channels),
+    )
+    yield Plate(
+        "misfit_map",
+        "Where the models miss",
+        "Rms deviation in standard deviations of the noise, 1 where noise alone is left: by channel and harmonic, and "
+        "by record.",
+        figures.plot_misfit_map(models, channels),
+        columns,
+    )
+
+
+def compared_columns(models: Mapping[str, figures.Compared], channels: Sequence[str]) -> Columns:
+    """Every coefficient, a row per model, record, channel and harmonic; real and imaginary part, the force a cosine."""
+    parts = []
+    for name, c in models.items():
+        parts.append(
+            {
+                "model": np.full(len(c.record), name),
+                "record": c.record,
+                "level": c.level,
+                "frequency_hz": c.hz,
+                "channel": np.array(channels)[c.channel],
+                "harmonic": c.harmonic,
+                "held_out": c.held_out,
+                "measured_real": c.measured.real,
+                "measured_imag": c.measured.imag,
+                "simulated_real": c.simulated.real,
+                "simulated_imag": c.simulated.imag,
+                "std": c.std,
+                "deviation": c.deviation,
+            }
+        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def deviation_columns(models: Mapping[str, figures.Compared], channels: Sequence[str]) -> Columns:
+    """Deviation of fundamentals and what noise makes of it, relative to what was measured."""
+    every = compared_columns(models, channels)
+    columns = {name: every[name][every["harmonic"] == 1] for name in every}
+    size = np.hypot(columns["measured_real"], columns["measured_imag"])
+    off = [columns[f"measured_{part}"] - columns[f"simulated_{part}"] for part in ("real", "imag")]
+    kept = ("model", "record", "level", "frequency_hz", "channel", "held_out")
+    return {name: columns[name] for name in kept} | {
+        "relative_deviation": np.hypot(*off) / size,
+        "relative_noise": np.sqrt(2.0) * columns["std"] / size,
+    }
+
+
+def _force_plates(found: Diagnosed) -> Iterator[Plate]:
+    d = found.force
+    if d is None or not d.explainable:
+        return
+    beside = " Each place acts beside a free contact force: no place alone will do." if d.two else ""
+    yield Plate(
+        "missing_force",
+        "What is missing, and where",
+        "What the calibrated model leaves when an unknown force acts at one place, two numbers per record and harmonic "
+        f"(in brackets: share of the misfit beyond noise that it explains).{beside} Below, of the best place: the "
+        "force by harmonics, in phase and in quadrature to the fundamental of the motion, and its "
+        "growth, with 95 % bars; hollow: lost in noise.",
+        figures.plot_missing_force(d),
+        place_columns(d),
+    )
+
+
+def place_columns(d: Discrepancy) -> Columns:
+    """What each place explains, alone and beside the contact."""
+    rows = [(p, False) for p in d.places] + [(p, True) for p in d.beside]
+    values: dict[str, list[Any]] = {
+        "place": [p.place.name for p, _ in rows],
+        "beside_contact": [beside for _, beside in rows],
+        "share": [p.share for p, _ in rows],
+        "chi2": [p.chi2 for p, _ in rows],
+        "noise_variances": [p.left for p, _ in rows],
+        "dissipative_share": [p.dissipative_share for p, _ in rows],
+        "stiffness": [p.stiffness for p, _ in rows],
+    }
+    return {name: np.array(column) for name, column in values.items()}
+
+
+def force_columns(d: Discrepancy) -> Columns:
+    """Columns of ``missing_force.csv``: the force at the best place, a row per record and harmonic."""
+    f: MissingForce = d.best
+    i, k = (part.ravel() for part in np.indices(f.force.shape))
+    return {
+        "record": d.records[i],
+        "level": d.level[i],
+        "frequency_hz": d.hz[i],
+        "place": np.full(len(i), f.place.name),
+        "unit": np.full(len(i), f.place.unit),
+        "harmonic": k + 1,
+        "real": f.force.real.ravel(),
+        "imag": f.force.imag.ravel(),
+        "std": f.std.ravel(),
+        "in_phase": f.turned.real.ravel(),
+        "quadrature": f.turned.imag.ravel(),
+        "against_real": f.seen.real.ravel(),
+        "against_imag": f.seen.imag.ravel(),
+    }
+
+
+def _ranking_plates(found: Diagnosed) -> Iterator[Plate]:
+    rows = _ranked_rows(found.diagnosis)[:MOST_RANKED]
+    if len(rows) < 2:
+        return
+    bic, held = np.array([row[1] for row in rows]), np.array([row[3] for row in rows])
+    yield Plate(
+        "ranking",
+        "Which cause",
+        f"Left: Bayesian information criterion above the best model's; a cause must lower it by {DECISIVE:g}. Right: "
+        "error on the records held out.",
+        plot_ranking([row[0] for row in rows], bic, held if np.isfinite(held).all() else None, DECISIVE),
+        ranking_columns(found.diagnosis),
+    )
+
+
+# --------------------------------------------------------------------------------------------------------------- page
+
+
+def diagnosis_page(found: Diagnosed, plates: Sequence[Plate]) -> Page:
+    """The page about a diagnosis, with its figures; the overview comes first."""
+    answers = found.answers()
+    wrong = answers.pop(WRONG)
+    shown = {plate.name: plate.section for plate in plates}
+    return Page(
+        title=f"{found.rig.name}: what the simulation gets wrong",
+        lead=(verdict_line(found.diagnosis), wrong),
+        warnings=found.warnings,
+        first=shown.pop("overview", None),
+        summary=list(answers.items()),
+        sections=[*_table_sections(found.diagnosis), *shown.values(), Section("Evidence", text=found.evidence)],
+        foot=f"hbm {installed_version()}, hbm diagnose; spectra: {found.spectra.source}",
+    )
+
+
+def _table_sections(d: Diagnosis) -> Iterator[Section]:
+    if d.errors:
+        note = "error: relative rms of all coefficients; misfit: in noise variances, 1 is noise alone"
+        yield Section("Models", table=Table(*error_table(d), note), csv=(ERROR_FILE,))
+    if d.ranking:
+        note = f"fitted causes, the best first; one must lower BIC by {DECISIVE:g}; ± is one standard deviation"
+        yield Section("Causes", table=Table(*ranking_table(d), note), csv=(RANKING_FILE,))

@@ -1,0 +1,191 @@
+"""What a diagnosis says first: six answers for who reads no further, as printed and as on the first screen of the page.
+
+What is wrong, why, what was added to the model, what that gains on records no fit has seen, what remains, and what to
+measure next.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+
+from hbm.diagnosis.discrepancy import Discrepancy
+from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.remainder import percent
+from hbm.diagnosis.verdict import Diagnosis, Estimate
+from hbm.files.identifyreport import Value, value_text
+from hbm.outputerror.fit import Evaluation
+from hbm.rigfiles.extensions import Extension
+from models.causes.cause import Cause
+
+VERDICTS = {
+    "consistent": "Consistent",
+    "cause-found": "Cause found",
+    "main-cause": "Main cause",
+    "unexplained": "Unexplained",
+}
+"""Verdicts in words."""
+
+WRONG = "What is wrong"
+"""The first question."""
+
+NEW_MOUNTING = (
+    "Mount the structure anew and repeat some records: only that tells whether what remains is the structure itself. "
+    "What does not repeat is stated with --repeatability."
+)
+
+MOST_IN = "most in records "
+"""Beginning of the place of a remainder that names records."""
+
+
+def verdict_line(d: Diagnosis) -> str:
+    """The verdict, the cause and how sure it is."""
+    cause = "" if d.cause is None else f" {d.cause},"
+    rest = "; the rest is unexplained" if d.verdict == "main-cause" else ""
+    return f"{VERDICTS[d.verdict]}:{cause} {d.belief} (confidence {d.confidence:.2f}){rest}."
+
+
+def first_screen(
+    d: Diagnosis, force: Discrepancy | None, added: Sequence[Extension], where: str, noise: float
+) -> dict[str, str]:
+    """The six answers by what they answer.
+
+    Parameters
+    ----------
+    d : Diagnosis
+    force : Discrepancy or None
+        What the calibrated model lacks.
+    added : sequence of Extension
+        What makes the extended rig of the nominal one.
+    where : str
+        What shows the misfit best, in words.
+    noise : float
+        Relative error that noise alone makes, on the records held out if there are any; 0 where it is not known.
+
+    Returns
+    -------
+    dict of str to str
+    """
+    return {
+        WRONG: _wrong(d, where),
+        "Why": " ".join(_why(d, force)),
+        "Added to the model": _added(d, added),
+        "Gain": _gain(d, noise),
+        "What remains": d.remainder.sentence,
+        "What to measure next": " ".join(_next(d, force)),
+    }
+
+
+def text(p: Estimate) -> str:
+    """A parameter with its standard deviation and unit."""
+    return p.value if isinstance(p.value, str) else value_text(Value("", p.value, p.std, p.unit))
+
+
+def _wrong(d: Diagnosis, where: str) -> str:
+    nominal, calibrated = (percent(d.errors[name]["train"].nrmse) for name in ("nominal", "calibrated"))
+    missed = f"rig file misses the records fitted by {nominal} of their response, and by {calibrated} once calibrated"
+    if d.verdict != "consistent":
+        return f"The {missed}, most clearly in {where}."
+    if d.remainder.structured:
+        return f"Little. The {missed}, of which {percent(d.remainder.size)} are more than noise."
+    return f"Nothing. The {missed}, which is noise."
+
+
+def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
+    if d.extended_fit is not None:
+        e = d.extended_fit
+        yield "; beside it ".join(_said(d, e, i) for i in range(len(e.model.causes))) + "."
+        if d.not_separable:
+            yield f"These records cannot tell it from {', '.join(d.not_separable)}."
+    elif d.verdict == "unexplained":
+        yield "No cause that was tried takes most of the misfit."
+        yield from _missing(force)
+    elif d.remainder.structured:
+        yield "No cause that was tried takes most of what is left."
+    elif d.nominal is not None and d.campaign is not None and misfit(d.nominal, d.campaign).fits:
+        yield "No cause that was tried makes the records decisively likelier."
+    else:
+        yield "Numbers of the rig file that moved within their tolerances explain the difference."
+
+
+def _missing(force: Discrepancy | None) -> Iterator[str]:
+    """The place of the force that is missing, if it can be told."""
+    if force is not None and force.explainable:
+        best, beside = force.best, " beside one at the contact" if force.two else ""
+        share = percent(best.share)
+        yield f"An unknown {best.place.kind} at {best.place.name}{beside} would explain {share} of it."
+
+
+def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
+    """A cause in words, with its numbers and those of the rig file; of the first the standard deviations are known."""
+    cause, known = e.model.causes[i], d.parameters if i == 0 else {}
+    unknowns = {u.name: u for u in e.model.unknowns[i]}
+    numbers = []
+    for name, value in e.model.values(e.x, i).items():
+        found = text(known.get(name, Estimate(value, unit=unknowns[name].unit)))
+        numbers.append(f"{name} {found}{_instead_of(unknowns[name].neutral)}")
+    told = f" ({', '.join(numbers)})" if numbers else ""
+    return f"{cause.label}{told}: {cause.meaning}"
+
+
+def _instead_of(neutral: float) -> str:
+    """What the rig file says, where it says anything."""
+    return f" instead of {neutral:.4g}" if math.isfinite(neutral) and neutral != 0.0 else ""
+
+
+def _added(d: Diagnosis, added: Sequence[Extension]) -> str:
+    if d.extended_fit is None:
+        return "Nothing."
+    count = len(d.extended_fit.model.causes)
+    causes = " and ".join(extension.cause.label for extension in added[len(added) - count :])
+    calibrated = len(added) - count
+    rest = f"{calibrated} numbers of the rig file are calibrated beside it" if calibrated else "nothing else is changed"
+    return f"extended.toml is the rig file with {causes}; {rest}."
+
+
+def _gain(d: Diagnosis, noise: float) -> str:
+    count = len(d.held_out_records)
+    part, records = "train", "records fitted (none was held out)"
+    if count:
+        part, records = "held_out", f"{count} record{'s' * (count > 1)} held out"
+    models = {
+        "nominal": "with the rig file as it is",
+        "calibrated": "with it calibrated",
+        "extended": f"with {d.cause}",
+    }
+    known = [(d.errors[name][part].nrmse, said) for name, said in models.items() if part in d.errors.get(name, {})]
+    told = [f"{percent(nrmse)} {said}" for nrmse, said in known]
+    alone = f"; {percent(noise)} by noise alone" if noise > 0.0 else ""
+    return f"{'' if 'extended' in d.errors else 'None. '}Error on the {records}: {', '.join(told)}{alone}."
+
+
+def _next(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
+    if d.not_separable:
+        advice = d.separate_by or "no experiment that was simulated would"
+        yield f"To tell {d.cause} from {d.not_separable[0]}: {advice}."
+    if d.extended_fit is not None:
+        yield from _checks(d.extended_fit.model.causes)
+    if d.verdict == "main-cause":
+        yield "For the rest, run hbm diagnose on extended.toml: it places the force that is still missing."
+    elif d.verdict == "unexplained":
+        yield from _where_to_look(d, force)
+    elif d.remainder.structured:
+        yield NEW_MOUNTING
+    elif d.verdict == "consistent":
+        yield "Nothing for these records. Levels, modes and harmonics that were not measured may still show something."
+
+
+def _checks(causes: Sequence[Cause]) -> Iterator[str]:
+    """How to check causes; one of one's own need not say."""
+    for cause in causes:
+        check = getattr(cause, "check", "")
+        if check:
+            yield f"To confirm {cause.label}: {check}."
+
+
+def _where_to_look(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
+    records = [place.removeprefix(MOST_IN) for place in d.remainder.places if place.startswith(MOST_IN)]
+    yield f"Add records where most remains{f': {records[0]}' if records else ''}."
+    if force is not None and force.explainable:
+        place = force.best.place
+        yield f"Look at {place.name}: the missing {place.kind} is there, if it is at one place."
+    else:
+        yield "More accelerometers would place the force that is missing."

@@ -1,0 +1,385 @@
+"""Everything about identified friction laws in one folder: ranking, parameters, figures, one HTML page.
+
+It takes plain numbers, :class:`IdentifiedLaw`, wherever they come from; :data:`FILES` names all files there can be.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.signal import resample
+
+from hbm.figures import identification as figures
+from hbm.figures.identification import ParameterByLevel
+from hbm.figures.page import Page, Section, Table, page_html
+from hbm.figures.style import closed
+from hbm.files.inversefiles import record_columns
+from hbm.files.inversereport import with_std
+from hbm.files.outputs import Columns, columns_text
+from hbm.files.plates import Plate, plate_contents, plate_files
+from hbm.fourier import Array
+from hbm.identification.lawfit import LawFit
+from hbm.identification.spectra import SpectraFit
+from hbm.inverse.reconstruction import Reconstruction
+from hbm.version import installed_version
+
+PAGE_FILE, LAW_FILE, PARAMETER_FILE = "report.html", "laws.csv", "parameters.csv"
+OUTPUT_ERROR_FILE = "output_error.csv"
+PLATES = ("law_loops", "law_residuals", "parameters", "ranking")
+FILES = (
+    PAGE_FILE,
+    LAW_FILE,
+    PARAMETER_FILE,
+    OUTPUT_ERROR_FILE,
+    *(name for plate in PLATES for name in plate_files(plate)),
+)
+"""All files that can be in the folder."""
+
+MOST_DRAWN = 4
+BY_LEVEL_COLUMNS = ("law", "parameter", "unit", "level", "value", "std")
+
+
+@dataclass(frozen=True)
+class Value:
+    """An identified parameter with its standard deviation, nan where it is not known, and unit."""
+
+    name: str
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class IdentifiedLaw:
+    """A fitted friction law as its report needs it.
+
+    Attributes
+    ----------
+    law : str
+    values : tuple of Value
+    chi2_reduced, bic : float
+    held_out : float
+        Relative error of friction on records the law was not fitted to; nan where none were held out.
+    range_error : float
+        Obj (24) of the paper: mean squared difference of the ranges of the friction force [N^2].
+    slip, friction : (r, N) array
+        What it predicts of the reconstruction's records [m], [N]; nan where a record was held out.
+    by_level : tuple of ParameterByLevel
+    """
+
+    law: str
+    values: tuple[Value, ...]
+    chi2_reduced: float
+    bic: float
+    held_out: float
+    range_error: float
+    slip: Array
+    friction: Array
+    by_level: tuple[ParameterByLevel, ...] = field(default=())
+
+
+def identified_law(
+    fit: LawFit, reconstruction: Reconstruction, by_level: Mapping[float, LawFit] | None = None
+) -> IdentifiedLaw:
+    """A fitted law as its report needs it.
+
+    Parameters
+    ----------
+    fit : LawFit
+        Fitted to records of the reconstruction.
+    reconstruction : Reconstruction
+    by_level : mapping of float to LawFit, optional
+        The same law fitted to each level alone.
+
+    Returns
+    -------
+    IdentifiedLaw
+    """
+    places = [reconstruction.index(int(record)) for record in fit.records]
+    fitted = {}
+    for name, samples in {"slip": fit.loops.fitted_slip, "friction": fit.loops.fitted_friction}.items():
+        fitted[name] = np.full((len(reconstruction), len(reconstruction.phase)), np.nan)
+        fitted[name][places] = resample(samples, len(reconstruction.phase), axis=1)
+    return IdentifiedLaw(
+        law=fit.name,
+        values=tuple(Value(p.name, p.value, p.std, p.unit) for p in fit.parameters.entries),
+        chi2_reduced=fit.quality.chi2_reduced,
+        bic=fit.quality.bic,
+        held_out=np.nan if fit.held_out is None else fit.held_out.relative_error,
+        range_error=fit.objective,
+        by_level=tuple(_by_level(fit, by_level or {})),
+        **fitted,
+    )
+
+
+def law_warnings(fit: LawFit) -> list[str]:
+    """What to beware of in a fit, a line each."""
+    quality, lines = fit.quality, []
+    if not quality.fits:
+        lines.append(
+            f"does not fit, misfit {quality.chi2_reduced:.3g} per degree of freedom; standard deviations are "
+            f"multiplied by {quality.inflation:.3g}"
+        )
+    lines += [f"{p.name} is not determined, {p.undetermined}" for p in fit.parameters.entries if p.undetermined]
+    return [f"{fit.name}: {line}" for line in (*lines, *fit.notes)]
+
+
+def _by_level(fit: LawFit, by_level: Mapping[float, LawFit]) -> Iterator[ParameterByLevel]:
+    """Parameters that were fitted to each level."""
+    for p in fit.parameters.entries if by_level else ():
+        if not p.held:
+            found = [alone[p.name] for alone in by_level.values()]
+            value, std = np.array([[one.value, one.std] for one in found]).T
+            yield ParameterByLevel(fit.name, p.name, p.unit, np.array(list(by_level)), value, std, p.value, p.std)
+
+
+def identify_contents(
+    reconstruction: Reconstruction,
+    laws: Sequence[IdentifiedLaw],
+    *,
+    verdict: str = "",
+    output_error: SpectraFit | None = None,
+    warnings: Sequence[str] = (),
+) -> dict[str, str | bytes]:
+    """Contents of the files of an identification, by their names in the folder.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+        What the laws were fitted to.
+    laws : sequence of IdentifiedLaw
+    verdict : str
+        Which law is best, and which cannot be told from it.
+    output_error : SpectraFit, optional
+        The best law fitted to the spectra themselves.
+    warnings : sequence of str
+
+    Returns
+    -------
+    dict of str to str or bytes
+    """
+    plates = identify_plates(reconstruction, laws)
+    contents: dict[str, str | bytes] = {
+        LAW_FILE: columns_text(law_columns(laws)),
+        PARAMETER_FILE: columns_text(parameter_columns(laws)),
+        PAGE_FILE: page_html(identify_page(reconstruction, laws, plates, verdict, output_error, warnings)),
+    }
+    if output_error is not None:
+        contents[OUTPUT_ERROR_FILE] = columns_text(output_error_columns(output_error))
+    return contents | plate_contents(plates)
+
+
+# ------------------------------------------------------------------------------------------------------------- tables
+
+
+def ranked(laws: Sequence[IdentifiedLaw]) -> list[IdentifiedLaw]:
+    """Laws in the order of their BIC, the best first."""
+    return sorted(laws, key=lambda law: law.bic)
+
+
+def law_columns(laws: Sequence[IdentifiedLaw]) -> Columns:
+    """Columns of ``laws.csv``: a row per law, the best first; `obj_24` is the paper's objective [N^2]."""
+    order = ranked(laws)
+    numbers = {
+        "chi2_reduced": [law.chi2_reduced for law in order],
+        "bic": [law.bic for law in order],
+        "held_out_error": [law.held_out for law in order],
+        "obj_24": [law.range_error for law in order],
+    }
+    return {"law": np.array([law.law for law in order])} | {name: np.array(column) for name, column in numbers.items()}
+
+
+def parameter_columns(laws: Sequence[IdentifiedLaw]) -> Columns:
+    """Columns of ``parameters.csv``: value and std of every parameter, level blank where it is of all levels."""
+    rows: list[tuple[str, str, str, float, float, float]] = []
+    for law in ranked(laws):
+        rows += [(law.law, v.name, v.unit, np.nan, v.value, v.std) for v in law.values]
+        for p in law.by_level:
+            each = zip(p.level.tolist(), p.value.tolist(), p.std.tolist(), strict=True)
+            rows += [(law.law, p.name, p.unit, *numbers) for numbers in each]
+    return {name: np.array([row[i] for row in rows]) for i, name in enumerate(BY_LEVEL_COLUMNS)}
+
+
+def output_error_columns(fit: SpectraFit) -> Columns:
+    """Columns of ``output_error.csv``: parameters of the law fitted to the spectra themselves."""
+    values = fit.parameters.entries
+    return {
+        "law": np.array([fit.name] * len(values)),
+        "parameter": np.array([p.name for p in values]),
+        "unit": np.array([p.unit for p in values]),
+        "value": np.array([p.value for p in values]),
+        "std": np.array([p.std for p in values]),
+    }
+
+
+def law_table(laws: Sequence[IdentifiedLaw]) -> tuple[list[str], list[list[str]]]:
+    """Headings and rows of the table of laws, the best first, as printed and as on the page."""
+    order = ranked(laws)
+    headings = ["law", "misfit", "BIC above best", "held-out error [%]", "Obj (24) [N²]", "parameters"]
+    rows = []
+    for law in order:
+        held = f"{100 * law.held_out:.3g}" if np.isfinite(law.held_out) else "-"
+        values = "; ".join(f"{v.name} {value_text(v)}" for v in law.values)
+        row = [law.law, f"{law.chi2_reduced:.4g}", f"{law.bic - order[0].bic:.4g}", held, f"{law.range_error:.3g}"]
+        rows.append([*row, values])
+    return headings, rows
+
+
+def value_text(v: Value) -> str:
+    """A value with its standard deviation and unit, a power of ten before both where it is large or small.
+
+    >>> value_text(Value("critical_slip", 4.1506e-6, 2.1e-8, "m"))
+    '(4.151 ± 0.021)e-6 m'
+    >>> value_text(Value("mu", 0.52, 0.0013, "1"))
+    '0.5200 ± 0.0013'
+    """
+    unit = "" if v.unit in ("", "1") else f" {v.unit}"
+    power = int(np.floor(np.log10(abs(v.value)))) if v.value else 0
+    if -3 <= power <= 3:
+        return with_std(v.value, v.std) + unit
+    scaled = with_std(v.value / 10.0**power, v.std / 10.0**power)
+    return f"({scaled})e{power}{unit}" if "±" in scaled else f"{scaled}e{power}{unit}"
+
+
+# ------------------------------------------------------------------------------------------------------------- figures
+
+
+def identify_plates(reconstruction: Reconstruction, laws: Sequence[IdentifiedLaw]) -> list[Plate]:
+    """The figures with their numbers; parameters by level only where there are some."""
+    order = ranked(laws)
+    predicted = {law.law: law.friction for law in order}
+    slips = {law.law: law.slip for law in order}
+    held = np.array([law.held_out for law in order])
+    by_level = [p for law in order for p in law.by_level]
+    plates = [
+        Plate(
+            "ranking",
+            "Which law",
+            "Left: Bayesian information criterion above the best law's; a difference above 10 is decisive. Right, "
+            "where records were held out: relative error of the friction force there.",
+            figures.plot_ranking(
+                list(predicted), np.array([law.bic for law in order]), held if np.isfinite(held).all() else None
+            ),
+            law_columns(laws),
+        ),
+        Plate(
+            "law_loops",
+            "Loops",
+            "Fitted laws under the reconstructed slip and reaction, on the reconstructed loop (grey, 95 % band).",
+            figures.plot_law_loops(reconstruction, predicted, drawn_records(reconstruction, predicted), slip=slips),
+            loop_columns(reconstruction, predicted, slips),
+        ),
+        Plate(
+            "law_residuals",
+            "What the laws leave",
+            "Rms over the records of what is left of each cosine and sine of the friction force. Right: relative "
+            "to the resolution of the sensors; a law that is right stays near 1, where the noise of the slip, through "
+            "the law's stiffness, adds to it.",
+            figures.plot_law_residuals(reconstruction, predicted),
+            residual_columns(reconstruction, predicted),
+        ),
+    ]
+    if by_level:
+        caption = (
+            "Fitted to each force level alone, with 95 % bars, beside the value of all levels (line and band). A "
+            "parameter that drifts with the level says that the law is not the right one. Hollow: not determined, the "
+            "standard deviation exceeds the value; such bars leave the panel."
+        )
+        columns = parameter_columns(laws)
+        plates.append(
+            Plate(
+                "parameters",
+                "Parameters by level",
+                caption,
+                figures.plot_parameters(by_level, list(predicted)),
+                columns,
+            )
+        )
+    return plates
+
+
+def drawn_records(reconstruction: Reconstruction, predicted: figures.Predicted) -> list[int]:
+    """Records whose loops are drawn: those that show most, of those that no law was kept from."""
+    seen = [record for record in figures.loop_records(reconstruction) if _seen(reconstruction, predicted, record)]
+    every = reconstruction.spectra.records.tolist()
+    return seen or [record for record in every if _seen(reconstruction, predicted, record)][:MOST_DRAWN]
+
+
+def _seen(reconstruction: Reconstruction, predicted: figures.Predicted, record: int) -> bool:
+    i = reconstruction.index(record)
+    return all(bool(np.isfinite(forces[i]).all()) for forces in predicted.values())
+
+
+def loop_columns(reconstruction: Reconstruction, predicted: figures.Predicted, slips: figures.Predicted) -> Columns:
+    """Closed loops of the records drawn: slip and friction with standard deviations, and those of each law."""
+    places = [reconstruction.index(record) for record in drawn_records(reconstruction, predicted)]
+    phase = np.append(reconstruction.phase, 1.0)
+    slip, friction = reconstruction["slip"], reconstruction["friction"]
+    shown = {"slip": slip.samples, "slip_std": slip.std, "friction": friction.samples, "friction_std": friction.std}
+    for law, forces in predicted.items():
+        shown |= {f"slip_{law}": slips[law], f"friction_{law}": forces}
+    columns = record_columns(reconstruction, np.repeat(places, len(phase))) | {"phase": np.tile(phase, len(places))}
+    return columns | {name: np.concatenate([closed(values[i]) for i in places]) for name, values in shown.items()}
+
+
+def residual_columns(reconstruction: Reconstruction, predicted: figures.Predicted) -> Columns:
+    """Rms residual of each harmonic, in N and relative to the resolution of the sensors."""
+    columns = {"harmonic": np.arange(1.0, reconstruction.H + 1), "resolution": figures.residual_noise(reconstruction)}
+    for law, forces in predicted.items():
+        columns[f"rms_{law}"], columns[f"relative_{law}"] = figures.law_residuals(reconstruction, forces)
+    return columns
+
+
+# ---------------------------------------------------------------------------------------------------------------- page
+
+
+def identify_page(
+    reconstruction: Reconstruction,
+    laws: Sequence[IdentifiedLaw],
+    plates: Sequence[Plate],
+    verdict: str,
+    output_error: SpectraFit | None,
+    warnings: Sequence[str],
+) -> Page:
+    """The page about identified laws, with its figures."""
+    best, r = ranked(laws)[0], reconstruction
+    table = Section(
+        "Laws",
+        table=Table(*law_table(laws), "misfit: per degree of freedom, 1 is noise alone; ± is one standard deviation"),
+        csv=(LAW_FILE, PARAMETER_FILE),
+    )
+    return Page(
+        title=f"{r.rig.name}: friction laws",
+        lead=(
+            f"{len(laws)} friction law{'s' * (len(laws) > 1)} fitted to the friction force that was reconstructed from "
+            f"{len(r)} records, weighed by its uncertainty.",
+            *filter(None, [verdict]),
+        ),
+        warnings=warnings,
+        summary=(
+            ("Best law", best.law),
+            *((v.name, value_text(v)) for v in best.values),
+            ("Misfit per degree of freedom", f"{best.chi2_reduced:.3g} (1: only noise is left)"),
+        ),
+        sections=(table, *_output_error_sections(laws, output_error), *(plate.section for plate in plates)),
+        foot=f"hbm {installed_version()}, hbm identify; spectra: {r.spectra.source}",
+    )
+
+
+def _output_error_sections(laws: Sequence[IdentifiedLaw], fit: SpectraFit | None) -> list[Section]:
+    """The law fitted to the spectra themselves, beside what was identified from the contact signals."""
+    if fit is None:
+        return []
+    before = {v.name: value_text(v) for law in laws if law.law == fit.name for v in law.values}
+    rows = [
+        [p.name, before.get(p.name, "-"), value_text(Value(p.name, p.value, p.std, p.unit))]
+        for p in fit.parameters.entries
+    ]
+    told = (
+        f"{fit.name}, through the forward model: each steady state simulated and compared with the measured responses; "
+        f"misfit {fit.quality.chi2_reduced:.3g} per degree of freedom, {len(fit.records)} records. {fit.numerics}",
+    )
+    table = Table(("parameter", "from contact signals", "from spectra"), rows)
+    return [
+        Section("Fitted to the spectra themselves", text=(*told, *fit.failures), table=table, csv=(OUTPUT_ERROR_FILE,))
+    ]

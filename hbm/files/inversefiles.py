@@ -1,0 +1,274 @@
+"""Reconstruction files: written, and the table of signals read back, formats.md section 4.
+
+``reconstruction.csv`` holds the signals over the period, ``energy.csv`` a row per record, ``harmonics.csv`` a row per
+record and harmonic; ``reconstruction.mat`` and ``reconstruction.nc`` hold all of it as arrays.
+"""
+
+import math
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.errors import InputError
+from hbm.files.outputs import columns_text, write_folder
+from hbm.fourier import Array
+from hbm.inverse.reconstruction import SIGNALS, Reconstruction
+from hbm.measurement.exchange import Named, write_arrays
+from hbm.textfiles import StrPath, csv_text, read_rows
+
+RECORD = ("record", "level", "frequency_hz")
+COLUMNS = (*RECORD, "phase", *(f"{name}{part}" for name in SIGNALS for part in ("", "_std")))
+ENERGY = (
+    *RECORD,
+    *("work_rate", "work_rate_std", "energy_per_cycle", "energy_per_cycle_std"),
+    *("slips", "chi2_reduced"),
+)
+IN_HARMONICS = ("friction", "slip", "normal")
+PARTS = ("cos", "sin", "amplitude", "std")
+HARMONICS = (
+    *RECORD,
+    "harmonic",
+    *(f"{name}_{part}" for name in IN_HARMONICS for part in PARTS),
+    "resolution",
+    "condition",
+)
+SIGNAL_FILE, NETCDF_FILE = "reconstruction.csv", "reconstruction.nc"
+FILES = (SIGNAL_FILE, "energy.csv", "harmonics.csv", "reconstruction.mat", NETCDF_FILE)
+NEEDED_FOR_NETCDF = ("xarray", "h5netcdf")
+
+
+# ------------------------------------------------------------------------------------------------------------ writing
+
+
+def write_reconstruction(folder: StrPath, reconstruction: Reconstruction, *, netcdf: bool | None = None) -> list[Path]:
+    """Write a reconstruction into a folder.
+
+    Parameters
+    ----------
+    folder : str or path
+        Made where it does not exist, in a directory that does.
+    reconstruction : Reconstruction
+    netcdf : bool, optional
+        Write ``reconstruction.nc`` too; where omitted, if the packages that make it are there.
+
+    Returns
+    -------
+    list of Path
+        Files written.
+
+    Raises
+    ------
+    InputError
+        If the files cannot be written; then none is. If NetCDF is asked for and its packages are missing.
+    """
+    return write_folder(folder, reconstruction_contents(reconstruction, netcdf=netcdf), FILES)
+
+
+def reconstruction_contents(reconstruction: Reconstruction, *, netcdf: bool | None = None) -> dict[str, str | bytes]:
+    """Contents of the files, see :func:`write_reconstruction`."""
+    arrays = reconstruction_arrays(reconstruction)
+    contents: dict[str, str | bytes] = {
+        SIGNAL_FILE: csv_text(_signal_rows(reconstruction)),
+        "energy.csv": columns_text(energy_columns(reconstruction)),
+        "harmonics.csv": columns_text(harmonic_columns(reconstruction)),
+        "reconstruction.mat": _array_bytes(".mat", *arrays),
+    }
+    if netcdf or (netcdf is None and has_netcdf()):
+        contents[NETCDF_FILE] = _array_bytes(".nc", *arrays)
+    return contents
+
+
+def has_netcdf() -> bool:
+    """Whether the packages that make NetCDF files are installed."""
+    from importlib.util import find_spec
+
+    return all(find_spec(package) is not None for package in NEEDED_FOR_NETCDF)
+
+
+def record_columns(reconstruction: Reconstruction, places: npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:
+    """Number, level and frequency of records by their places."""
+    spectra, i = reconstruction.spectra, np.asarray(places)
+    return dict(zip(RECORD, (spectra.records[i], spectra.level[i], spectra.hz[i]), strict=True))
+
+
+def _signal_rows(reconstruction: Reconstruction) -> Iterator[list[Any]]:
+    yield list(COLUMNS)
+    phase = reconstruction.phase.tolist()
+    spectra = reconstruction.spectra
+    for i, state in enumerate(zip(spectra.records.tolist(), spectra.level.tolist(), spectra.hz.tolist(), strict=True)):
+        signals = (reconstruction[name] for name in SIGNALS)
+        columns = [part[i].tolist() for s in signals for part in (s.samples, s.std)]
+        yield from ([*state, *row] for row in zip(phase, *columns, strict=True))
+
+
+def energy_columns(reconstruction: Reconstruction) -> dict[str, npt.NDArray[Any]]:
+    """Columns of ``energy.csv``: a row per record."""
+    work, energy = reconstruction.work_rate, reconstruction.energy_per_cycle
+    values: Sequence[npt.NDArray[Any]] = (
+        *(work.value, work.std, energy.value, energy.std),
+        *(reconstruction.slips, reconstruction.misfit.reduced),
+    )
+    records = record_columns(reconstruction, np.arange(len(reconstruction)))
+    return {**records, **dict(zip(ENERGY[len(RECORD) :], values, strict=True))}
+
+
+def harmonic_columns(reconstruction: Reconstruction) -> dict[str, npt.NDArray[Any]]:
+    """Columns of ``harmonics.csv``: a row per record and harmonic; blank resolution where the sensors see nothing."""
+    r, k = np.indices((len(reconstruction), reconstruction.H + 1)).reshape(2, -1)
+    columns = {**record_columns(reconstruction, r), "harmonic": k}
+    for name in IN_HARMONICS:
+        c, std = reconstruction[name].amplitudes[r, k], reconstruction[name].amplitude_std[r, k]
+        parts = (c.real, np.where(k, -c.imag, 0.0), np.abs(c), std)
+        columns |= {f"{name}_{part}": values for part, values in zip(PARTS, parts, strict=True)}
+    return columns | {"resolution": reconstruction.resolution[r, k], "condition": reconstruction.condition[r, k]}
+
+
+def reconstruction_arrays(reconstruction: Reconstruction) -> tuple[Named, Named]:
+    """Arrays and coordinates of a NetCDF or MAT file, each with its dimensions and unit.
+
+    Parameters
+    ----------
+    reconstruction : Reconstruction
+
+    Returns
+    -------
+    arrays, coordinates : mapping of str to (dimensions, values, unit)
+        Signals and their ``_std`` over (record, phase); their ``_cos``, ``_sin`` and ``_harmonic_std`` over (record,
+        harmonic); numbers per record.
+    """
+    spectra = reconstruction.spectra
+    arrays: dict[str, tuple[Sequence[str], Any, str]] = {}
+    over_phase, over_harmonics, each = ("record", "phase"), ("record", "harmonic"), ("record",)
+    for name, unit in SIGNALS.items():
+        s = reconstruction[name]
+        arrays[name] = over_phase, s.samples, unit
+        arrays[f"{name}_std"] = over_phase, np.array(s.std), unit
+        arrays[f"{name}_cos"] = over_harmonics, s.amplitudes.real, unit
+        arrays[f"{name}_sin"] = over_harmonics, -s.amplitudes.imag, unit
+        arrays[f"{name}_harmonic_std"] = over_harmonics, s.amplitude_std, unit
+    for name, estimate in (
+        ("work_rate", reconstruction.work_rate),
+        ("energy_per_cycle", reconstruction.energy_per_cycle),
+    ):
+        arrays[name], arrays[f"{name}_std"] = (each, estimate.value, estimate.unit), (each, estimate.std, estimate.unit)
+    arrays["slips"] = each, reconstruction.slips.astype(np.int8), "1"
+    arrays["chi2_reduced"] = each, reconstruction.misfit.reduced, "1"
+    arrays["resolution"] = over_harmonics, reconstruction.resolution, "N"
+    arrays["condition"] = over_harmonics, reconstruction.condition, "1"
+    coordinates: Named = {
+        "record": (each, spectra.records, "1"),
+        "level": (each, spectra.level, "N"),
+        "frequency_hz": (each, spectra.hz, "Hz"),
+        "phase": (("phase",), reconstruction.phase, "1"),
+        "harmonic": (("harmonic",), np.arange(reconstruction.H + 1), "1"),
+    }
+    return arrays, coordinates
+
+
+def _array_bytes(ending: str, arrays: Named, coordinates: Named) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / f"reconstruction{ending}"
+        write_arrays(file, arrays, coordinates)
+        return file.read_bytes()
+
+
+# ------------------------------------------------------------------------------------------------------------ reading
+
+
+@dataclass(frozen=True, eq=False)
+class SavedReconstruction:
+    """Signals read from a reconstruction file.
+
+    Attributes
+    ----------
+    records : (r,) int array
+        Numbers of the records.
+    level, hz : (r,) array
+        Nominal force amplitude [N] and fundamental frequency [Hz].
+    phase : (N,) array
+        0..1 of a period.
+    samples, std : dict of str to (r, N) array
+        `slip` [m], `slip_velocity` [m/s], `friction` [N], `normal` [N].
+    """
+
+    records: npt.NDArray[np.int64]
+    level: Array
+    hz: Array
+    phase: Array
+    samples: Mapping[str, Array]
+    std: Mapping[str, Array]
+
+    def __len__(self) -> int:
+        """Number of records."""
+        return len(self.records)
+
+
+def read_reconstruction(path: StrPath) -> SavedReconstruction:
+    """Read ``reconstruction.csv``.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    SavedReconstruction
+
+    Raises
+    ------
+    InputError
+        If it is not a reconstruction file.
+    """
+    rows = read_rows(path, "a reconstruction file (CSV)")
+    line, heading = next(rows, (1, []))
+    if tuple(heading) != COLUMNS:
+        raise InputError(f"{path} line {line}: {','.join(heading)!r}; must be {','.join(COLUMNS)}")
+    blocks: dict[int, list[list[float]]] = {}
+    for line, row in rows:
+        record, numbers = _parsed(row, f"{path} line {line}")
+        blocks.setdefault(record, []).append(numbers)
+    if not blocks:
+        raise InputError(f"{path}: no rows; must have at least one record")
+    return _saved(path, {record: np.array(block) for record, block in blocks.items()})
+
+
+def _parsed(row: list[str], where: str) -> tuple[int, list[float]]:
+    """Number of the record, and the numbers level, frequency, phase, slip, slip_std..."""
+    if len(row) != len(COLUMNS):
+        raise InputError(f"{where}: {len(row)} entries; must have {len(COLUMNS)}")
+    for name, text in zip(COLUMNS, row, strict=True):
+        try:
+            accepted = math.isfinite(int(text) if name == "record" else float(text))
+        except ValueError:
+            accepted = False
+        if not accepted:
+            raise InputError(
+                f'{where}: {name} = "{text}"; must be a {"whole" if name == "record" else "finite"} number'
+            )
+        if name.endswith("_std") and float(text) < 0.0:
+            raise InputError(f"{where}: {name} = {text}; must be >= 0")
+    return int(row[0]), [float(text) for text in row[1:]]
+
+
+def _saved(path: StrPath, blocks: Mapping[int, Array]) -> SavedReconstruction:
+    first, block = next(iter(blocks.items()))
+    for record, other in blocks.items():
+        if len(other) != len(block) or not np.array_equal(other[:, 2], block[:, 2]):
+            raise InputError(f"{path}: record {record} has other phases than record {first}; must have the same")
+        if np.ptp(other[:, :2], axis=0).any():
+            raise InputError(f"{path}: record {record} has several levels or frequencies; must have one of each")
+    table = np.stack(list(blocks.values()))  # record, phase, column
+    signal = {name: 3 + 2 * i for i, name in enumerate(SIGNALS)}
+    return SavedReconstruction(
+        records=np.array(list(blocks)),
+        level=table[:, 0, 0],
+        hz=table[:, 0, 1],
+        phase=table[0, :, 2],
+        samples={name: table[:, :, i] for name, i in signal.items()},
+        std={name: table[:, :, i + 1] for name, i in signal.items()},
+    )

@@ -1,0 +1,351 @@
+"""Time integration of a rig, from rest or from a state, and its periodic steady states by shooting.
+
+The second, independent way to a steady state: the same mechanics and the same friction laws as the
+harmonic balance, without its Fourier series. :func:`simulate` marches, :func:`steady_state` solves
+for the state that a period maps on itself; both return a :class:`hbm.integration.history.TimeHistory`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from hbm.aft.recurrence import monodromy
+from hbm.integration.history import State, TimeHistory, differences, normal_reaction
+from hbm.integration.timestep import Stepper
+from hbm.parallel import one_thread
+from models import Rig
+from models.structure import Array
+
+DEFAULT_PERIODS = 50
+ANCHOR_MOBILITY = 1e-3  # cost of moving q and q' relative to the states of the friction law
+
+
+@one_thread
+def simulate(
+    rig: Rig,
+    hz: float,
+    *,
+    duration: float | None = None,
+    level: float | None = None,
+    steps_per_period: int = 512,
+    start: State | None = None,
+    last_periods: int | None = None,
+    every: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> TimeHistory:
+    """Motion of a rig under the force level cos(2 pi hz t).
+
+    Parameters
+    ----------
+    rig : Rig
+    hz : float
+        Frequency [Hz], > 0.
+    duration : float, optional
+        [s], rounded to whole steps; 50 periods unless given.
+    level : float, optional
+        Force amplitude [N]; the rig's unless given.
+    steps_per_period : int
+        The error falls with its square, or in proportion where friction jumps (set-valued laws without compliance).
+    start : State, optional
+        From rest unless given.
+    last_periods : int, optional
+        Keep these only; everything unless given.
+    every : int
+        Keep every so many steps; a divisor of `steps_per_period`.
+    progress : callable, optional
+        Told the time reached [s] after each period.
+
+    Returns
+    -------
+    TimeHistory
+        Including the instant it starts from.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range.
+    ArithmeticError
+        If a step cannot be solved, or no stable scheme exists at this step.
+    """
+    from_rest = start is None
+    start = State.at_rest(rig) if start is None else start
+    level = rig.excitation.amplitude if level is None else level
+    duration = DEFAULT_PERIODS / hz if duration is None and hz > 0 else duration
+    _check(rig, hz, duration, steps_per_period, start, every)
+    stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, start.time))
+    if from_rest:
+        start = _pressed(stepper, start)
+    steps = round((duration or 0.0) * hz * steps_per_period)
+    first = 0 if last_periods is None else max(0, steps - last_periods * steps_per_period)
+    recorder = _Recorder(stepper, start, first, every)
+    x = start.flat
+    for done in range(0, steps, steps_per_period):
+        X, T, residual = stepper.march(x, min(steps_per_period, steps - done))
+        recorder.add(X, T, residual)
+        x = X[-1]
+        if progress is not None:
+            progress(start.time + (done + len(T)) * stepper.dt)
+    return recorder.history()
+
+
+def _check(rig: Rig, hz: float, duration: float | None, steps_per_period: int, start: State, every: int) -> None:
+    size = State.at_rest(rig).flat.size
+    if not (hz > 0 and np.isfinite(hz)):
+        raise ValueError(f"simulate: frequency {hz} Hz; must be > 0")
+    if duration is None or not (duration > 0 and np.isfinite(duration)):
+        raise ValueError(f"simulate: duration {duration} s; must be > 0")
+    if steps_per_period < 8 or every < 1 or steps_per_period % every:
+        raise ValueError(
+            f"simulate: {steps_per_period} steps per period, every {every} kept; "
+            "must be at least 8 steps, and a whole number kept per period"
+        )
+    if start.flat.size != size:
+        raise ValueError(f"simulate: start has {start.flat.size} values; this rig and its friction law need {size}")
+
+
+def _pressed(stepper: Stepper, rest: State) -> State:
+    """State just after the force has come on: the modes left out follow it at once and load the contact."""
+    if stepper.rig.structure.residual.slip_by_force == 0.0:
+        return rest
+    n = stepper.rig.structure.n
+    instant = replace(stepper, steps_per_period=stepper.steps_per_period * 1_000_000)
+    X, _, _ = instant.march(rest.flat, 1)
+    return replace(State.from_flat(X[0], n, rest.time), q=rest.q, qdot=rest.qdot)
+
+
+def _phase(hz: float, time: float) -> float:
+    """Phase of the force at `time` [s], in 0..2 pi."""
+    return float(2 * np.pi * np.mod(hz * time, 1.0))
+
+
+class _Recorder:
+    """Collects the chunks of a march; keeps of them what was asked for."""
+
+    def __init__(self, stepper: Stepper, start: State, first: int, every: int) -> None:
+        self.stepper, self.start, self.first, self.every = stepper, start, first, every
+        self.steps, self.residual = 0, 0.0
+        self.lift_off: float | None = None
+        self.state = start.flat
+        self.friction = [np.array([start.friction])]
+        self.kept: list[Array] = []
+        self._keep(self.state[None], 0)
+
+    def _keep(self, X: Array, at: int) -> None:
+        steps = np.arange(at, at + len(X))
+        wanted = (steps >= self.first) & ((steps - self.first) % self.every == 0)
+        if wanted.any():
+            self.kept.append(X[wanted, : 2 * self.stepper.rig.structure.n])
+
+    def add(self, X: Array, T: Array, residual: float) -> None:
+        """Take the states and friction forces of the next steps."""
+        self._keep(X, self.steps + 1)
+        self.friction.append(T)
+        self.residual = max(self.residual, residual)
+        if self.lift_off is None and not self.stepper.rig.contact.lift_off:
+            self.lift_off = self._lift_off(X, T)
+        self.steps += len(T)
+        self.state = X[-1]
+
+    def _lift_off(self, X: Array, T: Array) -> float | None:
+        s, n = self.stepper, self.stepper.rig.structure.n
+        time = self.start.time + s.dt * np.arange(self.steps + 1, self.steps + 1 + len(T))
+        F = replace(s.rig.excitation, amplitude=s.level).force(2 * np.pi * s.hz * time)
+        lifted = np.flatnonzero(normal_reaction(s.rig, X[:, :n], X[:, n : 2 * n], T, F) < 0.0)
+        return float(time[lifted[0]]) if lifted.size else None
+
+    def history(self) -> TimeHistory:
+        """What was kept."""
+        s, n = self.stepper, self.stepper.rig.structure.n
+        friction = np.concatenate(self.friction)
+        rate, curvature = differences(friction, s.dt)
+        motion = np.concatenate(self.kept)
+        steps = np.arange(self.first, self.steps + 1, self.every)
+        return TimeHistory(
+            rig=s.rig,
+            hz=s.hz,
+            level=s.level,
+            time=np.asarray(self.start.time + s.dt * steps, dtype=float),
+            q=motion[:, :n],
+            qdot=motion[:, n:],
+            friction=friction[steps],
+            friction_rate=rate[steps],
+            friction_curvature=curvature[steps],
+            samples_per_period=s.steps_per_period // self.every,
+            state=State.from_flat(self.state, n, self.start.time + s.dt * self.steps),
+            lift_off=self.lift_off,
+            largest_residual=self.residual,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PeriodicMotion:
+    """A steady state found by shooting.
+
+    Attributes
+    ----------
+    history : TimeHistory
+        One period; `history.state` is the state the period maps on itself.
+    monodromy : (size, size) array
+        Derivative of the period map with respect to (q, q', friction, z).
+    converged : bool
+    closure : float
+        Change of the state over the period, each of q, q', friction and z relative to its largest value.
+    iterations : int
+        Newton iterations.
+    """
+
+    history: TimeHistory
+    monodromy: Array
+    converged: bool
+    closure: float
+    iterations: int
+
+    @property
+    def multipliers(self) -> Array:
+        """Floquet multipliers, (size,) complex, largest first.
+
+        The motion is stable where all lie inside the unit circle. A contact that never slips has one at 1: its
+        mean friction is what its history left.
+        """
+        values = np.linalg.eigvals(self.monodromy).astype(complex)
+        return np.asarray(values[np.argsort(-np.abs(values))])
+
+
+@one_thread
+def steady_state(
+    rig: Rig,
+    hz: float,
+    *,
+    level: float | None = None,
+    steps_per_period: int = 1024,
+    start: State | None = None,
+    tolerance: float = 1e-9,
+    max_iterations: int = 30,
+) -> PeriodicMotion:
+    """Periodic motion of a rig under the force level cos(2 pi hz t), by Newton on the period map.
+
+    The map is piecewise smooth; its derivative is that of the steps, exact. Where a contact never slips, the
+    solution nearest to the start is taken.
+
+    Parameters
+    ----------
+    rig, hz, level, steps_per_period
+        As in :func:`simulate`.
+    start : State, optional
+        A guess at phase 0 of the force, such as a harmonic balance solution; 50 periods from rest unless given.
+    tolerance : float
+        On :attr:`PeriodicMotion.closure`.
+    max_iterations : int
+
+    Returns
+    -------
+    PeriodicMotion
+        Its best, with `converged` false, where the iterations end without closing.
+
+    Raises
+    ------
+    ValueError, ArithmeticError
+        As :func:`simulate`.
+    """
+    if start is None:
+        start = simulate(rig, hz, level=level, steps_per_period=steps_per_period, last_periods=1).state
+    start = replace(start, time=start.time - np.floor(start.time * hz + 0.5 / steps_per_period) / hz)
+    level = rig.excitation.amplitude if level is None else level
+    _check(rig, hz, 1.0 / hz, steps_per_period, start, 1)
+    stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, start.time))
+    period = _Period(stepper, start.flat)
+    iterations = 0
+    while period.closure > tolerance and iterations < max_iterations:
+        period = _improved(period)
+        iterations += 1
+    return PeriodicMotion(
+        history=_periodic_history(period, start.time),
+        monodromy=period.monodromy,
+        converged=period.closure <= tolerance,
+        closure=period.closure,
+        iterations=iterations,
+    )
+
+
+class _Period:
+    """One period marched from a state, and how well it closes in units of `scale` (size,)."""
+
+    def __init__(self, stepper: Stepper, x: Array, scale: Array | None = None) -> None:
+        self.stepper, self.x = stepper, x
+        self.X, self.T, self.residual = stepper.march(x, stepper.steps_per_period)
+        self.scale = _scale(self) if scale is None else scale
+
+    def from_state(self, x: Array) -> "_Period":
+        """The period from another state."""
+        return _Period(self.stepper, x, self.scale)
+
+    @property
+    def steps(self) -> Array:
+        """Jacobian of each step, (steps, size, size)."""
+        return self.stepper.linearised(self.x, self.X, self.T)
+
+    @property
+    def gap(self) -> Array:
+        """Change of the state over the period."""
+        return np.asarray(self.X[-1] - self.x)
+
+    @property
+    def closure(self) -> float:
+        """Largest scaled change."""
+        return float(np.max(np.abs(self.gap / self.scale)))
+
+    @property
+    def monodromy(self) -> Array:
+        """Derivative of the period map, the product of those of its steps."""
+        return monodromy(self.steps)
+
+
+def _scale(period: _Period) -> Array:
+    """Unit of each entry of the state: what q, q', T reach in the period; for z also what it takes to change T by that.
+
+    An anchor that never moves has no size of its own.
+    """
+    n = period.stepper.rig.structure.n
+    largest = np.max(np.abs(np.vstack([period.x, period.X])), axis=0)
+    largest[:n], largest[n : 2 * n] = np.max(largest[:n]), np.max(largest[n : 2 * n])
+    pull = np.max(np.abs(period.steps[:, 2 * n, 2 * n + 1 :]), axis=0)
+    needed = np.divide(largest[2 * n], pull, out=np.zeros_like(pull), where=pull > 0.0)
+    largest[2 * n + 1 :] = np.maximum(largest[2 * n + 1 :], needed)
+    return np.where(largest > 0.0, largest, 1.0)
+
+
+def _improved(period: _Period) -> _Period:
+    """A Newton step, halved while it does not help; the state the period leads to if no fraction does."""
+    scale, unknowns = period.scale, period.scale.copy()
+    # a stuck contact leaves the map without opinion on its mean friction: least squares, and let z stay where it is
+    unknowns[2 * period.stepper.rig.structure.n + 1 :] *= ANCHOR_MOBILITY
+    matrix = (period.monodromy - np.eye(len(scale))) * unknowns / scale[:, None]
+    step = np.linalg.lstsq(matrix, -period.gap / scale, rcond=1e-10)[0] * unknowns
+    for fraction in (1.0, 0.5, 0.25, 0.125):
+        try:
+            trial = period.from_state(period.x + fraction * step)
+        except ArithmeticError:  # too far out for its steps to be solved
+            continue
+        if trial.closure < period.closure:
+            return trial
+    return period.from_state(period.X[-1])
+
+
+def _periodic_history(period: _Period, time: float) -> TimeHistory:
+    """One period, its first sample the state that the last step leads to."""
+    s, n = period.stepper, period.stepper.rig.structure.n
+    recorder = _Recorder(s, State.from_flat(period.x, n, time), 0, 1)
+    recorder.add(period.X, period.T, period.residual)
+    T = np.roll(period.T, 1)
+    rate, curvature = differences(np.concatenate([T[-1:], T, T[:1]]), s.dt)
+    return replace(
+        recorder.history(),
+        time=np.asarray(time + s.dt * np.arange(s.steps_per_period), dtype=float),
+        q=np.roll(period.X[:, :n], 1, axis=0),
+        qdot=np.roll(period.X[:, n : 2 * n], 1, axis=0),
+        friction=T,
+        friction_rate=rate[1:-1],
+        friction_curvature=curvature[1:-1],
+        state=State.from_flat(period.X[-1], n, time),
+    )

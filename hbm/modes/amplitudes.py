@@ -1,0 +1,184 @@
+"""How a motion at given amplitudes of the drive is started and followed: from a linear mode with the contact stuck."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from continuation import Branch, ConvergenceError, NewtonSettings, Point, Predictor, Settings, continue_branch, solve_at
+from hbm.balance.problem import State
+from hbm.fourier import Array
+from hbm.modes.epmc import DriveAmplitude
+from hbm.modes.linear import stuck_modes
+from models.rig import Rig
+
+TOLERANCE = 1e-10
+"""Every balance closes to this fraction of ten times the motion's elastic force, the contact's in proportion."""
+
+RANGE = (1e-2, 1e2)
+"""Default range of amplitudes: friction that a stuck contact would need, in units of the static load."""
+
+STEP = 0.1
+"""Largest step in decades of the amplitude; a tenth of the frequency, or of damping, counts as one."""
+
+MOST_POINTS = 4000
+
+EXCURSION = 0.5
+"""How far a branch is followed beyond its ends, in decades."""
+
+DOWN = 3.0
+"""How far below the first amplitude, in decades, the contact is taken to stick where it does not stick there."""
+
+FRICTIONLESS = (1e-6, 1e-2)
+"""Default amplitudes where friction sets no scale [m]."""
+
+NEWTON = NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
+
+OnPoint = Callable[[float, int], None]
+"""Called with the amplitude [m] and the number of every point found."""
+
+
+def default_amplitudes(rig: Rig, mode: int = 1) -> tuple[float, float]:
+    """Drive amplitudes [m] from a contact that sticks to one that slides all but freely."""
+    linear = StuckMode.of(rig, mode)
+    friction = abs(linear.friction / linear.drive)
+    if friction == 0.0:
+        return FRICTIONLESS
+    return RANGE[0] * rig.contact.normal_load / friction, RANGE[1] * rig.contact.normal_load / friction
+
+
+@dataclass(frozen=True, eq=False)
+class StuckMode:
+    """A linear mode with the contact stuck.
+
+    Attributes
+    ----------
+    omega, damping : float
+        Natural frequency [rad/s] and damping 2 zeta omega [1/s].
+    shape : (n,) array
+        Mass-normalised, of the modes of the structure.
+    friction, drive : float
+        Friction force and drive displacement per unit of its coordinate.
+    """
+
+    omega: float
+    damping: float
+    shape: Array
+    friction: float
+    drive: float
+
+    @staticmethod
+    def of(rig: Rig, mode: int) -> "StuckMode":
+        """Mode of a rig by its number, counted from 1.
+
+        Raises
+        ------
+        ValueError
+            If there is no such mode.
+        """
+        omega, shapes = stuck_modes(rig)
+        if not 1 <= mode <= len(omega):
+            raise ValueError(f"backbone: mode = {mode}; must be from 1 to {len(omega)}")
+        s, square, shape = rig.structure, omega[mode - 1] ** 2, shapes[:, mode - 1]
+        row = s.slip_row
+        friction = float(row @ ((s.omega_n**2 - square) * shape) / (row @ row)) if row.any() else 0.0
+        drive = float(s.excitation @ shape) + s.residual.slip_by_force * friction
+        return StuckMode(float(omega[mode - 1]), float(shape @ (s.damping * shape)), shape, friction, drive)
+
+    def motion(self, problem: DriveAmplitude, lam: float) -> Array:
+        """Unknowns of its motion at an amplitude."""
+        basis, q = problem.balance.basis, 10.0**lam / self.drive
+        Q, T = np.zeros((basis.size, len(self.shape))), np.zeros(basis.size)
+        sine = problem.fundamental[1]
+        Q[sine], T[sine] = q * self.shape, q * self.friction
+        return problem.pack(State(Q, T, self.omega, 0.0), self.sustain(problem, self.damping, q), lam)
+
+    def sustain(self, problem: DriveAmplitude, damping: float, q: float) -> float:
+        """Relief [1/s], or force [N] whose work that is, against a damping [1/s] at an amplitude of its coordinate."""
+        return damping * self.omega * q / self.drive if problem.grows else damping
+
+    def weights(self, problem: DriveAmplitude, lam: float) -> Array:
+        """Weights of the unknowns for continuation, from an amplitude on.
+
+        The shape counts as much as a decade of the amplitude, a tenth of frequency or damping too. The friction force
+        follows from the motion and turns much faster: it hardly counts.
+        """
+        x, unit = self.motion(problem, lam), self.sustain(problem, self.omega, 10.0**lam / self.drive)
+        split = problem.balance.basis.size * len(self.shape)
+        weights = np.full(problem.size, 1.0 / float(x[:split] @ x[:split]))
+        weights[split:-2] *= 1e-3
+        weights[-2] = 100.0 / x[-2] ** 2
+        weights[-1] = 100.0 / problem.pack_sustain(unit, problem.scale(lam)) ** 2
+        return weights
+
+
+def traced(
+    problem: DriveAmplitude, mode: int, amplitudes: tuple[float, float] | None, on_point: OnPoint | None
+) -> Branch:
+    """Branch of a mode between two amplitudes [m].
+
+    Raises
+    ------
+    ValueError
+        If there is no such mode, or the amplitudes do not grow.
+    ConvergenceError
+        If there is no first motion.
+    """
+    first, last = default_amplitudes(problem.rig, mode) if amplitudes is None else amplitudes
+    if not 0.0 < first < last:
+        raise ValueError(f"backbone: amplitudes {first:g} to {last:g} m; must be > 0 and grow")
+    lam, linear = (float(np.log10(first)), float(np.log10(last))), StuckMode.of(problem.rig, mode)
+    return _continued(problem, linear, _first_motion(problem, linear, lam[0]), lam, on_point)
+
+
+def _first_motion(problem: DriveAmplitude, linear: StuckMode, lam: float) -> Array:
+    """Motion at the first amplitude: that of a stuck contact, or one reached from it."""
+    result = solve_at(problem, linear.motion(problem, lam), lam, NEWTON)
+    if result.converged:
+        return result.x
+    low = lam - DOWN
+    branch = _continued(problem, linear, solved(problem, linear.motion(problem, low), low), (low, lam), None)
+    return branch.require_complete().points[-1].x
+
+
+def _continued(
+    problem: DriveAmplitude, linear: StuckMode, x: Array, lam: tuple[float, float], on_point: OnPoint | None
+) -> Branch:
+    count = 0
+
+    def report(point: Point) -> None:
+        nonlocal count
+        count += 1
+        if on_point is not None:
+            on_point(float(10.0**point.lam), count)
+
+    return continue_branch(problem, x, lam[0], _settings(linear.weights(problem, lam[0]), lam), report)
+
+
+def _settings(weights: Array, lam: tuple[float, float]) -> Settings:
+    return Settings(
+        lam_end=lam[1],
+        lam_min=lam[0] - EXCURSION,  # a branch may fold back past its start and return
+        lam_max=lam[1] + EXCURSION,
+        step=STEP / 5,
+        step_min=STEP * 1e-6,
+        step_max=STEP,
+        tolerance=TOLERANCE,
+        weights=weights,
+        max_points=MOST_POINTS,
+        max_angle=1.0,
+        corner_angle=0.5,
+        tangent_slack=0.01,
+        predictor=Predictor.CURVED,
+    )
+
+
+def solved(problem: DriveAmplitude, x: Array, lam: float) -> Array:
+    """Motion at an amplitude by Newton from a guess."""
+    result = solve_at(problem, x, lam, NEWTON)
+    if not result.converged:
+        raise ConvergenceError(
+            f"backbone: no convergence at a drive amplitude of {10.0**lam:.6g} m, last residual "
+            f"{result.residual_norm:.2g}; {result.reason.value}; try another amplitude or more harmonics"
+        )
+    return result.x

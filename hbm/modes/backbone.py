@@ -1,0 +1,364 @@
+"""Backbones: how frequency, damping and shape of a vibration change with its amplitude.
+
+:func:`nonlinear_mode` gives a :class:`NonlinearMode`: the motion of a rig left to itself, made periodic at every
+amplitude by the damping that it has there (extended periodic motion). :func:`phase_resonance` gives a
+:class:`PhaseResonance`: the motion that lags its force by 90 degrees, with that force. Both are a :class:`Backbone`:
+amplitude, frequency, damping ratio, energy lost and force along a branch of periodic solutions.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+
+from continuation import Branch, ConvergenceError, Point
+from hbm.balance.padding import pad
+from hbm.balance.solution import PeriodicSolution, describe
+from hbm.fourier import Array, FourierBasis
+from hbm.modes.amplitudes import OnPoint, solved, traced
+from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
+from hbm.parallel import one_thread
+from hbm.response.trace import default_samples
+from models.rig import Rig
+
+Complex = npt.NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Backbone(ABC):
+    """A branch of periodic motions at growing amplitude.
+
+    Attributes
+    ----------
+    rig : Rig
+    points : tuple of PeriodicSolution
+        In the order of travel; the drive displacement lags a cosine by 90 degrees.
+    branch : continuation.Branch
+        The branch in scaled unknowns: tangents, flags, why it ended.
+    problem : DriveAmplitude
+        What the branch solves.
+    """
+
+    rig: Rig
+    points: tuple[PeriodicSolution, ...]
+    branch: Branch
+    problem: DriveAmplitude
+
+    @cached_property
+    def amplitude(self) -> Array:
+        """Fundamental amplitude of the drive displacement, (points,) [m]."""
+        return np.asarray(10.0**self.branch.lam)
+
+    @cached_property
+    def hz(self) -> Array:
+        """Frequency, (points,) [Hz]."""
+        return np.array([p.hz for p in self.points])
+
+    @property
+    @abstractmethod
+    def lost(self) -> Array:
+        """Energy lost in one period, (points,) [J]."""
+
+    @cached_property
+    def rubbed(self) -> Array:
+        """Energy lost to friction in one period, (points,) [J]."""
+        return np.array([p.friction_loss for p in self.points])
+
+    @cached_property
+    def damping_ratio(self) -> Array:
+        """Damping ratio of an oscillator that loses as much from the same motion, (points,)."""
+        return np.asarray(self.lost / (2 * np.pi * np.array([_squared_velocity(p) for p in self.points])))
+
+    @cached_property
+    def force(self) -> Array:
+        """Amplitude of the force at the drive that supplies what is lost, (points,) [N]."""
+        return np.asarray(self.lost / (np.pi * self.amplitude))
+
+    @cached_property
+    def shape(self) -> Complex:
+        """Fundamental of each mode per drive displacement, (points, n) [1/sqrt(kg)]; complex, conjugate for a lag."""
+        drive = np.array([_fundamental(p["drive"].coefficients) for p in self.points])
+        return np.asarray(np.array([_fundamental(p.state.Q) for p in self.points]) / drive[:, None])
+
+    @cached_property
+    def participation(self) -> Array:
+        """Share of each mode in the kinetic energy of the fundamental, (points, n)."""
+        squared = np.abs(self.shape) ** 2
+        return np.asarray(squared / squared.sum(axis=1, keepdims=True))
+
+    @property
+    def lift_off(self) -> float | None:
+        """Amplitude beyond which the tip would first lift off [m], between two points; None where it never would."""
+        least, lam = np.array([p["normal"].samples.min() for p in self.points]), self.branch.lam
+        lifted = np.flatnonzero(least < 0.0)
+        if not lifted.size or lifted[0] == 0:
+            return float(self.amplitude[0]) if lifted.size else None
+        i = int(lifted[0])
+        return float(10.0 ** np.interp(0.0, least[[i, i - 1]], lam[[i, i - 1]]))
+
+    @property
+    def complete(self) -> bool:
+        """Whether the last amplitude was reached."""
+        return self.branch.complete
+
+    @property
+    def folds(self) -> list[float]:
+        """Amplitudes at which the branch turns back [m]."""
+        return [float(10.0 ** (p.fold_lam if p.fold_lam is not None else p.lam)) for p in self.branch.points if p.fold]
+
+    def at(self, amplitudes: Sequence[float]) -> Self:
+        """The motions at given amplitudes [m], solved there, each where the branch first comes to it.
+
+        Raises
+        ------
+        ValueError
+            If the branch does not come to one of them.
+        continuation.ConvergenceError
+            If one cannot be solved.
+        """
+        return self._solved([self._crossing(self.amplitude, a) for a in amplitudes], np.log10(amplitudes))
+
+    def at_force(self, forces: Sequence[float]) -> Self:
+        """The motions at given forces [N], each where the branch first comes to it; errors as :meth:`at`."""
+        crossings = [self._crossing(self.force, F) for F in forces]
+        return self._solved(crossings, [self._lam_of(F, i) for F, i in zip(forces, crossings, strict=True)])
+
+    def _crossing(self, values: Array, wanted: float) -> int:
+        """First point behind which a quantity passes a value."""
+        beyond = values / wanted - 1.0
+        beyond[np.abs(beyond) < 1e-12] = 0.0  # an end of the branch is on it
+        passed = np.flatnonzero(beyond[:-1] * beyond[1:] <= 0.0)
+        if not passed.size:
+            raise ValueError(f"backbone: {wanted:g}; must lie between {values.min():.4g} and {values.max():.4g}")
+        return int(passed[0])
+
+    def _lam_of(self, force: float, i: int) -> float:
+        ends = (float(self.branch.points[i].lam), float(self.branch.points[i + 1].lam))
+
+        def missing(lam: float) -> float:
+            return float(np.log(self._solved([i], [lam]).force[0] / force))
+
+        return float(brentq(missing, *ends, xtol=1e-12, rtol=1e-12))
+
+    def _solved(self, starts: Sequence[int], lams: Sequence[float] | Array) -> Self:
+        """Motions at given parameters, each from the two points behind which it lies."""
+        found = []
+        for i, lam in zip(starts, lams, strict=True):
+            a, b = self.branch.points[i], self.branch.points[i + 1]
+            share = (lam - a.lam) / (b.lam - a.lam)
+            x = solved(self.problem, a.x + share * (b.x - a.x), float(lam))
+            found.append(_point(self.problem, a, x, float(lam)))
+        return replace(self, points=_described(self.problem, found), branch=replace(self.branch, points=tuple(found)))
+
+
+@dataclass(frozen=True, eq=False)
+class NonlinearMode(Backbone):
+    """A damped nonlinear normal mode: free motion, with the mass-proportional damping xi that would keep it up.
+
+    A free decay has, at each amplitude it comes through, this frequency, damping ratio xi / (2 Omega) and shape.
+    """
+
+    @cached_property
+    def lost(self) -> Array:
+        """Energy lost in one period, (points,) [J]: what the damping taken away would give back."""
+        relief = np.array([self.problem.unpack(p.x, p.lam)[0].relief for p in self.branch.points])
+        squared = np.array([_squared_velocity(p) for p in self.points])
+        return np.asarray(relief / (2 * self.hz) * squared)
+
+    @cached_property
+    def decay_rate(self) -> Array:
+        """Rate -A'/A at which the drive amplitude A of a free decay falls, (points,) [1/s].
+
+        Averaged over a period, the action (sum of the squared velocities over the frequency) falls at the rate xi; the
+        amplitude falls at half that rate where frequency and shape do not change with it.
+        """
+        growth = np.array([self._action_growth(p) for p in self.branch.points])
+        return np.asarray(4 * np.pi * self.hz * self.damping_ratio / growth)
+
+    def _action_growth(self, point: Point) -> float:
+        """Derivative d ln(action) / d ln A, from the tangent."""
+        balance, split = self.problem.balance, self.problem.balance.basis.size * self.problem.balance.structure.n
+        squared = np.repeat(balance.basis.k**2, balance.structure.n)
+        Q, by_step = point.x[:split], point.tangent_x
+        by_lam = 2 * float(squared * Q @ by_step[:split]) / float(squared * Q @ Q) + by_step[-2] / point.x[-2]
+        return 2.0 + float(by_lam / (np.log(10.0) * point.tangent_lam))
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseResonance(Backbone):
+    """Motions at phase resonance, the drive displacement 90 degrees behind the force."""
+
+    @cached_property
+    def lost(self) -> Array:
+        """Work of the force in one period, (points,) [J], which is lost."""
+        return np.array([_work(p, self.problem.balance.force_shape) for p in self.points])
+
+
+@dataclass(frozen=True)
+class NumericalChange:
+    """How much one motion changes, relatively, with a finer discretisation; nan where it cannot be solved with it.
+
+    Attributes
+    ----------
+    amplitude : float
+        Of the drive [m].
+    harmonics, samples, modes : (float, float)
+        Of frequency and damping ratio, with half as many harmonics more, twice the samples, twice the modes.
+    """
+
+    amplitude: float
+    harmonics: tuple[float, float]
+    samples: tuple[float, float]
+    modes: tuple[float, float]
+
+    @property
+    def by_source(self) -> dict[str, tuple[float, float]]:
+        """The changes by what was made finer."""
+        return {"harmonics": self.harmonics, "samples": self.samples, "modes": self.modes}
+
+
+@one_thread
+def numerical_change(backbone: Backbone, i: int | None = None) -> NumericalChange:
+    """How far a point of a backbone is from the exact answer, measured by solving it again.
+
+    Parameters
+    ----------
+    backbone : Backbone
+    i : int, optional
+        The point; that of largest damping where omitted.
+    """
+    i = int(np.argmax(backbone.damping_ratio)) if i is None else i
+    rig, (H, N_t) = backbone.rig, (backbone.problem.balance.basis.H, backbone.problem.balance.basis.N_t)
+    finer = (
+        (rig, FourierBasis(H + (H + 1) // 2, max(N_t, default_samples(H + (H + 1) // 2)))),
+        (rig, FourierBasis(H, 2 * N_t)),
+        (rig.with_modes(2 * rig.structure.n), FourierBasis(H, N_t)),
+    )
+    return NumericalChange(float(backbone.amplitude[i]), *(_changed(backbone, i, *setting) for setting in finer))
+
+
+def _changed(backbone: Backbone, i: int, rig: Rig, basis: FourierBasis) -> tuple[float, float]:
+    """Relative changes of frequency and damping ratio of a point on another rig and basis."""
+    near, problem = backbone.branch.points[i], type(backbone.problem)(rig, basis)
+    balance = backbone.problem.unpack(near.x, near.lam)[0]
+    scale = problem.scale(near.lam)
+    state = backbone.points[i].state
+    sustain = problem.pack_sustain(state.F if problem.grows else balance.relief, scale)
+    x = np.concatenate([pad(problem.balance, state) / scale, [problem.balance.pack(state)[1], sustain]])
+    try:
+        point = _point(problem, near, solved(problem, x, near.lam), near.lam)
+    except ConvergenceError:
+        return float("nan"), float("nan")
+    again = replace(
+        backbone,
+        rig=rig,
+        points=_described(problem, [point]),
+        branch=replace(backbone.branch, points=(point,)),
+        problem=problem,
+    )
+    return float(again.hz[0] / backbone.hz[i] - 1), float(again.damping_ratio[0] / backbone.damping_ratio[i] - 1)
+
+
+@one_thread
+def nonlinear_mode(
+    rig: Rig,
+    mode: int = 1,
+    *,
+    amplitudes: tuple[float, float] | None = None,
+    harmonics: int = 15,
+    samples: int | None = None,
+    on_point: OnPoint | None = None,
+) -> NonlinearMode:
+    """Damped nonlinear normal mode of a rig, by the extended periodic motion concept.
+
+    Parameters
+    ----------
+    rig : Rig
+        Its excitation gives the place of the drive; no force acts.
+    mode : int
+        Number of the mode, counted from 1, of those with the contact stuck.
+    amplitudes : (float, float), optional
+        First and last fundamental amplitude of the drive displacement [m]; where omitted, from a contact that sticks to
+        one that slides, :func:`hbm.modes.amplitudes.default_amplitudes`.
+    harmonics, samples : int
+        H and N_t.
+    on_point : callable, optional
+        Progress: called with amplitude and point number.
+
+    Returns
+    -------
+    NonlinearMode
+        Partial where a step could not be made; see `complete`.
+
+    Raises
+    ------
+    ValueError
+        If there is no such mode, or the amplitudes do not grow.
+    continuation.ConvergenceError
+        If there is no first motion.
+
+    Examples
+    --------
+    >>> from models.published import paper_rig
+    >>> mode = nonlinear_mode(paper_rig(), amplitudes=(1e-6, 1e-4), harmonics=3)
+    >>> mode.hz[[0, -1]].round(2)
+    array([56.  , 51.08])
+    """
+    motion = FreeMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
+    branch = traced(motion, mode, amplitudes, on_point)
+    return NonlinearMode(rig, _described(motion, branch.points), branch, motion)
+
+
+@one_thread
+def phase_resonance(
+    rig: Rig,
+    mode: int = 1,
+    *,
+    amplitudes: tuple[float, float] | None = None,
+    harmonics: int = 15,
+    samples: int | None = None,
+    on_point: OnPoint | None = None,
+) -> PhaseResonance:
+    """Motions whose drive displacement lags the force by 90 degrees; parameters and errors as :func:`nonlinear_mode`.
+
+    Returns
+    -------
+    PhaseResonance
+    """
+    motion = ForcedMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
+    branch = traced(motion, mode, amplitudes, on_point)
+    return PhaseResonance(rig, _described(motion, branch.points), branch, motion)
+
+
+def _point(problem: DriveAmplitude, near: Point, x: Array, lam: float) -> Point:
+    """A motion near a point of a branch, with its tangent."""
+    none = np.zeros_like(x)
+    tangent, _ = problem.linearize(x, lam).solve_bordered(none, 1.0, none, 1.0)
+    flags = dict.fromkeys(("fold", "corner", "branch_point", "jumped"), False)
+    return replace(near, x=x, lam=lam, tangent_x=tangent, tangent_lam=1.0, **flags)
+
+
+def _described(problem: DriveAmplitude, points: Sequence[Point]) -> tuple[PeriodicSolution, ...]:
+    return tuple(describe(*problem.unpack(p.x, p.lam)) for p in points)
+
+
+def _squared_velocity(point: PeriodicSolution) -> float:
+    """Integral over a period of the squared modal velocities, over pi / Omega: sum of their squared coefficients."""
+    return float(np.sum((2 * np.pi * point.hz * point.basis.derivative(point.state.Q)) ** 2))
+
+
+def _work(point: PeriodicSolution, force_shape: Array) -> float:
+    """Work of the excitation in one period [J]."""
+    moved = point.basis.derivative(point["drive"].coefficients)
+    return float(np.pi * point.level * (force_shape @ moved))
+
+
+def _fundamental(coefficients: Array) -> Complex:
+    """Complex fundamental of coefficients (2H+1, ...)."""
+    H = len(coefficients) // 2
+    return np.asarray(coefficients[1] - 1j * coefficients[H + 1])

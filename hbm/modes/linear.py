@@ -1,0 +1,96 @@
+"""Linear modes of a rig, with the contact sliding freely and stuck."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import null_space
+
+from hbm.aft.step import law_step
+from models.friction import parameters
+from models.rig import Rig
+from models.structure import Array
+
+SMALL_SLIP = 1e-12
+"""Slip that no law takes for sliding [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModes:
+    """Natural modes of a rig.
+
+    Attributes
+    ----------
+    sliding_hz, stuck_hz : (n,) array
+        Natural frequencies with the contact sliding freely, and held by its stiffness [Hz].
+        A rigidly held contact takes a mode away: the last entry is nan then.
+    damping_ratio : (n,) array
+        Of the sliding modes [-].
+    stiffness : float
+        Contact stiffness at rest, in series with the compliance [N/m]; inf where the contact is held rigidly.
+    """
+
+    sliding_hz: Array
+    stuck_hz: Array
+    damping_ratio: Array
+    stiffness: float
+
+
+def linear_modes(rig: Rig) -> LinearModes:
+    """Natural modes of a rig, sliding and stuck.
+
+    Parameters
+    ----------
+    rig : Rig
+
+    Returns
+    -------
+    LinearModes
+
+    Examples
+    --------
+    >>> from models.published import paper_rig
+    >>> float(linear_modes(paper_rig()).sliding_hz[0].round(3))
+    47.842
+    """
+    s, k = rig.structure, contact_stiffness(rig)
+    stuck = np.full(s.n, np.nan)
+    omega, _ = stuck_modes(rig)
+    stuck[: len(omega)] = omega
+    return LinearModes(
+        sliding_hz=s.omega_n / (2 * np.pi),
+        stuck_hz=stuck / (2 * np.pi),
+        damping_ratio=s.damping / (2 * s.omega_n),
+        stiffness=k,
+    )
+
+
+def contact_stiffness(rig: Rig) -> float:
+    """Tangential stiffness of the contact at rest, in series with the structure's compliance [N/m].
+
+    It is asked of the friction law itself, by a slip too small to slide; a law that holds the contact
+    rigidly leaves the compliance alone, or no motion at all (inf).
+    """
+    C = rig.structure.compliance
+    law = rig.contact.law
+    if law.set_valued:
+        return 1.0 / C if C > 0.0 else np.inf
+    P, step = rig.contact.normal_load, law_step(law)
+    rest, moved = [0.0, 0.0, P, 0.0], [SMALL_SLIP, 0.0, P, 0.0]
+    known = [np.zeros(step.states), [*rest, 0.0], C, moved, [C, P, 1e-4], list(parameters(law).values())]
+    force, slope = step.function.factory("at_rest", step.function.name_in(), ["force", "jac:force:T"])(0.0, *known)
+    return (
+        abs(float(force) / (1.0 - float(slope))) / SMALL_SLIP
+    )  # the slip is too small for a law to be anything but linear
+
+
+def stuck_modes(rig: Rig) -> tuple[Array, Array]:
+    """Natural frequencies (m,) [rad/s] and mass-normalised shapes (n, m) with the contact held by its stiffness.
+
+    Where it is held rigidly they are those of the motions without slip, m = n - 1.
+    """
+    s, k = rig.structure, contact_stiffness(rig)
+    held = np.isinf(k)
+    free = null_space(s.slip_row[None, :]) if held else np.eye(s.n)
+    K = np.diag(s.omega_n**2) + (0.0 if held else k) * np.outer(s.slip_row, s.slip_row)
+    squares, shapes = np.linalg.eigh(free.T @ K @ free)
+    return np.sqrt(squares), np.asarray(free @ shapes)

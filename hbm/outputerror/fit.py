@@ -1,0 +1,302 @@
+"""Least squares of a model over the records of a campaign, through the harmonic balance (output error).
+
+The force noise of each record is profiled out: the covariance follows the model, and chi2 of different models compare.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from continuation import ConvergenceError
+from hbm.balance.problem import State
+from hbm.fourier import Array
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.model import Model
+from hbm.outputerror.numerics import Correction
+from hbm.outputerror.simulated import FAILURES, Simulated, Solutions, states
+from hbm.outputerror.whitened import Whitened
+
+STEPS = 15
+"""Steps of least squares, at most."""
+
+REFINED = 4
+"""Steps after the discretisation was corrected."""
+
+SETTLED, PART = 0.05, 1e-3
+"""Least squares ends when a step promises to lower chi2 by less than this, or by less than this part of its excess."""
+
+DAMPED = 1e-6
+ROUNDING = 1e-13
+LEAST_DAMPED = 1e-10
+MOST_DAMPED = 1e4
+
+MANY, MISSED = 8, 2
+"""More starts than this are compared on so many records first."""
+
+MOST = 0.7
+"""Longest step of a coordinate."""
+
+LONGER, SHORTER, SHORTEST = 2.0, 0.25, 0.01
+"""Factors of the length of a step where the last one helped and where it did not; from the last on it is damped."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A model at coordinates beside the records.
+
+    Attributes
+    ----------
+    model : Model
+    x : (n,) array
+    found : dict of int to Simulated
+        By record.
+    white : Whitened
+        Its Jacobian is to the coordinates.
+    missing : tuple of int
+        Records without a steady state.
+    by_x : (p, n) array
+        Derivatives of the numbers of the rig that the records are differentiated to.
+    corrections : dict of int to Correction
+        Of the discretisation, by record.
+    """
+
+    model: Model
+    x: Array
+    found: dict[int, Simulated]
+    white: Whitened
+    missing: tuple[int, ...]
+    by_x: Array
+    corrections: Mapping[int, Correction] = field(default_factory=dict)
+
+    @property
+    def pulls(self) -> Array:
+        """Calibrated numbers less expected, in standard deviations, (n,); 0 where nothing is expected."""
+        return np.array([(v - f.expected) / f.std for f, v in zip(self.model.free, self.x, strict=True)])
+
+    @property
+    def chi2(self) -> float:
+        """Of the records and of what is expected of the calibrated numbers."""
+        return self.white.chi2 + float(self.pulls @ self.pulls)
+
+    @property
+    def solutions(self) -> Solutions:
+        """Steady states by record."""
+        return {number: s.solution for number, s in self.found.items()}
+
+    def states(self, x: Array) -> dict[int, State]:
+        """Unknowns of the balance at other coordinates, to first order, by record."""
+        change = self.by_x @ (x - self.x)
+        return {number: s.moved(change) for number, s in self.found.items()}
+
+    @property
+    def coordinates(self) -> dict[tuple[int, str], float]:
+        """By cause and name of the number."""
+        return {(f.cause, f.name): float(x) for f, x in zip(self.model.free, self.x, strict=True)}
+
+    @property
+    def expected(self) -> Array:
+        """What is expected of the coordinates, as rows beside those of the records: (n, n), in standard deviations."""
+        return np.diag([1.0 / f.std for f in self.model.free])
+
+    @property
+    def information(self) -> Array:
+        """Inverse covariance of the coordinates by records and expectation, (n, n)."""
+        J = self.white.jacobian
+        return np.asarray(J.T @ J + self.expected**2)
+
+    @property
+    def covariance(self) -> Array:
+        """Of the coordinates, (n, n); what no record sees is known to within its bounds."""
+        low, high = self.model.bounds()
+        width = np.where(np.isfinite(high - low), high - low, 1e6)
+        return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / width**2)))
+
+    @property
+    def std(self) -> Array:
+        """Of the values, (n,)."""
+        slopes = np.array([f.slope(v) for f, v in zip(self.model.free, self.x, strict=True)])
+        return np.asarray(np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion."""
+        return self.chi2 + self.white.spread + self.model.counted * float(np.log(len(self.white)))
+
+
+def evaluate(
+    model: Model,
+    campaign: Campaign,
+    x: Array,
+    last: Solutions,
+    near: Evaluation | None = None,
+    needed: Collection[int] = (),
+) -> Evaluation:
+    """A model at coordinates.
+
+    Parameters
+    ----------
+    model : Model
+    campaign : Campaign
+    x : (n,) array
+    last : mapping of int to PeriodicSolution
+        Where steady states start.
+    near : Evaluation, optional
+        Of the same model: its records start from there, extrapolated, and must all be found again.
+    needed : collection of int
+        Other records that must be found.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    ConvergenceError
+        If the steady state of no record is found, or one found `near` or needed is not.
+    """
+    keys, by_x = model.by_x(x)
+    starts = states(last)
+    if near is not None:
+        starts, needed = starts | near.states(x), {*needed, *near.found}
+    found = campaign.simulate(model.rig(x), keys, starts, needed)
+    missing = tuple(number for number in campaign.numbers if number not in found)
+    return Evaluation(model, x, found, campaign.whiten(found, by_x), missing, by_x, campaign.corrections)
+
+
+def fit_model(
+    model: Model,
+    campaign: Campaign,
+    x: Array,
+    last: Solutions,
+    steps: int = STEPS,
+    settled: float = SETTLED,
+    part: float = PART,
+    needed: Collection[int] = (),
+    reach: float = np.inf,
+) -> Evaluation:
+    """Coordinates of least chi2 near `x` (Gauss and Newton, steps shortened or damped where that fails).
+
+    Parameters
+    ----------
+    model : Model
+    campaign : Campaign
+    x : (n,) array
+        Where to start.
+    last : mapping of int to PeriodicSolution
+        Where steady states start.
+    steps : int
+        Evaluations, at most.
+    settled : float
+        Promised fall of chi2 at which the search ends.
+    part : float
+        The same as a part of what chi2 exceeds the number of coefficients by.
+    needed : collection of int
+        Records that must have a steady state at `x`.
+    reach : float
+        Chi2 that is of use: the search ends where steps as good as the last one would not get there.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    ConvergenceError
+        If the steady state of no record is found at `x`, or that of one that is needed is not.
+    """
+    low, high = model.bounds()
+    here = evaluate(model, campaign, np.clip(x, low, high), last, needed=needed)
+    damping, length = DAMPED, 1.0
+    for left in reversed(range(steps if len(x) else 0)):
+        step, promised = _step(here, damping, low, high)
+        if abs(promised) < max(settled, part * (here.chi2 - len(here.white))):
+            break
+        if promised < 0.0:  # at a corner of the bounds
+            damping = max(damping, DAMPED) * 100.0
+            if damping > MOST_DAMPED:
+                break
+            continue
+        length = min(length, float(MOST / max(np.abs(step).max(), 1e-300)))
+        try:
+            there = evaluate(model, campaign, np.clip(here.x + length * step, low, high), last, here)
+            gained = _fall(here, there)
+        except FAILURES:
+            gained = -1.0
+        if gained > 0.0:
+            # valleys are narrow and bent: the direction is kept, and followed further while it pays
+            here, damping = there, max(damping / 10.0, LEAST_DAMPED)
+            if here.chi2 - left * gained / length > reach:
+                break
+            length = min(1.0, length * LONGER)
+        else:
+            length *= SHORTER
+            if length < SHORTEST:
+                damping, length = damping * 1e3, 1.0
+        if damping > MOST_DAMPED:
+            break
+    return here
+
+
+def refine(e: Evaluation, campaign: Campaign, steps: int = REFINED) -> Evaluation:
+    """Fit a model again with the discretisation corrected where the fit is."""
+    there = campaign.corrected(e.model.rig(e.x), e.solutions)
+    return fit_model(e.model, there, e.x, e.solutions, steps)
+
+
+def _fall(before: Evaluation, after: Evaluation) -> float:
+    """Fall of chi2 on the records that were found before."""
+    more = after.white.residual[np.isin(after.white.record, before.missing)]
+    return before.chi2 - after.chi2 + float(more @ more)
+
+
+def _step(here: Evaluation, damping: float, low: Array, high: Array) -> tuple[Array, float]:
+    """Step within the bounds, and the fall of chi2 it promises."""
+    std = np.array([f.std for f in here.model.free])
+    gradient = here.white.jacobian.T @ here.white.residual - here.pulls / std
+    A = here.information
+    step, moving = np.zeros(len(gradient)), np.ones(len(gradient), dtype=bool)
+    for _ in range(len(gradient)):  # coordinates that would leave the bounds stop there, the others make the best of it
+        B, left = A[np.ix_(moving, moving)], gradient[moving] - A[np.ix_(moving, ~moving)] @ step[~moving]
+        size = np.sqrt(np.maximum(np.diag(B), 1e-300))
+        B = B / np.outer(size, size) + max(damping, ROUNDING) * np.eye(len(B))
+        step[moving] = np.linalg.solve(B, left / size) / size
+        inside = np.clip(here.x + step, low, high) - here.x
+        leaving = moving & (inside != step)
+        if not leaving.any():
+            break
+        step, moving = inside, moving & ~leaving
+        if not moving.any():
+            break
+    return step, float(2.0 * gradient @ step - step @ A @ step)
+
+
+def best_start(
+    model: Model, campaign: Campaign, starts: list[Array], last: Solutions, most: int = MANY
+) -> list[tuple[float, Array]]:
+    """Starts by their chi2 on a few records, the least first; a record without a steady state counts as in `last`.
+
+    More than `most` are compared on the records that `last` misses most, and the best of them on all.
+    """
+    before = campaign.chi2(last)
+    worst = sorted(before, key=lambda number: -before[number])[:MISSED]
+    if len(starts) > most:
+        starts = [x for _, x in _ordered(model, campaign.of(worst), starts, last, before)][:most]
+    return _ordered(model, campaign, starts, last, before)
+
+
+def _ordered(
+    model: Model, campaign: Campaign, starts: list[Array], last: Solutions, before: Mapping[int, float]
+) -> list[tuple[float, Array]]:
+    known = {number: before[number] for number in campaign.numbers if number in before}
+    found = []
+    for x in starts:
+        try:
+            solutions = campaign.solve(model.rig(x), last)
+        except FAILURES:
+            continue
+        if solutions:
+            found.append((float(sum((known | campaign.chi2(solutions)).values())), x))
+    if not found:
+        raise ConvergenceError(f"{model.label}: no start has steady states")
+    return sorted(found, key=lambda pair: pair[0])

@@ -1,0 +1,210 @@
+"""A model is a nominal rig with calibrated numbers, extended by causes: coordinates in, a rig out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from hbm.fourier import Array
+from hbm.outputerror.nominal import nominal_scalars, tolerances, unit_of, with_values
+from models.beam import Beam
+from models.causes.cause import Cause, Unknown
+from models.rig import Rig
+
+WIDE = 20.0
+"""A number between positive bounds this factor apart is not fitted as it is."""
+
+STEP = 1e-6
+"""Of coordinates, for the derivative of a rig's numbers to them; no solution is differentiated so."""
+
+BOUND, FAR, SENSOR_FAR = 3.0, 20.0, 4.0
+"""Calibrated numbers stay within this factor of the nominal ones, and within so many standard deviations; those of the
+sensors within fewer: where several must move by ten tolerances physics is missing, which they must not hide."""
+
+SENSORS = "channels."
+"""Beginning of the keys of numbers of sensors."""
+
+
+Form = Literal["linear", "logarithmic", "inverse"]
+
+
+@dataclass(frozen=True)
+class Free:
+    """A free number and its coordinate, in which effects are near linear.
+
+    Attributes
+    ----------
+    name, unit : str
+    lower, upper, start : float
+        Of the number.
+    form : str
+        The coordinate is the number divided by `scale`, its logarithm, or `scale` divided by it: the last for a
+        stiffness whose effect vanishes where it is infinite.
+    scale : float
+    expected, std : float
+        Of the coordinate, before anything is measured; std may be inf.
+    cause : int
+        Which cause it belongs to; -1 for a calibrated number of the rig file.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    start: float
+    form: Form = "logarithmic"
+    scale: float = 1.0
+    expected: float = 0.0
+    std: float = np.inf
+    cause: int = -1
+
+    def of(self, value: float) -> float:
+        """Coordinate of a value."""
+        if self.form == "linear":
+            return value / self.scale
+        return float(np.log(value)) if self.form == "logarithmic" else self.scale / value
+
+    def value(self, x: float) -> float:
+        """Value at a coordinate."""
+        if self.form == "linear":
+            found = x * self.scale
+        else:
+            found = float(np.exp(x)) if self.form == "logarithmic" else self.scale / x if x else np.inf
+        return float(min(max(found, self.lower), self.upper))
+
+    def slope(self, x: float) -> float:
+        """Derivative of the value to the coordinate."""
+        if self.form == "linear":
+            return self.scale
+        if self.form == "logarithmic":
+            return self.value(x)
+        return -self.scale / x**2 if x else -np.inf  # an infinite stiffness may be any that is large
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Of the coordinate."""
+        ends = self.of(self.lower), self.of(self.upper)
+        return min(ends), max(ends)
+
+
+def free_of(unknown: Unknown, cause: int, tolerance: float = np.inf) -> Free:
+    """Free number of an unknown of a cause, its neutral value known to within a relative standard deviation."""
+    positive = unknown.lower > 0.0 and unknown.upper / unknown.lower > WIDE
+    form: Form = "linear" if not positive else "inverse" if np.isinf(unknown.neutral) else "logarithmic"
+    scale = unknown.starts[-1] if form == "inverse" else max(abs(s) for s in unknown.starts) or 1.0
+    lower, upper = float(unknown.lower), float(unknown.upper)
+    free = Free(unknown.name, unknown.unit, lower, upper, unknown.starts[0], form, scale, cause=cause)
+    if not np.isfinite(tolerance):
+        return free
+    expected = free.of(unknown.neutral)
+    return replace(free, expected=expected, std=tolerance * (1.0 if form == "logarithmic" else expected))
+
+
+def calibrated_of(rig: Rig, key: str, value: float, std: float) -> Free:
+    """Free number that is expected to be what the rig file says, within a standard deviation."""
+    unit, far = unit_of(rig, key), SENSOR_FAR if key.startswith(SENSORS) else FAR
+    if value == 0.0:
+        return Free(key, unit, -far * std, far * std, 0.0, "linear", std, std=1.0)
+    factor = min(BOUND, float(np.exp(far * std)))
+    upper = value * factor
+    if key.endswith(".position") and isinstance(rig.body, Beam):
+        upper = min(upper, float(rig.body.length))
+    return Free(key, unit, value / factor, upper, value, expected=float(np.log(value)), std=std)
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A nominal rig, the numbers that are calibrated, and causes.
+
+    Attributes
+    ----------
+    nominal : Rig
+    calibrated : dict of str to float
+        Standard deviation of each calibrated number, relative where it is not 0; inf where it is free.
+    causes : tuple of Cause
+    """
+
+    nominal: Rig
+    calibrated: Mapping[str, float]
+    causes: tuple[Cause, ...] = ()
+
+    @property
+    def label(self) -> str:
+        """Names of the causes."""
+        return " + ".join(cause.label for cause in self.causes) or "calibrated nominal"
+
+    def extended_by(self, cause: Cause) -> "Model":
+        """The model with one more cause."""
+        return Model(self.nominal, self.calibrated, (*self.causes, cause))
+
+    @cached_property
+    def unknowns(self) -> tuple[tuple[Unknown, ...], ...]:
+        """Of each cause, for the rig that those before have extended."""
+        rig, out = self.nominal, []
+        for cause in self.causes:
+            unknowns = cause.unknowns(rig)
+            out.append(unknowns)
+            rig = cause.extend(rig, {u.name: u.starts[0] for u in unknowns})
+        return tuple(out)
+
+    @cached_property
+    def free(self) -> tuple[Free, ...]:
+        """All free numbers, calibrated ones first; those that a cause decides are its own."""
+        known = nominal_scalars(self.nominal)
+        taken = {u.key for unknowns in self.unknowns for u in unknowns}
+        calibrated = [
+            calibrated_of(self.nominal, key, known[key], std)
+            for key, std in self.calibrated.items()
+            if key not in taken
+        ]
+        own = ((u, i) for i, unknowns in enumerate(self.unknowns) for u in unknowns)
+        return (*calibrated, *(free_of(u, i, self._known(u)) for u, i in own))
+
+    def _known(self, unknown: Unknown) -> float:
+        """Relative standard deviation of a number of a cause before anything is measured."""
+        known = {**tolerances(self.nominal), **self.calibrated} if unknown.known else {}
+        return known.get(unknown.key, np.inf)
+
+    @property
+    def counted(self) -> int:
+        """Free numbers that the measurement alone decides."""
+        return sum(not np.isfinite(f.std) for f in self.free)
+
+    @property
+    def start(self) -> Array:
+        """Coordinates where the causes have next to no effect."""
+        return np.array([f.of(f.start) for f in self.free])
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Of the coordinates."""
+        low, high = np.array([f.bounds for f in self.free]).reshape(-1, 2).T
+        return low, high
+
+    def rig(self, x: Array) -> Rig:
+        """The rig at coordinates."""
+        values = [f.value(v) for f, v in zip(self.free, x, strict=True)]
+        named = list(zip(self.free, values, strict=True))
+        rig = with_values(self.nominal, {f.name: v for f, v in named if f.cause < 0})
+        for i, cause in enumerate(self.causes):
+            rig = cause.extend(rig, {f.name: v for f, v in named if f.cause == i})
+        return rig
+
+    def by_x(self, x: Array) -> tuple[tuple[str, ...], Array]:
+        """Numbers of the rig that move with the coordinates, and their derivatives (p, n)."""
+        here = nominal_scalars(self.rig(x))
+        _, high = self.bounds()
+        columns = []
+        for i in range(len(x)):
+            step = STEP if x[i] + STEP <= high[i] else -STEP
+            moved = x.copy()
+            moved[i] += step
+            there = nominal_scalars(self.rig(moved))
+            columns.append({key: (there[key] - value) / step for key, value in here.items() if there[key] != value})
+        keys = tuple(key for key in here if any(key in column for column in columns))
+        return keys, np.array([[column.get(key, 0.0) for column in columns] for key in keys]).reshape(len(keys), len(x))
+
+    def values(self, x: Array, cause: int) -> dict[str, float]:
+        """Parameters of a cause at coordinates."""
+        return {f.name: f.value(v) for f, v in zip(self.free, x, strict=True) if f.cause == cause}

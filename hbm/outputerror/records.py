@@ -1,0 +1,214 @@
+"""Measured records beside the steady states a rig predicts for them: forces turned to cosines, and where Newton starts.
+
+What fits to spectra share, whatever they fit: a :class:`Measurement` of :class:`Record` objects, and
+:func:`solve_record`, which finds the steady state of one on the branch it was measured on.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from continuation import ConvergenceError, NewtonSettings
+from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.solution import PeriodicSolution, describe
+from hbm.fourier import Array, FourierBasis
+from hbm.inverse.observed import motion_of
+from hbm.inverse.reconstruction import Reconstruction
+from hbm.inverse.sensing import Complex, Sensing
+from hbm.response.liftoff import solve_lifting
+from hbm.response.trace import TOLERANCE, first_solution
+from models.numbers import at_record
+from models.rig import Rig
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One record of c channels and harmonics 1..H, turned so that its force is a cosine.
+
+    Attributes
+    ----------
+    number : int
+        As in the file.
+    hz, force, force_std : float
+        Frequency [Hz], amplitude of the force [N] and standard deviation of each of its cos and sin.
+    measured : (2, c, H) array
+        Real and imaginary part of the amplitudes, nan where not measured.
+    std : (c, H) array
+        Of each of them.
+    start : State
+        What the reconstruction says of the motion.
+    distortion : (2, H-1) array
+        Coefficients of cos and sin of harmonics 2..H of the force [N], nan where not measured.
+    distortion_std : (H-1,) array
+        Standard deviation of each of them, nan where not measured.
+    """
+
+    number: int
+    hz: float
+    force: float
+    force_std: float
+    measured: Array
+    std: Array
+    start: State
+    distortion: Array
+    distortion_std: Array
+
+    @property
+    def listed(self) -> npt.NDArray[np.bool_]:
+        """What was measured, (2, c, H)."""
+        return np.isfinite(self.measured)
+
+    @property
+    def tones(self) -> tuple[tuple[int, float, float], ...]:
+        """Harmonics of the force that were measured, as :class:`models.rig.Excitation` has them."""
+        found = np.flatnonzero(np.isfinite(self.distortion_std))
+        ratios = (self.distortion[:, found] / self.force).T.tolist()
+        return tuple((int(i) + 2, cosine, sine) for i, (cosine, sine) in zip(found, ratios, strict=True))
+
+    def rig(self, rig: Rig) -> Rig:
+        """A rig as it is in this record: what drifts, and the harmonics of the force where the rig minds them.
+
+        Raises
+        ------
+        ValueError
+            As :func:`models.numbers.at_record`.
+        """
+        rig = at_record(rig, self.number)
+        if not rig.excitation.measured_harmonics:
+            return rig
+        return replace(rig, excitation=replace(rig.excitation, harmonics=self.tones))
+
+
+@dataclass(frozen=True, eq=False)
+class Measurement:
+    """Records of the same channels and harmonics; `speed` (r,) is the largest slip velocity of each [m/s]."""
+
+    records: tuple[Record, ...]
+    channels: tuple[str, ...]
+    H: int
+    speed: Array
+
+    @property
+    def distorted(self) -> float | None:
+        """Largest of the harmonics 2..H of the force, in standard deviations; None where none was measured."""
+        sizes = np.concatenate([np.hypot(*r.distortion) / r.distortion_std for r in self.records])
+        return float(np.nanmax(sizes)) if np.isfinite(sizes).any() else None
+
+
+def measurement_of(r: Reconstruction, seen: Sensing | None = None) -> Measurement:
+    """Records of a reconstruction.
+
+    Parameters
+    ----------
+    r : Reconstruction
+    seen : Sensing, optional
+        The measurement, where more channels are to be compared than the reconstruction trusted.
+
+    Returns
+    -------
+    Measurement
+    """
+    motion = motion_of(r)
+    seen = motion.sensing if seen is None else seen
+    records = tuple(_turned(r, seen, motion.q[i], i) for i in range(len(r)))
+    speed = np.abs(r["slip_velocity"].samples).max(axis=1)
+    return Measurement(records, seen.channels, r.H, speed)
+
+
+def _turned(r: Reconstruction, seen: Sensing, q: Complex, i: int) -> Record:
+    H = r.H
+    level = float(r.spectra.level[i])
+    known = bool(seen.force[i].any())  # without a force channel the level with phase 0 stands for it
+    force = complex(seen.force[i, 1]) if known else complex(level)
+    turn = np.exp(-1j * np.angle(force) * np.arange(H + 1))
+    listed = seen.weight[i].T > 0.0
+    nothing = complex(np.nan, np.nan)
+    amplitudes = np.where(listed, (seen.measured[i] * turn[:, None]).T, nothing)[:, 1:]
+    std = np.where(listed, 1.0 / np.where(listed, seen.weight[i].T, 1.0), np.nan)[:, 1:]
+    force_std = np.where(seen.force_std[i, 2:] > 0.0, seen.force_std[i, 2:], np.nan)
+    harmonics = np.where(np.isfinite(force_std), (seen.force[i] * turn)[2:], nothing)
+    basis = FourierBasis(H, 3 * H + 2)
+    Q, T = basis.real(q * turn[:, None]), basis.real(r["friction"].amplitudes[i] * turn)
+    return Record(
+        number=int(r.spectra.records[i]),
+        hz=float(r.spectra.hz[i]),
+        force=abs(force),
+        force_std=float(seen.force_std[i, 1]) if known else 0.0,
+        measured=np.array([amplitudes.real, amplitudes.imag]),
+        std=std,
+        start=State(Q, T, 2 * np.pi * float(r.spectra.hz[i]), abs(force)),
+        distortion=np.array([harmonics.real, -harmonics.imag]),
+        distortion_std=force_std,
+    )
+
+
+def solve_record(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution:
+    """Steady state of a record, from its last one or from the reconstruction, else from nothing.
+
+    Raises
+    ------
+    ConvergenceError
+        If it is not found; from a last one, nothing else is tried.
+    """
+    try:
+        return solve_from(rig, basis, record, record.start if last is None else last)
+    except ConvergenceError:
+        if last is not None:
+            raise
+    problem = HarmonicBalance(rig, basis, level=record.force)
+    lam = problem.lam_at(record.hz)
+    return describe(problem, first_solution(problem, lam), lam)
+
+
+def solve_from(rig: Rig, basis: FourierBasis, record: Record, start: State, steps: int = 40) -> PeriodicSolution:
+    """Steady state of a record by Newton's method from a state.
+
+    Raises
+    ------
+    ConvergenceError
+        If it does not get there.
+    """
+    problem = HarmonicBalance(rig, basis, level=record.force)
+    lam = problem.lam_at(record.hz)
+    result = solve_lifting(problem, start, lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=steps))
+    if not result.converged:
+        raise ConvergenceError(f"no convergence, last residual {result.residual_norm:.2g}; {result.reason.value}")
+    return describe(problem, result.x, lam)
+
+
+def parts(basis: FourierBasis, coefficients: Array, H: int) -> Array:
+    """Real and imaginary part of amplitudes 1..H of coefficients (2H'+1, ...), (2, H, ...)."""
+    amplitudes = basis.complex(coefficients)[1 : H + 1]
+    return np.array([amplitudes.real, amplitudes.imag])
+
+
+def force_columns(record: Record, amplitudes: Array, by_force: Array, by_tones: Array | None = None) -> Array:
+    """What one standard deviation of each part of the force does to simulated amplitudes (2, c, H).
+
+    Parameters
+    ----------
+    record : Record
+    amplitudes : (2, c, H) array
+    by_force : (2, c, H) array
+        Their derivatives to the amplitude of the force, the ratios of its harmonics held.
+    by_tones : (2, c, H, 2t) array, optional
+        To the coefficients of cos and sin of each of :attr:`Record.tones`, where these were simulated.
+
+    Returns
+    -------
+    (2 + 2t, 2, c, H) array
+        For amplitude and phase of the fundamental, the harmonics held; then for those coefficients.
+    """
+    k = np.arange(1, amplitudes.shape[2] + 1)
+    real, imaginary = amplitudes
+    by_phase = np.array([-imaginary, real]) * k  # the phase of the force turns harmonic k by k times as much
+    if by_tones is None:
+        return np.asarray(record.force_std * np.array([by_force, by_phase / record.force]))
+    number, cosine, sine = np.array(record.tones).reshape(-1, 3).T
+    # ratios to a fundamental that grows, and phases beside one that turns
+    by_force = by_force - by_tones @ np.column_stack([cosine, sine]).ravel() / record.force
+    by_phase = by_phase + by_tones @ np.column_stack([-number * sine, number * cosine]).ravel()
+    fundamental = record.force_std * np.array([by_force, by_phase / record.force])
+    std = record.distortion_std[np.isfinite(record.distortion_std)]
+    return np.concatenate([fundamental, np.moveaxis(by_tones * np.repeat(std, 2) / record.force, -1, 0)])

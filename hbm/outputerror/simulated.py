@@ -1,0 +1,215 @@
+"""One record simulated at a rig: its steady state, and how what was measured of it follows every number."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from continuation import ConvergenceError
+from hbm.balance.problem import State
+from hbm.balance.solution import PeriodicSolution
+from hbm.fourier import Array, FourierBasis
+from hbm.outputerror.numerics import amplitudes_of
+from hbm.outputerror.records import Measurement, Record, parts, solve_from, solve_record
+from hbm.sensitivity.derivatives import sensitivities
+from hbm.sensitivity.moving import Disturbance
+from hbm.sensitivity.scalars import FORCE, HZ
+from hbm.stability.transients import transients
+from models.change import drift_scalars, tone_scalars
+from models.friction import parameters
+from models.numbers import number
+from models.rig import Rig
+
+Solutions = Mapping[int, PeriodicSolution]
+States = Mapping[int, State]
+"""Steady states by the number of their record."""
+
+
+NEWTON = 15
+"""Iterations from the last steady state, and from the reconstruction where those did not get there."""
+
+
+LOSSLESS = 1e-9
+"""Of the largest loop that friction and slip could close, the loss of a contact that sticks."""
+
+
+FAILURES = (ConvergenceError, ArithmeticError, ValueError, np.linalg.LinAlgError)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """One record as simulated: amplitudes (2, c, H), derivatives to p keys (..., p), to force and to frequency.
+
+    Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients;
+    where the contact never slips, `by_history` (2, c, H) what one standard deviation of its mean friction does; and
+    where transients may not have died out, `by_transients` (2, c, H, k) what each motion of a start from rest leaves.
+    `Q_by_keys` (2H'+1, n, p) and `T_by_keys` (2H'+1, p) are the derivatives of the unknowns of the balance.
+    """
+
+    solution: PeriodicSolution
+    amplitudes: Array
+    by_keys: Array
+    by_force: Array
+    by_hz: Array
+    by_tones: Array | None
+    by_history: Array | None
+    by_transients: Array | None
+    Q_by_keys: Array
+    T_by_keys: Array
+
+    @property
+    def transients(self) -> int:
+        """How many motions of a start from rest are left in it."""
+        return 0 if self.by_transients is None else self.by_transients.shape[-1]
+
+    def moved(self, change: Array) -> State:
+        """Where the steady state is to first order when the numbers of the keys change by so much, (p,)."""
+        state = self.solution.state
+        return replace(state, Q=state.Q + self.Q_by_keys @ change, T=state.T + self.T_by_keys @ change)
+
+
+def states(solutions: Solutions) -> dict[int, State]:
+    """Their unknowns."""
+    return {number: solution.state for number, solution in solutions.items()}
+
+
+def steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution | None:
+    """Steady state of a record, from the last one or from the reconstruction; None where it is not found."""
+    solved = _steady(rig, basis, record, last)
+    return None if solved is None else solved[1]
+
+
+def _steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> tuple[Rig, PeriodicSolution] | None:
+    """The rig of a record, and its steady state."""
+    try:
+        rig = record.rig(rig)
+    except FAILURES:
+        return None
+    if last is None:
+        try:
+            return rig, solve_record(rig, basis, record, None)
+        except FAILURES:
+            return None
+    for start in _starts(rig, last, record.start):
+        try:
+            return rig, solve_from(rig, basis, record, start, NEWTON)
+        except FAILURES:
+            continue
+    return None
+
+
+def _starts(rig: Rig, last: State, reconstructed: State) -> list[State]:
+    """States to start from, whole and by their friction alone; that first where something was attached that swings.
+
+    Its modes share a resonance with others; what the friction is there is nearer than how they move.
+    """
+    if rig.contact.lift_off:  # which is marched to where Newton's method does not get
+        return [last]
+    given = [last, reconstructed]
+    forced = [replace(state, Q=state.Q[:, :0]) for state in given]
+    return [*given, *forced] if last.Q.shape[1] == rig.structure.n else [*forced, *given]
+
+
+def simulated(
+    rig: Rig, basis: FourierBasis, data: Measurement, keys: tuple[str, ...], record: Record, last: State | None
+) -> Simulated | None:
+    """One record at a rig on a basis, with derivatives to keys; None where no steady state is found."""
+    solved = _steady(rig, basis, record, last)
+    if solved is None:
+        return None
+    here, solution = solved
+    own, by_keys = in_record(rig, keys, record.number)
+    tones = tuple(tone_scalars(here)) if here.excitation.measured_harmonics else ()
+    spare = spare_friction(here, solution)
+    try:
+        by = sensitivities(here, solution, (*own, FORCE, HZ, *tones), held_beside(solution) if spare > 0.0 else None)
+        left = None if here.excitation.settled else left_by_transients(here, solution, data)
+    except FAILURES:
+        return None
+    p = len(own)
+    slopes = np.stack([parts(basis, by[name].coefficients, data.H) for name in data.channels], axis=1)
+    by_tones = slopes[..., p + 2 :] if tones else None
+    return Simulated(
+        solution=solution,
+        amplitudes=amplitudes_of(data, solution),
+        by_keys=slopes[..., :p] @ by_keys,
+        by_force=slopes[..., p],
+        by_hz=slopes[..., p + 1],
+        by_tones=by_tones,
+        by_history=history(spare, by.disturbed, solution, data) if spare > 0.0 else None,
+        by_transients=left,
+        Q_by_keys=by.own_Q[..., :p] @ by_keys,
+        T_by_keys=by.T[..., :p] @ by_keys,
+    )
+
+
+def sticks(solution: PeriodicSolution) -> bool:
+    """Whether the contact never slips: then what it was through before decides its mean friction."""
+    T, slip = solution["friction"].samples, solution["slip"].samples
+    return abs(solution.friction_loss) <= LOSSLESS * float(np.ptp(T) * np.ptp(slip))
+
+
+def spare_friction(rig: Rig, solution: PeriodicSolution) -> float:
+    """What friction can hold beside what oscillates, where the contact never slips; else 0 [N]."""
+    if not sticks(solution):
+        return 0.0
+    law = parameters(rig.contact.law)
+    held = max((float(law[name]) for name in ("mu", "mu_static") if name in law), default=0.0) * rig.contact.normal_load
+    return max(held - float(np.ptp(solution["friction"].samples)) / 2.0, 0.0)
+
+
+def held_beside(solution: PeriodicSolution) -> Disturbance:
+    """A constant friction force."""
+    constant = np.zeros((solution.basis.size, 1))
+    constant[0] = 1.0
+    none = np.zeros_like(constant)
+    return Disturbance(np.zeros((*solution.state.Q.shape, 1)), constant, none, none, {})
+
+
+def history(spare: float, by_force: Mapping[str, Array], solution: PeriodicSolution, data: Measurement) -> Array:
+    """Change of the amplitudes (2, c, H) with one standard deviation of the mean friction of a contact that sticks.
+
+    The mean may be anything that friction can hold beside what oscillates; it stiffens or softens the beam like a
+    force along it (foreshortening), which near a sharp resonance is seen. `by_force` is what a constant friction force
+    does, `spare` what friction can hold.
+    """
+    size = spare / np.sqrt(3.0) / float(by_force["friction"][0, 0])
+    change = [parts(solution.basis, by_force[name], data.H)[..., 0] for name in data.channels]
+    return np.asarray(size * np.stack(change, axis=1))
+
+
+def left_by_transients(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array:
+    """What the transients of a start from rest leave in amplitudes, (2, c, H, k): each as large as it may well be."""
+    found = transients(rig, solution, data.H)
+    coefficients = found.coefficients.reshape(*found.coefficients.shape[:2], -1)
+    of_channels = [c.name for c in rig.response_channels]
+    basis = FourierBasis(data.H, 2 * data.H + 1)
+    picked = coefficients[:, [of_channels.index(name) for name in data.channels]]
+    return np.asarray(np.moveaxis(parts(basis, picked, data.H), 1, 2))
+
+
+def in_record(rig: Rig, keys: Sequence[str], record: int) -> tuple[tuple[str, ...], Array]:
+    """Numbers of the rig of a record that numbers of a rig that drifts decide, and their derivatives to them.
+
+    Parameters
+    ----------
+    rig : Rig
+    keys : sequence of str, (p,)
+        Its numbers.
+    record : int
+
+    Returns
+    -------
+    tuple of str, (q,)
+        Numbers of :meth:`hbm.outputerror.records.Record.rig`.
+    (q, p) array
+    """
+    after = record - 1
+    drifting = dict(zip(drift_scalars(rig), rig.drift, strict=True))
+    grown = {drift.parameter: 1.0 + drift.rate * after for drift in rig.drift}
+    acts_on = [drifting[key].parameter if key in drifting else key for key in keys]
+    own = tuple(dict.fromkeys(acts_on))
+    by_keys = np.zeros((len(own), len(keys)))
+    for j, (key, target) in enumerate(zip(keys, acts_on, strict=True)):
+        by_keys[own.index(target), j] = after * number(rig, target) if key in drifting else grown.get(target, 1.0)
+    return own, by_keys

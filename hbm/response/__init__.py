@@ -1,0 +1,1 @@
+"""Periodic responses: steady states, curves over frequency, their accuracy, bifurcations and branches."""

@@ -1,0 +1,268 @@
+"""How far a curve is from the exact answer of its equations, and how many harmonics it needs.
+
+Everything here is measured, not assumed: some points of the curve are solved again with more harmonics,
+more samples and more modes, and the change is the estimate.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from continuation import ConvergenceError
+from hbm.balance.problem import HarmonicBalance
+from hbm.balance.solution import PeriodicSolution, describe
+from hbm.fourier import Array, FourierBasis
+from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
+from hbm.response.trace import OnPoint, default_samples, default_sweep, scout_frequency, solve_near, trace_frequency
+from models.rig import Rig
+
+TOLERANCE = 5e-3
+"""Largest accepted change of drive displacement and friction force, relative to their peak on the curve."""
+
+LADDER = (7, 9, 11, 13, 15, 17, 19, 23, 27, 33, 39, 47)
+"""Harmonics tried by :func:`frequency_response`."""
+
+UNDECIDED = 15
+"""Harmonics taken where the number cannot be judged."""
+
+JUDGED = ("drive", "friction")
+"""Channels whose change is measured."""
+
+STEPS = 40
+"""Fewest steps over a sweep; there are more where the response is steep."""
+
+SAMPLES_LIMIT = 4096
+SPREAD = 8
+"""Points spread over a curve that are solved again to estimate its error."""
+
+
+def frequency_response(
+    rig: Rig,
+    hz: tuple[float, float] | None = None,
+    *,
+    level: float | None = None,
+    harmonics: int | None = None,
+    tolerance: float = TOLERANCE,
+    on_point: OnPoint | None = None,
+) -> ResponseCurve:
+    """Frequency response curve with its numerical error.
+
+    Parameters
+    ----------
+    rig : Rig
+    hz : (float, float), optional
+        Where to start and to end [Hz]; 0.85 to 1.35 of the first sliding resonance where omitted.
+    level : float, optional
+        Force amplitude [N]; the rig's where omitted.
+    harmonics : int, optional
+        H; where omitted it is raised until the curve's drive displacement and friction force change
+        less than `tolerance`.
+    tolerance : float
+        Accepted change relative to the peak.
+    on_point : callable, optional
+        Progress: called with frequency and point number.
+
+    Returns
+    -------
+    ResponseCurve
+        With its `assessment`.
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If there is no first solution.
+    """
+    sweep = default_sweep(rig) if hz is None else hz
+    if harmonics is None:
+        H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance)
+    else:
+        H, N_t, reason = harmonics, default_samples(harmonics), f"H = {harmonics} as asked for"
+    step = abs(sweep[1] - sweep[0]) / STEPS
+    curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, step_hz=step, on_point=on_point)
+    error = estimate_error(curve)
+    return replace(curve, assessment=Assessment(error, reason, tuple(_warnings(curve, error, tolerance))))
+
+
+def choose_harmonics(
+    rig: Rig, hz: tuple[float, float], *, level: float | None = None, tolerance: float = TOLERANCE
+) -> tuple[int, int, str]:
+    """Fewest harmonics and samples of the ladder that keep the curve within the tolerance.
+
+    Parameters
+    ----------
+    rig, hz, level, tolerance
+        As for :func:`frequency_response`.
+
+    Returns
+    -------
+    H, N_t : int
+    reason : str
+    """
+    pilot = scout_frequency(rig, hz, level=level)
+    found, scales = _telling_points(pilot), _scales(pilot)
+    for H in LADDER:
+        N_t = default_samples(finer(H))
+        found = _found(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
+        refined = _solve_again(found, HarmonicBalance(rig, FourierBasis(finer(H), N_t), level=level))
+        changes = [relative_change(a, b, scales) for a, b in zip(found, refined, strict=True) if b is not None]
+        if not changes:
+            reason = f"H = {UNDECIDED}: the peaks could not be solved again with {finer(H)} harmonics to judge by"
+            return UNDECIDED, default_samples(UNDECIDED), reason
+        change = max(changes)
+        if change < tolerance:
+            N_t, moved = _choose_samples(rig, found, H, level, scales, tolerance)
+            reason = (
+                f"H = {H}: {finer(H)} harmonics change peak and friction by {change:.2%}, "
+                f"{2 * N_t} samples by {moved:.2%} (tolerance {tolerance:.2%})"
+            )
+            return H, N_t, reason
+    return H, default_samples(H), f"H = {H}, the most that is tried: still {change:.2%} from {finer(H)} harmonics"
+
+
+def _telling_points(curve: ResponseCurve) -> list[PeriodicSolution]:
+    """Peaks of a curve, by which to choose harmonics and samples.
+
+    Where the tip lifts off they are no prediction, and resolving them would cost the rest of the curve dearly: then the
+    largest motion that keeps the contact stands for them.
+    """
+    found = [curve.points[i] for i in sorted(peaks(curve))]
+    in_contact = [p for p in curve.points if not p.lift_off]
+    if not in_contact or not any(p.lift_off for p in found):
+        return found
+    largest = max(in_contact, key=lambda p: p.channels["drive"].peak)
+    return [p for p in found if not p.lift_off] or [largest]
+
+
+def finer(H: int) -> int:
+    """Harmonics that H are compared with."""
+    return 2 * H + 1
+
+
+def _found(points: Sequence[PeriodicSolution], problem: HarmonicBalance) -> list[PeriodicSolution]:
+    """Points on another discretisation, those that were found."""
+    return [p for p in _solve_again(points, problem) if p is not None]
+
+
+def _choose_samples(
+    rig: Rig,
+    found: Sequence[PeriodicSolution],
+    H: int,
+    level: float | None,
+    scales: dict[str, float],
+    tolerance: float,
+) -> tuple[int, float]:
+    """Fewest samples whose doubling changes the probed points by less than half the tolerance; and that change."""
+    N_t = default_samples(H)
+    coarse = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
+    while True:
+        fine = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, 2 * N_t), level=level))
+        changes = [relative_change(a, b, scales) for a, b in zip(coarse, fine, strict=True) if a is not None]
+        change = float(np.nanmax(changes)) if changes else np.inf
+        if change < tolerance / 2 or 2 * N_t > SAMPLES_LIMIT:
+            return N_t, change
+        N_t, coarse = 2 * N_t, fine
+
+
+def peaks(curve: ResponseCurve) -> set[int]:
+    """Where drive displacement and friction force are largest."""
+    return {int(np.argmax(curve[name].peak)) for name in JUDGED}
+
+
+def probes(curve: ResponseCurve) -> list[PeriodicSolution]:
+    """Points worth solving again: the peaks, the one with the strongest high harmonics, some spread over the curve."""
+    tail = np.linalg.norm(curve["drive"].amplitude[:, 2 * curve.basis.H // 3 :], axis=1)
+    spread = np.linspace(0, len(curve.points) - 1, SPREAD).astype(int).tolist()
+    return [curve.points[i] for i in sorted({*peaks(curve), int(np.argmax(tail)), *spread})]
+
+
+def estimate_error(curve: ResponseCurve) -> NumericalError:
+    """Estimate the numerical error of a curve by solving some of its points again, refined.
+
+    Parameters
+    ----------
+    curve : ResponseCurve
+
+    Returns
+    -------
+    NumericalError
+    """
+    rig, found = curve.rig, probes(curve)
+    H, N_t, n = curve.basis.H, curve.basis.N_t, rig.structure.n
+    finer_H, finer_N, finer_rig = finer(H), 2 * N_t, rig.with_modes(2 * n)
+    total = _changes(curve, found, finer_rig, finer_H, finer_N)
+    peak = next(i for i, p in enumerate(found) if p is curve.peak)
+    worst = peak if np.all(np.isnan(total)) else int(np.nanargmax(total))
+    told_apart = sorted({peak, worst})
+    shares = {
+        "harmonics": (rig, finer_H, N_t if N_t > 4 * finer_H else finer_N),
+        "samples": (rig, H, finer_N),
+        "modes": (finer_rig, H, N_t),
+    }
+    sources = {name: np.full(len(found), np.nan) for name in shares}
+    for name, finer_problem in shares.items():
+        if name != "modes" or finer_rig.structure.n > n:
+            sources[name][told_apart] = _changes(curve, [found[i] for i in told_apart], *finer_problem)
+    table = tuple(
+        Probe(p.hz, **{name: float(change[i]) for name, change in sources.items()}, total=float(total[i]))
+        for i, p in enumerate(found)
+    )
+    return NumericalError(table, table[peak], max(p.closure for p in curve.points))
+
+
+def _changes(curve: ResponseCurve, found: Sequence[PeriodicSolution], rig: Rig, H: int, N_t: int) -> Array:
+    """Relative change of each point on another discretisation, nan where it was not found."""
+    again = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=curve.level))
+    scales = _scales(curve)
+    return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
+
+
+def _solve_again(found: Sequence[PeriodicSolution], problem: HarmonicBalance) -> list[PeriodicSolution | None]:
+    """Solve points on another discretisation, each at its frequency; None where that fails."""
+    out: list[PeriodicSolution | None] = []
+    for start in found:
+        lam = problem.lam_at(start.hz)
+        try:
+            out.append(describe(problem, solve_near(problem, lam, start), lam))
+        except ConvergenceError:
+            out.append(None)
+    return out
+
+
+def _scales(curve: ResponseCurve) -> dict[str, float]:
+    return {name: float(curve[name].peak.max()) for name in JUDGED}
+
+
+def difference(a: PeriodicSolution, b: PeriodicSolution, channel: str) -> float:
+    """Largest difference of a channel over the period at the phases both solutions sample."""
+    sa, sb = a.channels[channel].samples, b.channels[channel].samples
+    common = int(np.gcd(len(sa), len(sb)))
+    return float(np.abs(sa[:: len(sa) // common] - sb[:: len(sb) // common]).max())
+
+
+def relative_change(before: PeriodicSolution, after: PeriodicSolution | None, scales: dict[str, float]) -> float:
+    """Largest relative difference over the judged channels."""
+    if after is None:
+        return float("nan")
+    return max(difference(before, after, name) / scale for name, scale in scales.items() if scale > 0.0)
+
+
+def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> Iterable[str]:
+    n, H, worst = curve.rig.structure.n, curve.basis.H, error.worst
+    if error.at_peak.modes > tolerance:
+        yield f"{2 * n} modes move the peak by {error.at_peak.modes:.2%}: set beam.modes = {2 * n}"
+    if error.at_peak.harmonics > tolerance:
+        yield f"more than {H} harmonics move the peak by {error.at_peak.harmonics:.2%}"
+    if error.largest("samples") > tolerance:
+        yield f"doubling the {curve.basis.N_t} samples moves the answer by {error.largest('samples'):.2%}"
+    if worst.total > 2 * tolerance and worst is not error.at_peak:
+        cause = "modes" if worst.modes > worst.harmonics else "harmonics"
+        yield f"near {worst.hz:.5g} Hz the error reaches {worst.total:.1%}, mostly for want of {cause}"
+    for low, high in curve.lift_off:
+        least = min(p.channels["normal"].samples.min() for p in curve.points)
+        yield (
+            f"the tip would lift off from {low:.5g} to {high:.5g} Hz (normal reaction down to {least:.3g} N); "
+            "the model keeps it on the support there"
+        )
+    if not curve.complete:
+        yield f"partial curve: {curve.branch.message}"

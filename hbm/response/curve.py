@@ -1,0 +1,310 @@
+"""A branch of periodic solutions in physical terms, with what is known of its accuracy."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from continuation import Branch, Kind, Problem, SpecialPoint
+from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.solution import PeriodicSolution, amplitudes, describe
+from hbm.fourier import Array, FourierBasis
+from hbm.stability.multipliers import Stability
+from models.rig import Rig
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A point of a curve that was solved again with finer numerics.
+
+    Attributes
+    ----------
+    hz : float
+        Its frequency [Hz].
+    harmonics, samples, modes, total : float
+        Largest change over the period of drive displacement or friction force, relative to the peak of that channel
+        on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where
+        the finer problem was not solved (the single sources are told apart at the peak and where the total is largest).
+    """
+
+    hz: float
+    harmonics: float
+    samples: float
+    modes: float
+    total: float
+
+
+@dataclass(frozen=True)
+class NumericalError:
+    """Estimated numerical error of a curve, relative to the peak of each judged channel.
+
+    Attributes
+    ----------
+    probes : tuple of Probe
+        The points that were solved again, in order of travel.
+    at_peak : Probe
+        The one at the largest drive displacement.
+    closure : float
+        Largest change of the friction state over a period, relative to its range.
+    """
+
+    probes: tuple[Probe, ...]
+    at_peak: Probe
+    closure: float
+
+    @property
+    def worst(self) -> Probe:
+        """The probe of largest total error."""
+        return max(self.probes, key=lambda p: -1.0 if np.isnan(p.total) else p.total)
+
+    def largest(self, source: str) -> float:
+        """Largest error of one source ("harmonics", "samples", "modes" or "total") over the probes."""
+        values = [getattr(p, source) for p in self.probes]
+        return float(np.nanmax(values)) if not np.all(np.isnan(values)) else float("nan")
+
+    def __repr__(self) -> str:
+        """Say the estimate and where it comes from."""
+        p, w = self.at_peak, self.worst
+        return (
+            f"{p.total:.2%} at the peak (harmonics {p.harmonics:.2%}, samples {p.samples:.2%}, modes {p.modes:.2%}), "
+            f"at most {w.total:.2%} near {w.hz:.5g} Hz; loop closure {self.closure:.0e}"
+        )
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What is known of the accuracy of a curve.
+
+    Attributes
+    ----------
+    error : NumericalError
+    reason : str
+        Why this number of harmonics and samples.
+    warnings : tuple of str
+        What a user should know before trusting the curve.
+    """
+
+    error: NumericalError
+    reason: str
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelCurve:
+    """One channel along a curve.
+
+    Attributes
+    ----------
+    unit : str
+    harmonics : (points, 2H+1) array
+        Coefficients a_0, a_1..a_H, b_1..b_H at every point.
+    peak : (points,) array
+        Largest magnitude over the period; of the zero-mean signal for `slip`, the maximum for `normal`.
+    rms : (points,) array
+        Root mean square over the period.
+    """
+
+    unit: str
+    harmonics: Array
+    peak: Array
+    rms: Array
+
+    @property
+    def amplitude(self) -> Array:
+        """Amplitude of harmonics 0..H, (points, H+1)."""
+        return amplitudes(self.harmonics)
+
+    @property
+    def phase(self) -> Array:
+        """Phase of harmonics 0..H against the force's cosine, (points, H+1) [rad], negative for a lag."""
+        H = self.harmonics.shape[1] // 2
+        sines = np.hstack([np.zeros((len(self.harmonics), 1)), self.harmonics[:, H + 1 :]])
+        return np.asarray(np.arctan2(-sines, self.harmonics[:, : H + 1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Bifurcation:
+    """Where the stability or the number of periodic solutions changes.
+
+    Attributes
+    ----------
+    solution : PeriodicSolution
+        There.
+    stability : Stability
+        Its multipliers; one, or a pair, on the unit circle.
+    special : continuation.SpecialPoint
+        The same in scaled unknowns, with the tangents of the curves that meet there.
+    behind : int
+        Index of the first point of the curve behind it.
+    """
+
+    solution: PeriodicSolution
+    stability: Stability
+    special: SpecialPoint
+    behind: int
+
+    @property
+    def kind(self) -> Kind:
+        """What it is."""
+        return Kind(self.special.kind)
+
+    @property
+    def multiplier(self) -> complex:
+        """The multiplier on the unit circle, of a pair the upper one: 1, -1 where the period doubles."""
+        found = self.stability.multipliers
+        if self.kind is Kind.NEIMARK_SACKER:
+            pairs = found[found.imag > 0.0]
+            return complex(pairs[np.abs(np.abs(pairs) - 1.0).argmin()])
+        return complex(found[np.abs(found - (-1.0 if self.kind is Kind.PERIOD_DOUBLING else 1.0)).argmin()])
+
+    @property
+    def hz(self) -> float:
+        """Excitation frequency [Hz]."""
+        return self.solution.hz
+
+    @property
+    def level(self) -> float:
+        """Force amplitude [N]."""
+        return self.solution.level
+
+    def __repr__(self) -> str:
+        """Say what and where."""
+        return f"{self.kind.value} at {self.hz:.6g} Hz, {self.level:.4g} N"
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseCurve:
+    """A branch of periodic solutions in physical terms.
+
+    Attributes
+    ----------
+    rig : Rig
+        What was computed.
+    points : tuple of PeriodicSolution
+        In the order of travel.
+    branch : continuation.Branch
+        The branch in scaled unknowns: tangents, flags, why it ended.
+    problem : HarmonicBalance
+        What the branch solves.
+    assessment : Assessment or None
+        Its numerical error, where it was estimated (:func:`hbm.response.accuracy.frequency_response`).
+    stability : tuple of Stability, optional
+        Of every point, where it was worked out (:func:`hbm.response.bifurcations.with_stability`).
+    doubtful : (points,) bool array, optional
+        Where more harmonics and samples judge otherwise.
+    bifurcations : tuple of Bifurcation
+        Found with it, in the order of travel.
+    """
+
+    rig: Rig
+    points: tuple[PeriodicSolution, ...]
+    branch: Branch
+    problem: HarmonicBalance
+    assessment: Assessment | None = None
+    stability: tuple[Stability, ...] | None = None
+    doubtful: npt.NDArray[np.bool_] | None = None
+    bifurcations: tuple[Bifurcation, ...] = ()
+
+    @property
+    def basis(self) -> FourierBasis:
+        """Fourier basis of the curve."""
+        return self.problem.basis
+
+    @property
+    def level(self) -> float:
+        """Nominal force amplitude [N]."""
+        return self.problem.level
+
+    @cached_property
+    def hz(self) -> Array:
+        """Excitation frequency of every point, (points,) [Hz]."""
+        return np.array([p.hz for p in self.points])
+
+    @cached_property
+    def force(self) -> Array:
+        """Force amplitude of every point, (points,) [N]."""
+        return np.array([p.level for p in self.points])
+
+    @cached_property
+    def channels(self) -> dict[str, ChannelCurve]:
+        """Channels by name: the rig's, and drive, slip, slip_velocity, friction, normal."""
+        return {name: self._channel(name) for name in self.points[0].channels}
+
+    def _channel(self, name: str) -> ChannelCurve:
+        signals = [p.channels[name] for p in self.points]
+        return ChannelCurve(
+            unit=signals[0].unit,
+            harmonics=np.array([s.coefficients for s in signals]),
+            peak=np.array([s.peak for s in signals]),
+            rms=np.sqrt(np.mean(np.array([s.samples for s in signals]) ** 2, axis=1)),
+        )
+
+    def __getitem__(self, name: str) -> ChannelCurve:
+        """Channel by name."""
+        return self.channels[name]
+
+    @property
+    def peak(self) -> PeriodicSolution:
+        """The point of largest drive displacement."""
+        return self.points[int(np.argmax(self["drive"].peak))]
+
+    @property
+    def traced(self) -> Problem:
+        """What the branch solves, for continuation."""
+        return self.problem
+
+    def solution_at(self, x: Array, lam: float) -> PeriodicSolution:
+        """A solution of the traced problem in physical terms."""
+        return describe(self.problem, x, lam)
+
+    def balance_at(self, x: Array, lam: float) -> tuple[HarmonicBalance, State]:
+        """The balance of the rig at a value of the parameter, and the state of unknowns of the traced problem."""
+        return self.problem, self.problem.unpack(x, lam)
+
+    def value_at(self, lam: float) -> float:
+        """What is varied along the curve: frequency [Hz], or force [N] along a force curve."""
+        return self.problem.hz_at(lam) if self.problem.parameter == "frequency" else self.problem.at(lam)[1]
+
+    @cached_property
+    def values(self) -> Array:
+        """What is varied along the curve at every point, (points,)."""
+        return np.array([self.value_at(p.lam) for p in self.branch.points])
+
+    @cached_property
+    def stable(self) -> npt.NDArray[np.bool_] | None:
+        """Whether each point is stable, (points,); None where that was not worked out."""
+        return None if self.stability is None else np.array([s.stable for s in self.stability])
+
+    @property
+    def folds(self) -> list[float]:
+        """Where the curve turns back, in Hz (or N along a force curve)."""
+        return [self.value_at(p.fold_lam if p.fold_lam else p.lam) for p in self.branch.points if p.fold]
+
+    @property
+    def corners(self) -> list[float]:
+        """Where the curve has a corner (a slip phase is born or dies), in Hz (or N)."""
+        found = (p for p in self.branch.points if p.corner)
+        return [self.value_at(p.corner_lam if p.corner_lam else p.lam) for p in found]
+
+    @property
+    def lift_off(self) -> list[tuple[float, float]]:
+        """Frequency ranges (or force ranges) where the tip would lift off, [(first, last), ...]."""
+        lifted = np.array([p.lift_off for p in self.points])
+        at, edges = self.values, np.flatnonzero(np.diff(np.concatenate([[False], lifted, [False]]).astype(int)))
+        return [(float(at[i:j].min()), float(at[i:j].max())) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+
+    @property
+    def complete(self) -> bool:
+        """Whether the curve reached its end, or its start again."""
+        return self.branch.complete or self.branch.closed
+
+    def __repr__(self) -> str:
+        """Say what was found."""
+        top = self.peak
+        text = (
+            f"{len(self.points)} points at {self.level:g} N, H = {self.basis.H}, {self.basis.N_t} samples, "
+            f"{self.problem.structure.n} modes; peak {top.channels['drive'].peak * 1e3:.4g} mm "
+            f"at {top.hz:.4g} Hz; {len(self.folds)} folds, {len(self.corners)} corners"
+        )
+        return text if self.complete else f"{text}; partial: {self.branch.message}"

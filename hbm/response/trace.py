@@ -1,0 +1,373 @@
+"""Periodic responses of a rig: single steady states, and curves traced by continuation.
+
+:func:`frequency_response` and :func:`force_response` return a :class:`ResponseCurve`, whose points are
+:class:`PeriodicSolution` objects and whose channels are arrays with names and units.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from continuation import (
+    Border,
+    ConvergenceError,
+    NewtonSettings,
+    Point,
+    Predictor,
+    Settings,
+    continue_branch,
+    correct,
+    solve_at,
+)
+from hbm.balance.padding import pad
+from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.solution import PeriodicSolution, describe
+from hbm.fourier import Array, FourierBasis
+from hbm.parallel import one_thread
+from hbm.response.curve import ResponseCurve
+from hbm.response.liftoff import solve_lifting
+from models.rig import Rig
+
+TOLERANCE = 1e-10
+"""Every force balance closes to this fraction of the excitation, see :mod:`hbm.balance.problem`."""
+
+PEAK_ACCURACY = 1e-6
+"""A peak is located to this fraction of its height."""
+
+RELATIVE_STEP = 0.01
+"""Largest step as a fraction of the motion, where that is more than the step asked for: on tall resonances."""
+
+EXCURSION = 0.3
+"""How far, relatively, a branch is followed beyond the ends of the sweep."""
+
+SWEEP = (0.85, 1.35)
+"""Default sweep in units of the first sliding resonance."""
+
+FEW = 3
+"""Harmonics along a ramp of the force, which are soon solved, before there are all."""
+
+OnPoint = Callable[[float, int], None]
+"""Called with the frequency [Hz] (or force [N]) and the number of every point found."""
+
+
+def default_samples(H: int) -> int:
+    """Samples per period for H harmonics: 256, or the power of two from 12 H up."""
+    return max(256, 1 << int(np.ceil(np.log2(12 * H))))
+
+
+@one_thread
+def steady_state(
+    rig: Rig,
+    hz: float,
+    *,
+    level: float | None = None,
+    harmonics: int = 15,
+    samples: int | None = None,
+    start: PeriodicSolution | None = None,
+) -> PeriodicSolution:
+    """One periodic response at a given frequency and force.
+
+    Parameters
+    ----------
+    rig : Rig
+    hz : float
+        Excitation frequency [Hz].
+    level : float, optional
+        Force amplitude [N]; the rig's where omitted.
+    harmonics : int
+        H.
+    samples : int, optional
+        Samples per period; :func:`default_samples` where omitted.
+    start : PeriodicSolution, optional
+        Where to start from, any number of harmonics and modes; decides the branch where there are several.
+
+    Returns
+    -------
+    PeriodicSolution
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If neither Newton nor a ramp of the force finds it.
+    """
+    basis = FourierBasis(harmonics, samples or default_samples(harmonics))
+    problem = HarmonicBalance(rig, basis, level=level)
+    lam = problem.lam_at(hz)
+    x = first_solution(problem, lam) if start is None else solve_near(problem, lam, start)
+    return describe(problem, x, lam)
+
+
+@one_thread
+def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) -> Array:
+    """Solution at `lam` by Newton from another solution, padded or cut to the problem's harmonics and modes.
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If Newton does not converge.
+    """
+    result = solve_lifting(problem, start.state, lam, _newton())
+    if not result.converged:
+        hz = problem.hz_at(lam)
+        raise ConvergenceError(
+            f"steady state: no convergence at {hz:.6g} Hz from the given start, last residual "
+            f"{result.residual_norm:.2g}; {result.reason.value}; start closer, or trace the curve"
+        )
+    return result.x
+
+
+def first_solution(problem: HarmonicBalance, lam: float) -> Array:
+    """Solution at `lam` from nothing, by the first way that works.
+
+    Newton from rest; from one harmonic upwards; along a ramp of the force with few harmonics, and with all; along the
+    frequency from far off, where the contact sticks.
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If none does.
+    """
+    for way in (_from_rest, _by_harmonics, partial(_by_force, H=FEW), _by_force, _from_afar):
+        x = way(problem, lam)
+        if x is not None:
+            return x
+    where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
+    raise ConvergenceError(
+        f"first solution: none at {where}, neither from rest, nor with few harmonics "
+        "first, nor along a force ramp or from a far frequency; start the sweep elsewhere, or with a smaller force"
+    )
+
+
+def _from_rest(problem: HarmonicBalance, lam: float) -> Array | None:
+    result = solve_lifting(problem, problem.unpack(np.zeros(problem.size), lam), lam, _newton())
+    return result.x if result.converged else None
+
+
+def _by_force(problem: HarmonicBalance, lam: float, H: int | None = None) -> Array | None:
+    hz, F = problem.hz_at(lam), problem.at(lam)[1]
+    basis = problem.basis if H is None else FourierBasis(min(H, problem.basis.H), problem.basis.N_t)
+    ramp = HarmonicBalance(problem.rig, basis, parameter="force", hz=hz, level=F)
+    settings = replace(trace_settings(ramp, 1e-3, 1.0, 0.02), max_points=300)
+    branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
+    return _upwards(problem, lam, basis.H, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
+
+
+def _from_afar(problem: HarmonicBalance, lam: float) -> Array | None:
+    sweep = HarmonicBalance(problem.rig, problem.basis, level=problem.at(lam)[1])
+    end = sweep.lam_at(problem.hz_at(lam))
+    for far in (0.7 * end, 1.4 * end):
+        x = _from_rest(sweep, far)
+        if x is not None:
+            settings = replace(trace_settings(sweep, far, end, abs(end - far) / 20), max_points=300)
+            branch = continue_branch(sweep, x, far, settings)
+            if branch.complete:
+                return pad(problem, sweep.unpack(branch.points[-1].x, end))
+    return None
+
+
+def _by_harmonics(problem: HarmonicBalance, lam: float) -> Array | None:
+    return _upwards(problem, lam, 1, None)
+
+
+def _upwards(problem: HarmonicBalance, lam: float, H: int, state: State | None) -> Array | None:
+    """From few harmonics, where a state may be known, to all of them."""
+    while True:
+        coarse = problem.on(FourierBasis(min(H, problem.basis.H), problem.basis.N_t))
+        start = np.zeros(coarse.size) if state is None else pad(coarse, state)
+        result = solve_at(coarse, start, lam, _newton())
+        if not result.converged:
+            return None
+        if coarse.basis.H == problem.basis.H:
+            return result.x
+        state, H = coarse.unpack(result.x, lam), 2 * H + 1
+
+
+def _newton() -> NewtonSettings:
+    return NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
+
+
+def trace_settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: float) -> Settings:
+    """Settings of a trace from `lam0` to `lam_end`, with a largest step."""
+    # a reference amplitude counts as much as the whole sweep; the friction force follows from the motion and turns
+    # much faster: it hardly counts
+    weights = np.full(problem.size, (lam_end - lam0) ** 2)
+    weights[-problem.basis.size :] *= 1e-3
+    return Settings(
+        lam_end=lam_end,
+        # a branch may fold back past its start and return
+        lam_min=min(lam0, lam_end) * (1.0 - EXCURSION),
+        lam_max=max(lam0, lam_end) * (1.0 + EXCURSION),
+        step=step_max / 5,
+        step_min=step_max * 1e-6,
+        step_max=step_max,
+        relative_step=RELATIVE_STEP,
+        tolerance=TOLERANCE,
+        weights=weights,
+        max_points=20000,
+        max_angle=1.0,
+        corner_angle=0.5,
+        tangent_slack=0.01,
+        predictor=Predictor.CURVED,
+    )
+
+
+def default_sweep(rig: Rig) -> tuple[float, float]:
+    """Frequency range around the first sliding resonance [Hz]."""
+    first = float(rig.structure.omega_n[0]) / (2 * np.pi)
+    return SWEEP[0] * first, SWEEP[1] * first
+
+
+def trace_frequency(
+    rig: Rig,
+    hz: tuple[float, float] | None = None,
+    *,
+    level: float | None = None,
+    harmonics: int = 15,
+    samples: int | None = None,
+    step_hz: float | None = None,
+    on_point: OnPoint | None = None,
+) -> ResponseCurve:
+    """Frequency response with given harmonics and samples; see :func:`hbm.response.accuracy.frequency_response`.
+
+    Parameters
+    ----------
+    rig : Rig
+    hz : (float, float), optional
+        Where to start and where to end [Hz], either may be the larger.
+    level : float, optional
+        Force amplitude [N].
+    harmonics, samples : int
+        H and N_t.
+    step_hz : float, optional
+        Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/50 of the range where omitted.
+    on_point : callable, optional
+        Progress: called with frequency and point number.
+
+    Returns
+    -------
+    ResponseCurve
+        Partial, and marked so, where a step could not be made.
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If there is no first solution.
+    """
+    begin, end = default_sweep(rig) if hz is None else hz
+    problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
+    lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
+    step = abs(lam1 - lam0) / 50 if step_hz is None else problem.lam_at(step_hz)
+    return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point))
+
+
+def scout_frequency(rig: Rig, hz: tuple[float, float], *, level: float | None = None) -> ResponseCurve:
+    """Coarse frequency response with few harmonics, to see where the peaks are; no corner is looked for.
+
+    Parameters and errors as for :func:`trace_frequency`.
+    """
+    problem = HarmonicBalance(rig, FourierBasis(7, 128), level=level)
+    lam0, lam1 = map(problem.lam_at, hz)
+    settings = trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 20)
+    return _trace(problem, lam0, replace(settings, max_angle=2.0, corner_angle=np.pi), None)
+
+
+def force_response(
+    rig: Rig,
+    hz: float,
+    force: tuple[float, float],
+    *,
+    harmonics: int = 15,
+    samples: int | None = None,
+    on_point: OnPoint | None = None,
+) -> ResponseCurve:
+    """Response over the force amplitude at a fixed frequency.
+
+    Parameters
+    ----------
+    rig : Rig
+    hz : float
+        Excitation frequency [Hz].
+    force : (float, float)
+        First and last force amplitude [N], > 0.
+    harmonics, samples : int
+        H and N_t.
+    on_point : callable, optional
+        Progress: called with force and point number.
+
+    Returns
+    -------
+    ResponseCurve
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If there is no first solution.
+    """
+    basis = FourierBasis(harmonics, samples or default_samples(harmonics))
+    problem = HarmonicBalance(rig, basis, parameter="force", hz=hz, level=max(force))
+    lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
+    return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
+
+
+@one_thread
+def _trace(problem: HarmonicBalance, lam0: float, settings: Settings, on_point: OnPoint | None) -> ResponseCurve:
+    count = 0
+
+    def report(point: Point) -> None:
+        nonlocal count
+        count += 1
+        if on_point is not None:
+            by_frequency = problem.parameter == "frequency"
+            on_point(problem.hz_at(point.lam) if by_frequency else problem.at(point.lam)[1], count)
+
+    branch = continue_branch(problem, first_solution(problem, lam0), lam0, settings, report)
+    points = tuple(describe(problem, p.x, p.lam) for p in branch.points)
+    return ResponseCurve(problem.rig, points, branch, problem)
+
+
+@one_thread
+def _with_peak(curve: ResponseCurve) -> ResponseCurve:
+    """Add points around the largest drive displacement until a parabola through them has its top among them."""
+    for _ in range(8):
+        drive = np.array([p.channels["drive"].peak for p in curve.points])
+        i = int(np.argmax(drive))
+        if not 0 < i < len(drive) - 1:
+            return curve
+        s = np.array([p.arclength for p in curve.branch.points[i - 1 : i + 2]]) - curve.branch.points[i].arclength
+        quadratic = np.polyfit(s, drive[i - 1 : i + 2], 2)
+        offset = -quadratic[1] / (2 * quadratic[0]) if quadratic[0] < 0.0 else np.nan
+        gain = np.polyval(quadratic, offset) / drive[i] - 1.0
+        if not (s[0] < offset < s[2] and gain > PEAK_ACCURACY):
+            return curve
+        curve = _inserted(curve, i, float(offset))
+    return curve
+
+
+def _inserted(curve: ResponseCurve, i: int, offset: float) -> ResponseCurve:
+    """Add the point at arclength `offset` from point i, solved across the chord to its neighbour."""
+    a, b = curve.branch.points[i], curve.branch.points[i + 1 if offset > 0 else i - 1]
+    chord = np.append(b.x - a.x, b.lam - a.lam)
+    guess = np.append(a.x, a.lam) + offset / (b.arclength - a.arclength) * chord
+    weights = curve.branch.settings.weights
+    row = chord[:-1] if weights is None else weights * chord[:-1]
+    newton = NewtonSettings(tolerance=TOLERANCE, max_iterations=10)
+    result = correct(curve.problem, guess, Border(row, float(chord[-1])), newton)
+    if not result.converged:
+        return curve
+    point = replace(
+        a,
+        x=result.x,
+        lam=result.lam,
+        arclength=a.arclength + offset,
+        residual_norm=result.residual_norm,
+        fold=False,
+        corner=False,
+        branch_point=False,
+    )
+    at = i + 1 if offset > 0 else i
+    points, found = list(curve.branch.points), list(curve.points)
+    points.insert(at, point)
+    found.insert(at, describe(curve.problem, result.x, result.lam))
+    return replace(curve, branch=replace(curve.branch, points=tuple(points)), points=tuple(found))

@@ -1,0 +1,1 @@
+"""Rig files: read, checked, extended and written; laws and causes of one's own."""

@@ -1,0 +1,164 @@
+"""Extended rigs: the ``[[extensions]]`` tables of a rig file, each a cause of the catalogue and its parameters.
+
+Applied in their order, each to the rig that the ones before it made.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+from typing import Any, NoReturn, get_type_hints
+
+from hbm.errors import InputError
+from hbm.rigfiles.causes import ONE_VALUE, accepted_causes, find_cause
+from hbm.rigfiles.schema import MOST_ENTRIES, Complaint, found
+from models import Rig, describe, parameters
+from models.causes import Cause, Unknown
+
+CHOICES: dict[Any, tuple[Any, str]] = {
+    float: ((float, int), "a number"),
+    int: (int, "a whole number"),
+    str: (str, "a text in quotes"),
+}
+"""Types that a field of a cause may have."""
+
+MOST_NAMED = 40
+"""So many candidates are listed in a message."""
+
+
+@dataclass(frozen=True)
+class Extension:
+    """One cause with its parameters.
+
+    Attributes
+    ----------
+    named : str
+        The cause as rig files name it: of formats.md section 6, or ``file.py:Class``.
+    cause : Cause
+    values : mapping of str to float
+        By the names of the cause's unknowns.
+    """
+
+    named: str
+    cause: Cause
+    values: Mapping[str, float]
+
+    @staticmethod
+    def of(cause: Cause, values: Mapping[str, float], named: str = "") -> "Extension":
+        """An extension by a cause, of the catalogue unless `named` says otherwise."""
+        return Extension(named or (cause.label if cause.name == "parameter" else cause.name), cause, dict(values))
+
+    def table(self) -> dict[str, Any]:
+        """Its table in a rig file; choices that are as they are by default are left out."""
+        chosen = {} if self.named.startswith(ONE_VALUE) else _choices(self.cause)
+        return {"cause": self.named, **chosen, **self.values}
+
+
+def _choices(cause: Cause) -> dict[str, Any]:
+    """Fields of a cause, such as its channel."""
+    every = {f.name: (getattr(cause, f.name), f.default) for f in fields(cause)}  # type: ignore[arg-type]
+    return {name: value for name, (value, default) in every.items() if value != default}
+
+
+def extended(rig: Rig, extensions: Sequence[Extension]) -> Rig:
+    """A rig with extensions, one after the other."""
+    for extension in extensions:
+        rig = extension.cause.extend(rig, extension.values)
+    return rig
+
+
+def rig_of_tables(rig: Rig, tables: Sequence[Mapping[str, Any]], folder: Path) -> Rig:
+    """The rig that the ``[[extensions]]`` tables of its file make of a nominal one.
+
+    Parameters
+    ----------
+    rig : Rig
+        Nominal.
+    tables : sequence of mappings
+    folder : Path
+        Where the file of a cause of one's own is looked for.
+
+    Returns
+    -------
+    Rig
+
+    Raises
+    ------
+    InputError
+        If a table is not accepted; the message does not say in which file.
+    """
+    for i, table in enumerate(tables):
+        extension = _read(rig, table, i, folder)
+        rig = extension.cause.extend(rig, extension.values)
+        _check_law(rig, i)
+    return rig
+
+
+def _read(rig: Rig, table: Mapping[str, Any], i: int, folder: Path) -> Extension:
+    """One table as an extension of a rig."""
+    named = table.get("cause")
+    if not isinstance(named, str):
+        _refuse(i, "cause", found(named) if "cause" in table else "is missing", f"must be {accepted_causes()}")
+    try:
+        kind = find_cause(named, folder)
+    except InputError as refused:
+        _refuse(i, "cause", found(named), str(refused))
+    chosen = {"key": named.removeprefix(ONE_VALUE)} if named.startswith(ONE_VALUE) else _chosen(kind, table, i)
+    cause = kind(**chosen)
+    _check_candidate(rig, cause, i, named)
+    unknowns = cause.unknowns(rig)
+    known = ["cause", *(f.name for f in fields(kind) if not named.startswith(ONE_VALUE)), *(u.name for u in unknowns)]
+    for name in table:
+        if name not in known:
+            _refuse(i, name, "is unknown", f"accepted keys are {', '.join(known)}")
+    return Extension(named, cause, {u.name: _value(u, table, i) for u in unknowns})
+
+
+def _chosen(kind: type, table: Mapping[str, Any], i: int) -> dict[str, Any]:
+    """Fields of a cause, such as its channel, as its table gives them."""
+    chosen, hints = {}, get_type_hints(kind)
+    for f in fields(kind):
+        if f.name in table:
+            value, (accepted, words) = table[f.name], CHOICES[hints[f.name]]
+            if isinstance(value, bool) or not isinstance(value, accepted):
+                _refuse(i, f.name, found(value), f"must be {words}")
+            if not isinstance(value, str) and not (math.isfinite(value) and 0 < value <= MOST_ENTRIES):
+                _refuse(i, f.name, found(value), f"must be > 0 and <= {MOST_ENTRIES}")
+            chosen[f.name] = value
+        elif f.default is MISSING:
+            _refuse(i, f.name, "is missing", f"{table['cause']} needs it")
+    return chosen
+
+
+def _check_candidate(rig: Rig, cause: Cause, i: int, named: str) -> None:
+    """Whether a cause can be one of a rig."""
+    possible = [other.label for other in type(cause).candidates(rig)]
+    if cause.label not in possible:
+        listed = ", ".join(possible[:MOST_NAMED]) + ", ..." * (len(possible) > MOST_NAMED)
+        accepted = f"must be one of {listed}" if possible else "there is nothing in this rig that it can act on"
+        _refuse(i, "cause", f"{found(named)} ({cause.label}) does not apply", accepted)
+
+
+def _value(unknown: Unknown, table: Mapping[str, Any], i: int) -> float:
+    """Value of a parameter, within its bounds."""
+    bounds = f"must be >= {unknown.lower:g}" + f" and <= {unknown.upper:g}" * math.isfinite(unknown.upper)
+    if unknown.name not in table:
+        _refuse(i, unknown.name, "is missing", bounds)
+    value = table[unknown.name]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        _refuse(i, unknown.name, found(value), "must be a number")
+    if not (math.isfinite(value) and unknown.lower <= value <= unknown.upper):
+        _refuse(i, unknown.name, found(value), bounds if math.isfinite(value) else "must be finite")
+    return float(value)
+
+
+def _check_law(rig: Rig, i: int) -> None:
+    """Whether the parameters of the law still go together."""
+    values = parameters(rig.contact.law)
+    for name, p in describe(type(rig.contact.law)).items():
+        if p.at_least and values[name] < values[p.at_least]:
+            _refuse(i, name, found(values[name]), f"must be >= {p.at_least} = {values[p.at_least]}")
+
+
+def _refuse(i: int, name: str, what: str, accepted: str) -> NoReturn:
+    raise InputError(str(Complaint(("extensions", i, name), what, accepted)))

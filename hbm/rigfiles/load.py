@@ -1,0 +1,251 @@
+"""Rig files: TOML in, a complete and checked :class:`models.Rig` out.
+
+Of everything wrong in a file the first is told: first the departures from the tables of
+:mod:`hbm.rigfiles.schema`, in the order of the file, then the entries that contradict each other.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from hbm.errors import InputError
+from hbm.rigfiles.extensions import rig_of_tables
+from hbm.rigfiles.laws import find_law
+from hbm.rigfiles.schema import (
+    BeamContactTable,
+    BeamRig,
+    Complaint,
+    ContactTable,
+    DampingTable,
+    Key,
+    ModalRig,
+    ModalTable,
+    Table,
+    dotted,
+    first_complaint,
+    found,
+    law_table,
+    root_schema,
+)
+from models import Beam, Channel, Contact, Damping, Excitation, FrictionLaw, ModalBody, Rig, describe
+from models.friction import settings
+
+COMPUTED_CHANNELS = ("drive", "slip", "slip_velocity", "friction", "normal")
+
+
+def load_rig(path: str | PathLike[str]) -> Rig:
+    """Read a rig file.
+
+    Parameters
+    ----------
+    path : str or path
+        TOML file, formats.md section 1. A law of one's own, ``file.py:Class``, is run: read files you trust.
+
+    Returns
+    -------
+    Rig
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or says something that is not accepted.
+    """
+    source = str(path)
+    return rig_from_dict(_parse(_read(Path(path), source), source), source)
+
+
+def rig_from_dict(table: Mapping[str, Any], source: str) -> Rig:
+    """Make a rig of the tables of a rig file.
+
+    Parameters
+    ----------
+    table : mapping
+        What :func:`tomllib.load` returns for a rig file.
+    source : str
+        Name of the file, for messages; the file of a law of one's own is looked for beside it.
+
+    Returns
+    -------
+    Rig
+
+    Raises
+    ------
+    InputError
+        If something in the tables is not accepted.
+    """
+    table = dict(table)
+    if not table:
+        raise InputError(f"{source}: is empty; must have name, beam or modal, damping, contact, excitation")
+    folder = Path(source).parent
+    if complaint := first_complaint(table, folder):
+        raise InputError(f"{source}: {complaint}")
+    file = root_schema(table).model_validate(table)
+    kind = find_law(file.contact.friction["law"], folder)
+    law = law_table(kind).model_validate(file.contact.friction)
+    for complaint in _contradictions(file, kind, law):
+        raise InputError(f"{source}: {complaint}")
+    try:
+        return rig_of_tables(_rig(file, _law(kind, law)), file.extensions, folder)
+    except InputError as refused:
+        raise InputError(f"{source}: {refused}") from None
+
+
+def _read(path: Path, source: str) -> str:
+    try:
+        content = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{source}: no such file; must be a rig file (TOML)") from None
+    except IsADirectoryError:
+        raise InputError(f"{source}: is a directory; must be a rig file (TOML)") from None
+    except OSError as refused:
+        raise InputError(f"{source}: cannot be read ({refused.strerror}); must be a rig file (TOML)") from None
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as bad:
+        line = content.count(b"\n", 0, bad.start) + 1
+        raise InputError(f"{source} line {line}: byte 0x{content[bad.start]:02x}; must be UTF-8 text") from None
+
+
+def _parse(text: str, source: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as malformed:
+        what, _, at = str(malformed).rpartition(" (at ")
+        line = re.search(r"line (\d+)", at)
+        number = line[1] if line else text.rstrip().count("\n") + 1
+        raise InputError(f"{source} line {number}: {what[:1].lower()}{what[1:]}; must be TOML") from None
+    except (ValueError, RecursionError):  # integers of thousands of digits, arrays nested thousands deep
+        raise InputError(f"{source}: a number too long or arrays too deep to read; must be a rig file (TOML)") from None
+
+
+# ------------------------------------------------------------------------------ entries that contradict each other
+
+
+def _contradictions(file: BeamRig | ModalRig, kind: type, law: Table) -> Iterator[Complaint]:
+    if isinstance(file, ModalRig):
+        yield from _of_modes(file.modal, channels=len(file.channels))
+    modes = file.beam.modes if isinstance(file, BeamRig) else len(file.modal.frequencies_hz)
+    yield from _of_damping(file.damping, modes)
+    yield from _of_law(kind, law)
+    if isinstance(file, BeamRig):
+        yield from _of_positions(file)
+        yield from _of_lift(file.contact)
+    yield from _of_channels(file.channels)
+
+
+def _of_modes(modal: ModalTable, channels: int) -> Iterator[Complaint]:
+    n = len(modal.frequencies_hz)
+    for i, (lower, upper) in enumerate(pairwise(modal.frequencies_hz)):
+        if upper < lower:
+            yield Complaint(("modal", "frequencies_hz", i + 1), found(upper), f"must be >= the one before, {lower}")
+    yield from _of_length(("modal", "shapes"), modal.shapes, channels, "one row per [[channels]] entry in order")
+    for i, row in enumerate(modal.shapes):
+        yield from _of_length(("modal", "shapes", i), row, n, "one per mode")
+    yield from _of_length(("modal", "contact_shape"), modal.contact_shape, n, "one per mode")
+    yield from _of_length(("modal", "excitation_shape"), modal.excitation_shape, n, "one per mode")
+
+
+def _of_length(key: Key, entries: list[Any], n: int, why: str) -> Iterator[Complaint]:
+    if len(entries) != n:
+        yield Complaint(key, _has(entries), f"must have {n}, {why}")
+
+
+def _has(entries: list[Any]) -> str:
+    return f"has {len(entries)} {'entry' if len(entries) == 1 else 'entries'}"
+
+
+def _of_damping(damping: DampingTable, modes: int) -> Iterator[Complaint]:
+    if damping.modal_ratios is None:
+        if damping.mass_proportional is None:
+            yield Complaint(("damping", "mass_proportional"), "is missing", "must have it or modal_ratios")
+        return
+    key = ("damping", "modal_ratios")
+    if damping.mass_proportional is not None:
+        yield Complaint(key, "and damping.mass_proportional are both present", "must have one of them")
+    if len(damping.modal_ratios) not in (1, modes):
+        yield Complaint(key, _has(damping.modal_ratios), f"must have 1, or {modes}, one per mode")
+
+
+def _of_law(kind: type, law: Table) -> Iterator[Complaint]:
+    table, values = ("contact", "friction"), law.model_dump()
+    for name, p in describe(kind).items():
+        if p.at_least and values[name] < values[p.at_least]:
+            accepted = f"must be >= {p.at_least} = {values[p.at_least]}"
+            yield Complaint((*table, name), found(values[name]), accepted)
+    for name, f in settings(kind).items():
+        for other in f.metadata["setting"].instead_of:
+            if {name, other} <= law.model_fields_set:
+                both = f"and {dotted((*table, other))} are both present"
+                yield Complaint((*table, name), both, "must have one of them")
+
+
+def _of_positions(file: BeamRig) -> Iterator[Complaint]:
+    positions: dict[Key, float] = {("excitation", "position"): file.excitation.position}
+    positions |= {("channels", i, "position"): channel.position for i, channel in enumerate(file.channels)}
+    for key, x in positions.items():
+        if x > file.beam.length:
+            yield Complaint(key, found(x), f"must be > 0 and <= beam.length = {file.beam.length}")
+
+
+def _of_lift(contact: BeamContactTable) -> Iterator[Complaint]:
+    for name in ("variable_normal_load", "residual_compliance"):
+        if contact.lift_off and not getattr(contact, name):
+            yield Complaint(("contact", "lift_off"), found(True), f"must be false, or contact.{name} = true")
+
+
+def _of_channels(channels: list[Any]) -> Iterator[Complaint]:
+    names = [channel.name for channel in channels]
+    forces = [i for i, channel in enumerate(channels) if channel.quantity == "force"]
+    for i, name in enumerate(names):
+        key: Key = ("channels", i, "name")
+        if name in COMPUTED_CHANNELS:
+            yield Complaint(key, found(name), f"must not be one of the computed {', '.join(COMPUTED_CHANNELS)}")
+        if name in names[:i]:
+            yield Complaint(key, found(name), f"must be unique, channels[{names.index(name) + 1}] has it too")
+        if i in forces[1:]:
+            accepted = f"must not be a second force, channels[{forces[0] + 1}] is the first"
+            yield Complaint(("channels", i, "quantity"), found("force"), accepted)
+
+
+# ------------------------------------------------------------------------------------------------ the rig itself
+
+
+def _rig(file: BeamRig | ModalRig, law: FrictionLaw) -> Rig:
+    return Rig(
+        name=file.name,
+        body=Beam(**file.beam.model_dump()) if isinstance(file, BeamRig) else _modal_body(file.modal),
+        damping=_damping(file.damping),
+        contact=_contact(file.contact, law),
+        excitation=Excitation(**file.excitation.model_dump()),
+        channels=tuple(Channel(**channel.model_dump()) for channel in file.channels),
+    )
+
+
+def _contact(contact: ContactTable, law: FrictionLaw) -> Contact:
+    entries = contact.model_dump(exclude={"friction", "variable_normal_load"})
+    return Contact(law=law, load_variation=float(getattr(contact, "variable_normal_load", True)), **entries)
+
+
+def _modal_body(modal: ModalTable) -> ModalBody:
+    return ModalBody(
+        frequencies_hz=tuple(modal.frequencies_hz),
+        shapes=tuple(map(tuple, modal.shapes)),
+        contact_shape=tuple(modal.contact_shape),
+        excitation_shape=tuple(modal.excitation_shape),
+    )
+
+
+def _damping(damping: DampingTable) -> Damping:
+    entries = damping.model_dump(exclude={"mass_proportional", "modal_ratios"})
+    ratios = None if damping.modal_ratios is None else tuple(damping.modal_ratios)
+    return Damping(mass_proportional=damping.mass_proportional or 0.0, modal_ratios=ratios, **entries)
+
+
+def _law(kind: type, law: Table) -> FrictionLaw:
+    values = law.model_dump(exclude={"law"})
+    made: FrictionLaw = kind(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
+    return made

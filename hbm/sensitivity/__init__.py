@@ -1,0 +1,1 @@
+"""Exact derivatives of periodic solutions to every number of a rig."""

@@ -1,0 +1,169 @@
+"""Derivatives of the channels of a solution, each worked out when it is asked for."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from hbm.balance.problem import Linearization
+from hbm.balance.solution import DERIVATIVES, TRUE, PeriodicSolution, as_read
+from hbm.fourier import Array
+from hbm.sensitivity.held import HeldBalance, friction_change
+from models.rig import Channel
+
+
+@dataclass(frozen=True, eq=False)
+class ChannelSensitivity:
+    """Derivatives of one channel, a column per parameter, in the channel's unit per unit of the parameter.
+
+    Attributes
+    ----------
+    coefficients : (2H+1, p) array
+        Of its Fourier coefficients a_0, a_1..a_H, b_1..b_H.
+    samples : (N_t, p) array
+        Of its values at the phases of the basis.
+    peak : (p,) array
+        Of its peak, see :class:`hbm.balance.solution.Signal`: the derivative at the instant of the peak (envelope
+        theorem).
+    """
+
+    coefficients: Array
+    samples: Array
+    peak: Array
+
+
+@dataclass(frozen=True)
+class Change:
+    """Derivatives of Q (2H+1, n, p), T (2H+1, p), u, rho, eta (2H+1, 3, p), what is slid (2H+1, p).
+
+    And of the forces of the elements that the change of the deflections brings, (2H+1, r, p).
+    """
+
+    Q: Array
+    T: Array
+    signals: Array
+    slid: Array
+    elements: Array
+
+
+class Channels(Mapping[str, ChannelSensitivity]):
+    """Derivatives of the channels, linear in motion, signals and friction: see :mod:`hbm.balance.solution`."""
+
+    def __init__(self, here: Linearization, solution: PeriodicSolution, held: HeldBalance, change: Change) -> None:
+        self.here, self.problem, self.solution, self.held, self.change = here, here.problem, solution, held, change
+        self._sensors = {c.name: c for c in self.problem.rig.channels}
+        self._places = {c.name: i for i, c in enumerate(self.problem.rig.response_channels, start=2)}
+        self._known: dict[str, ChannelSensitivity] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.solution.channels)
+
+    def __len__(self) -> int:
+        return len(self.solution.channels)
+
+    def __getitem__(self, name: str) -> ChannelSensitivity:
+        if name not in self._known:
+            self._known[name] = self._worked_out(name)
+        return self._known[name]
+
+    def __reduce__(self) -> tuple[type, tuple[dict[str, ChannelSensitivity]]]:
+        return dict, (dict(self),)  # what is sent to another process is worked out
+
+    def _worked_out(self, name: str) -> ChannelSensitivity:
+        s = self.problem.structure
+        match name:
+            case "drive":
+                moved = self._moved(1, s.excitation, s.residual.drive_by_force, s.residual.slip_by_force)
+                return self._motion(name, moved, 0)
+            case "slip":
+                zero_mean, u = self._slip_samples - self._slip_samples.mean(axis=0), self.solution[name].samples
+                return ChannelSensitivity(self._slip, self._slip_samples, _largest(u - u.mean(), zero_mean))
+            case "slip_velocity":
+                return self._motion(name, self._slip, 1)
+            case "friction":
+                T, analysis = self.solution[name].samples, self.problem.basis.analysis
+                return ChannelSensitivity(analysis @ self._friction, self._friction, _largest(T, self._friction))
+            case "normal":
+                normal, R = self._normal(), self.solution[name].samples
+                return ChannelSensitivity(self.problem.basis.analysis @ normal, normal, normal[R.argmax()])
+        sensor = self._sensors[name]
+        if sensor.quantity == "force":
+            return self._motion(name, self.held.force, 0)
+        moved = self._moved(self._places[name], s.channel_rows[name], *s.residual.channels[name])
+        return self._motion(name, moved, DERIVATIVES[sensor.quantity], sensor)
+
+    @cached_property
+    def _friction(self) -> Array:
+        """Of the friction force at the samples, (N_t, p)."""
+        return friction_change(self.here, replace(self.held.inputs, signals=self.change.signals))
+
+    @cached_property
+    def _modal_slip(self) -> Array:
+        """Of the slip less its elastic part, (2H+1, p)."""
+        return np.asarray(self.change.signals[:, 0] + self.problem.dynamic_lagrangian * self.change.T)
+
+    @cached_property
+    def _slip(self) -> Array:
+        """Of the slip, (2H+1, p)."""
+        yielding = np.outer(self.solution["friction"].coefficients, self.held.structure.flexibility[:, 0, 0])
+        return np.asarray(self._modal_slip + self.problem.structure.compliance * self.change.T + yielding)
+
+    @cached_property
+    def _slip_samples(self) -> Array:
+        """Of the slip at the samples, (N_t, p)."""
+        yielding = np.outer(self.solution["friction"].samples, self.held.structure.flexibility[:, 0, 0])
+        elastic = self.problem.structure.compliance * self._friction + yielding
+        return np.asarray(self.problem.basis.synthesis @ self._modal_slip + elastic)
+
+    def _motion(self, name: str, displacement: Array, times: int, sensor: Channel = TRUE) -> ChannelSensitivity:
+        basis, held, Omega = self.problem.basis, self.held, self.here.state.Omega
+        coefficients, read = displacement, self.solution[name].coefficients
+        for _ in range(times):
+            coefficients = Omega * basis.derivative(coefficients)
+        coefficients = as_read(basis, coefficients, Omega, sensor)
+        if times:  # of Omega to that power
+            coefficients += np.outer(read, times / self.solution.hz * held.hz)
+        if sensor is not TRUE:
+            later = held.delay[name] * Omega + sensor.delay * 2 * np.pi * held.hz
+            coefficients += np.outer(read / sensor.gain, held.gain[name]) - np.outer(basis.derivative(read), later)
+        samples = basis.synthesis @ coefficients
+        return ChannelSensitivity(coefficients, samples, _smooth_peak(self.solution[name].samples, samples))
+
+    def _moved(self, place: int, row: Array, by_force: float, by_friction: float) -> Array:
+        held, d = self.held, self.held.structure
+        still = held.through(d.rows[:, place])
+        still += held.static(d.flexibility[:, place], self.solution["friction"].coefficients)
+        still += held.by_slid(place, self.change.slid)
+        if held.elements is not None:
+            still += held.elements.beyond(place - 1, self.change.elements)
+        return np.asarray(row @ self.change.Q + by_force * held.force + by_friction * self.change.T + still)
+
+    def _normal(self) -> Array:
+        """Of rho + eta T at the samples, (N_t, p)."""
+        synthesis, signals = self.problem.basis.synthesis, self.change.signals
+        eta, T = synthesis @ self.here.kin.signals[:, 3], self.solution["friction"].samples
+        normal = synthesis @ signals[:, 1] + T[:, None] * (synthesis @ signals[:, 2]) + eta[:, None] * self._friction
+        rig, elements = self.problem.rig, self.held.elements
+        if elements is None or not rig.contact.lift_off:
+            return np.asarray(normal)
+        tension = elements.tension(self.change.elements, rig.contact.normal_load, self.held.load)
+        on_support = self.solution["normal"].samples[:, None] > 0.0
+        return np.where(on_support, normal - synthesis @ tension, 0.0)
+
+
+def _largest(samples: Array, change: Array) -> Array:
+    """Derivatives of the largest magnitude of a sampled signal."""
+    i = int(np.abs(samples).argmax())
+    return np.asarray(np.sign(samples[i]) * change[i])
+
+
+def _smooth_peak(samples: Array, change: Array) -> Array:
+    """Derivatives of the top of the parabola through the three samples around the largest magnitude."""
+    i = int(np.abs(samples).argmax())
+    around = [i - 1, i, (i + 1) % len(samples)]
+    before, top, after = np.abs(samples[around])
+    bend = before + after - 2 * top
+    x = (before - after) / (2 * bend) if bend < 0.0 else 0.0  # of the top, in samples; it moves along a level parabola
+    weights = np.array([x * (x - 1) / 2, 1 - x**2, x * (x + 1) / 2])
+    return np.asarray((weights * np.sign(samples[around])) @ change[around])

@@ -1,0 +1,58 @@
+"""How the forces of nonlinear elements follow parameters of the rig, with the unknowns of the balance held."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.balance.elements import ElementsOverPeriod
+from hbm.fourier import Array
+from models.elements import ElementRows
+
+
+@dataclass(frozen=True, eq=False)
+class HeldElements:
+    """Derivatives to p parameters with the unknowns held.
+
+    Attributes
+    ----------
+    elements : ElementsOverPeriod
+    forces : (2H+1, r) array
+        Along the rows.
+    change : (2H+1, r, p) array
+        Theirs.
+    rows : ElementRows
+        Of the rows, p first.
+    """
+
+    elements: ElementsOverPeriod
+    forces: Array
+    change: Array
+    rows: ElementRows
+
+    def onto_modes(self) -> Array:
+        """Of the forces on the modes, (2H+1, n, p)."""
+        changed = np.einsum("krp,ri->kip", self.change, self.elements.rows, optimize=True)
+        return np.asarray(changed + np.einsum("kr,pri->kip", self.forces, self.rows.rows, optimize=True))
+
+    def onto_support(self) -> Array:
+        """Of the forces on the support, (2H+1, p)."""
+        changed = np.einsum("krp,r->kp", self.change, self.elements.onto[:, -1])
+        return np.asarray(changed + self.forces @ self.rows.share.T)
+
+    def beyond(self, place: int, moved: Array) -> Array:
+        """Of what they move drive (0) or a response channel (from 1) by beyond the modes, (2H+1, p).
+
+        Parameters
+        ----------
+        place : int
+        moved : (2H+1, r, p) array
+            Change of the forces that the unknowns bring.
+        """
+        changed = np.einsum("krp,r->kp", self.change + moved, self.elements.static[:, place])
+        return np.asarray(changed + self.forces @ self.rows.static[:, :, place].T)
+
+    def tension(self, moved: Array, load: float, d_load: Array) -> Array:
+        """Of what a tip off its support under a load (p changes d_load) does not bear, (2H+1, p)."""
+        weight, d_weight = self.elements.weight[-1], self.rows.weight[:, -1]
+        per_force = (d_load - load * d_weight / weight) / weight
+        return np.asarray(load / weight * (self.change[:, -1] + moved[:, -1]) + np.outer(self.forces[:, -1], per_force))

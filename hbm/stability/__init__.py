@@ -1,0 +1,1 @@
+"""Stability of periodic solutions: Floquet multipliers, Hill's method, and what transients leave."""

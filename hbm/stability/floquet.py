@@ -1,0 +1,255 @@
+"""Monodromy of a disturbance of a harmonic balance solution: of the modes, and of all that the friction law remembers.
+
+The balance is linearised sample by sample, as the time integration would be, without integrating anything: each mode
+is propagated exactly under forces that are linear from sample to sample, and friction follows by the derivatives of the
+law at the samples of the balance, its internal states included. Friction of a sample moves the contact, which changes
+friction: with a force at a single point that is one division per sample. The product of the steps over a period is the
+monodromy of the state (q, q', T, z).
+
+Hill's matrix of the balance with the law's periodic slopes is not that: it closes the loop of the law over each period,
+although a disturbance that grows or fades does not return to where it started. It holds at the multiplier 1 only, where
+folds are; :mod:`hbm.stability.hill` does better.
+"""
+
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.aft.force import LawSteps
+from hbm.aft.recurrence import monodromy
+from hbm.balance.equations import Balance, State
+from hbm.fourier import Array
+from hbm.propagation import propagators, weights
+
+Complex = npt.NDArray[np.complex128]
+Samples = npt.NDArray[np.intp]
+
+HELD = 100_000
+"""Numbers in the steps that are held at once: what stays in a processor's cache."""
+
+
+def _check(problem: Balance) -> None:
+    name = problem.rig.name
+    if problem.clamp is not None:
+        raise ValueError(f"stability: {name} has a clamp that slips; must have none; simulate it in time instead")
+    if problem.dynamic_lagrangian:
+        raise ValueError(
+            f"stability: {name} is rigid where {problem.rig.contact.law.name} sticks; "
+            "must have residual_compliance = true, or a law that yields"
+        )
+
+
+class Disturbance:
+    """A disturbance (q, q', T, states) of a solution of a balance, from sample to sample.
+
+    Raises
+    ------
+    ValueError
+        If the clamp slips: its friction is not among the states. If nothing yields where a set-valued law sticks: its
+        force jumps at instants that move with the disturbance, which samples do not see.
+    """
+
+    def __init__(self, problem: Balance, state: State) -> None:
+        _check(problem)
+        self.problem, self.state = problem, state
+        self.kin = problem.kinematics(state)
+        self.law: LawSteps = problem.law.steps(self.kin.signals, state.Omega, problem.environment)
+
+    @cached_property
+    def _slip(self) -> tuple[Array, Array]:
+        """du/dq = c - G q and its rate, (N_t, n)."""
+        s, basis = self.problem.structure, self.problem.basis
+        direction = s.slip_row - basis.synthesis @ self.kin.Gq
+        return direction, -self.state.Omega * (basis.synthesis @ basis.derivative(self.kin.Gq))
+
+    @cached_property
+    def _tangent(self) -> tuple[Array, Array]:
+        """What the forces on modes, and last on the support, lose with (q, q') at held friction, (N_t, n+1, 2n)."""
+        s, n = self.problem.structure, self.problem.structure.n
+        lost = np.zeros((self.problem.basis.N_t, n + 1, 2 * n))
+        if self.kin.by_T is not None:
+            lost[:, :n, :n] += self.law.T[:, None, None] * s.shortening
+        if self.problem.elements is not None:
+            force = self.state.F * self.problem.force_shape
+            by_q, by_v = self.problem.elements.slopes_in_time(self.state.Q, self.state.Omega, force)
+            lost[:, :, :n] -= by_q
+            lost[:, :, n:] -= by_v
+        return lost[:, :n], lost[:, n]
+
+    @cached_property
+    def _unsupported(self) -> Array:
+        """What the reaction gains with (q, q') by what forces lose, (N_t, 2n)."""
+        s, n = self.problem.structure, self.problem.structure.n
+        if self.problem.elements is not None:
+            on_modes, on_support = self._tangent
+            return np.asarray(on_support - np.tensordot(on_modes, s.reaction.inertia, axes=(1, 0)))
+        gained = np.zeros((self.problem.basis.N_t, 2 * n))
+        if self.kin.by_T is not None:
+            gained[:, :n] = np.outer(-self.law.T, s.reaction.inertia @ s.shortening)
+        return gained
+
+    @cached_property
+    def _signals(self) -> tuple[Array, Array]:
+        """Derivatives of u, v, rho, eta to (q, q'), (N_t, 4, 2n), and to T, (N_t, 4)."""
+        problem, n = self.problem, self.problem.structure.n
+        s, r = problem.structure, problem.structure.reaction
+        direction, turning = self._slip
+        seen, by_T = np.zeros((problem.basis.N_t, 4, 2 * n)), np.zeros((problem.basis.N_t, 4))
+        seen[:, 0, :n] = seen[:, 1, n:] = direction
+        seen[:, 1, :n] = turning
+        if r.varies:
+            seen[:, 2] = self._unsupported
+            seen[:, 2, :n] += r.stiffness - r.inertia * s.omega_n**2
+            seen[:, 2, n:] += r.damping - r.inertia * s.damping
+            seen[:, 3, :n] = r.stretch
+            by_T[:, 2] = direction @ r.inertia
+        return seen, by_T
+
+    def _modes(self, stride: int) -> tuple[Array, Array, Array]:
+        """Propagator (2n, 2n), and weights (2n, 1) of the force before and after, over so many samples."""
+        problem, n = self.problem, self.problem.structure.n
+        dt = 2 * np.pi / (self.state.Omega * problem.basis.N_t) * stride
+        E = propagators(problem.structure, self.state.Omega, dt)
+        _, w = weights(E, dt, None)
+        free, i = np.zeros((2 * n, 2 * n)), np.arange(n)
+        for a in (0, 1):
+            for b in (0, 1):
+                free[a * n + i, b * n + i] = E[:, a, b]
+        old, new = (np.concatenate([w[f"q_{name}"], w[f"v_{name}"]])[:, None] for name in ("old", "new"))
+        return free, old, new
+
+    def _driven(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples, Y: Array) -> Array:
+        """Fill `Y` (N, 2n, 2n+1): (q, q') at samples from (q, q', T) at those before; return it per T there."""
+        n, direction = self.problem.structure.n, self._slip[0]
+        free, old, new = modes
+        Y[:, :, 2 * n] = np.tile(direction[before], 2) * old[:, 0]
+        per_T = np.tile(direction[now], 2) * new[:, 0]
+        if self.problem.elements is not None:
+            Y[:, :, : 2 * n] = free
+            return _implicit(Y, per_T, self._tangent[0][now], self._tangent[0][before], old, new)
+        G, T, T_before = self.problem.structure.shortening, self.law.T[now], self.law.T[before]
+        # what T shortens at the end of a step is taken of the motion without it: dt^2 T G is small beside 1
+        start, end = np.zeros((2 * n, 2 * n)), new * np.tile(G @ free[:n], (2, 1))
+        start[:, :n] = old * np.tile(G, (2, 1))
+        factors = np.column_stack([np.ones_like(T), -T_before, -T])
+        Y[:, :, : 2 * n] = (factors @ np.stack([free, start, end]).reshape(3, -1)).reshape(-1, 2 * n, 2 * n)
+        for column in (Y[:, :, 2 * n], per_T):
+            column -= T[:, None] * new[:, 0] * np.tile(column[:, :n] @ G, 2)
+        return per_T
+
+    def steps(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples) -> Array:
+        """Derivative of the state at samples to that at those before, (N, size, size)."""
+        n, n_z = self.problem.structure.n, self.law.by_states.shape[2]
+        by_signals, by_signals_before = self.law.by_signals[now], self.law.by_signals_before[now]
+        seen, seen_T = self._signals
+        J = np.zeros((len(now), 2 * n + 1 + n_z, 2 * n + 1 + n_z))
+        motion = J[:, : 2 * n]  # without T of the sample itself
+        per_T = self._driven(modes, now, before, motion[:, :, : 2 * n + 1])
+        by_motion = by_signals @ seen[now]  # (N, 1 + n_z, 2n)
+        known = by_motion @ motion
+        known[:, :, : 2 * n] += by_signals_before @ seen[before]
+        known[:, :, 2 * n] += (by_signals_before @ seen_T[before][:, :, None])[:, :, 0]
+        known[:, :, 2 * n + 1 :] += self.law.by_states[now]
+        # T = known + by_T T
+        by_T = (by_motion @ per_T[:, :, None] + by_signals @ seen_T[now][:, :, None])[:, :, 0]
+        T = known[:, 0] / (1.0 - by_T[:, :1])
+        motion += per_T[:, :, None] * T[:, None]
+        J[:, 2 * n] = T
+        J[:, 2 * n + 1 :] = known[:, 1:] + by_T[:, 1:, None] * T[:, None]
+        return J
+
+    def _over_period(self, stride: int = 1) -> Array:
+        """Product of the steps of so many samples, (size, size); in blocks that stay in the processor's cache."""
+        modes = self._modes(stride)
+        samples = np.arange(stride - 1, self.problem.basis.N_t, stride)
+        size = 2 * self.problem.structure.n + 1 + self.law.by_states.shape[2]
+        blocks = np.array_split(samples, -(-len(samples) * size**2 // HELD))
+        return monodromy(np.stack([monodromy(self.steps(modes, now, now - stride)) for now in blocks]))
+
+    @property
+    def monodromy(self) -> Array:
+        """Derivative of the state (q, q', T, states) after a period to that before, (size, size).
+
+        The product of the steps is accurate to second order. Where the law remembers nothing, it is extrapolated to
+        fourth from steps of two samples (Richardson).
+        """
+        fine = self._over_period()
+        if self.law.remembers or self.problem.basis.N_t % 2:
+            return fine
+        return np.asarray((4.0 * fine - self._over_period(2)) / 3.0)
+
+    def motion(self, starts: Complex) -> Complex:
+        """Disturbances (q, q', T, states) at the samples from those at the sample before the first.
+
+        Parameters
+        ----------
+        starts : (size, m) array
+
+        Returns
+        -------
+        (N_t, size, m) array
+        """
+        now = np.arange(self.problem.basis.N_t)
+        out = np.empty((len(now), *starts.shape), dtype=complex)
+        for k, step in enumerate(self.steps(self._modes(1), now, now - 1)):
+            out[k] = starts = step @ starts
+        return out
+
+    @property
+    def rate(self) -> Array:
+        """Matrix A of (q, q')' = A (q, q') at the samples, for a law that remembers nothing, (N_t, 2n, 2n)."""
+        s, n = self.problem.structure, self.problem.structure.n
+        A = np.zeros((self.problem.basis.N_t, 2 * n, 2 * n))
+        A[:, :n, n:] = np.eye(n)
+        A[:, n:] = self.forces(np.broadcast_to(np.eye(2 * n, dtype=complex), A.shape), 1.0).real
+        A[:, n:, :n] -= np.diag(s.omega_n**2)
+        A[:, n:, n:] -= np.diag(s.damping)
+        return A
+
+    def forces(self, y: Complex, kept: complex) -> Complex:
+        """Forces on the modes that follow motions of the period, (N_t, n, m).
+
+        Parameters
+        ----------
+        y : (N_t, 2n, m) array
+            Disturbances of (q, q'), periodic.
+        kept : complex
+            What remains of the sample before: exp(-lambda dt) for disturbances times exp(lambda t).
+        """
+        law, (seen, seen_T) = self.law, self._signals
+        signals, before = seen @ y, kept * np.roll(y, 1, axis=0)
+        # T = known + by_T T + by_T_before T before + by_states z before
+        by_T = law.by_signals @ seen_T[:, :, None]
+        driven = law.by_signals @ signals + law.by_signals_before @ (np.roll(seen, 1, axis=0) @ before)
+        back = np.concatenate([law.by_signals_before @ np.roll(seen_T, 1, axis=0)[:, :, None], law.by_states], axis=2)
+        gain = 1.0 / (1.0 - by_T[:, :1])
+        driven = np.concatenate([driven[:, :1] * gain, driven[:, 1:] + by_T[:, 1:] * gain * driven[:, :1]], axis=1)
+        back = np.concatenate([back[:, :1] * gain, back[:, 1:] + by_T[:, 1:] * gain * back[:, :1]], axis=1)
+        T = _periodic(kept * back, driven)[:, :1]
+        return np.asarray(self._slip[0][:, :, None] * T - self._tangent[0] @ y)
+
+
+def _implicit(Y: Array, per_T: Array, lost: Array, lost_before: Array, old: Array, new: Array) -> Array:
+    """Take of motions `Y`, in place, and per T the forces (N, n, 2n) that motion at both ends of the steps takes."""
+    n = lost.shape[1]
+    Y[:, :, : 2 * n] -= old * np.tile(lost_before, (1, 2, 1))
+    free = np.concatenate([Y, per_T[:, :, None]], axis=2)
+    forces = np.linalg.solve(np.eye(n) + lost[:, :, :n] * new[:n, 0] + lost[:, :, n:] * new[n:, 0], lost @ free)
+    free -= new * np.tile(forces, (1, 2, 1))
+    Y[:] = free[:, :, :-1]
+    return free[:, :, -1]
+
+
+def _periodic(back: Complex, driven: Complex) -> Complex:
+    """Periodic x_k = back_k x_{k-1} + driven_k, (N, size, m)."""
+    size, m = driven.shape[1:]
+    x = np.eye(size, m + size, m, dtype=complex)  # from nothing, and from each state undriven
+    for step, push in zip(back, driven, strict=True):
+        x = step @ x
+        x[:, :m] += push
+    x = np.linalg.solve(np.eye(size, dtype=complex) - x[:, m:], x[:, :m])
+    out = np.empty(driven.shape, dtype=complex)
+    for k, (step, push) in enumerate(zip(back, driven, strict=True)):
+        out[k] = x = step @ x + push
+    return out

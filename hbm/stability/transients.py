@@ -1,0 +1,115 @@
+"""What a transient that has not died out leaves in the harmonics of a record: by Floquet's theory, motion by motion.
+
+A small disturbance of a steady state is a sum of motions exp(mu t) p(t), p periodic. Over a record of whole periods
+each of them has a part at every harmonic: that at k Omega is the mean of exp(mu t) p(t) exp(-i k Omega t),
+
+    sum_m P_m / (mu + i (m - k) Omega)
+
+times a factor that is the same for all harmonics and channels. So the length of the record, and when it began, are in
+one complex number for each motion, and need not be known.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import eig
+
+from hbm.balance.equations import Balance, State
+from hbm.balance.solution import DERIVATIVES, PeriodicSolution, as_read
+from hbm.fourier import Array, FourierBasis
+from hbm.parallel import one_thread
+from hbm.stability.floquet import Disturbance
+from models.rig import Rig
+
+Complex = npt.NDArray[np.complex128]
+
+WAITED, FADED = 30, 1e-4
+"""Periods that a transient has had to die out, at least; what is less than this share by then is none."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transients:
+    """What a start from rest leaves in the harmonics of a record.
+
+    Attributes
+    ----------
+    coefficients : (2H+1, c, m, 2) array
+        a_0, a_1..a_H, b_1..b_H of each response channel, in its unit, for each motion; and for the same a quarter of a
+        cycle later, zero where it does not oscillate.
+    decay : (m,) array
+        Rates at which they decay [1/s].
+    """
+
+    coefficients: Array
+    decay: Array
+
+
+@one_thread
+def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transients:
+    """What transients leave in the harmonics of a record, for a start from rest :data:`WAITED` periods before.
+
+    Parameters
+    ----------
+    rig : Rig
+        The rig of the solution.
+    solution : PeriodicSolution
+    harmonics : int
+        H.
+
+    Returns
+    -------
+    Transients
+
+    Raises
+    ------
+    ValueError
+        If the rig's clamp slips, or if it is rigid where it sticks: see :class:`hbm.stability.floquet.Disturbance`.
+    """
+    problem = Balance(rig, solution.basis, level=solution.level)
+    s, Omega, channels = problem.structure, solution.state.Omega, rig.response_channels
+    exponents, p = _motions(problem, solution.state)
+    rows = np.array([s.channel_rows[c.name] for c in channels])
+    by_friction = np.array([s.residual.channels.get(c.name, (0.0, 0.0))[1] for c in channels])
+    seen = rows @ p[:, : s.n] + by_friction[:, None] * p[:, [2 * s.n]]  # (N_t, c, m)
+    orders = np.array([DERIVATIVES[c.quantity] for c in channels])
+    left = _leaked(seen, exponents, Omega, harmonics, orders)
+    basis = FourierBasis(harmonics, 2 * harmonics + 1)
+    read = [as_read(basis, basis.real(left[:, i]), Omega, c) for i, c in enumerate(channels)]
+    return Transients(np.stack(read, axis=1), -exponents.real)
+
+
+def _motions(problem: Balance, state: State) -> tuple[Complex, Complex]:
+    """Exponents (m,) of the motions that a start from rest excites, and their periodic parts (N_t, size, m)."""
+    disturbance, basis, n = Disturbance(problem, state), problem.basis, problem.structure.n
+    multipliers, adjoint, vectors = eig(disturbance.monodromy, left=True)
+    start, last = np.zeros(len(multipliers)), basis.synthesis[-1]
+    start[: 2 * n] = -np.concatenate([last @ state.Q, state.Omega * (last @ basis.derivative(state.Q))])
+    start[2 * n] = -disturbance.law.T[-1]
+    left = np.minimum(np.abs(multipliers), 1.0) ** WAITED
+    kept = (multipliers.imag >= 0.0) & (left > FADED)  # one of each pair
+    kept[np.argsort(np.abs(multipliers - 1.0))[: disturbance.law.undying]] = False  # mean friction that history decides
+    adjoint, vectors = adjoint[:, kept].conj(), vectors[:, kept]
+    size = left[kept] * (start @ adjoint) / np.sum(adjoint * vectors, axis=0)
+    exponents = np.log(multipliers[kept].astype(complex)) * state.Omega / (2 * np.pi)
+    y = disturbance.motion(vectors * size)
+    since = (basis.theta + basis.theta[1]) / state.Omega
+    return exponents, y * np.exp(-np.outer(since, exponents))[:, None]
+
+
+def _leaked(p: Complex, exponents: Complex, Omega: float, H: int, orders: npt.NDArray[np.integer]) -> Complex:
+    """Amplitudes of harmonics 0..H of the derivatives of exp(mu t) p(t), and of it a quarter of a cycle later.
+
+    For p (N_t, c, m) and the orders of the derivatives (c,) it is (H+1, c, m, 2), in motions of one period.
+    """
+    N = len(p)
+    rates = exponents + 1j * Omega * np.fft.fftfreq(N, 1.0 / N)[:, None]
+    P = np.fft.fft(p, axis=0) / N * rates[:, None] ** orders[:, None]
+    k = np.arange(-H, H + 1)
+    parts = 1.0 / (rates - 1j * Omega * k[:, None, None])  # (2H+1, N_t, m)
+    both = np.einsum("knm,ncm->kcm", parts, P, optimize=True) * Omega / (2 * np.pi)
+    up, down = both[H:], both[H::-1].conj()
+    later = np.where(exponents.imag != 0.0, 1j * (up - down), 0.0)
+    left = np.stack([up + down, later], axis=-1)
+    left[0] /= 2.0  # the mean is there once, other harmonics from both sides
+    return left

@@ -1,0 +1,1 @@
+"""Responses followed along any number of a rig: curves, folds and resonance peaks."""

@@ -1,0 +1,224 @@
+"""Resonance peaks followed: where and how high the peak of a channel is, against force or any number of the rig.
+
+A peak is a point of the frequency response at which the channel's peak is level along the curve. The derivative along
+the curve is that of the implicit function theorem (:mod:`hbm.sensitivity.derivatives`); its root is bracketed along
+the curve, so that peaks beside a fold are found too.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import brentq
+
+from continuation import Border, ConvergenceError, NewtonSettings, correct
+from hbm.balance.padding import pad
+from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.solution import PeriodicSolution, describe
+from hbm.fourier import Array, FourierBasis
+from hbm.parallel import one_thread
+from hbm.response.trace import default_samples, trace_frequency
+from hbm.sensitivity.derivatives import sensitivities
+from hbm.sensitivity.scalars import FORCE, HZ
+from models.numbers import number, with_number
+from models.rig import Rig
+
+FIRST_STRIDE = 1e-3
+"""First step along a curve in search of its peak: of the frequency, or of the motion."""
+
+LOCATED = 1e-6
+"""A peak is located to this fraction of the motion, its height to the square of it."""
+
+MOST_STRIDES = 30
+MOST_HALVINGS = 6
+"""How often a step of the parameter is halved before it is given up."""
+
+NEWTON = NewtonSettings(tolerance=1e-10, max_iterations=15)
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """A resonance peak against a number of the rig.
+
+    Attributes
+    ----------
+    key, channel : str
+        What is varied, as in :func:`models.numbers.number`; and the channel whose peak it is.
+    values : (p,) array
+        Of the number.
+    points : tuple of PeriodicSolution
+        The peaks.
+    slope : (p,) array
+        Derivative of the height to the number, exact: the shift of the peak does not count (envelope theorem).
+    """
+
+    key: str
+    channel: str
+    values: Array
+    points: tuple[PeriodicSolution, ...]
+    slope: Array
+
+    @property
+    def hz(self) -> Array:
+        """Frequency of the peak, (p,) [Hz]."""
+        return np.array([p.hz for p in self.points])
+
+    @property
+    def height(self) -> Array:
+        """Peak of the channel there, (p,), in its unit."""
+        return np.array([p[self.channel].peak for p in self.points])
+
+
+@one_thread
+def follow_peak(
+    rig: Rig,
+    values: Sequence[float],
+    key: str = FORCE,
+    *,
+    channel: str = "drive",
+    start: PeriodicSolution | None = None,
+    harmonics: int = 15,
+    samples: int | None = None,
+) -> Peaks:
+    """Peak of a channel's frequency response, followed from value to value of the force or any number of the rig.
+
+    Parameters
+    ----------
+    rig : Rig
+    values : sequence of float
+        Of the number, in the order of travel; where a step is too long, it is halved.
+    key : str
+        What to vary, such as ``excitation.amplitude``, ``contact.normal_load`` or ``contact.friction.mu``.
+    channel : str
+        Whose peak.
+    start : PeriodicSolution, optional
+        Near the peak at the first value; the largest point of the frequency response there where omitted.
+    harmonics, samples : int
+        H and N_t.
+
+    Returns
+    -------
+    Peaks
+
+    Raises
+    ------
+    KeyError
+        If the rig has no such number.
+    continuation.ConvergenceError
+        If a peak is lost. One that merges with another, on a detached curve, ends: the force along
+        :func:`hbm.modes.backbone.phase_resonance` has a maximum there.
+    """
+    number(rig, key)
+    basis, held = FourierBasis(harmonics, samples or default_samples(harmonics)), (key, channel)
+    curve = _Curve(with_number(rig, key, values[0]), basis, *held)
+    if start is None:
+        points = trace_frequency(curve.rig, harmonics=harmonics, samples=samples).points
+        start = max(points, key=lambda p: p[channel].peak)
+    found = [curve.peak(curve.near(start.state))]
+    for ends in pairwise(values):
+        found.append(_followed(rig, found[-1], ends, basis, held))
+    points, slope = tuple(p.solution for p in found), np.array([p.slope for p in found])
+    return Peaks(key, channel, np.array(values, dtype=float), points, slope)
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A point of a frequency response.
+
+    Attributes
+    ----------
+    solution : PeriodicSolution
+    y, tangent : (N + 1,) array
+        Scaled unknowns and frequency, and the unit tangent.
+    rise, slope : float
+        Derivative of the channel's peak along the tangent, and to the number that is varied.
+    by_key : State
+        Derivative of the state to that number.
+    """
+
+    solution: PeriodicSolution
+    y: Array
+    tangent: Array
+    rise: float
+    slope: float
+    by_key: State
+
+    def ahead(self, step: float) -> State:
+        """State predicted where the number has changed."""
+        now, d = self.solution.state, self.by_key
+        return State(now.Q + step * d.Q, now.T + step * d.T, now.Omega, now.F + step * d.F)
+
+
+class _Curve:
+    """A frequency response near its peak."""
+
+    def __init__(self, rig: Rig, basis: FourierBasis, key: str, channel: str) -> None:
+        self.rig, self.key, self.channel = rig, key, channel
+        self.problem = HarmonicBalance(rig, basis)
+
+    def near(self, state: State, tangent: Array | None = None) -> _Place:
+        """The point of the curve across a tangent at a state, or at its frequency."""
+        y = np.append(pad(self.problem, state), state.Omega / self.problem.Omega_ref)
+        return self.at(y, np.append(np.zeros(len(y) - 1), 1.0) if tangent is None else tangent)
+
+    def at(self, y: Array, row: Array) -> _Place:
+        """The point of the curve in the hyperplane through `y` across `row`; its tangent points along `row`."""
+        result = correct(self.problem, y, Border(row[:-1], float(row[-1])), NEWTON)
+        if not result.converged:
+            raise ConvergenceError(
+                f"peak: no convergence near {self.problem.hz_at(float(y[-1])):.6g} Hz, last residual "
+                f"{result.residual_norm:.2g}; {result.reason.value}"
+            )
+        solution = describe(self.problem, result.x, result.lam)
+        change = sensitivities(self.rig, solution, (HZ, self.key))
+        by_hz = self.problem.pack(State(change.Q[:, :, 0], change.T[:, 0], 2 * np.pi, 0.0))
+        tangent = np.append(*by_hz)
+        length = float(np.copysign(np.linalg.norm(tangent), tangent @ row))
+        by_hz_and_key = change[self.channel].peak
+        by_key = State(change.Q[:, :, 1], change.T[:, 1], 0.0, float(self.key == FORCE))
+        return _Place(solution, result.state, tangent / length, by_hz_and_key[0] / length, by_hz_and_key[1], by_key)
+
+    def peak(self, start: _Place) -> _Place:
+        """The peak uphill of a point."""
+        below, stride = start, FIRST_STRIDE * float(np.linalg.norm(start.y))
+        for _ in range(MOST_STRIDES):
+            uphill = below.tangent * np.copysign(1.0, below.rise)
+            try:
+                above = self.at(below.y + stride * uphill, uphill)
+            except ConvergenceError:
+                stride /= 4
+                continue
+            if above.rise <= 0.0:
+                return self._top(below, above, uphill, stride)
+            below, stride = above, 1.5 * stride
+        raise ConvergenceError(
+            f"peak: the {self.channel} still rises at {below.solution.hz:.6g} Hz, or cannot be solved"
+        )
+
+    def _top(self, below: _Place, above: _Place, uphill: Array, stride: float) -> _Place:
+        """The peak between two points."""
+        places = {0.0: below, stride: above}
+
+        def rise(s: float) -> float:
+            if s not in places:
+                places[s] = self.at(below.y + s * uphill, uphill)
+            return places[s].rise if s > 0.0 else abs(below.rise)
+
+        top = brentq(rise, 0.0, stride, xtol=LOCATED * float(np.linalg.norm(below.y)))
+        return places[top]
+
+
+def _followed(
+    rig: Rig, peak: _Place, ends: tuple[float, float], basis: FourierBasis, held: tuple[str, str], halvings: int = 0
+) -> _Place:
+    """Peak at the other end of a step of the number; the step is halved where it is too long."""
+    curve = _Curve(with_number(rig, held[0], ends[1]), basis, *held)
+    try:
+        return curve.peak(curve.near(peak.ahead(ends[1] - ends[0]), peak.tangent))
+    except (ConvergenceError, ArithmeticError):
+        if halvings == MOST_HALVINGS:
+            raise
+    middle = (ends[0] + ends[1]) / 2
+    half = _followed(rig, peak, (ends[0], middle), basis, held, halvings + 1)
+    return _followed(rig, half, (middle, ends[1]), basis, held, halvings + 1)
