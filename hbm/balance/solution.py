@@ -9,14 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.balance.problem import HarmonicBalance, Kinematics, State
+from hbm.channels import DISPLACEMENT, read
 from hbm.fourier import Array, FourierBasis
 from models.rig import UNITS, Channel
-
-DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
-
-
-TRUE = Channel("true", "displacement")
-"""A sensor that reads what is there."""
 
 
 @dataclass(frozen=True)
@@ -56,14 +51,6 @@ def amplitudes(coefficients: Array) -> Array:
     out = np.abs(coefficients[..., : H + 1])
     out[..., 1:] = np.hypot(coefficients[..., 1 : H + 1], coefficients[..., H + 1 :])
     return out
-
-
-def as_read(basis: FourierBasis, coefficients: Array, Omega: float, sensor: Channel) -> Array:
-    """Coefficients (2H+1, ...) of what a sensor reads of a signal: gain s(t - delay)."""
-    if sensor.delay == 0.0:
-        return np.asarray(sensor.gain * coefficients)
-    turn = sensor.gain * np.exp(-1j * Omega * sensor.delay * np.arange(basis.H + 1))
-    return basis.real((basis.complex(coefficients).T * turn).T)
 
 
 def _smooth_peak(samples: Array) -> float:
@@ -187,28 +174,24 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
 
     force = state.F * problem.force_shape
 
-    def motion(
-        place: int, quantity: str, row: Array, by_force: float, by_friction: float, sensor: Channel = TRUE
-    ) -> Signal:
+    def motion(place: int, channel: Channel, row: Array, by_force: float, by_friction: float) -> Signal:
         coefficients = state.Q @ row + by_force * force + by_friction * friction.coefficients
         if problem.clamp is not None and kin.clamp is not None:
             coefficients += problem.clamp.port.residual[place] * kin.clamp.slid
         if problem.elements is not None and kin.elements is not None:
             coefficients += kin.elements @ problem.elements.static[:, place - 1]
-        for _ in range(DERIVATIVES[quantity]):
-            coefficients = Omega * basis.derivative(coefficients)
-        return series(UNITS[quantity], as_read(basis, coefficients, Omega, sensor))
+        return series(UNITS[channel.quantity], read(channel, basis, coefficients, Omega))
 
     residual = s.residual
     places = {c.name: i for i, c in enumerate(rig.response_channels, start=2)}
     channels = {
         c.name: series("N", force)
         if c.quantity == "force"
-        else motion(places[c.name], c.quantity, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)), c)
+        else motion(places[c.name], c, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)))
         for c in rig.channels
     }
     channels |= {
-        "drive": motion(1, "displacement", s.excitation, residual.drive_by_force, residual.slip_by_force),
+        "drive": motion(1, DISPLACEMENT, s.excitation, residual.drive_by_force, residual.slip_by_force),
         "slip": Signal("m", slip, slip_samples, float(np.abs(slip_samples - slip_samples.mean()).max())),
         "slip_velocity": series("m/s", Omega * basis.derivative(slip)),
         "friction": friction,

@@ -43,6 +43,9 @@ is, relative to the response, where a cause is named that leaves more than noise
 WORSE = 1.05
 """So many times what calibration leaves of the records held out a cause that leaves more than noise may leave."""
 
+BETTER = 0.5
+"""Another cause foretells records held out much better where it leaves less than this share of the error."""
+
 SAYS_NOTHING = 0.3
 """Records that a model misses by this share of the response agree with nothing, whatever their noise."""
 
@@ -99,9 +102,16 @@ class Account:
 
     @property
     def untold(self) -> bool:
-        """Whether the records fitted are explained but do not tell of what those held out show."""
-        e = self._noise(self.decision.story)
-        return self.hidden is not None and self.verdict == "unexplained" and misfit(e, self.campaign).fits
+        """Whether the records fitted are explained but do not tell of what those held out show.
+
+        Or name a main cause where another one foretells these much better.
+        """
+        if self.hidden is None:
+            return False
+        if self.verdict == "main-cause":
+            own, *others = (self._nrmse_held_out(e) for e in self.decision.fits)
+            return own is not None and any(other < BETTER * own for other in others if other is not None)
+        return self.verdict == "unexplained" and misfit(self._noise(self.decision.story), self.campaign).fits
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""

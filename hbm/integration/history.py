@@ -11,7 +11,7 @@ import numpy as np
 
 from hbm.aft.step import law_step
 from hbm.balance.elements import ForcesInTime, forces_in_time
-from hbm.balance.solution import DERIVATIVES
+from hbm.channels import DERIVATIVES, DISPLACEMENT, factor, late
 from models import Channel, Rig
 from models.rig import UNITS
 from models.structure import Array
@@ -179,8 +179,8 @@ class TimeHistory:
     def _moved(self) -> Array:
         return forces_in_time(self.rig, self.q, self.qdot, self.force).moved
 
-    def _channel(self, channel: Channel) -> Array:
-        """Values of one channel of the rig, (N,): modes, and the static response of those left out."""
+    def _there(self, channel: Channel) -> Array:
+        """What there is of the quantity of a channel, (N,): of the modes, and the static response of those left out."""
         if channel.quantity == "force":
             return self.force
         modes, force, friction = {
@@ -203,7 +203,8 @@ class TimeHistory:
         stands out where T has a kink; their harmonics converge.
         """
         s = self.rig.structure
-        signals = {c.name: Signal(self._channel(c), UNITS[c.quantity]) for c in self.rig.channels}
+        dt = 1.0 / (self.hz * self.samples_per_period)
+        signals = {c.name: Signal(late(c, self._there(c), dt), UNITS[c.quantity]) for c in self.rig.channels}
         turned = self.q @ s.shortening
         slip = self.q @ s.slip_row - np.sum(self.q * turned, axis=1) / 2 + s.compliance * self.friction
         speed = np.sum((s.slip_row - turned) * self.qdot, axis=1) + s.compliance * self.friction_rate
@@ -250,9 +251,12 @@ class TimeHistory:
                 f"harmonics: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
                 "must be fewer than half the samples of a period, and no more periods than there are"
             )
-        period = self.channels[channel].values[-periods * N_t :].reshape(periods, N_t).mean(axis=0)
-        spectrum = np.fft.rfft(period)[: H + 1] / N_t
-        spectrum *= np.exp(-2j * np.pi * np.arange(H + 1) * self.hz * self.time[-periods * N_t])
+        sensor = next((c for c in self.rig.response_channels if c.name == channel), DISPLACEMENT)
+        values = self.channels[channel].values if sensor is DISPLACEMENT else self._there(sensor)
+        spectrum = np.fft.rfft(values[-periods * N_t :].reshape(periods, N_t).mean(axis=0))[: H + 1] / N_t
+        rates = 2j * np.pi * self.hz * np.arange(H + 1)
+        # a delay turns harmonics exactly, where samples are read between
+        spectrum *= np.exp(-rates * self.time[-periods * N_t]) * factor(replace(sensor, quantity="displacement"), rates)
         return np.concatenate([[spectrum[0].real], 2 * spectrum[1:].real, -2 * spectrum[1:].imag])
 
     @cached_property

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from hbm.balance.solution import DERIVATIVES
+from hbm.channels import DERIVATIVES
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.inverse.sensing import MOST_MODES, STATIC_FROM, UNKNOWN_FORCE, Complex, dynamic_stiffness

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from hbm.balance.solution import DERIVATIVES
+from hbm.channels import factor
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
@@ -82,11 +82,7 @@ class Sensing:
     def factor(self) -> Complex:
         """From displacement to what each channel reads of its quantity, (r, H+1, c)."""
         named = {channel.name: channel for channel in self.rig.channels}
-        sensors = [named[name] for name in self.channels]
-        times = np.array([DERIVATIVES[sensor.quantity] for sensor in sensors])
-        gain, delay = (np.array([getattr(sensor, what) for sensor in sensors]) for what in ("gain", "delay"))
-        s = self.i_omega[..., None]
-        return np.asarray(s**times * gain * np.exp(-s * delay))
+        return np.stack([factor(named[name], self.i_omega) for name in self.channels], axis=-1)
 
     @cached_property
     def by_friction(self) -> Complex:

@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from hbm.balance.problem import Linearization
-from hbm.balance.solution import DERIVATIVES, TRUE, PeriodicSolution, as_read
+from hbm.balance.solution import PeriodicSolution
+from hbm.channels import DERIVATIVES, DISPLACEMENT, VELOCITY, read
 from hbm.fourier import Array
 from hbm.sensitivity.held import HeldBalance, friction_change
 from models.rig import Channel
@@ -75,12 +76,12 @@ class Channels(Mapping[str, ChannelSensitivity]):
         match name:
             case "drive":
                 moved = self._moved(1, s.excitation, s.residual.drive_by_force, s.residual.slip_by_force)
-                return self._motion(name, moved, 0)
+                return self._motion(name, moved, DISPLACEMENT)
             case "slip":
                 zero_mean, u = self._slip_samples - self._slip_samples.mean(axis=0), self.solution[name].samples
                 return ChannelSensitivity(self._slip, self._slip_samples, _largest(u - u.mean(), zero_mean))
             case "slip_velocity":
-                return self._motion(name, self._slip, 1)
+                return self._motion(name, self._slip, VELOCITY)
             case "friction":
                 T, analysis = self.solution[name].samples, self.problem.basis.analysis
                 return ChannelSensitivity(analysis @ self._friction, self._friction, _largest(T, self._friction))
@@ -89,9 +90,9 @@ class Channels(Mapping[str, ChannelSensitivity]):
                 return ChannelSensitivity(self.problem.basis.analysis @ normal, normal, normal[R.argmax()])
         sensor = self._sensors[name]
         if sensor.quantity == "force":
-            return self._motion(name, self.held.force, 0)
+            return self._motion(name, self.held.force, DISPLACEMENT)
         moved = self._moved(self._places[name], s.channel_rows[name], *s.residual.channels[name])
-        return self._motion(name, moved, DERIVATIVES[sensor.quantity], sensor)
+        return self._motion(name, moved, sensor)
 
     @cached_property
     def _friction(self) -> Array:
@@ -116,17 +117,16 @@ class Channels(Mapping[str, ChannelSensitivity]):
         elastic = self.problem.structure.compliance * self._friction + yielding
         return np.asarray(self.problem.basis.synthesis @ self._modal_slip + elastic)
 
-    def _motion(self, name: str, displacement: Array, times: int, sensor: Channel = TRUE) -> ChannelSensitivity:
+    def _motion(self, name: str, displacement: Array, sensor: Channel) -> ChannelSensitivity:
+        """Of what a channel reads of a displacement that changes, its own numbers and the frequency changing too."""
         basis, held, Omega = self.problem.basis, self.held, self.here.state.Omega
-        coefficients, read = displacement, self.solution[name].coefficients
-        for _ in range(times):
-            coefficients = Omega * basis.derivative(coefficients)
-        coefficients = as_read(basis, coefficients, Omega, sensor)
+        coefficients, seen = read(sensor, basis, displacement, Omega), self.solution[name].coefficients
+        times = DERIVATIVES[sensor.quantity]
         if times:  # of Omega to that power
-            coefficients += np.outer(read, times / self.solution.hz * held.hz)
-        if sensor is not TRUE:
+            coefficients += np.outer(seen, times / self.solution.hz * held.hz)
+        if name in held.gain:
             later = held.delay[name] * Omega + sensor.delay * 2 * np.pi * held.hz
-            coefficients += np.outer(read / sensor.gain, held.gain[name]) - np.outer(basis.derivative(read), later)
+            coefficients += np.outer(seen / sensor.gain, held.gain[name]) - np.outer(basis.derivative(seen), later)
         samples = basis.synthesis @ coefficients
         return ChannelSensitivity(coefficients, samples, _smooth_peak(self.solution[name].samples, samples))
 

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.balance.problem import HarmonicBalance, Linearization
-from hbm.balance.solution import DERIVATIVES, PeriodicSolution, as_read
+from hbm.balance.solution import PeriodicSolution
+from hbm.channels import read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import Change, Channels, ChannelSensitivity
@@ -197,9 +198,7 @@ def _seen_of(balance: "LinearBalance", disturbance: Disturbance, x: Array) -> di
             moved += problem.clamp.port.residual[place] * slid
         if problem.elements is not None:
             moved += np.einsum("krp,r->kp", pushed, problem.elements.static[:, place - 1])
-        for _ in range(DERIVATIVES[c.quantity]):
-            moved = Omega * basis.derivative(moved)
-        out[c.name] = as_read(basis, moved, Omega, c)
+        out[c.name] = read(c, basis, moved, Omega)
     return out
 
 

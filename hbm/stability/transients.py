@@ -9,14 +9,15 @@ times a factor that is the same for all harmonics and channels. So the length of
 one complex number for each motion, and need not be known.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import eig
 
 from hbm.balance.equations import Balance, State
-from hbm.balance.solution import DERIVATIVES, PeriodicSolution, as_read
+from hbm.balance.solution import PeriodicSolution
+from hbm.channels import DERIVATIVES, DISPLACEMENT, read
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.stability.floquet import Disturbance
@@ -75,8 +76,9 @@ def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transien
     orders = np.array([DERIVATIVES[c.quantity] for c in channels])
     left = _leaked(seen, exponents, Omega, harmonics, orders)
     basis = FourierBasis(harmonics, 2 * harmonics + 1)
-    read = [as_read(basis, basis.real(left[:, i]), Omega, c) for i, c in enumerate(channels)]
-    return Transients(np.stack(read, axis=1), -exponents.real)
+    at_rates = [replace(DISPLACEMENT, gain=c.gain, delay=c.delay) for c in channels]  # derivatives are taken
+    seen_late = [read(c, basis, basis.real(left[:, i]), Omega) for i, c in enumerate(at_rates)]
+    return Transients(np.stack(seen_late, axis=1), -exponents.real)
 
 
 def _motions(problem: Balance, state: State) -> tuple[Complex, Complex]:

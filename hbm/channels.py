@@ -1,0 +1,45 @@
+"""What a channel reads of a displacement: its derivative, times a gain, a delay later. The one formula for all.
+
+A displacement s(t) = exp(p t) at the place of a channel is read as gain p^n exp(-p delay) s(t), with n derivatives.
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.fourier import Array, FourierBasis
+from models.rig import Channel
+
+DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+DISPLACEMENT, VELOCITY = Channel("true", "displacement"), Channel("true", "velocity")
+"""Channels that read what is there."""
+
+
+def factor(channel: Channel, rate: npt.NDArray[np.complexfloating[Any, Any]]) -> npt.NDArray[np.complex128]:
+    """From displacement to what a channel reads of it, at complex rates p [1/s]."""
+    return np.asarray(rate ** DERIVATIVES[channel.quantity] * channel.gain * np.exp(-rate * channel.delay))
+
+
+def read(channel: Channel, basis: FourierBasis, displacement: Array, Omega: float) -> Array:
+    """Fourier coefficients (2H+1, ...) of what a channel reads of a periodic displacement at its place."""
+    turn = factor(channel, 1j * Omega * np.arange(basis.H + 1))
+    return basis.real((basis.complex(displacement).T * turn).T)
+
+
+def late(channel: Channel, values: Array, dt: float) -> Array:
+    """What a channel reads of its quantity at equally spaced times: the gain times what was there a delay ago.
+
+    Between samples on straight lines, for what jumps must not swing; before the first sample what is there at it.
+
+    Parameters
+    ----------
+    channel : Channel
+    values : (N,) array
+        Of its quantity, the derivatives taken.
+    dt : float
+        Between them [s].
+    """
+    index = np.arange(len(values))
+    return np.asarray(channel.gain * np.interp(index - channel.delay / dt, index, values))
