@@ -92,6 +92,13 @@ class Branch:
     message: str
     settings: Settings
 
+    def __repr__(self) -> str:
+        """How many points, from where to where, and why it ended."""
+        if not self.points:
+            return f"branch without points; {self.message}"
+        first, last = self.points[0].lam, self.points[-1].lam
+        return f"branch of {len(self.points)} points, lambda {first:.6g} to {last:.6g}; {self.message}"
+
     @property
     def complete(self) -> bool:
         """Whether `lam_end` was reached."""

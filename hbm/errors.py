@@ -6,3 +6,44 @@ class InputError(ValueError):
 
     The message is one line: ``<where>: <what was found>; <what is accepted>[; <what to try>]``.
     """
+
+
+def expect_rig(rig: object, where: str) -> None:
+    """Refuse what is no rig, such as the path of its file.
+
+    Raises
+    ------
+    InputError
+        With what was given.
+    """
+    from models.rig import Rig
+
+    if not isinstance(rig, Rig):
+        raise InputError(f"{where}: rig = {rig!r:.80}; must be a Rig, as load_rig(path) returns")
+
+
+def expect_frequency(hz: float, where: str) -> None:
+    """Refuse a frequency that is not one.
+
+    Raises
+    ------
+    InputError
+        With the number.
+    """
+    if not 0.0 < hz < float("inf"):
+        raise InputError(f"{where}: hz = {hz:g}; must be > 0 and finite [Hz]")
+
+
+def expect_range(hz: tuple[float, float], where: str) -> None:
+    """Refuse a range of frequencies that has no length, or an end that is not a frequency.
+
+    Raises
+    ------
+    InputError
+        With its ends.
+    """
+    begin, end = hz
+    expect_frequency(begin, where)
+    expect_frequency(end, where)
+    if begin == end:
+        raise InputError(f"{where}: hz = ({begin:g}, {end:g}); must be two different frequencies [Hz]")

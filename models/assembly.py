@@ -181,8 +181,8 @@ class Layout:
 
     @property
     def form(self) -> "Layout":
-        """The layout with every value zero: what decides the instructions that assemble it."""
-        return self.with_scalars([0.0] * len(self.scalars()))
+        """The layout with every value one: what decides the instructions that assemble it."""
+        return self.with_scalars([1.0] * len(self.scalars()))
 
 
 BEAM = ("length", "width", "thickness", "youngs_modulus", "density")

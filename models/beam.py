@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from models.bounds import bounded
 from models.structure import Array
 
 
@@ -106,6 +107,20 @@ class Beam:
     youngs_modulus: float
     density: float
     modes: int = 5
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that no beam has."""
+        for name in ("length", "width", "thickness", "youngs_modulus", "density"):
+            bounded(f"Beam: {name}", getattr(self, name), 0.0, strict=True)
+        bounded("Beam: modes", self.modes, 1)
+
+    def __str__(self) -> str:
+        """Its measures in a few words."""
+        measures = " x ".join(f"{1e3 * size:g}" for size in (self.length, self.width, self.thickness))
+        return (
+            f"beam {measures} mm, E {1e-9 * self.youngs_modulus:g} GPa, density {self.density:g} kg/m3, "
+            f"{self.modes} modes from {self.natural_frequencies()[0] / (2 * np.pi):.6g} Hz"
+        )
 
     @property
     def area(self) -> float:

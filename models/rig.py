@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from models.assembly import MORE_MODES, Assembly, Attachments, Layout, assembled
 from models.beam import Beam
+from models.bounds import bounded
 from models.elements import Element, ElementRows, LiftOff, Reading, element_rows, gauss_points
-from models.friction import FrictionLaw
+from models.friction import FrictionLaw, check_parameters, parameters
 from models.reduction import Dampers, Reduction, Switches
 from models.structure import Array, ModalStructure, SpringPort, modal_damping
 
@@ -44,6 +45,22 @@ class ModalBody:
     contact_shape: tuple[float, ...]
     excitation_shape: tuple[float, ...]
 
+    def __post_init__(self) -> None:
+        """Refuse frequencies that are none, and shapes of other numbers of modes."""
+        for i, hz in enumerate(self.frequencies_hz):
+            bounded(f"ModalBody: frequencies_hz[{i}]", hz, 0.0, strict=True)
+        n = len(self.frequencies_hz)
+        rows = {"contact_shape": self.contact_shape, "excitation_shape": self.excitation_shape}
+        rows |= {f"shapes[{i}]": row for i, row in enumerate(self.shapes)}
+        for name, row in rows.items():
+            if len(row) != n:
+                raise ValueError(f"ModalBody: {name} has {len(row)} entries; must have {n}, one for each frequency")
+
+    def __str__(self) -> str:
+        """Its modes in a few words."""
+        hz = sorted(self.frequencies_hz)
+        return f"{len(hz)} modes given, {hz[0]:.6g} to {hz[-1]:.6g} Hz"
+
 
 @dataclass(frozen=True)
 class Damping:
@@ -66,6 +83,14 @@ class Damping:
     stiffness_proportional: float = 0.0
     high_mode_ratio: float = 0.02
     high_mode_from: int = 6
+
+    def __post_init__(self) -> None:
+        """Refuse damping that is negative."""
+        for name in ("mass_proportional", "stiffness_proportional", "high_mode_ratio"):
+            bounded(f"Damping: {name}", getattr(self, name), 0.0)
+        for i, ratio in enumerate(self.modal_ratios or ()):
+            bounded(f"Damping: modal_ratios[{i}]", ratio, 0.0)
+        bounded("Damping: high_mode_from", self.high_mode_from, 1)
 
     def dampers(self, omega_n: Array, numbers: Numbers) -> Dampers:
         """Damping of modes that count as modes `numbers` (n,) of the beam."""
@@ -115,6 +140,12 @@ class Contact:
     foreshortening: bool = True
     lift_off: bool = False
 
+    def __post_init__(self) -> None:
+        """Refuse numbers that no contact has."""
+        bounded("Contact: normal_load", self.normal_load, 0.0)
+        bounded("Contact: radius", self.radius, 0.0)
+        check_parameters(self.law)
+
 
 @dataclass(frozen=True)
 class Excitation:
@@ -136,7 +167,9 @@ class Excitation:
     settled: bool = True
 
     def __post_init__(self) -> None:
-        """Check the numbers of the harmonics."""
+        """Refuse a negative force, and numbers of harmonics that are not."""
+        bounded("Excitation: amplitude", self.amplitude, 0.0)
+        bounded("Excitation: position", self.position, 0.0)
         numbers = [k for k, _, _ in self.harmonics]
         if any(k < 2 for k in numbers) or len(set(numbers)) < len(numbers):
             raise ValueError(f"excitation.harmonics: numbers {numbers}; must be 2 or more, each once")
@@ -195,6 +228,15 @@ class Channel:
     delay: float = 0.0
     repeatability: float = 0.0
 
+    def __post_init__(self) -> None:
+        """Refuse what nothing measures."""
+        if self.quantity not in QUANTITIES:
+            raise ValueError(f'Channel: quantity = "{self.quantity}"; must be one of {", ".join(QUANTITIES)}')
+        bounded(f"Channel {self.name}: position", self.position, 0.0)
+        bounded(f"Channel {self.name}: gain", self.gain)
+        bounded(f"Channel {self.name}: delay", self.delay)
+        bounded(f"Channel {self.name}: repeatability", self.repeatability, 0.0, 1.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Rig:
@@ -229,6 +271,36 @@ class Rig:
     attachments: Attachments = field(default=Attachments())
     elements: tuple[Element, ...] = ()
     drift: tuple[Drift, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse places beyond the beam, and names that are given twice."""
+        names = [c.name for c in self.channels]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f'Rig: channel "{twice}" is there twice; names must differ')
+        if isinstance(self.body, Beam) and isinstance(self.body.length, float):
+            length = self.body.length
+            bounded("Excitation: position", self.excitation.position, 0.0, length)
+            for c in self.response_channels:
+                bounded(f"Channel {c.name}: position", c.position, 0.0, length)
+
+    def __str__(self) -> str:
+        """In words."""
+        body, contact, law = self.body, self.contact, self.contact.law
+        numbers = ", ".join(f"{name} {value:.6g}" for name, value in parameters(law).items())
+        where = f" at {self.excitation.position:g} m" if isinstance(body, Beam) else ""
+        lines = [
+            f"{self.name}: {body}",
+            f"contact: {law.name}{f' ({numbers})' if numbers else ''} under {contact.normal_load:g} N"
+            + (", may lift off" if contact.lift_off else ""),
+            f"excitation: {self.excitation.amplitude:g} N{where}",
+        ]
+        if self.channels:
+            lines.append("channels: " + ", ".join(f"{c.name} ({c.quantity})" for c in self.channels))
+        more = [type(e).__name__ for e in self.elements]
+        if more or self.attachments:
+            lines.append("also: " + ", ".join([*more, *(["attachments"] if self.attachments else [])]))
+        return "\n  ".join(lines)
 
     @property
     def response_channels(self) -> tuple[Channel, ...]:

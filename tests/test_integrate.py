@@ -436,7 +436,7 @@ def test_progress_reports_time_reached() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"hz": 0.0}, "simulate: frequency 0.0 Hz; must be > 0"),
+        ({"hz": 0.0}, "simulate: hz = 0; must be > 0 and finite [Hz]"),
         ({"hz": 52.0, "duration": -1.0}, "simulate: duration -1.0 s; must be > 0"),
         (
             {"hz": 52.0, "steps_per_period": 100, "every": 3},

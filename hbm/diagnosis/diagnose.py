@@ -13,6 +13,7 @@ from hbm.diagnosis.heldout import check_held_out, choose_held_out
 from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.search import OnProgress, Search
 from hbm.diagnosis.verdict import Diagnosis
+from hbm.errors import expect_rig
 from hbm.measurement.repeatability import repeatability_of, unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.parallel import one_thread
@@ -69,6 +70,7 @@ def diagnose(
     ConvergenceError
         If the steady state of no record is found.
     """
+    expect_rig(rig, "diagnose")
     held = choose_held_out(spectra) if held_out is None else tuple(held_out)
     check_held_out(spectra, held)
     tell = on_progress or (lambda doing, done: None)

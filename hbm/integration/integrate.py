@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hbm.aft.recurrence import monodromy
+from hbm.errors import expect_frequency, expect_rig
 from hbm.integration.history import State, TimeHistory, differences, normal_reaction
 from hbm.integration.timestep import Stepper
 from hbm.parallel import one_thread
@@ -68,11 +69,13 @@ def simulate(
     ArithmeticError
         If a step cannot be solved, or no stable scheme exists at this step.
     """
+    expect_rig(rig, "simulate")
+    expect_frequency(hz, "simulate")
     from_rest = start is None
     start = State.at_rest(rig) if start is None else start
     level = rig.excitation.amplitude if level is None else level
     duration = DEFAULT_PERIODS / hz if duration is None and hz > 0 else duration
-    _check(rig, hz, duration, steps_per_period, start, every)
+    _check(rig, duration, steps_per_period, start, every)
     stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, start.time))
     if from_rest:
         start = _pressed(stepper, start)
@@ -89,10 +92,8 @@ def simulate(
     return recorder.history()
 
 
-def _check(rig: Rig, hz: float, duration: float | None, steps_per_period: int, start: State, every: int) -> None:
+def _check(rig: Rig, duration: float | None, steps_per_period: int, start: State, every: int) -> None:
     size = State.at_rest(rig).flat.size
-    if not (hz > 0 and np.isfinite(hz)):
-        raise ValueError(f"simulate: frequency {hz} Hz; must be > 0")
     if duration is None or not (duration > 0 and np.isfinite(duration)):
         raise ValueError(f"simulate: duration {duration} s; must be > 0")
     if steps_per_period < 8 or every < 1 or steps_per_period % every:
@@ -248,11 +249,13 @@ def steady_state(
     ValueError, ArithmeticError
         As :func:`simulate`.
     """
+    expect_rig(rig, "steady_state")
+    expect_frequency(hz, "steady_state")
     if start is None:
         start = simulate(rig, hz, level=level, steps_per_period=steps_per_period, last_periods=1).state
     start = replace(start, time=start.time - np.floor(start.time * hz + 0.5 / steps_per_period) / hz)
     level = rig.excitation.amplitude if level is None else level
-    _check(rig, hz, 1.0 / hz, steps_per_period, start, 1)
+    _check(rig, 1.0 / hz, steps_per_period, start, 1)
     stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, start.time))
     period = _Period(stepper, start.flat)
     iterations = 0

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.channels import DERIVATIVES
-from hbm.errors import InputError
+from hbm.errors import InputError, expect_rig
 from hbm.fourier import Array
 from hbm.inverse.sensing import MOST_MODES, STATIC_FROM, UNKNOWN_FORCE, Complex, dynamic_stiffness
 from models.beam import Beam
@@ -131,6 +131,7 @@ def place_sensors(
     InputError
         If the rig has no beam, or so many sensors do not fit.
     """
+    expect_rig(rig, "place_sensors")
     if not isinstance(rig.body, Beam):
         raise InputError(f"{rig.name}: positions of sensors need a [beam]; this rig is given by its modes")
     if quantity not in DERIVATIVES:

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from hbm.errors import InputError
+from hbm.errors import InputError, expect_rig
 from hbm.fourier import Array
 from hbm.inverse.contact import Contact, contact_of
 from hbm.inverse.contactforce import ForceEstimate, regularised
@@ -63,6 +63,7 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
     ----------
     physics.md section 5; (6)-(14), (26).
     """
+    expect_rig(rig, "reconstruct")
     if formulation not in FORMULATIONS:
         raise InputError(f'reconstruct: formulation = "{formulation}"; must be one of {", ".join(FORMULATIONS)}')
     if rig.elements and formulation != "regularised":

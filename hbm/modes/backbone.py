@@ -19,6 +19,7 @@ from scipy.optimize import brentq
 from continuation import Branch, ConvergenceError, Point
 from hbm.balance.padding import pad
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis
 from hbm.modes.amplitudes import OnPoint, solved, traced
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
@@ -48,6 +49,15 @@ class Backbone(ABC):
     points: tuple[PeriodicSolution, ...]
     branch: Branch
     problem: DriveAmplitude
+
+    def __repr__(self) -> str:
+        """Range of amplitude and frequency, and why it ended."""
+        first, last = self.points[0], self.points[-1]
+        what = {"NonlinearMode": "nonlinear mode", "PhaseResonance": "phase resonance"}[type(self).__name__]
+        return (
+            f"{what}: {len(self.points)} motions, drive {first['drive'].peak:.4g} to {last['drive'].peak:.4g} m, "
+            f"{first.hz:.6g} to {last.hz:.6g} Hz; {self.branch.message}"
+        )
 
     @cached_property
     def amplitude(self) -> Array:
@@ -309,6 +319,7 @@ def nonlinear_mode(
     >>> mode.hz[[0, -1]].round(2)
     array([56.  , 51.08])
     """
+    expect_rig(rig, "nonlinear_mode")
     motion = FreeMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
     branch = traced(motion, mode, amplitudes, on_point)
     return NonlinearMode(rig, _described(motion, branch.points), branch, motion)
@@ -330,6 +341,7 @@ def phase_resonance(
     -------
     PhaseResonance
     """
+    expect_rig(rig, "phase_resonance")
     motion = ForcedMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
     branch = traced(motion, mode, amplitudes, on_point)
     return PhaseResonance(rig, _described(motion, branch.points), branch, motion)

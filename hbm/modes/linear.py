@@ -6,6 +6,7 @@ import numpy as np
 from scipy.linalg import null_space
 
 from hbm.aft.step import law_step
+from hbm.errors import expect_rig
 from models.friction import parameters
 from models.rig import Rig
 from models.structure import Array
@@ -34,6 +35,17 @@ class LinearModes:
     damping_ratio: Array
     stiffness: float
 
+    def __repr__(self) -> str:
+        """Frequencies, sliding and stuck, and damping."""
+        lines = [
+            f"  {i}  {free:10.6g}  {stuck:10.6g}  {ratio:10.3%}"
+            for i, (free, stuck, ratio) in enumerate(
+                zip(self.sliding_hz, self.stuck_hz, self.damping_ratio, strict=True), start=1
+            )
+        ]
+        held = "held rigidly" if np.isinf(self.stiffness) else f"contact stiffness {self.stiffness:.4g} N/m"
+        return "\n".join([f"linear modes, {held}", "   sliding [Hz]  stuck [Hz]     damping", *lines])
+
 
 def linear_modes(rig: Rig) -> LinearModes:
     """Natural modes of a rig, sliding and stuck.
@@ -52,6 +64,7 @@ def linear_modes(rig: Rig) -> LinearModes:
     >>> float(linear_modes(paper_rig()).sliding_hz[0].round(3))
     47.842
     """
+    expect_rig(rig, "linear_modes")
     s, k = rig.structure, contact_stiffness(rig)
     stuck = np.full(s.n, np.nan)
     omega, _ = stuck_modes(rig)

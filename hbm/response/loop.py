@@ -51,6 +51,14 @@ class FrictionLoop:
     dissipated: float
     closure: float
 
+    def __repr__(self) -> str:
+        """Law, peak force, energy lost and closure."""
+        return (
+            f"friction loop of {self.law.name} at {self.hz:.6g} Hz under {self.load:g} N: "
+            f"slip up to {np.abs(self.u).max():.4g} m, force up to {np.abs(self.T).max():.4g} N, "
+            f"{self.dissipated:.4g} J a period, closed to {self.closure:.1g}"
+        )
+
 
 def friction_loop(
     law: FrictionLaw,

@@ -24,6 +24,7 @@ from continuation import (
 from hbm.balance.padding import pad
 from hbm.balance.problem import HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.errors import expect_frequency, expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.curve import ResponseCurve
@@ -54,7 +55,7 @@ OnPoint = Callable[[float, int], None]
 
 def default_samples(H: int) -> int:
     """Samples per period for H harmonics: 256, or the power of two from 12 H up."""
-    return max(256, 1 << int(np.ceil(np.log2(12 * H))))
+    return max(256, 1 << int(np.ceil(np.log2(12 * max(H, 1)))))
 
 
 @one_thread
@@ -92,6 +93,8 @@ def steady_state(
     continuation.ConvergenceError
         If neither Newton nor a ramp of the force finds it.
     """
+    expect_rig(rig, "steady_state")
+    expect_frequency(hz, "steady_state")
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = HarmonicBalance(rig, basis, level=level)
     lam = problem.lam_at(hz)
@@ -255,6 +258,9 @@ def trace_frequency(
     continuation.ConvergenceError
         If there is no first solution.
     """
+    expect_rig(rig, "trace_frequency")
+    if hz is not None:
+        expect_range(hz, "trace_frequency")
     begin, end = default_sweep(rig) if hz is None else hz
     problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
@@ -305,6 +311,8 @@ def force_response(
     continuation.ConvergenceError
         If there is no first solution.
     """
+    expect_rig(rig, "force_response")
+    expect_frequency(hz, "force_response")
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = HarmonicBalance(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref

@@ -68,6 +68,19 @@ class Sensitivities:
     mixing: Array
     disturbed: Mapping[str, Array]
 
+    def __repr__(self) -> str:
+        """Of which numbers, at which steady state; how much the drive's peak changes with each."""
+        s = self.solution
+        changes = self.logarithmic("drive")
+        lines = [
+            f"  {name:32s} {value:12.6g} {unit:8s} {changes[name]:+.4g}"
+            for name, value, unit in zip(self.parameters, self.values, self.units, strict=True)
+        ]
+        head = (
+            f"sensitivities at {s.hz:.6g} Hz, {s.level:g} N; of the drive's peak, relative, to each number, relative:"
+        )
+        return "\n".join([head, *lines])
+
     def __getitem__(self, name: str) -> ChannelSensitivity:
         """Channel by name."""
         return self.channels[name]

@@ -137,6 +137,14 @@ class FoldPath:
     plane: PlaneBalance
     parts: tuple[FoldCurve | ChordCurve, ...]
 
+    def __repr__(self) -> str:
+        """Ranges of the frequency and the second number, special points, and why each part ended."""
+        return (
+            f"folds over {self.key.name}: {len(self.hz)} points, {self.hz.min():.6g} to {self.hz.max():.6g} Hz, "
+            f"{self.values.min():.6g} to {self.values.max():.6g} {self.key.accepted.unit}, "
+            f"{len(self.special)} special points; " + "; ".join(self.messages)
+        )
+
     @property
     def key(self) -> Key:
         """The second number: name, value in the rig, unit and bounds."""

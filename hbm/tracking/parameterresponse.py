@@ -13,6 +13,7 @@ import numpy as np
 from continuation import Branch, ConvergenceError, Point, Problem, Settings, continue_branch
 from hbm.balance.problem import HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.accuracy import LADDER, TOLERANCE, finer, relative_change
@@ -141,6 +142,7 @@ def parameter_response(
     >>> curve.values[[0, -1]].tolist()
     [0.5, 0.55]
     """
+    expect_rig(rig, "parameter_response")
     number = checked(rig, key, values, hz=hz, level=level)
     frequency = values[0] if hz is None else hz
     force = rig.excitation.amplitude if level is None else level

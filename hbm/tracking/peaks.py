@@ -16,6 +16,7 @@ from continuation import Border, ConvergenceError, NewtonSettings, correct
 from hbm.balance.padding import pad
 from hbm.balance.problem import HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.trace import default_samples, trace_frequency
@@ -58,6 +59,15 @@ class Peaks:
     values: Array
     points: tuple[PeriodicSolution, ...]
     slope: Array
+
+    def __repr__(self) -> str:
+        """Ranges of the number, the frequency and the height."""
+        unit = self.points[0][self.channel].unit
+        return (
+            f"peak of {self.channel} over {self.key} from {self.values[0]:.6g} to {self.values[-1]:.6g}: "
+            f"{self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz, {self.height[0]:.4g} to {self.height[-1]:.4g} {unit}, "
+            f"{len(self.points)} points"
+        )
 
     @property
     def hz(self) -> Array:
@@ -109,6 +119,7 @@ def follow_peak(
         If a peak is lost. One that merges with another, on a detached curve, ends: the force along
         :func:`hbm.modes.backbone.phase_resonance` has a maximum there.
     """
+    expect_rig(rig, "follow_peak")
     number(rig, key)
     basis, held = FourierBasis(harmonics, samples or default_samples(harmonics)), (key, channel)
     curve = _Curve(with_number(rig, key, values[0]), basis, *held)

@@ -12,7 +12,7 @@ from typing import ClassVar
 import casadi as ca
 
 from models.friction.elements import UNLOADED, bristle, clip, contact_velocity, relax, weakening
-from models.friction.law import ContactSample, Value, parameter
+from models.friction.law import Checked, ContactSample, Value, parameter
 
 LIGHT = 1e-3
 """Fraction of the static load below which a contact counts as hardly loaded."""
@@ -27,7 +27,7 @@ def _limit(mu: Value, s: ContactSample) -> Value:
 
 
 @dataclass(frozen=True, eq=False)
-class Dahl:
+class Dahl(Checked):
     """Dahl's law with exponent 1: dz/dt = v - stiffness |v| z / (mu R), T = -stiffness z."""
 
     name: ClassVar[str] = "dahl"
@@ -46,7 +46,7 @@ class Dahl:
 
 
 @dataclass(frozen=True, eq=False)
-class LuGre:
+class LuGre(Checked):
     """LuGre: dz/dt = v - stiffness |v| z / g(v), T = -(stiffness z + bristle_damping dz/dt + viscous v).
 
     g = R [mu + (mu_static - mu) exp(-(v / v_s)^2)].
@@ -84,7 +84,7 @@ class LuGre:
 
 
 @dataclass(frozen=True, eq=False)
-class Hybrid:
+class Hybrid(Checked):
     """Hybrid elastic-plastic-partial-slip model of Azizian & Mureithi, (21)-(23).
 
     Three massless nodes in series from the support to the sliding surface. The first is algebraic,

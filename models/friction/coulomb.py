@@ -17,13 +17,13 @@ from models.friction.elements import (
     share_within,
     weakening,
 )
-from models.friction.law import ContactSample, Value, parameter
+from models.friction.law import Checked, ContactSample, Value, parameter
 
 BAND_SOURCE = "paper's references 5 and 7"
 
 
 @dataclass(frozen=True, eq=False)
-class Coulomb:
+class Coulomb(Checked):
     """Set-valued Coulomb friction (15): sticks exactly, slips at mu R.
 
     The contact point itself does not move while it sticks; what moves is the structure's compliance C
@@ -44,7 +44,7 @@ class Coulomb:
 
 
 @dataclass(frozen=True, eq=False)
-class Jenkins:
+class Jenkins(Checked):
     """Coulomb friction with elastic slip, penalty form (16)-(19); k_t = mu P / critical_slip."""
 
     name: ClassVar[str] = "coulomb-penalty"
@@ -62,7 +62,7 @@ class Jenkins:
 
 
 @dataclass(frozen=True, eq=False)
-class VelocityLimited:
+class VelocityLimited(Checked):
     """Coulomb friction with a linear ramp below a speed (VLFM): T = -mu R clip(v / velocity_limit).
 
     It never sticks, it creeps. The ramp is a dashpot mu R / velocity_limit in series with the structure's
@@ -86,7 +86,7 @@ class VelocityLimited:
 
 
 @dataclass(frozen=True, eq=False)
-class Karnopp:
+class Karnopp(Checked):
     """Karnopp's zero-velocity band: the contact is held, up to mu_static R while |v| is in the band, mu R outside.
 
     The limit is the average over the sample, so that the instant at which v leaves the band is not rounded to samples.
@@ -124,7 +124,7 @@ class ForceBalance(Karnopp):
 
 
 @dataclass(frozen=True, eq=False)
-class SpringDamper:
+class SpringDamper(Checked):
     """Spring and damper in parallel below the limit mu R (SDFM). State: their deflection [m].
 
     At all times damping dz/dt + stiffness z = -T. Stuck in series with the structure's compliance, T + stiffness z
@@ -163,7 +163,7 @@ class SpringDamper:
 
 
 @dataclass(frozen=True, eq=False)
-class Stribeck:
+class Stribeck(Checked):
     """Friction that falls with sliding speed (20), sticking branch as penalty with mu_static.
 
     The limit mu(v) R applies at every instant; k_t = mu_static P / critical_slip; exponent 1 is the decay law.

@@ -14,13 +14,13 @@ from models.friction.bristle import Dahl, Hybrid, LuGre
 from models.friction.coulomb import Coulomb, Jenkins, Karnopp, Stribeck
 from models.friction.elements import return_map, weakening
 from models.friction.iwan import Iwan
-from models.friction.law import ContactSample, Value, parameter, setting
+from models.friction.law import Checked, ContactSample, Value, parameter, setting
 
 SOURCE = "extension of a law"
 
 
 @dataclass(frozen=True, eq=False)
-class DistributedJenkins:
+class DistributedJenkins(Checked):
     """A Jenkins element as many, of one stiffness, their limits distributed: Iwan's model; spread 0 is the one."""
 
     name: ClassVar[str] = "coulomb-penalty+distributed"
@@ -47,7 +47,7 @@ class DistributedJenkins:
 
 
 @dataclass(frozen=True, eq=False)
-class WeakeningJenkins:
+class WeakeningJenkins(Checked):
     """Stribeck's law (20) by its stiffness, which thus stays that of the Jenkins element whatever mu_static is."""
 
     name: ClassVar[str] = "coulomb-penalty+weakening"
@@ -68,7 +68,7 @@ class WeakeningJenkins:
 
 
 @dataclass(frozen=True, eq=False)
-class DampedDahl:
+class DampedDahl(Checked):
     """Dahl's bristles with LuGre's damping: LuGre with mu_static = mu."""
 
     name: ClassVar[str] = "dahl+damped"

@@ -6,13 +6,13 @@ from typing import ClassVar, Literal
 import casadi as ca
 
 from models.friction.elements import clip, sides
-from models.friction.law import ContactSample, Value, parameter, setting
+from models.friction.law import Checked, ContactSample, Value, parameter, setting
 
 SOURCE = "Iwan 1966"
 
 
 @dataclass(frozen=True, eq=False)
-class Iwan:
+class Iwan(Checked):
     """Jenkins elements in parallel, of equal stiffness and different limits; together mu R and `stiffness`.
 
     States: the anchors [m]. The limits are uniform in (1 - spread .. 1 + spread) mu R / elements, each element at

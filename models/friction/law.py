@@ -17,6 +17,8 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import casadi as ca
 
+from models.bounds import bounded
+
 Described = TypeVar("Described")
 Value = Any  # a float or a CasADi expression: laws are written once for both
 
@@ -171,3 +173,23 @@ def with_symbols(law: Described) -> tuple[Described, Any]:
     names = list(parameters(law))
     p = ca.SX.sym("p", len(names))
     return replace(law, **{name: p[i] for i, name in enumerate(names)}), p  # type: ignore[type-var]
+
+
+def check_parameters(law: FrictionLaw) -> None:
+    """Refuse a law with a number out of its bounds.
+
+    Raises
+    ------
+    ValueError
+        With the number and its bounds.
+    """
+    for name, known in describe(type(law)).items():
+        bounded(f"{type(law).__name__}: {name}", getattr(law, name), known.lower, known.upper, known.strict)
+
+
+class Checked:
+    """A law that is refused where it is made with a number out of its bounds."""
+
+    def __post_init__(self) -> None:
+        """Check every parameter."""
+        check_parameters(self)  # type: ignore[arg-type]  # of the laws that inherit

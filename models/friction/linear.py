@@ -6,11 +6,11 @@ from typing import ClassVar
 import casadi as ca
 
 from models.friction.elements import relax
-from models.friction.law import ContactSample, Value, parameter
+from models.friction.law import Checked, ContactSample, Value, parameter
 
 
 @dataclass(frozen=True, eq=False)
-class Frictionless:
+class Frictionless(Checked):
     """No friction: T = 0."""
 
     name: ClassVar[str] = "none"
@@ -23,7 +23,7 @@ class Frictionless:
 
 
 @dataclass(frozen=True, eq=False)
-class Viscous:
+class Viscous(Checked):
     """Viscous contact, T = -coefficient times the contact's velocity v + C dT/dt.
 
     In series with the compliance C this is a Maxwell element; integrated exactly for a velocity that is linear between

@@ -178,7 +178,7 @@ def test_numbers_of_a_rig_are_found_and_changed_by_their_keys():
         rig = more.extend(rig, of)
     lists = ("attachments.resonators[0].mass", "elements[0].axial_stiffness", "elements[1].gap")
     for key in ("beam.length", "channels.a3.gain", "contact.friction.mu", *lists):
-        assert number(with_number(rig, key, 0.125), key) == 0.125
+        assert number(with_number(rig, key, 0.625), key) == 0.625
     none = ("attachments.resonators[1].mass", "elements[0].gap", "elements[2].gap", "elements.gap")
     for key in ("beam.colour", "channels.a9.gain", *none, "contact.law", "beam", "x.y"):
         with pytest.raises(KeyError, match="is not a number of the rig"):

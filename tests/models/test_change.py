@@ -62,10 +62,10 @@ def drawn_change(s: ModalStructure, d: StructureChange) -> np.ndarray:
 RIGS = {
     "bare": paper(Attachments(), damping=DAMPING),
     "7 modes": paper(Attachments(), 7, damping=DAMPING),
-    "ratios": paper(Attachments(), damping=Damping(modal_ratios=(0.01, 0.02, 0.03, 0.01, 0.01))),
+    "ratios": paper(Attachments(), damping=Damping(1e-6, (0.01, 0.02, 0.03, 0.01, 0.01), 1e-7)),
     "heavy": paper(HEAVY, damping=DAMPING),
     "soft": paper(SOFT, 8, damping=DAMPING),
-    "turns": paper(replace(HEAVY, clamp_stiffness=2e3), damping=Damping(0.6, high_mode_from=3)),
+    "turns": paper(replace(HEAVY, clamp_stiffness=2e3), damping=Damping(0.6, None, 1e-7, high_mode_from=3)),
     "no residual": paper(SOFT, damping=DAMPING, contact=replace(paper_rig().contact, residual_compliance=False)),
     "no G": paper(HEAVY, damping=DAMPING, contact=replace(paper_rig().contact, foreshortening=False)),
     "no R(t)": paper(SOFT, damping=DAMPING, contact=replace(paper_rig().contact, load_variation=0.0)),

@@ -1,0 +1,41 @@
+"""Bounds of numbers: what cannot be is refused where it is made.
+
+What is not a plain number passes: laws and bodies are also made of CasADi expressions, to be differentiated.
+"""
+
+from math import inf, isfinite
+from numbers import Real
+from typing import Any
+
+
+def bounded(where: str, value: Any, lower: float = -inf, upper: float = inf, strict: bool = False) -> None:
+    """Refuse a number that is not finite or not within its bounds.
+
+    Parameters
+    ----------
+    where : str
+        What the message begins with, such as ``Beam: length``.
+    value : float, or anything else, which passes
+    lower, upper : float
+    strict : bool
+        Whether the lower bound itself is excluded.
+
+    Raises
+    ------
+    ValueError
+        With the number and its bounds.
+
+    Examples
+    --------
+    >>> bounded("Beam: length", -1.0, 0.0, strict=True)
+    Traceback (most recent call last):
+    ValueError: Beam: length = -1; must be > 0
+    """
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return
+    number = float(value)
+    if isfinite(number) and number <= upper and (number > lower if strict else number >= lower):
+        return
+    bounds = [] if lower == -inf else [f"{'>' if strict else '>='} {lower:g}"]
+    bounds += [] if upper == inf else [f"<= {upper:g}"]
+    raise ValueError(f"{where} = {number:g}; must be {' and '.join(bounds) or 'finite'}")
