@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.fourier import Array, FourierBasis
-from models.rig import Channel
+from models.parts import Channel
 
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 

@@ -15,6 +15,7 @@ from typer._click.exceptions import NoArgsIsHelpError, UsageError
 from typer.core import TyperGroup
 
 from hbm.commands.backbone import backbone
+from hbm.commands.deliver import deliver_curves, deliver_history, deliver_loops
 from hbm.commands.diagnose import SpreadDiagnose, diagnose
 from hbm.commands.follow import follow
 from hbm.commands.identify import SpreadIdentify, identify
@@ -27,7 +28,6 @@ from hbm.commands.options import (
     harmonics_or_auto,
     named,
     positive,
-    print_written,
     quoted,
     say,
 )
@@ -158,7 +158,7 @@ def laws(
     force = positive("laws", "--load", load or "83", "N")
     chosen = _laws(names)
     if plot is not None:
-        _deliver_loops(_with_values(chosen, refuse=bool(names)), amplitude, hz, force, plot)
+        deliver_loops(_with_values(chosen, refuse=bool(names)), amplitude, hz, force, plot)
         return
     from hbm.commands.tables import print_laws
 
@@ -218,7 +218,7 @@ def frf(
     curves, failures = _responses(loaded, hz, levels or [loaded.excitation.amplitude], H, stability=stability)
     failures += [_partial(c) for c in curves if not c.complete]
     if curves:
-        _deliver_curves(curves, out, plot)
+        deliver_curves(curves, out, plot)
     for failure in failures:
         say(failure, 1)
     if failures:
@@ -248,7 +248,7 @@ def simulate(
     _check_duration(hz, seconds)
     from hbm.rigfiles.load import load_rig
 
-    _deliver_history(_march(load_rig(rig), hz, seconds), out, plot, contact=contact)
+    deliver_history(_march(load_rig(rig), hz, seconds), out, plot, contact=contact)
 
 
 app.command(cls=Spread)(backbone)
@@ -359,56 +359,6 @@ def _march(rig: "Rig", hz: float, seconds: float) -> "TimeHistory":
 
 
 # --------------------------------------------------------------------------------------------------------- delivery
-
-
-def _deliver_loops(known: Sequence["KnownLaw"], slip: float, hz: float, load: float, plot: Path) -> None:
-    from hbm.commands.tables import print_loops
-    from hbm.figures import plot_loops
-    from hbm.files.curves import write_figure
-    from hbm.response.loop import friction_loop
-
-    loops = [friction_loop(k.law, slip, hz, load=load) for k in known]
-    write_figure(plot, plot_loops(loops))
-    print_loops(console(), loops, [k.name for k in known])
-    print_written([plot])
-
-
-def _deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None) -> None:
-    written = []
-    if out is not None:
-        from hbm.files.curves import companion, write_curves
-
-        write_curves(out, curves)
-        written += [out, companion(out)]
-    if plot is not None:
-        from hbm.figures import plot_curves
-        from hbm.files.curves import write_figure
-
-        write_figure(plot, plot_curves(curves))
-        written.append(plot)
-    from hbm.commands.tables import print_curves
-
-    print_curves(console(), curves)
-    print_written(written)
-
-
-def _deliver_history(history: "TimeHistory", out: Path | None, plot: Path | None, *, contact: bool) -> None:
-    written = []
-    if out is not None:
-        from hbm.files.curves import write_history
-
-        write_history(out, history, contact=contact)
-        written.append(out)
-    if plot is not None:
-        from hbm.figures import plot_history
-        from hbm.files.curves import write_figure
-
-        write_figure(plot, plot_history(history))
-        written.append(plot)
-    from hbm.commands.tables import print_history
-
-    print_history(console(), history)
-    print_written(written)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ derivatives; a :class:`FrictionLaw` turns the contact's motion into a force. Equ
 Hadji & Mureithi, Shock and Vibration 2019.
 """
 
-from models.assembly import Attachments, PointMass, PointSpring, Resonator
+from models.attachments import Attachments, PointMass, PointSpring, Resonator
 from models.beam import Beam
 from models.change import structure_change, structure_scalars
 from models.elements import ELEMENTS, Element, ImpactStop, MidplaneStretching, QuadraticDrag
@@ -32,7 +32,8 @@ from models.friction import (
     describe,
     parameters,
 )
-from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig
+from models.parts import Channel, Contact, Damping, Excitation, ModalBody
+from models.rig import Rig
 from models.structure import ModalStructure, Reaction
 
 __all__ = [

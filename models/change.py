@@ -9,8 +9,9 @@ import numpy as np
 from models.assembly import Assembly, assembled_change
 from models.elements import ElementRows, Ports, Reading, element_rows_change
 from models.friction.law import describe, parameters
+from models.parts import ModalBody
 from models.reduction import StructureChange
-from models.rig import ModalBody, Rig
+from models.rig import Rig
 from models.structure import SpringPort
 
 UNITS = {

@@ -21,7 +21,8 @@ from models.friction import (
     Stribeck,
     VelocityLimited,
 )
-from models.rig import Channel, Contact, Damping, Excitation, Rig
+from models.parts import Channel, Contact, Damping, Excitation
+from models.rig import Rig
 
 # Table 1
 PAPER_BEAM = Beam(length=0.606, width=0.03888, thickness=0.00478, youngs_modulus=210e9, density=7800.0)

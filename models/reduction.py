@@ -82,7 +82,7 @@ class StructureChange(NamedTuple):
 
 
 class Switches(NamedTuple):
-    """What of the contact is kept, :class:`models.rig.Contact`."""
+    """What of the contact is kept, :class:`models.parts.Contact`."""
 
     load_variation: float = 1.0
     residual_compliance: bool = True

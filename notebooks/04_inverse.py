@@ -29,7 +29,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from hbm import identify, load_rig, load_spectra, place_sensors, reconstruct
-from hbm.figures.inverse import plot_energy, plot_friction_harmonics, plot_reconstructed_loops, plot_signals
+from hbm.figures.inverse import plot_reconstructed_loops, plot_signals
+from hbm.figures.trust import plot_energy, plot_friction_harmonics
 
 # %matplotlib inline
 plt.rcParams |= {"figure.dpi": 110}

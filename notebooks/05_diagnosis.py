@@ -33,6 +33,9 @@ from hbm import load_rig, load_spectra, trace_frequency
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.discrepancy import discrepancy
 from hbm.figures import diagnosis as figures
+from hbm.figures.gain import plot_gain
+from hbm.figures.misfitmap import plot_misfit_map
+from hbm.figures.missingforce import plot_missing_force
 from models.causes.parameter import WrongParameter
 
 # %matplotlib inline
@@ -56,7 +59,7 @@ print(f"{len(spectra)} records, three force levels; held out: {len(found.held_ou
 # %%
 levels = dict(zip(spectra.records.tolist(), spectra.level.tolist(), strict=True))
 models = figures.compared(found, levels)
-figures.plot_misfit_map(models, found.campaign.data.channels)
+plot_misfit_map(models, found.campaign.data.channels)
 
 # %% [markdown]
 # The nominal model misses the lower harmonics of the records in which the contact slips most. Calibration, which may
@@ -81,7 +84,7 @@ assert errors["calibrated"]["train"] < 1.3 < errors["calibrated"]["held_out"]
 # %%
 missing = discrepancy(found.nominal, found.campaign)
 print(*missing.sentences(), sep="\n")
-figures.plot_missing_force(missing)
+plot_missing_force(missing)
 
 # %%
 assert missing.places[0].place.name == "the contact"
@@ -119,7 +122,7 @@ assert abs(ratio.value / TRUE_RATIO - 1) < 0.01
 # ## The gain, on records that no fit has seen
 
 # %%
-figures.plot_gain(found)
+plot_gain(found)
 
 # %%
 gain = found.gain

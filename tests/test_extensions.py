@@ -18,14 +18,14 @@ from hbm.rigfiles.extensions import Extension, extended
 from hbm.rigfiles.load import load_rig
 from hbm.rigfiles.write import extended_rig_text, write_extended_rig
 from models import Rig
-from models.assembly import PointMass
+from models.attachments import PointMass
 from models.causes import CAUSES, all_candidates
 from models.causes.friction import DistributedMicroslip, StribeckWeakening
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SwappedChannels
 from models.elements import ImpactStop, MidplaneStretching, QuadraticDrag
 from models.friction import chosen, parameters
-from models.rig import Channel, Drift
+from models.parts import Channel, Drift
 from tests.inverse.measurement import Truth, measured, respond
 
 NOMINAL = Path(__file__).parents[1] / "examples" / "paper_beam.toml"

@@ -26,14 +26,13 @@ from hbm.figures.identification import (
 from hbm.figures.inverse import (
     BAND,
     loop_band,
-    misfit_limit,
-    noise_floor,
     plot_reconstructed_loop,
     plot_reconstructed_loops,
     plot_signals,
     representative,
 )
 from hbm.figures.page import LARGEST, Page, Section, Table, page_html
+from hbm.figures.trust import misfit_limit, noise_floor
 from hbm.files.identifyreport import FILES as IDENTIFY_FILES
 from hbm.files.identifyreport import IdentifiedLaw, Value, identify_contents, identify_plates
 from hbm.files.inversereport import DRAWINGS, FILES, Drawing, inverse_contents, inverse_page, with_std

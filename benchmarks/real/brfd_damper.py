@@ -22,7 +22,8 @@ from hbm.measurement.spectra import spectra_of
 from hbm.response.loop import friction_loop
 from models.friction import Dahl, FrictionLaw, Iwan, Jenkins
 from models.friction.law import parameters
-from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig
+from models.parts import Channel, Contact, Damping, Excitation, ModalBody
+from models.rig import Rig
 
 from .common import DATA, Finding, legend_above, read_rows, table, with_std
 

@@ -20,7 +20,8 @@ from hbm.measurement.harmonics import harmonic_spectra
 from hbm.measurement.historyfile import load_history
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models.friction import Frictionless
-from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig
+from models.parts import Channel, Contact, Damping, Excitation, ModalBody
+from models.rig import Rig
 
 from .common import DATA, Finding, legend_above, read_rows, table, with_std, write_history
 

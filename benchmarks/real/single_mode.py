@@ -22,7 +22,8 @@ from hbm.inverse.reconstruction import Reconstruction
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.parallel import all_cores
 from models.friction import Frictionless
-from models.rig import Channel, Contact, Damping, Excitation, ModalBody, Rig
+from models.parts import Channel, Contact, Damping, Excitation, ModalBody
+from models.rig import Rig
 
 from .common import Sweep
 

@@ -11,7 +11,7 @@ import numpy as np
 from hbm.balance.problem import HarmonicBalance, Kinematics, State
 from hbm.channels import DISPLACEMENT, read
 from hbm.fourier import Array, FourierBasis
-from models.rig import UNITS, Channel
+from models.parts import UNITS, Channel
 
 
 @dataclass(frozen=True)

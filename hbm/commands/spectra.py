@@ -132,7 +132,7 @@ def _columns(texts: Sequence[str]) -> dict[str, str]:
 def _recorded(path: Path, columns: dict[str, str], rig: "Rig | None") -> "Recording":
     """A history whose channels are the rig's, in their units."""
     from hbm.measurement.historyfile import load_history
-    from models.rig import UNITS
+    from models.parts import UNITS
 
     recorded = load_history(path, columns)
     quantities = {} if rig is None else {c.name: c.quantity for c in rig.channels}

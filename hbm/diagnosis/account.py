@@ -1,7 +1,7 @@
 """A decision accounted for: scored on the records held out, and said in numbers and sentences."""
 
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from hbm.diagnosis.decide import (
     tied,
     weights,
 )
+from hbm.diagnosis.estimates import estimates, name_of, off_support
 from hbm.diagnosis.judge import possible_background_of, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.predict import Predicted, predicted
@@ -24,11 +25,9 @@ from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent,
 from hbm.diagnosis.search import NEARLY, Search, campaign_of
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Estimate, Ranked, Verdict
-from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import Evaluation, evaluate
-from models.causes.parameter import WrongParameter
 
 MOVED = 3
 """So many numbers that calibration moves far are named."""
@@ -341,7 +340,7 @@ class Account:
         """Where the simulation has left what it can say."""
         base = self.decision.best or self.decision.base
         if base.model.rig(base.x).contact.lift_off:
-            yield from self._off(base)
+            yield from off_support(base)
             return
         lifted = [number for number, solution in base.solutions.items() if solution.lift_off]
         own = np.isin(base.white.record, lifted)
@@ -359,17 +358,6 @@ class Account:
                     "what is missing sets in where the tip would lift off; leave these records out to judge the others"
                 )
             yield f"These leave {there:.3g} noise variances, all others {elsewhere:.3g}: {told}."
-
-    @staticmethod
-    def _off(base: Evaluation) -> Iterator[str]:
-        """For how long the tip is off its support."""
-        share = {number: solution.off for number, solution in base.solutions.items()}
-        lifted = [number for number, off in share.items() if off > 0.0]
-        if lifted:
-            yield (
-                f"The tip is off its support in records {', '.join(map(str, lifted))}, for up to "
-                f"{max(share.values()):.2g} of the period."
-            )
 
     def _moved(self) -> Iterator[str]:
         for key, pull in list(off(self.search.trust, self.search.calibrated).items())[:MOVED]:
@@ -405,22 +393,3 @@ class Account:
         for i, cause in enumerate(best.model.causes[1:], start=1):
             said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
             yield f"Beside it: {cause.label}, {said}."
-
-
-def name_of(e: Evaluation) -> str:
-    """Name of the first cause, as formats.md has it."""
-    cause = e.model.causes[0]
-    return cause.label if isinstance(cause, WrongParameter) else cause.name
-
-
-def estimates(e: Evaluation, std: Array | None = None) -> dict[str, Estimate]:
-    """Parameters of the first cause of a fitted model; with standard deviations of its own unless given, (n,)."""
-    cause, std = e.model.causes[0], e.std if std is None else std
-    named: dict[str, Estimate] = {}
-    if is_dataclass(cause) and not isinstance(cause, WrongParameter):
-        named = {f.name: Estimate(v) for f in fields(cause) for v in [getattr(cause, f.name)] if isinstance(v, str)}
-    return named | {
-        f.name: Estimate(f.value(x), float(s), f.unit)
-        for f, x, s in zip(e.model.free, e.x, std, strict=True)
-        if f.cause == 0
-    }

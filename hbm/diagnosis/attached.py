@@ -18,7 +18,7 @@ from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.sensitivity.derivatives import disturbed
-from models.assembly import LISTS, PointMass, PointSpring, Resonator
+from models.attachments import LISTS, PointMass, PointSpring, Resonator
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.rig import Rig

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.balance.solution import PeriodicSolution
+from hbm.diagnosis.missingforce import CLEAR, MissingForce
 from hbm.diagnosis.places import CONTACT, Complex, Place, all_at_once, places_of, sensor
 from hbm.diagnosis.span import Span
 from hbm.fourier import Array
@@ -23,151 +24,22 @@ from hbm.outputerror.records import Measurement, Record, parts
 from hbm.outputerror.whitened import uncorrelated
 from hbm.parallel import each
 from hbm.sensitivity.derivatives import disturbed
-from models.rig import UNITS, Rig
+from models.parts import UNITS
+from models.rig import Rig
 
 LEFT_OVER = 0.1
 """Share of the coefficients that must be left beyond the unknowns, for a place to be told."""
 
-CLEAR = 3.0
-"""A force of so many standard deviations is clear; growth is told from clear ones."""
 
 BEYOND = 5.0
 """Misfit above noise, in standard deviations of its own, from which there is something to explain."""
 
-FEWEST = 4
-LEAST_RANGE = 1.2
-"""Records, and their largest amplitude or frequency over the least, from which growth can be told."""
 
 MOST_LISTED, SOME = 3, 0.05
 """Places that are named beside the best one; share that is worth a word."""
 
 PAYS = 0.7
 """A second force counts where it lowers what is left to this part."""
-
-STRONG, MOST_NAMED = 0.1, 5
-"""A harmonic is named where its amplitude is at least this part of the strongest; so many at most."""
-
-
-@dataclass(frozen=True)
-class Exponent:
-    """Power of a growth, with its standard deviation."""
-
-    value: float
-    std: float
-
-    def __repr__(self) -> str:
-        return f"{self.value:.2g} +- {self.std:.1g}"
-
-
-@dataclass(frozen=True, eq=False)
-class MissingForce:
-    """What is missing if it is missing at one place alone.
-
-    Attributes
-    ----------
-    place : Place
-    share : float
-        Part of the misfit beyond noise that it explains, 0..1.
-    chi2 : float
-        What is left.
-    left : float
-        The same per coefficient beyond the unknowns, in noise variances.
-    unknowns : int
-        Numbers found: two per harmonic and record.
-    force : (r, H) complex array
-        Amplitudes of harmonics 1..H [place.unit].
-    std : (r, H) array
-        Of each of their parts.
-    seen : (r, H) complex array
-        Amplitudes of what it is held against [place.against].
-    hz : (r,) array
-    """
-
-    place: Place
-    share: float
-    chi2: float
-    left: float
-    unknowns: int
-    force: Complex
-    std: Array
-    seen: Complex
-    hz: Array
-
-    @property
-    def turned(self) -> Complex:
-        """The force where the fundamental of what it is held against is a cosine, (r, H): in phase it is real."""
-        k = np.arange(1, self.force.shape[1] + 1)
-        return np.asarray(self.force * np.exp(-1j * np.angle(self.seen[:, :1]) * k))
-
-    @property
-    def elastic(self) -> Array:
-        """Rms over the records of the part in phase, (H,), noise taken off; 0 where it is lost in noise."""
-        return self._rms(self.turned.real)
-
-    @property
-    def dissipative(self) -> Array:
-        """Rms over the records of the part in quadrature, (H,), noise taken off."""
-        return self._rms(self.turned.imag)
-
-    def _rms(self, values: Array) -> Array:
-        known = np.isfinite(self.std)
-        variance = np.where(known, self.std, 0.0) ** 2
-        sums = np.sum(np.where(known, values, 0.0) ** 2 - variance, axis=0)
-        sums[sums < CLEAR * np.sqrt(2.0 * np.sum(variance**2, axis=0))] = 0.0
-        return np.asarray(np.sqrt(sums / np.maximum(known.sum(axis=0), 1)))
-
-    @property
-    def dissipative_share(self) -> float:
-        """Part of the squared fundamental that is in quadrature; nan where it is lost in noise."""
-        across, along = self.dissipative[0] ** 2, self.elastic[0] ** 2
-        return float(across / (across + along)) if across + along > 0.0 else np.nan
-
-    @property
-    def work(self) -> Array:
-        """Work done on the beam per cycle, (r,) [J]; for a reading without meaning."""
-        k = np.arange(1, self.force.shape[1] + 1)
-        f, d = (self.seen, self.force) if self.place.kind == "motion" else (self.force, self.seen)
-        return np.asarray(np.pi * np.sum(k * np.imag(np.nan_to_num(f * d.conj())), axis=1))
-
-    @property
-    def stiffness(self) -> float:
-        """Force against displacement in phase, of the fundamental over all records; negative for a mass [N/m]."""
-        f, d = self.force[:, 0], self.seen[:, 0]
-        return float(-np.real(np.nansum(f * d.conj())) / np.nansum(np.abs(d) ** 2))
-
-    @property
-    def harmonics(self) -> list[int]:
-        """The strongest, those that count beside it too, in descending order; none where all are lost in noise."""
-        size = np.hypot(self.elastic, self.dissipative)
-        order = np.argsort(-size)
-        return [int(i) + 1 for i in order[:MOST_NAMED] if size[i] > STRONG * size[order[0]]]
-
-    @property
-    def growth(self) -> tuple[Exponent | None, Exponent | None]:
-        """Powers with which its strongest harmonic grows with what it is held against, and with the frequency."""
-        if not self.harmonics:
-            return None, None
-        k = self.harmonics[0] - 1
-        size2, noise2 = np.abs(self.force[:, k]) ** 2, 2 * self.std[:, k] ** 2
-        clear = size2 > CLEAR**2 * noise2
-        size = np.sqrt(np.maximum(size2 - noise2, np.finfo(float).tiny))[clear]
-        amplitude = np.linalg.norm(self.seen, axis=1)[clear]
-        return _powers(size, amplitude, self.hz[clear])
-
-
-def _powers(size: Array, amplitude: Array, hz: Array) -> tuple[Exponent | None, Exponent | None]:
-    """Slopes of a plane through logarithms; None for what hardly varies."""
-    varies = [len(size) >= FEWEST and float(np.ptp(np.log(x))) > np.log(LEAST_RANGE) for x in (amplitude, hz)]
-    chosen = [np.log(x) for x, known in zip((amplitude, hz), varies, strict=True) if known]
-    if not chosen:
-        return None, None
-    A = np.column_stack([np.ones(len(size)), *chosen])
-    slopes, *_ = np.linalg.lstsq(A, np.log(size))
-    left = np.log(size) - A @ slopes
-    covariance = np.linalg.pinv(A.T @ A) * float(left @ left) / max(len(size) - A.shape[1], 1)
-    found = iter([Exponent(float(b), float(s)) for b, s in zip(slopes, np.sqrt(np.diag(covariance)), strict=True)][1:])
-    first, second = (next(found) if known else None for known in varies)
-    return first, second
 
 
 @dataclass(frozen=True, eq=False)

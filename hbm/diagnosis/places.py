@@ -16,7 +16,8 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array
 from hbm.sensitivity.moving import Disturbance
 from models.beam import Beam, lift_shape, rotation_shape
-from models.rig import Channel, Rig
+from models.parts import Channel
+from models.rig import Rig
 
 CONTACT = "the contact"
 

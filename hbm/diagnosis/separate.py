@@ -18,7 +18,8 @@ from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import uncorrelated
 from hbm.response.trace import first_solution
 from hbm.sensitivity.derivatives import sensitivities
-from models.rig import Channel, Rig
+from models.parts import Channel
+from models.rig import Rig
 
 HARMONICS = (15, 256)
 READABLE = 9

@@ -11,16 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from hbm.figures.style import FAINT, INK, SMALL, WIDTH, dressed, graded
+from hbm.figures.style import INK, SMALL, WIDTH, dressed, graded
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
-    from hbm.diagnosis.discrepancy import Discrepancy, MissingForce
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.outputerror.campaign import Campaign
     from hbm.outputerror.fit import Evaluation
@@ -109,7 +107,7 @@ class View:
 
     def of(self, c: Compared) -> npt.NDArray[np.int64]:
         """Places of its entries, in the order of their frequencies."""
-        own = (c.channel == self.channel) & (c.harmonic == self.harmonic) & np.isclose(_levels(c.level), self.level)
+        own = (c.channel == self.channel) & (c.harmonic == self.harmonic) & np.isclose(levels(c.level), self.level)
         i = np.flatnonzero(own & (c.hz >= self.band[0]) & (c.hz <= self.band[1]))
         return np.asarray(i[np.argsort(c.hz[i])])
 
@@ -122,7 +120,7 @@ def clearest(models: Sequence[Compared], *, missed: bool) -> View:
     c = Compared(*(np.concatenate([getattr(m, f.name) for m in models]) for f in fields(Compared)))
     bands = frequency_bands(c.hz)
     band = np.array([next(i for i, (low, high) in enumerate(bands) if low <= hz <= high) for hz in c.hz])
-    label = np.stack([c.channel, c.harmonic, _levels(c.level), band], axis=1)
+    label = np.stack([c.channel, c.harmonic, levels(c.level), band], axis=1)
     found, place, count = np.unique(label, axis=0, return_inverse=True, return_counts=True)
     shown = np.where(c.deviation > CLEAR, np.abs(c.measured - c.simulated), 0.0) if missed else np.abs(c.measured)
     size = np.bincount(place.ravel(), shown / _typical(c))
@@ -197,72 +195,6 @@ def _entries(
 # ----------------------------------------------------------------------------------------------------------- overview
 
 
-def plot_overview(models: Mapping[str, Compared], view: View, quantity: str, unit: str) -> Figure:
-    """What shows the misfit best, before and after; and the error of each record.
-
-    Parameters
-    ----------
-    models : mapping of str to Compared
-    view : View
-    quantity, unit : str
-        Name of the channel, and its unit.
-
-    Returns
-    -------
-    Figure
-    """
-    figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
-    any_model = next(iter(models.values()))
-    for name, c in models.items():
-        i = view.of(c)
-        left.plot(c.hz[i], np.abs(c.simulated[i]), color=COLORS[name], linestyle=STYLES[name], linewidth=1.2)
-    own = np.zeros(len(any_model.hz), dtype=bool)
-    own[view.of(any_model)] = True
-    _measured_points(left, any_model, own, {float(v): INK for v in np.unique(any_model.level)})
-    left.set_ylim(bottom=0.0)
-    left.xaxis.set_major_locator(MaxNLocator(5))
-    dressed(left, FREQUENCY, f"Harmonic {view.harmonic} of {quantity} [{unit}]")
-    left.set_title(f"at {view.level:.3g} N", fontsize=SMALL + 1, loc="left", color=INK)
-    _draw_record_errors(right, models)
-    handles = _record_handles(any_model)
-    for name in models:
-        shown: dict[str, Any] = {"linestyle": STYLES[name], "marker": MARKERS[name], "markersize": 4}
-        handles.append(Line2D([], [], color=COLORS[name], label=name, **shown))
-    handles.append(Line2D([], [], linestyle="", marker="_", color="0.35", label="noise"))
-    _legend(figure, handles, columns=6)
-    return figure
-
-
-def _draw_record_errors(ax: Axes, models: Mapping[str, Compared]) -> None:
-    """Error of each record over its frequency; where there are several bands over its place among the frequencies."""
-    any_model = next(iter(models.values()))
-    frequencies, bands = np.unique(any_model.hz), frequency_bands(any_model.hz)
-    several = len(bands) > 1
-    place = _in_order(frequencies, bands) if several else frequencies
-    for name, c in models.items():
-        first, error, noise = record_errors(c)
-        x = np.interp(c.hz[first], frequencies, place)
-        for held in (False, True):
-            i = c.held_out[first] == held
-            _points(ax, x[i], 100.0 * error[i], name, hollow=held)
-    ax.plot(x, 100.0 * noise, "_", color="0.35", markersize=5, markeredgewidth=0.9, zorder=1)
-    ax.set_yscale("log")
-    low, high = ax.get_ylim()
-    _few_powers(ax.yaxis, high / low)
-    if several:
-        ends = np.searchsorted(frequencies, [hz for band in bands for hz in band])
-        ax.set_xticks(place[ends], [f"{hz:.4g}" for hz in frequencies[ends]])
-    dressed(ax, f"{FREQUENCY}{', not to scale' if several else ''}", "Error [%]")
-    ax.set_title("all channels and harmonics, by record", fontsize=SMALL + 1, loc="left", color=INK)
-
-
-def _in_order(frequencies: Array, bands: Sequence[tuple[float, float]]) -> Array:
-    """Places of frequencies side by side, with a gap between bands."""
-    band = np.array([next(i for i, (low, high) in enumerate(bands) if low <= hz <= high) for hz in frequencies])
-    return np.asarray(np.arange(len(frequencies)) + 1.5 * band)
-
-
 # ---------------------------------------------------------------------------------------------------------- responses
 
 
@@ -299,7 +231,7 @@ def plot_responses(models: Mapping[str, Compared], channels: Sequence[str], unit
                         marker="_" if len(order) == 1 else "",
                         markersize=9,
                     )
-                _measured_points(ax, any_model, _chosen(any_model, row, band) & (any_model.level == level), colors)
+                measured_points(ax, any_model, _chosen(any_model, row, band) & (any_model.level == level), colors)
             ax.set_yscale("log")
             _readable(ax, len(bands))
             dressed(ax, "", "")
@@ -308,12 +240,13 @@ def plot_responses(models: Mapping[str, Compared], channels: Sequence[str], unit
     figure.supylabel("Amplitude of the fundamental", color=INK, fontsize=10)
     handles = [Line2D([], [], color=colors[float(v)], linewidth=3, label=f"{v:g} N") for v in levels]
     handles += [Line2D([], [], color=INK, linestyle=STYLES[name], linewidth=1, label=name) for name in models]
-    handles += _record_handles(any_model)
-    _legend(figure, handles)
+    handles += record_handles(any_model)
+    legend(figure, handles)
     return figure
 
 
-def _measured_points(ax: Axes, c: Compared, own: npt.NDArray[np.bool_], colors: Mapping[float, Any]) -> None:
+def measured_points(ax: Axes, c: Compared, own: npt.NDArray[np.bool_], colors: Mapping[float, Any]) -> None:
+    """What was measured, by level; hollow where held out."""
     for held in (False, True):
         i = own & (c.held_out == held)
         if not i.any():
@@ -356,7 +289,7 @@ def plot_deviations(models: Mapping[str, Compared], channels: Sequence[str]) -> 
                 beside = ASIDE * (MODELS.index(name) - 1) * (band[1] - band[0])
                 for held in (False, True):
                     i = _chosen(c, row, band) & (c.held_out == held)
-                    _points(ax, c.hz[i] + beside, off[i], name, hollow=held)
+                    points(ax, c.hz[i] + beside, off[i], name, hollow=held)
             ax.set_yscale("log")
             ax.set_ylim(bottom=LOST * float(noise[(any_model.channel == row) & (any_model.harmonic == 1)].min()))
             _readable(ax, len(bands))
@@ -368,7 +301,7 @@ def plot_deviations(models: Mapping[str, Compared], channels: Sequence[str]) -> 
     handles.append(Line2D([], [], linestyle="", marker="_", color="0.35", label="noise, rms"))
     if any_model.held_out.any():
         handles.append(Line2D([], [], linestyle="", marker="o", color=INK, markerfacecolor="white", label="held out"))
-    _legend(figure, handles)
+    legend(figure, handles)
     return figure
 
 
@@ -398,19 +331,20 @@ def _grid(c: Compared, channels: Sequence[str]) -> tuple[Figure, list[list[Axes]
 def _readable(ax: Axes, bands: int) -> None:
     """Numbers at the ticks of a panel, fewer where several stand side by side."""
     low, high = ax.get_ylim()
-    _few_powers(ax.yaxis, high / low)
+    few_powers(ax.yaxis, high / low)
     ax.xaxis.set_major_locator(MaxNLocator(6 if bands == 1 else 3, min_n_ticks=2))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
 
 
-def _few_powers(axis: Axis, span: float) -> None:
+def few_powers(axis: Axis, span: float) -> None:
     """Powers of ten on a logarithmic axis, or more of it where it spans few."""
     axis.set_major_locator(LogLocator(subs=(1.0,) if span > 50.0 else (1.0, 2.0, 5.0), numticks=6))
     axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
-def _points(ax: Axes, x: Array, y: Array, name: str, *, hollow: bool) -> None:
+def points(ax: Axes, x: Array, y: Array, name: str, *, hollow: bool) -> None:
+    """Points of a model, in its marker and colour."""
     filled: dict[str, Any] = {} if MARKERS[name] == "x" else {"markerfacecolor": "white" if hollow else COLORS[name]}
     ax.plot(x, y, MARKERS[name], color=COLORS[name], markersize=3.2, markeredgewidth=0.8, **filled)
 
@@ -419,7 +353,8 @@ def _handle(name: str) -> Line2D:
     return Line2D([], [], linestyle="", marker=MARKERS[name], color=COLORS[name], markersize=4.5, label=name)
 
 
-def _record_handles(c: Compared) -> list[Line2D]:
+def record_handles(c: Compared) -> list[Line2D]:
+    """Entries of a legend for records, fitted and held out."""
     shown = [Line2D([], [], linestyle="", marker="o", color=INK, markersize=4, label="measured")]
     if c.held_out.any():
         hollow: dict[str, Any] = {"markerfacecolor": "white", "markersize": 4}
@@ -427,7 +362,8 @@ def _record_handles(c: Compared) -> list[Line2D]:
     return shown
 
 
-def _legend(figure: Figure, handles: Sequence[Line2D], columns: int = 5) -> None:
+def legend(figure: Figure, handles: Sequence[Line2D], columns: int = 5) -> None:
+    """A legend above a figure."""
     style: dict[str, Any] = {"frameon": False, "fontsize": SMALL, "labelcolor": INK}
     figure.legend(handles=handles, loc="outside upper left", ncols=columns, columnspacing=1.4, **style)
 
@@ -435,134 +371,10 @@ def _legend(figure: Figure, handles: Sequence[Line2D], columns: int = 5) -> None
 # ------------------------------------------------------------------------------------------------------------- misfit
 
 
-def plot_misfit_map(models: Mapping[str, Compared], channels: Sequence[str]) -> Figure:
-    """Rms deviation in standard deviations, by channel and harmonic and by record, a column per model.
-
-    Parameters
-    ----------
-    models : mapping of str to Compared
-    channels : sequence of str
-
-    Returns
-    -------
-    Figure
-    """
-    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
-    grid = figure.subplots(2, len(models), squeeze=False, sharex="row", sharey="row")
-    largest = max(float(by_cell(c, len(channels)).max(initial=1.0)) for c in models.values())
-    norm, shade = LogNorm(0.5, max(largest, 4.0)), "magma_r"
-    for column, (name, c) in enumerate(models.items()):
-        top, bottom = grid[0][column], grid[1][column]
-        H = int(c.harmonic.max())
-        cells = np.ma.masked_invalid(by_cell(c, len(channels)))
-        image = top.imshow(
-            cells, norm=norm, cmap=shade, aspect="auto", extent=(0.5, H + 0.5, len(channels) - 0.5, -0.5)
-        )
-        top.set_title(name, fontsize=SMALL + 1, loc="left", color=INK)
-        top.set_yticks(range(len(channels)), channels)
-        top.xaxis.set_major_locator(MaxNLocator(6, integer=True))
-        dressed(top, "Harmonic", "")
-        _record_map(bottom, c, norm, shade)
-    dressed(grid[1][0], "", "Level [N]")
-    figure.supxlabel(FREQUENCY + ", record by record; diamonds: held out", color=INK, fontsize=10)
-    bar = figure.colorbar(image, ax=grid, aspect=40, pad=0.02)
-    bar.set_label("Rms deviation [standard deviations]", color=INK)
-    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    bar.ax.yaxis.set_minor_formatter(NullFormatter())
-    return figure
-
-
-def by_cell(c: Compared, channels: int) -> Array:
-    """Rms deviation by channel and harmonic, (c, H), nan where nothing was measured."""
-    H = int(c.harmonic.max())
-    sums, counts = np.zeros((channels, H)), np.zeros((channels, H))
-    np.add.at(sums, (c.channel, c.harmonic - 1), c.deviation**2)
-    np.add.at(counts, (c.channel, c.harmonic - 1), 1.0)
-    return np.asarray(np.sqrt(np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0.0)))
-
-
-def by_record(c: Compared) -> tuple[npt.NDArray[np.int64], Array]:
-    """Rms deviation of each record: places of its first entry, and values."""
-    _, first, inverse = np.unique(c.record, return_index=True, return_inverse=True)
-    return first, np.asarray(np.sqrt(np.bincount(inverse, c.deviation**2) / np.bincount(inverse)))
-
-
-def _record_map(ax: Axes, c: Compared, norm: LogNorm, shade: str) -> None:
-    """Records by their level and frequency, in order, not to scale."""
-    first, rms = by_record(c)
-    frequencies, across = np.unique(c.hz[first], return_inverse=True)
-    levels, up = np.unique(c.level[first], return_inverse=True)
-    for held, marker in ((False, "s"), (True, "D")):
-        i = c.held_out[first] == held
-        size: dict[str, Any] = {"s": 24 if held else 30, "edgecolors": "0.3", "linewidths": 0.5}
-        ax.scatter(across[i], up[i], c=rms[i], norm=norm, cmap=shade, marker=marker, **size)
-    shown = np.unique(np.linspace(0, len(frequencies) - 1, 5).round().astype(int))
-    ax.set_xticks(shown, [f"{frequencies[i]:.4g}" for i in shown], rotation=45)
-    ax.set_yticks(range(len(levels)), [f"{level:g}" for level in levels])
-    ax.margins(x=0.08, y=0.15)
-    dressed(ax, "", "")
-
-
 # ----------------------------------------------------------------------------------------------------- residual force
 
 
-def plot_missing_force(d: "Discrepancy") -> Figure:
-    """What is left with an unknown force at each place, and of the best one harmonics, phase and growth.
-
-    Parameters
-    ----------
-    d : Discrepancy
-
-    Returns
-    -------
-    Figure
-    """
-    shown = (d.beside if d.two else d.places)[:MOST_PLACES]
-    figure = Figure(figsize=(WIDTH, 1.0 + 0.21 * len(shown) + 2.3), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=[0.6 + 0.21 * len(shown), 2.3], squeeze=False).ravel()
-    _draw_places(upper.subplots(), shown, d.chi2 / d.points)
-    left, right = lower.subplots(1, 2)
-    _draw_harmonics(left, d.best)
-    _draw_growth(right, d)
-    return figure
-
-
-def _draw_places(ax: Axes, places: Sequence["MissingForce"], before: float) -> None:
-    y, left = np.arange(len(places)), np.array([p.left for p in places])
-    low = 0.7 * min(1.0, float(left.min()))
-    bars = ax.barh(y, left - low, left=low, height=0.62, color="0.78")
-    bars[0].set_color(COLORS["extended"])
-    ax.bar_label(bars, [f"{p.left:.3g}  ({100 * p.share:.3g} %)" for p in places], padding=3, fontsize=SMALL, color=INK)
-    ax.set_xscale("log")
-    top = max(before, float(left.max()))
-    ax.set_xlim(low, top * (top / low) ** 0.4)  # room for the numbers
-    for value in (1.0, before):
-        ax.axvline(value, color=FAINT, linewidth=0.9, zorder=0)
-    ax.set_yticks(y, [p.place.name for p in places])
-    ax.invert_yaxis()
-    _few_powers(ax.xaxis, top / low)
-    dressed(ax, "Misfit left [noise variances]; grey lines: noise alone, no force at all", "")
-    ax.tick_params(axis="y", length=0)
-
-
-def _draw_harmonics(ax: Axes, f: "MissingForce") -> None:
-    k = np.arange(1, len(f.elastic) + 1)
-    along, across = ("in phase (elastic)", "in quadrature (dissipative)")
-    if f.place.kind == "reading":
-        along, across = "in phase (gain)", "in quadrature (delay)"
-    floor = np.sqrt(np.nanmean(f.std**2, axis=0))
-    ax.bar(k - 0.19, f.elastic, width=0.36, color=COLORS["extended"], label=along)
-    ax.bar(k + 0.19, f.dissipative, width=0.36, color=COLORS["calibrated"], label=across)
-    ax.plot(k, floor, "_", color="0.3", markersize=11, label="noise")
-    ax.set_yscale("log")
-    top = max(float(np.nanmax([f.elastic, f.dissipative])), float(np.nanmax(floor)))
-    ax.set_ylim(bottom=max(0.3 * float(np.nanmin(floor)), 1e-4 * top), top=12 * top)
-    ax.set_xticks(k)
-    ax.legend(frameon=False, fontsize=SMALL - 1, labelcolor=INK, loc="upper right", ncols=1)
-    dressed(ax, "Harmonic", f"Missing {f.place.kind}, rms [{f.place.unit}]")
-
-
-def _levels(force: Array) -> Array:
+def levels(force: Array) -> Array:
     """The mean of forces that are alike, for each of them."""
     order = np.argsort(force)
     group = np.empty(len(force), dtype=int)
@@ -570,83 +382,4 @@ def _levels(force: Array) -> Array:
     return np.asarray((np.bincount(group, force) / np.bincount(group))[group])
 
 
-def _draw_growth(ax: Axes, d: "Discrepancy") -> None:
-    f = d.best
-    k = (f.harmonics or [1])[0]
-    size, std = np.abs(f.force[:, k - 1]), f.std[:, k - 1]
-    amplitude = np.linalg.norm(f.seen, axis=1)
-    levels = _levels(d.level)
-    clear = size > 3 * np.sqrt(2) * std
-    for level, color in zip(np.unique(levels).tolist(), graded(np.unique(levels).tolist()), strict=True):
-        for shown, face in ((clear, color), (~clear, "white")):
-            i = (levels == level) & shown
-            ax.errorbar(
-                amplitude[i],
-                size[i],
-                yerr=BAND * std[i],
-                fmt="o",
-                color=color,
-                markersize=3.2,
-                elinewidth=0.8,
-                markerfacecolor=face,
-            )
-    power, _ = f.growth
-    if power is not None and clear.any():
-        x = np.array([amplitude[clear].min(), amplitude[clear].max()])
-        middle = np.exp(np.mean(np.log(size[clear]))), np.exp(np.mean(np.log(amplitude[clear])))
-        ax.plot(x, middle[0] * (x / middle[1]) ** power.value, color=INK, linewidth=0.9)
-        ax.text(
-            0.03, 0.97, f"power {power}".replace("+-", "±"), transform=ax.transAxes, va="top", fontsize=SMALL, color=INK
-        )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylim(0.3 * float(np.nanmin(size[clear])) if clear.any() else None, 4.0 * float(np.nanmax(size)))
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(numticks=5))
-        axis.set_minor_formatter(NullFormatter())
-    against = {"force": "Motion there", "motion": "Load there", "reading": "Reading"}[f.place.kind]
-    dressed(ax, f"{against} [{f.place.against}]", f"Harmonic {k} [{f.place.unit}]")
-
-
 # --------------------------------------------------------------------------------------------------------------- gain
-
-
-def plot_gain(diagnosis: "Diagnosis") -> Figure:
-    """Error of each model on the records fitted and on those held out.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-
-    Returns
-    -------
-    Figure
-    """
-    figure = Figure(figsize=(WIDTH, 1.9), layout="constrained")
-    axes = figure.subplots(1, 2, sharey=True)
-    names = [name for name in MODELS if name in diagnosis.errors]
-    for ax, (key, factor, label) in zip(
-        axes, (("nrmse", 100.0, "Error [%]"), ("chi2_reduced", 1.0, "Misfit [noise variances]")), strict=True
-    ):
-        for y, name in enumerate(names):
-            parts = diagnosis.errors[name]
-            values = {part: factor * getattr(e, key) for part, e in parts.items()}
-            ax.plot(list(values.values()), [y] * len(values), color=FAINT, linewidth=1.2, zorder=1)
-            for part, value in values.items():
-                face = COLORS[name] if part == "train" else "white"
-                ax.plot(value, y, "o", color=COLORS[name], markerfacecolor=face, markersize=6, zorder=2)
-        ax.set_xscale("log")
-        low, high = ax.get_xlim()
-        ax.set_xlim(low / 1.3, high * 1.3)
-        _few_powers(ax.xaxis, high / low)
-        dressed(ax, label, "")
-    axes[1].axvline(1.0, color=FAINT, linewidth=0.9, zorder=0)
-    axes[0].set_yticks(range(len(names)), names)
-    axes[0].set_ylim(len(names) - 0.5, -0.5)
-    shown: dict[str, Any] = {"markersize": 5, "linestyle": "", "marker": "o", "color": INK}
-    handles = [
-        Line2D([], [], label="records fitted", **shown),
-        Line2D([], [], label="records held out", markerfacecolor="white", **shown),
-    ]
-    _legend(figure, handles)
-    return figure

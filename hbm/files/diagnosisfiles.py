@@ -16,13 +16,27 @@ from typing import Any
 import numpy as np
 
 from hbm.diagnosis.decide import DECISIVE
-from hbm.diagnosis.discrepancy import Discrepancy, MissingForce
-from hbm.diagnosis.verdict import Diagnosis, Ranked
+from hbm.diagnosis.discrepancy import Discrepancy
+from hbm.diagnosis.verdict import Diagnosis
 from hbm.figures import diagnosis as figures
+from hbm.figures.gain import plot_gain
 from hbm.figures.identification import plot_ranking
+from hbm.figures.misfitmap import plot_misfit_map
+from hbm.figures.missingforce import plot_missing_force
+from hbm.figures.overview import plot_overview
 from hbm.figures.page import Page, Section, Table, page_html
-from hbm.files.diagnosissummary import WRONG, first_screen, text, verdict_line
-from hbm.files.outputs import Columns, columns_text
+from hbm.files.diagnosiscolumns import (
+    compared_columns,
+    deviation_columns,
+    error_columns,
+    force_columns,
+    overview_columns,
+    place_columns,
+    ranked_rows,
+    ranking_columns,
+)
+from hbm.files.diagnosissummary import WRONG, first_screen, verdict_line
+from hbm.files.outputs import columns_text
 from hbm.files.plates import Plate, plate_contents, plate_files
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.rigfiles.extensions import Extension
@@ -31,7 +45,8 @@ from hbm.rigfiles.write import extended_rig_text
 from hbm.version import installed_version
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition
-from models.rig import UNITS, Rig
+from models.parts import UNITS
+from models.rig import Rig
 
 DIAGNOSIS_FILE, EXTENDED_FILE, PAGE_FILE = "diagnosis.json", "extended.toml", "report.html"
 ERROR_FILE, RANKING_FILE, FORCE_FILE = "errors.csv", "ranking.csv", "missing_force.csv"
@@ -199,35 +214,6 @@ def _extended_text(diagnosis: Diagnosis, nominal: Path, folder: Path, named: Map
 # ------------------------------------------------------------------------------------------------------------- tables
 
 
-def error_columns(diagnosis: Diagnosis) -> Columns:
-    """Columns of ``errors.csv``: a row per model and part."""
-    rows = [(m, part, e.nrmse, e.chi2_reduced) for m, own in diagnosis.errors.items() for part, e in own.items()]
-    names = ("model", "records", "nrmse", "chi2_reduced")
-    return {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
-
-
-def ranking_columns(diagnosis: Diagnosis) -> Columns:
-    """Columns of ``ranking.csv``: a row per candidate that was fitted, the calibrated nominal among them."""
-    rows = _ranked_rows(diagnosis)
-    names = ("cause", "bic", "chi2", "held_out_nrmse")
-    columns = {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
-    return columns | {"parameters": np.array([row[4] for row in rows])}
-
-
-def _ranked_rows(diagnosis: Diagnosis) -> list[tuple[str, float, float, float, str]]:
-    rows = [_ranked_row(r) for r in diagnosis.ranking]
-    e = diagnosis.calibrated
-    if e is not None:
-        held = diagnosis.errors.get("calibrated", {}).get("held_out")
-        rows.append(("calibrated nominal", e.bic, e.chi2, np.nan if held is None else held.nrmse, ""))
-    return sorted(rows, key=lambda row: row[1])
-
-
-def _ranked_row(r: Ranked) -> tuple[str, float, float, float, str]:
-    held = np.nan if r.held_out_nrmse is None else r.held_out_nrmse
-    return r.label, r.bic, r.chi2, held, "; ".join(f"{name} {text(p)}" for name, p in r.parameters.items())
-
-
 def error_table(diagnosis: Diagnosis) -> tuple[list[str], list[list[str]]]:
     """Headings and rows of the table of models, as printed and as on the page."""
     headings = ["model", "error [%]", "held out [%]", "misfit", "misfit held out"]
@@ -241,7 +227,7 @@ def error_table(diagnosis: Diagnosis) -> tuple[list[str], list[list[str]]]:
 
 def ranking_table(diagnosis: Diagnosis) -> tuple[list[str], list[list[str]]]:
     """Headings and rows of the table of causes, the best first."""
-    rows = _ranked_rows(diagnosis)[:MOST_RANKED]
+    rows = ranked_rows(diagnosis)[:MOST_RANKED]
     best = rows[0][1] if rows else 0.0
     shown = [
         [cause, f"{bic - best:.4g}", f"{100 * held:.3g}" if math.isfinite(held) else "-", parameters or "-"]
@@ -279,34 +265,9 @@ def _overview(found: Diagnosed) -> Iterator[Plate]:
         f"Left: what {most}, harmonic {view.harmonic} of {channel} at {view.level:.3g} N, with 95 % bars. Right: "
         "relative error of each record over all channels and harmonics, beside what noise makes of it. Hollow: records "
         "held out, which no fit has seen.",
-        figures.plot_overview(found.compared, view, channel, unit),
+        plot_overview(found.compared, view, channel, unit),
         overview_columns(found.compared, view),
     )
-
-
-def overview_columns(models: Mapping[str, figures.Compared], view: figures.View) -> Columns:
-    """Relative error of each record and of noise in it, by model; and the amplitudes that the view shows."""
-    parts = []
-    for name, c in models.items():
-        first, error, noise = figures.record_errors(c)
-        amplitudes = np.full((2, len(first)), np.nan)
-        shown = view.of(c)
-        place = np.searchsorted(c.record[first], c.record[shown])
-        amplitudes[:, place] = np.abs([c.measured[shown], c.simulated[shown]])
-        parts.append(
-            {
-                "model": np.full(len(first), name),
-                "record": c.record[first],
-                "level": c.level[first],
-                "frequency_hz": c.hz[first],
-                "held_out": c.held_out[first],
-                "relative_error": error,
-                "relative_noise": noise,
-                "measured": amplitudes[0],
-                "simulated": amplitudes[1],
-            }
-        )
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 def _gain_plates(d: Diagnosis) -> Iterator[Plate]:
@@ -315,7 +276,7 @@ def _gain_plates(d: Diagnosis) -> Iterator[Plate]:
             "Relative error, and misfit in noise variances (1: noise alone), of each model on the records it was "
             "fitted to (filled) and on those held out (hollow)."
         )
-        yield Plate("gain", "What the extended model gains", caption, figures.plot_gain(d), error_columns(d))
+        yield Plate("gain", "What the extended model gains", caption, plot_gain(d), error_columns(d))
 
 
 def _model_plates(found: Diagnosed) -> Iterator[Plate]:
@@ -346,46 +307,9 @@ def _model_plates(found: Diagnosed) -> Iterator[Plate]:
         "Where the models miss",
         "Rms deviation in standard deviations of the noise, 1 where noise alone is left: by channel and harmonic, and "
         "by record.",
-        figures.plot_misfit_map(models, channels),
+        plot_misfit_map(models, channels),
         columns,
     )
-
-
-def compared_columns(models: Mapping[str, figures.Compared], channels: Sequence[str]) -> Columns:
-    """Every coefficient, a row per model, record, channel and harmonic; real and imaginary part, the force a cosine."""
-    parts = []
-    for name, c in models.items():
-        parts.append(
-            {
-                "model": np.full(len(c.record), name),
-                "record": c.record,
-                "level": c.level,
-                "frequency_hz": c.hz,
-                "channel": np.array(channels)[c.channel],
-                "harmonic": c.harmonic,
-                "held_out": c.held_out,
-                "measured_real": c.measured.real,
-                "measured_imag": c.measured.imag,
-                "simulated_real": c.simulated.real,
-                "simulated_imag": c.simulated.imag,
-                "std": c.std,
-                "deviation": c.deviation,
-            }
-        )
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def deviation_columns(models: Mapping[str, figures.Compared], channels: Sequence[str]) -> Columns:
-    """Deviation of fundamentals and what noise makes of it, relative to what was measured."""
-    every = compared_columns(models, channels)
-    columns = {name: every[name][every["harmonic"] == 1] for name in every}
-    size = np.hypot(columns["measured_real"], columns["measured_imag"])
-    off = [columns[f"measured_{part}"] - columns[f"simulated_{part}"] for part in ("real", "imag")]
-    kept = ("model", "record", "level", "frequency_hz", "channel", "held_out")
-    return {name: columns[name] for name in kept} | {
-        "relative_deviation": np.hypot(*off) / size,
-        "relative_noise": np.sqrt(2.0) * columns["std"] / size,
-    }
 
 
 def _force_plates(found: Diagnosed) -> Iterator[Plate]:
@@ -400,49 +324,13 @@ def _force_plates(found: Diagnosed) -> Iterator[Plate]:
         f"(in brackets: share of the misfit beyond noise that it explains).{beside} Below, of the best place: the "
         "force by harmonics, in phase and in quadrature to the fundamental of the motion, and its "
         "growth, with 95 % bars; hollow: lost in noise.",
-        figures.plot_missing_force(d),
+        plot_missing_force(d),
         place_columns(d),
     )
 
 
-def place_columns(d: Discrepancy) -> Columns:
-    """What each place explains, alone and beside the contact."""
-    rows = [(p, False) for p in d.places] + [(p, True) for p in d.beside]
-    values: dict[str, list[Any]] = {
-        "place": [p.place.name for p, _ in rows],
-        "beside_contact": [beside for _, beside in rows],
-        "share": [p.share for p, _ in rows],
-        "chi2": [p.chi2 for p, _ in rows],
-        "noise_variances": [p.left for p, _ in rows],
-        "dissipative_share": [p.dissipative_share for p, _ in rows],
-        "stiffness": [p.stiffness for p, _ in rows],
-    }
-    return {name: np.array(column) for name, column in values.items()}
-
-
-def force_columns(d: Discrepancy) -> Columns:
-    """Columns of ``missing_force.csv``: the force at the best place, a row per record and harmonic."""
-    f: MissingForce = d.best
-    i, k = (part.ravel() for part in np.indices(f.force.shape))
-    return {
-        "record": d.records[i],
-        "level": d.level[i],
-        "frequency_hz": d.hz[i],
-        "place": np.full(len(i), f.place.name),
-        "unit": np.full(len(i), f.place.unit),
-        "harmonic": k + 1,
-        "real": f.force.real.ravel(),
-        "imag": f.force.imag.ravel(),
-        "std": f.std.ravel(),
-        "in_phase": f.turned.real.ravel(),
-        "quadrature": f.turned.imag.ravel(),
-        "against_real": f.seen.real.ravel(),
-        "against_imag": f.seen.imag.ravel(),
-    }
-
-
 def _ranking_plates(found: Diagnosed) -> Iterator[Plate]:
-    rows = _ranked_rows(found.diagnosis)[:MOST_RANKED]
+    rows = ranked_rows(found.diagnosis)[:MOST_RANKED]
     if len(rows) < 2:
         return
     bic, held = np.array([row[1] for row in rows]), np.array([row[3] for row in rows])

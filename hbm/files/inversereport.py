@@ -12,6 +12,7 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 
 from hbm.figures import inverse as figures
+from hbm.figures import trust
 from hbm.figures.page import Page, Section, Table, page_html
 from hbm.figures.style import closed
 from hbm.files import inversefiles
@@ -86,19 +87,19 @@ def harmonic_columns(reconstruction: Reconstruction, records: Records = None) ->
         "harmonic": harmonic,
         "amplitude": np.abs(reconstruction["friction"].amplitudes[i, harmonic]),
         "std": reconstruction["friction"].amplitude_std[i, harmonic],
-        "noise_floor": figures.noise_floor(reconstruction)[i, harmonic],
+        "noise_floor": trust.noise_floor(reconstruction)[i, harmonic],
     }
 
 
 def misfit_columns(reconstruction: Reconstruction, _: Records = None) -> Columns:
     """Misfit of each record, what noise alone seldom passes, and that of each channel, in the order drawn."""
-    order = figures.misfit_order(reconstruction)
-    shares = figures.channel_misfit(reconstruction)[order]
+    order = trust.misfit_order(reconstruction)
+    shares = trust.channel_misfit(reconstruction)[order]
     return {
         "place": np.arange(1, len(order) + 1),
         **record_columns(reconstruction, order),
         "chi2_reduced": reconstruction.misfit.reduced[order],
-        "limit": figures.misfit_limit(reconstruction)[order],
+        "limit": trust.misfit_limit(reconstruction)[order],
         **{f"channel_{name}": shares[:, j] for j, name in enumerate(reconstruction.misfit.channels)},
     }
 
@@ -112,7 +113,7 @@ def resolution_columns(reconstruction: Reconstruction, _: Records = None) -> Col
         "condition": reconstruction.condition,
     }
     for name, values in shown.items():
-        parts = zip(("least", "median", "largest"), figures.quantiles(values[:, 1:]), strict=True)
+        parts = zip(("least", "median", "largest"), trust.quantiles(values[:, 1:]), strict=True)
         columns |= {f"{name}_{part}": numbers for part, numbers in parts}
     return columns
 
@@ -139,7 +140,7 @@ DRAWINGS = (
         "Harmonics of the friction force",
         "Filled: above what the noise of the sensors alone makes in 5 % of the cases (grey). Hollow: lost in it, there "
         "a prior says what is likely. Bars: 95 %.",
-        lambda r, records: figures.plot_friction_harmonics(r, records),
+        lambda r, records: trust.plot_friction_harmonics(r, records),
         harmonic_columns,
     ),
     Drawing(
@@ -147,7 +148,7 @@ DRAWINGS = (
         "Energy and wear",
         "Energy that friction takes per cycle, and the wear work rate, the mean of R |v|, with 95 % bars. Hollow: the "
         "contact sticks; the work rate there is of its elastic slip.",
-        lambda r, _: figures.plot_energy(r),
+        lambda r, _: trust.plot_energy(r),
         lambda r, _: energy_columns(r),
     ),
     Drawing(
@@ -155,7 +156,7 @@ DRAWINGS = (
         "Do the sensors agree with the structure?",
         "Misfit per degree of freedom, 1 where only noise is left. Above the limit noise is no explanation: a sensor, "
         "or the structure of the rig file, is wrong; the darkest rows and the frequencies say where to look.",
-        lambda r, _: figures.plot_misfit(r),
+        lambda r, _: trust.plot_misfit(r),
         misfit_columns,
     ),
     Drawing(
@@ -163,7 +164,7 @@ DRAWINGS = (
         "What the sensors can tell",
         "Left: standard deviation of a friction harmonic by the sensors alone, beside the friction that was found. "
         "Right: condition number of telling friction from the excitation. Lines: median of the records; bands: range.",
-        lambda r, _: figures.plot_resolution(r),
+        lambda r, _: trust.plot_resolution(r),
         resolution_columns,
     ),
 )

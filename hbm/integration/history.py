@@ -13,7 +13,7 @@ from hbm.aft.step import law_step
 from hbm.balance.elements import ForcesInTime, forces_in_time
 from hbm.channels import DERIVATIVES, DISPLACEMENT, factor, late
 from models import Channel, Rig
-from models.rig import UNITS
+from models.parts import UNITS
 from models.structure import Array
 
 

@@ -10,7 +10,8 @@ from hbm.errors import InputError, expect_rig
 from hbm.fourier import Array
 from hbm.inverse.sensing import MOST_MODES, STATIC_FROM, UNKNOWN_FORCE, Complex, dynamic_stiffness
 from models.beam import Beam
-from models.rig import UNITS, Channel, Rig
+from models.parts import UNITS, Channel
+from models.rig import Rig
 
 Indices = npt.NDArray[np.intp]
 

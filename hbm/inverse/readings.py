@@ -13,7 +13,7 @@ from scipy import stats
 from hbm.fourier import Array
 from hbm.inverse.reconstruction import CONSISTENT
 from hbm.inverse.sensing import Complex, Sensing
-from models.rig import Channel
+from models.parts import Channel
 
 FREE = 1e4
 """Friction may be this many times the load or the level: no prior, but harmonics that no sensor sees stay finite."""

@@ -61,7 +61,7 @@ class Record:
 
     @property
     def tones(self) -> tuple[tuple[int, float, float], ...]:
-        """Harmonics of the force that were measured, as :class:`models.rig.Excitation` has them."""
+        """Harmonics of the force that were measured, as :class:`models.parts.Excitation` has them."""
         found = np.flatnonzero(np.isfinite(self.distortion_std))
         ratios = (self.distortion[:, found] / self.force).T.tolist()
         return tuple((int(i) + 2, cosine, sine) for i, (cosine, sine) in zip(found, ratios, strict=True))

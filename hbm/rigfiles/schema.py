@@ -22,7 +22,7 @@ from hbm.errors import InputError
 from hbm.rigfiles.laws import accepted_laws, find_law
 from models import LAWS, Beam, Contact, Damping, Parameter, describe
 from models.friction import defaults
-from models.rig import Quantity
+from models.parts import Quantity
 
 Key = tuple[str | int, ...]
 Positive = Annotated[float, Field(gt=0)]

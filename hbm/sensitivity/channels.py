@@ -11,7 +11,7 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, DISPLACEMENT, VELOCITY, read
 from hbm.fourier import Array
 from hbm.sensitivity.held import HeldBalance, friction_change
-from models.rig import Channel
+from models.parts import Channel
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,8 @@ from models.change import drift_scalars, tone_scalars
 from models.friction import describe as described
 from models.friction.law import Parameter
 from models.numbers import with_number
-from models.rig import ModalBody, Rig
+from models.parts import ModalBody
+from models.rig import Rig
 
 REFERENCES = 33
 """Values over the range at which the modes are kept, so that their signs follow from one to the next."""

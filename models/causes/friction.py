@@ -17,7 +17,8 @@ from models.friction.extended import (
     beside_dashpot,
 )
 from models.numbers import with_number
-from models.rig import ModalBody, Rig
+from models.parts import ModalBody
+from models.rig import Rig
 
 LAW = "contact.friction."
 HARDLY = 1e-5

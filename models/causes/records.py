@@ -8,7 +8,8 @@ from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.friction import describe
 from models.numbers import number, with_number
-from models.rig import Drift, Rig
+from models.parts import Drift
+from models.rig import Rig
 
 STIFFNESS, ALPHA, LOAD, LAW = (
     "beam.youngs_modulus",

@@ -8,7 +8,8 @@ from typing import ClassVar
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.numbers import number, with_number
-from models.rig import ModalBody, Rig
+from models.parts import ModalBody
+from models.rig import Rig
 
 
 @dataclass(frozen=True)

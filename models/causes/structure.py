@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from models.assembly import PointMass, PointSpring, Resonator
+from models.attachments import PointMass, PointSpring, Resonator
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.numbers import with_number

@@ -28,8 +28,8 @@ from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, ParameterDrift
 from models.numbers import at_record, number, with_number
+from models.parts import Drift
 from models.published import paper_rig
-from models.rig import Drift
 from tests.truth import Coulomb, Settings, Tone, measure, scattered, simulate_records, table_1, write_rig, write_spectra
 from tests.truth.hidden import changed
 

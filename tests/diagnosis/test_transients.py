@@ -18,8 +18,9 @@ from hbm.outputerror.fit import Evaluation, evaluate
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics
 from models.causes.records import NotSteady
+from models.parts import Damping
 from models.published import paper_rig
-from models.rig import Attachments, Damping
+from models.rig import Attachments
 from tests.truth import (
     Coulomb,
     Settings,

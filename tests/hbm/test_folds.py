@@ -14,7 +14,7 @@ from hbm.response.trace import first_solution, trace_frequency
 from hbm.tracking.folds import PlaneBalance, fold_path, isolas
 from hbm.tracking.parameter import ParameterBalance, parameter_key
 from models import ContactSample, Rig
-from models.assembly import Attachments, Resonator
+from models.attachments import Attachments, Resonator
 from models.friction import parameter
 from models.numbers import with_number
 

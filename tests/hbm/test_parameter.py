@@ -17,7 +17,7 @@ from hbm.response.trace import first_solution, steady_state
 from hbm.tracking.parameter import ParameterBalance, parameter_key
 from hbm.tracking.parameterresponse import parameter_response
 from models import ContactSample, Rig
-from models.assembly import Attachments, PointMass, Resonator
+from models.attachments import Attachments, PointMass, Resonator
 from models.friction import parameter
 from models.numbers import number, with_number
 from models.published import PAPER_DAHL, paper_rig

@@ -14,8 +14,8 @@ from hbm.inverse.sensing import sensing
 from hbm.inverse.shapes import Functions, by_force, by_moment, fitted_shapes, series, spline
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models import Beam
+from models.parts import Channel, ModalBody
 from models.published import paper_rig
-from models.rig import Channel, ModalBody
 from tests.inverse.measurement import SAMPLES, force_shape, measured, moment_shape, respond, with_noise
 
 FITTED = ("modal", "nnm", "nnm-spline")

@@ -10,8 +10,8 @@ from hbm.inverse.contactforce import regularised
 from hbm.inverse.placement import FREQUENCIES, Placement, _Expected, place_sensors
 from hbm.inverse.sensing import sensing
 from hbm.measurement.spectra import spectra_of
+from models.parts import Channel
 from models.published import paper_rig
-from models.rig import Channel
 
 HZ = (45.0, 60.0)
 PRESENT = (0.1, 0.2, 0.3, 0.4, 0.5, 0.58)

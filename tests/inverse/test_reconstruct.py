@@ -10,8 +10,8 @@ from hbm.inverse.reconstruct import reconstruct
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.response.trace import steady_state
 from models.causes import CAUSES
+from models.parts import Channel
 from models.published import paper_rig
-from models.rig import Channel
 from tests.inverse.measurement import SAMPLES, Truth, measured, respond, with_noise
 
 POSITIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.58)

@@ -6,8 +6,9 @@ import pytest
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.sensorcheck import check_sensors
 from hbm.measurement.spectra import MeasuredSpectra
+from models.parts import Channel
 from models.published import paper_rig
-from models.rig import Channel, Rig
+from models.rig import Rig
 from tests.inverse.measurement import SAMPLES, measured, respond, with_noise
 
 POSITIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.58)

@@ -1,0 +1,53 @@
+"""Figure of what the extended model gains: the error of each model on records fitted and held out."""
+
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from hbm.figures.style import FAINT, INK, WIDTH, dressed
+
+if TYPE_CHECKING:
+    from hbm.diagnosis.verdict import Diagnosis
+from hbm.figures.diagnosis import COLORS, MODELS, few_powers, legend
+
+
+def plot_gain(diagnosis: "Diagnosis") -> Figure:
+    """Error of each model on the records fitted and on those held out.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+
+    Returns
+    -------
+    Figure
+    """
+    figure = Figure(figsize=(WIDTH, 1.9), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    names = [name for name in MODELS if name in diagnosis.errors]
+    for ax, (key, factor, label) in zip(
+        axes, (("nrmse", 100.0, "Error [%]"), ("chi2_reduced", 1.0, "Misfit [noise variances]")), strict=True
+    ):
+        for y, name in enumerate(names):
+            parts = diagnosis.errors[name]
+            values = {part: factor * getattr(e, key) for part, e in parts.items()}
+            ax.plot(list(values.values()), [y] * len(values), color=FAINT, linewidth=1.2, zorder=1)
+            for part, value in values.items():
+                face = COLORS[name] if part == "train" else "white"
+                ax.plot(value, y, "o", color=COLORS[name], markerfacecolor=face, markersize=6, zorder=2)
+        ax.set_xscale("log")
+        low, high = ax.get_xlim()
+        ax.set_xlim(low / 1.3, high * 1.3)
+        few_powers(ax.xaxis, high / low)
+        dressed(ax, label, "")
+    axes[1].axvline(1.0, color=FAINT, linewidth=0.9, zorder=0)
+    axes[0].set_yticks(range(len(names)), names)
+    axes[0].set_ylim(len(names) - 0.5, -0.5)
+    shown: dict[str, Any] = {"markersize": 5, "linestyle": "", "marker": "o", "color": INK}
+    handles = [
+        Line2D([], [], label="records fitted", **shown),
+        Line2D([], [], label="records held out", markerfacecolor="white", **shown),
+    ]
+    legend(figure, handles)
+    return figure

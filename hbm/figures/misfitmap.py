@@ -1,0 +1,86 @@
+"""Figure of where models miss: by channel and harmonic, and by record."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+
+from hbm.figures.style import INK, SMALL, WIDTH, dressed
+from hbm.fourier import Array
+
+if TYPE_CHECKING:
+    pass
+from hbm.figures.diagnosis import FREQUENCY, Compared
+
+
+def plot_misfit_map(models: Mapping[str, Compared], channels: Sequence[str]) -> Figure:
+    """Rms deviation in standard deviations, by channel and harmonic and by record, a column per model.
+
+    Parameters
+    ----------
+    models : mapping of str to Compared
+    channels : sequence of str
+
+    Returns
+    -------
+    Figure
+    """
+    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    grid = figure.subplots(2, len(models), squeeze=False, sharex="row", sharey="row")
+    largest = max(float(by_cell(c, len(channels)).max(initial=1.0)) for c in models.values())
+    norm, shade = LogNorm(0.5, max(largest, 4.0)), "magma_r"
+    for column, (name, c) in enumerate(models.items()):
+        top, bottom = grid[0][column], grid[1][column]
+        H = int(c.harmonic.max())
+        cells = np.ma.masked_invalid(by_cell(c, len(channels)))
+        image = top.imshow(
+            cells, norm=norm, cmap=shade, aspect="auto", extent=(0.5, H + 0.5, len(channels) - 0.5, -0.5)
+        )
+        top.set_title(name, fontsize=SMALL + 1, loc="left", color=INK)
+        top.set_yticks(range(len(channels)), channels)
+        top.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+        dressed(top, "Harmonic", "")
+        _record_map(bottom, c, norm, shade)
+    dressed(grid[1][0], "", "Level [N]")
+    figure.supxlabel(FREQUENCY + ", record by record; diamonds: held out", color=INK, fontsize=10)
+    bar = figure.colorbar(image, ax=grid, aspect=40, pad=0.02)
+    bar.set_label("Rms deviation [standard deviations]", color=INK)
+    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
+    bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    return figure
+
+
+def by_cell(c: Compared, channels: int) -> Array:
+    """Rms deviation by channel and harmonic, (c, H), nan where nothing was measured."""
+    H = int(c.harmonic.max())
+    sums, counts = np.zeros((channels, H)), np.zeros((channels, H))
+    np.add.at(sums, (c.channel, c.harmonic - 1), c.deviation**2)
+    np.add.at(counts, (c.channel, c.harmonic - 1), 1.0)
+    return np.asarray(np.sqrt(np.divide(sums, counts, out=np.full_like(sums, np.nan), where=counts > 0.0)))
+
+
+def by_record(c: Compared) -> tuple[npt.NDArray[np.int64], Array]:
+    """Rms deviation of each record: places of its first entry, and values."""
+    _, first, inverse = np.unique(c.record, return_index=True, return_inverse=True)
+    return first, np.asarray(np.sqrt(np.bincount(inverse, c.deviation**2) / np.bincount(inverse)))
+
+
+def _record_map(ax: Axes, c: Compared, norm: LogNorm, shade: str) -> None:
+    """Records by their level and frequency, in order, not to scale."""
+    first, rms = by_record(c)
+    frequencies, across = np.unique(c.hz[first], return_inverse=True)
+    levels, up = np.unique(c.level[first], return_inverse=True)
+    for held, marker in ((False, "s"), (True, "D")):
+        i = c.held_out[first] == held
+        size: dict[str, Any] = {"s": 24 if held else 30, "edgecolors": "0.3", "linewidths": 0.5}
+        ax.scatter(across[i], up[i], c=rms[i], norm=norm, cmap=shade, marker=marker, **size)
+    shown = np.unique(np.linspace(0, len(frequencies) - 1, 5).round().astype(int))
+    ax.set_xticks(shown, [f"{frequencies[i]:.4g}" for i in shown], rotation=45)
+    ax.set_yticks(range(len(levels)), [f"{level:g}" for level in levels])
+    ax.margins(x=0.08, y=0.15)
+    dressed(ax, "", "")

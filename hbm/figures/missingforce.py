@@ -1,0 +1,110 @@
+"""Figure of the force that a model lacks: where it may act, its harmonics, and how it grows."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
+
+from hbm.figures.style import FAINT, INK, SMALL, WIDTH, dressed, graded
+
+if TYPE_CHECKING:
+    from hbm.diagnosis.discrepancy import Discrepancy
+    from hbm.diagnosis.missingforce import MissingForce
+from hbm.figures.diagnosis import BAND, COLORS, MOST_PLACES, few_powers, levels
+
+
+def plot_missing_force(d: "Discrepancy") -> Figure:
+    """What is left with an unknown force at each place, and of the best one harmonics, phase and growth.
+
+    Parameters
+    ----------
+    d : Discrepancy
+
+    Returns
+    -------
+    Figure
+    """
+    shown = (d.beside if d.two else d.places)[:MOST_PLACES]
+    figure = Figure(figsize=(WIDTH, 1.0 + 0.21 * len(shown) + 2.3), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=[0.6 + 0.21 * len(shown), 2.3], squeeze=False).ravel()
+    _draw_places(upper.subplots(), shown, d.chi2 / d.points)
+    left, right = lower.subplots(1, 2)
+    _draw_harmonics(left, d.best)
+    _draw_growth(right, d)
+    return figure
+
+
+def _draw_places(ax: Axes, places: Sequence["MissingForce"], before: float) -> None:
+    y, left = np.arange(len(places)), np.array([p.left for p in places])
+    low = 0.7 * min(1.0, float(left.min()))
+    bars = ax.barh(y, left - low, left=low, height=0.62, color="0.78")
+    bars[0].set_color(COLORS["extended"])
+    ax.bar_label(bars, [f"{p.left:.3g}  ({100 * p.share:.3g} %)" for p in places], padding=3, fontsize=SMALL, color=INK)
+    ax.set_xscale("log")
+    top = max(before, float(left.max()))
+    ax.set_xlim(low, top * (top / low) ** 0.4)  # room for the numbers
+    for value in (1.0, before):
+        ax.axvline(value, color=FAINT, linewidth=0.9, zorder=0)
+    ax.set_yticks(y, [p.place.name for p in places])
+    ax.invert_yaxis()
+    few_powers(ax.xaxis, top / low)
+    dressed(ax, "Misfit left [noise variances]; grey lines: noise alone, no force at all", "")
+    ax.tick_params(axis="y", length=0)
+
+
+def _draw_harmonics(ax: Axes, f: "MissingForce") -> None:
+    k = np.arange(1, len(f.elastic) + 1)
+    along, across = ("in phase (elastic)", "in quadrature (dissipative)")
+    if f.place.kind == "reading":
+        along, across = "in phase (gain)", "in quadrature (delay)"
+    floor = np.sqrt(np.nanmean(f.std**2, axis=0))
+    ax.bar(k - 0.19, f.elastic, width=0.36, color=COLORS["extended"], label=along)
+    ax.bar(k + 0.19, f.dissipative, width=0.36, color=COLORS["calibrated"], label=across)
+    ax.plot(k, floor, "_", color="0.3", markersize=11, label="noise")
+    ax.set_yscale("log")
+    top = max(float(np.nanmax([f.elastic, f.dissipative])), float(np.nanmax(floor)))
+    ax.set_ylim(bottom=max(0.3 * float(np.nanmin(floor)), 1e-4 * top), top=12 * top)
+    ax.set_xticks(k)
+    ax.legend(frameon=False, fontsize=SMALL - 1, labelcolor=INK, loc="upper right", ncols=1)
+    dressed(ax, "Harmonic", f"Missing {f.place.kind}, rms [{f.place.unit}]")
+
+
+def _draw_growth(ax: Axes, d: "Discrepancy") -> None:
+    f = d.best
+    k = (f.harmonics or [1])[0]
+    size, std = np.abs(f.force[:, k - 1]), f.std[:, k - 1]
+    amplitude = np.linalg.norm(f.seen, axis=1)
+    level_of = levels(d.level)
+    clear = size > 3 * np.sqrt(2) * std
+    for level, color in zip(np.unique(level_of).tolist(), graded(np.unique(level_of).tolist()), strict=True):
+        for shown, face in ((clear, color), (~clear, "white")):
+            i = (level_of == level) & shown
+            ax.errorbar(
+                amplitude[i],
+                size[i],
+                yerr=BAND * std[i],
+                fmt="o",
+                color=color,
+                markersize=3.2,
+                elinewidth=0.8,
+                markerfacecolor=face,
+            )
+    power, _ = f.growth
+    if power is not None and clear.any():
+        x = np.array([amplitude[clear].min(), amplitude[clear].max()])
+        middle = np.exp(np.mean(np.log(size[clear]))), np.exp(np.mean(np.log(amplitude[clear])))
+        ax.plot(x, middle[0] * (x / middle[1]) ** power.value, color=INK, linewidth=0.9)
+        ax.text(
+            0.03, 0.97, f"power {power}".replace("+-", "±"), transform=ax.transAxes, va="top", fontsize=SMALL, color=INK
+        )
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_ylim(0.3 * float(np.nanmin(size[clear])) if clear.any() else None, 4.0 * float(np.nanmax(size)))
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(numticks=5))
+        axis.set_minor_formatter(NullFormatter())
+    against = {"force": "Motion there", "motion": "Load there", "reading": "Reading"}[f.place.kind]
+    dressed(ax, f"{against} [{f.place.against}]", f"Harmonic {k} [{f.place.unit}]")

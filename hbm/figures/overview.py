@@ -1,0 +1,97 @@
+"""First figure of a diagnosis: what is missed most clearly, and the error of each record."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from hbm.figures.style import INK, SMALL, WIDTH, dressed
+from hbm.fourier import Array
+
+if TYPE_CHECKING:
+    pass
+from hbm.figures.diagnosis import (
+    COLORS,
+    FREQUENCY,
+    MARKERS,
+    STYLES,
+    Compared,
+    View,
+    few_powers,
+    frequency_bands,
+    legend,
+    measured_points,
+    points,
+    record_errors,
+    record_handles,
+)
+
+
+def plot_overview(models: Mapping[str, Compared], view: View, quantity: str, unit: str) -> Figure:
+    """What shows the misfit best, before and after; and the error of each record.
+
+    Parameters
+    ----------
+    models : mapping of str to Compared
+    view : View
+    quantity, unit : str
+        Name of the channel, and its unit.
+
+    Returns
+    -------
+    Figure
+    """
+    figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
+    any_model = next(iter(models.values()))
+    for name, c in models.items():
+        i = view.of(c)
+        left.plot(c.hz[i], np.abs(c.simulated[i]), color=COLORS[name], linestyle=STYLES[name], linewidth=1.2)
+    own = np.zeros(len(any_model.hz), dtype=bool)
+    own[view.of(any_model)] = True
+    measured_points(left, any_model, own, {float(v): INK for v in np.unique(any_model.level)})
+    left.set_ylim(bottom=0.0)
+    left.xaxis.set_major_locator(MaxNLocator(5))
+    dressed(left, FREQUENCY, f"Harmonic {view.harmonic} of {quantity} [{unit}]")
+    left.set_title(f"at {view.level:.3g} N", fontsize=SMALL + 1, loc="left", color=INK)
+    _draw_record_errors(right, models)
+    handles = record_handles(any_model)
+    for name in models:
+        shown: dict[str, Any] = {"linestyle": STYLES[name], "marker": MARKERS[name], "markersize": 4}
+        handles.append(Line2D([], [], color=COLORS[name], label=name, **shown))
+    handles.append(Line2D([], [], linestyle="", marker="_", color="0.35", label="noise"))
+    legend(figure, handles, columns=6)
+    return figure
+
+
+def _draw_record_errors(ax: Axes, models: Mapping[str, Compared]) -> None:
+    """Error of each record over its frequency; where there are several bands over its place among the frequencies."""
+    any_model = next(iter(models.values()))
+    frequencies, bands = np.unique(any_model.hz), frequency_bands(any_model.hz)
+    several = len(bands) > 1
+    place = _in_order(frequencies, bands) if several else frequencies
+    for name, c in models.items():
+        first, error, noise = record_errors(c)
+        x = np.interp(c.hz[first], frequencies, place)
+        for held in (False, True):
+            i = c.held_out[first] == held
+            points(ax, x[i], 100.0 * error[i], name, hollow=held)
+    ax.plot(x, 100.0 * noise, "_", color="0.35", markersize=5, markeredgewidth=0.9, zorder=1)
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    few_powers(ax.yaxis, high / low)
+    if several:
+        ends = np.searchsorted(frequencies, [hz for band in bands for hz in band])
+        ax.set_xticks(place[ends], [f"{hz:.4g}" for hz in frequencies[ends]])
+    dressed(ax, f"{FREQUENCY}{', not to scale' if several else ''}", "Error [%]")
+    ax.set_title("all channels and harmonics, by record", fontsize=SMALL + 1, loc="left", color=INK)
+
+
+def _in_order(frequencies: Array, bands: Sequence[tuple[float, float]]) -> Array:
+    """Places of frequencies side by side, with a gap between bands."""
+    band = np.array([next(i for i, (low, high) in enumerate(bands) if low <= hz <= high) for hz in frequencies])
+    return np.asarray(np.arange(len(frequencies)) + 1.5 * band)

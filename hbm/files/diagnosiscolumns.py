@@ -1,0 +1,141 @@
+"""Numbers of the curves of a diagnosis, as columns of CSV files."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from hbm.diagnosis.discrepancy import Discrepancy
+from hbm.diagnosis.missingforce import MissingForce
+from hbm.diagnosis.verdict import Diagnosis, Ranked
+from hbm.figures import diagnosis as figures
+from hbm.files.diagnosissummary import text
+from hbm.files.outputs import Columns
+
+
+def error_columns(diagnosis: Diagnosis) -> Columns:
+    """Columns of ``errors.csv``: a row per model and part."""
+    rows = [(m, part, e.nrmse, e.chi2_reduced) for m, own in diagnosis.errors.items() for part, e in own.items()]
+    names = ("model", "records", "nrmse", "chi2_reduced")
+    return {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
+
+
+def ranking_columns(diagnosis: Diagnosis) -> Columns:
+    """Columns of ``ranking.csv``: a row per candidate that was fitted, the calibrated nominal among them."""
+    rows = ranked_rows(diagnosis)
+    names = ("cause", "bic", "chi2", "held_out_nrmse")
+    columns = {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
+    return columns | {"parameters": np.array([row[4] for row in rows])}
+
+
+def ranked_rows(diagnosis: Diagnosis) -> list[tuple[str, float, float, float, str]]:
+    """Candidates in the order of their BIC, with the calibrated rig file among them."""
+    rows = [_ranked_row(r) for r in diagnosis.ranking]
+    e = diagnosis.calibrated
+    if e is not None:
+        held = diagnosis.errors.get("calibrated", {}).get("held_out")
+        rows.append(("calibrated nominal", e.bic, e.chi2, np.nan if held is None else held.nrmse, ""))
+    return sorted(rows, key=lambda row: row[1])
+
+
+def _ranked_row(r: Ranked) -> tuple[str, float, float, float, str]:
+    held = np.nan if r.held_out_nrmse is None else r.held_out_nrmse
+    return r.label, r.bic, r.chi2, held, "; ".join(f"{name} {text(p)}" for name, p in r.parameters.items())
+
+
+def overview_columns(models: Mapping[str, figures.Compared], view: figures.View) -> Columns:
+    """Relative error of each record and of noise in it, by model; and the amplitudes that the view shows."""
+    parts = []
+    for name, c in models.items():
+        first, error, noise = figures.record_errors(c)
+        amplitudes = np.full((2, len(first)), np.nan)
+        shown = view.of(c)
+        place = np.searchsorted(c.record[first], c.record[shown])
+        amplitudes[:, place] = np.abs([c.measured[shown], c.simulated[shown]])
+        parts.append(
+            {
+                "model": np.full(len(first), name),
+                "record": c.record[first],
+                "level": c.level[first],
+                "frequency_hz": c.hz[first],
+                "held_out": c.held_out[first],
+                "relative_error": error,
+                "relative_noise": noise,
+                "measured": amplitudes[0],
+                "simulated": amplitudes[1],
+            }
+        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def compared_columns(models: Mapping[str, figures.Compared], channels: Sequence[str]) -> Columns:
+    """Every coefficient, a row per model, record, channel and harmonic; real and imaginary part, the force a cosine."""
+    parts = []
+    for name, c in models.items():
+        parts.append(
+            {
+                "model": np.full(len(c.record), name),
+                "record": c.record,
+                "level": c.level,
+                "frequency_hz": c.hz,
+                "channel": np.array(channels)[c.channel],
+                "harmonic": c.harmonic,
+                "held_out": c.held_out,
+                "measured_real": c.measured.real,
+                "measured_imag": c.measured.imag,
+                "simulated_real": c.simulated.real,
+                "simulated_imag": c.simulated.imag,
+                "std": c.std,
+                "deviation": c.deviation,
+            }
+        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def deviation_columns(models: Mapping[str, figures.Compared], channels: Sequence[str]) -> Columns:
+    """Deviation of fundamentals and what noise makes of it, relative to what was measured."""
+    every = compared_columns(models, channels)
+    columns = {name: every[name][every["harmonic"] == 1] for name in every}
+    size = np.hypot(columns["measured_real"], columns["measured_imag"])
+    off = [columns[f"measured_{part}"] - columns[f"simulated_{part}"] for part in ("real", "imag")]
+    kept = ("model", "record", "level", "frequency_hz", "channel", "held_out")
+    return {name: columns[name] for name in kept} | {
+        "relative_deviation": np.hypot(*off) / size,
+        "relative_noise": np.sqrt(2.0) * columns["std"] / size,
+    }
+
+
+def place_columns(d: Discrepancy) -> Columns:
+    """What each place explains, alone and beside the contact."""
+    rows = [(p, False) for p in d.places] + [(p, True) for p in d.beside]
+    values: dict[str, list[Any]] = {
+        "place": [p.place.name for p, _ in rows],
+        "beside_contact": [beside for _, beside in rows],
+        "share": [p.share for p, _ in rows],
+        "chi2": [p.chi2 for p, _ in rows],
+        "noise_variances": [p.left for p, _ in rows],
+        "dissipative_share": [p.dissipative_share for p, _ in rows],
+        "stiffness": [p.stiffness for p, _ in rows],
+    }
+    return {name: np.array(column) for name, column in values.items()}
+
+
+def force_columns(d: Discrepancy) -> Columns:
+    """Columns of ``missing_force.csv``: the force at the best place, a row per record and harmonic."""
+    f: MissingForce = d.best
+    i, k = (part.ravel() for part in np.indices(f.force.shape))
+    return {
+        "record": d.records[i],
+        "level": d.level[i],
+        "frequency_hz": d.hz[i],
+        "place": np.full(len(i), f.place.name),
+        "unit": np.full(len(i), f.place.unit),
+        "harmonic": k + 1,
+        "real": f.force.real.ravel(),
+        "imag": f.force.imag.ravel(),
+        "std": f.std.ravel(),
+        "in_phase": f.turned.real.ravel(),
+        "quadrature": f.turned.imag.ravel(),
+        "against_real": f.seen.real.ravel(),
+        "against_imag": f.seen.imag.ravel(),
+    }

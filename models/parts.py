@@ -1,0 +1,237 @@
+"""What a rig is made of: modes that are given, damping, contact, excitation, drift and channels."""
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from models.bounds import bounded
+from models.friction import FrictionLaw, check_parameters
+from models.reduction import Dampers
+from models.structure import Array, modal_damping
+
+Quantity = Literal["force", "acceleration", "velocity", "displacement"]
+
+
+QUANTITIES: tuple[str, ...] = get_args(Quantity)
+
+
+Numbers = npt.NDArray[np.intp]
+
+
+UNITS: dict[str, str] = {"force": "N", "acceleration": "m/s2", "velocity": "m/s", "displacement": "m"}
+
+
+@dataclass(frozen=True)
+class ModalBody:
+    """Any structure given by its mass-normalised modes instead of a beam's geometry.
+
+    Attributes
+    ----------
+    frequencies_hz : tuple of float, (n,)
+        Natural frequencies with the contact sliding freely [Hz].
+    shapes : tuple of tuple of float, (channels, n)
+        Mode shapes at each of the rig's channels, in their order.
+    contact_shape : tuple of float, (n,)
+        du/dq of each mode.
+    excitation_shape : tuple of float, (n,)
+        Mode shapes at the excitation.
+    """
+
+    frequencies_hz: tuple[float, ...]
+    shapes: tuple[tuple[float, ...], ...]
+    contact_shape: tuple[float, ...]
+    excitation_shape: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse frequencies that are none, and shapes of other numbers of modes."""
+        for i, hz in enumerate(self.frequencies_hz):
+            bounded(f"ModalBody: frequencies_hz[{i}]", hz, 0.0, strict=True)
+        n = len(self.frequencies_hz)
+        rows = {"contact_shape": self.contact_shape, "excitation_shape": self.excitation_shape}
+        rows |= {f"shapes[{i}]": row for i, row in enumerate(self.shapes)}
+        for name, row in rows.items():
+            if len(row) != n:
+                raise ValueError(f"ModalBody: {name} has {len(row)} entries; must have {n}, one for each frequency")
+
+    def __str__(self) -> str:
+        """Its modes in a few words."""
+        hz = sorted(self.frequencies_hz)
+        return f"{len(hz)} modes given, {hz[0]:.6g} to {hz[-1]:.6g} Hz"
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Damping of the modes; see :func:`models.structure.modal_damping`.
+
+    Attributes
+    ----------
+    mass_proportional : float
+        alpha [1/s] (25).
+    modal_ratios : tuple of float or None
+        Ratios that replace alpha and the high-mode ratio.
+    stiffness_proportional : float
+        beta [s].
+    high_mode_ratio, high_mode_from : float, int
+        Ratio of the modes from this one (counted from 1) up; 0 leaves alpha there too.
+    """
+
+    mass_proportional: float = 0.0
+    modal_ratios: tuple[float, ...] | None = None
+    stiffness_proportional: float = 0.0
+    high_mode_ratio: float = 0.02
+    high_mode_from: int = 6
+
+    def __post_init__(self) -> None:
+        """Refuse damping that is negative."""
+        for name in ("mass_proportional", "stiffness_proportional", "high_mode_ratio"):
+            bounded(f"Damping: {name}", getattr(self, name), 0.0)
+        for i, ratio in enumerate(self.modal_ratios or ()):
+            bounded(f"Damping: modal_ratios[{i}]", ratio, 0.0)
+        bounded("Damping: high_mode_from", self.high_mode_from, 1)
+
+    def dampers(self, omega_n: Array, numbers: Numbers) -> Dampers:
+        """Damping of modes that count as modes `numbers` (n,) of the beam."""
+        viscous = self._viscous(omega_n, numbers)
+        # what is not alpha is a ratio, 2 zeta omega_n
+        slope = replace(self, mass_proportional=0.0)._viscous(omega_n, numbers) / (2 * omega_n**2)
+        return Dampers(viscous, slope, self.stiffness_proportional)
+
+    def dampers_change(self, name: str, omega_n: Array, numbers: Numbers) -> Dampers:
+        """Derivative of :meth:`dampers` to one of its fields, at held frequencies."""
+        settings: list[dict[str, Any]] = [{name: 1.0}, {name: 2.0}]  # it is linear
+        one, two = (replace(self, **setting).dampers(omega_n, numbers) for setting in settings)
+        return Dampers(two.viscous - one.viscous, two.slope - one.slope, two.strain_rate - one.strain_rate)
+
+    def _viscous(self, omega_n: Array, numbers: Numbers) -> Array:
+        return modal_damping(
+            omega_n, self.mass_proportional, self.modal_ratios, self.high_mode_ratio, self.high_mode_from, numbers
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """The support and the friction on it.
+
+    Attributes
+    ----------
+    normal_load : float
+        P [N].
+    law : FrictionLaw
+        Friction law with its parameters.
+    radius : float
+        Half-cylinder radius r [m]; used by a beam only, like what follows.
+    load_variation : float
+        Scale on R(t) - P as the friction sees it: 1 as in physics.md section 2, 0 for a constant load.
+    residual_compliance, foreshortening : bool
+        Keep C_res and the T G q coupling of physics.md section 2.
+    lift_off : bool
+        Whether the tip leaves its support where the reaction would turn negative, :class:`models.elements.LiftOff`; of
+        a beam whose reaction varies, with its residual compliance.
+    """
+
+    normal_load: float
+    law: FrictionLaw
+    radius: float = 0.0
+    load_variation: float = 1.0
+    residual_compliance: bool = True
+    foreshortening: bool = True
+    lift_off: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse numbers that no contact has."""
+        bounded("Contact: normal_load", self.normal_load, 0.0)
+        bounded("Contact: radius", self.radius, 0.0)
+        check_parameters(self.law)
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """Shaker force: cosine of the fundamental, `amplitude` [N], at `position` [m] of a beam.
+
+    Its distortion is given by `harmonics`: numbers k >= 2 with the coefficients of cos and sin k Omega t, relative to
+    the amplitude of the fundamental. With `measured_harmonics` the harmonics of a simulated record are those that were
+    measured of its force; and unless `settled`, its records were taken before the transient of a start had died out.
+    Nothing but the diagnosis, which has records, minds these two.
+
+    >>> round(float(Excitation(2.0, harmonics=((3, 0.0, 0.1),)).force(np.pi / 2)), 9)
+    -0.2
+    """
+
+    amplitude: float
+    position: float = 0.0
+    harmonics: tuple[tuple[int, float, float], ...] = ()
+    measured_harmonics: bool = False
+    settled: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse a negative force, and numbers of harmonics that are not."""
+        bounded("Excitation: amplitude", self.amplitude, 0.0)
+        bounded("Excitation: position", self.position, 0.0)
+        numbers = [k for k, _, _ in self.harmonics]
+        if any(k < 2 for k in numbers) or len(set(numbers)) < len(numbers):
+            raise ValueError(f"excitation.harmonics: numbers {numbers}; must be 2 or more, each once")
+
+    @property
+    def tones(self) -> tuple[tuple[int, float, float], ...]:
+        """Number and coefficients of every harmonic, the fundamental's first, for a unit amplitude."""
+        return ((1, 1.0, 0.0), *self.harmonics)
+
+    def force(self, theta: npt.ArrayLike, derivative: int = 0) -> Array:
+        """Force at phases [N], or its derivative to the phase."""
+        theta, turned = np.asarray(theta, dtype=float), derivative * np.pi / 2
+        force = np.zeros(theta.shape)
+        for k, a, b in self.tones:
+            force += float(k) ** derivative * (a * np.cos(k * theta + turned) + b * np.sin(k * theta + turned))
+        return np.asarray(self.amplitude * force)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A number of a rig that changes from record to record: in record n it is 1 + `rate` (n - 1) times the rig's.
+
+    Attributes
+    ----------
+    parameter : str
+        Key of :func:`models.numbers.number`.
+    rate : float
+        Per record.
+    """
+
+    parameter: str
+    rate: float
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What is, or would be, measured.
+
+    Attributes
+    ----------
+    name : str
+    quantity : str
+        One of `QUANTITIES`.
+    position : float
+        On a beam [m].
+    gain, delay : float
+        The channel reads gain times what was there a delay [s] ago; of motion only.
+    repeatability : float
+        Share of its response that differs from one mounting of the structure to the next.
+    """
+
+    name: str
+    quantity: str
+    position: float = 0.0
+    gain: float = 1.0
+    delay: float = 0.0
+    repeatability: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what nothing measures."""
+        if self.quantity not in QUANTITIES:
+            raise ValueError(f'Channel: quantity = "{self.quantity}"; must be one of {", ".join(QUANTITIES)}')
+        bounded(f"Channel {self.name}: position", self.position, 0.0)
+        bounded(f"Channel {self.name}: gain", self.gain)
+        bounded(f"Channel {self.name}: delay", self.delay)
+        bounded(f"Channel {self.name}: repeatability", self.repeatability, 0.0, 1.0)
