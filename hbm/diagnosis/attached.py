@@ -13,7 +13,7 @@ import numpy as np
 
 from hbm.diagnosis.discrepancy import LEFT_OVER, WhiteRecord, read_by
 from hbm.diagnosis.places import Complex, Place, all_at_once, contact_of, points_of
-from hbm.diagnosis.span import Span
+from hbm.diagnosis.projection import Span
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from hbm.diagnosis.projection import Span
 from hbm.diagnosis.screen import Screening
-from hbm.diagnosis.span import Span
 from hbm.fourier import Array
 from hbm.outputerror.fit import Evaluation
 from models.rig import Rig

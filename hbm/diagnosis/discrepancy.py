@@ -16,7 +16,7 @@ import numpy.typing as npt
 from hbm.balance.solution import PeriodicSolution
 from hbm.diagnosis.missingforce import CLEAR, MissingForce
 from hbm.diagnosis.places import CONTACT, Complex, Place, all_at_once, places_of, sensor
-from hbm.diagnosis.span import Span
+from hbm.diagnosis.projection import Span
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.calibrate import calibrate, off, profiled, trusted
+from hbm.diagnosis.candidates import EXPLAINED, race
 from hbm.diagnosis.decide import (
     DECISIVE,
     Decision,
@@ -22,7 +23,6 @@ from hbm.diagnosis.decide import (
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import ordered
-from hbm.diagnosis.race import EXPLAINED, race
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError

@@ -36,8 +36,8 @@ from hbm.files.diagnosiscolumns import (
     ranking_columns,
 )
 from hbm.files.diagnosissummary import WRONG, first_screen, verdict_line
+from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.outputs import columns_text
-from hbm.files.plates import Plate, plate_contents, plate_files
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.load import rig_from_dict

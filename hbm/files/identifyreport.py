@@ -13,10 +13,10 @@ from hbm.figures import identification as figures
 from hbm.figures.identification import ParameterByLevel
 from hbm.figures.page import Page, Section, Table, page_html
 from hbm.figures.style import closed
+from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import record_columns
 from hbm.files.inversereport import with_std
 from hbm.files.outputs import Columns, columns_text
-from hbm.files.plates import Plate, plate_contents, plate_files
 from hbm.fourier import Array
 from hbm.identification.lawfit import LawFit
 from hbm.identification.spectra import SpectraFit

@@ -16,9 +16,9 @@ from hbm.figures import trust
 from hbm.figures.page import Page, Section, Table, page_html
 from hbm.figures.style import closed
 from hbm.files import inversefiles
+from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import energy_columns, reconstruction_contents, record_columns
 from hbm.files.outputs import Columns
-from hbm.files.plates import Plate, plate_contents, plate_files
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.version import installed_version
 

@@ -12,11 +12,11 @@ import pytest
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.account import Account
 from hbm.diagnosis.calibrate import calibrate, trusted
+from hbm.diagnosis.candidates import followed
 from hbm.diagnosis.decide import sidak
 from hbm.diagnosis.diagnose import HALF, diagnose
 from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.race import followed
 from hbm.diagnosis.screen import screen
 from hbm.diagnosis.search import campaign_of, started
 from hbm.errors import InputError

@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import hbm.diagnosis.heat as heat
+import hbm.diagnosis.quickfits as heat
 import hbm.outputerror.campaign as records
 import hbm.outputerror.records as records_of_spectra
 from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
-from hbm.diagnosis.race import race
+from hbm.diagnosis.candidates import race
 from hbm.diagnosis.screen import screen, small
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.attached import attached_starts
-from hbm.diagnosis.heat import AT_ONCE, CLOSE, Heats, Runner, elsewhere, rank, with_limits
+from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Heats, Runner, elsewhere, rank, with_limits
 from hbm.diagnosis.screen import Score, Screening, small, starting, telling
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
