@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ from scipy import stats
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.inverse.sensing import Complex
+from hbm.labelled import dataset, frame
 from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
 
@@ -147,6 +149,45 @@ class Reconstruction:
     condition: Array
     law_inputs: LawInputs
     warnings: tuple[str, ...]
+
+    def to_xarray(self) -> Any:
+        """Contact signals and their standard deviations (record, phase), energies, as an xarray.Dataset with units.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        variables: dict[str, tuple[tuple[str, ...], Any, str]] = {}
+        for name, signal in self.signals.items():
+            variables[name] = (("record", "phase"), signal.samples, signal.unit)
+            variables[f"{name}_std"] = (("record", "phase"), signal.std, signal.unit)
+        for name, found in (("energy_per_cycle", self.energy_per_cycle), ("work_rate", self.work_rate)):
+            variables[name] = (("record",), found.value, found.unit)
+            variables[f"{name}_std"] = (("record",), found.std, found.unit)
+        samples = next(iter(self.signals.values())).samples.shape[1]
+        coordinates = {
+            "record": (("record",), self.spectra.records, ""),
+            "hz": (("record",), self.spectra.hz, "Hz"),
+            "level": (("record",), self.spectra.level, "N"),
+            "phase": (("phase",), np.arange(samples) / samples, "1"),
+            "slips": (("record",), self.slips, ""),
+        }
+        return dataset("to_xarray", variables, coordinates, rig=self.rig.name, formulation=self.formulation)
+
+    def to_dataframe(self) -> Any:
+        """One row a record, as a pandas.DataFrame: what friction does there, with standard deviations.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        columns = {"record": self.spectra.records, "level": self.spectra.level, "hz": self.spectra.hz}
+        columns |= {f"{name}_peak": np.abs(s.samples).max(axis=1) for name, s in self.signals.items()}
+        for name, found in (("energy_per_cycle", self.energy_per_cycle), ("work_rate", self.work_rate)):
+            columns |= {name: found.value, f"{name}_std": found.std}
+        return frame("to_dataframe", {**columns, "slips": self.slips})
 
     def __repr__(self) -> str:
         """Say what was reconstructed, and what to beware of."""

@@ -6,12 +6,14 @@ selecting makes a smaller one.
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from hbm.errors import InputError
 from hbm.fourier import Array
+from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from models.rig import Rig
 
 
@@ -62,6 +64,49 @@ class MeasuredSpectra:
     def H(self) -> int:
         """Highest harmonic listed."""
         return int(self.std.shape[2]) - 1
+
+    def to_xarray(self) -> Any:
+        """Coefficients (record, channel, coefficient) and standard deviations, as an xarray.Dataset.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        variables = {
+            "coefficients": (("record", "channel", "coefficient"), self.coefficients, ""),
+            "std": (("record", "channel", "harmonic"), self.std, ""),
+        }
+        coordinates = {
+            "record": (("record",), self.records, ""),
+            "hz": (("record",), self.hz, "Hz"),
+            "level": (("record",), self.level, "N"),
+            "channel": (("channel",), list(self.channels), ""),
+            "coefficient": (("coefficient",), coefficient_names(self.H), ""),
+            "harmonic": (("harmonic",), np.arange(self.H + 1), ""),
+        }
+        return dataset("to_xarray", variables, coordinates, source=self.source)
+
+    def to_dataframe(self) -> Any:
+        """One row a record and channel, as a pandas.DataFrame: record, level, hz, channel and every coefficient.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        c = len(self.channels)
+        return frame(
+            "to_dataframe",
+            {
+                "record": repeated(self.records, c),
+                "level": repeated(self.level, c),
+                "hz": repeated(self.hz, c),
+                "channel": np.tile(self.channels, len(self)),
+                **coefficient_columns(self.coefficients),
+                **{f"std{k}": self.std[..., k].ravel() for k in range(self.H + 1)},
+            },
+        )
 
     @property
     def measured(self) -> npt.NDArray[np.bool_]:

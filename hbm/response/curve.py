@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ from continuation import Branch, Kind, Problem, SpecialPoint
 from hbm.balance.problem import HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution, amplitudes, describe
 from hbm.fourier import Array, FourierBasis
+from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from hbm.stability.multipliers import Stability
 from models.rig import Rig
 
@@ -293,6 +295,55 @@ class ResponseCurve:
         lifted = np.array([p.lift_off for p in self.points])
         at, edges = self.values, np.flatnonzero(np.diff(np.concatenate([[False], lifted, [False]]).astype(int)))
         return [(float(at[i:j].min()), float(at[i:j].max())) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+
+    def to_xarray(self) -> Any:
+        """Coefficients (channel, point, coefficient), peaks and rms values, as an xarray.Dataset with units.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        names, curves = list(self.channels), list(self.channels.values())
+        variables = {
+            "coefficients": (
+                ("channel", "point", "coefficient"),
+                np.stack([c.harmonics for c in curves]),
+                "",
+            ),
+            "peak": (("channel", "point"), np.stack([c.peak for c in curves]), ""),
+            "rms": (("channel", "point"), np.stack([c.rms for c in curves]), ""),
+        }
+        coordinates = {
+            "channel": (("channel",), names, ""),
+            "unit": (("channel",), [self.points[0][name].unit for name in names], ""),
+            "coefficient": (("coefficient",), coefficient_names(self.basis.H), ""),
+            "hz": (("point",), self.hz, "Hz"),
+            **({} if self.stable is None else {"stable": (("point",), self.stable, "")}),
+        }
+        return dataset("to_xarray", variables, coordinates, rig=self.rig.name, level_N=float(self.level))
+
+    def to_dataframe(self) -> Any:
+        """One row a point and channel, as a pandas.DataFrame: hz, channel, unit, peak, rms and every coefficient.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        curves, points = self.channels, len(self.points)
+        return frame(
+            "to_dataframe",
+            {
+                "point": np.tile(np.arange(1, points + 1), len(curves)),
+                "hz": np.tile(self.hz, len(curves)),
+                "channel": repeated(list(curves), points),
+                "unit": repeated([self.points[0][name].unit for name in curves], points),
+                "peak": np.concatenate([c.peak for c in curves.values()]),
+                "rms": np.concatenate([c.rms for c in curves.values()]),
+                **coefficient_columns(np.stack([c.harmonics for c in curves.values()])),
+            },
+        )
 
     @property
     def complete(self) -> bool:

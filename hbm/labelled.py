@@ -1,0 +1,54 @@
+"""Results as labelled arrays (xarray) and tables (pandas), for who goes on from there."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from hbm.extras import extra
+from hbm.fourier import Array
+
+Variables = Mapping[str, tuple[tuple[str, ...], Any, str]]
+"""Dimensions, values and unit by name; no unit where it is empty."""
+
+
+def dataset(where: str, variables: Variables, coordinates: Variables, **attributes: Any) -> Any:
+    """Make an xarray.Dataset whose variables know their units.
+
+    Raises
+    ------
+    InputError
+        If xarray is not installed.
+    """
+
+    def named(entries: Variables) -> dict[str, Any]:
+        return {name: (dims, values, {"units": unit} if unit else {}) for name, (dims, values, unit) in entries.items()}
+
+    return extra("xarray", where).Dataset(named(variables), named(coordinates), attributes)
+
+
+def frame(where: str, columns: Mapping[str, Any]) -> Any:
+    """Make a pandas.DataFrame of columns of one length.
+
+    Raises
+    ------
+    InputError
+        If pandas is not installed.
+    """
+    return extra("pandas", where).DataFrame(dict(columns))
+
+
+def coefficient_names(H: int) -> list[str]:
+    """Names of Fourier coefficients in their order: a0, a1..aH, b1..bH."""
+    return [f"a{k}" for k in range(H + 1)] + [f"b{k}" for k in range(1, H + 1)]
+
+
+def coefficient_columns(coefficients: Array) -> dict[str, Array]:
+    """Columns of coefficients (..., 2H+1), one by name, flat."""
+    names = coefficient_names(coefficients.shape[-1] // 2)
+    return {name: coefficients[..., i].ravel() for i, name in enumerate(names)}
+
+
+def repeated(values: Any, times: int) -> Array:
+    """Each entry so many times in a row."""
+    return np.repeat(np.asarray(values), times)

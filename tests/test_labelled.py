@@ -1,0 +1,66 @@
+"""Curves, spectra and reconstructions as labelled arrays and tables: the same numbers, with names and units."""
+
+import numpy as np
+import pytest
+
+import hbm.extras
+from hbm import load_rig, load_spectra, reconstruct, trace_frequency
+from hbm.errors import InputError
+from models.published import paper_rig
+
+pytest.importorskip("xarray")
+pytest.importorskip("pandas")
+BEAM = "examples/diagnosed_beam"
+
+
+@pytest.fixture(scope="module")
+def curve():
+    return trace_frequency(paper_rig(), (50.0, 51.0), harmonics=3)
+
+
+@pytest.fixture(scope="module")
+def spectra():
+    rig = load_rig(f"{BEAM}/rig.toml")
+    return rig, load_spectra(f"{BEAM}/spectra.csv", rig)
+
+
+def test_a_curve_has_its_names_and_units(curve):
+    found = curve.to_xarray()
+    third = found.coefficients.sel(channel="slip", coefficient="b3")
+    np.testing.assert_array_equal(third, curve["slip"].harmonics[:, 6])
+    assert str(found.unit.sel(channel="slip").item()) == "m" and found.hz.attrs["units"] == "Hz"
+    table = curve.to_dataframe()
+    own = table[table.channel == "a1"]
+    np.testing.assert_array_equal(own.hz, curve.hz)
+    np.testing.assert_array_equal(own.peak, curve["a1"].peak)
+    np.testing.assert_array_equal(own.a1, curve["a1"].harmonics[:, 1])
+
+
+def test_spectra_have_records_and_channels(spectra):
+    _, measured = spectra
+    found, table = measured.to_xarray(), measured.to_dataframe()
+    last = int(measured.records[-1])
+    name = measured.channels[1]
+    expected = measured.coefficients[-1, 1]
+    np.testing.assert_array_equal(found.coefficients.sel(record=last, channel=name), expected)
+    row = table[(table.record == last) & (table.channel == name)].iloc[0]
+    np.testing.assert_array_equal([row.a0, row.a1, row[f"b{measured.H}"]], expected[[0, 1, -1]])
+    assert row.std1 == measured.std[-1, 1, 1] and row.hz == measured.hz[-1]
+
+
+def test_a_reconstruction_has_its_signals_and_energies(spectra):
+    seen = reconstruct(*spectra)
+    found, table = seen.to_xarray(), seen.to_dataframe()
+    np.testing.assert_array_equal(found.friction, seen["friction"].samples)
+    assert found.friction.attrs["units"] == "N" and found.friction_std.shape == found.friction.shape
+    np.testing.assert_array_equal(table.energy_per_cycle, seen.energy_per_cycle.value)
+    assert len(table) == len(seen.spectra)
+
+
+def test_a_package_that_is_missing_is_said_in_one_line(curve, monkeypatch):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(hbm.extras, "import_module", missing)
+    with pytest.raises(InputError, match="to_xarray: needs xarray; install it with"):
+        curve.to_xarray()
