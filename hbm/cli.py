@@ -326,11 +326,11 @@ def _responses(
     from continuation import ConvergenceError
     from hbm.commands.progress import Sweep
     from hbm.response.accuracy import frequency_response
-    from hbm.response.trace import default_sweep
+    from hbm.response.trace import sweep_of
 
     curves: list[ResponseCurve] = []
     failures: list[str] = []
-    sweep = hz or default_sweep(rig)
+    sweep = sweep_of(rig, hz, "frf")
     for level in levels:
         try:
             with Sweep(f"{level:g} N", *sweep) as progress:

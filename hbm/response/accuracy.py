@@ -12,10 +12,9 @@ import numpy as np
 from continuation import ConvergenceError
 from hbm.balance.problem import HarmonicBalance
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.errors import expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
-from hbm.response.trace import OnPoint, default_samples, default_sweep, scout_frequency, solve_near, trace_frequency
+from hbm.response.trace import OnPoint, default_samples, scout_frequency, solve_near, sweep_of, trace_frequency
 from models.rig import Rig
 
 TOLERANCE = 5e-3
@@ -74,10 +73,7 @@ def frequency_response(
     continuation.ConvergenceError
         If there is no first solution.
     """
-    expect_rig(rig, "frequency_response")
-    if hz is not None:
-        expect_range(hz, "frequency_response")
-    sweep = default_sweep(rig) if hz is None else hz
+    sweep = sweep_of(rig, hz, "frequency_response")
     if harmonics is None:
         H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance)
     else:

@@ -216,10 +216,20 @@ def trace_settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_m
     )
 
 
-def default_sweep(rig: Rig) -> tuple[float, float]:
-    """Frequency range around the first sliding resonance [Hz]."""
-    first = float(rig.structure.omega_n[0]) / (2 * np.pi)
-    return SWEEP[0] * first, SWEEP[1] * first
+def sweep_of(rig: Rig, hz: tuple[float, float] | None, where: str) -> tuple[float, float]:
+    """Where a sweep starts and ends [Hz]: as asked for, or about the first sliding resonance.
+
+    Raises
+    ------
+    InputError
+        If there is no rig, or the range has no length.
+    """
+    expect_rig(rig, where)
+    if hz is None:
+        first = float(rig.structure.omega_n[0]) / (2 * np.pi)
+        return SWEEP[0] * first, SWEEP[1] * first
+    expect_range(hz, where)
+    return hz
 
 
 def trace_frequency(
@@ -258,10 +268,7 @@ def trace_frequency(
     continuation.ConvergenceError
         If there is no first solution.
     """
-    expect_rig(rig, "trace_frequency")
-    if hz is not None:
-        expect_range(hz, "trace_frequency")
-    begin, end = default_sweep(rig) if hz is None else hz
+    begin, end = sweep_of(rig, hz, "trace_frequency")
     problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
     step = abs(lam1 - lam0) / 50 if step_hz is None else problem.lam_at(step_hz)
