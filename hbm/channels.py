@@ -11,21 +11,40 @@ import numpy.typing as npt
 from hbm.fourier import Array, FourierBasis
 from models.parts import Channel
 
+Rates = npt.NDArray[np.complexfloating[Any, Any]]
+
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 DISPLACEMENT, VELOCITY = Channel("true", "displacement"), Channel("true", "velocity")
 """Channels that read what is there."""
 
 
-def factor(channel: Channel, rate: npt.NDArray[np.complexfloating[Any, Any]]) -> npt.NDArray[np.complex128]:
+def turn(channel: Channel, rate: Rates) -> npt.NDArray[np.complex128]:
+    """From the quantity of a channel to what it reads, at complex rates p [1/s]: its gain, a delay later."""
+    return np.asarray(channel.gain * np.exp(-rate * channel.delay))
+
+
+def factor(channel: Channel, rate: Rates) -> npt.NDArray[np.complex128]:
     """From displacement to what a channel reads of it, at complex rates p [1/s]."""
-    return np.asarray(rate ** DERIVATIVES[channel.quantity] * channel.gain * np.exp(-rate * channel.delay))
+    return np.asarray(rate ** DERIVATIVES[channel.quantity] * turn(channel, rate))
 
 
 def read(channel: Channel, basis: FourierBasis, displacement: Array, Omega: float) -> Array:
     """Fourier coefficients (2H+1, ...) of what a channel reads of a periodic displacement at its place."""
-    turn = factor(channel, 1j * Omega * np.arange(basis.H + 1))
-    return basis.real((basis.complex(displacement).T * turn).T)
+    return _times(basis, displacement, factor(channel, _rates(basis, Omega)))
+
+
+def turned(channel: Channel, basis: FourierBasis, quantity: Array, Omega: float) -> Array:
+    """Fourier coefficients (2H+1, ...) of what a channel reads of a periodic motion in its own quantity."""
+    return _times(basis, quantity, turn(channel, _rates(basis, Omega)))
+
+
+def _rates(basis: FourierBasis, Omega: float) -> Rates:
+    return np.asarray(1j * Omega * np.arange(basis.H + 1))
+
+
+def _times(basis: FourierBasis, coefficients: Array, factors: Rates) -> Array:
+    return basis.real((basis.complex(coefficients).T * factors).T)
 
 
 def late(channel: Channel, values: Array, dt: float) -> Array:

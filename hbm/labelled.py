@@ -1,6 +1,6 @@
 """Results as labelled arrays (xarray) and tables (pandas), for who goes on from there."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from hbm.extras import extra
 from hbm.fourier import Array
 
-Variables = Mapping[str, tuple[tuple[str, ...], Any, str]]
+Variables = Mapping[str, tuple[Sequence[str], Any, str]]
 """Dimensions, values and unit by name; no unit where it is empty."""
 
 

@@ -102,5 +102,4 @@ class Attachments:
 
 ENDS = tuple(f.name for f in fields(Attachments) if f.default is None)
 
-
 LISTS = tuple(f.name for f in fields(Attachments) if f.default is not None)

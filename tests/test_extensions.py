@@ -1,7 +1,6 @@
 """``[[extensions]]`` tables of rig files: read, refused in one line, written after the nominal text, read back."""
 
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 from hbm import reconstruct
-from hbm.channels import read
+from hbm.channels import turned
 from hbm.errors import InputError
 from hbm.fourier import FourierBasis
 from hbm.inverse.sensing import sensing
@@ -337,8 +336,7 @@ def test_what_a_faulty_sensor_reads_is_divided_out_before_the_contact_is_reconst
     coefficients = {c: spectra.coefficients[:, spectra.index(c)].copy() for c in spectra.channels}
     basis = FourierBasis(9, 64)
     for channel in faulty.channels[1:]:
-        sensor = replace(channel, quantity="displacement")  # of what was there of its quantity
-        coefficients[channel.name][0] = read(sensor, basis, coefficients[channel.name][0], 2 * np.pi * 50.0)
+        coefficients[channel.name][0] = turned(channel, basis, coefficients[channel.name][0], 2 * np.pi * 50.0)
     stds = {c: spectra.std[:, spectra.index(c)] for c in spectra.channels}
     stds["a2"] = 0.8 * stds["a2"]
     readings = spectra_of(faulty, spectra.hz, spectra.level, coefficients, stds)

@@ -12,7 +12,6 @@ from scipy import stats
 
 from hbm.diagnosis.projection import Span
 from hbm.diagnosis.screen import Screening
-from hbm.fourier import Array
 from hbm.outputerror.fit import Evaluation
 from models.rig import Rig
 
@@ -127,13 +126,6 @@ def inclusion(fits: Sequence[Evaluation], best: Evaluation, draws: int = DRAWS) 
         left = Span(np.vstack([e.white.jacobian, e.expected])).across(r)
         bics.append(np.sum(left**2, axis=0) + e.white.spread + e.model.counted * size)
     return float(np.mean(np.argmin(bics, axis=0) == 0))
-
-
-def weights(bics: Sequence[float]) -> Array:
-    """Probabilities of models by their BIC alone."""
-    b = np.asarray(bics)
-    w = np.exp(-0.5 * (b - b.min()))
-    return np.asarray(w / w.sum())
 
 
 @dataclass(frozen=True, eq=False)

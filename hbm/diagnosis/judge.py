@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.fourier import Array
-from hbm.outputerror.background import Linear, expected_sizes, likeliest_sizes
+from hbm.outputerror.background import Linear, expected_sizes, likeliest_sizes, weights
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
 from hbm.outputerror.model import Model
@@ -124,5 +124,4 @@ def _mean_square(J: Array, residual: Array, tolerance: Array) -> Array:
         squares.append(square)
         spread = np.linalg.slogdet(A)[1] - np.log(precision[expected]).sum()
         deviances.append(float(residual @ residual - gradient @ step + spread))
-    weight = np.exp(-0.5 * (np.array(deviances) - min(deviances)))
-    return np.asarray(weight @ np.array(squares) / weight.sum())
+    return np.asarray(weights(deviances) @ np.array(squares))

@@ -10,13 +10,9 @@ from hbm.fourier import Array
 CLEAR = 3.0
 """A force of so many standard deviations is clear; growth is told from clear ones."""
 
-
 FEWEST = 4
-
-
 LEAST_RANGE = 1.2
 """Records, and their largest amplitude or frequency over the least, from which growth can be told."""
-
 
 STRONG, MOST_NAMED = 0.1, 5
 """A harmonic is named where its amplitude is at least this part of the strongest; so many at most."""

@@ -18,7 +18,8 @@ from hbm.errors import InputError
 from hbm.files.outputs import columns_text, write_folder
 from hbm.fourier import Array
 from hbm.inverse.reconstruction import SIGNALS, Reconstruction
-from hbm.measurement.exchange import Named, write_arrays
+from hbm.labelled import Variables
+from hbm.measurement.exchange import write_arrays
 from hbm.textfiles import StrPath, csv_text, read_rows
 
 RECORD = ("record", "level", "frequency_hz")
@@ -128,7 +129,7 @@ def harmonic_columns(reconstruction: Reconstruction) -> dict[str, npt.NDArray[An
     return columns | {"resolution": reconstruction.resolution[r, k], "condition": reconstruction.condition[r, k]}
 
 
-def reconstruction_arrays(reconstruction: Reconstruction) -> tuple[Named, Named]:
+def reconstruction_arrays(reconstruction: Reconstruction) -> tuple[Variables, Variables]:
     """Arrays and coordinates of a NetCDF or MAT file, each with its dimensions and unit.
 
     Parameters
@@ -160,7 +161,7 @@ def reconstruction_arrays(reconstruction: Reconstruction) -> tuple[Named, Named]
     arrays["chi2_reduced"] = each, reconstruction.misfit.reduced, "1"
     arrays["resolution"] = over_harmonics, reconstruction.resolution, "N"
     arrays["condition"] = over_harmonics, reconstruction.condition, "1"
-    coordinates: Named = {
+    coordinates: Variables = {
         "record": (each, spectra.records, "1"),
         "level": (each, spectra.level, "N"),
         "frequency_hz": (each, spectra.hz, "Hz"),
@@ -170,7 +171,7 @@ def reconstruction_arrays(reconstruction: Reconstruction) -> tuple[Named, Named]
     return arrays, coordinates
 
 
-def _array_bytes(ending: str, arrays: Named, coordinates: Named) -> bytes:
+def _array_bytes(ending: str, arrays: Variables, coordinates: Variables) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"reconstruction{ending}"
         write_arrays(file, arrays, coordinates)

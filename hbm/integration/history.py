@@ -11,7 +11,7 @@ import numpy as np
 
 from hbm.aft.step import law_step
 from hbm.balance.elements import ForcesInTime, forces_in_time
-from hbm.channels import DERIVATIVES, DISPLACEMENT, factor, late
+from hbm.channels import DERIVATIVES, DISPLACEMENT, late, turn
 from models import Channel, Rig
 from models.parts import UNITS
 from models.structure import Array
@@ -256,7 +256,7 @@ class TimeHistory:
         spectrum = np.fft.rfft(values[-periods * N_t :].reshape(periods, N_t).mean(axis=0))[: H + 1] / N_t
         rates = 2j * np.pi * self.hz * np.arange(H + 1)
         # a delay turns harmonics exactly, where samples are read between
-        spectrum *= np.exp(-rates * self.time[-periods * N_t]) * factor(replace(sensor, quantity="displacement"), rates)
+        spectrum *= np.exp(-rates * self.time[-periods * N_t]) * turn(sensor, rates)
         return np.concatenate([[spectrum[0].real], 2 * spectrum[1:].real, -2 * spectrum[1:].imag])
 
     @cached_property

@@ -6,7 +6,7 @@ appears complete or not at all (:func:`hbm.textfiles.write_together`).
 
 import io
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 from hbm.errors import InputError
 from hbm.extras import extra
 from hbm.fourier import Array
+from hbm.labelled import Variables, dataset
 from hbm.measurement.recording import Recording
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.textfiles import StrPath, write_together
@@ -25,13 +26,11 @@ UFF_TYPES = {"N": 13, "m/s2": 12, "m/s": 11, "m": 8}
 UFF_NAME = 10
 """Characters of an entity name in data set 58."""
 
-Named = Mapping[str, tuple[Sequence[str], Any, str]]
-
 
 # ------------------------------------------------------------------------------------------------------------- NetCDF
 
 
-def write_arrays(path: StrPath, arrays: Named, coordinates: Named) -> None:
+def write_arrays(path: StrPath, arrays: Variables, coordinates: Variables) -> None:
     """Write named arrays to a NetCDF or MAT file.
 
     Parameters
@@ -93,15 +92,15 @@ def mat_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     yield from _rows(str(path), variables)
 
 
-def _named_arrays(spectra: MeasuredSpectra, units: Mapping[str, str]) -> tuple[Named, Named]:
+def _named_arrays(spectra: MeasuredSpectra, units: Mapping[str, str]) -> tuple[Variables, Variables]:
     H, name_of = spectra.H, list(spectra.channels)
     cos = spectra.coefficients[:, :, : H + 1]
     sin = np.concatenate([np.where(spectra.measured[:, :, :1], 0.0, np.nan), spectra.coefficients[:, :, H + 1 :]], 2)
-    arrays: Named = {
+    arrays: Variables = {
         "coefficient": (("record", "channel", "harmonic", "part"), np.stack([cos, sin], axis=3), "see unit"),
         "std": (("record", "channel", "harmonic"), spectra.std, "see unit"),
     }
-    coordinates: Named = {
+    coordinates: Variables = {
         "record": (("record",), spectra.records, "1"),
         "level": (("record",), spectra.level, "N"),
         "frequency_hz": (("record",), spectra.hz, "Hz"),
@@ -113,18 +112,13 @@ def _named_arrays(spectra: MeasuredSpectra, units: Mapping[str, str]) -> tuple[N
     return arrays, coordinates
 
 
-def _netcdf(where: str, arrays: Named, coordinates: Named) -> bytes:
-    xarray = extra("xarray", where)
+def _netcdf(where: str, arrays: Variables, coordinates: Variables) -> bytes:
+    made = dataset(where, arrays, coordinates)
     extra("h5netcdf", where)
-
-    def variables(named: Named) -> dict[str, Any]:
-        return {name: (dims, values, {"units": unit} if unit else {}) for name, (dims, values, unit) in named.items()}
-
-    dataset = xarray.Dataset(variables(arrays), variables(coordinates))
-    return _through_a_file(lambda file: dataset.to_netcdf(file, engine="h5netcdf"))
+    return _through_a_file(lambda file: made.to_netcdf(file, engine="h5netcdf"))
 
 
-def _mat(where: str, arrays: Named, coordinates: Named) -> bytes:
+def _mat(where: str, arrays: Variables, coordinates: Variables) -> bytes:
     from scipy.io import savemat
 
     named = {**coordinates, **arrays}

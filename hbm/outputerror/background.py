@@ -195,8 +195,14 @@ def expected_sizes(model: Linear) -> dict[int, float]:
 
 
 def _expected(sizes: Sequence[float], deviances: Sequence[float]) -> float:
-    weight = np.exp(-0.5 * (np.array(deviances) - min(deviances)))
-    return float(np.sqrt(weight @ np.square(sizes) / weight.sum()))
+    return float(np.sqrt(weights(deviances) @ np.square(sizes)))
+
+
+def weights(deviances: Sequence[float]) -> Array:
+    """Probabilities of models by their deviance, or their BIC, alone."""
+    d = np.asarray(deviances)
+    w = np.exp(-0.5 * (d - d.min()))
+    return np.asarray(w / w.sum())
 
 
 def _allowed(k: int) -> list[float]:

@@ -9,7 +9,7 @@ times a factor that is the same for all harmonics and channels. So the length of
 one complex number for each motion, and need not be known.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +17,7 @@ from scipy.linalg import eig
 
 from hbm.balance.equations import Balance, State
 from hbm.balance.solution import PeriodicSolution
-from hbm.channels import DERIVATIVES, DISPLACEMENT, read
+from hbm.channels import DERIVATIVES, turned
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.stability.floquet import Disturbance
@@ -76,9 +76,8 @@ def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transien
     orders = np.array([DERIVATIVES[c.quantity] for c in channels])
     left = _leaked(seen, exponents, Omega, harmonics, orders)
     basis = FourierBasis(harmonics, 2 * harmonics + 1)
-    at_rates = [replace(DISPLACEMENT, gain=c.gain, delay=c.delay) for c in channels]  # derivatives are taken
-    seen_late = [read(c, basis, basis.real(left[:, i]), Omega) for i, c in enumerate(at_rates)]
-    return Transients(np.stack(seen_late, axis=1), -exponents.real)
+    read = [turned(c, basis, basis.real(left[:, i]), Omega) for i, c in enumerate(channels)]
+    return Transients(np.stack(read, axis=1), -exponents.real)
 
 
 def _motions(problem: Balance, state: State) -> tuple[Complex, Complex]:
