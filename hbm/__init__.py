@@ -26,7 +26,7 @@ Six lines from a rig to a figure::
     rig = load_rig("examples/paper_beam.toml")
     curve = frequency_response(rig, (45.0, 60.0))
     print(curve, curve.assessment.error)
-    plot_curves(curve).savefig("beam.png")
+    plot_curves(curve)[0].figure.savefig("beam.png")
 
 Names are imported when they are first used, so that ``import hbm`` costs nothing.
 """
@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from hbm.identification.spectra import SpectraFit, fit_spectra
     from hbm.integration.history import TimeHistory
     from hbm.integration.integrate import simulate
+    from hbm.integration.jointed import JointHistory, joint_steady_state
+    from hbm.inverse.jointed import JointReconstruction, reconstruct_joints
     from hbm.inverse.placement import Placement, place_sensors
     from hbm.inverse.reconstruct import reconstruct
     from hbm.inverse.reconstruction import Reconstruction
@@ -65,6 +67,7 @@ if TYPE_CHECKING:
     from hbm.rigfiles.lawchoice import choose_law
     from hbm.rigfiles.load import load_rig
     from hbm.sensitivity.derivatives import Sensitivities, sensitivities
+    from hbm.sensitivity.jointed import JointSensitivities, joint_sensitivities
     from hbm.stability.multipliers import Stability
     from hbm.tracking.folds import FoldPath, fold_path, isolas
     from hbm.tracking.parameterresponse import ParameterCurve, parameter_response
@@ -82,6 +85,9 @@ __all__ = [
     "HarmonicEstimate",
     "Identification",
     "InputError",
+    "JointHistory",
+    "JointReconstruction",
+    "JointSensitivities",
     "LawFit",
     "LinearModes",
     "MeasuredSpectra",
@@ -111,6 +117,8 @@ __all__ = [
     "harmonic_spectra",
     "identify",
     "isolas",
+    "joint_sensitivities",
+    "joint_steady_state",
     "linear_modes",
     "load_history",
     "load_rig",
@@ -121,6 +129,7 @@ __all__ = [
     "place_sensors",
     "read_curves",
     "reconstruct",
+    "reconstruct_joints",
     "sensitivities",
     "simulate",
     "stability_of",
@@ -145,6 +154,9 @@ _HOMES = {
     "hbm.identification.lawfit": ("LawFit",),
     "hbm.identification.spectra": ("SpectraFit", "fit_spectra"),
     "hbm.integration.integrate": ("simulate",),
+    "hbm.integration.jointed": ("JointHistory", "joint_steady_state"),
+    "hbm.inverse.jointed": ("JointReconstruction", "reconstruct_joints"),
+    "hbm.sensitivity.jointed": ("JointSensitivities", "joint_sensitivities"),
     "hbm.inverse.placement": ("Placement", "place_sensors"),
     "hbm.diagnosis.diagnose": ("diagnose",),
     "hbm.diagnosis.verdict": ("Diagnosis",),

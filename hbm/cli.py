@@ -5,6 +5,7 @@ input, nothing was written. Every failure is one line on stderr. Heavy modules a
 that needs them.
 """
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,13 +17,15 @@ from typer.core import TyperGroup
 
 from hbm.commands.backbone import backbone
 from hbm.commands.deliver import deliver_curves, deliver_history, deliver_loops
-from hbm.commands.diagnose import SpreadDiagnose, diagnose
+from hbm.commands.diagnose import diagnose
 from hbm.commands.follow import follow
-from hbm.commands.identify import SpreadIdentify, identify
-from hbm.commands.inverse import SpreadInverse, inverse
+from hbm.commands.identify import identify
+from hbm.commands.inverse import inverse
 from hbm.commands.options import (
+    Harmonics,
+    Plot,
     RigFile,
-    Spread,
+    both_ends,
     check_outputs,
     console,
     harmonics_or_auto,
@@ -30,16 +33,18 @@ from hbm.commands.options import (
     positive,
     quoted,
     say,
+    spreading,
 )
-from hbm.commands.spectra import SpreadSpectra, spectra
+from hbm.commands.spectra import spectra
 from hbm.commands.stability import Stability, judged
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.integration.history import TimeHistory
+    from hbm.integration.jointed import JointHistory
     from hbm.response.curve import ResponseCurve
     from hbm.rigfiles.lawchoice import KnownLaw
-    from models.rig import Rig
+    from models.jointed import AnyRig
 
 INTERRUPTED = 130
 """Status that Typer gives to a keyboard interrupt."""
@@ -64,6 +69,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without µ is no reason to fail
+    os.environ.setdefault("MPLBACKEND", "agg")  # figures go to files; no window is opened for them
     app(prog_name="hbm")
 
 
@@ -165,7 +171,7 @@ def laws(
     print_laws(console(), chosen, detailed=bool(names))
 
 
-@app.command(cls=Spread)
+@app.command(cls=spreading("--level"))
 def frf(
     rig: RigFile,
     begin: Annotated[
@@ -189,13 +195,11 @@ def frf(
             "or one's own, file.py:Class.",
         ),
     ] = None,
-    harmonics: Annotated[
-        str, typer.Option(metavar="H|auto", help="Harmonics; auto: as many as the accuracy needs.")
-    ] = "auto",
+    harmonics: Harmonics = "auto",
     out: Annotated[
         Path | None, typer.Option(metavar="F.csv", help="Write the curves here, and what is known of them to F.json.")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+    plot: Plot = None,
     stability: Stability = True,
 ) -> None:
     """Frequency response curves, each with its numerical error, its stability and its bifurcations.
@@ -205,12 +209,13 @@ def frf(
     Example:  hbm frf examples/paper_beam.toml --from 45 --to 60 --level 2 4 6.5 --out beam.csv --plot beam.png
     """
     from hbm.rigfiles.lawchoice import choose_law
-    from hbm.rigfiles.load import load_rig
+    from hbm.rigfiles.load import load_contact_rig, load_rig
+    from models.rig import Rig
 
     check_outputs("frf", out, plot)
     hz, levels, H = _range(begin, end), _levels(level), harmonics_or_auto("frf", harmonics)
-    loaded = load_rig(rig)
-    if law is not None:
+    loaded: AnyRig = load_rig(rig) if law is None else load_contact_rig(rig, "frf --law")
+    if isinstance(loaded, Rig) and law is not None:
         with named("frf"):
             choice = choose_law(loaded, law)
         loaded = choice.rig
@@ -233,7 +238,7 @@ def simulate(
         str | None, typer.Option(metavar="S", help="How long, in seconds; 50 periods where omitted.")
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="F.csv", help="Write the rig's channels over time here.")] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+    plot: Plot = None,
     contact: Annotated[
         bool, typer.Option("--contact", help="Also write drive, slip, slip_velocity, friction and normal to --out.")
     ] = False,
@@ -251,11 +256,11 @@ def simulate(
     deliver_history(_march(load_rig(rig), hz, seconds), out, plot, contact=contact)
 
 
-app.command(cls=Spread)(backbone)
-app.command(cls=SpreadSpectra)(spectra)
-app.command(cls=SpreadInverse)(inverse)
-app.command(cls=SpreadIdentify)(identify)
-app.command(cls=SpreadDiagnose)(diagnose)
+app.command(cls=spreading("--level"))(backbone)
+app.command(cls=spreading("--fundamental", "--level"))(spectra)
+app.command(cls=spreading("--record"))(inverse)
+app.command(cls=spreading("--held-out"))(identify)
+app.command(cls=spreading("--hold-out"))(diagnose)
 app.command("continue")(follow)
 
 
@@ -268,10 +273,8 @@ def _laws(names: Sequence[str] | None) -> list[Any]:
 
     laws = []
     for name in names or LAWS:
-        try:
+        with named(f"laws: {quoted(name)}", ";"):
             laws.append(find_law(name, Path()))
-        except InputError as refused:
-            raise InputError(f"laws: {quoted(name)}; {refused}") from None
     return laws
 
 
@@ -288,13 +291,8 @@ def _with_values(laws: Sequence[Any], *, refuse: bool) -> list["KnownLaw"]:
 
 
 def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
-    if begin is None and end is None:
-        return None
-    if begin is None or end is None:
-        given, missing = ("--from", "--to") if end is None else ("--to", "--from")
-        raise InputError(f"frf: {given} without {missing}; must have both or neither")
-    hz = positive("frf", "--from", begin, "Hz"), positive("frf", "--to", end, "Hz")
-    if hz[0] == hz[1]:
+    hz = both_ends("frf", begin, end, "Hz")
+    if hz is not None and hz[0] == hz[1]:
         raise InputError(f"frf: --to = {end}; must differ from --from = {begin}")
     return hz
 
@@ -320,7 +318,7 @@ def _check_duration(hz: float, seconds: float) -> None:
 
 
 def _responses(
-    rig: "Rig", hz: tuple[float, float] | None, levels: Sequence[float], harmonics: int | None, *, stability: bool
+    rig: "AnyRig", hz: tuple[float, float] | None, levels: Sequence[float], harmonics: int | None, *, stability: bool
 ) -> tuple[list["ResponseCurve"], list[str]]:
     """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
     from continuation import ConvergenceError
@@ -350,7 +348,7 @@ def _partial(curve: "ResponseCurve") -> str:
     return f"frf: {curve.level:g} N: partial curve, {curve.hz[0]:.5g} to {curve.hz[-1]:.5g} Hz; {curve.branch.message}"
 
 
-def _march(rig: "Rig", hz: float, seconds: float) -> "TimeHistory":
+def _march(rig: "AnyRig", hz: float, seconds: float) -> "TimeHistory | JointHistory":
     from hbm.commands.progress import Sweep
     from hbm.integration.integrate import simulate as march
 

@@ -8,17 +8,21 @@ class InputError(ValueError):
     """
 
 
-def expect_rig(rig: object, where: str) -> None:
-    """Refuse what is no rig, such as the path of its file.
+def expect_rig(rig: object, where: str, *, joints: bool = False) -> None:
+    """Refuse what is no rig, such as the path of its file; and one with joints, unless these are accepted.
 
     Raises
     ------
     InputError
         With what was given.
     """
+    from models.jointed import JointedRig
     from models.rig import Rig
 
-    if not isinstance(rig, Rig):
+    if isinstance(rig, JointedRig):
+        if not joints:
+            raise InputError(f"{where}: {rig.name} has [[joints]]; must be a rig with [contact] alone")
+    elif not isinstance(rig, Rig):
         raise InputError(f"{where}: rig = {rig!r:.80}; must be a Rig, as load_rig(path) returns")
 
 

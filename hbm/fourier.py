@@ -130,6 +130,19 @@ class FourierBasis:
         return FourierBasis(self.H, 3 * self.H + 2)
 
 
+def complex_of(coefficients: Array) -> npt.NDArray[np.complex128]:
+    """Complex c_k of series along the last axis, s = Re sum c_k exp(i k theta), (..., 2H+1) to (..., H+1)."""
+    H = coefficients.shape[-1] // 2
+    out = coefficients[..., : H + 1].astype(complex)
+    out[..., 1:] -= 1j * coefficients[..., H + 1 :]
+    return out
+
+
+def coefficients_of(c: npt.NDArray[np.complex128]) -> Array:
+    """Inverse of :func:`complex_of`, (..., H+1) to (..., 2H+1)."""
+    return np.concatenate([c.real, -c.imag[..., 1:]], axis=-1)
+
+
 @lru_cache(maxsize=32)
 def _products(H: int, K: int) -> sparse.csr_array:
     """Linear map from the K harmonics of a to the matrix of b -> a b, truncated to H."""

@@ -8,23 +8,28 @@ import casadi as ca
 import numpy as np
 
 from hbm.aft.force import NEWTON
+from hbm.aft.joint import ITERATIONS
+from hbm.aft.jointstep import joint_functions
 from hbm.aft.period import law_functions
-from hbm.balance.problem import HarmonicBalance
+from hbm.balance.jointed import JointBalance
+from hbm.balance.problem import AnyBalance, HarmonicBalance
+from models.joints.law import numbers
 
 
-def residual_function(problem: HarmonicBalance) -> ca.Function:
+def residual_function(problem: AnyBalance) -> ca.Function:
     """Scaled residual of a rig as a CasADi function.
 
     Parameters
     ----------
-    problem : HarmonicBalance
+    problem : HarmonicBalance or JointBalance
         Rig, basis, and what the continuation parameter is.
 
     Returns
     -------
     casadi.Function
         `(x, lam, p) -> residual`: x (size,), lam the scaled continuation parameter, p the law's parameters in the
-        order of :func:`models.friction.parameters`. It marches the law over two periods from its virgin state, which
+        order of :func:`models.friction.parameters`, with joints those of all of them in turn
+        (:func:`models.joints.numbers`). It marches the law over two periods from its virgin state, which
         closes every loop that forgets within one.
 
     Raises
@@ -40,6 +45,8 @@ def residual_function(problem: HarmonicBalance) -> ca.Function:
     >>> function.name_in()
     ['x', 'lam', 'p']
     """
+    if isinstance(problem, JointBalance):
+        return _of_joints(problem)
     if problem.elements is not None or problem.clamp is not None:
         raise ValueError(f"{problem.rig.name}: has nonlinear elements; the symbolic residual knows friction only")
     basis, s = problem.basis, problem.structure
@@ -56,11 +63,11 @@ def residual_function(problem: HarmonicBalance) -> ca.Function:
     return ca.Function("residual", [x, lam, p], [residual], ["x", "lam", "p"], ["residual"])
 
 
-def _derivative(problem: HarmonicBalance) -> ca.DM:
+def _derivative(problem: AnyBalance) -> ca.DM:
     return ca.sparsify(ca.DM(problem.basis.derivative(np.eye(problem.basis.size))))
 
 
-def _force(problem: HarmonicBalance, value: ca.MX) -> ca.MX:
+def _force(problem: AnyBalance, value: ca.MX) -> ca.MX:
     """Coefficients of what follows the excitation, value for its fundamental."""
     return ca.sparsify(ca.DM(problem.force_shape)) * value
 
@@ -107,3 +114,41 @@ def _modal_balance(problem: HarmonicBalance, Q: ca.MX, T: ca.MX, Omega: ca.MX, F
     friction = ca.mtimes(fine.analysis, slope * ca.repmat(ca.mtimes(fine.synthesis, T), 1, s.n))
     excitation = ca.mtimes(_force(problem, F), ca.DM(s.excitation).T)
     return (stiffness - inertia) * Q + damping - friction - excitation
+
+
+def _of_joints(problem: JointBalance) -> ca.Function:
+    """The residual of a rig with joints."""
+    basis, s, rig = problem.basis, problem.structure, problem.rig
+    size, n, m = basis.size, s.n, rig.ports
+    x, lam = ca.MX.sym("x", problem.size), ca.MX.sym("lam")
+    counts = [len(numbers(j.law)) for j in rig.joints]
+    p = ca.MX.sym("p", sum(counts))
+    Q = ca.reshape(x[: size * n], n, size).T * problem.q_ref
+    f = ca.reshape(x[size * n :], m, size).T * ca.repmat(ca.DM(problem.f_ref).T, size, 1)
+    Omega, F = problem.at(lam)
+    D, force, k2 = _derivative(problem), _force(problem, F), ca.DM(basis.k**2) * Omega**2
+    free = ca.mtimes(Q, s.joints.T) + ca.mtimes(force, ca.DM(s.flexibility_to_force).T)
+    u = free + ca.mtimes(f, problem.flexibility.T)
+    v = Omega * ca.mtimes(D, free + ca.mtimes(f, problem.flexibility_of_rate.T))
+    load = Omega * ca.mtimes(D, ca.mtimes(Q, s.loads_damping.T)) + ca.mtimes(f, s.loads_by_joints.T)
+    load += ca.mtimes(force, ca.DM(s.loads_by_force).T) - ca.repmat(k2, 1, len(rig.joints)) * ca.mtimes(
+        Q, s.loads_inertia.T
+    )
+    laws = []
+    for j, (at, own) in enumerate(zip(problem.slices, ca.vertsplit(p, np.cumsum([0, *counts]).tolist()), strict=True)):
+        functions = joint_functions(rig.joints[j].law, basis.N_t, ITERATIONS[-1])
+        signals = ca.mtimes(basis.synthesis, ca.horzcat(u[:, at], v[:, at], load[:, j])).T
+        environment = ca.vertcat(2 * np.pi / (Omega * basis.N_t), problem.joints[j].compliance)
+        carried = functions.march(ca.DM.zeros(functions.march.size1_in(0), 1), signals, environment, own)
+        found = functions.period(carried, signals, environment, own)[0]
+        laws.append(ca.mtimes(basis.analysis, ca.reshape(found, at.stop - at.start, basis.N_t).T))
+    balance = (ca.repmat(ca.DM(s.omega_n**2).T, size, 1) - ca.repmat(k2, 1, n)) * Q
+    balance += Omega * ca.mtimes(ca.mtimes(D, Q), s.damping.T) - ca.mtimes(f, s.joints)
+    balance -= ca.mtimes(force, ca.DM(s.excitation).T)
+    if len(problem.rigid):
+        held = np.zeros((n, n))
+        held[np.ix_(problem.rigid, problem.rigid)] = problem.adrift
+        balance += ca.mtimes(ca.sparsify(ca.DM(np.diag(np.eye(size)[0]))), ca.mtimes(Q, held.T))
+    gap = (f - ca.horzcat(*laws)) / ca.repmat(ca.DM(problem.f_ref).T, size, 1)
+    residual = ca.vertcat(ca.vec(balance.T) / problem.modal_force_ref, ca.vec(gap.T))
+    return ca.Function("residual", [x, lam, p], [residual], ["x", "lam", "p"], ["residual"])

@@ -94,8 +94,9 @@ class Damping:
     def dampers(self, omega_n: Array, numbers: Numbers) -> Dampers:
         """Damping of modes that count as modes `numbers` (n,) of the beam."""
         viscous = self._viscous(omega_n, numbers)
-        # what is not alpha is a ratio, 2 zeta omega_n
-        slope = replace(self, mass_proportional=0.0)._viscous(omega_n, numbers) / (2 * omega_n**2)
+        # what is not alpha is a ratio, 2 zeta omega_n; rigid motion has no slope
+        by_ratio = replace(self, mass_proportional=0.0)._viscous(omega_n, numbers)
+        slope = np.divide(by_ratio, 2 * omega_n**2, out=np.zeros_like(by_ratio), where=omega_n > 0.0)
         return Dampers(viscous, slope, self.stiffness_proportional)
 
     def dampers_change(self, name: str, omega_n: Array, numbers: Numbers) -> Dampers:
@@ -153,7 +154,7 @@ class Excitation:
     Its distortion is given by `harmonics`: numbers k >= 2 with the coefficients of cos and sin k Omega t, relative to
     the amplitude of the fundamental. With `measured_harmonics` the harmonics of a simulated record are those that were
     measured of its force; and unless `settled`, its records were taken before the transient of a start had died out.
-    Nothing but the diagnosis, which has records, minds these two.
+    Nothing but the diagnosis, which has records, minds these two. `at` is a place of a body that names its places.
 
     >>> round(float(Excitation(2.0, harmonics=((3, 0.0, 0.1),)).force(np.pi / 2)), 9)
     -0.2
@@ -164,6 +165,7 @@ class Excitation:
     harmonics: tuple[tuple[int, float, float], ...] = ()
     measured_harmonics: bool = False
     settled: bool = True
+    at: str = ""
 
     def __post_init__(self) -> None:
         """Refuse a negative force, and numbers of harmonics that are not."""
@@ -218,6 +220,8 @@ class Channel:
         The channel reads gain times what was there a delay [s] ago; of motion only.
     repeatability : float
         Share of its response that differs from one mounting of the structure to the next.
+    at : str
+        Place, on a body that names its places.
     """
 
     name: str
@@ -226,6 +230,7 @@ class Channel:
     gain: float = 1.0
     delay: float = 0.0
     repeatability: float = 0.0
+    at: str = ""
 
     def __post_init__(self) -> None:
         """Refuse what nothing measures."""

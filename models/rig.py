@@ -84,6 +84,11 @@ class Rig:
         return "\n  ".join(lines)
 
     @property
+    def law_name(self) -> str:
+        """Of its friction law."""
+        return self.contact.law.name
+
+    @property
     def response_channels(self) -> tuple[Channel, ...]:
         """Channels that measure motion (all but force)."""
         return tuple(c for c in self.channels if c.quantity != "force")

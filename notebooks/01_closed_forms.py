@@ -227,8 +227,8 @@ jenkins = oscillator(Jenkins(mu=mu_P, critical_slip=u0), damping=0.1, force=1.0)
 rising = force_response(jenkins, 1.6 * HZ, (0.1, 4.0), harmonics=1, samples=2048)
 H = rising.basis.H
 U = rising["slip"].amplitude[:, 1]
-motion = rising["slip"].harmonics[:, 1] - 1j * rising["slip"].harmonics[:, H + 1]
-force = rising["friction"].harmonics[:, 1] - 1j * rising["friction"].harmonics[:, H + 1]
+motion = rising["slip"].coefficients[:, 1] - 1j * rising["slip"].coefficients[:, H + 1]
+force = rising["friction"].coefficients[:, 1] - 1j * rising["friction"].coefficients[:, H + 1]
 dynamic = -force / motion  # complex stiffness k_eq + i c_eq Omega
 
 

@@ -67,7 +67,7 @@ truth = {
     for name in ("friction", "slip", "normal", "slip_velocity")
 }
 drawn = [3, 7, 8, 9, 13, 15, 16, 18, 21, 23, 25, 27]
-plot_reconstructed_loops(contact, drawn, truth=truth)
+axes = plot_reconstructed_loops(contact, drawn, truth=truth)
 
 # %% [markdown]
 # Where the contact sticks the loop is a line, the elastic slip; its mean force is history that no accelerometer
@@ -75,7 +75,7 @@ plot_reconstructed_loops(contact, drawn, truth=truth)
 # swings with the motion. All four signals of the record of each level that slips most:
 
 # %%
-plot_signals(contact, truth=truth)
+axes = plot_signals(contact, truth=truth)
 
 # %% [markdown]
 # How far off? The relative error of a record is the rms of the difference over the rms of the truth, both without
@@ -114,7 +114,7 @@ assert all(share > 0.9 for share in covered.values())
 # times that of its neighbours.
 
 # %%
-plot_friction_harmonics(contact)
+axes = plot_friction_harmonics(contact)
 
 # %%
 floor = np.median(contact.resolution[:, 1:], axis=0)
@@ -128,7 +128,7 @@ assert floor.argmax() in (0, 1)
 # equation (26). Both with error bars, and again beside the truth.
 
 # %%
-plot_energy(contact)
+axes = plot_energy(contact)
 
 # %%
 T, u, v, R = (truth[name] for name in ("friction", "slip", "slip_velocity", "normal"))

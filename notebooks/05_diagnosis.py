@@ -59,7 +59,7 @@ print(f"{len(spectra)} records, three force levels; held out: {len(found.held_ou
 # %%
 levels = dict(zip(spectra.records.tolist(), spectra.level.tolist(), strict=True))
 models = figures.compared(found, levels)
-plot_misfit_map(models, found.campaign.data.channels)
+axes = plot_misfit_map(models, found.campaign.data.channels)
 
 # %% [markdown]
 # The nominal model misses the lower harmonics of the records in which the contact slips most. Calibration, which may
@@ -84,7 +84,7 @@ assert errors["calibrated"]["train"] < 1.3 < errors["calibrated"]["held_out"]
 # %%
 missing = discrepancy(found.nominal, found.campaign)
 print(*missing.sentences(), sep="\n")
-plot_missing_force(missing)
+axes = plot_missing_force(missing)
 
 # %%
 assert missing.places[0].place.name == "the contact"
@@ -122,7 +122,7 @@ assert abs(ratio.value / TRUE_RATIO - 1) < 0.01
 # ## The gain, on records that no fit has seen
 
 # %%
-plot_gain(found)
+axes = plot_gain(found)
 
 # %%
 gain = found.gain
@@ -140,7 +140,7 @@ channel, level = "a5", 6.5
 curves = {"nominal": rig, "extended": found.extended}
 curves = {name: trace_frequency(r, (47.5, 52.5), level=level, harmonics=21) for name, r in curves.items()}
 here = (spectra.level == level) & (spectra.hz > 47.5) & (spectra.hz < 52.5)
-measured, std = np.abs(spectra.amplitudes(channel)[here]), spectra.std[here, spectra.index(channel)]
+measured, std = np.abs(spectra.complex(channel)[here]), spectra.std[here, spectra.index(channel)]
 fig, axes = plt.subplots(1, 2, figsize=(6.3, 2.7), layout="constrained")
 for k, ax in zip((1, 3), axes, strict=True):
     for name, curve in curves.items():

@@ -1,8 +1,19 @@
-"""Make what tests share importable by all of them; one thread each, they run side by side."""
+"""Make what tests share importable by all of them; one thread each, they run side by side; no figure stays open."""
 
 import os
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+
+import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # more of them only wait for each other on matrices this small
+
+
+@pytest.fixture(autouse=True)
+def figures_closed() -> Iterator[None]:
+    """Close what a test drew, for matplotlib warns of twenty open figures."""
+    yield
+    if "matplotlib.pyplot" in sys.modules:
+        sys.modules["matplotlib.pyplot"].close("all")

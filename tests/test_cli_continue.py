@@ -31,7 +31,7 @@ def test_the_file_holds_the_curve_and_what_it_is_along(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.values, curve.values)
     np.testing.assert_array_equal(found.curve.hz, 51.0)
     for name, channel in curve.channels.items():
-        np.testing.assert_array_equal(found.curve[name].harmonics, channel.harmonics)
+        np.testing.assert_array_equal(found.curve[name].coefficients, channel.coefficients)
         np.testing.assert_array_equal(found.curve[name].peak, channel.peak)
         assert found.curve[name].unit == channel.unit
     assert found.curve.summary["folds"] == curve.folds

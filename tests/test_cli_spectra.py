@@ -81,7 +81,7 @@ def test_channels_are_renamed_and_the_frequency_refined(tmp_path: Path) -> None:
     spectra = load_spectra(out, load_rig(RIG))
     assert spectra.channels == ("force", "a1")
     assert spectra.hz[0] == pytest.approx(50.0, abs=1e-3)
-    assert spectra.amplitudes("a1")[0, 1] == pytest.approx(3.0 - 0.5j, abs=5e-3)
+    assert spectra.complex("a1")[0, 1] == pytest.approx(3.0 - 0.5j, abs=5e-3)
 
 
 def test_what_is_wrong_with_a_record_is_told(tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_a_simulation_run_to_its_steady_state_has_the_harmonics_of_that_state(tm
     H = len(exact) // 2
     c = exact[1] - 1j * exact[H + 1]
     assert spectra.level[0] == pytest.approx(rig.excitation.amplitude, rel=1e-9)
-    assert spectra.amplitudes("a1")[0, 1] == pytest.approx(c, abs=1e-3 * abs(c))
+    assert spectra.complex("a1")[0, 1] == pytest.approx(c, abs=1e-3 * abs(c))
 
 
 # ------------------------------------------------------------------------------------------------------------ bad input

@@ -92,7 +92,7 @@ def test_curves_come_back_bit_by_bit(written: Path, curves: list[ResponseCurve])
         assert list(s.channels) == list(c.channels)
         for name, channel in c.channels.items():
             assert s[name].unit == channel.unit
-            for part in ("harmonics", "peak", "rms"):
+            for part in ("coefficients", "peak", "rms"):
                 assert np.array_equal(getattr(s[name], part), getattr(channel, part))
 
 
@@ -185,7 +185,7 @@ def test_history_adds_the_contact_where_asked(history: TimeHistory, tmp_path: Pa
 
 @pytest.mark.parametrize(("ending", "magic"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_a_figure_is_what_its_ending_says(tmp_path: Path, ending: str, magic: bytes) -> None:
-    write_figure(tmp_path / f"f.{ending}", Figure())
+    write_figure(tmp_path / f"f.{ending}", Figure().subplots())
     assert (tmp_path / f"f.{ending}").read_bytes().startswith(magic)
 
 

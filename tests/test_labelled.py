@@ -6,9 +6,10 @@ import pytest
 import hbm.extras
 from hbm import load_rig, load_spectra, reconstruct, trace_frequency
 from hbm.errors import InputError
+from hbm.files.inversefiles import reconstruction_contents
 from models.published import paper_rig
 
-pytest.importorskip("xarray")
+xarray = pytest.importorskip("xarray")
 pytest.importorskip("pandas")
 BEAM = "examples/diagnosed_beam"
 
@@ -27,13 +28,13 @@ def spectra():
 def test_a_curve_has_its_names_and_units(curve):
     found = curve.to_xarray()
     third = found.coefficients.sel(channel="slip", coefficient="b3")
-    np.testing.assert_array_equal(third, curve["slip"].harmonics[:, 6])
+    np.testing.assert_array_equal(third, curve["slip"].coefficients[:, 6])
     assert str(found.unit.sel(channel="slip").item()) == "m" and found.hz.attrs["units"] == "Hz"
     table = curve.to_dataframe()
     own = table[table.channel == "a1"]
     np.testing.assert_array_equal(own.hz, curve.hz)
     np.testing.assert_array_equal(own.peak, curve["a1"].peak)
-    np.testing.assert_array_equal(own.a1, curve["a1"].harmonics[:, 1])
+    np.testing.assert_array_equal(own.a1, curve["a1"].coefficients[:, 1])
 
 
 def test_spectra_have_records_and_channels(spectra):
@@ -48,11 +49,16 @@ def test_spectra_have_records_and_channels(spectra):
     assert row.std1 == measured.std[-1, 1, 1] and row.hz == measured.hz[-1]
 
 
-def test_a_reconstruction_has_its_signals_and_energies(spectra):
+def test_a_reconstruction_has_its_signals_and_energies_as_its_file_has(spectra, tmp_path):
     seen = reconstruct(*spectra)
     found, table = seen.to_xarray(), seen.to_dataframe()
     np.testing.assert_array_equal(found.friction, seen["friction"].samples)
     assert found.friction.attrs["units"] == "N" and found.friction_std.shape == found.friction.shape
+    np.testing.assert_array_equal(found.frequency_hz, seen.spectra.hz)
+    file = tmp_path / "reconstruction.nc"
+    file.write_bytes(reconstruction_contents(seen, netcdf=True)["reconstruction.nc"])
+    with xarray.open_dataset(file) as saved:
+        xarray.testing.assert_equal(saved.load(), found)
     np.testing.assert_array_equal(table.energy_per_cycle, seen.energy_per_cycle.value)
     assert len(table) == len(seen.spectra)
 

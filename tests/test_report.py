@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from continuation import End
+from hbm.errors import InputError
 from hbm.figures import (
     plot_contact,
     plot_curves,
@@ -149,8 +150,8 @@ def test_loop_is_closed_and_within_its_limits() -> None:
 
 
 def test_page_has_five_panels_on_one_frequency_axis(curves: list[ResponseCurve]) -> None:
-    figure = plot_curves(curves)
-    labels = [ax.get_ylabel().replace("\n", " ") for ax in figure.axes]
+    axes = plot_curves(curves)
+    labels = [ax.get_ylabel().replace("\n", " ") for ax in axes]
     assert labels == [
         "Drive displacement, peak [mm]",
         "Phase to the force [°]",
@@ -158,14 +159,13 @@ def test_page_has_five_panels_on_one_frequency_axis(curves: list[ResponseCurve])
         "Friction force, peak [N]",
         "Normal reaction, max and min [N]",
     ]
-    assert {ax.get_xlim() for ax in figure.axes} == {(48.0, 50.0)} or np.allclose(figure.axes[0].get_xlim(), (48, 50))
-    assert [len(lines(ax)) for ax in figure.axes] == [3, 3, 3, 3, 6]
-    assert figure.axes[0].get_title(loc="left") == "clamped-supported beam, Table 1, coulomb-penalty"
+    assert {ax.get_xlim() for ax in axes} == {(48.0, 50.0)} or np.allclose(axes[0].get_xlim(), (48, 50))
+    assert [len(lines(ax)) for ax in axes] == [3, 3, 3, 3, 6]
+    assert axes[0].get_title(loc="left") == "clamped-supported beam, Table 1, coulomb-penalty"
 
 
 def test_history_shows_all_and_the_last_periods(history: TimeHistory) -> None:
-    figure = plot_history(history, periods=2)
-    whole, last = figure.axes[:2]
+    whole, last = plot_history(history, periods=2)[0]
     drive = history.channels["drive"].values * 1e3
     assert np.array_equal(whole.lines[0].get_xydata(), np.column_stack([history.time, drive]))
     assert np.array_equal(last.lines[0].get_xydata(), np.column_stack([history.time * 1e3, drive])[-129:])
@@ -178,23 +178,23 @@ def loops(*names: str) -> list[FrictionLoop]:
 
 def test_a_few_loops_share_two_panels() -> None:
     drawn = loops("dahl", "iwan")
-    figure = plot_loops(drawn)
-    assert [ax.get_xlabel() for ax in figure.axes] == ["Slip [µm]", "Velocity [mm/s]"]
-    for ax, x in zip(figure.axes, ("u", "v"), strict=True):
+    axes = plot_loops(drawn)
+    assert [ax.get_xlabel() for ax in axes] == ["Slip [µm]", "Velocity [mm/s]"]
+    for ax, x in zip(axes, ("u", "v"), strict=True):
         assert [line.get_label() for line in ax.lines] == ["dahl", "iwan"]
         for line, loop in zip(ax.lines, drawn, strict=True):
             scaled = getattr(loop, x) * {"u": 1e6, "v": 1e3}[x]
             assert np.array_equal(line.get_xdata(), np.append(scaled, scaled[0]))
             assert np.array_equal(line.get_ydata(), np.append(loop.T, loop.T[0]))
-    assert len({(line.get_linestyle(), line.get_color()) for line in figure.axes[0].lines}) == 2
-    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["dahl", "iwan"]
+    assert len({(line.get_linestyle(), line.get_color()) for line in axes[0].lines}) == 2
+    assert [text.get_text() for text in axes[0].figure.legends[0].get_texts()] == ["dahl", "iwan"]
 
 
 @pytest.mark.parametrize("odd", [False, True])
 def test_many_loops_have_a_pair_of_panels_each_before_the_others(odd: bool) -> None:
     drawn = loops("coulomb", "penalty", "dahl", "iwan", "dahl", *["iwan"] * (not odd))
-    figure = plot_loops(drawn)
-    panels = np.reshape(figure.axes, (3, 4))
+    panels = plot_loops(drawn)
+    assert panels.shape == (3, 4)
     order = [(row, column) for column in (0, 2) for row in range(3)]
     if odd:
         order.remove((0, 2))
@@ -214,6 +214,35 @@ def test_nothing_global_changes(curves: list[ResponseCurve], history: TimeHistor
     plot_history(history)
     plot_loop(curves[0].peak, panels()[0])
     assert dict(mpl.rcParams) == before
+
+
+def test_several_panels_are_drawn_into_those_given(curves: list[ResponseCurve], history: TimeHistory) -> None:
+    """In any shape; what all share is then said in the panels, for the rest of the figure is the user's."""
+    for plot, count in (
+        (lambda axes: plot_curves(curves, axes), 5),
+        (lambda axes: plot_history(history, axes), 8),
+        (lambda axes: plot_loops(loops("dahl", "iwan"), axes), 2),
+    ):
+        figure = Figure()
+        given = list(figure.subplots(1, count + 1))
+        assert list(plot(given[:count]).flat) == given[:count]
+        assert all(ax.has_data() for ax in given[:count]) and not given[count].has_data()
+        assert not figure.legends and figure.get_supxlabel() == figure.get_supylabel() == ""
+    assert [text.get_text() for text in given[0].get_legend().get_texts()] == ["dahl", "iwan"]
+    with pytest.raises(InputError, match=r"^axes: 4 panels; must be 5, 5 x 1$"):
+        plot_curves(curves, panels(4))
+
+
+def test_panels_that_are_a_whole_figure_look_like_its_own() -> None:
+    """The labels and the legend above them too."""
+    many = loops("coulomb", "penalty", "dahl", "iwan", "dahl", "iwan")
+    figure = Figure(layout="constrained")
+    plot_loops(many, figure.subplots(3, 4))
+    assert figure.get_supylabel() == "Friction force [N]"
+    left, right = Figure(layout="constrained").subfigures(1, 2)
+    plot_loops(many[:2], left.subplots(1, 2))
+    assert [text.get_text() for text in left.legends[0].get_texts()] == ["coulomb-lagrange", "coulomb-penalty"]
+    assert not right.legends
 
 
 def test_a_users_style_stays_in_force(curves: list[ResponseCurve]) -> None:

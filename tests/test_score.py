@@ -356,9 +356,9 @@ def test_poorer_sets_leave_out_what_they_say():
 def test_added_noise_is_what_its_std_says():
     rig, whole = spectra()
     noisy = sets.poorer("40dB", rig, whole, 1, "0001")
-    largest = np.abs(whole.amplitudes(whole.channels[1])[:, 1]).max()
+    largest = np.abs(whole.complex(whole.channels[1])[:, 1]).max()
     np.testing.assert_allclose(noisy.std[:, 1], 0.01 * largest)
-    np.testing.assert_allclose(noisy.std[:, 0], 0.001 * np.abs(whole.amplitudes("force")[:, 1]).max())
+    np.testing.assert_allclose(noisy.std[:, 0], 0.001 * np.abs(whole.complex("force")[:, 1]).max())
     scores = (noisy.coefficients - whole.coefficients)[:, 1:] / noisy.std[:, 1:, :1]
     assert 0.75 < scores.std() < 1.25
 

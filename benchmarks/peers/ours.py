@@ -37,7 +37,7 @@ def row(case: Case) -> Row:
         wall=wall,
         cpu=cpu,
         hz=curve.hz.tolist(),
-        drive=curve["drive"].harmonics.tolist(),
+        drive=curve["drive"].coefficients.tolist(),
         rejected=0,
         linearize=one_thread(seconds)(newton_iteration),
         load=load(),

@@ -15,6 +15,7 @@ from rich.table import Table
 from scipy.optimize import least_squares
 
 from hbm.figures.style import INK, SMALL, WIDTH, dressed
+from hbm.fourier import coefficients_of
 from hbm.identification.identify import identify as identify_laws
 from hbm.inverse.contactforce import to_samples
 from hbm.inverse.reconstruction import SIGNALS, EstimatedSignal, Estimates, LawInputs, Misfit, Reconstruction
@@ -172,7 +173,7 @@ def measured(chosen: Sequence[Loop]) -> Reconstruction:
     n, hz = len(chosen), np.array([x.hz for x in chosen])
     x_std, F_std = np.array([x.x_std for x in chosen]), np.array([x.F_std for x in chosen])
     given = spectra_of(rig, hz, np.ones(n), {"x": np.array([x.x for x in chosen])}, {"x": x_std}, source="loops")
-    u, T = given.amplitudes("x"), -np.array([_complex(x.F) for x in chosen])
+    u, T = given.complex("x"), -np.array([_complex(x.F) for x in chosen])
     i_omega = 2j * np.pi * hz[:, None] * np.arange(H + 1)
     one, energy = np.zeros((n, H + 1), dtype=complex), np.array([x.energy for x in chosen])
     one[:, 0] = 1.0
@@ -181,7 +182,7 @@ def measured(chosen: Sequence[Loop]) -> Reconstruction:
 
     def signal(name: str, amplitudes: np.ndarray, std: np.ndarray) -> EstimatedSignal:
         samples = to_samples(amplitudes, SAMPLES)
-        return EstimatedSignal(SIGNALS[name], amplitudes, std, samples, np.zeros_like(samples))
+        return EstimatedSignal(SIGNALS[name], coefficients_of(amplitudes), std, samples, np.zeros_like(samples))
 
     return Reconstruction(
         rig=rig,

@@ -186,9 +186,9 @@ def whole(c: Circuit, model: Linear) -> Lines:
     found = reconstruct(model.rig, spectra(c, model))
     T, energy = found["friction"], found.energy_per_cycle
     return Lines(
-        T.amplitudes[:, c.used],
-        T.amplitude_std[:, c.used],
-        found["slip"].amplitudes,
+        T.complex[:, c.used],
+        T.coefficient_std[:, c.used],
+        found["slip"].complex,
         energy.value,
         energy.std,
     )
@@ -215,13 +215,13 @@ def line_by_line(c: Circuit, model: Linear) -> Lines:
     given = spectra_of(model.rig, hz, level, {"v1": v1, "v2": v2}, {"v1": v1_std, "v2": v2_std}, source="silverbox")
     found = reconstruct(model.rig, given)
     u = np.zeros((r, H + 1), dtype=complex)
-    u[:, c.used] = found["slip"].amplitudes[:, 1].reshape(r, lines)
+    u[:, c.used] = found["slip"].complex[:, 1].reshape(r, lines)
     # a period of the record holds f / hz periods of a line
     share = np.tile(np.arange(H + 1)[c.used], (r, 1))
     energy = found.energy_per_cycle
     return Lines(
-        found["friction"].amplitudes[:, 1].reshape(r, lines),
-        found["friction"].amplitude_std[:, 1].reshape(r, lines),
+        found["friction"].complex[:, 1].reshape(r, lines),
+        found["friction"].coefficient_std[:, 1].reshape(r, lines),
         u,
         np.sum(share * energy.value.reshape(r, lines), axis=1),
         np.sqrt(np.sum((share * energy.std.reshape(r, lines)) ** 2, axis=1)),

@@ -215,7 +215,7 @@ def equivalent(mode: Mode, sweep: Sweep, quantity: str, name: str) -> tuple[Equi
     """Reconstruct what the mode leaves out of a sweep, and read it as stiffness and damping."""
     rig = mode.rig(name, quantity, sweep.level)
     found = reconstruct(rig, spectra(rig, sweep, mode.turn))
-    T, q = found["friction"].amplitudes[:, 1], found["slip"].amplitudes[:, 1]
+    T, q = found["friction"].complex[:, 1], found["slip"].complex[:, 1]
     omega, omega_n = 2 * np.pi * sweep.hz, 2 * np.pi * mode.hz
     ratio = T / q
     # T and q share the noise of the response: T = Z q - r F, Z the stiffness of the mode, so that T/q = Z - r F/q

@@ -51,7 +51,7 @@ def noisier(rig: Rig, spectra: MeasuredSpectra, rng: np.random.Generator) -> Mea
     """Independent noise on top, up to the decibels of this set; what is noisier already stays as it is."""
     forces = {c.name for c in rig.channels if c.quantity == "force"}
     decibels = np.array([FORCE_DECIBELS if name in forces else DECIBELS for name in spectra.channels])
-    fundamentals = np.stack([np.abs(spectra.amplitudes(name)[:, 1]) for name in spectra.channels])
+    fundamentals = np.stack([np.abs(spectra.complex(name)[:, 1]) for name in spectra.channels])
     wanted = np.nanmax(fundamentals, axis=1) * 10.0 ** (-decibels / 20)
     std = np.maximum(spectra.std, wanted[None, :, None])
     added = np.sqrt(std**2 - spectra.std**2)

@@ -97,7 +97,7 @@ class _Sample:
         return ca.vertcat(*rows, T_slopes) if self.step.uses_force else ca.vertcat(*rows)
 
 
-def _unrolled(step: ca.Function, N_t: int) -> ca.Function:
+def unrolled(step: ca.Function, N_t: int) -> ca.Function:
     """Chain (carried, signals before, signals, environment, p) -> (carried, outputs...) over the samples of a period.
 
     Before the first sample comes the last. A block of samples is unrolled to scalar instructions, which run five times
@@ -105,8 +105,8 @@ def _unrolled(step: ca.Function, N_t: int) -> ca.Function:
     """
     length = max(n for n in range(1, BLOCK + 1) if N_t % n == 0)
     block = _block(step, length)
-    carried, signals = ca.MX.sym("carried", step.size1_in(0)), ca.MX.sym("signals", len(SIGNALS), N_t)
-    environment, p = ca.MX.sym("environment", len(ENVIRONMENT)), ca.MX.sym("p", step.size1_in(4))
+    carried, signals = ca.MX.sym("carried", step.size1_in(0)), ca.MX.sym("signals", step.size1_in(2), N_t)
+    environment, p = ca.MX.sym("environment", step.size1_in(3)), ca.MX.sym("p", step.size1_in(4))
     blocks = ca.horzsplit(signals, length)
     y, collected = carried, []
     for before, samples in zip([blocks[-1], *blocks], blocks, strict=False):
@@ -118,9 +118,9 @@ def _unrolled(step: ca.Function, N_t: int) -> ca.Function:
 
 def _block(step: ca.Function, length: int) -> ca.Function:
     """Several samples in scalar instructions, with the sample before the first as an input."""
-    carried, signals = ca.SX.sym("carried", step.size1_in(0)), ca.SX.sym("signals", len(SIGNALS), length)
-    environment, p = ca.SX.sym("environment", len(ENVIRONMENT)), ca.SX.sym("p", step.size1_in(4))
-    first, samples = ca.SX.sym("before", len(SIGNALS)), ca.horzsplit(signals)
+    carried, signals = ca.SX.sym("carried", step.size1_in(0)), ca.SX.sym("signals", step.size1_in(2), length)
+    environment, p = ca.SX.sym("environment", step.size1_in(3)), ca.SX.sym("p", step.size1_in(4))
+    first, samples = ca.SX.sym("before", step.size1_in(1)), ca.horzsplit(signals)
     y, collected = carried, []
     for before, sample in zip([first, *samples], samples, strict=False):
         y, *outputs = step.call([y, before, sample, environment, p])
@@ -145,13 +145,13 @@ def law_functions(law: FrictionLaw, N_t: int, iterations: int) -> LawFunctions:
 
     def with_derivatives(to: Any) -> ca.Function:
         local = ca.densify(ca.vec(sample.slopes(to).T))
-        return _unrolled(stepped(sample.T, gap, local), N_t)
+        return unrolled(stepped(sample.T, gap, local), N_t)
 
     return LawFunctions(
         states=sample.states.numel(),
         active=active,
         sample=stepped(sample.T),
-        march=_unrolled(stepped(), N_t),
+        march=unrolled(stepped(), N_t),
         period=with_derivatives(inputs),
         tangent=lru_cache(lambda: with_derivatives(ca.vertcat(inputs, sample.p, *constants))),
     )

@@ -19,6 +19,7 @@ from hbm.balance.clamp import ClampMotion, ClampOverPeriod
 from hbm.balance.elements import ElementSlope, ElementsOverPeriod
 from hbm.fourier import Array, FourierBasis
 from models.friction import parameters
+from models.parts import Excitation
 from models.rig import Rig
 
 Parameter = Literal["frequency", "force"]
@@ -154,7 +155,7 @@ class Balance:
         self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref = self.units
         self.Omega_ref = 2 * np.pi * self.hz_ref / periods
         self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
-        self.force_shape = _force_shape(rig, basis, periods)
+        self.force_shape = force_shape(rig.excitation, basis, periods)
         self.elements = ElementsOverPeriod(rig, basis) if rig.acting else None
         port, limit = rig.clamp, rig.attachments.clamp_limit
         self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
@@ -362,10 +363,10 @@ class Balance:
         return kin, T.copy(), self.law.memory, closure
 
 
-def _force_shape(rig: Rig, basis: FourierBasis, periods: int) -> Array:
+def force_shape(excitation: Excitation, basis: FourierBasis, periods: int) -> Array:
     """Coefficients of the excitation per amplitude of its fundamental, (2H+1,); harmonics beyond H left out."""
     shape = np.zeros(basis.size)
-    for k, cosine, sine in rig.excitation.tones:
+    for k, cosine, sine in excitation.tones:
         if k * periods <= basis.H:
             shape[k * periods], shape[basis.H + k * periods] = cosine, sine
     return shape

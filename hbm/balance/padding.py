@@ -4,15 +4,18 @@ import numpy as np
 
 from hbm.balance.elements import ElementsOverPeriod
 from hbm.balance.equations import Balance, State
+from hbm.balance.jointed import JointBalance
 from hbm.fourier import Array
 from models.beam import Beam
 
 
-def pad(problem: Balance, state: State) -> Array:
+def pad(problem: Balance | JointBalance, state: State) -> Array:
     """Scaled unknowns of a state on the problem's harmonics and modes.
 
     New harmonics start from zero, new modes from their linear response to excitation, friction and the lift of the tip.
     """
+    if isinstance(problem, JointBalance):
+        return problem.padded(state)
     H_old, n_old = state.Q.shape[0] // 2, state.Q.shape[1]
     size, n, H = problem.basis.size, problem.structure.n, problem.basis.H
     keep = min(H, H_old)

@@ -6,6 +6,7 @@ The equations are those of :class:`hbm.balance.equations.Balance`. Newton's syst
 """
 
 from functools import cached_property
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -14,10 +15,22 @@ from hbm.balance.elements import ElementSlope
 from hbm.balance.elimination import Elimination
 from hbm.balance.equations import Balance, Kinematics, Parameter, State
 from hbm.balance.jacobian import CompleteBalance
+from hbm.balance.jointed import JointBalance
 from hbm.balance.slipping import SlidRotation, SlippingBalance, lifted_tip
 from hbm.fourier import Array, FourierBasis
+from models.jointed import AnyRig, JointedRig
 
-__all__ = ["HarmonicBalance", "Kinematics", "Linearization", "Newton", "Parameter", "State"]
+__all__ = [
+    "AnyBalance",
+    "AnyRig",
+    "HarmonicBalance",
+    "Kinematics",
+    "Linearization",
+    "Newton",
+    "Parameter",
+    "State",
+    "balance_of",
+]
 
 Newton = Elimination | SlippingBalance
 
@@ -31,6 +44,11 @@ class HarmonicBalance(Balance):
             self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level, periods=self.periods
         )
 
+    @property
+    def remembers(self) -> bool:
+        """Whether friction depends on what was before."""
+        return bool(self.law.functions.states)
+
     def residual(self, x: Array, lam: float) -> Array:
         """Scaled force balance of every mode and harmonic, then of the contact, (size,)."""
         return self.linearize(x, lam).residual
@@ -43,6 +61,16 @@ class HarmonicBalance(Balance):
         modal, contact = self._modal_balance(state, kin), state.T - self.basis.analysis @ T
         residual = np.concatenate([(modal / self.modal_force_ref).ravel(), contact / self.F_ref])
         return Linearization(self, state, kin, residual)
+
+
+AnyBalance: TypeAlias = HarmonicBalance | JointBalance
+
+
+def balance_of(rig: AnyRig, basis: FourierBasis, **settings: Any) -> AnyBalance:
+    """The balance of a rig with one contact or with joints; settings as of :class:`hbm.balance.equations.Balance`."""
+    return (
+        JointBalance(rig, basis, **settings) if isinstance(rig, JointedRig) else HarmonicBalance(rig, basis, **settings)
+    )
 
 
 class Linearization:

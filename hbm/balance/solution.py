@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.balance.problem import HarmonicBalance, Kinematics, State
+from hbm.balance.jointed import JointBalance
+from hbm.balance.problem import AnyBalance, HarmonicBalance, Kinematics, State
 from hbm.channels import DISPLACEMENT, read
 from hbm.fourier import Array, FourierBasis
 from models.parts import UNITS, Channel
@@ -107,8 +108,11 @@ class PeriodicSolution:
 
     @property
     def lift_off(self) -> bool:
-        """Whether the normal reaction would turn negative: the tip leaves the support, the model does not."""
-        return bool(self.channels["normal"].samples.min() < 0.0)
+        """Whether the normal reaction would turn negative: the tip leaves the support, the model does not.
+
+        Joints that can separate do; for them it is never said.
+        """
+        return "normal" in self.channels and bool(self.channels["normal"].samples.min() < 0.0)
 
     @property
     def off(self) -> float:
@@ -133,18 +137,34 @@ class PeriodicSolution:
         """Energy that friction takes from the structure in one period [J], the area of the loop of T over the slip."""
         return -path_work(np.asarray, self["friction"].samples, self["slip"].samples)
 
+    def taken(self, joint: str) -> float:
+        """Energy that a joint takes from the body in one period [J], over all its ports.
+
+        Raises
+        ------
+        KeyError
+            If there is no such joint.
+        """
+        forces = [name for name in self.channels if name == f"{joint}.force" or name.startswith(f"{joint}.force.")]
+        if not forces:
+            raise KeyError(joint)
+        return -sum(
+            path_work(np.asarray, self[name].samples, self[name.replace(".force", ".motion")].samples)
+            for name in forces
+        )
+
 
 def path_work(measure: Callable[[Array], Array], force: Array, slip: Array) -> float:
     """Sum of the force over the slip's steps, trapezoidal; from samples, so that a stuck contact does no work."""
     return float(0.5 * (force + np.roll(force, -1)) @ measure(np.roll(slip, -1) - slip))
 
 
-def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution:
+def describe(problem: AnyBalance, x: Array, lam: float) -> PeriodicSolution:
     """Physical channels of a solution of the harmonic balance.
 
     Parameters
     ----------
-    problem : HarmonicBalance
+    problem : HarmonicBalance or JointBalance
     x : (size,) array
         Scaled unknowns.
     lam : float
@@ -154,6 +174,8 @@ def describe(problem: HarmonicBalance, x: Array, lam: float) -> PeriodicSolution
     -------
     PeriodicSolution
     """
+    if isinstance(problem, JointBalance):
+        return _of_joints(problem, problem.unpack(x, lam), lam)
     state = problem.unpack(x, lam)
     kin, T, memory, closure = problem.contact_state(state)
     rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
@@ -229,3 +251,55 @@ def _energy_error(problem: HarmonicBalance, state: State, kin: Kinematics, chann
     taken += 0.0 if kin.clamp is None else kin.clamp.taken
     largest = max(abs(supplied), damped, abs(rubbed), abs(taken), np.finfo(float).tiny)
     return (supplied - damped - rubbed - taken) / largest
+
+
+def _of_joints(problem: JointBalance, state: State, lam: float) -> PeriodicSolution:
+    """Channels of a rig with joints: its own, the drive, motion and force at every port."""
+    rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
+    found, memory, closure = problem.forces(state)
+    f, F = basis.analysis @ found, state.F * problem.force_shape
+
+    def series(unit: str, coefficients: Array) -> Signal:
+        samples = basis.synthesis @ coefficients
+        return Signal(unit, coefficients, samples, _smooth_peak(samples))
+
+    own = state.Q @ s.channels.T + f @ s.channels_by_joints.T + np.outer(F, s.channels_by_force)
+    moved = dict(zip((c.name for c in rig.response_channels), own.T, strict=True))
+    channels = {
+        c.name: series("N", F)
+        if c.quantity == "force"
+        else series(UNITS[c.quantity], read(c, basis, moved[c.name], Omega))
+        for c in rig.channels
+    }
+    channels["drive"] = series("m", state.Q @ s.excitation + f @ s.flexibility_to_force + s.drive_by_force * F)
+    shown = np.hstack(
+        [signals[:, : j.ports] for j, signals in zip(problem.joints, problem.signals(state), strict=True)]
+    )
+    kept = np.where(problem.own > 0.0, np.minimum(problem.own, s.flexibility.diagonal()), 0.0)
+    for i, (name, force) in enumerate(zip(rig.motions, rig.forces, strict=True)):
+        # a compliance of the body that its law takes into account follows the force beyond the harmonics kept; one that
+        # was lent does not
+        samples = basis.synthesis @ (shown[:, i] + (problem.own[i] - kept[i]) * state.T[:, i]) + kept[i] * found[:, i]
+        moved_by = shown[:, i] + problem.own[i] * state.T[:, i]
+        channels[name] = Signal("m", moved_by, samples, float(np.abs(samples).max()))
+        channels[force] = Signal("N", f[:, i], found[:, i], float(np.abs(found[:, i]).max()))
+    energy = _joint_energy_error(problem, state, channels)
+    return PeriodicSolution(problem.hz_at(lam), state.F, basis, state, channels, memory, closure, energy)
+
+
+def _joint_energy_error(problem: JointBalance, state: State, channels: Mapping[str, Signal]) -> float:
+    """Excitation work minus losses over a period, relative to the largest of them."""
+    basis, rig, Omega = problem.basis, problem.rig, state.Omega
+
+    def work(force: Array, displacement: Array) -> float:
+        return float(np.pi * np.vdot(force[1:], basis.derivative(displacement)[1:]))
+
+    velocity = Omega * basis.derivative(state.Q)[1:]
+    supplied = work(state.F * problem.force_shape, channels["drive"].coefficients)
+    damped = float(np.pi / Omega * np.sum((velocity @ problem.structure.damping) * velocity))
+    taken = [
+        -work(channels[force].coefficients, channels[name].coefficients)
+        for name, force in zip(rig.motions, rig.forces, strict=True)
+    ]
+    largest = max(abs(supplied), damped, *map(abs, taken), np.finfo(float).tiny)
+    return (supplied - damped - sum(taken)) / largest

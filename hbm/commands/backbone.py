@@ -6,7 +6,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hbm.commands.options import LARGEST_H, RigFile, check_outputs, console, positive, print_written, say, whole
+from hbm.commands.options import (
+    LARGEST_H,
+    Plot,
+    RigFile,
+    both_ends,
+    check_outputs,
+    console,
+    positive,
+    print_written,
+    say,
+    whole,
+)
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -32,7 +43,7 @@ def backbone(
         Path | None,
         typer.Option(metavar="F.csv", help="Write the backbones here, and what is known of them to F.json."),
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+    plot: Plot = None,
 ) -> None:
     """Frequency, damping ratio and shape of a mode over its amplitude, and phase resonance with its force.
 
@@ -47,9 +58,9 @@ def backbone(
     levels = [positive("backbone", "--level", text, "N") for text in level or ()]
     if levels and plot is None:
         raise InputError("backbone: --level without --plot; must have both")
-    from hbm.rigfiles.load import load_rig
+    from hbm.rigfiles.load import load_contact_rig
 
-    loaded = load_rig(rig)
+    loaded = load_contact_rig(rig, "backbone")
     if not 1 <= number <= loaded.structure.n:
         raise InputError(f"backbone: --mode = {number}; must be from 1 to {loaded.structure.n}")
     backbones, failures = _traced(loaded, number, amplitudes, H)
@@ -65,13 +76,8 @@ def backbone(
 
 
 def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
-    if begin is None and end is None:
-        return None
-    if begin is None or end is None:
-        given, missing = ("--from", "--to") if end is None else ("--to", "--from")
-        raise InputError(f"backbone: {given} without {missing}; must have both or neither")
-    amplitudes = positive("backbone", "--from", begin, "m"), positive("backbone", "--to", end, "m")
-    if amplitudes[0] >= amplitudes[1]:
+    amplitudes = both_ends("backbone", begin, end, "m")
+    if amplitudes is not None and amplitudes[0] >= amplitudes[1]:
         raise InputError(f"backbone: --to = {end}; must be more than --from = {begin}")
     return amplitudes
 
@@ -125,59 +131,44 @@ def _responses(rig: "Rig", levels: Sequence[float], failures: list[str]) -> list
 def _deliver(
     backbones: Sequence["Backbone"], mode: int, curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None
 ) -> None:
+    from hbm.files.backbonefiles import write_backbones
+    from hbm.files.curves import write_figure
     from hbm.modes.backbone import numerical_change
 
-    changes, written = [numerical_change(b) for b in backbones], []
-    if out is not None:
-        from hbm.files.backbonefiles import write_backbones
-        from hbm.files.curves import companion
-
-        write_backbones(out, backbones, changes, mode)
-        written += [out, companion(out)]
+    changes = [numerical_change(b) for b in backbones]
+    written = [] if out is None else write_backbones(out, backbones, changes, mode)
     if plot is not None:
         from hbm.figures.backbone import plot_backbones
-        from hbm.files.curves import write_figure
 
-        write_figure(plot, plot_backbones(backbones, curves, number=mode))
-        written.append(plot)
+        written += write_figure(plot, plot_backbones(backbones, curves, number=mode))
     _print(backbones, changes, mode)
     print_written(written)
 
 
 def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"], mode: int) -> None:
-    from hbm.commands.tables import print_lines, titled_table
+    from hbm.commands.tables import print_lines, print_rows
     from hbm.files.backbonefiles import backbone_name
 
     screen, rig = console(), backbones[0].rig
-    table = titled_table(
-        f"{rig.name}, {rig.contact.law.name}, mode {mode}",
-        "kind",
-        "points",
-        "drive\nmm",
-        "frequency\nHz",
-        "damping\n%",
-        "most damped\n%",
-        "at\nmm",
-        "force\nN",
-        "folds",
-    )
-    lines = []
+    rows, lines = [], []
     for b, change in zip(backbones, changes, strict=True):
         top = int(b.damping_ratio.argmax())
-        table.add_row(
-            backbone_name(b),
-            str(len(b.points)),
-            f"{1e3 * b.amplitude[0]:.3g} to {1e3 * b.amplitude[-1]:.3g}",
-            f"{b.hz[0]:.3f} to {b.hz[-1]:.3f}",
-            f"{100 * b.damping_ratio[0]:.3g} to {100 * b.damping_ratio[-1]:.3g}",
-            f"{100 * b.damping_ratio[top]:.3g}",
-            f"{1e3 * b.amplitude[top]:.3g}",
-            f"{b.force[top]:.3g}",
-            str(len(b.folds)),
+        rows.append(
+            {
+                "kind": backbone_name(b),
+                "points": str(len(b.points)),
+                "drive\nmm": f"{1e3 * b.amplitude[0]:.3g} to {1e3 * b.amplitude[-1]:.3g}",
+                "frequency\nHz": f"{b.hz[0]:.3f} to {b.hz[-1]:.3f}",
+                "damping\n%": f"{100 * b.damping_ratio[0]:.3g} to {100 * b.damping_ratio[-1]:.3g}",
+                "most damped\n%": f"{100 * b.damping_ratio[top]:.3g}",
+                "at\nmm": f"{1e3 * b.amplitude[top]:.3g}",
+                "force\nN": f"{b.force[top]:.3g}",
+                "folds": str(len(b.folds)),
+            }
         )
         parts = [f"more {name} by {hz:+.2%} and {D:+.2%}" for name, (hz, D) in change.by_source.items()]
         lines.append(f"{backbone_name(b)}, where most damped: frequency and damping change with {', '.join(parts)}")
         if b.lift_off is not None:
             lines.append(f"warning: {backbone_name(b)}: the tip would lift off from {1e3 * b.lift_off:.3g} mm on")
-    screen.print(table)
+    print_rows(screen, f"{rig.name}, {rig.contact.law.name}, mode {mode}", rows)
     print_lines(screen, lines)

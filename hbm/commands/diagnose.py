@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hbm.commands.inverse import SpectraFile, load, record_numbers, working
-from hbm.commands.options import RigFile, Spread, console, named, positive, print_written, quoted, say
+from hbm.commands.options import (
+    OutFolder,
+    RigFile,
+    check_out,
+    console,
+    named,
+    positive,
+    print_written,
+    quoted,
+    say,
+)
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -27,18 +37,10 @@ NEARLY_DONE = 0.97
 """Fraction of the work that is done when the verdict is known."""
 
 
-class SpreadDiagnose(Spread):
-    """The command whose ``--hold-out`` takes several numbers."""
-
-    flags = ("--hold-out",)
-
-
 def diagnose(
     rig: RigFile,
     spectra: SpectraFile,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Write everything here; made if its parent exists.", show_default=False)
-    ],
+    out: OutFolder,
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
@@ -82,12 +84,10 @@ def diagnose(
 
     Example:  hbm diagnose rig.toml spectra.csv --hold-out 3 7 --out diagnosis
     """
-    from hbm.files.diagnosisfiles import FILES
-    from hbm.files.outputs import check_folder
+    from hbm.files.diagnosisfiles import FILES, Diagnosed
 
     held = record_numbers(COMMAND, "--hold-out", hold_out)
-    with named(COMMAND):
-        check_folder(out, FILES, "--out")
+    check_out(COMMAND, out, FILES)
     candidates, own = _causes(cause, causes_file)
     loaded, measured = load(rig, spectra)
     _check_apply(loaded, candidates if cause else ())
@@ -110,8 +110,6 @@ def diagnose(
         )
         work.show("the force that is missing", NEARLY_DONE)
         force, failure = _missing_force(found, executor)
-    from hbm.files.diagnosisfiles import Diagnosed
-
     result = Diagnosed(found, loaded, measured, force, tuple(_warnings(found, failure)))
     _deliver(result, rig, out, own)
     if failure:
@@ -145,10 +143,8 @@ def _causes(names: Sequence[str] | None, file: Path | None) -> tuple[list[Any] |
 def _cause(name: str) -> Any:
     from hbm.rigfiles.causes import ONE_VALUE, find_cause
 
-    try:
+    with named(f"{COMMAND}: --cause = {quoted(name)}", ";"):
         kind = find_cause(name, Path())
-    except InputError as refused:
-        raise InputError(f"{COMMAND}: --cause = {quoted(name)}; {refused}") from None
     return kind(name.removeprefix(ONE_VALUE)) if name.startswith(ONE_VALUE) else kind
 
 

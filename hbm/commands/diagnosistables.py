@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from hbm.commands.tables import print_lines, titled_table
+from hbm.commands.tables import print_lines, print_table
 from hbm.files.diagnosisfiles import Diagnosed, error_table, ranking_table
 from hbm.files.diagnosissummary import verdict_line
 
@@ -15,12 +15,9 @@ def print_diagnosis(console: Console, found: Diagnosed) -> None:
     print_lines(console, [verdict_line(d), *(f"warning: {line}" for line in found.warnings)])
     console.print(_answers(found))
     for title, (headings, rows) in (("models", error_table(d)), ("causes", ranking_table(d))):
-        columns = headings[:-1] if title == "causes" else headings
-        table = titled_table(title, *(heading.replace(" [", "\n").rstrip("]") for heading in columns))
-        for row in rows:
-            table.add_row(*row[: len(columns)])
+        shown = [h.replace(" [", "\n").rstrip("]") for h in (headings[:-1] if title == "causes" else headings)]
         if rows:
-            console.print(table)
+            print_table(console, title, shown, [row[: len(shown)] for row in rows])
     print_lines(console, found.evidence[len(found.warnings) :])
 
 

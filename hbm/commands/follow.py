@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hbm.commands.options import (
+    Harmonics,
+    Plot,
     RigFile,
     check_outputs,
     console,
@@ -22,7 +24,7 @@ from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.tracking.parameterresponse import ParameterCurve
-    from models.rig import Rig
+    from models.jointed import AnyRig
 
 COMMAND = "continue"
 
@@ -39,13 +41,11 @@ def follow(
         typer.Option(metavar="HZ", help="Excitation frequency; left out with --parameter frequency_hz."),
     ] = None,
     level: Annotated[str | None, typer.Option(metavar="N", help="Force amplitude; the rig's where omitted.")] = None,
-    harmonics: Annotated[
-        str, typer.Option(metavar="H|auto", help="Harmonics; auto: as many as the accuracy needs.")
-    ] = "auto",
+    harmonics: Harmonics = "auto",
     out: Annotated[
         Path | None, typer.Option(metavar="F.csv", help="Write the curve here, and what is known of it to F.json.")
     ] = None,
-    plot: Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")] = None,
+    plot: Plot = None,
     stability: Stability = True,
 ) -> None:
     """Response along any number of the rig file at a held frequency and force, through folds, with its stability.
@@ -76,7 +76,7 @@ def _number(option: str, text: str) -> float:
 
 
 def _response(
-    rig: "Rig", key: str, values: tuple[float, float], hz: float | None, level: float | None, harmonics: int | None
+    rig: "AnyRig", key: str, values: tuple[float, float], hz: float | None, level: float | None, harmonics: int | None
 ) -> "ParameterCurve":
     from continuation import ConvergenceError
     from hbm.commands.progress import Sweep
@@ -97,17 +97,13 @@ def _response(
 
 def _deliver(curve: "ParameterCurve", out: Path | None, plot: Path | None) -> None:
     from hbm.commands.parametertables import print_parameter_curve
-    from hbm.files.curves import companion, write_figure
+    from hbm.files.curves import write_figure
     from hbm.files.parameterfiles import write_parameter_curve
 
-    written = []
-    if out is not None:
-        write_parameter_curve(out, curve)
-        written += [out, companion(out)]
+    written = [] if out is None else write_parameter_curve(out, curve)
     if plot is not None:
         from hbm.figures.parameter import plot_parameter_curve
 
-        write_figure(plot, plot_parameter_curve(curve))
-        written.append(plot)
+        written += write_figure(plot, plot_parameter_curve(curve))
     print_parameter_curve(console(), curve)
     print_written(written)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hbm.commands.inverse import SpectraFile, check_formulation, load, reconstructed, record_numbers, working
-from hbm.commands.options import RigFile, Spread, console, named, print_written, say
-from hbm.errors import InputError
+from hbm.commands.options import Formulation, OutFolder, RigFile, check_out, console, named, print_written, say
 
 if TYPE_CHECKING:
     from hbm.identification.identify import Identification
@@ -20,18 +19,10 @@ if TYPE_CHECKING:
 COMMAND = "identify"
 
 
-class SpreadIdentify(Spread):
-    """The command whose ``--held-out`` takes several numbers."""
-
-    flags = ("--held-out",)
-
-
 def identify(
     rig: RigFile,
     spectra: SpectraFile,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Write everything here; made if its parent exists.", show_default=False)
-    ],
+    out: OutFolder,
     law: Annotated[
         list[str] | None,
         typer.Option(
@@ -56,9 +47,7 @@ def identify(
             "--output-error", help="Then fit the best law to the spectra themselves, through the whole model."
         ),
     ] = False,
-    formulation: Annotated[
-        str | None, typer.Option(metavar="NAME", help="How the force is found; regularised where omitted.")
-    ] = None,
+    formulation: Formulation = None,
 ) -> None:
     """Parameters of friction laws, with uncertainty, from measured spectra; which law is best.
 
@@ -68,15 +57,15 @@ def identify(
     Example:  hbm identify rig.toml spectra.csv --law coulomb-penalty --law stribeck --by-level --out laws
     """
     from hbm.files.identifyreport import FILES
-    from hbm.files.outputs import check_folder
+    from hbm.rigfiles.laws import find_law
 
     held = record_numbers(COMMAND, "--held-out", held_out)
-    with named(COMMAND):
-        check_folder(out, FILES, "--out")
+    check_out(COMMAND, out, FILES)
     if formulation is not None:
         check_formulation(COMMAND, formulation)
     for name in law or ():
-        _check_law(name)
+        with named(f'{COMMAND}: --law = "{name}"', ";"):
+            find_law(name, Path())
     loaded, measured = load(rig, spectra)
     from hbm.commands.progress import Work
     from hbm.identification.identify import LAWS
@@ -105,16 +94,6 @@ def _on_spectra(
             return fit_spectra(rig, used, found.best, reconstruction=known, on_progress=work.show), ""
     except ConvergenceError as failed:
         return None, f"{COMMAND}: --output-error: {failed}"
-
-
-def _check_law(name: str) -> None:
-    """Refuse a law that there is not."""
-    from hbm.rigfiles.laws import find_law
-
-    try:
-        find_law(name, Path())
-    except InputError as refused:
-        raise InputError(f'{COMMAND}: --law = "{name}"; {refused}') from None
 
 
 def _deliver(found: "Identification", contact: "Reconstruction", again: "SpectraFit | None", out: Path) -> None:

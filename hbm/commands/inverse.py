@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import RigFile, Spread, console, named, print_written, quoted, whole
+from hbm.commands.options import Formulation, RigFile, check_out, console, named, print_written, quoted, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,21 +26,13 @@ SpectraFile = Annotated[
 ]
 
 
-class SpreadInverse(Spread):
-    """The command whose ``--record`` takes several numbers."""
-
-    flags = ("--record",)
-
-
 def inverse(
     rig: RigFile,
     spectra: SpectraFile,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Write everything into this folder; made if its parent exists.")
     ] = None,
-    formulation: Annotated[
-        str | None, typer.Option(metavar="NAME", help="How the force is found; regularised where omitted.")
-    ] = None,
+    formulation: Formulation = None,
     record: Annotated[
         list[str] | None, typer.Option("--record", metavar="N ...", help="Only these records, and draw all of them.")
     ] = None,
@@ -59,12 +51,14 @@ def inverse(
 
     Example:  hbm inverse rig.toml spectra.csv --out contact
     """
+    from hbm.files.inversereport import FILES
+
     if out is None and not design:
         raise InputError(f"{COMMAND}: --out is missing; must name a folder, or --design be asked for")
     count = _count(sensors, design)
     numbers = record_numbers(COMMAND, "--record", record)
     if out is not None:
-        check_out(COMMAND, out)
+        check_out(COMMAND, out, FILES)
     if formulation is not None:
         check_formulation(COMMAND, formulation)
     loaded, measured = load(rig, spectra, numbers)
@@ -126,15 +120,6 @@ def record_numbers(command: str, option: str, texts: Sequence[str] | None) -> li
     return numbers
 
 
-def check_out(command: str, out: Path) -> None:
-    """Refuse a folder that could not be written, before anything is computed."""
-    from hbm.files.inversereport import FILES
-    from hbm.files.outputs import check_folder
-
-    with named(command):
-        check_folder(out, FILES, "--out")
-
-
 def check_formulation(command: str, name: str) -> None:
     """Refuse a formulation that there is not."""
     from hbm.inverse.reconstruct import FORMULATIONS
@@ -146,9 +131,9 @@ def check_formulation(command: str, name: str) -> None:
 def load(rig: Path, spectra: Path, records: Sequence[int] = ()) -> tuple["Rig", "MeasuredSpectra"]:
     """The rig and its spectra, of the records named or of all."""
     from hbm.measurement.spectrafile import load_spectra
-    from hbm.rigfiles.load import load_rig
+    from hbm.rigfiles.load import load_contact_rig
 
-    loaded = load_rig(rig)
+    loaded = load_contact_rig(rig, "this command")
     measured = load_spectra(spectra, loaded)
     return loaded, measured.select(records=records) if records else measured
 

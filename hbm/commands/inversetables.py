@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from hbm.commands.tables import print_lines, titled_table
+from hbm.commands.tables import print_lines, print_table
 from hbm.files.inversereport import LEVEL_NOTE, level_table
 from hbm.inverse.reconstruction import Reconstruction
 
@@ -17,10 +17,7 @@ def print_reconstruction(console: Console, reconstruction: Reconstruction) -> No
     """Print what was found at each level, and what to beware of."""
     headings, rows = level_table(reconstruction)
     title = f"{reconstruction.rig.name}, {reconstruction.formulation}"
-    table = titled_table(title, *map(_stacked, headings))
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
+    print_table(console, title, list(map(_stacked, headings)), rows)
     print_lines(console, [LEVEL_NOTE, *(f"warning: {warning}" for warning in reconstruction.warnings)])
 
 
@@ -31,12 +28,9 @@ def print_laws_found(
     from hbm.files.identifyreport import law_table
 
     headings, rows = law_table(laws)
-    table = titled_table(f"{reconstruction.rig.name}, {len(reconstruction)} records", *map(_stacked, headings[:-1]))
-    for *row, _ in rows:
-        table.add_row(*row)
-    console.print(table)
-    for *row, values in rows:
-        print_lines(console, [f"{row[0]}: {values}"])
+    title = f"{reconstruction.rig.name}, {len(reconstruction)} records"
+    print_table(console, title, list(map(_stacked, headings[:-1])), [row[:-1] for row in rows])
+    print_lines(console, [f"{row[0]}: {row[-1]}" for row in rows])
     print_lines(console, [f"warning: {warning}" for warning in warnings])
 
 

@@ -3,10 +3,10 @@
 import json
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
@@ -19,16 +19,27 @@ LARGEST_H = 200
 RigFile = Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML).", show_default=False)]
 
 
-class Spread(TyperCommand):
-    """A command with flags that take several numbers, ``--level 2 4 6``."""
+OutFolder = Annotated[
+    Path, typer.Option(metavar="DIR", help="Write everything here; made if its parent exists.", show_default=False)
+]
+Formulation = Annotated[
+    str | None, typer.Option(metavar="NAME", help="How the force is found; regularised where omitted.")
+]
+Harmonics = Annotated[str, typer.Option(metavar="H|auto", help="Harmonics; auto: as many as the accuracy needs.")]
+Plot = Annotated[Path | None, typer.Option(metavar="F.png", help="Save a figure here (png, pdf or svg).")]
 
-    flags: ClassVar[tuple[str, ...]] = ("--level",)
 
-    def parse_args(self, ctx: Any, args: list[str]) -> Any:
-        """Put the flag before each of the numbers."""
-        for flag in self.flags:
-            args = spread(flag, args)
-        return super().parse_args(ctx, args)
+def spreading(*flags: str) -> type[TyperCommand]:
+    """Kind of command with flags that take several numbers, ``--level 2 4 6``."""
+
+    class Spread(TyperCommand):
+        def parse_args(self, ctx: Any, args: list[str]) -> Any:
+            """Put the flag before each of the numbers."""
+            for flag in flags:
+                args = spread(flag, args)
+            return super().parse_args(ctx, args)
+
+    return Spread
 
 
 def spread(flag: str, args: Sequence[str]) -> list[str]:
@@ -46,12 +57,30 @@ def spread(flag: str, args: Sequence[str]) -> list[str]:
 
 
 @contextmanager
-def named(command: str) -> Iterator[None]:
-    """Put the command's name before what is refused."""
+def named(command: str, mark: str = ":") -> Iterator[None]:
+    """Put the command's name, or more of where it was, before what is refused."""
     try:
         yield
     except InputError as refused:
-        raise InputError(f"{command}: {refused}") from None
+        raise InputError(f"{command}{mark} {refused}") from None
+
+
+def check_out(command: str, out: Path, files: Iterable[str]) -> None:
+    """Refuse a folder in which files could not be written, before anything is computed."""
+    from hbm.files.outputs import check_folder
+
+    with named(command):
+        check_folder(out, files, "--out")
+
+
+def both_ends(command: str, begin: str | None, end: str | None, unit: str) -> tuple[float, float] | None:
+    """Numbers of ``--from`` and ``--to``, None where both are left out; one alone is refused."""
+    if begin is None and end is None:
+        return None
+    if begin is None or end is None:
+        given, missing = ("--from", "--to") if end is None else ("--to", "--from")
+        raise InputError(f"{command}: {given} without {missing}; must have both or neither")
+    return positive(command, "--from", begin, unit), positive(command, "--to", end, unit)
 
 
 def check_outputs(command: str, out: Path | None, plot: Path | None) -> None:

@@ -1,37 +1,46 @@
 """What ``hbm continue`` prints of a curve."""
 
+from collections.abc import Sequence
+
 from rich.console import Console
 
 from continuation import Kind
-from hbm.commands.tables import LISTED, print_lines, stable_words, titled_table
+from hbm.balance.solution import PeriodicSolution
+from hbm.commands.tables import LISTED, print_lines, print_rows, stable_words
 from hbm.tracking.parameterresponse import ParameterCurve
+from models.jointed import JointedRig
+
+
+def _of_contact(p: PeriodicSolution) -> dict[str, str]:
+    return {
+        "slip\nµm": f"{1e6 * p['slip'].peak:.3g}",
+        "friction\nN": f"{p['friction'].peak:.3g}",
+        "reaction\nN": f"{p['normal'].samples.min():.3g} to {p['normal'].peak:.3g}",
+    }
+
+
+def _of_joints(p: PeriodicSolution, forces: Sequence[str]) -> dict[str, str]:
+    name = max(forces, key=lambda name: p[name].peak)
+    return {"largest\njoint force, N": f"{p[name].peak:.3g}", "in": name.replace(".force", "")}
 
 
 def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
     """Print the first point, the last, the highest and the folds, and how accurate they are."""
     rig, first = curve.rig, curve.points[0]
     values, top = curve.values, curve.points.index(curve.peak)
-    table = titled_table(
-        f"{rig.name}, {rig.contact.law.name}",
-        "point",
-        curve.parameter.rpartition(".")[2] + ("" if curve.unit == "1" else f"\n{curve.unit}"),
-        "drive\nmm",
-        "slip\nµm",
-        "friction\nN",
-        "reaction\nN",
-    )
-    for name, i in {"first": 0, "highest": top, "last": len(values) - 1}.items():
-        p = curve.points[i]
-        normal = p["normal"]
-        table.add_row(
-            name,
-            f"{values[i]:.6g}",
-            f"{1e3 * p['drive'].peak:.4g}",
-            f"{1e6 * p['slip'].peak:.3g}",
-            f"{p['friction'].peak:.3g}",
-            f"{normal.samples.min():.3g} to {normal.peak:.3g}",
+    number = curve.parameter.rpartition(".")[2] + ("" if curve.unit == "1" else f"\n{curve.unit}")
+    rows = [
+        {
+            "point": name,
+            number: f"{values[i]:.6g}",
+            "drive\nmm": f"{1e3 * p['drive'].peak:.4g}",
+            **(_of_joints(p, rig.forces) if isinstance(rig, JointedRig) else _of_contact(p)),
+        }
+        for name, i, p in (
+            (name, i, curve.points[i]) for name, i in (("first", 0), ("highest", top), ("last", len(values) - 1))
         )
-    console.print(table)
+    ]
+    print_rows(console, f"{rig.name}, {rig.law_name}", rows)
     held = [text for key, text in _excitation(first.hz, first.level).items() if key != curve.parameter]
     lines = [f"{len(values)} points at {' and '.join(held)}; {curve.reason}"]
     lines += [f"fold at {curve.parameter} = {value:.6g}" for value in curve.folds]

@@ -1,13 +1,36 @@
 """Progress of long work on a terminal; silent anywhere else."""
 
 import sys
-from types import TracebackType
+from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 
-class Sweep:
+class _Shown:
+    """A bar that is there while the work lasts."""
+
+    def __init__(self) -> None:
+        self.bar = Progress(
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=24),
+            TextColumn("{task.fields[now]}"),
+            TimeElapsedColumn(),
+            console=Console(stderr=True),
+            transient=True,
+            disable=not sys.stderr.isatty(),
+        )
+
+    def __enter__(self) -> Self:
+        self.bar.start()
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.bar.stop()
+
+
+class Sweep(_Shown):
     """A bar from a first to a last value, with the present value and the points found.
 
     Parameters
@@ -20,17 +43,8 @@ class Sweep:
 
     def __init__(self, title: str, begin: float, end: float, unit: str = "Hz") -> None:
         self.title, self.begin, self.end, self.unit = title, begin, end, unit
-        self.bar = _bar()
+        super().__init__()
         self.task = self.bar.add_task(f"{title}: preparing", total=None, now="")
-
-    def __enter__(self) -> "Sweep":
-        self.bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.bar.stop()
 
     def point(self, value: float, number: int) -> None:
         """Show a point found at a value."""
@@ -46,35 +60,13 @@ class Sweep:
         self.bar.update(self.task, description=f"{self.title}: {doing}", total=1.0, completed=done, now=now)
 
 
-class Work:
+class Work(_Shown):
     """A bar of work of known extent, with what is being done in words."""
 
     def __init__(self) -> None:
-        self.bar = _bar()
+        super().__init__()
         self.task = self.bar.add_task("preparing", total=1.0, now="")
-
-    def __enter__(self) -> "Work":
-        self.bar.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.bar.stop()
 
     def show(self, doing: str, done: float) -> None:
         """Show what is being done, and the fraction of the work done."""
         self.bar.update(self.task, description=doing, completed=done)
-
-
-def _bar() -> Progress:
-    return Progress(
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        TextColumn("{task.fields[now]}"),
-        TimeElapsedColumn(),
-        console=Console(stderr=True),
-        transient=True,
-        disable=not sys.stderr.isatty(),
-    )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import LARGEST_H, Spread, console, is_number, named, positive, print_written, quoted, whole
+from hbm.commands.options import LARGEST_H, console, is_number, named, positive, print_written, quoted, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,12 +18,6 @@ if TYPE_CHECKING:
 
 COMMAND = "spectra"
 FORCE = "force"
-
-
-class SpreadSpectra(Spread):
-    """The command whose ``--fundamental`` and ``--level`` take one number per record."""
-
-    flags = ("--fundamental", "--level")
 
 
 def spectra(
@@ -82,9 +76,9 @@ def spectra(
     from hbm.measurement.harmonicestimate import spectra_of_records
     from hbm.measurement.harmonics import harmonic_spectra
     from hbm.measurement.spectrafile import write_spectra
-    from hbm.rigfiles.load import load_rig
+    from hbm.rigfiles.load import load_contact_rig
 
-    loaded = None if rig is None else load_rig(rig)
+    loaded = None if rig is None else load_contact_rig(rig, "spectra")
     recordings = [_recorded(path, columns, loaded) for path in histories]
     force = _force_name(loaded)
     estimates = [

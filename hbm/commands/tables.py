@@ -3,7 +3,7 @@
 import inspect
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from typing import Any
 
@@ -14,14 +14,16 @@ from rich.table import Table
 from rich.text import Text
 
 from hbm.integration.history import TimeHistory
+from hbm.integration.jointed import JointHistory
 from hbm.measurement.harmonicestimate import HarmonicEstimate
 from hbm.modes.linear import LinearModes
+from hbm.response.accuracy import joint_forces
 from hbm.response.curve import Assessment, ResponseCurve
 from hbm.response.loop import FrictionLoop
 from hbm.rigfiles.lawchoice import KnownLaw, known_law, plain
 from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
-from models.rig import Rig
+from models.jointed import AnyRig, JointedRig
 
 TEXTS = ("channel", "unit", "law", "values")
 """Headings of columns that hold no numbers."""
@@ -35,13 +37,18 @@ LAWS_FOOT = (
 )
 
 
-def print_modes(console: Console, rig: Rig, modes: LinearModes) -> None:
+def print_modes(console: Console, rig: AnyRig, modes: LinearModes) -> None:
     """Print natural frequencies, damping, and what the modes left out contribute."""
-    table = titled_table(rig.name, "mode", "sliding\nHz", "stuck\nHz", "damping\n%")
-    rows = zip(modes.sliding_hz, modes.stuck_hz, modes.damping_ratio, strict=True)
-    for i, (sliding, stuck, ratio) in enumerate(rows, start=1):
-        table.add_row(str(i), f"{sliding:.3f}", _number(stuck, ".3f"), f"{100 * ratio:.4g}")
-    console.print(table)
+    numbers = zip(modes.sliding_hz, modes.stuck_hz, modes.damping_ratio, strict=True)
+    rows = [
+        [str(i), f"{sliding:.3f}", _number(stuck, ".3f"), f"{100 * ratio:.4g}"]
+        for i, (sliding, stuck, ratio) in enumerate(numbers, start=1)
+    ]
+    if isinstance(rig, JointedRig):
+        print_table(console, rig.name, ["mode", "free\nHz", "joined at rest\nHz", "damping\n%"], rows)
+        print_lines(console, [str(j) for j in rig.joints])
+        return
+    print_table(console, rig.name, ["mode", "sliding\nHz", "stuck\nHz", "damping\n%"], rows)
     s = rig.structure
     held = "rigid" if math.isinf(modes.stiffness) else f"{modes.stiffness:.4g} N/m"
     print_lines(
@@ -57,9 +64,10 @@ def print_modes(console: Console, rig: Rig, modes: LinearModes) -> None:
 
 def print_curves(console: Console, curves: Sequence[ResponseCurve]) -> None:
     """Print what was found at each level, how accurate it is, why, and what to beware of."""
-    console.print(_response_table(curves))
+    first = curves[0].rig
+    print_rows(console, f"{first.name}, {first.law_name}", map(_response_row, curves))
     assessed = [(c, c.assessment) for c in curves if c.assessment is not None]
-    console.print(_numerics_table(assessed))
+    print_rows(console, "numerical error, relative to the peak", (_numerics_row(c, known) for c, known in assessed))
     for c, known in assessed:
         remarks = [known.reason, *(f"warning: {w}" for w in known.warnings)]
         print_lines(console, [f"{c.level:g} N: {remark}" for remark in remarks])
@@ -86,79 +94,61 @@ def _stability_lines(curve: ResponseCurve) -> list[str]:
     return [stable_words(curve), "bifurcations: " + ", ".join(f"{count} {kind}" for kind, count in counts.items())]
 
 
-def _response_table(curves: Sequence[ResponseCurve]) -> Table:
-    first = curves[0].rig
-    title = f"{first.name}, {first.contact.law.name}"
-    table = titled_table(
-        title,
-        "level\nN",
-        "points",
-        "drive\nmm",
-        "at\nHz",
-        "slip\nµm",
-        "friction\nN",
-        "reaction\nN",
-        "folds",
-        "corners",
-    )
-    for c in curves:
-        least = min(float(p.channels["normal"].samples.min()) for p in c.points)
-        table.add_row(
-            f"{c.level:g}",
-            str(len(c.points)),
-            f"{1e3 * c['drive'].peak.max():.4g}",
-            f"{c.peak.hz:.2f}",
-            f"{1e6 * c['slip'].peak.max():.3g}",
-            f"{c['friction'].peak.max():.3g}",
-            f"{least:.3g} to {c['normal'].peak.max():.3g}",
-            str(len(c.folds)),
-            str(len(c.corners)),
-        )
-    return table
+def _response_row(c: ResponseCurve) -> dict[str, str]:
+    return {
+        "level\nN": f"{c.level:g}",
+        "points": str(len(c.points)),
+        "drive\nmm": f"{1e3 * c['drive'].peak.max():.4g}",
+        "at\nHz": f"{c.peak.hz:.2f}",
+        **(_of_joints(c) if isinstance(c.rig, JointedRig) else _of_contact(c)),
+        "folds": str(len(c.folds)),
+        "corners": str(len(c.corners)),
+    }
 
 
-def _numerics_table(curves: Sequence[tuple[ResponseCurve, Assessment]]) -> Table:
-    table = titled_table(
-        "numerical error, relative to the peak",
-        "level\nN",
-        "H",
-        "samples",
-        "modes",
-        "at the peak\n%",
-        "worst\n%",
-        "at\nHz",
-        "loop\nclosure",
-    )
-    for c, known in curves:
-        worst = known.error.worst
-        table.add_row(
-            f"{c.level:g}",
-            str(c.basis.H),
-            str(c.basis.N_t),
-            str(c.rig.structure.n),
-            _number(100 * known.error.at_peak.total, ".2f"),
-            _number(100 * worst.total, ".2f"),
-            f"{worst.hz:.2f}",
-            f"{known.error.closure:.0e}",
-        )
-    return table
+def _of_contact(c: ResponseCurve) -> dict[str, str]:
+    least = min(float(p.channels["normal"].samples.min()) for p in c.points)
+    return {
+        "slip\nµm": f"{1e6 * c['slip'].peak.max():.3g}",
+        "friction\nN": f"{c['friction'].peak.max():.3g}",
+        "reaction\nN": f"{least:.3g} to {c['normal'].peak.max():.3g}",
+    }
 
 
-def print_history(console: Console, history: TimeHistory) -> None:
+def _of_joints(c: ResponseCurve) -> dict[str, str]:
+    name = max(joint_forces(c), key=lambda name: float(c[name].peak.max()))
+    return {"largest\njoint force, N": f"{c[name].peak.max():.3g}", "in": name.replace(".force", "")}
+
+
+def _numerics_row(c: ResponseCurve, known: Assessment) -> dict[str, str]:
+    worst = known.error.worst
+    return {
+        "level\nN": f"{c.level:g}",
+        "H": str(c.basis.H),
+        "samples": str(c.basis.N_t),
+        "modes": str(c.rig.structure.n),
+        "at the peak\n%": _number(100 * known.error.at_peak.total, ".2f"),
+        "worst\n%": _number(100 * worst.total, ".2f"),
+        "at\nHz": f"{worst.hz:.2f}",
+        "loop\nclosure": f"{known.error.closure:.0e}",
+    }
+
+
+def print_history(console: Console, history: TimeHistory | JointHistory) -> None:
     """Print the last period's peaks, how steady it is, and what to beware of."""
     title = f"{history.rig.name}, {history.level:g} N at {history.hz:g} Hz"
-    table = titled_table(title, "channel", "least", "largest", "unit")
+    rows = []
     for name, signal in history.channels.items():
         last = signal.values[-history.samples_per_period :]
-        table.add_row(name, f"{last.min():.4g}", f"{last.max():.4g}", signal.unit)
-    console.print(table)
+        rows.append([name, f"{last.min():.4g}", f"{last.max():.4g}", signal.unit])
+    print_table(console, title, ["channel", "least", "largest", "unit"], rows)
     periods = (len(history.time) - 1) / history.samples_per_period
     lines = [
         f"{len(history.time)} samples, {periods:g} periods, {history.time[-1]:g} s; the table is of the last period"
     ]
     if math.isfinite(history.steadiness):
         lines.append(f"drive displacement still changes by {history.steadiness:.2%} from one period to the next")
-    if history.lift_off is not None:
+    if isinstance(history, TimeHistory) and history.lift_off is not None:
         lines.append(
             f"warning: the tip would lift off from {history.lift_off:.5g} s on; the model keeps it on the support"
         )
@@ -168,28 +158,19 @@ def print_history(console: Console, history: TimeHistory) -> None:
 def print_spectra(console: Console, records: Sequence[HarmonicEstimate], levels: Sequence[float]) -> None:
     """Print the fundamental of each channel of each record, how sure and steady it is, and what to beware of."""
     for number, (record, level) in enumerate(zip(records, levels, strict=True), start=1):
-        table = titled_table(
-            f"record {number}: {record.source}, {level:.4g} N at {record.hz:.8g} Hz",
-            "channel",
-            "fundamental\n|c1|",
-            "std\n ",
-            "unit",
-            "trend\n%",
-            "steady",
-            "between harmonics\n% of rms",
-        )
-        for q in record.quality:
-            known = math.isfinite(q.steadiness.p_steady)
-            table.add_row(
-                q.name,
-                f"{q.amplitude:.5g}",
-                f"{q.std:.2g}",
-                record.units.get(q.name) or "SI",
-                _number(100 * q.steadiness.change, ".2g"),
-                ("yes" if q.steadiness.steady else "no") if known else "-",
-                f"{100 * q.leftover.share:.2g}",
-            )
-        console.print(table)
+        rows = [
+            {
+                "channel": q.name,
+                "fundamental\n|c1|": f"{q.amplitude:.5g}",
+                "std\n ": f"{q.std:.2g}",
+                "unit": record.units.get(q.name) or "SI",
+                "trend\n%": _number(100 * q.steadiness.change, ".2g"),
+                "steady": ("yes" if q.steadiness.steady else "no") if math.isfinite(q.steadiness.p_steady) else "-",
+                "between harmonics\n% of rms": f"{100 * q.leftover.share:.2g}",
+            }
+            for q in record.quality
+        ]
+        print_rows(console, f"record {number}: {record.source}, {level:.4g} N at {record.hz:.8g} Hz", rows)
         print_lines(console, str(record).splitlines())
 
 
@@ -245,20 +226,23 @@ def print_loops(console: Console, loops: Sequence[FrictionLoop], sets: Sequence[
     """Print the largest force and the energy lost per period of some laws' loops, and their sets of parameters."""
     first = loops[0]
     amplitude = f"{1e6 * (first.u.max() - first.u.min()) / 2:g}"
-    table = titled_table(
-        f"slip of {amplitude} µm at {first.hz:g} Hz, load {first.load:g} N",
-        "law",
-        "largest force\nN",
-        "lost per period\nmJ",
-        "values",
-    )
-    for loop, name in zip(loops, sets, strict=True):
-        table.add_row(loop.law.name, f"{abs(loop.T).max():.4g}", f"{1e3 * loop.dissipated:.4g}", name)
-    console.print(table)
+    headings = ["law", "largest force\nN", "lost per period\nmJ", "values"]
+    rows = [
+        [loop.law.name, f"{abs(loop.T).max():.4g}", f"{1e3 * loop.dissipated:.4g}", name]
+        for loop, name in zip(loops, sets, strict=True)
+    ]
+    print_table(console, f"slip of {amplitude} µm at {first.hz:g} Hz, load {first.load:g} N", headings, rows)
 
 
-def titled_table(title: str, *headings: str) -> Table:
-    """A table without lines between its columns, numbers to the right."""
+def print_rows(console: Console, title: str, rows: Iterable[Mapping[str, str]]) -> None:
+    """Print a table of rows that name their columns, if there are any."""
+    listed = list(rows)
+    if listed:
+        print_table(console, title, list(listed[0]), [list(row.values()) for row in listed])
+
+
+def print_table(console: Console, title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table without lines between its columns, numbers to the right."""
     table = Table(
         title=title,
         title_justify="left",
@@ -269,7 +253,9 @@ def titled_table(title: str, *headings: str) -> Table:
     )
     for heading in headings:
         table.add_column(heading, justify="left" if heading in TEXTS else "right", no_wrap=True)
-    return table
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
 
 
 def _number(value: float, form: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.attached import attached_starts
-from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Heats, Runner, elsewhere, rank, with_limits
+from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Candidate, QuickFits, elsewhere, rank, with_limits
 from hbm.diagnosis.screen import Score, Screening, small, starting, telling
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
@@ -29,7 +29,7 @@ RUNNING, HOPELESS = 20, 0.15
 FAVOURED = AT_ONCE
 """After so many in the order of the score test the others run in that of what their best start leaves."""
 
-FINALISTS, LEAST, HOPE = 5, 3, 3.0
+FITTED, LEAST, HOPE = 5, 3, 3.0
 """Candidates that are fitted to all records, at most; and so many where none explains the few but the mean square
 misfit of the best gives hope: else it is fitted alone, for what it is worth."""
 
@@ -46,7 +46,7 @@ SHARE = 0.7
 """Where the misfit is small, those run whose predicted fall of BIC is at least this share of the best."""
 
 EXPLAINED, LITTLE = 1.5, 0.03
-"""Mean square misfit of the quick heat, or share of what it was, from which on only look-alikes of the best one run,"""
+"""Mean square misfit of the quick fit, or share of what it was, from which on only look-alikes of the best one run,"""
 
 ALIKE = 0.5
 """those whose signature has this cosine with it."""
@@ -58,7 +58,9 @@ Tell = Callable[[str], None]
 Enough = Callable[[Evaluation], bool]
 
 
-def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell, enough: Enough) -> list[Evaluation]:
+def fit_candidates(
+    base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell, enough: Enough
+) -> list[Evaluation]:
     """Fit the candidates that may explain a misfit, over a model that was calibrated or not.
 
     Parameters
@@ -76,22 +78,25 @@ def race(base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell,
     Returns
     -------
     list of Evaluation
-        Of the finalists on all records, the least chi2 first.
+        Of the best candidates on all records, the least chi2 first.
     """
-    screening, heats, reached = _started(screening, base, campaign), Heats(base, campaign), np.inf
+    screening, quick, reached = _started(screening, base, campaign), QuickFits(base, campaign), np.inf
     if small(base):
-        done = _refined(_final(_by_score(heats, screening), base, campaign, tell), base, campaign)
-        ran, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
+        done = _refined(_full_fits(_by_score(quick, screening), base, campaign, tell), base, campaign)
+        tried, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
     else:
-        finalists, ran = _by_heat(heats, screening, tell, LITTLE)
-        lost = min((r.chi2 for r in finalists), default=0.0) > HOPE * heats.few.points
+        chosen, tried = _by_quick_fits(quick, screening, tell, LITTLE)
+        lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
         reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
-        done, rest = _refined(_final(finalists, base, campaign, tell, reach), base, campaign), _running(screening, base)
-        reached = finalists[0].chi2 if lost else np.inf
-    rest = [s for s in rest if s.cause.label not in ran]
+        done, rest = (
+            _refined(_full_fits(chosen, base, campaign, tell, reach), base, campaign),
+            _in_order(screening, base),
+        )
+        reached = chosen[0].chi2 if lost else np.inf
+    rest = [s for s in rest if s.cause.label not in tried]
     if rest and not any(enough(e) for e in done):
-        finalists, _ = _by_heat(heats, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
-        more = sorted(_final(finalists, base, campaign, tell), key=rank)
+        chosen, _ = _by_quick_fits(quick, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
+        more = sorted(_full_fits(chosen, base, campaign, tell), key=rank)
         if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
             more = _refined(more, base, campaign)
         done = sorted([*done, *more], key=rank)
@@ -132,17 +137,17 @@ def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Scre
     return replace(screening, scores=scores)
 
 
-def _final(
-    runners: Sequence[Runner], base: Evaluation, campaign: Campaign, tell: Tell, of_use: float = np.inf
+def _full_fits(
+    candidates: Sequence[Candidate], base: Evaluation, campaign: Campaign, tell: Tell, of_use: float = np.inf
 ) -> list[Evaluation]:
     """Fits of candidates to all records, as far as they may get below a chi2 of use; of several valleys the deepest."""
     done: list[Evaluation] = []
     margin = CLOSE if small(base) else REFINED
-    for runner in runners:
-        tell(f"{runner.cause.label}, all records")
-        model = base.model.extended_by(runner.cause)
+    for candidate in candidates:
+        tell(f"{candidate.cause.label}, all records")
+        model = base.model.extended_by(candidate.cause)
         fits: list[Evaluation] = []
-        for x in (runner.x, *runner.others):
+        for x in (candidate.x, *candidate.others):
             reach = min(of_use, min((e.chi2 for e in (*done, *fits) if not e.missing), default=np.inf) + margin)
             needed = fits[0].found if fits else ()
             fits = sorted([*fits, *_fits(model, campaign, x, base.solutions, needed, reach)], key=rank)
@@ -173,16 +178,16 @@ def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> li
     return sorted([first, *others], key=rank)
 
 
-def _by_score(heats: Heats, screening: Screening) -> list[Runner]:
+def _by_score(quick: QuickFits, screening: Screening) -> list[Candidate]:
     """Candidates whose predicted fall of BIC is near the best; those with a place from other places too."""
-    base = heats.base
+    base = quick.base
     best = screening.scores[0].gain if screening.scores else 0.0
-    chosen = [s for s in screening.scores[:FINALISTS] if s.gain > 0.0 and s.gain >= SHARE * best]
+    chosen = [s for s in screening.scores[:FITTED] if s.gain > 0.0 and s.gain >= SHARE * best]
     placed = [s for s in chosen if any(u.shapes for u in s.cause.unknowns(base.model.nominal))]
-    quick = heats.run(placed, MORE_STARTS) if placed else []
-    found = {r.cause.label: (r.x, *r.others) for r in quick if r is not None}
+    elsewhere_too = quick.run(placed, MORE_STARTS) if placed else []
+    found = {r.cause.label: (r.x, *r.others) for r in elsewhere_too if r is not None}
     return [
-        Runner(
+        Candidate(
             s.cause,
             base.chi2 - s.drop,
             starting(base.model.extended_by(s.cause), base, s.start),
@@ -192,52 +197,54 @@ def _by_score(heats: Heats, screening: Screening) -> list[Runner]:
     ]
 
 
-def _by_heat(
-    heats: Heats, screening: Screening, tell: Tell, little: float, reached: float = np.inf
-) -> tuple[list[Runner], set[str]]:
-    """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that ran.
+def _by_quick_fits(
+    quick: QuickFits, screening: Screening, tell: Tell, little: float, reached: float = np.inf
+) -> tuple[list[Candidate], set[str]]:
+    """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that were tried.
 
     Those that leave more than `reached` are out.
     """
-    few = heats.few
-    heat, ran = _first_heat(heats, screening, max(EXPLAINED * few.points, little * heats.before), tell)
-    heat = [r for r in heat if r.chi2 < BEHIND * reached]
-    if not heat:
-        return [], ran
-    if not heats.base.model.causes:
-        heat = _from_other_starts(heat, heats, screening, tell)
-    hopeless = heat[0].chi2 > HELPS * heats.before
-    finalists = _finalists(heat, few, hopeless, len(heats.campaign.numbers) / len(few.numbers))
-    return [r for r in finalists if r.chi2 < reached], ran
+    few = quick.few
+    fitted, tried = _first_quick_fits(quick, screening, max(EXPLAINED * few.points, little * quick.before), tell)
+    fitted = [r for r in fitted if r.chi2 < BEHIND * reached]
+    if not fitted:
+        return [], tried
+    if not quick.base.model.causes:
+        fitted = _from_other_starts(fitted, quick, screening, tell)
+    hopeless = fitted[0].chi2 > HELPS * quick.before
+    chosen = _chosen(fitted, few, hopeless, len(quick.campaign.numbers) / len(few.numbers))
+    return [r for r in chosen if r.chi2 < reached], tried
 
 
-def _first_heat(heats: Heats, screening: Screening, explained: float, tell: Tell) -> tuple[list[Runner], set[str]]:
+def _first_quick_fits(
+    quick: QuickFits, screening: Screening, explained: float, tell: Tell
+) -> tuple[list[Candidate], set[str]]:
     """Quick fits of what may explain the records, the least chi2 first; and the labels of all that were tried."""
-    running = _running(screening, heats.base)
-    waiting, started = running, 0
-    heat: list[Runner] = []
-    ran: set[str] = set()
+    listed = _in_order(screening, quick.base)
+    waiting, started = listed, 0
+    fitted: list[Candidate] = []
+    tried: set[str] = set()
 
-    def outrun(score: Score) -> bool:
-        return _settled(heat, explained, score.cause, screening)
+    def excluded(score: Score) -> bool:
+        return _settled(fitted, explained, score.cause, screening)
 
-    while waiting := [s for s in waiting if not outrun(s)]:
-        if started == FAVOURED and all(r.chi2 > explained for r in heat):
+    while waiting := [s for s in waiting if not excluded(s)]:
+        if started == FAVOURED and all(r.chi2 > explained for r in fitted):
             tell("starts of all others")
-            waiting = heats.ordered(waiting)
-        batch, waiting = waiting[: heats.at_once], waiting[heats.at_once :]
+            waiting = quick.ordered(waiting)
+        batch, waiting = waiting[: quick.at_once], waiting[quick.at_once :]
         started += len(batch)
-        tell(", ".join(s.cause.label for s in batch) + f" ({started} of {len(running)})")
-        for score, runner in zip(batch, heats.run(batch), strict=True):  # the same with and without an executor
-            if outrun(score):
+        tell(", ".join(s.cause.label for s in batch) + f" ({started} of {len(listed)})")
+        for score, candidate in zip(batch, quick.run(batch), strict=True):  # the same with and without an executor
+            if excluded(score):
                 continue
-            ran.add(score.cause.label)
-            if runner is not None:
-                heat.append(runner)
-    return sorted(heat, key=lambda r: r.chi2), ran
+            tried.add(score.cause.label)
+            if candidate is not None:
+                fitted.append(candidate)
+    return sorted(fitted, key=lambda r: r.chi2), tried
 
 
-def _running(screening: Screening, base: Evaluation) -> list[Score]:
+def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     """Candidates in the order of the score test: what it favours first, what takes long last.
 
     A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause.
@@ -249,26 +256,26 @@ def _running(screening: Screening, base: Evaluation) -> list[Score]:
     return [*first, *tried, *(s for s in others if _unseen(s))]
 
 
-def _from_other_starts(heat: list[Runner], heats: Heats, screening: Screening, tell: Tell) -> list[Runner]:
-    """The same where some that may have stopped in a wrong valley ran again."""
-    stuck = _stuck(heat, EXPLAINED * heats.few.points, heats.base.model.nominal, screening)
+def _from_other_starts(fitted: list[Candidate], quick: QuickFits, screening: Screening, tell: Tell) -> list[Candidate]:
+    """The same where some that may have stopped in a wrong valley are fitted again."""
+    stuck = _stuck(fitted, EXPLAINED * quick.few.points, quick.base.model.nominal, screening)
     if not stuck:
-        return heat
+        return fitted
     tell(", ".join(r.cause.label for r in stuck) + ", from other starts")
     scores = {s.cause.label: s for s in screening.scores}
-    more = heats.run([scores[r.cause.label] for r in stuck], MORE_STARTS, MORE_STEPS)
+    more = quick.run([scores[r.cause.label] for r in stuck], MORE_STARTS, MORE_STEPS)
     better = {r: min(again or r, r, key=lambda r: r.chi2) for r, again in zip(stuck, more, strict=True)}
-    return sorted((better.get(r, r) for r in heat), key=lambda r: r.chi2)
+    return sorted((better.get(r, r) for r in fitted), key=lambda r: r.chi2)
 
 
-def _finalists(heat: Sequence[Runner], few: Campaign, hopeless: bool, scale: float) -> list[Runner]:
+def _chosen(fitted: Sequence[Candidate], few: Campaign, hopeless: bool, scale: float) -> list[Candidate]:
     """The best, and those close to it by a chi2 that grows by `scale` to all records."""
-    best = heat[0].chi2
+    best = fitted[0].chi2
     lost, margin = best > EXPLAINED * few.points, max(10 * CLOSE, best)
     alone = hopeless or best > HOPE * few.points
     least = LEAST if lost and not alone else 1
-    most = 1 if alone else LEAST if lost else FINALISTS
-    near = [r for r in heat[:most] if r.chi2 <= BEHIND * best]
+    most = 1 if alone else LEAST if lost else FITTED
+    near = [r for r in fitted[:most] if r.chi2 <= BEHIND * best]
     return [r for i, r in enumerate(near) if i < least or scale * (r.chi2 - best) < margin]
 
 
@@ -277,22 +284,22 @@ def _unseen(score: Score) -> bool:
     return bool(getattr(score.cause, "abrupt", False) or score.starts)
 
 
-def _stuck(heat: Sequence[Runner], explained: float, rig: Rig, screening: Screening) -> list[Runner]:
-    """Runners that may have stopped in a wrong valley: the best where none explains.
+def _stuck(fitted: Sequence[Candidate], explained: float, rig: Rig, screening: Screening) -> list[Candidate]:
+    """Candidates that may have stopped in a wrong valley: the best where none explains.
 
     Else the best if it has a place, and what is simpler and alike.
     """
-    best, *others = heat
+    best, *others = fitted
     if best.chi2 > explained:
-        return [r for r in heat[:AGAIN] if r.chi2 <= BEHIND * best.chi2]
+        return [r for r in fitted[:AGAIN] if r.chi2 <= BEHIND * best.chi2]
     alike, own = screening.look_alikes(best.cause.label, ALIKE), best.cause.unknowns(rig)
-    simpler = [r for r in others[: FINALISTS - 1] if r.cause.label in alike and len(r.cause.unknowns(rig)) < len(own)]
+    simpler = [r for r in others[: FITTED - 1] if r.cause.label in alike and len(r.cause.unknowns(rig)) < len(own)]
     return [best] * any(u.shapes for u in own) + simpler
 
 
-def _settled(heat: Sequence[Runner], explained: float, cause: Cause, screening: Screening) -> bool:
-    """Whether a candidate that ran explains the records, its chi2 below a limit, and this one looks different."""
-    winner = min(heat, key=lambda r: r.chi2, default=None)
-    if winner is None or winner.chi2 > explained:
+def _settled(fitted: Sequence[Candidate], explained: float, cause: Cause, screening: Screening) -> bool:
+    """Whether a fitted candidate explains the records, its chi2 below a limit, and this one looks different."""
+    best = min(fitted, key=lambda r: r.chi2, default=None)
+    if best is None or best.chi2 > explained:
         return False
-    return cause.label not in screening.look_alikes(winner.cause.label, ALIKE)
+    return cause.label not in screening.look_alikes(best.cause.label, ALIKE)

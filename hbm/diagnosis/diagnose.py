@@ -8,7 +8,7 @@ from concurrent.futures import Executor
 from dataclasses import replace
 
 import models.causes
-from hbm.diagnosis.account import Account
+from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.heldout import check_held_out, choose_held_out
 from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.search import OnProgress, Search
@@ -78,18 +78,18 @@ def diagnose(
     shares = repeatability_of(rig, spectra, repeatability)
     spectra = unrepeatable(spectra, shares)
 
-    def account(held: tuple[int, ...]) -> Account:
+    def conclude(held: tuple[int, ...]) -> Conclusion:
         train, unseen = spectra.split(held) if held else (spectra, None)
         search = Search(rig, train, candidates, tolerances, tell, executor)
-        return Account(search, search.decide(), unseen, held)
+        return Conclusion(search, search.decide(), unseen, held)
 
     beside = tuple(_unrepeatable(shares))
-    found = account(held)
+    found = conclude(held)
     if held_out is not None or not found.untold:
         diagnosis = found.diagnosis()
         return replace(diagnosis, evidence=(*beside, *diagnosis.evidence))
     tell("half as many records held out", 0.0)
-    again = account(held[1::2]).diagnosis()
+    again = conclude(held[1::2]).diagnosis()
     return replace(again, evidence=(HALF, *beside, *again.evidence))
 
 

@@ -60,8 +60,8 @@ BETWEEN = {"maxiter": 10, "xatol": 0.005}
 
 
 @dataclass(frozen=True, eq=False)
-class Runner:
-    """A candidate before the final: chi2 as far as it is known, where it stands, and where it may stand as well."""
+class Candidate:
+    """A candidate after a quick fit: chi2 as far as it is known, where it stands, and where it may stand as well."""
 
     cause: Cause
     chi2: float
@@ -74,8 +74,8 @@ Starts = list[tuple[float, Array]]
 
 
 @dataclass(frozen=True, eq=False)
-class Heats:
-    """Quick heats of candidates, each on one core; `compared` are the starts of those that were looked at."""
+class QuickFits:
+    """Quick fits of candidates, each on one core; `compared` are the starts of those that were looked at."""
 
     base: Evaluation
     campaign: Campaign
@@ -118,7 +118,7 @@ class Heats:
 
     @property
     def at_once(self) -> int:
-        """Heats that are run before their outcome is looked at."""
+        """Fits that are run before their outcome is looked at."""
         return 1 if self.campaign.executor is None else AT_ONCE
 
     @cached_property
@@ -136,8 +136,8 @@ class Heats:
         """Logarithm of the determinant of the covariance of these records before."""
         return self.few.whiten(self._quick.found, self._quick.by_x).spread
 
-    def run(self, scores: Sequence[Score], most: int = STARTS, steps: int = STEPS) -> list[Runner | None]:
-        """Runners, None where there is no fit."""
+    def run(self, scores: Sequence[Score], most: int = STARTS, steps: int = STEPS) -> list[Candidate | None]:
+        """Candidates where they stand, None where there is no fit."""
         self._compare(scores)
         before = self.before
         near = [_near(self._quick, before, s, self.compared[s.cause.label], most) for s in scores]
@@ -146,7 +146,7 @@ class Heats:
         each_fit = iter(each(self.campaign.executor, task, causes, [x for starts in near for x in starts]))
         fits = [[e for e in islice(each_fit, len(starts)) if e is not None] for starts in near]
         limited = each(self.campaign.executor, partial(_limited, self.few, steps), fits)
-        return [_runner(self._quick, self.spread, s.cause, f) for s, f in zip(scores, limited, strict=True)]
+        return [_candidate(self._quick, self.spread, s.cause, f) for s, f in zip(scores, limited, strict=True)]
 
     def _compare(self, scores: Sequence[Score]) -> None:
         new = [s for s in scores if s.cause.label not in self.compared]
@@ -199,7 +199,7 @@ def _limited(few: Campaign, steps: int, fits: Sequence[Evaluation]) -> list[Eval
     return sorted(found, key=rank)
 
 
-def _runner(base: Evaluation, spread: float, cause: Cause, fits: Sequence[Evaluation]) -> Runner | None:
+def _candidate(base: Evaluation, spread: float, cause: Cause, fits: Sequence[Evaluation]) -> Candidate | None:
     """A candidate as its best fit leaves it; None where there is none.
 
     What it leaves counts with what its covariance spreads beyond `spread`: transients may explain much.
@@ -208,7 +208,7 @@ def _runner(base: Evaluation, spread: float, cause: Cause, fits: Sequence[Evalua
         return None
     best, *others = fits
     carried = [_carried(base.model.extended_by(cause), base, e) for e in (best, *_apart(best, others))]
-    return Runner(cause, best.chi2 + best.white.spread - spread, carried[0], tuple(carried[1:]))
+    return Candidate(cause, best.chi2 + best.white.spread - spread, carried[0], tuple(carried[1:]))
 
 
 def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions) -> Starts:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.calibrate import calibrate, off, profiled, trusted
-from hbm.diagnosis.candidates import EXPLAINED, race
+from hbm.diagnosis.candidates import EXPLAINED, fit_candidates
 from hbm.diagnosis.decide import (
     DECISIVE,
     Decision,
@@ -267,7 +267,7 @@ class Search:
         self.fitted += lifted
         if any(self._fits(e) for e in lifted):
             return _decided(base, lifted, self.tried)
-        fits = race(base, self.campaign, screening, lambda doing: self.tell(doing, done), self._enough)
+        fits = fit_candidates(base, self.campaign, screening, lambda doing: self.tell(doing, done), self._enough)
         self.fitted += fits
         return _decided(base, [*lifted, *fits], self.tried)
 
@@ -331,7 +331,9 @@ class Search:
         rest = [c for c in self.candidates if c not in single.model.causes and _suits(c, single.model.rig(single.x))]
         screening = self._screened(single, rest)
         first = single.model.label
-        fits = race(single, self.campaign, screening, lambda d: self.tell(f"{first} and {d}", 0.7), self._enough)
+        fits = fit_candidates(
+            single, self.campaign, screening, lambda d: self.tell(f"{first} and {d}", 0.7), self._enough
+        )
         self.fitted += fits
         # the first of a pair may only have led to where the second is found
         pairs = [pair for pair in fits[:1] if self._fits(pair)]

@@ -1,4 +1,7 @@
-"""Figures of results. Functions take axes and return them, or return a whole figure; none shows or saves anything.
+"""Figures of results. Functions take the axes to draw into and return them; none shows or saves anything.
+
+Without axes a function makes a figure of its own, in `pyplot`; what it returns, an `Axes` or an array of them where
+there are several panels, has it as ``.figure``.
 
 Colour carries the level, line style the stability (dashed where unstable). Nothing global is changed: a user's own
 style stays in force for everything that is not said here. Figures of the inverse problem are in

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from hbm.figures.style import FAINT, INK, SMALL, WIDTH, dressed, level_colors, new_axes
+from hbm.figures.style import FAINT, INK, SMALL, AxesArray, align_labels, dressed, level_colors, new_axes, panels
 from hbm.fourier import Array
 from hbm.modes.amplitudes import StuckMode
 from hbm.modes.backbone import Backbone, NonlinearMode
@@ -16,7 +15,13 @@ MODE, RESONANCE = "#1f4e79", "#c8553d"
 """Inks of the nonlinear mode and of phase resonance; distinct in grey."""
 
 
-def plot_backbones(backbones: Sequence[Backbone], curves: Sequence[ResponseCurve] = (), *, number: int = 1) -> Figure:
+def plot_backbones(
+    backbones: Sequence[Backbone],
+    curves: Sequence[ResponseCurve] = (),
+    axes: AxesArray | None = None,
+    *,
+    number: int = 1,
+) -> AxesArray:
     """Page of a mode's frequency and damping over amplitude, and of its backbones over frequency responses.
 
     Parameters
@@ -25,24 +30,25 @@ def plot_backbones(backbones: Sequence[Backbone], curves: Sequence[ResponseCurve
         Of one mode of one rig.
     curves : sequence of ResponseCurve
         Levels to draw beneath them.
+    axes : array of three Axes, optional
     number : int
         Of the mode, for the linear limits.
 
     Returns
     -------
-    Figure
+    (3,) array of Axes
     """
-    figure = Figure(figsize=(WIDTH, 7.6), layout="constrained")
-    frequency, damping, response = figure.subplots(3, 1, height_ratios=(1, 1, 1.5)).tolist()
+    rows = panels(axes, 3, 1, 7.6, height_ratios=(1, 1, 1.5)).ravel()
+    frequency, damping, response = rows
     plot_frequency(backbones, frequency, number=number)
     plot_damping(backbones, damping, number=number)
-    damping.sharex(frequency)
+    if axes is None:
+        damping.sharex(frequency)
     plot_backbone_over_responses(backbones, curves, response)
     frequency.set_xlabel("")
     rig = backbones[0].rig
     frequency.set_title(f"{rig.name}, {rig.contact.law.name}", fontsize=10, loc="left", color=INK)
-    figure.align_ylabels()
-    return figure
+    return align_labels(rows)
 
 
 def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:

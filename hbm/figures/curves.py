@@ -5,11 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from hbm.figures.style import FAINT, INK, SMALL, WIDTH, Color, dressed, level_colors, new_axes
+from hbm.figures.joints import draw_joints
+from hbm.figures.style import FAINT, INK, SMALL, AxesArray, Color, align_labels, dressed, level_colors, new_axes, panels
 from hbm.fourier import Array
 from hbm.response.curve import ResponseCurve
+from models.jointed import JointedRig
+from models.rig import Rig
 
 Curves = ResponseCurve | Sequence[ResponseCurve]
 
@@ -25,21 +27,24 @@ DASHES = {"unstable": (0, (3, 1.5)), "in doubt": (0, (1, 1))}
 PHASE_TICKS = np.arange(-270, 91, 90)
 
 
-def plot_curves(curves: Curves) -> Figure:
+def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     """Page with everything about some frequency responses: amplitude, phase, slip, friction, reaction.
 
     Parameters
     ----------
     curves : ResponseCurve or sequence of them
         Levels to overlay.
+    axes : array of five Axes, or of four for a rig with joints, optional
+        Where to draw; a new figure where omitted.
 
     Returns
     -------
-    Figure
+    (5,) array of Axes; (4,) of a rig with joints: amplitude, phase, joint forces, joint motions
     """
     curves = _listed(curves)
-    figure = Figure(figsize=(WIDTH, 8.6), layout="constrained")
-    rows = figure.subplots(5, 1, sharex=True, height_ratios=(2.4, 1, 1.2, 1.2, 1.4)).tolist()
+    if isinstance(curves[0].rig, JointedRig):
+        return _plot_jointed(curves, axes)
+    rows = panels(axes, 5, 1, 8.6, sharex=True, height_ratios=(2.4, 1, 1.2, 1.2, 1.4)).ravel()
     plot_frequency_response(curves, rows[0])
     plot_phase(curves, rows[1])
     plot_contact(curves, rows[2:])
@@ -48,9 +53,23 @@ def plot_curves(curves: Curves) -> Figure:
     ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
     rows[0].set_xlim(min(ends), max(ends))
     rig = curves[0].rig
-    rows[0].set_title(f"{rig.name}, {rig.contact.law.name}", fontsize=10, loc="left", color=INK)
-    figure.align_ylabels()
-    return figure
+    rows[0].set_title(f"{rig.name}, {rig.law_name}", fontsize=10, loc="left", color=INK)
+    return align_labels(rows)
+
+
+def _plot_jointed(curves: Sequence[ResponseCurve], axes: AxesArray | None) -> AxesArray:
+    rows = panels(axes, 4, 1, 7.6, sharex=True, height_ratios=(2.4, 1, 1.6, 1.6)).ravel()
+    plot_frequency_response(curves, rows[0])
+    plot_phase(curves, rows[1])
+    draw_joints(curves, rows[2], rows[3])
+    rows[3].set_xlabel("Excitation frequency [Hz]", color=INK)
+    for ax in rows[:-1]:
+        ax.set_xlabel("")
+    ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
+    rows[0].set_xlim(min(ends), max(ends))
+    rig = curves[0].rig
+    rows[0].set_title(rig.name, fontsize=10, loc="left", color=INK)
+    return align_labels(rows)
 
 
 def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bool = True) -> Axes:
@@ -106,7 +125,7 @@ def phase_degrees(curve: ResponseCurve) -> Array:
     return np.asarray(np.mod(np.degrees(curve["drive"].phase[:, 1]) + 270.0, 360.0) - 270.0)
 
 
-def plot_contact(curves: Curves, axes: Sequence[Axes] | None = None) -> tuple[Axes, Axes, Axes]:
+def plot_contact(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     """Slip, friction force and normal reaction over the excitation frequency.
 
     Slip and friction are peaks over the period; of the reaction the largest and the least are drawn, with the
@@ -115,15 +134,16 @@ def plot_contact(curves: Curves, axes: Sequence[Axes] | None = None) -> tuple[Ax
     Parameters
     ----------
     curves : ResponseCurve or sequence of them
-    axes : sequence of three Axes, optional
+    axes : array of three Axes, optional
 
     Returns
     -------
-    tuple of Axes
+    (3,) array of Axes
         Slip, friction, reaction.
     """
     curves = _listed(curves)
-    slip, friction, normal = _stack(3) if axes is None else axes
+    rows = panels(axes, 3, 1, 5.0, sharex=True).ravel()
+    slip, friction, normal = rows
     for curve, color in zip(curves, level_colors(curves), strict=True):
         draw_line(slip, curve, curve["slip"].peak * 1e6, color)
         draw_line(friction, curve, curve["friction"].peak, color)
@@ -135,7 +155,7 @@ def plot_contact(curves: Curves, axes: Sequence[Axes] | None = None) -> tuple[Ax
     dressed(slip, "", "Slip,\npeak [µm]")
     dressed(friction, "", "Friction force,\npeak [N]")
     dressed(normal, "Excitation frequency [Hz]", "Normal reaction,\nmax and min [N]")
-    return slip, friction, normal
+    return rows
 
 
 def least_reaction(curve: ResponseCurve) -> Array:
@@ -145,15 +165,6 @@ def least_reaction(curve: ResponseCurve) -> Array:
 
 def _listed(curves: Curves) -> list[ResponseCurve]:
     return [curves] if isinstance(curves, ResponseCurve) else list(curves)
-
-
-def _stack(rows: int) -> Sequence[Axes]:
-    import matplotlib.pyplot as plt
-
-    axes: Sequence[Axes] = (
-        plt.figure(figsize=(WIDTH, 5.0), layout="constrained").subplots(rows, 1, sharex=True).tolist()
-    )
-    return axes
 
 
 def draw_line(
@@ -230,7 +241,10 @@ def explain(ax: Axes) -> None:
 
 def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve]) -> None:
     """Line at the static load, and at zero where the reaction comes near it."""
-    P = curves[0].rig.contact.normal_load
+    rig = curves[0].rig
+    if not isinstance(rig, Rig):
+        return
+    P = rig.contact.normal_load
     ax.axhline(P, color=FAINT, linewidth=0.8, zorder=0)
     ax.annotate("$P$", (1.0, P), (3, 0), ax.get_yaxis_transform(), "offset points", va="center", fontsize=SMALL)
     if min(float(least_reaction(c).min()) for c in curves) < 0.25 * P:

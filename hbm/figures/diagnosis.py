@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from hbm.figures.style import INK, SMALL, WIDTH, dressed, graded
+from hbm.figures.style import INK, SMALL, AxesArray, dressed, graded, label_all, legend_above, panels
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
@@ -51,6 +50,8 @@ CLEAR, CURVE = 3.0, 4
 """Deviations of so many standard deviations show a misfit; records from which on a level is drawn as a curve."""
 
 FREQUENCY = "Frequency [Hz]"
+
+FIVE_COLUMNS: dict[str, Any] = {"ncols": 5, "columnspacing": 1.4}
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,13 +193,12 @@ def _entries(
     return tuple(np.concatenate(column) for column in zip(*rows, strict=True)) if rows else ()
 
 
-# ----------------------------------------------------------------------------------------------------------- overview
-
-
 # ---------------------------------------------------------------------------------------------------------- responses
 
 
-def plot_responses(models: Mapping[str, Compared], channels: Sequence[str], units: Sequence[str]) -> Figure:
+def plot_responses(
+    models: Mapping[str, Compared], channels: Sequence[str], units: Sequence[str], axes: AxesArray | None = None
+) -> AxesArray:
     """Amplitude of the fundamental over the frequency, a row per channel, a column per band of frequencies.
 
     Parameters
@@ -206,17 +206,20 @@ def plot_responses(models: Mapping[str, Compared], channels: Sequence[str], unit
     models : mapping of str to Compared
     channels, units : sequence of str
         Of those measured; the first six are drawn.
+    axes : array of Axes, optional
+        One per channel and band.
 
     Returns
     -------
-    Figure
+    (channels, bands) array of Axes
     """
     any_model = next(iter(models.values()))
     levels = np.unique(any_model.level)
     colors = dict(zip(levels.tolist(), graded(levels.tolist()), strict=True))
-    figure, grid, bands = _grid(any_model, channels)
-    for row, axes in enumerate(grid):
-        for band, ax in zip(bands, axes, strict=True):
+    bands = frequency_bands(any_model.hz)
+    grid = _grid(any_model, channels, bands, axes)
+    for row, beside in enumerate(grid):
+        for band, ax in zip(bands, beside, strict=True):
             for level in levels:
                 for name, c in models.items():
                     own = _chosen(c, row, band) & (c.level == level)
@@ -235,14 +238,12 @@ def plot_responses(models: Mapping[str, Compared], channels: Sequence[str], unit
             ax.set_yscale("log")
             _readable(ax, len(bands))
             dressed(ax, "", "")
-        axes[0].set_ylabel(f"{channels[row]}\n[{units[row]}]", color=INK, fontsize=SMALL + 1)
-    figure.supxlabel(FREQUENCY, color=INK, fontsize=10)
-    figure.supylabel("Amplitude of the fundamental", color=INK, fontsize=10)
+        beside[0].set_ylabel(f"{channels[row]}\n[{units[row]}]", color=INK, fontsize=SMALL + 1)
+    label_all(grid, FREQUENCY, "Amplitude of the fundamental")
     handles = [Line2D([], [], color=colors[float(v)], linewidth=3, label=f"{v:g} N") for v in levels]
     handles += [Line2D([], [], color=INK, linestyle=STYLES[name], linewidth=1, label=name) for name in models]
-    handles += record_handles(any_model)
-    legend(figure, handles)
-    return figure
+    legend_above(grid, [*handles, *record_handles(any_model)], **FIVE_COLUMNS)
+    return grid
 
 
 def measured_points(ax: Axes, c: Compared, own: npt.NDArray[np.bool_], colors: Mapping[float, Any]) -> None:
@@ -265,44 +266,48 @@ def measured_points(ax: Axes, c: Compared, own: npt.NDArray[np.bool_], colors: M
         )
 
 
-def plot_deviations(models: Mapping[str, Compared], channels: Sequence[str]) -> Figure:
+def plot_deviations(
+    models: Mapping[str, Compared], channels: Sequence[str], axes: AxesArray | None = None
+) -> AxesArray:
     """Measured less simulated fundamental, relative to the measured one, beside what noise makes of it.
 
     Parameters
     ----------
     models : mapping of str to Compared
     channels : sequence of str
+    axes : array of Axes, optional
+        One per channel and band.
 
     Returns
     -------
-    Figure
+    (channels, bands) array of Axes
     """
     any_model = next(iter(models.values()))
     noise = 100 * np.sqrt(2.0) * any_model.std / np.abs(any_model.measured)
-    figure, grid, bands = _grid(any_model, channels)
-    for row, axes in enumerate(grid):
-        for band, ax in zip(bands, axes, strict=True):
+    bands = frequency_bands(any_model.hz)
+    grid = _grid(any_model, channels, bands, axes)
+    for row, beside in enumerate(grid):
+        for band, ax in zip(bands, beside, strict=True):
             own = _chosen(any_model, row, band)
             ax.plot(any_model.hz[own], noise[own], "_", color="0.35", markersize=5, markeredgewidth=0.9, zorder=1)
             for name, c in models.items():
                 off = 100 * np.abs(c.measured - c.simulated) / np.abs(c.measured)
-                beside = ASIDE * (MODELS.index(name) - 1) * (band[1] - band[0])
+                shift = ASIDE * (MODELS.index(name) - 1) * (band[1] - band[0])
                 for held in (False, True):
                     i = _chosen(c, row, band) & (c.held_out == held)
-                    points(ax, c.hz[i] + beside, off[i], name, hollow=held)
+                    points(ax, c.hz[i] + shift, off[i], name, hollow=held)
             ax.set_yscale("log")
             ax.set_ylim(bottom=LOST * float(noise[(any_model.channel == row) & (any_model.harmonic == 1)].min()))
             _readable(ax, len(bands))
             dressed(ax, "", "")
-        axes[0].set_ylabel(channels[row], color=INK, fontsize=SMALL + 1)
-    figure.supxlabel(FREQUENCY, color=INK, fontsize=10)
-    figure.supylabel("Deviation of the fundamental [%]", color=INK, fontsize=10)
+        beside[0].set_ylabel(channels[row], color=INK, fontsize=SMALL + 1)
+    label_all(grid, FREQUENCY, "Deviation of the fundamental [%]")
     handles = [_handle(name) for name in models]
     handles.append(Line2D([], [], linestyle="", marker="_", color="0.35", label="noise, rms"))
     if any_model.held_out.any():
         handles.append(Line2D([], [], linestyle="", marker="o", color=INK, markerfacecolor="white", label="held out"))
-    legend(figure, handles)
-    return figure
+    legend_above(grid, handles, **FIVE_COLUMNS)
+    return grid
 
 
 def _chosen(c: Compared, channel: int, band: tuple[float, float]) -> npt.NDArray[np.bool_]:
@@ -317,15 +322,15 @@ def frequency_bands(hz: Array) -> list[tuple[float, float]]:
     return [(float(f[i]), float(f[j])) for i, j in zip(starts, ends, strict=True)]
 
 
-def _grid(c: Compared, channels: Sequence[str]) -> tuple[Figure, list[list[Axes]], list[tuple[float, float]]]:
+def _grid(
+    c: Compared, channels: Sequence[str], bands: Sequence[tuple[float, float]], axes: AxesArray | None
+) -> AxesArray:
     """A row per channel, a column per band as wide as its share of the records."""
-    bands = frequency_bands(c.hz)
     rows = min(len(channels), MOST_CHANNELS)
-    figure = Figure(figsize=(WIDTH, max(0.9 + 1.15 * rows, LEAST_HEIGHT)), layout="constrained")
     counts = [max(len(np.unique(c.hz[(c.hz >= low) & (c.hz <= high)])), 1) for low, high in bands]
     widths = [max(n, 0.4 * max(counts)) for n in counts]
-    axes = figure.subplots(rows, len(bands), squeeze=False, sharex="col", sharey="row", width_ratios=widths)
-    return figure, [list(row) for row in axes], bands
+    height = max(0.9 + 1.15 * rows, LEAST_HEIGHT)
+    return panels(axes, rows, len(bands), height, sharex="col", sharey="row", width_ratios=widths)
 
 
 def _readable(ax: Axes, bands: int) -> None:
@@ -362,24 +367,9 @@ def record_handles(c: Compared) -> list[Line2D]:
     return shown
 
 
-def legend(figure: Figure, handles: Sequence[Line2D], columns: int = 5) -> None:
-    """A legend above a figure."""
-    style: dict[str, Any] = {"frameon": False, "fontsize": SMALL, "labelcolor": INK}
-    figure.legend(handles=handles, loc="outside upper left", ncols=columns, columnspacing=1.4, **style)
-
-
-# ------------------------------------------------------------------------------------------------------------- misfit
-
-
-# ----------------------------------------------------------------------------------------------------- residual force
-
-
 def levels(force: Array) -> Array:
     """The mean of forces that are alike, for each of them."""
     order = np.argsort(force)
     group = np.empty(len(force), dtype=int)
     group[order] = np.cumsum(np.append(0.0, force[order][1:] / force[order][:-1] > ALIKE))
     return np.asarray((np.bincount(group, force) / np.bincount(group))[group])
-
-
-# --------------------------------------------------------------------------------------------------------------- gain

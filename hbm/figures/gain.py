@@ -2,32 +2,31 @@
 
 from typing import TYPE_CHECKING, Any
 
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from hbm.figures.style import FAINT, INK, WIDTH, dressed
+from hbm.figures.diagnosis import COLORS, FIVE_COLUMNS, MODELS, few_powers
+from hbm.figures.style import FAINT, INK, AxesArray, dressed, legend_above, panels
 
 if TYPE_CHECKING:
     from hbm.diagnosis.verdict import Diagnosis
-from hbm.figures.diagnosis import COLORS, MODELS, few_powers, legend
 
 
-def plot_gain(diagnosis: "Diagnosis") -> Figure:
+def plot_gain(diagnosis: "Diagnosis", axes: AxesArray | None = None) -> AxesArray:
     """Error of each model on the records fitted and on those held out.
 
     Parameters
     ----------
     diagnosis : Diagnosis
+    axes : array of two Axes, optional
 
     Returns
     -------
-    Figure
+    (2,) array of Axes
     """
-    figure = Figure(figsize=(WIDTH, 1.9), layout="constrained")
-    axes = figure.subplots(1, 2, sharey=True)
+    pair = panels(axes, 1, 2, 1.9, sharey=True).ravel()
     names = [name for name in MODELS if name in diagnosis.errors]
     for ax, (key, factor, label) in zip(
-        axes, (("nrmse", 100.0, "Error [%]"), ("chi2_reduced", 1.0, "Misfit [noise variances]")), strict=True
+        pair, (("nrmse", 100.0, "Error [%]"), ("chi2_reduced", 1.0, "Misfit [noise variances]")), strict=True
     ):
         for y, name in enumerate(names):
             parts = diagnosis.errors[name]
@@ -41,13 +40,13 @@ def plot_gain(diagnosis: "Diagnosis") -> Figure:
         ax.set_xlim(low / 1.3, high * 1.3)
         few_powers(ax.xaxis, high / low)
         dressed(ax, label, "")
-    axes[1].axvline(1.0, color=FAINT, linewidth=0.9, zorder=0)
-    axes[0].set_yticks(range(len(names)), names)
-    axes[0].set_ylim(len(names) - 0.5, -0.5)
+    pair[1].axvline(1.0, color=FAINT, linewidth=0.9, zorder=0)
+    pair[0].set_yticks(range(len(names)), names)
+    pair[0].set_ylim(len(names) - 0.5, -0.5)
     shown: dict[str, Any] = {"markersize": 5, "linestyle": "", "marker": "o", "color": INK}
     handles = [
         Line2D([], [], label="records fitted", **shown),
         Line2D([], [], label="records held out", markerfacecolor="white", **shown),
     ]
-    legend(figure, handles)
-    return figure
+    legend_above(pair, handles, **FIVE_COLUMNS)
+    return pair

@@ -2,13 +2,15 @@
 
 from typing import TYPE_CHECKING
 
-from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from hbm.figures.style import FAINT, INK, WIDTH, dressed, level_colors
+from hbm.figures.joints import plot_joint_history
+from hbm.figures.style import FAINT, INK, AxesArray, align_labels, dressed, level_colors, panels
+from models.jointed import JointedRig
 
 if TYPE_CHECKING:
     from hbm.integration.history import TimeHistory
+    from hbm.integration.jointed import JointHistory
 
 HISTORY_ROWS = (
     ("drive", 1e3, "Drive\n[mm]"),
@@ -18,21 +20,26 @@ HISTORY_ROWS = (
 )
 
 
-def plot_history(history: "TimeHistory", periods: int = 3) -> Figure:
+def plot_history(
+    history: "TimeHistory | JointHistory", axes: AxesArray | None = None, *, periods: int = 3
+) -> AxesArray:
     """Drive displacement, slip, friction force and reaction over time, and their last periods enlarged.
 
     Parameters
     ----------
     history : TimeHistory
+    axes : array of eight Axes, optional
     periods : int
         How many of the last periods are enlarged.
 
     Returns
     -------
-    Figure
+    (4, 2) array of Axes
     """
-    figure = Figure(figsize=(WIDTH, 5.6), layout=ConstrainedLayoutEngine(wspace=0.06))
-    grid = figure.subplots(4, 2, sharex="col", sharey="row", width_ratios=(2, 1))
+    if isinstance(history.rig, JointedRig):
+        return plot_joint_history(history, axes, periods=periods)
+    layout = ConstrainedLayoutEngine(wspace=0.06)
+    grid = panels(axes, 4, 2, 5.6, layout=layout, sharex="col", sharey="row", width_ratios=(2, 1))
     last = slice(-min(periods * history.samples_per_period + 1, len(history.time)), None)
     color = level_colors([history])[0]
     for row, (name, scale, label) in zip(grid, HISTORY_ROWS, strict=True):
@@ -48,5 +55,4 @@ def plot_history(history: "TimeHistory", periods: int = 3) -> Figure:
     grid[0][0].set_title(
         f"{history.rig.name}, {history.level:g} N at {history.hz:g} Hz", fontsize=10, loc="left", color=INK
     )
-    figure.align_ylabels()
-    return figure
+    return align_labels(grid)

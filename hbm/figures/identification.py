@@ -11,12 +11,22 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.ticker import MaxNLocator
 
 from hbm.figures.inverse import BAND, FRICTION, HARMONIC, SLIP, loop_band, representative
-from hbm.figures.style import FAINT, INK, SMALL, WIDTH, closed, dressed, panels
+from hbm.figures.style import (
+    FAINT,
+    INK,
+    SMALL,
+    AxesArray,
+    closed,
+    dressed,
+    label_all,
+    legend_above,
+    panels,
+    wrapped_panels,
+)
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
@@ -70,9 +80,10 @@ def plot_law_loops(
     reconstruction: "Reconstruction",
     predicted: Predicted,
     records: Sequence[int] | None = None,
+    axes: AxesArray | None = None,
     *,
     slip: Predicted | None = None,
-) -> Figure:
+) -> AxesArray:
     """Loops of fitted laws on the reconstructed ones, a panel per record; the 95 % band in grey.
 
     Parameters
@@ -82,12 +93,14 @@ def plot_law_loops(
         Friction of each law under the reconstructed slip and reaction [N].
     records : sequence of int, optional
         Numbers of records; the two of each level that slip most where omitted, as far as they slip.
+    axes : array of Axes, optional
+        One per record.
     slip : mapping of str to (r, N) array, optional
         Slip of each law [m]; the reconstructed one where omitted.
 
     Returns
     -------
-    Figure
+    (records,) array of Axes
 
     Raises
     ------
@@ -95,14 +108,12 @@ def plot_law_loops(
         If there is no such record.
     """
     chosen = loop_records(reconstruction) if records is None else list(records)
-    figure, axes = panels(len(chosen), 0.6, 1.9, sharey=True)
-    for record, ax in zip(chosen, axes, strict=True):
+    found = wrapped_panels(axes, len(chosen), 0.6, 1.9, sharey=True)
+    for record, ax in zip(chosen, found, strict=True):
         _draw_laws(ax, reconstruction, predicted, slip or {}, reconstruction.index(record))
-    figure.supxlabel(SLIP, color=INK, fontsize=10)
-    figure.supylabel(FRICTION, color=INK, fontsize=10)
-    named = axes[0].get_legend_handles_labels()
-    figure.legend(*named, loc="outside upper left", ncols=4, frameon=False, fontsize=SMALL, labelcolor=INK)
-    return figure
+    label_all(found, SLIP, FRICTION)
+    legend_above(found, found[0].get_legend_handles_labels()[0], ncols=4)
+    return found
 
 
 def loop_records(reconstruction: "Reconstruction") -> list[int]:
@@ -132,7 +143,9 @@ def _draw_laws(ax: Axes, reconstruction: "Reconstruction", predicted: Predicted,
 # ---------------------------------------------------------------------------------------------------------- residuals
 
 
-def plot_law_residuals(reconstruction: "Reconstruction", predicted: Predicted) -> Figure:
+def plot_law_residuals(
+    reconstruction: "Reconstruction", predicted: Predicted, axes: AxesArray | None = None
+) -> AxesArray:
     """What laws leave of each harmonic of friction, beside what the sensors resolve.
 
     Left: rms over the records [N]. Right: relative to the resolution of the sensors in each record; near 1 where a law
@@ -143,13 +156,14 @@ def plot_law_residuals(reconstruction: "Reconstruction", predicted: Predicted) -
     reconstruction : Reconstruction
     predicted : mapping of str to (r, N) array
         Friction of each law [N].
+    axes : array of two Axes, optional
 
     Returns
     -------
-    Figure
+    (2,) array of Axes
     """
-    figure = Figure(figsize=(WIDTH, 2.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    pair = panels(axes, 1, 2, 2.8).ravel()
+    left, right = pair
     k = np.arange(1, reconstruction.H + 1)
     left.plot(
         k,
@@ -171,15 +185,14 @@ def plot_law_residuals(reconstruction: "Reconstruction", predicted: Predicted) -
         ax.set_xticks(k[:: 1 + len(k) // 12])
     dressed(left, HARMONIC, "Residual, rms [N]")
     dressed(right, HARMONIC, "Residual / resolution")
-    named = left.get_legend_handles_labels()
-    figure.legend(*named, loc="outside upper left", ncols=4, frameon=False, fontsize=SMALL, labelcolor=INK)
-    return figure
+    legend_above(pair, left.get_legend_handles_labels()[0], ncols=4)
+    return pair
 
 
 def law_residuals(reconstruction: "Reconstruction", forces: Array) -> tuple[Array, Array]:
     """Rms over records of what a law leaves of each cosine and sine of friction: [N], and relative to resolution."""
     friction, H = reconstruction["friction"], reconstruction.H
-    left = 2.0 * np.fft.rfft(forces, axis=1)[:, 1 : H + 1] / forces.shape[1] - friction.amplitudes[:, 1:]
+    left = 2.0 * np.fft.rfft(forces, axis=1)[:, 1 : H + 1] / forces.shape[1] - friction.complex[:, 1:]
     std = reconstruction.resolution[:, 1:]
     relative = np.divide(np.abs(left), std, out=np.full(std.shape, np.nan), where=np.isfinite(std) & (std > 0.0))
     return _rms(np.abs(left)) / np.sqrt(2.0), _rms(relative) / np.sqrt(2.0)
@@ -200,7 +213,9 @@ def _rms(values: Array) -> Array:
 # --------------------------------------------------------------------------------------------------------- parameters
 
 
-def plot_parameters(parameters: Sequence[ParameterByLevel], laws: Sequence[str] = ()) -> Figure:
+def plot_parameters(
+    parameters: Sequence[ParameterByLevel], laws: Sequence[str] = (), axes: AxesArray | None = None
+) -> AxesArray:
     """Values of parameters by level with 95 % bars, a panel each; the value of all levels as a line in its band.
 
     Parameters
@@ -208,17 +223,19 @@ def plot_parameters(parameters: Sequence[ParameterByLevel], laws: Sequence[str] 
     parameters : sequence of ParameterByLevel
     laws : sequence of str
         All laws of the other figures, in their order: each keeps its colour and marker.
+    axes : array of Axes, optional
+        One per parameter.
 
     Returns
     -------
-    Figure
+    (parameters,) array of Axes
     """
-    figure, axes = panels(len(parameters), 0.3, 1.85)
+    found = wrapped_panels(axes, len(parameters), 0.3, 1.85)
     order = list(dict.fromkeys([*laws, *(p.law for p in parameters)]))
-    for p, ax in zip(parameters, axes, strict=True):
+    for p, ax in zip(parameters, found, strict=True):
         _draw_parameter(ax, p, law_style(order.index(p.law)))
-    figure.supxlabel("Force level [N]", color=INK, fontsize=10)
-    return figure
+    label_all(found, "Force level [N]")
+    return found
 
 
 def _draw_parameter(ax: Axes, p: ParameterByLevel, style: dict[str, Any]) -> None:
@@ -255,7 +272,14 @@ def _keep_in_view(ax: Axes, p: ParameterByLevel, style: dict[str, Any]) -> None:
 # ------------------------------------------------------------------------------------------------------------ ranking
 
 
-def plot_ranking(laws: Sequence[str], bic: Array, error: Array | None = None, decisive: float = 10.0) -> Figure:
+def plot_ranking(
+    laws: Sequence[str],
+    bic: Array,
+    error: Array | None = None,
+    axes: AxesArray | None = None,
+    *,
+    decisive: float = 10.0,
+) -> AxesArray:
     """Laws in the order of their BIC, the best on top, and the error of each on records it was not fitted to.
 
     Parameters
@@ -264,27 +288,28 @@ def plot_ranking(laws: Sequence[str], bic: Array, error: Array | None = None, de
     bic : (l,) array
     error : (l,) array, optional
         On held-out records, relative.
+    axes : array of Axes, optional
+        One, or two with errors.
     decisive : float
         Difference of BIC that decides, marked.
 
     Returns
     -------
-    Figure
+    (1,) or (2,) array of Axes
     """
     order = np.argsort(bic)
-    figure = Figure(figsize=(WIDTH, 0.9 + 0.26 * len(laws)), layout="constrained")
-    axes = figure.subplots(1, 1 if error is None else 2, squeeze=False, sharey=True)[0]
+    found = panels(axes, 1, 1 if error is None else 2, 0.9 + 0.26 * len(laws), sharey=True).ravel()
     y = np.arange(len(laws))
-    _bars(axes[0], y, (bic - bic.min())[order], ".4g")
-    axes[0].set_xscale("symlog", linthresh=10.0)
-    dressed(axes[0], f"BIC above the best; {decisive:g} is decisive", "")
-    axes[0].axvline(decisive, color=FAINT, linewidth=0.8, zorder=0)
-    axes[0].set_yticks(y, [laws[i] for i in order])
-    axes[0].invert_yaxis()
+    _bars(found[0], y, (bic - bic.min())[order], ".4g")
+    found[0].set_xscale("symlog", linthresh=10.0)
+    dressed(found[0], f"BIC above the best; {decisive:g} is decisive", "")
+    found[0].axvline(decisive, color=FAINT, linewidth=0.8, zorder=0)
+    found[0].set_yticks(y, [laws[i] for i in order])
+    found[0].invert_yaxis()
     if error is not None:
-        _bars(axes[1], y, 100.0 * error[order], ".3g")
-        dressed(axes[1], "Error on held-out records [%]", "")
-    return figure
+        _bars(found[1], y, 100.0 * error[order], ".3g")
+        dressed(found[1], "Error on held-out records [%]", "")
+    return found
 
 
 def _bars(ax: Axes, y: npt.NDArray[np.intp], width: Array, form: str) -> None:

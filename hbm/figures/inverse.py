@@ -10,13 +10,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
-from hbm.figures.style import FAINT, INK, SMALL, WIDTH, Color, closed, dressed, graded, new_axes, tint
+from hbm.figures.style import (
+    FAINT,
+    INK,
+    SMALL,
+    AxesArray,
+    Color,
+    align_labels,
+    closed,
+    dressed,
+    graded,
+    label_all,
+    legend_above,
+    new_axes,
+    panels,
+    tint,
+)
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
@@ -150,8 +164,12 @@ def _comparable(reconstruction: "Reconstruction", truth: Truth, name: str, i: in
 
 
 def plot_reconstructed_loops(
-    reconstruction: "Reconstruction", records: Sequence[int] | None = None, *, truth: Truth | None = None
-) -> Figure:
+    reconstruction: "Reconstruction",
+    records: Sequence[int] | None = None,
+    axes: AxesArray | None = None,
+    *,
+    truth: Truth | None = None,
+) -> AxesArray:
     """Friction loops of several records with 95 % bands, a row of panels per level.
 
     Parameters
@@ -159,12 +177,14 @@ def plot_reconstructed_loops(
     reconstruction : Reconstruction
     records : sequence of int, optional
         Numbers of records; `representative` ones where omitted.
+    axes : array of Axes, optional
+        One per place in the rows.
     truth : mapping of str to (records, samples) arrays, optional
         Known `slip` [m] and `friction` [N].
 
     Returns
     -------
-    Figure
+    (rows, columns) array of Axes
 
     Raises
     ------
@@ -174,23 +194,21 @@ def plot_reconstructed_loops(
     chosen = representative(reconstruction) if records is None else list(records)
     rows = [row for level in _rows_by_level(reconstruction, chosen) for row in _wrapped(level)]
     columns = max(map(len, rows))
-    figure = Figure(figsize=(WIDTH, 0.45 + 1.5 * len(rows)), layout="constrained")
-    grid = figure.subplots(len(rows), columns, squeeze=False, sharey="row")
-    for row, axes in zip(rows, grid, strict=True):
-        for ax in axes[len(row) :]:
+    grid = panels(axes, len(rows), columns, 0.45 + 1.5 * len(rows), sharey="row")
+    for row, beside in zip(rows, grid, strict=True):
+        for ax in beside[len(row) :]:
             ax.set_axis_off()
-        for record, ax in zip(row, axes, strict=False):
+        for record, ax in zip(row, beside, strict=False):
             plot_reconstructed_loop(reconstruction, record, ax, truth=truth)
             dressed(ax, "", "")
             ax.xaxis.set_major_locator(MaxNLocator(3))
             if not reconstruction.slips[reconstruction.index(record)]:
                 ax.text(0.97, 0.95, "sticks", transform=ax.transAxes, ha="right", va="top", fontsize=SMALL, color="0.4")
             titled(ax, reconstruction, record)
-    figure.supxlabel(SLIP, color=INK, fontsize=10)
-    figure.supylabel(FRICTION, color=INK, fontsize=10)
+    label_all(grid, SLIP, FRICTION)
     if truth is not None:
-        legend_above(figure, grid[0, 0])
-    return figure
+        grey_legend(grid)
+    return grid
 
 
 def _rows_by_level(reconstruction: "Reconstruction", records: Sequence[int]) -> list[list[int]]:
@@ -211,12 +229,10 @@ def titled(ax: Axes, reconstruction: "Reconstruction", record: int) -> None:
     ax.set_title(text, fontsize=SMALL, loc="left", color=INK)
 
 
-def legend_above(figure: Figure, ax: Axes) -> None:
-    """Legend of what one panel shows, in grey: colours are the levels'."""
-    handles, labels = ax.get_legend_handles_labels()
-    legend = figure.legend(
-        handles, labels, loc="outside upper right", ncols=len(labels), frameon=False, fontsize=SMALL, labelcolor=INK
-    )
+def grey_legend(axes: AxesArray) -> None:
+    """Legend of what the first panel shows, in grey: colours are the levels'."""
+    handles = axes.flat[0].get_legend_handles_labels()[0]
+    legend = legend_above(axes, handles, where="upper right", ncols=len(handles))
     for drawn, shown in zip(handles, legend.legend_handles, strict=True):
         if isinstance(drawn, Line2D) and isinstance(shown, Line2D) and drawn.get_color() != TRUTH_LINE["color"]:
             hollow = shown.get_markerfacecolor() == "white"
@@ -227,8 +243,12 @@ def legend_above(figure: Figure, ax: Axes) -> None:
 
 
 def plot_signals(
-    reconstruction: "Reconstruction", records: Sequence[int] | None = None, *, truth: Truth | None = None
-) -> Figure:
+    reconstruction: "Reconstruction",
+    records: Sequence[int] | None = None,
+    axes: AxesArray | None = None,
+    *,
+    truth: Truth | None = None,
+) -> AxesArray:
     """Friction, reaction, slip and slip velocity over a period with 95 % bands, a column of panels per record.
 
     Parameters
@@ -236,12 +256,14 @@ def plot_signals(
     reconstruction : Reconstruction
     records : sequence of int, optional
         Numbers of records; of each level the one that slips most where omitted.
+    axes : array of Axes, optional
+        One per signal and record.
     truth : mapping of str to (records, samples) arrays, optional
         Known signals of any of the four names.
 
     Returns
     -------
-    Figure
+    (4, records) array of Axes
 
     Raises
     ------
@@ -249,21 +271,20 @@ def plot_signals(
         If there is no such record.
     """
     chosen = representative(reconstruction, 1) if records is None else list(records)
-    figure = Figure(figsize=(WIDTH, 5.6), layout="constrained")
-    grid = figure.subplots(len(SIGNAL_ROWS), len(chosen), squeeze=False, sharex=True, sharey="row")
+    grid = panels(axes, len(SIGNAL_ROWS), len(chosen), 5.6, sharex=True, sharey="row")
     for column, record in enumerate(chosen):
         for (name, scale, label), ax in zip(SIGNAL_ROWS, grid[:, column], strict=True):
             _draw_signal(ax, reconstruction, name, record, scale, truth)
             dressed(ax, "", "" if column else label)
         titled(grid[0, column], reconstruction, record)
     _mark_load(grid[1], reconstruction)
-    grid[0, 0].set_xlim(0.0, 1.0)
-    grid[0, 0].set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
-    figure.supxlabel("Phase of the period", color=INK, fontsize=10)
-    figure.align_ylabels()
+    for ax in grid.flat:
+        ax.set_xlim(0.0, 1.0)
+        ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    label_all(grid, "Phase of the period")
     if truth is not None:
-        legend_above(figure, grid[0, 0])
-    return figure
+        grey_legend(grid)
+    return align_labels(grid)
 
 
 def _draw_signal(
@@ -282,16 +303,10 @@ def _draw_signal(
         ax.plot(np.linspace(0.0, 1.0, len(known)), known, **TRUTH_LINE, label="true")
 
 
-def _mark_load(axes: Sequence[Axes], reconstruction: "Reconstruction") -> None:
+def _mark_load(axes: AxesArray, reconstruction: "Reconstruction") -> None:
     P = reconstruction.rig.contact.normal_load
     for ax in axes:
         ax.axhline(P, color="0.55", linewidth=0.7, linestyle=(0, (4, 2)), zorder=0)
     axes[-1].annotate(
         "$P$", (1.0, P), (3, 0), axes[-1].get_yaxis_transform(), "offset points", va="center", fontsize=SMALL
     )
-
-
-# ---------------------------------------------------------------------------------------------------------- harmonics
-
-
-# -------------------------------------------------------------------------------------------------- energy, trust

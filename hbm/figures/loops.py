@@ -6,10 +6,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from hbm.balance.solution import PeriodicSolution
-from hbm.figures.style import INK, SMALL, WIDTH, closed, dressed, level_colors, new_axes
+from hbm.figures.style import (
+    INK,
+    SMALL,
+    AxesArray,
+    closed,
+    dressed,
+    label_all,
+    legend_above,
+    level_colors,
+    new_axes,
+    panels,
+)
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
@@ -57,7 +67,7 @@ def plot_loop(
     return dressed(ax, "Slip [µm]", "Friction force [N]")
 
 
-def plot_loops(loops: Sequence["FrictionLoop"]) -> Figure:
+def plot_loops(loops: Sequence["FrictionLoop"], axes: AxesArray | None = None) -> AxesArray:
     """Friction force against slip and against slip velocity, side by side.
 
     Up to OVERLAID laws share two panels. More have a pair of panels each, with the other loops in grey behind.
@@ -65,32 +75,31 @@ def plot_loops(loops: Sequence["FrictionLoop"]) -> Figure:
     Parameters
     ----------
     loops : sequence of FrictionLoop
+    axes : array of Axes, optional
+        Two, or four for each two laws.
 
     Returns
     -------
-    Figure
+    (2,) or (rows, 4) array of Axes
     """
-    return _overlaid(loops) if len(loops) <= OVERLAID else _one_by_one(loops)
+    return _overlaid(loops, axes) if len(loops) <= OVERLAID else _one_by_one(loops, axes)
 
 
-def _overlaid(loops: Sequence["FrictionLoop"]) -> Figure:
-    figure = Figure(figsize=(WIDTH, 2.9), layout="constrained")
-    pair = figure.subplots(1, 2, sharey=True)
+def _overlaid(loops: Sequence["FrictionLoop"], axes: AxesArray | None) -> AxesArray:
+    pair = panels(axes, 1, 2, 2.9, sharey=True).ravel()
     for i, (loop, style) in enumerate(zip(loops, STYLES, strict=False)):
         color = colormaps["viridis"](0.05 + 0.73 * i / max(len(loops) - 1, 1))
         for ax, x in zip(pair, _scaled(loop), strict=True):
             ax.plot(x, closed(loop.T), color=color, linestyle=style, linewidth=1.4, label=loop.law.name)
     for ax, x_label, y_label in zip(pair, LOOP_LABELS, ("Friction force [N]", ""), strict=True):
         dressed(ax, x_label, y_label)
-    named = pair[0].get_legend_handles_labels()
-    figure.legend(*named, loc="outside upper center", ncols=OVERLAID, frameon=False, fontsize=SMALL, labelcolor=INK)
-    return figure
+    legend_above(pair, pair[0].get_legend_handles_labels()[0], where="upper center", ncols=OVERLAID)
+    return pair
 
 
-def _one_by_one(loops: Sequence["FrictionLoop"]) -> Figure:
+def _one_by_one(loops: Sequence["FrictionLoop"], axes: AxesArray | None) -> AxesArray:
     rows = -(-len(loops) // 2)
-    figure = Figure(figsize=(WIDTH, 1.2 * rows + 0.4), layout="constrained")
-    grid = figure.subplots(rows, 4, sharex="col", sharey=True)
+    grid = panels(axes, rows, 4, 1.2 * rows + 0.4, sharex="col", sharey=True)
     free = [(0, 2)] if len(loops) % 2 else []
     places = [(row, column) for column in (0, 2) for row in range(rows) if (row, column) not in free]
     for loop, (row, column) in zip(loops, places, strict=True):
@@ -99,11 +108,11 @@ def _one_by_one(loops: Sequence["FrictionLoop"]) -> Figure:
         _say_what_is_drawn(grid[row, column : column + 2], loops[0])
     for ax, label in zip(grid[-1], LOOP_LABELS * 2, strict=True):
         ax.set_xlabel(label, color=INK)
-    figure.supylabel("Friction force [N]", color=INK, fontsize=10)
-    return figure
+    label_all(grid, "", "Friction force [N]")
+    return grid
 
 
-def _small_multiple(pair: Sequence[Axes], loop: "FrictionLoop", loops: Sequence["FrictionLoop"]) -> None:
+def _small_multiple(pair: AxesArray, loop: "FrictionLoop", loops: Sequence["FrictionLoop"]) -> None:
     for k, ax in enumerate(pair):
         for other in loops:
             ax.plot(_scaled(other)[k], closed(other.T), color="0.87", linewidth=0.5, label=f"_{other.law.name}")
@@ -112,7 +121,7 @@ def _small_multiple(pair: Sequence[Axes], loop: "FrictionLoop", loops: Sequence[
     pair[0].set_title(loop.law.name, fontsize=SMALL + 1, loc="left", color=INK)
 
 
-def _say_what_is_drawn(pair: Sequence[Axes], loop: "FrictionLoop") -> None:
+def _say_what_is_drawn(pair: AxesArray, loop: "FrictionLoop") -> None:
     """Fill a place that no law takes."""
     text = f"slip ±{np.ptp(loop.u) * 5e5:.3g} µm at {loop.hz:g} Hz,\nload {loop.load:g} N; grey: the other laws"
     note = pair[0].text(0.0, 0.5, text, transform=pair[0].transAxes, va="center", fontsize=SMALL, color=INK)

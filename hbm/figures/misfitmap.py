@@ -1,37 +1,36 @@
 """Figure of where models miss: by channel and harmonic, and by record."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from hbm.figures.style import INK, SMALL, WIDTH, dressed
+from hbm.figures.diagnosis import FREQUENCY, Compared
+from hbm.figures.style import INK, SMALL, AxesArray, dressed, label_all, panels
 from hbm.fourier import Array
 
-if TYPE_CHECKING:
-    pass
-from hbm.figures.diagnosis import FREQUENCY, Compared
 
-
-def plot_misfit_map(models: Mapping[str, Compared], channels: Sequence[str]) -> Figure:
+def plot_misfit_map(
+    models: Mapping[str, Compared], channels: Sequence[str], axes: AxesArray | None = None
+) -> AxesArray:
     """Rms deviation in standard deviations, by channel and harmonic and by record, a column per model.
 
     Parameters
     ----------
     models : mapping of str to Compared
     channels : sequence of str
+    axes : array of Axes, optional
+        Two per model; a colour bar takes a part of them.
 
     Returns
     -------
-    Figure
+    (2, models) array of Axes
     """
-    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
-    grid = figure.subplots(2, len(models), squeeze=False, sharex="row", sharey="row")
+    grid = panels(axes, 2, len(models), 4.2, sharex="row", sharey="row")
     largest = max(float(by_cell(c, len(channels)).max(initial=1.0)) for c in models.values())
     norm, shade = LogNorm(0.5, max(largest, 4.0)), "magma_r"
     for column, (name, c) in enumerate(models.items()):
@@ -47,12 +46,12 @@ def plot_misfit_map(models: Mapping[str, Compared], channels: Sequence[str]) -> 
         dressed(top, "Harmonic", "")
         _record_map(bottom, c, norm, shade)
     dressed(grid[1][0], "", "Level [N]")
-    figure.supxlabel(FREQUENCY + ", record by record; diamonds: held out", color=INK, fontsize=10)
-    bar = figure.colorbar(image, ax=grid, aspect=40, pad=0.02)
+    label_all(grid, FREQUENCY + ", record by record; diamonds: held out")
+    bar = grid[0, 0].figure.colorbar(image, ax=grid, aspect=40, pad=0.02)
     bar.set_label("Rms deviation [standard deviations]", color=INK)
     bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
     bar.ax.yaxis.set_minor_formatter(NullFormatter())
-    return figure
+    return grid
 
 
 def by_cell(c: Compared, channels: int) -> Array:

@@ -5,36 +5,45 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from hbm.figures.style import FAINT, INK, SMALL, WIDTH, dressed, graded
+from hbm.figures.diagnosis import BAND, COLORS, MOST_PLACES, few_powers, levels
+from hbm.figures.style import FAINT, INK, SMALL, WIDTH, AxesArray, dressed, graded, panels
 
 if TYPE_CHECKING:
     from hbm.diagnosis.discrepancy import Discrepancy
     from hbm.diagnosis.missingforce import MissingForce
-from hbm.figures.diagnosis import BAND, COLORS, MOST_PLACES, few_powers, levels
 
 
-def plot_missing_force(d: "Discrepancy") -> Figure:
+def plot_missing_force(d: "Discrepancy", axes: AxesArray | None = None) -> AxesArray:
     """What is left with an unknown force at each place, and of the best one harmonics, phase and growth.
 
     Parameters
     ----------
     d : Discrepancy
+    axes : array of three Axes, optional
 
     Returns
     -------
-    Figure
+    (3,) array of Axes
     """
     shown = (d.beside if d.two else d.places)[:MOST_PLACES]
-    figure = Figure(figsize=(WIDTH, 1.0 + 0.21 * len(shown) + 2.3), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=[0.6 + 0.21 * len(shown), 2.3], squeeze=False).ravel()
-    _draw_places(upper.subplots(), shown, d.chi2 / d.points)
-    left, right = lower.subplots(1, 2)
-    _draw_harmonics(left, d.best)
-    _draw_growth(right, d)
-    return figure
+    found = panels(_wide_above_two(len(shown)) if axes is None else axes, 3, 1, 0.0).ravel()
+    _draw_places(found[0], shown, d.chi2 / d.points)
+    _draw_harmonics(found[1], d.best)
+    _draw_growth(found[2], d)
+    return found
+
+
+def _wide_above_two(places: int) -> AxesArray:
+    """Panels of a new figure: one for so many places, and two below it."""
+    import matplotlib.pyplot as plt
+
+    height = 0.6 + 0.21 * places
+    figure = plt.figure(figsize=(WIDTH, height + 2.7), layout="constrained")
+    grid = figure.add_gridspec(2, 1, height_ratios=[height, 2.3])
+    below = grid[1].subgridspec(1, 2)
+    return np.array([figure.add_subplot(place) for place in (grid[0], below[0], below[1])])
 
 
 def _draw_places(ax: Axes, places: Sequence["MissingForce"], before: float) -> None:

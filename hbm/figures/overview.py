@@ -1,19 +1,13 @@
 """First figure of a diagnosis: what is missed most clearly, and the error of each record."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from hbm.figures.style import INK, SMALL, WIDTH, dressed
-from hbm.fourier import Array
-
-if TYPE_CHECKING:
-    pass
 from hbm.figures.diagnosis import (
     COLORS,
     FREQUENCY,
@@ -23,15 +17,18 @@ from hbm.figures.diagnosis import (
     View,
     few_powers,
     frequency_bands,
-    legend,
     measured_points,
     points,
     record_errors,
     record_handles,
 )
+from hbm.figures.style import INK, SMALL, AxesArray, dressed, legend_above, panels
+from hbm.fourier import Array
 
 
-def plot_overview(models: Mapping[str, Compared], view: View, quantity: str, unit: str) -> Figure:
+def plot_overview(
+    models: Mapping[str, Compared], view: View, quantity: str, unit: str, axes: AxesArray | None = None
+) -> AxesArray:
     """What shows the misfit best, before and after; and the error of each record.
 
     Parameters
@@ -40,13 +37,14 @@ def plot_overview(models: Mapping[str, Compared], view: View, quantity: str, uni
     view : View
     quantity, unit : str
         Name of the channel, and its unit.
+    axes : array of two Axes, optional
 
     Returns
     -------
-    Figure
+    (2,) array of Axes
     """
-    figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
-    left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
+    pair = panels(axes, 1, 2, 2.6, width_ratios=[1.15, 1.0]).ravel()
+    left, right = pair
     any_model = next(iter(models.values()))
     for name, c in models.items():
         i = view.of(c)
@@ -64,8 +62,8 @@ def plot_overview(models: Mapping[str, Compared], view: View, quantity: str, uni
         shown: dict[str, Any] = {"linestyle": STYLES[name], "marker": MARKERS[name], "markersize": 4}
         handles.append(Line2D([], [], color=COLORS[name], label=name, **shown))
     handles.append(Line2D([], [], linestyle="", marker="_", color="0.35", label="noise"))
-    legend(figure, handles, columns=6)
-    return figure
+    legend_above(pair, handles, ncols=6, columnspacing=1.4)
+    return pair
 
 
 def _draw_record_errors(ax: Axes, models: Mapping[str, Compared]) -> None:

@@ -141,7 +141,10 @@ def embedded(figure: Figure, dpi: int = RESOLUTIONS[0]) -> str:
 
 
 def settle(figure: Figure) -> Figure:
-    """Lay a figure out once and for all, so that saving it several times is quick; returns it."""
+    """Lay a figure out once and for all, so that saving it several times is quick; returns it, out of `pyplot`."""
+    import matplotlib.pyplot as plt
+
+    plt.close(figure)
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)

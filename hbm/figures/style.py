@@ -4,13 +4,20 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.legend import Legend
 
+from hbm.errors import InputError
 from hbm.fourier import Array
 
 Color = tuple[float, ...]
+
+AxesArray = npt.NDArray[Any]
+"""Panels of a figure, each an `Axes`."""
 
 WIDTH = 6.3  # inches: the text width of a page
 SMALL = 8
@@ -40,31 +47,101 @@ def graded(levels: Sequence[float]) -> list[Color]:
 
 
 def panels(
-    count: int, heading: float, height: float, *, sharex: bool = False, sharey: bool = False
-) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels, at most three in a row.
+    axes: AxesArray | None, rows: int, columns: int, height: float, *, layout: Any = "constrained", **grid: Any
+) -> AxesArray:
+    """The axes given, or those of a new figure, (rows, columns).
 
     Parameters
     ----------
-    count : int
-    heading, height : float
-        Of what stands above the panels and of a row of them [inches].
-    sharex, sharey : bool
-        Whether all panels have the same axes.
+    axes : array of Axes, optional
+        So many, in any shape.
+    rows, columns : int
+    height : float
+        Of a new figure [inches].
+    layout : str or layout engine
+        Of a new figure.
+    **grid
+        Of the panels of a new figure, as in `Figure.subplots`.
 
     Returns
     -------
-    Figure
-    list of Axes
-        Of the panels, row by row.
+    array of Axes
+
+    Raises
+    ------
+    InputError
+        If more or fewer axes are given.
     """
+    if axes is None:
+        import matplotlib.pyplot as plt
+
+        axes = plt.figure(figsize=(WIDTH, height), layout=layout).subplots(rows, columns, squeeze=False, **grid)
+    found = np.asarray(axes, dtype=object)
+    if found.size != rows * columns:
+        raise InputError(f"axes: {found.size} panels; must be {rows * columns}, {rows} x {columns}")
+    return found.reshape(rows, columns)
+
+
+def wrapped_panels(axes: AxesArray | None, count: int, heading: float, height: float, **grid: Any) -> AxesArray:
+    """The axes given, or those of a new figure with at most three panels in a row, (count,).
+
+    Parameters
+    ----------
+    axes : array of Axes, optional
+    count : int
+    heading, height : float
+        Of what stands above the panels of a new figure and of a row of them [inches].
+    **grid
+        Of the panels of a new figure, as in `Figure.subplots`.
+
+    Returns
+    -------
+    array of Axes
+        Row by row.
+    """
+    if axes is not None:
+        return panels(axes, count, 1, height).ravel()
     columns = 2 if count == 4 else min(count, 3)
     rows = -(-count // columns)
-    figure = Figure(figsize=(WIDTH, heading + height * rows), layout="constrained")
-    axes = list(figure.subplots(rows, columns, squeeze=False, sharex=sharex, sharey=sharey).flat)
-    for ax in axes[count:]:
+    found = panels(None, rows, columns, heading + height * rows, **grid).ravel()
+    for ax in found[count:]:
         ax.set_axis_off()
-    return figure, axes[:count]
+    return found[:count]
+
+
+def whole_figure(axes: AxesArray) -> Figure | SubFigure | None:
+    """The figure, or part of a figure, that shows these panels and no others; None where it shows more."""
+    figure: Figure | SubFigure = axes.flat[0].figure
+    return figure if {ax for ax in figure.axes if ax.axison} <= set(axes.flat) else None
+
+
+def label_all(axes: AxesArray, x: str, y: str = "") -> None:
+    """Labels that all panels share: the figure's, where it shows no others, else those of the lowest and the first."""
+    figure = whole_figure(axes)
+    if figure is not None:
+        figure.supxlabel(x, color=INK, fontsize=10)
+        figure.supylabel(y, color=INK, fontsize=10)
+        return
+    for ax in np.atleast_2d(axes)[-1]:
+        ax.set_xlabel(x, color=INK)
+    for ax in np.atleast_2d(axes)[:, 0]:
+        ax.set_ylabel("\n".join(filter(None, (y, ax.get_ylabel()))), color=INK)
+
+
+def legend_above(axes: AxesArray, handles: Sequence[Any], *, where: str = "upper left", **style: Any) -> Legend:
+    """A legend above all panels, or in the first of them where the figure shows others or has no room for it."""
+    style = {"handles": handles, "frameon": False, "fontsize": SMALL, "labelcolor": INK} | style
+    figure: Any = whole_figure(axes)
+    roomy = figure is not None and isinstance(figure.get_layout_engine(), ConstrainedLayoutEngine)
+    place = {"loc": f"outside {where}"} if roomy else {"loc": "best", "ncols": 1}
+    legend: Legend = (figure if roomy else axes.flat[0]).legend(**style | place)
+    return legend
+
+
+def align_labels(axes: AxesArray) -> AxesArray:
+    """Put the labels of panels above each other in one line; returns the panels."""
+    axes.flat[0].figure.align_ylabels(list(axes.flat))
+    return axes
 
 
 def tint(color: Color, share: float = 0.28) -> Color:

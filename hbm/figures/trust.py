@@ -8,28 +8,33 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from scipy import stats
 
-from hbm.figures.style import FAINT, INK, SMALL, WIDTH, dressed, graded, panels, tint
+from hbm.figures.inverse import BAND, FREQUENCY, HARMONIC, MOST_LEVELS, grey_legend, level_color, representative, titled
+from hbm.figures.style import (
+    FAINT,
+    INK,
+    SMALL,
+    AxesArray,
+    align_labels,
+    dressed,
+    graded,
+    label_all,
+    legend_above,
+    panels,
+    tint,
+    wrapped_panels,
+)
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
     from hbm.inverse.reconstruction import Estimates, Reconstruction
-from hbm.figures.inverse import (
-    BAND,
-    FREQUENCY,
-    HARMONIC,
-    MOST_LEVELS,
-    legend_above,
-    level_color,
-    representative,
-    titled,
-)
 
 
-def plot_friction_harmonics(reconstruction: "Reconstruction", records: Sequence[int] | None = None) -> Figure:
+def plot_friction_harmonics(
+    reconstruction: "Reconstruction", records: Sequence[int] | None = None, axes: AxesArray | None = None
+) -> AxesArray:
     """Amplitudes of the friction force's harmonics above the noise of the sensors, a panel per record.
 
     Filled markers stand out of the noise. Hollow ones do not: there a prior, by the other harmonics, rules.
@@ -39,10 +44,12 @@ def plot_friction_harmonics(reconstruction: "Reconstruction", records: Sequence[
     reconstruction : Reconstruction
     records : sequence of int, optional
         Numbers of records; of each level the one that slips most where omitted.
+    axes : array of Axes, optional
+        One per record.
 
     Returns
     -------
-    Figure
+    (records,) array of Axes
 
     Raises
     ------
@@ -50,22 +57,21 @@ def plot_friction_harmonics(reconstruction: "Reconstruction", records: Sequence[
         If there is no such record.
     """
     chosen = representative(reconstruction, 1) if records is None else list(records)
-    figure, axes = panels(len(chosen), 0.75, 1.75, sharex=True, sharey=True)
-    for record, ax in zip(chosen, axes, strict=True):
+    found = wrapped_panels(axes, len(chosen), 0.75, 1.75, sharex=True, sharey=True)
+    for record, ax in zip(chosen, found, strict=True):
         _draw_harmonics(ax, reconstruction, record)
         dressed(ax, "", "")
         titled(ax, reconstruction, record)
-    figure.supxlabel(HARMONIC, color=INK, fontsize=10)
-    figure.supylabel("Friction, amplitude [N]", color=INK, fontsize=10)
-    legend_above(figure, axes[0])
-    return figure
+    label_all(found, HARMONIC, "Friction, amplitude [N]")
+    grey_legend(found)
+    return found
 
 
 def _draw_harmonics(ax: Axes, reconstruction: "Reconstruction", record: int) -> None:
     i, friction = reconstruction.index(record), reconstruction["friction"]
     color = level_color(reconstruction, reconstruction.spectra.level[i])
     k = np.arange(1, reconstruction.H + 1)
-    amplitude, std = np.abs(friction.amplitudes[i, 1:]), friction.amplitude_std[i, 1:]
+    amplitude, std = friction.amplitude[i, 1:], friction.coefficient_std[i, 1:]
     floor = noise_floor(reconstruction)[i, 1:]
     ax.set_yscale("log", nonpositive="clip")
     ax.fill_between(k, floor, 1e-12, step="mid", color="0.9", linewidth=0, zorder=0)
@@ -94,27 +100,27 @@ def noise_floor(reconstruction: "Reconstruction") -> Array:
     return np.asarray(np.sqrt(-2.0 * np.log(0.05)) * reconstruction.resolution)
 
 
-def plot_energy(reconstruction: "Reconstruction") -> Figure:
+def plot_energy(reconstruction: "Reconstruction", axes: AxesArray | None = None) -> AxesArray:
     """Energy lost to friction per cycle and wear work rate over the frequency, with 95 % bars, by level.
 
     Parameters
     ----------
     reconstruction : Reconstruction
+    axes : array of two Axes, optional
 
     Returns
     -------
-    Figure
+    (2,) array of Axes
     """
-    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
-    top, bottom = figure.subplots(2, 1, sharex=True)
+    rows = panels(axes, 2, 1, 4.2, sharex=True).ravel()
+    top, bottom = rows
     _draw_estimates(top, reconstruction, reconstruction.energy_per_cycle, 1e3)
     _draw_estimates(bottom, reconstruction, reconstruction.work_rate, 1e3)
     dressed(top, "", "Energy lost\nper cycle [mJ]")
     dressed(bottom, FREQUENCY, "Wear work rate,\nmean of R|v| [mW]")
-    figure.align_ylabels()
     top.legend(frameon=False, fontsize=SMALL, labelcolor=INK, title="hollow: sticks", loc="best")
     top.get_legend().get_title().set(fontsize=SMALL, color=INK)
-    return figure
+    return align_labels(rows)
 
 
 def _draw_estimates(ax: Axes, reconstruction: "Reconstruction", estimates: "Estimates", scale: float) -> None:
@@ -132,7 +138,7 @@ def _draw_estimates(ax: Axes, reconstruction: "Reconstruction", estimates: "Esti
         ax.plot(hz, slipping, marker, color=color, markersize=4, zorder=4, label=f"{level:g} N")
 
 
-def plot_misfit(reconstruction: "Reconstruction") -> Figure:
+def plot_misfit(reconstruction: "Reconstruction", axes: AxesArray | None = None) -> AxesArray:
     """How far the sensors are from the structure: by record, and by channel and record.
 
     Above: misfit per degree of freedom, about 1 where noise alone is left, with the limit that noise passes in one of a
@@ -141,16 +147,19 @@ def plot_misfit(reconstruction: "Reconstruction") -> Figure:
     Parameters
     ----------
     reconstruction : Reconstruction
+    axes : array of two Axes, optional
+        A colour bar takes a part of the second.
 
     Returns
     -------
-    Figure
+    (2,) array of Axes
     """
     misfit, spectra = reconstruction.misfit, reconstruction.spectra
     order = misfit_order(reconstruction)
     x = np.arange(1, len(order) + 1)
-    figure = Figure(figsize=(WIDTH, 2.5 + 0.22 * max(len(misfit.channels), 3)), layout="constrained")
-    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 0.3 + 0.2 * max(len(misfit.channels), 3)))
+    listed = max(len(misfit.channels), 3)
+    rows = panels(axes, 2, 1, 2.5 + 0.22 * listed, sharex=True, height_ratios=(1.2, 0.3 + 0.2 * listed)).ravel()
+    top, bottom = rows
     for level in np.unique(spectra.level):
         own = spectra.level[order] == level
         color = level_color(reconstruction, level)
@@ -169,14 +178,13 @@ def plot_misfit(reconstruction: "Reconstruction") -> Figure:
     bottom.set_yticks(edges[1][:-1] + 0.5, misfit.channels)
     bottom.invert_yaxis()
     bottom.xaxis.set_major_locator(MaxNLocator(integer=True))
-    bar = figure.colorbar(cells, ax=bottom, pad=0.01, aspect=12)
+    bar = bottom.figure.colorbar(cells, ax=bottom, pad=0.01, aspect=12)
     bar.outline.set_visible(False)
     bar.ax.tick_params(width=0.6, color="0.4", labelcolor=INK, labelsize=SMALL)
     _plain_log(bar.ax.yaxis, scale=False)
     _separate_levels(bottom, spectra.level[order])
     dressed(top, "", "Misfit per\ndegree of freedom")
     dressed(bottom, "Records by level and frequency", "Channel")
-    figure.align_ylabels()
     top.legend(
         frameon=False,
         fontsize=SMALL,
@@ -186,7 +194,7 @@ def plot_misfit(reconstruction: "Reconstruction") -> Figure:
         bbox_to_anchor=(1.0, 0.98),
         columnspacing=1.2,
     )
-    return figure
+    return align_labels(rows)
 
 
 def _plain_log(axis: Axis, *, scale: bool = True) -> None:
@@ -224,7 +232,7 @@ def _separate_levels(ax: Axes, levels: Array) -> None:
         ax.axvline(i + 1.5, color="white", linewidth=1.6)
 
 
-def plot_resolution(reconstruction: "Reconstruction") -> Figure:
+def plot_resolution(reconstruction: "Reconstruction", axes: AxesArray | None = None) -> AxesArray:
     """What the sensors can tell of the friction force, harmonic by harmonic.
 
     Left: standard deviation by the sensors alone, beside the friction there is. Right: condition number of telling
@@ -233,28 +241,28 @@ def plot_resolution(reconstruction: "Reconstruction") -> Figure:
     Parameters
     ----------
     reconstruction : Reconstruction
+    axes : array of two Axes, optional
 
     Returns
     -------
-    Figure
+    (2,) array of Axes
     """
-    figure = Figure(figsize=(WIDTH, 2.5), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    pair = panels(axes, 1, 2, 2.5).ravel()
+    left, right = pair
     k = np.arange(1, reconstruction.H + 1)
     color = graded([0.0])[0]
-    _draw_range(left, k, np.abs(reconstruction["friction"].amplitudes[:, 1:]), "0.45", "friction, amplitude")
+    _draw_range(left, k, reconstruction["friction"].amplitude[:, 1:], "0.45", "friction, amplitude")
     _draw_range(left, k, reconstruction.resolution[:, 1:], color, "resolution of the sensors, std")
     _draw_range(right, k, reconstruction.condition[:, 1:], color, "condition")
-    for ax in (left, right):
+    for ax in pair:
         ax.set_yscale("log")
         ax.set_xticks(k[:: 1 + len(k) // 12])
     sharpest = reconstruction.resolution[:, 1:]
     left.set_ylim(bottom=0.1 * float(sharpest[np.isfinite(sharpest) & (sharpest > 0)].min(initial=1.0)))
-    named = left.get_legend_handles_labels()
-    figure.legend(*named, loc="outside upper left", ncols=2, frameon=False, fontsize=SMALL, labelcolor=INK)
+    legend_above(pair, left.get_legend_handles_labels()[0], ncols=2)
     dressed(left, HARMONIC, "Friction [N]")
     dressed(right, HARMONIC, "Condition number")
-    return figure
+    return pair
 
 
 def _draw_range(ax: Axes, k: npt.NDArray[np.intp], values: Array, color: Any, label: str) -> None:

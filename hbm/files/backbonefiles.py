@@ -1,18 +1,16 @@
 """Files of backbones: a table (CSV) and, beside it, what is known of them (JSON)."""
 
-import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hbm.files.curves import companion
+from hbm.files.outputs import Columns, column_rows, write_with_companion
 from hbm.fourier import Array
 from hbm.modes.backbone import Backbone, NonlinearMode, NumericalChange
 from hbm.modes.linear import linear_modes
-from hbm.textfiles import StrPath, csv_text, write_together
+from hbm.textfiles import StrPath
 from hbm.version import installed_version
 
 SCHEMA = 1
@@ -21,18 +19,23 @@ NAMES = {True: "nonlinear-mode", False: "phase-resonance"}
 
 def write_backbones(
     path: StrPath, backbones: Sequence[Backbone], changes: Sequence[NumericalChange], mode: int
-) -> None:
+) -> list[Path]:
     """Write backbones of a mode of one rig and, beside them, their companion.
 
     Parameters
     ----------
     path : str or path
-        CSV file; the companion is :func:`hbm.files.curves.companion` of it.
+        CSV file; the companion is :func:`hbm.files.outputs.companion` of it.
     backbones : sequence of Backbone
     changes : sequence of NumericalChange
         Of each.
     mode : int
         Number of the mode.
+
+    Returns
+    -------
+    list of Path
+        Files written.
 
     Raises
     ------
@@ -40,7 +43,6 @@ def write_backbones(
         If the files cannot be written; then neither is.
     """
     tables = [_columns(b) for b in backbones]
-    rows = [[_entry(v) for v in row] for table in tables for row in zip(*table.values(), strict=True)]
     linear, first = linear_modes(backbones[0].rig), backbones[0]
     summary = {
         "schema": SCHEMA,
@@ -48,12 +50,12 @@ def write_backbones(
         "rig": first.rig.name,
         "law": first.rig.contact.law.name,
         "mode": mode,
-        "stuck_hz": _number(linear.stuck_hz[mode - 1]),
-        "sliding_hz": _number(linear.sliding_hz[mode - 1]),
+        "stuck_hz": linear.stuck_hz[mode - 1],
+        "sliding_hz": linear.sliding_hz[mode - 1],
         "backbones": [_summary(b, change) for b, change in zip(backbones, changes, strict=True)],
     }
-    text = json.dumps(summary, indent=1, allow_nan=False) + "\n"
-    write_together({Path(path): csv_text([list(tables[0]), *rows]), companion(path): text})
+    rows = column_rows({name: np.concatenate([table[name] for table in tables]) for name in tables[0]})
+    return write_with_companion(path, rows, summary)
 
 
 def backbone_name(backbone: Backbone) -> str:
@@ -61,7 +63,7 @@ def backbone_name(backbone: Backbone) -> str:
     return NAMES[isinstance(backbone, NonlinearMode)]
 
 
-def _columns(backbone: Backbone) -> dict[str, list[Any]]:
+def _columns(backbone: Backbone) -> Columns:
     points = backbone.points
     numbers: dict[str, Array] = {
         "amplitude_m": backbone.amplitude,
@@ -79,8 +81,8 @@ def _columns(backbone: Backbone) -> dict[str, list[Any]]:
     shape = backbone.shape.T
     for i, column in enumerate(shape, start=1):
         numbers |= {f"shape_{i}_real": column.real, f"shape_{i}_imag": column.imag}
-    columns: dict[str, list[Any]] = {name: values.tolist() for name, values in numbers.items()}
-    return {"backbone": [backbone_name(backbone)] * len(points), "point": list(range(1, len(points) + 1)), **columns}
+    kind, count = backbone_name(backbone), len(points)
+    return {"backbone": np.full(count, kind), "point": np.arange(1, count + 1), **numbers}
 
 
 def _decay_rate(backbone: Backbone) -> Array:
@@ -100,16 +102,5 @@ def _summary(backbone: Backbone, change: NumericalChange) -> dict[str, Any]:
         "folds_m": backbone.folds,
         "lift_off_from_m": backbone.lift_off,
         "change_at_m": change.amplitude,
-        "change_of_frequency_and_damping": {
-            name: [_number(value) for value in values] for name, values in change.by_source.items()
-        },
+        "change_of_frequency_and_damping": dict(change.by_source),
     }
-
-
-def _entry(value: Any) -> Any:
-    return "" if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _number(value: float) -> float | None:
-    """JSON has no nan: null where a number is not known."""
-    return float(value) if math.isfinite(value) else None

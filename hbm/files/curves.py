@@ -16,14 +16,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hbm.errors import InputError
+from hbm.files.outputs import companion, write_with_companion
 from hbm.fourier import Array
 from hbm.integration.history import TimeHistory
+from hbm.integration.jointed import JointHistory
 from hbm.response.curve import ChannelCurve, NumericalError, ResponseCurve
 from hbm.textfiles import StrPath, csv_text, read_rows, why, write_together
 from hbm.version import installed_version
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.axes import Axes
+
+    from hbm.figures.style import AxesArray
 
 SCHEMA = 1
 KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")
@@ -32,7 +36,7 @@ KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")
 # ----------------------------------------------------------------------------------------------------- writing
 
 
-def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> None:
+def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> list[Path]:
     """Write curves and, beside them, their companion.
 
     Parameters
@@ -42,25 +46,20 @@ def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> None:
     curves : sequence of ResponseCurve
         One per level, of one rig. Columns go up to the largest H, blank where a curve has fewer.
 
+    Returns
+    -------
+    list of Path
+        Files written.
+
     Raises
     ------
     InputError
         If the files cannot be written; then neither is.
     """
-    write_together(
-        {
-            Path(path): csv_text(_table(curves)),
-            companion(path): json.dumps(curve_summary(curves), indent=1, allow_nan=False) + "\n",
-        }
-    )
+    return write_with_companion(path, _table(curves), curve_summary(curves))
 
 
-def companion(path: StrPath) -> Path:
-    """Where the companion of a curve file is: the same name, ending in ``.json``."""
-    return Path(path).with_suffix(".json")
-
-
-def write_history(path: StrPath, history: TimeHistory, *, contact: bool = False) -> None:
+def write_history(path: StrPath, history: TimeHistory | JointHistory, *, contact: bool = False) -> list[Path]:
     """Write a time history, columns ``time_s`` and one per channel.
 
     Parameters
@@ -72,6 +71,11 @@ def write_history(path: StrPath, history: TimeHistory, *, contact: bool = False)
         Beside the rig's own channels, which could be measured, also the computed ones:
         drive, slip, slip_velocity, friction, normal.
 
+    Returns
+    -------
+    list of Path
+        The file written.
+
     Raises
     ------
     InputError
@@ -81,19 +85,30 @@ def write_history(path: StrPath, history: TimeHistory, *, contact: bool = False)
     signals = {name: s.values for name, s in history.channels.items() if contact or name in own}
     columns = zip(history.time.tolist(), *(values.tolist() for values in signals.values()), strict=True)
     write_together({Path(path): csv_text(chain([["time_s", *signals]], columns))})
+    return [Path(path)]
 
 
-def write_figure(path: StrPath, figure: "Figure") -> None:
-    """Save a figure in the format that the ending of `path` names.
+def write_figure(path: StrPath, axes: "Axes | AxesArray") -> list[Path]:
+    """Save the figure that these panels are of, in the format that the ending of `path` names, and close it.
+
+    Returns
+    -------
+    list of Path
+        The file written.
 
     Raises
     ------
     InputError
         If the file cannot be written.
     """
+    import matplotlib.pyplot as plt
+
     path, content = Path(path), io.BytesIO()
+    figure: Any = np.asarray(axes, dtype=object).flat[0].figure
     figure.savefig(content, format=path.suffix[1:].lower(), dpi=200)
+    plt.close(figure)
     write_together({path: content.getvalue()})
+    return [path]
 
 
 def columns(H: int) -> list[str]:
@@ -112,7 +127,9 @@ def _table(curves: Sequence[ResponseCurve]) -> Iterator[list[Any]]:
 def curve_rows(curve: ResponseCurve) -> Iterator[list[Any]]:
     """Rows of a curve, point by point and channel by channel."""
     stable = _stability(curve)
-    channels = {name: (c.peak.tolist(), c.rms.tolist(), _in_pairs(c.harmonics)) for name, c in curve.channels.items()}
+    channels = {
+        name: (c.peak.tolist(), c.rms.tolist(), _in_pairs(c.coefficients)) for name, c in curve.channels.items()
+    }
     hz, level = curve.hz.tolist(), float(curve.level)
     for i in range(len(hz)):
         for name, (peak, rms, coefficients) in channels.items():
@@ -144,7 +161,7 @@ def curve_summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
         "schema": SCHEMA,
         "version": installed_version(),
         "rig": first.rig.name,
-        "law": first.rig.contact.law.name,
+        "law": first.rig.law_name,
         "units": {name: channel.unit for name, channel in first.channels.items()},
         "levels": [_level(c) for c in curves],
     }
@@ -153,7 +170,7 @@ def curve_summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
 def _level(curve: ResponseCurve) -> dict[str, Any]:
     known = curve.assessment
     return {
-        "level": float(curve.level),
+        "level": curve.level,
         "points": len(curve.points),
         "complete": curve.complete,
         "message": curve.branch.message,
@@ -163,32 +180,24 @@ def _level(curve: ResponseCurve) -> dict[str, Any]:
         "reason": known.reason if known else None,
         "warnings": list(known.warnings) if known else [],
         "numerical_error": _error(known.error) if known else None,
-        "energy_error": _number(max(abs(p.energy_error) for p in curve.points)),
-        "folds_hz": [float(hz) for hz in curve.folds],
-        "corners_hz": [float(hz) for hz in curve.corners],
-        "lift_off_hz": [[float(low), float(high)] for low, high in curve.lift_off],
+        "energy_error": max(abs(p.energy_error) for p in curve.points),
+        "folds_hz": list(curve.folds),
+        "corners_hz": list(curve.corners),
+        "lift_off_hz": list(curve.lift_off),
         "bifurcations": [
-            {"kind": b.kind.value, "frequency_hz": float(b.hz), "level": float(b.level), "before_point": b.behind + 1}
+            {"kind": b.kind.value, "frequency_hz": b.hz, "level": b.level, "before_point": b.behind + 1}
             for b in curve.bifurcations
         ],
     }
 
 
 def _error(error: NumericalError) -> dict[str, Any]:
-    def probe(p: Any) -> dict[str, float | None]:
-        return {name: _number(value) for name, value in asdict(p).items()}
-
     return {
-        "at_peak": probe(error.at_peak),
-        "worst": probe(error.worst),
-        "closure": _number(error.closure),
-        "probes": [probe(p) for p in error.probes],
+        "at_peak": asdict(error.at_peak),
+        "worst": asdict(error.worst),
+        "closure": error.closure,
+        "probes": [asdict(p) for p in error.probes],
     }
-
-
-def _number(value: float) -> float | None:
-    """JSON has no nan: null where a number is not known."""
-    return float(value) if math.isfinite(value) else None
 
 
 # ----------------------------------------------------------------------------------------------------- reading

@@ -1,7 +1,6 @@
 """Numbers of the curves of a diagnosis, as columns of CSV files."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -10,22 +9,18 @@ from hbm.diagnosis.missingforce import MissingForce
 from hbm.diagnosis.verdict import Diagnosis, Ranked
 from hbm.figures import diagnosis as figures
 from hbm.files.diagnosissummary import text
-from hbm.files.outputs import Columns
+from hbm.files.outputs import Columns, columns_of
 
 
 def error_columns(diagnosis: Diagnosis) -> Columns:
     """Columns of ``errors.csv``: a row per model and part."""
     rows = [(m, part, e.nrmse, e.chi2_reduced) for m, own in diagnosis.errors.items() for part, e in own.items()]
-    names = ("model", "records", "nrmse", "chi2_reduced")
-    return {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
+    return columns_of(("model", "records", "nrmse", "chi2_reduced"), rows)
 
 
 def ranking_columns(diagnosis: Diagnosis) -> Columns:
     """Columns of ``ranking.csv``: a row per candidate that was fitted, the calibrated nominal among them."""
-    rows = ranked_rows(diagnosis)
-    names = ("cause", "bic", "chi2", "held_out_nrmse")
-    columns = {name: np.array([row[i] for row in rows]) for i, name in enumerate(names)}
-    return columns | {"parameters": np.array([row[4] for row in rows])}
+    return columns_of(("cause", "bic", "chi2", "held_out_nrmse", "parameters"), ranked_rows(diagnosis))
 
 
 def ranked_rows(diagnosis: Diagnosis) -> list[tuple[str, float, float, float, str]]:
@@ -107,17 +102,10 @@ def deviation_columns(models: Mapping[str, figures.Compared], channels: Sequence
 
 def place_columns(d: Discrepancy) -> Columns:
     """What each place explains, alone and beside the contact."""
-    rows = [(p, False) for p in d.places] + [(p, True) for p in d.beside]
-    values: dict[str, list[Any]] = {
-        "place": [p.place.name for p, _ in rows],
-        "beside_contact": [beside for _, beside in rows],
-        "share": [p.share for p, _ in rows],
-        "chi2": [p.chi2 for p, _ in rows],
-        "noise_variances": [p.left for p, _ in rows],
-        "dissipative_share": [p.dissipative_share for p, _ in rows],
-        "stiffness": [p.stiffness for p, _ in rows],
-    }
-    return {name: np.array(column) for name, column in values.items()}
+    names = ("place", "beside_contact", "share", "chi2", "noise_variances", "dissipative_share", "stiffness")
+    placed = [(p, False) for p in d.places] + [(p, True) for p in d.beside]
+    rows = [(p.place.name, beside, p.share, p.chi2, p.left, p.dissipative_share, p.stiffness) for p, beside in placed]
+    return columns_of(names, rows)
 
 
 def force_columns(d: Discrepancy) -> Columns:

@@ -4,7 +4,6 @@
 :func:`diagnosis_contents` makes the files; :data:`FILES` names all there can be.
 """
 
-import json
 import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,7 +36,7 @@ from hbm.files.diagnosiscolumns import (
 )
 from hbm.files.diagnosissummary import WRONG, first_screen, verdict_line
 from hbm.files.figurefiles import Plate, plate_contents, plate_files
-from hbm.files.outputs import columns_text
+from hbm.files.outputs import columns_text, json_text
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.load import rig_from_dict
@@ -145,7 +144,7 @@ def diagnosis_contents(
     """
     plates = diagnosis_plates(found)
     contents: dict[str, str | bytes] = {
-        DIAGNOSIS_FILE: json.dumps(diagnosis_table(found), indent=1, ensure_ascii=False, allow_nan=False) + "\n",
+        DIAGNOSIS_FILE: json_text(diagnosis_table(found)),
         ERROR_FILE: columns_text(error_columns(found.diagnosis)),
         RANKING_FILE: columns_text(ranking_columns(found.diagnosis)),
     }
@@ -165,19 +164,7 @@ def diagnosis_table(found: Diagnosed) -> dict[str, Any]:
     errors = {model: {part: {} for part in PARTS} | table["errors"].get(model, {}) for model in MODELS}
     if "extended" not in table["errors"]:
         errors["extended"] = {}
-    known: dict[str, Any] = _finite(table | {"errors": errors, "evidence": list(found.evidence)})
-    return known
-
-
-def _finite(entry: Any) -> Any:
-    """Numbers that are not finite as None."""
-    if isinstance(entry, dict):
-        return {key: _finite(value) for key, value in entry.items()}
-    if isinstance(entry, list | tuple):
-        return [_finite(value) for value in entry]
-    if isinstance(entry, np.generic):
-        entry = entry.item()
-    return None if isinstance(entry, float) and not math.isfinite(entry) else entry
+    return table | {"errors": errors, "evidence": list(found.evidence)}
 
 
 def extensions_of(diagnosis: Diagnosis, named: Mapping[type, str]) -> list[Extension]:
@@ -339,7 +326,7 @@ def _ranking_plates(found: Diagnosed) -> Iterator[Plate]:
         "Which cause",
         f"Left: Bayesian information criterion above the best model's; a cause must lower it by {DECISIVE:g}. Right: "
         "error on the records held out.",
-        plot_ranking([row[0] for row in rows], bic, held if np.isfinite(held).all() else None, DECISIVE),
+        plot_ranking([row[0] for row in rows], bic, held if np.isfinite(held).all() else None, decisive=DECISIVE),
         ranking_columns(found.diagnosis),
     )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from matplotlib.figure import Figure
 
 from hbm.figures.page import Section, figure_bytes, settle
+from hbm.figures.style import AxesArray
 from hbm.files.outputs import Columns, columns_text
 
 FOLDER = "figures"
@@ -20,7 +21,8 @@ class Plate:
     name : str
         Of its files, ``figures/<name>.png`` and ``figures/<name>.csv``.
     heading, caption : str
-    figure : Figure
+    axes : array of Axes
+        All that the figure shows.
     columns : mapping of str to (n,) array
         What is drawn, in SI units.
     """
@@ -28,12 +30,18 @@ class Plate:
     name: str
     heading: str
     caption: str
-    figure: Figure
+    axes: AxesArray
     columns: Columns
 
     def __post_init__(self) -> None:
         """Lay the figure out, for it is saved several times."""
         settle(self.figure)
+
+    @property
+    def figure(self) -> Figure:
+        """The whole figure."""
+        figure: Figure = self.axes.flat[0].figure
+        return figure
 
     @property
     def section(self) -> Section:

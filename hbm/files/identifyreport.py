@@ -16,7 +16,7 @@ from hbm.figures.style import closed
 from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import record_columns
 from hbm.files.inversereport import with_std
-from hbm.files.outputs import Columns, columns_text
+from hbm.files.outputs import Columns, columns_of, columns_text
 from hbm.fourier import Array
 from hbm.identification.lawfit import LawFit
 from hbm.identification.spectra import SpectraFit
@@ -36,7 +36,6 @@ FILES = (
 """All files that can be in the folder."""
 
 MOST_DRAWN = 4
-BY_LEVEL_COLUMNS = ("law", "parameter", "unit", "level", "value", "std")
 
 
 @dataclass(frozen=True)
@@ -179,14 +178,8 @@ def ranked(laws: Sequence[IdentifiedLaw]) -> list[IdentifiedLaw]:
 
 def law_columns(laws: Sequence[IdentifiedLaw]) -> Columns:
     """Columns of ``laws.csv``: a row per law, the best first; `obj_24` is the paper's objective [N^2]."""
-    order = ranked(laws)
-    numbers = {
-        "chi2_reduced": [law.chi2_reduced for law in order],
-        "bic": [law.bic for law in order],
-        "held_out_error": [law.held_out for law in order],
-        "obj_24": [law.range_error for law in order],
-    }
-    return {"law": np.array([law.law for law in order])} | {name: np.array(column) for name, column in numbers.items()}
+    rows = [(law.law, law.chi2_reduced, law.bic, law.held_out, law.range_error) for law in ranked(laws)]
+    return columns_of(("law", "chi2_reduced", "bic", "held_out_error", "obj_24"), rows)
 
 
 def parameter_columns(laws: Sequence[IdentifiedLaw]) -> Columns:
@@ -197,19 +190,13 @@ def parameter_columns(laws: Sequence[IdentifiedLaw]) -> Columns:
         for p in law.by_level:
             each = zip(p.level.tolist(), p.value.tolist(), p.std.tolist(), strict=True)
             rows += [(law.law, p.name, p.unit, *numbers) for numbers in each]
-    return {name: np.array([row[i] for row in rows]) for i, name in enumerate(BY_LEVEL_COLUMNS)}
+    return columns_of(("law", "parameter", "unit", "level", "value", "std"), rows)
 
 
 def output_error_columns(fit: SpectraFit) -> Columns:
     """Columns of ``output_error.csv``: parameters of the law fitted to the spectra themselves."""
-    values = fit.parameters.entries
-    return {
-        "law": np.array([fit.name] * len(values)),
-        "parameter": np.array([p.name for p in values]),
-        "unit": np.array([p.unit for p in values]),
-        "value": np.array([p.value for p in values]),
-        "std": np.array([p.std for p in values]),
-    }
+    rows = [(fit.name, p.name, p.unit, p.value, p.std) for p in fit.parameters.entries]
+    return columns_of(("law", "parameter", "unit", "value", "std"), rows)
 
 
 def law_table(laws: Sequence[IdentifiedLaw]) -> tuple[list[str], list[list[str]]]:

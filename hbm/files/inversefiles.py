@@ -6,7 +6,7 @@ record and harmonic; ``reconstruction.mat`` and ``reconstruction.nc`` hold all o
 
 import math
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,20 +24,8 @@ from hbm.textfiles import StrPath, csv_text, read_rows
 
 RECORD = ("record", "level", "frequency_hz")
 COLUMNS = (*RECORD, "phase", *(f"{name}{part}" for name in SIGNALS for part in ("", "_std")))
-ENERGY = (
-    *RECORD,
-    *("work_rate", "work_rate_std", "energy_per_cycle", "energy_per_cycle_std"),
-    *("slips", "chi2_reduced"),
-)
 IN_HARMONICS = ("friction", "slip", "normal")
 PARTS = ("cos", "sin", "amplitude", "std")
-HARMONICS = (
-    *RECORD,
-    "harmonic",
-    *(f"{name}_{part}" for name in IN_HARMONICS for part in PARTS),
-    "resolution",
-    "condition",
-)
 SIGNAL_FILE, NETCDF_FILE = "reconstruction.csv", "reconstruction.nc"
 FILES = (SIGNAL_FILE, "energy.csv", "harmonics.csv", "reconstruction.mat", NETCDF_FILE)
 NEEDED_FOR_NETCDF = ("xarray", "h5netcdf")
@@ -72,7 +60,7 @@ def write_reconstruction(folder: StrPath, reconstruction: Reconstruction, *, net
 
 def reconstruction_contents(reconstruction: Reconstruction, *, netcdf: bool | None = None) -> dict[str, str | bytes]:
     """Contents of the files, see :func:`write_reconstruction`."""
-    arrays = reconstruction_arrays(reconstruction)
+    arrays = reconstruction.arrays()
     contents: dict[str, str | bytes] = {
         SIGNAL_FILE: csv_text(_signal_rows(reconstruction)),
         "energy.csv": columns_text(energy_columns(reconstruction)),
@@ -110,12 +98,14 @@ def _signal_rows(reconstruction: Reconstruction) -> Iterator[list[Any]]:
 def energy_columns(reconstruction: Reconstruction) -> dict[str, npt.NDArray[Any]]:
     """Columns of ``energy.csv``: a row per record."""
     work, energy = reconstruction.work_rate, reconstruction.energy_per_cycle
-    values: Sequence[npt.NDArray[Any]] = (
-        *(work.value, work.std, energy.value, energy.std),
-        *(reconstruction.slips, reconstruction.misfit.reduced),
-    )
-    records = record_columns(reconstruction, np.arange(len(reconstruction)))
-    return {**records, **dict(zip(ENERGY[len(RECORD) :], values, strict=True))}
+    return record_columns(reconstruction, np.arange(len(reconstruction))) | {
+        "work_rate": work.value,
+        "work_rate_std": work.std,
+        "energy_per_cycle": energy.value,
+        "energy_per_cycle_std": energy.std,
+        "slips": reconstruction.slips,
+        "chi2_reduced": reconstruction.misfit.reduced,
+    }
 
 
 def harmonic_columns(reconstruction: Reconstruction) -> dict[str, npt.NDArray[Any]]:
@@ -123,52 +113,10 @@ def harmonic_columns(reconstruction: Reconstruction) -> dict[str, npt.NDArray[An
     r, k = np.indices((len(reconstruction), reconstruction.H + 1)).reshape(2, -1)
     columns = {**record_columns(reconstruction, r), "harmonic": k}
     for name in IN_HARMONICS:
-        c, std = reconstruction[name].amplitudes[r, k], reconstruction[name].amplitude_std[r, k]
+        c, std = reconstruction[name].complex[r, k], reconstruction[name].coefficient_std[r, k]
         parts = (c.real, np.where(k, -c.imag, 0.0), np.abs(c), std)
         columns |= {f"{name}_{part}": values for part, values in zip(PARTS, parts, strict=True)}
     return columns | {"resolution": reconstruction.resolution[r, k], "condition": reconstruction.condition[r, k]}
-
-
-def reconstruction_arrays(reconstruction: Reconstruction) -> tuple[Variables, Variables]:
-    """Arrays and coordinates of a NetCDF or MAT file, each with its dimensions and unit.
-
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-
-    Returns
-    -------
-    arrays, coordinates : mapping of str to (dimensions, values, unit)
-        Signals and their ``_std`` over (record, phase); their ``_cos``, ``_sin`` and ``_harmonic_std`` over (record,
-        harmonic); numbers per record.
-    """
-    spectra = reconstruction.spectra
-    arrays: dict[str, tuple[Sequence[str], Any, str]] = {}
-    over_phase, over_harmonics, each = ("record", "phase"), ("record", "harmonic"), ("record",)
-    for name, unit in SIGNALS.items():
-        s = reconstruction[name]
-        arrays[name] = over_phase, s.samples, unit
-        arrays[f"{name}_std"] = over_phase, np.array(s.std), unit
-        arrays[f"{name}_cos"] = over_harmonics, s.amplitudes.real, unit
-        arrays[f"{name}_sin"] = over_harmonics, -s.amplitudes.imag, unit
-        arrays[f"{name}_harmonic_std"] = over_harmonics, s.amplitude_std, unit
-    for name, estimate in (
-        ("work_rate", reconstruction.work_rate),
-        ("energy_per_cycle", reconstruction.energy_per_cycle),
-    ):
-        arrays[name], arrays[f"{name}_std"] = (each, estimate.value, estimate.unit), (each, estimate.std, estimate.unit)
-    arrays["slips"] = each, reconstruction.slips.astype(np.int8), "1"
-    arrays["chi2_reduced"] = each, reconstruction.misfit.reduced, "1"
-    arrays["resolution"] = over_harmonics, reconstruction.resolution, "N"
-    arrays["condition"] = over_harmonics, reconstruction.condition, "1"
-    coordinates: Variables = {
-        "record": (each, spectra.records, "1"),
-        "level": (each, spectra.level, "N"),
-        "frequency_hz": (each, spectra.hz, "Hz"),
-        "phase": (("phase",), reconstruction.phase, "1"),
-        "harmonic": (("harmonic",), np.arange(reconstruction.H + 1), "1"),
-    }
-    return arrays, coordinates
 
 
 def _array_bytes(ending: str, arrays: Variables, coordinates: Variables) -> bytes:

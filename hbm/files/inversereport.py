@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from matplotlib.figure import Figure
 
 from hbm.figures import inverse as figures
 from hbm.figures import trust
 from hbm.figures.page import Page, Section, Table, page_html
-from hbm.figures.style import closed
+from hbm.figures.style import AxesArray, closed
 from hbm.files import inversefiles
 from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import energy_columns, reconstruction_contents, record_columns
@@ -40,13 +39,13 @@ class Drawing:
     name: str
     heading: str
     caption: str
-    draw: Callable[[Reconstruction, Records], Figure]
+    draw: Callable[[Reconstruction, Records], AxesArray]
     columns: Callable[[Reconstruction, Records], Columns]
 
     def plate(self, reconstruction: Reconstruction, records: Records) -> Plate:
         """The figure with its numbers."""
-        figure, columns = self.draw(reconstruction, records), self.columns(reconstruction, records)
-        return Plate(self.name, self.heading, self.caption, figure, columns)
+        axes, columns = self.draw(reconstruction, records), self.columns(reconstruction, records)
+        return Plate(self.name, self.heading, self.caption, axes, columns)
 
 
 # ------------------------------------------------------------------------------------------- the numbers of the figures
@@ -85,8 +84,8 @@ def harmonic_columns(reconstruction: Reconstruction, records: Records = None) ->
     return {
         **record_columns(reconstruction, i),
         "harmonic": harmonic,
-        "amplitude": np.abs(reconstruction["friction"].amplitudes[i, harmonic]),
-        "std": reconstruction["friction"].amplitude_std[i, harmonic],
+        "amplitude": reconstruction["friction"].amplitude[i, harmonic],
+        "std": reconstruction["friction"].coefficient_std[i, harmonic],
         "noise_floor": trust.noise_floor(reconstruction)[i, harmonic],
     }
 
@@ -108,7 +107,7 @@ def resolution_columns(reconstruction: Reconstruction, _: Records = None) -> Col
     """Least, median and largest friction, resolution and condition of each harmonic."""
     columns: dict[str, npt.NDArray[Any]] = {"harmonic": np.arange(1, reconstruction.H + 1)}
     shown = {
-        "friction": np.abs(reconstruction["friction"].amplitudes),
+        "friction": reconstruction["friction"].amplitude,
         "resolution": reconstruction.resolution,
         "condition": reconstruction.condition,
     }
@@ -124,7 +123,7 @@ DRAWINGS = (
         "Friction loops",
         "Friction force over slip, one period, a row of panels per force level. Bands: 95 %, noise and the harmonics "
         "above those measured. Where the contact sticks the mean of both is unknown and counts as zero.",
-        lambda r, records: figures.plot_reconstructed_loops(r, records),
+        figures.plot_reconstructed_loops,
         loop_columns,
     ),
     Drawing(
@@ -132,7 +131,7 @@ DRAWINGS = (
         "Signals over the period",
         "Friction, reaction, slip and slip velocity with 95 % bands; of each level the record that slips most, unless "
         "records were named. P is the static normal load.",
-        lambda r, records: figures.plot_signals(r, records),
+        figures.plot_signals,
         signal_columns,
     ),
     Drawing(
@@ -140,7 +139,7 @@ DRAWINGS = (
         "Harmonics of the friction force",
         "Filled: above what the noise of the sensors alone makes in 5 % of the cases (grey). Hollow: lost in it, there "
         "a prior says what is likely. Bars: 95 %.",
-        lambda r, records: trust.plot_friction_harmonics(r, records),
+        trust.plot_friction_harmonics,
         harmonic_columns,
     ),
     Drawing(

@@ -3,10 +3,11 @@
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from hbm.errors import InputError
@@ -93,9 +94,48 @@ def write_folder(path: StrPath, contents: Mapping[str, str | bytes], owned: Iter
 
 
 def columns_text(columns: Columns) -> str:
-    """Columns as the text of a CSV file; blank where a number is not finite."""
+    """Columns as the text of a CSV file."""
+    return csv_text(column_rows(columns))
+
+
+def column_rows(columns: Columns) -> list[list[Any]]:
+    """Heading and rows of columns; blank where a number is not finite."""
     lists = [values.tolist() for values in columns.values()]
-    return csv_text([list(columns), *([_entry(value) for value in row] for row in zip(*lists, strict=True))])
+    return [list(columns), *([_entry(value) for value in row] for row in zip(*lists, strict=True))]
+
+
+def columns_of(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> Columns:
+    """Rows as named columns."""
+    listed = list(rows)
+    return {name: np.array([row[i] for row in listed]) for i, name in enumerate(names)}
+
+
+def json_text(entry: Any) -> str:
+    """Text of a JSON file; numbers that are not finite, which JSON has not, are null."""
+    return json.dumps(_finite(entry), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _finite(entry: Any) -> Any:
+    """Numbers that are not finite as None, those of NumPy as plain ones."""
+    if isinstance(entry, dict):
+        return {key: _finite(value) for key, value in entry.items()}
+    if isinstance(entry, list | tuple):
+        return [_finite(value) for value in entry]
+    if isinstance(entry, np.generic):
+        entry = entry.item()
+    return None if isinstance(entry, float) and not math.isfinite(entry) else entry
+
+
+def companion(path: StrPath) -> Path:
+    """The JSON file beside a table, with what a table of points has no place for."""
+    return Path(path).with_suffix(".json")
+
+
+def write_with_companion(path: StrPath, rows: Iterable[Sequence[Any]], summary: Mapping[str, Any]) -> list[Path]:
+    """Write a table and its companion, both or neither; returns the files written."""
+    files = {Path(path): csv_text(rows), companion(path): json_text(summary)}
+    write_together(files)
+    return list(files)
 
 
 def _entry(value: Any) -> Any:

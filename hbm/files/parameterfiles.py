@@ -1,6 +1,5 @@
 """Files of responses along a number of the rig: a curve file with one column more, ``parameter``."""
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,35 +8,36 @@ from typing import Any
 import numpy as np
 
 from hbm.errors import InputError
-from hbm.files.curves import KEYS, SavedCurve, columns, companion, curve_rows, curve_summary, parsed, saved, summary_of
+from hbm.files.curves import KEYS, SavedCurve, columns, curve_rows, curve_summary, parsed, saved, summary_of
+from hbm.files.outputs import write_with_companion
 from hbm.fourier import Array
-from hbm.textfiles import StrPath, csv_text, read_rows, write_together
+from hbm.textfiles import StrPath, read_rows
 from hbm.tracking.parameterresponse import ParameterCurve
 
 PLACE = len(KEYS)
 """Column of the number: behind those that every curve file has, before the harmonics."""
 
 
-def write_parameter_curve(path: StrPath, curve: ParameterCurve) -> None:
+def write_parameter_curve(path: StrPath, curve: ParameterCurve) -> list[Path]:
     """Write a curve and, beside it, its companion, which names the number.
 
     Parameters
     ----------
     path : str or path
-        CSV file; the companion is :func:`hbm.files.curves.companion` of it.
+        CSV file; the companion is :func:`hbm.files.outputs.companion` of it.
     curve : ParameterCurve
+
+    Returns
+    -------
+    list of Path
+        Files written.
 
     Raises
     ------
     InputError
         If the files cannot be written; then neither is.
     """
-    write_together(
-        {
-            Path(path): csv_text(_table(curve)),
-            companion(path): json.dumps(_summary(curve), indent=1, allow_nan=False) + "\n",
-        }
-    )
+    return write_with_companion(path, _table(curve), _summary(curve))
 
 
 def _table(curve: ParameterCurve) -> Iterator[list[Any]]:
@@ -54,8 +54,7 @@ def _summary(curve: ParameterCurve) -> dict[str, Any]:
     (level,) = summary["levels"]
     for name in ("folds", "corners", "lift_off"):
         level[name] = level.pop(f"{name}_hz")
-    error = curve.error if np.isfinite(curve.error) else None
-    level |= {"reason": curve.reason, "numerical_error": {"ends_and_peak": error}}
+    level |= {"reason": curve.reason, "numerical_error": {"ends_and_peak": curve.error}}
     return summary | {"parameter": {"key": curve.parameter, "unit": curve.unit}}
 
 

@@ -87,8 +87,8 @@ def scales_of(reconstruction: Reconstruction) -> Scales:
 
 def _stiffness(r: Reconstruction, mu: float, load: float) -> float:
     stuck = ~r.slips if not r.slips.all() else np.ones(len(r), dtype=bool)
-    T, u = r["friction"].amplitudes[stuck, 1:], r["slip"].amplitudes[stuck, 1:]
-    weight = 1.0 / np.maximum(r["friction"].amplitude_std[stuck, 1:], np.finfo(float).tiny) ** 2
+    T, u = r["friction"].complex[stuck, 1:], r["slip"].complex[stuck, 1:]
+    weight = 1.0 / np.maximum(r["friction"].coefficient_std[stuck, 1:], np.finfo(float).tiny) ** 2
     compliance = -float(np.sum(weight * (T.conj() * u).real) / np.sum(weight * np.abs(T) ** 2))
     largest = float(np.ptp(r["slip"].samples, axis=1).max()) / 2
     return 1.0 / compliance if compliance > 0.0 else mu * load / (0.1 * largest)

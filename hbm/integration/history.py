@@ -262,8 +262,12 @@ class TimeHistory:
     @cached_property
     def steadiness(self) -> float:
         """Change of the drive displacement over the last two periods, relative to its largest value; NaN if shorter."""
-        N_t = self.samples_per_period
-        if len(self.time) < 2 * N_t:
-            return float("nan")
-        before, last = self.channels["drive"].values[-2 * N_t :].reshape(2, N_t)
-        return float(np.max(np.abs(last - before)) / max(np.max(np.abs(last)), np.finfo(float).tiny))
+        return steadiness(self.channels["drive"].values, self.samples_per_period)
+
+
+def steadiness(values: Array, N_t: int) -> float:
+    """Change over the last two periods of N_t samples, relative to the largest value there; NaN if shorter."""
+    if len(values) < 2 * N_t:
+        return float("nan")
+    before, last = values[-2 * N_t :].reshape(2, N_t)
+    return float(np.max(np.abs(last - before)) / max(np.max(np.abs(last)), np.finfo(float).tiny))

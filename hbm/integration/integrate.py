@@ -7,22 +7,25 @@ for the state that a period maps on itself; both return a :class:`hbm.integratio
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import overload
 
 import numpy as np
 
 from hbm.aft.recurrence import monodromy
 from hbm.errors import expect_frequency, expect_rig
 from hbm.integration.history import State, TimeHistory, differences, normal_reaction
+from hbm.integration.jointed import JointHistory, simulate_joints
 from hbm.integration.timestep import Stepper
 from hbm.parallel import one_thread
 from models import Rig
+from models.jointed import AnyRig, JointedRig
 from models.structure import Array
 
 DEFAULT_PERIODS = 50
 ANCHOR_MOBILITY = 1e-3  # cost of moving q and q' relative to the states of the friction law
 
 
-@one_thread
+@overload
 def simulate(
     rig: Rig,
     hz: float,
@@ -34,7 +37,37 @@ def simulate(
     last_periods: int | None = None,
     every: int = 1,
     progress: Callable[[float], None] | None = None,
-) -> TimeHistory:
+) -> TimeHistory: ...
+
+
+@overload
+def simulate(
+    rig: JointedRig,
+    hz: float,
+    *,
+    duration: float | None = None,
+    level: float | None = None,
+    steps_per_period: int = 512,
+    start: Array | None = None,
+    last_periods: int | None = None,
+    every: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> JointHistory: ...
+
+
+@one_thread
+def simulate(
+    rig: AnyRig,
+    hz: float,
+    *,
+    duration: float | None = None,
+    level: float | None = None,
+    steps_per_period: int = 512,
+    start: State | Array | None = None,
+    last_periods: int | None = None,
+    every: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> TimeHistory | JointHistory:
     """Motion of a rig under the force level cos(2 pi hz t).
 
     Parameters
@@ -49,7 +82,7 @@ def simulate(
     steps_per_period : int
         The error falls with its square, or in proportion where friction jumps (set-valued laws without compliance).
     start : State, optional
-        From rest unless given.
+        From rest unless given; of a rig with joints (size,) numbers, :func:`hbm.integration.jointed.simulate_joints`.
     last_periods : int, optional
         Keep these only; everything unless given.
     every : int
@@ -59,7 +92,8 @@ def simulate(
 
     Returns
     -------
-    TimeHistory
+    TimeHistory, or JointHistory
+        The latter of a rig with joints, over whole periods and every step.
         Including the instant it starts from.
 
     Raises
@@ -69,10 +103,24 @@ def simulate(
     ArithmeticError
         If a step cannot be solved, or no stable scheme exists at this step.
     """
-    expect_rig(rig, "simulate")
+    expect_rig(rig, "simulate", joints=True)
     expect_frequency(hz, "simulate")
+    if isinstance(rig, JointedRig):
+        periods = max(1, round((DEFAULT_PERIODS / hz if duration is None else duration) * hz))
+        if isinstance(start, State):
+            raise ValueError("simulate: start is a state of a rig with [contact]; must be (size,) numbers")
+        return simulate_joints(
+            rig,
+            hz,
+            periods=periods,
+            level=level,
+            steps_per_period=steps_per_period,
+            start=start,
+            last_periods=last_periods,
+            progress=progress,
+        )
     from_rest = start is None
-    start = State.at_rest(rig) if start is None else start
+    start = start if isinstance(start, State) else State.at_rest(rig)
     level = rig.excitation.amplitude if level is None else level
     duration = DEFAULT_PERIODS / hz if duration is None and hz > 0 else duration
     _check(rig, duration, steps_per_period, start, every)

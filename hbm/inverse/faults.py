@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import optimize
 
-from hbm.fourier import Array
+from hbm.fourier import Array, coefficients_of
 from hbm.inverse.readings import Others, Readings
 from hbm.inverse.sensing import Complex
 from hbm.measurement.spectra import MeasuredSpectra
@@ -70,9 +70,8 @@ class Fault:
 def _times(spectra: MeasuredSpectra, channel: str, factor: Complex) -> MeasuredSpectra:
     """Spectra with one channel times a complex factor (r, H+1)."""
     i = spectra.index(channel)
-    amplitudes = factor * spectra.amplitudes(channel)
     coefficients, std = spectra.coefficients.copy(), spectra.std.copy()
-    coefficients[:, i] = np.concatenate([amplitudes.real, -amplitudes.imag[:, 1:]], axis=1)
+    coefficients[:, i] = coefficients_of(factor * spectra.complex(channel))
     std[:, i] = std[:, i] * np.abs(factor)
     return replace(spectra, coefficients=coefficients, std=std)
 

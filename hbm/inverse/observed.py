@@ -116,7 +116,7 @@ class Motion:
 
 def motion_of(reconstruction: Reconstruction) -> Motion:
     """Modal coordinates under the reconstructed friction and the measured excitation."""
-    seen, friction = sensing(reconstruction.rig, reconstruction.spectra), reconstruction["friction"].amplitudes
+    seen, friction = sensing(reconstruction.rig, reconstruction.spectra), reconstruction["friction"].complex
     if seen.rig.elements:  # under forces that hold the motion more than friction does, the turns below run away
         return Motion(seen, regularised(seen, friction[:, 0].real).q)
     s = seen.structure
@@ -157,7 +157,7 @@ def _record(r: Reconstruction, i: int, basis: FourierBasis, by_mean: Complex, in
         level=float(r.spectra.level[i]),
         hz=float(r.spectra.hz[i]),
         slips=slips,
-        friction=_wide(r["friction"].amplitudes[i], basis),
+        friction=_wide(r["friction"].complex[i], basis),
         signals=np.stack([_wide(s[i], basis) for s in (shown.u, shown.rho, shown.eta)], axis=1),
         gains=_gains(r.rig.structure, 2 * np.pi * float(r.spectra.hz[i]), basis.H, r.H, slips),
         by_mean=_wide(by_mean if slips else np.zeros_like(by_mean), basis),

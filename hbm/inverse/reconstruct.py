@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.errors import InputError, expect_rig
-from hbm.fourier import Array
+from hbm.fourier import Array, coefficients_of
 from hbm.inverse.contact import Contact, contact_of
 from hbm.inverse.contactforce import ForceEstimate, regularised
 from hbm.inverse.kinematic import modal, nnm, nnm_spline
@@ -137,10 +137,10 @@ def misfit_of(seen: Sensing, estimate: ForceEstimate) -> Misfit:
 
 
 def _signal(contact: Contact, name: str, inflation: Array, slips: npt.NDArray[np.bool_]) -> EstimatedSignal:
-    amplitudes, samples = contact.amplitudes[name], contact.samples[name]
+    coefficients, samples = coefficients_of(contact.amplitudes[name]), contact.samples[name]
     std = contact.std(name) * inflation[:, None]
     mean_std = np.where(slips | (name == "normal"), contact.mean_std(name, slips), 0.0)
     noise = np.sqrt(np.sum(std[:, 1:] ** 2, axis=1) + mean_std**2)
     std[:, 0] = mean_std
     total = np.hypot(noise, contact.unseen[name])
-    return EstimatedSignal(SIGNALS[name], amplitudes, std, samples, np.broadcast_to(total[:, None], samples.shape))
+    return EstimatedSignal(SIGNALS[name], coefficients, std, samples, np.broadcast_to(total[:, None], samples.shape))

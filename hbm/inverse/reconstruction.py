@@ -1,6 +1,6 @@
 """What the inverse harmonic balance returns: contact signals with their uncertainty, and how well the sensors fit."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,9 +9,9 @@ import numpy.typing as npt
 from scipy import stats
 
 from hbm.errors import InputError
-from hbm.fourier import Array
+from hbm.fourier import Array, complex_of
 from hbm.inverse.sensing import Complex
-from hbm.labelled import dataset, frame
+from hbm.labelled import Variables, dataset, frame
 from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
 
@@ -29,9 +29,9 @@ class EstimatedSignal:
     Attributes
     ----------
     unit : str
-    amplitudes : (r, H+1) complex array
-        s = Re sum c_k exp(i k Omega t).
-    amplitude_std : (r, H+1) array
+    coefficients : (r, 2H+1) array
+        Fourier coefficients a_0, a_1..a_H, b_1..b_H.
+    coefficient_std : (r, H+1) array
         Of each of the cosine and sine coefficients.
     samples : (r, N) array
         Values at the phases 0, 1/N... of the period.
@@ -40,10 +40,20 @@ class EstimatedSignal:
     """
 
     unit: str
-    amplitudes: Complex
-    amplitude_std: Array
+    coefficients: Array
+    coefficient_std: Array
     samples: Array
     std: Array
+
+    @property
+    def complex(self) -> Complex:
+        """Complex coefficients c_k, s = Re sum c_k exp(i k Omega t), (r, H+1)."""
+        return complex_of(self.coefficients)
+
+    @property
+    def amplitude(self) -> Array:
+        """Amplitude of harmonics 0..H, (r, H+1)."""
+        return np.abs(self.complex)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,29 +161,14 @@ class Reconstruction:
     warnings: tuple[str, ...]
 
     def to_xarray(self) -> Any:
-        """Contact signals and their standard deviations (record, phase), energies, as an xarray.Dataset with units.
+        """All of :meth:`arrays` as an xarray.Dataset with units, as in ``reconstruction.nc``.
 
         Raises
         ------
         InputError
             If xarray is not installed.
         """
-        variables: dict[str, tuple[tuple[str, ...], Any, str]] = {}
-        for name, signal in self.signals.items():
-            variables[name] = (("record", "phase"), signal.samples, signal.unit)
-            variables[f"{name}_std"] = (("record", "phase"), signal.std, signal.unit)
-        for name, found in (("energy_per_cycle", self.energy_per_cycle), ("work_rate", self.work_rate)):
-            variables[name] = (("record",), found.value, found.unit)
-            variables[f"{name}_std"] = (("record",), found.std, found.unit)
-        samples = next(iter(self.signals.values())).samples.shape[1]
-        coordinates = {
-            "record": (("record",), self.spectra.records, ""),
-            "hz": (("record",), self.spectra.hz, "Hz"),
-            "level": (("record",), self.spectra.level, "N"),
-            "phase": (("phase",), np.arange(samples) / samples, "1"),
-            "slips": (("record",), self.slips, ""),
-        }
-        return dataset("to_xarray", variables, coordinates, rig=self.rig.name, formulation=self.formulation)
+        return dataset("to_xarray", *self.arrays(), rig=self.rig.name, formulation=self.formulation)
 
     def to_dataframe(self) -> Any:
         """One row a record, as a pandas.DataFrame: what friction does there, with standard deviations.
@@ -188,6 +183,39 @@ class Reconstruction:
         for name, found in (("energy_per_cycle", self.energy_per_cycle), ("work_rate", self.work_rate)):
             columns |= {name: found.value, f"{name}_std": found.std}
         return frame("to_dataframe", {**columns, "slips": self.slips})
+
+    def arrays(self) -> tuple[Variables, Variables]:
+        """Arrays and coordinates by the names of formats.md section 4, each with its dimensions and unit.
+
+        Returns
+        -------
+        arrays, coordinates : mapping of str to (dimensions, values, unit)
+            Signals and their ``_std`` over (record, phase); their ``_cos``, ``_sin`` and ``_harmonic_std`` over
+            (record, harmonic); numbers per record.
+        """
+        arrays: dict[str, tuple[Sequence[str], Any, str]] = {}
+        over_phase, over_harmonics, each = ("record", "phase"), ("record", "harmonic"), ("record",)
+        for name, s in self.signals.items():
+            arrays[name] = over_phase, s.samples, s.unit
+            arrays[f"{name}_std"] = over_phase, np.array(s.std), s.unit
+            arrays[f"{name}_cos"] = over_harmonics, s.complex.real, s.unit
+            arrays[f"{name}_sin"] = over_harmonics, -s.complex.imag, s.unit
+            arrays[f"{name}_harmonic_std"] = over_harmonics, s.coefficient_std, s.unit
+        for name, estimate in (("work_rate", self.work_rate), ("energy_per_cycle", self.energy_per_cycle)):
+            arrays[name] = each, estimate.value, estimate.unit
+            arrays[f"{name}_std"] = each, estimate.std, estimate.unit
+        arrays["slips"] = each, self.slips.astype(np.int8), "1"
+        arrays["chi2_reduced"] = each, self.misfit.reduced, "1"
+        arrays["resolution"] = over_harmonics, self.resolution, "N"
+        arrays["condition"] = over_harmonics, self.condition, "1"
+        coordinates: Variables = {
+            "record": (each, self.spectra.records, "1"),
+            "level": (each, self.spectra.level, "N"),
+            "frequency_hz": (each, self.spectra.hz, "Hz"),
+            "phase": (("phase",), self.phase, "1"),
+            "harmonic": (("harmonic",), np.arange(self.H + 1), "1"),
+        }
+        return arrays, coordinates
 
     def __repr__(self) -> str:
         """Say what was reconstructed, and what to beware of."""

@@ -149,7 +149,7 @@ def sensing(rig: Rig, spectra: MeasuredSpectra) -> Sensing:
         )
     fine = _fine(rig, spectra)
     i_omega = np.asarray(2j * np.pi * spectra.hz[:, None] * np.arange(spectra.H + 1), dtype=np.complex128)
-    measured = np.stack([spectra.amplitudes(name) for name in channels], axis=2)
+    measured = np.stack([spectra.complex(name) for name in channels], axis=2)
     std = np.stack([spectra.std[:, spectra.index(name)] for name in channels], axis=2)
     usable = np.isfinite(std)
     usable[:, 0] = False  # accelerometers and vibrometers see no mean
@@ -192,6 +192,6 @@ def _force(spectra: MeasuredSpectra, channel: str | None) -> tuple[Complex, Arra
     listed = spectra.std[:, spectra.index(channel)]
     absent = ~np.isfinite(listed)
     absent[:, 0] = True
-    force, std = np.where(absent, 0.0, spectra.amplitudes(channel)), np.where(absent, 0.0, listed)
+    force, std = np.where(absent, 0.0, spectra.complex(channel)), np.where(absent, 0.0, listed)
     std[:, 1] = np.where(absent[:, 1], UNKNOWN_FORCE * spectra.level, std[:, 1])
     return force, std

@@ -184,7 +184,7 @@ def uff_bytes(where: str, spectra: MeasuredSpectra, units: Mapping[str, str]) ->
             std = np.asarray(spectra.std[i, j, kept])
             header = _uff_header(where, name, j, units.get(name, ""), state) | {"z_axis_value": spectra.level[i]}
             axis = _uff_axis(kept * spectra.hz[i], 18)
-            sets.append(header | axis | {"id1": "harmonic amplitudes", "data": spectra.amplitudes(name)[i, kept]})
+            sets.append(header | axis | {"id1": "harmonic amplitudes", "data": spectra.complex(name)[i, kept]})
             sets.append(header | axis | {"id1": "standard deviations", "data": std})
     return _uff(where, sets)
 

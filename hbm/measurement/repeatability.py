@@ -47,7 +47,7 @@ def unrepeatable(spectra: MeasuredSpectra, shares: Mapping[str, float]) -> Measu
         return spectra
     places = [spectra.index(name) for name in chosen]
     share = np.array([shares[name] for name in chosen])[:, None]
-    size = np.stack([np.abs(spectra.amplitudes(name)) for name in chosen], axis=1)  # (r, c, H+1)
+    size = np.stack([np.abs(spectra.complex(name)) for name in chosen], axis=1)  # (r, c, H+1)
     typical = np.stack([typical_size(size[:, :, k]) for k in range(spectra.H + 1)], axis=2)
     std = spectra.std.copy()
     std[:, places] = np.hypot(std[:, places], share * typical / np.sqrt(2.0))
@@ -76,7 +76,7 @@ def _of_repetitions(rig: Rig, spectra: MeasuredSpectra, names: list[str]) -> dic
     found = {}
     for name in names:
         i = spectra.index(name)
-        transfer = spectra.amplitudes(name)[:, 1] / force
+        transfer = spectra.complex(name)[:, 1] / force
         scatter = [np.abs(transfer[g] - transfer[g].mean()) ** 2 * len(g) / (len(g) - 1) for g in groups]
         noise = [2.0 * (spectra.std[g, i, 1] / np.abs(force[g])) ** 2 for g in groups]
         size = [np.full(len(g), np.abs(transfer[g].mean()) ** 2) for g in groups]
@@ -98,5 +98,5 @@ def _repeated(spectra: MeasuredSpectra) -> Iterator[npt.NDArray[np.int64]]:
 def _force(rig: Rig, spectra: MeasuredSpectra) -> npt.NDArray[np.complex128]:
     """Fundamental of the force of each record; its level where it was not measured."""
     forces = [c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels]
-    measured = spectra.amplitudes(forces[0])[:, 1] if forces else np.full(len(spectra), np.nan + 0j)
+    measured = spectra.complex(forces[0])[:, 1] if forces else np.full(len(spectra), np.nan + 0j)
     return np.where(np.isfinite(measured), measured, spectra.level)

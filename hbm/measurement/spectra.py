@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.errors import InputError
-from hbm.fourier import Array
+from hbm.fourier import Array, complex_of
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from models.rig import Rig
 
@@ -113,12 +113,9 @@ class MeasuredSpectra:
         """Which harmonics of which channels were measured, (r, c, H+1)."""
         return np.isfinite(self.std)
 
-    def amplitudes(self, channel: str) -> npt.NDArray[np.complex128]:
-        """Complex amplitudes c_k of a channel, s = Re sum c_k exp(i k Omega t), (r, H+1), nan where not measured."""
-        coefficients = self.coefficients[:, self.index(channel)]
-        out = coefficients[:, : self.H + 1].astype(complex)
-        out[:, 1:] -= 1j * coefficients[:, self.H + 1 :]
-        return out
+    def complex(self, channel: str) -> npt.NDArray[np.complex128]:
+        """Complex coefficients c_k of a channel, s = Re sum c_k exp(i k Omega t), (r, H+1), nan where not measured."""
+        return complex_of(self.coefficients[:, self.index(channel)])
 
     def index(self, channel: str) -> int:
         """Place of a channel among `channels`.

@@ -17,7 +17,7 @@ from hbm.errors import InputError
 from hbm.measurement.exchange import mat_bytes, mat_rows, netcdf_bytes, netcdf_rows, uff_bytes
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.textfiles import StrPath, csv_text, read_rows, write_together
-from models.rig import Rig
+from models.jointed import AnyRig
 
 COLUMNS = ("record", "level", "frequency_hz", "channel", "harmonic", "cos", "sin", "std")
 READ = (".csv", ".nc", ".mat")
@@ -45,7 +45,7 @@ class Row(NamedTuple):
 # ------------------------------------------------------------------------------------------------------------ reading
 
 
-def load_spectra(path: StrPath, rig: Rig) -> MeasuredSpectra:
+def load_spectra(path: StrPath, rig: AnyRig) -> MeasuredSpectra:
     """Read a spectra file.
 
     Parameters
@@ -149,7 +149,7 @@ def _shown(text: str) -> str:
     return json.dumps(text.strip()[:60], ensure_ascii=False)
 
 
-def _assembled(source: str, rows: Iterable[Row], rig: Rig) -> MeasuredSpectra:
+def _assembled(source: str, rows: Iterable[Row], rig: AnyRig) -> MeasuredSpectra:
     """Put rows into arrays; of rows that contradict each other the later is refused."""
     names = [channel.name for channel in rig.channels]
     states: dict[int, tuple[float, float]] = {}

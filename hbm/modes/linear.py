@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 from scipy.linalg import null_space
 
+from hbm.aft.jointstep import JointStep, values
 from hbm.aft.step import law_step
 from hbm.errors import expect_rig
 from models.friction import parameters
+from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
 from models.structure import Array
 
@@ -27,7 +30,8 @@ class LinearModes:
     damping_ratio : (n,) array
         Of the sliding modes [-].
     stiffness : float
-        Contact stiffness at rest, in series with the compliance [N/m]; inf where the contact is held rigidly.
+        Contact stiffness at rest, in series with the compliance [N/m]; inf where the contact is held rigidly, nan of
+        several joints.
     """
 
     sliding_hz: Array
@@ -43,16 +47,18 @@ class LinearModes:
                 zip(self.sliding_hz, self.stuck_hz, self.damping_ratio, strict=True), start=1
             )
         ]
+        if np.isnan(self.stiffness):
+            return "\n".join(["linear modes", "   free [Hz]  joined [Hz]     damping", *lines])
         held = "held rigidly" if np.isinf(self.stiffness) else f"contact stiffness {self.stiffness:.4g} N/m"
         return "\n".join([f"linear modes, {held}", "   sliding [Hz]  stuck [Hz]     damping", *lines])
 
 
-def linear_modes(rig: Rig) -> LinearModes:
-    """Natural modes of a rig, sliding and stuck.
+def linear_modes(rig: AnyRig) -> LinearModes:
+    """Natural modes of a rig, sliding and stuck; with joints, without them and with their stiffness at rest.
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
 
     Returns
     -------
@@ -64,7 +70,9 @@ def linear_modes(rig: Rig) -> LinearModes:
     >>> float(linear_modes(paper_rig()).sliding_hz[0].round(3))
     47.842
     """
-    expect_rig(rig, "linear_modes")
+    expect_rig(rig, "linear_modes", joints=True)
+    if isinstance(rig, JointedRig):
+        return _of_joints(rig)
     s, k = rig.structure, contact_stiffness(rig)
     stuck = np.full(s.n, np.nan)
     omega, _ = stuck_modes(rig)
@@ -107,3 +115,33 @@ def stuck_modes(rig: Rig) -> tuple[Array, Array]:
     K = np.diag(s.omega_n**2) + (0.0 if held else k) * np.outer(s.slip_row, s.slip_row)
     squares, shapes = np.linalg.eigh(free.T @ K @ free)
     return np.sqrt(squares), np.asarray(free @ shapes)
+
+
+RIGIDLY = 1e6
+"""How much stiffer than the modes a set-valued law holds its port, where the body does not yield."""
+
+
+def joint_stiffness(rig: JointedRig) -> Array:
+    """Stiffness of the joints at rest, seen by the modes, (m, m) [N/m]: in series with what the modes leave out."""
+    s, m = rig.structure, rig.ports
+    K, at = np.zeros((m, m)), 0
+    for j in rig.joints:
+        here = slice(at, at + j.law.ports)
+        if j.law.set_valued:
+            K[at, at] = RIGIDLY * float(s.omega_n[-1] ** 2 / (s.joints[at] @ s.joints[at]))
+        else:
+            step = JointStep(j.law)
+            slope = ca.jacobian(step.force, step.now)[:, : j.law.ports]
+            known = [step.z, step.f, step.f_before, step.now, step.before, step.environment, step.p]
+            rest = [np.zeros(k.shape[0]) for k in known[:5]]
+            K[here, here] = -ca.Function("slope", known, [slope])(*rest, [1e-4, 0.0], values(j.law)).full()
+        at += j.law.ports
+    return np.asarray(K @ np.linalg.inv(np.eye(m) + s.flexibility @ K))
+
+
+def _of_joints(rig: JointedRig) -> LinearModes:
+    s = rig.structure
+    joined = np.linalg.eigvals(np.diag(s.omega_n**2) + s.joints.T @ joint_stiffness(rig) @ s.joints)
+    stuck = np.sqrt(np.maximum(np.sort(joined.real), 0.0)) / (2 * np.pi)
+    elastic = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
+    return LinearModes(s.omega_n / (2 * np.pi), stuck, s.damping.diagonal() / (2 * elastic), float("nan"))

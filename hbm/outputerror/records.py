@@ -129,7 +129,7 @@ def _turned(r: Reconstruction, seen: Sensing, q: Complex, i: int) -> Record:
     force_std = np.where(seen.force_std[i, 2:] > 0.0, seen.force_std[i, 2:], np.nan)
     harmonics = np.where(np.isfinite(force_std), (seen.force[i] * turn)[2:], nothing)
     basis = FourierBasis(H, 3 * H + 2)
-    Q, T = basis.real(q * turn[:, None]), basis.real(r["friction"].amplitudes[i] * turn)
+    Q, T = basis.real(q * turn[:, None]), basis.real(r["friction"].complex[i] * turn)
     return Record(
         number=int(r.spectra.records[i]),
         hz=float(r.spectra.hz[i]),

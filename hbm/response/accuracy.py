@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from continuation import ConvergenceError
-from hbm.balance.problem import HarmonicBalance
+from hbm.balance.problem import AnyBalance, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
 from hbm.response.trace import OnPoint, default_samples, scout_frequency, solve_near, sweep_of, trace_frequency
-from models.rig import Rig
+from models.jointed import AnyRig, JointedRig
 
 TOLERANCE = 5e-3
 """Largest accepted change of drive displacement and friction force, relative to their peak on the curve."""
@@ -27,7 +27,7 @@ UNDECIDED = 15
 """Harmonics taken where the number cannot be judged."""
 
 JUDGED = ("drive", "friction")
-"""Channels whose change is measured."""
+"""Channels whose change is measured, and the force at every port of a joint."""
 
 STEPS = 40
 """Fewest steps over a sweep; there are more where the response is steep."""
@@ -38,7 +38,7 @@ SPREAD = 8
 
 
 def frequency_response(
-    rig: Rig,
+    rig: AnyRig,
     hz: tuple[float, float] | None = None,
     *,
     level: float | None = None,
@@ -85,7 +85,7 @@ def frequency_response(
 
 
 def choose_harmonics(
-    rig: Rig, hz: tuple[float, float], *, level: float | None = None, tolerance: float = TOLERANCE
+    rig: AnyRig, hz: tuple[float, float], *, level: float | None = None, tolerance: float = TOLERANCE
 ) -> tuple[int, int, str]:
     """Fewest harmonics and samples of the ladder that keep the curve within the tolerance.
 
@@ -103,8 +103,8 @@ def choose_harmonics(
     found, scales = _telling_points(pilot), _scales(pilot)
     for H in LADDER:
         N_t = default_samples(finer(H))
-        found = _found(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
-        refined = _solve_again(found, HarmonicBalance(rig, FourierBasis(finer(H), N_t), level=level))
+        found = _found(found, balance_of(rig, FourierBasis(H, N_t), level=level))
+        refined = _solve_again(found, balance_of(rig, FourierBasis(finer(H), N_t), level=level))
         changes = [relative_change(a, b, scales) for a, b in zip(found, refined, strict=True) if b is not None]
         if not changes:
             reason = f"H = {UNDECIDED}: the peaks could not be solved again with {finer(H)} harmonics to judge by"
@@ -139,13 +139,13 @@ def finer(H: int) -> int:
     return 2 * H + 1
 
 
-def _found(points: Sequence[PeriodicSolution], problem: HarmonicBalance) -> list[PeriodicSolution]:
+def _found(points: Sequence[PeriodicSolution], problem: AnyBalance) -> list[PeriodicSolution]:
     """Points on another discretisation, those that were found."""
     return [p for p in _solve_again(points, problem) if p is not None]
 
 
 def _choose_samples(
-    rig: Rig,
+    rig: AnyRig,
     found: Sequence[PeriodicSolution],
     H: int,
     level: float | None,
@@ -154,9 +154,9 @@ def _choose_samples(
 ) -> tuple[int, float]:
     """Fewest samples whose doubling changes the probed points by less than half the tolerance; and that change."""
     N_t = default_samples(H)
-    coarse = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=level))
+    coarse = _solve_again(found, balance_of(rig, FourierBasis(H, N_t), level=level))
     while True:
-        fine = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, 2 * N_t), level=level))
+        fine = _solve_again(found, balance_of(rig, FourierBasis(H, 2 * N_t), level=level))
         changes = [relative_change(a, b, scales) for a, b in zip(coarse, fine, strict=True) if a is not None]
         change = float(np.nanmax(changes)) if changes else np.inf
         if change < tolerance / 2 or 2 * N_t > SAMPLES_LIMIT:
@@ -164,9 +164,19 @@ def _choose_samples(
         N_t, coarse = 2 * N_t, fine
 
 
+def judged(curve: ResponseCurve) -> list[str]:
+    """Channels of a curve whose change is measured."""
+    return [name for name in (*JUDGED, *joint_forces(curve)) if name in curve.channels]
+
+
+def joint_forces(curve: ResponseCurve) -> list[str]:
+    """Channels of a curve that are forces at ports of joints."""
+    return curve.rig.forces if isinstance(curve.rig, JointedRig) else []
+
+
 def peaks(curve: ResponseCurve) -> set[int]:
     """Where drive displacement and friction force are largest."""
-    return {int(np.argmax(curve[name].peak)) for name in JUDGED}
+    return {int(np.argmax(curve[name].peak)) for name in judged(curve)}
 
 
 def probes(curve: ResponseCurve) -> list[PeriodicSolution]:
@@ -210,14 +220,14 @@ def estimate_error(curve: ResponseCurve) -> NumericalError:
     return NumericalError(table, table[peak], max(p.closure for p in curve.points))
 
 
-def _changes(curve: ResponseCurve, found: Sequence[PeriodicSolution], rig: Rig, H: int, N_t: int) -> Array:
+def _changes(curve: ResponseCurve, found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> Array:
     """Relative change of each point on another discretisation, nan where it was not found."""
-    again = _solve_again(found, HarmonicBalance(rig, FourierBasis(H, N_t), level=curve.level))
+    again = _solve_again(found, balance_of(rig, FourierBasis(H, N_t), level=curve.level))
     scales = _scales(curve)
     return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
 
 
-def _solve_again(found: Sequence[PeriodicSolution], problem: HarmonicBalance) -> list[PeriodicSolution | None]:
+def _solve_again(found: Sequence[PeriodicSolution], problem: AnyBalance) -> list[PeriodicSolution | None]:
     """Solve points on another discretisation, each at its frequency; None where that fails."""
     out: list[PeriodicSolution | None] = []
     for start in found:
@@ -230,7 +240,13 @@ def _solve_again(found: Sequence[PeriodicSolution], problem: HarmonicBalance) ->
 
 
 def _scales(curve: ResponseCurve) -> dict[str, float]:
-    return {name: float(curve[name].peak.max()) for name in JUDGED}
+    return judged_scales({name: float(curve[name].peak.max()) for name in judged(curve)})
+
+
+def judged_scales(peaks: dict[str, float]) -> dict[str, float]:
+    """What changes of channels are relative to: their peaks; of a joint's ports, that of the largest of its forces."""
+    joints = {name: name.partition(".force")[0] for name in peaks}
+    return {name: max(peak for other, peak in peaks.items() if joints[other] == joints[name]) for name in peaks}
 
 
 def difference(a: PeriodicSolution, b: PeriodicSolution, channel: str) -> float:

@@ -3,39 +3,46 @@
 :func:`stability_of` judges a solution, :func:`with_stability` returns a curve that knows its stability.
 """
 
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from itertools import pairwise
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from continuation import Branch, ConvergenceError, Kind, Point, Problem, SpecialPoint, locate, refine
-from hbm.balance.problem import HarmonicBalance, State
+from continuation.segment import Segment
+from hbm.balance.problem import AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.accuracy import finer
 from hbm.response.curve import Bifurcation, ResponseCurve
 from hbm.response.trace import solve_near
-from hbm.stability.multipliers import ROUNDING, Stability, floquet
-from models.rig import Rig
+from hbm.stability.along import crossings, growth, hiding, sides
+from hbm.stability.jointed import by_monodromy
+from hbm.stability.multipliers import ROUNDING, Stability
+from models.jointed import AnyRig
 
 Curve = TypeVar("Curve", bound=ResponseCurve)
-Judge = Callable[[HarmonicBalance, State], Stability]
+Judge = Callable[[Any, State], Stability]
+"""Of a state of a balance; some judge those of one contact only."""
 Judged = Callable[[Point | SpecialPoint], Stability]
 
-LEAST = 1e-12
-"""Magnitude that a multiplier of zero counts as, for its logarithm."""
+SAMPLES = 1024
+"""Friction that remembers is judged on at least so many samples per period of the same motion: on few, multipliers jump
+wherever a sample starts to slip."""
 
-CLOSE = 1e-4
-"""A crossing of the unit circle is found to this fraction of the way between two points; multipliers of a contact jump
-a little wherever a sample starts to slip."""
+CLOSE = 1e-3
+"""A crossing of the unit circle is found to this fraction of the way between two points."""
 
 MOST = 60
 """Up to so many bifurcations of a curve are located; more are a sign of too few samples or harmonics."""
+
+HALVED = 7
+"""A step of the curve is halved so many times at most to see whether multipliers cross and return within it."""
 
 CLEAR = 0.02
 """A stretch of a curve is judged once more where its multipliers come no further from the unit circle than this."""
@@ -44,7 +51,7 @@ REAL = 1e-6
 """A multiplier with an imaginary part below this is real."""
 
 
-def stability_of(rig: Rig, solution: PeriodicSolution, judge: Judge = floquet) -> Stability:
+def stability_of(rig: AnyRig, solution: PeriodicSolution, judge: Judge = by_monodromy) -> Stability:
     """Stability of one periodic solution.
 
     Parameters
@@ -61,12 +68,19 @@ def stability_of(rig: Rig, solution: PeriodicSolution, judge: Judge = floquet) -
         Where the judge cannot tell.
     """
     periods = round(2 * np.pi * solution.hz / solution.state.Omega)
-    problem = HarmonicBalance(rig, solution.basis, level=solution.level, periods=periods)
-    return judge(problem, solution.state)
+    return _finely(judge, balance_of(rig, solution.basis, level=solution.level, periods=periods), solution.state)
+
+
+def _finely(judge: Judge, problem: AnyBalance, state: State) -> Stability:
+    """Stability of a state, on more samples where friction remembers."""
+    samples = SAMPLES * problem.periods
+    if problem.remembers and problem.basis.N_t < samples:
+        problem = problem.on(FourierBasis(problem.basis.H, samples))
+    return judge(problem, state)
 
 
 @one_thread
-def with_stability(curve: Curve, judge: Judge = floquet) -> Curve:
+def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     """The curve with the stability of its points, and its bifurcations located by the solver.
 
     Folds and branch points are those of the equations. Between two points where a multiplier leaves or enters the unit
@@ -80,7 +94,7 @@ def with_stability(curve: Curve, judge: Judge = floquet) -> Curve:
     ----------
     curve : ResponseCurve
     judge : callable
-        Stability of a solution of the balance, :func:`hbm.stability.multipliers.floquet` or
+        Stability of a solution of the balance, :func:`hbm.stability.jointed.by_monodromy` or
         :func:`hbm.stability.hill.hill`.
 
     Returns
@@ -93,18 +107,25 @@ def with_stability(curve: Curve, judge: Judge = floquet) -> Curve:
     ValueError
         Where the judge cannot tell.
     """
-    problem, branch = curve.traced, curve.branch
 
     def judged(point: Point | SpecialPoint) -> Stability:
-        return judge(*curve.balance_at(point.x, point.lam))
+        return _finely(judge, *curve.balance_at(point.x, point.lam))
 
-    stability = tuple(map(judged, branch.points))
-    doubtful = _doubtful(curve, stability, judge)
+    branch, followed = curve.branch, _Followed.of(curve, judged)
     turns = sum(p.fold or p.branch_point for p in branch.points)
-    sought = turns + sum(a.unstable != b.unstable for a, b in pairwise(stability)) <= MOST
-    found = [*refine(problem, branch), *_folded_corners(branch)] if sought else list(_flagged(branch))
-    found += _crossings(problem, branch, stability, ~doubtful[:-1] & ~doubtful[1:], judged, sought=sought)
-    arclengths = [p.arclength for p in branch.points]
+    sought = turns + sum(a.unstable != b.unstable for a, b in pairwise(followed.stability)) <= MOST
+    if sought:
+        followed.halve(judged)
+    doubtful = np.zeros(len(followed.points), dtype=bool)
+    found = [*refine(curve.traced, branch), *_folded_corners(branch)] if sought else list(_flagged(branch))
+    for rank in range(int(followed.count.max(initial=0))):
+        across, unknown = _certain(followed, rank, judge) if sought else _plain(followed, rank)
+        found += _crossings(followed, rank, across, judged, sought=sought)
+        doubtful |= unknown if rank == 0 else False
+    kept = followed.kept(doubtful)
+    curve = _with_points(curve, [followed.points[i] for i in kept])
+    stability = tuple(followed.stability[i] for i in kept)
+    arclengths = [p.arclength for p in curve.branch.points]
     bifurcations = []
     for special in sorted(found, key=lambda s: s.arclength):
         behind = int(np.searchsorted(arclengths, special.arclength))
@@ -114,34 +135,130 @@ def with_stability(curve: Curve, judge: Judge = floquet) -> Curve:
             )
         else:
             bifurcations.append(Bifurcation(curve.points[behind], stability[behind], special, behind))
-    return replace(curve, stability=stability, doubtful=doubtful, bifurcations=tuple(bifurcations))
+    return replace(curve, stability=stability, doubtful=doubtful[kept], bifurcations=tuple(bifurcations))
 
 
-def _doubtful(curve: ResponseCurve, stability: tuple[Stability, ...], judge: Judge) -> npt.NDArray[np.bool_]:
-    """Points of stretches whose clearest point is judged otherwise with more harmonics and samples, or not at all."""
-    doubtful = np.zeros(len(stability), dtype=bool)
-    growth = np.array([abs(np.log(max(s.largest, LEAST))) for s in stability])
-    edges = np.flatnonzero(np.diff([s.unstable for s in stability])) + 1
-    for stretch in np.split(np.arange(len(stability)), edges):
-        clearest = int(stretch[growth[stretch].argmax()])
-        if growth[clearest] < CLEAR:
-            again = _again(curve, clearest, judge)
-            doubtful[stretch] = again is None or again.unstable != stability[clearest].unstable
-    return doubtful
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """Points of a curve and others between them, with their stability, in the order of travel.
+
+    Attributes
+    ----------
+    curve : ResponseCurve
+    points : list of Point
+    stability : list of Stability
+    own : list of int
+        Index of each in the curve; of others -1, or -2 where a fold, a corner or a branch point is as near.
+    halved : list of int
+        How many times the step before each was halved.
+    finer : dict
+        Stability of some with more harmonics and samples, by index.
+    """
+
+    curve: ResponseCurve
+    points: list[Point]
+    stability: list[Stability]
+    own: list[int]
+    halved: list[int]
+    finer: dict[int, Stability | None] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, curve: ResponseCurve, judged: Judged) -> "_Followed":
+        """The points of a curve."""
+        points = list(curve.branch.points)
+        return cls(curve, points, list(map(judged, points)), list(range(len(points))), [0] * len(points))
+
+    @property
+    def values(self) -> Array:
+        """What is varied along the curve, (points,)."""
+        return np.array([self.curve.value_at(p.lam) for p in self.points])
+
+    @property
+    def count(self) -> npt.NDArray[np.intp]:
+        """How many multipliers lie outside of the unit circle, (points,)."""
+        return np.array([s.unstable for s in self.stability])
+
+    def long(self) -> list[int]:
+        """Points before which the step may hide a bubble, and can be halved."""
+        steps = np.flatnonzero(hiding(self.stability, np.array([p.arclength for p in self.points]), self.values)) + 1
+        return [int(i) for i in steps if self.halved[i] < HALVED and not self.points[i].jumped]
+
+    def halve(self, judged: Judged) -> None:
+        """Halve long steps until there are none, or as many new points as the curve has."""
+        room = len(self.points)
+        while room > 0 and (steps := self.long()[:room]):
+            room -= len(steps)
+            for i in reversed(steps):
+                before, behind = self.points[i - 1 : i + 1]
+                try:
+                    point = Segment(self.curve.traced, before, behind, self.curve.branch.settings).point(0.5)
+                except ConvergenceError:
+                    self.halved[i] = HALVED
+                    continue
+                self.halved[i] += 1
+                flagged = self.own[i] == -2 or behind.fold or behind.corner or behind.branch_point
+                self.points.insert(i, point)
+                self.stability.insert(i, judged(point))
+                self.own.insert(i, -2 if flagged else -1)
+                self.halved.insert(i, self.halved[i])
+
+    def again(self, i: int, judge: Judge) -> Stability | None:
+        """Stability of a point with more harmonics and samples; None where it is not found."""
+        if i not in self.finer:
+            point = self.points[i]
+            coarse, _ = self.curve.balance_at(point.x, point.lam)
+            fine = coarse.on(FourierBasis(finer(coarse.basis.H), 2 * coarse.basis.N_t))
+            solution = self.curve.solution_at(point.x, point.lam)
+            lam = fine.lam_at(solution.hz) if fine.parameter == "frequency" else solution.level / fine.F_ref
+            try:
+                self.finer[i] = _finely(judge, fine, fine.unpack(solve_near(fine, lam, solution), lam))
+            except ConvergenceError:
+                self.finer[i] = None
+        return self.finer[i]
+
+    def kept(self, doubtful: npt.NDArray[np.bool_]) -> list[int]:
+        """Points of the curve, and one of each stretch judged alike that has none."""
+        count, own = self.count, np.array(self.own)
+        kept = np.flatnonzero(own >= 0).tolist()
+        edges = np.flatnonzero((np.diff(count) != 0) | (np.diff(doubtful.astype(int)) != 0)) + 1
+        for stretch in np.split(np.arange(len(own)), edges):
+            if own[stretch].max() == -1:
+                free = stretch[own[stretch] == -1]
+                kept.append(int(max(free, key=lambda i: abs(growth(self.stability[i], 0)))))
+        return sorted(kept)
 
 
-def _again(curve: ResponseCurve, i: int, judge: Judge) -> Stability | None:
-    """Stability of a point with more harmonics and samples; None where it is not found."""
-    point = curve.branch.points[i]
-    coarse, _ = curve.balance_at(point.x, point.lam)
-    fine = coarse.on(FourierBasis(finer(coarse.basis.H), 2 * coarse.basis.N_t))
-    solution = curve.points[i]
-    lam = fine.lam_at(solution.hz) if fine.parameter == "frequency" else solution.level / fine.F_ref
-    try:
-        x = solve_near(fine, lam, solution)
-    except ConvergenceError:
-        return None
-    return judge(fine, fine.unpack(x, lam))
+def _with_points(curve: Curve, points: Sequence[Point]) -> Curve:
+    """The curve with more points."""
+    known = {id(point): solution for point, solution in zip(curve.branch.points, curve.points, strict=True)}
+    solutions = tuple(known.get(id(p)) or curve.solution_at(p.x, p.lam) for p in points)
+    return replace(curve, points=solutions, branch=replace(curve.branch, points=tuple(points)))
+
+
+def _plain(followed: _Followed, rank: int) -> tuple[list[tuple[int, int]], npt.NDArray[np.bool_]]:
+    """Neighbouring points between which the multiplier of a rank crosses, of a curve with too many to be looked at."""
+    changes = np.flatnonzero(np.diff(followed.count > rank))
+    return [(int(i), int(i) + 1) for i in changes], np.zeros(len(followed.points), dtype=bool)
+
+
+def _certain(followed: _Followed, rank: int, judge: Judge) -> tuple[list[tuple[int, int]], npt.NDArray[np.bool_]]:
+    """Crossings of a rank, between points, and points in doubt: for the error, or since finer numerics judge otherwise.
+
+    Steps that are still too long are in doubt.
+    """
+    found = followed.stability
+    across, doubtful = crossings(found, followed.values, rank)
+    for i in followed.long():
+        doubtful[i - 1 : i + 1] = True
+    grown, side = np.array([growth(s, rank) for s in found]), sides(found, rank)
+    known = np.flatnonzero(side if side.any() else ~doubtful)
+    for stretch in np.split(known, np.flatnonzero(np.diff(side[known])) + 1):
+        clearest = int(stretch[np.abs(grown[stretch]).argmax()]) if stretch.size else 0
+        if stretch.size and abs(grown[clearest]) < CLEAR:
+            again = followed.again(clearest, judge)
+            if again is None or (again.unstable > rank) != (found[clearest].unstable > rank):
+                doubtful[stretch[0] : stretch[-1] + 1] = True
+    return [(i, j) for i, j in across if not doubtful[i : j + 1].any()], doubtful
 
 
 def _folded_corners(branch: Branch) -> Iterator[SpecialPoint]:
@@ -163,30 +280,24 @@ def _behind(point: Point, kind: Kind) -> SpecialPoint:
 
 
 def _crossings(
-    problem: Problem,
-    branch: Branch,
-    stability: tuple[Stability, ...],
-    clear: npt.NDArray[np.bool_],
-    judged: Judged,
-    *,
-    sought: bool,
+    followed: _Followed, rank: int, across: list[tuple[int, int]], judged: Judged, *, sought: bool
 ) -> Iterator[SpecialPoint]:
-    """Points at which a multiplier, or a pair, crosses the unit circle away from 1, between points not in doubt."""
-    for i in np.flatnonzero(clear) + 1:
-        behind = branch.points[i]
-        ends = stability[i - 1], stability[i]
-        rank, last = sorted(s.unstable for s in ends)
-        while rank < last and not behind.jumped:
-            special = _behind(behind, Kind.FOLD)
-            here = max(ends, key=lambda s: s.unstable)
-            if sought:
-                stretch = replace(branch, points=branch.points[i - 1 : i + 1])
-                special = _crossing(problem, stretch, ends, rank, judged)
-                here = judged(special) if special.located else here
-            kind = _kind(complex(here.multipliers[rank]))
-            if kind is not None:
-                yield replace(special, kind=kind)
-            rank += 2 if kind is Kind.NEIMARK_SACKER else 1
+    """Points between two each at which the multiplier of a rank, of a pair the upper one, crosses away from 1."""
+    for i, j in across:
+        changes = np.flatnonzero(np.diff(followed.count[i : j + 1] > rank)) + i + 1
+        at = int(changes[len(changes) // 2])
+        before, behind = followed.points[at - 1 : at + 1]
+        ends = followed.stability[at - 1], followed.stability[at]
+        if behind.jumped or not any(_kind(end, rank) for end in ends):
+            continue
+        special, here = _behind(behind, Kind.FOLD), max(ends, key=lambda s: s.unstable)
+        if sought:
+            stretch = replace(followed.curve.branch, points=(before, behind))
+            special = _crossing(followed.curve.traced, stretch, ends, rank, judged)
+            here = judged(special) if special.located else here
+        kind = _kind(here, rank)
+        if kind is not None:
+            yield replace(special, kind=kind)
 
 
 def _crossing(
@@ -195,11 +306,10 @@ def _crossing(
     """Where the multiplier of a rank in magnitude crosses the unit circle between two points."""
     known = {id(point): end for point, end in zip(stretch.points, ends, strict=True)}
 
-    def growth(point: Point) -> Array:
-        here = known.get(id(point)) or judged(point)
-        return np.array([np.log(max(float(np.abs(here.multipliers[rank])), LEAST) / (1.0 + ROUNDING))])
+    def beyond(point: Point) -> Array:
+        return np.array([growth(known.get(id(point)) or judged(point), rank) - ROUNDING])
 
-    found = locate(problem, stretch, growth, _Unknown.CROSSING, CLOSE)
+    found = locate(problem, stretch, beyond, _Unknown.CROSSING, CLOSE)
     return found[0] if found else _behind(stretch.points[1], Kind.FOLD)
 
 
@@ -209,8 +319,10 @@ class _Unknown(Enum):
     CROSSING = "crossing"
 
 
-def _kind(multiplier: complex) -> Kind | None:
-    """What a multiplier on the unit circle means; None at 1, where the equations tell folds and branch points."""
+def _kind(here: Stability, rank: int) -> Kind | None:
+    """What a multiplier on the unit circle means; None at 1, where the equations tell, and for the second of a pair."""
+    multiplier = complex(here.multipliers[rank])
     if abs(multiplier.imag) > REAL:
-        return Kind.NEIMARK_SACKER
+        pair = [np.abs(m - multiplier.conjugate()) < REAL for m in here.multipliers[:rank]]
+        return None if any(pair) else Kind.NEIMARK_SACKER
     return Kind.PERIOD_DOUBLING if multiplier.real < 0.0 else None

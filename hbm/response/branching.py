@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from continuation import Branch, Kind, Point, Settings, leave_along, refine_branch_point, switch_branch
-from hbm.balance.problem import HarmonicBalance
+from hbm.balance.problem import AnyBalance, balance_of
 from hbm.balance.solution import describe
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
@@ -68,7 +68,7 @@ def doubled(curve: ResponseCurve, at: Bifurcation) -> ResponseCurve:
     """
     _check(at, Kind.PERIOD_DOUBLING)
     single, basis = curve.problem, curve.basis
-    problem = HarmonicBalance(
+    problem = balance_of(
         curve.rig,
         FourierBasis(2 * basis.H, 2 * basis.N_t),
         parameter=single.parameter,
@@ -88,30 +88,31 @@ def _check(at: Bifurcation, kind: Kind) -> None:
         raise ValueError(f"branching: {at}{found}; must be a {kind.value}")
 
 
-def _embedded(problem: HarmonicBalance, basis: FourierBasis, point: Point) -> Point:
+def _embedded(problem: AnyBalance, basis: FourierBasis, point: Point) -> Point:
     """A point of the single period in the unknowns of the double one."""
     n, H = problem.structure.n, basis.H
+    forces = problem.size // problem.basis.size - n
     harmonic = np.arange(H + 1)
     rows = np.concatenate([2 * harmonic, problem.basis.H + 2 * harmonic[1:]])
 
     def embed(x: Array) -> Array:
         split = basis.size * n
-        Q, T = np.zeros((problem.basis.size, n)), np.zeros(problem.basis.size)
-        Q[rows], T[rows] = x[:split].reshape(-1, n), x[split:]
-        return np.concatenate([Q.ravel(), T])
+        Q, T = np.zeros((problem.basis.size, n)), np.zeros((problem.basis.size, forces))
+        Q[rows], T[rows] = x[:split].reshape(-1, n), x[split:].reshape(-1, forces)
+        return np.concatenate([Q.ravel(), T.ravel()])
 
     return replace(point, x=embed(point.x), tangent_x=embed(point.tangent_x))
 
 
-def _settings(problem: HarmonicBalance, settings: Settings) -> Settings:
+def _settings(problem: AnyBalance, settings: Settings) -> Settings:
     """Settings of a curve for more unknowns; the metric weighs modes and friction as there."""
     if settings.weights is None:
         return settings
     modes, friction = settings.weights[0], settings.weights[-1]
-    size = problem.basis.size
-    return replace(settings, weights=np.repeat([modes, friction], [problem.size - size, size]))
+    motion = problem.basis.size * problem.structure.n
+    return replace(settings, weights=np.repeat([modes, friction], [motion, problem.size - motion]))
 
 
-def _described(problem: HarmonicBalance, branch: Branch) -> ResponseCurve:
+def _described(problem: AnyBalance, branch: Branch) -> ResponseCurve:
     points = tuple(describe(problem, p.x, p.lam) for p in branch.points)
     return ResponseCurve(problem.rig, points, branch, problem)

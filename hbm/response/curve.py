@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from continuation import Branch, Kind, Problem, SpecialPoint
-from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, amplitudes, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from hbm.stability.multipliers import Stability
-from models.rig import Rig
+from models.jointed import AnyRig
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ class ChannelCurve:
     Attributes
     ----------
     unit : str
-    harmonics : (points, 2H+1) array
-        Coefficients a_0, a_1..a_H, b_1..b_H at every point.
+    coefficients : (points, 2H+1) array
+        Fourier coefficients a_0, a_1..a_H, b_1..b_H at every point.
     peak : (points,) array
         Largest magnitude over the period; of the zero-mean signal for `slip`, the maximum for `normal`.
     rms : (points,) array
@@ -108,21 +108,21 @@ class ChannelCurve:
     """
 
     unit: str
-    harmonics: Array
+    coefficients: Array
     peak: Array
     rms: Array
 
     @property
     def amplitude(self) -> Array:
         """Amplitude of harmonics 0..H, (points, H+1)."""
-        return amplitudes(self.harmonics)
+        return amplitudes(self.coefficients)
 
     @property
     def phase(self) -> Array:
         """Phase of harmonics 0..H against the force's cosine, (points, H+1) [rad], negative for a lag."""
-        H = self.harmonics.shape[1] // 2
-        sines = np.hstack([np.zeros((len(self.harmonics), 1)), self.harmonics[:, H + 1 :]])
-        return np.asarray(np.arctan2(-sines, self.harmonics[:, : H + 1]))
+        H = self.coefficients.shape[1] // 2
+        sines = np.hstack([np.zeros((len(self.coefficients), 1)), self.coefficients[:, H + 1 :]])
+        return np.asarray(np.arctan2(-sines, self.coefficients[:, : H + 1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,13 +181,13 @@ class ResponseCurve:
 
     Attributes
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
         What was computed.
     points : tuple of PeriodicSolution
         In the order of travel.
     branch : continuation.Branch
         The branch in scaled unknowns: tangents, flags, why it ended.
-    problem : HarmonicBalance
+    problem : HarmonicBalance or JointBalance
         What the branch solves.
     assessment : Assessment or None
         Its numerical error, where it was estimated (:func:`hbm.response.accuracy.frequency_response`).
@@ -199,10 +199,10 @@ class ResponseCurve:
         Found with it, in the order of travel.
     """
 
-    rig: Rig
+    rig: AnyRig
     points: tuple[PeriodicSolution, ...]
     branch: Branch
-    problem: HarmonicBalance
+    problem: AnyBalance
     assessment: Assessment | None = None
     stability: tuple[Stability, ...] | None = None
     doubtful: npt.NDArray[np.bool_] | None = None
@@ -237,7 +237,7 @@ class ResponseCurve:
         signals = [p.channels[name] for p in self.points]
         return ChannelCurve(
             unit=signals[0].unit,
-            harmonics=np.array([s.coefficients for s in signals]),
+            coefficients=np.array([s.coefficients for s in signals]),
             peak=np.array([s.peak for s in signals]),
             rms=np.sqrt(np.mean(np.array([s.samples for s in signals]) ** 2, axis=1)),
         )
@@ -260,7 +260,7 @@ class ResponseCurve:
         """A solution of the traced problem in physical terms."""
         return describe(self.problem, x, lam)
 
-    def balance_at(self, x: Array, lam: float) -> tuple[HarmonicBalance, State]:
+    def balance_at(self, x: Array, lam: float) -> tuple[AnyBalance, State]:
         """The balance of the rig at a value of the parameter, and the state of unknowns of the traced problem."""
         return self.problem, self.problem.unpack(x, lam)
 
@@ -308,7 +308,7 @@ class ResponseCurve:
         variables = {
             "coefficients": (
                 ("channel", "point", "coefficient"),
-                np.stack([c.harmonics for c in curves]),
+                np.stack([c.coefficients for c in curves]),
                 "",
             ),
             "peak": (("channel", "point"), np.stack([c.peak for c in curves]), ""),
@@ -341,7 +341,7 @@ class ResponseCurve:
                 "unit": repeated([self.points[0][name].unit for name in curves], points),
                 "peak": np.concatenate([c.peak for c in curves.values()]),
                 "rms": np.concatenate([c.rms for c in curves.values()]),
-                **coefficient_columns(np.stack([c.harmonics for c in curves.values()])),
+                **coefficient_columns(np.stack([c.coefficients for c in curves.values()])),
             },
         )
 

@@ -4,8 +4,9 @@ import numpy as np
 
 from continuation import Correction, NewtonSettings, solve_at
 from hbm.balance.equations import State
+from hbm.balance.jointed import JointBalance
 from hbm.balance.padding import pad
-from hbm.balance.problem import HarmonicBalance
+from hbm.balance.problem import AnyBalance, HarmonicBalance
 from hbm.balance.solution import describe
 from hbm.fourier import Array, FourierBasis
 from hbm.integration.handover import state_at_phase_zero
@@ -25,7 +26,7 @@ PERIODS, STEPS = 60, 1024
 """Marched until what follows a lift has about settled, in steps per period."""
 
 
-def solve_lifting(problem: HarmonicBalance, start: State, lam: float, settings: NewtonSettings) -> Correction:
+def solve_lifting(problem: AnyBalance, start: State, lam: float, settings: NewtonSettings) -> Correction:
     """Solution at a fixed parameter from a state on any harmonics and modes; see :func:`continuation.solve_at`.
 
     Where Newton's method does not get there and the tip of the rig can lift off, modes that are new are added one by
@@ -35,7 +36,12 @@ def solve_lifting(problem: HarmonicBalance, start: State, lam: float, settings: 
     """
     x = pad(problem, start)
     result = solve_at(problem, x, lam, settings)
-    if result.converged or problem.elements is None or not problem.rig.contact.lift_off:
+    if (
+        result.converged
+        or isinstance(problem, JointBalance)
+        or problem.elements is None
+        or not problem.rig.contact.lift_off
+    ):
         return result
     by_modes = _by_modes(problem, start, lam, settings)
     if by_modes is not None:

@@ -22,14 +22,14 @@ from continuation import (
     solve_at,
 )
 from hbm.balance.padding import pad
-from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.problem import AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_frequency, expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.curve import ResponseCurve
 from hbm.response.liftoff import solve_lifting
-from models.rig import Rig
+from models.jointed import AnyRig
 
 TOLERANCE = 1e-10
 """Every force balance closes to this fraction of the excitation, see :mod:`hbm.balance.problem`."""
@@ -60,7 +60,7 @@ def default_samples(H: int) -> int:
 
 @one_thread
 def steady_state(
-    rig: Rig,
+    rig: AnyRig,
     hz: float,
     *,
     level: float | None = None,
@@ -93,17 +93,17 @@ def steady_state(
     continuation.ConvergenceError
         If neither Newton nor a ramp of the force finds it.
     """
-    expect_rig(rig, "steady_state")
+    expect_rig(rig, "steady_state", joints=True)
     expect_frequency(hz, "steady_state")
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
-    problem = HarmonicBalance(rig, basis, level=level)
+    problem = balance_of(rig, basis, level=level)
     lam = problem.lam_at(hz)
     x = first_solution(problem, lam) if start is None else solve_near(problem, lam, start)
     return describe(problem, x, lam)
 
 
 @one_thread
-def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) -> Array:
+def solve_near(problem: AnyBalance, lam: float, start: PeriodicSolution) -> Array:
     """Solution at `lam` by Newton from another solution, padded or cut to the problem's harmonics and modes.
 
     Raises
@@ -121,7 +121,7 @@ def solve_near(problem: HarmonicBalance, lam: float, start: PeriodicSolution) ->
     return result.x
 
 
-def first_solution(problem: HarmonicBalance, lam: float) -> Array:
+def first_solution(problem: AnyBalance, lam: float) -> Array:
     """Solution at `lam` from nothing, by the first way that works.
 
     Newton from rest; from one harmonic upwards; along a ramp of the force with few harmonics, and with all; along the
@@ -143,22 +143,22 @@ def first_solution(problem: HarmonicBalance, lam: float) -> Array:
     )
 
 
-def _from_rest(problem: HarmonicBalance, lam: float) -> Array | None:
+def _from_rest(problem: AnyBalance, lam: float) -> Array | None:
     result = solve_lifting(problem, problem.unpack(np.zeros(problem.size), lam), lam, _newton())
     return result.x if result.converged else None
 
 
-def _by_force(problem: HarmonicBalance, lam: float, H: int | None = None) -> Array | None:
+def _by_force(problem: AnyBalance, lam: float, H: int | None = None) -> Array | None:
     hz, F = problem.hz_at(lam), problem.at(lam)[1]
     basis = problem.basis if H is None else FourierBasis(min(H, problem.basis.H), problem.basis.N_t)
-    ramp = HarmonicBalance(problem.rig, basis, parameter="force", hz=hz, level=F)
+    ramp = balance_of(problem.rig, basis, parameter="force", hz=hz, level=F)
     settings = replace(trace_settings(ramp, 1e-3, 1.0, 0.02), max_points=300)
     branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
     return _upwards(problem, lam, basis.H, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
 
 
-def _from_afar(problem: HarmonicBalance, lam: float) -> Array | None:
-    sweep = HarmonicBalance(problem.rig, problem.basis, level=problem.at(lam)[1])
+def _from_afar(problem: AnyBalance, lam: float) -> Array | None:
+    sweep = balance_of(problem.rig, problem.basis, level=problem.at(lam)[1])
     end = sweep.lam_at(problem.hz_at(lam))
     for far in (0.7 * end, 1.4 * end):
         x = _from_rest(sweep, far)
@@ -170,11 +170,11 @@ def _from_afar(problem: HarmonicBalance, lam: float) -> Array | None:
     return None
 
 
-def _by_harmonics(problem: HarmonicBalance, lam: float) -> Array | None:
+def _by_harmonics(problem: AnyBalance, lam: float) -> Array | None:
     return _upwards(problem, lam, 1, None)
 
 
-def _upwards(problem: HarmonicBalance, lam: float, H: int, state: State | None) -> Array | None:
+def _upwards(problem: AnyBalance, lam: float, H: int, state: State | None) -> Array | None:
     """From few harmonics, where a state may be known, to all of them."""
     while True:
         coarse = problem.on(FourierBasis(min(H, problem.basis.H), problem.basis.N_t))
@@ -191,12 +191,12 @@ def _newton() -> NewtonSettings:
     return NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
 
 
-def trace_settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_max: float) -> Settings:
+def trace_settings(problem: AnyBalance, lam0: float, lam_end: float, step_max: float) -> Settings:
     """Settings of a trace from `lam0` to `lam_end`, with a largest step."""
     # a reference amplitude counts as much as the whole sweep; the friction force follows from the motion and turns
     # much faster: it hardly counts
     weights = np.full(problem.size, (lam_end - lam0) ** 2)
-    weights[-problem.basis.size :] *= 1e-3
+    weights[problem.basis.size * problem.structure.n :] *= 1e-3
     return Settings(
         lam_end=lam_end,
         # a branch may fold back past its start and return
@@ -216,7 +216,7 @@ def trace_settings(problem: HarmonicBalance, lam0: float, lam_end: float, step_m
     )
 
 
-def sweep_of(rig: Rig, hz: tuple[float, float] | None, where: str) -> tuple[float, float]:
+def sweep_of(rig: AnyRig, hz: tuple[float, float] | None, where: str) -> tuple[float, float]:
     """Where a sweep starts and ends [Hz]: as asked for, or about the first sliding resonance.
 
     Raises
@@ -224,16 +224,17 @@ def sweep_of(rig: Rig, hz: tuple[float, float] | None, where: str) -> tuple[floa
     InputError
         If there is no rig, or the range has no length.
     """
-    expect_rig(rig, where)
+    expect_rig(rig, where, joints=True)
     if hz is None:
-        first = float(rig.structure.omega_n[0]) / (2 * np.pi)
+        omega_n = rig.structure.omega_n
+        first = float(omega_n[omega_n > 0.0][0]) / (2 * np.pi)
         return SWEEP[0] * first, SWEEP[1] * first
     expect_range(hz, where)
     return hz
 
 
 def trace_frequency(
-    rig: Rig,
+    rig: AnyRig,
     hz: tuple[float, float] | None = None,
     *,
     level: float | None = None,
@@ -269,25 +270,25 @@ def trace_frequency(
         If there is no first solution.
     """
     begin, end = sweep_of(rig, hz, "trace_frequency")
-    problem = HarmonicBalance(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
+    problem = balance_of(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
     step = abs(lam1 - lam0) / 50 if step_hz is None else problem.lam_at(step_hz)
     return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point))
 
 
-def scout_frequency(rig: Rig, hz: tuple[float, float], *, level: float | None = None) -> ResponseCurve:
+def scout_frequency(rig: AnyRig, hz: tuple[float, float], *, level: float | None = None) -> ResponseCurve:
     """Coarse frequency response with few harmonics, to see where the peaks are; no corner is looked for.
 
     Parameters and errors as for :func:`trace_frequency`.
     """
-    problem = HarmonicBalance(rig, FourierBasis(7, 128), level=level)
+    problem = balance_of(rig, FourierBasis(7, 128), level=level)
     lam0, lam1 = map(problem.lam_at, hz)
     settings = trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 20)
     return _trace(problem, lam0, replace(settings, max_angle=2.0, corner_angle=np.pi), None)
 
 
 def force_response(
-    rig: Rig,
+    rig: AnyRig,
     hz: float,
     force: tuple[float, float],
     *,
@@ -318,16 +319,16 @@ def force_response(
     continuation.ConvergenceError
         If there is no first solution.
     """
-    expect_rig(rig, "force_response")
+    expect_rig(rig, "force_response", joints=True)
     expect_frequency(hz, "force_response")
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
-    problem = HarmonicBalance(rig, basis, parameter="force", hz=hz, level=max(force))
+    problem = balance_of(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
     return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
 
 
 @one_thread
-def _trace(problem: HarmonicBalance, lam0: float, settings: Settings, on_point: OnPoint | None) -> ResponseCurve:
+def _trace(problem: AnyBalance, lam0: float, settings: Settings, on_point: OnPoint | None) -> ResponseCurve:
     count = 0
 
     def report(point: Point) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 from hbm.errors import InputError
 from hbm.rigfiles.extensions import rig_of_tables
+from hbm.rigfiles.joints import jointed_rig
 from hbm.rigfiles.laws import find_law
 from hbm.rigfiles.schema import (
     BeamContactTable,
@@ -33,11 +34,12 @@ from hbm.rigfiles.schema import (
 )
 from models import Beam, Channel, Contact, Damping, Excitation, FrictionLaw, ModalBody, Rig, describe
 from models.friction import settings
+from models.jointed import AnyRig
 
 COMPUTED_CHANNELS = ("drive", "slip", "slip_velocity", "friction", "normal")
 
 
-def load_rig(path: str | PathLike[str]) -> Rig:
+def load_rig(path: str | PathLike[str]) -> AnyRig:
     """Read a rig file.
 
     Parameters
@@ -47,7 +49,8 @@ def load_rig(path: str | PathLike[str]) -> Rig:
 
     Returns
     -------
-    Rig
+    Rig or JointedRig
+        The latter of a file with ``[[joints]]``.
 
     Raises
     ------
@@ -55,7 +58,22 @@ def load_rig(path: str | PathLike[str]) -> Rig:
         If the file cannot be read or says something that is not accepted.
     """
     source = str(path)
-    return rig_from_dict(_parse(_read(Path(path), source), source), source)
+    table = _parse(_read(Path(path), source), source)
+    return jointed_rig(table, source) if "joints" in table or "matrix" in table else rig_from_dict(table, source)
+
+
+def load_contact_rig(path: str | PathLike[str], where: str) -> Rig:
+    """Read a rig file with ``[contact]``, for what knows no other joints.
+
+    Raises
+    ------
+    InputError
+        As :func:`load_rig`, and if the file has ``[[joints]]``.
+    """
+    rig = load_rig(path)
+    if not isinstance(rig, Rig):
+        raise InputError(f"{path}: has [[joints]]; {where} needs a rig with [contact]")
+    return rig
 
 
 def rig_from_dict(table: Mapping[str, Any], source: str) -> Rig:

@@ -8,7 +8,7 @@ The parameters of a friction law are not listed here: they are read from the law
 import difflib
 import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
 from functools import cache
 from math import isfinite
@@ -202,15 +202,15 @@ def first_complaint(table: dict[str, Any], folder: Path) -> Complaint | None:
     """
     contact = table.get("contact")
     friction = contact.get("friction") if isinstance(contact, dict) else None
-    complaints = [*_of_schema(root_schema(table), table, ())]
+    complaints = [*complaints_of(root_schema(table), table, ())]
     if isinstance(friction, dict):
         complaints += _of_friction(friction, folder)
     if "beam" not in table and "modal" not in table:  # what the other tables may hold depends on it
         complaints = [c for c in complaints if len(c.key) == 1]
-    return min(complaints, key=lambda c: _rank(table, c.key), default=None)
+    return min(complaints, key=lambda c: ranked(table, c.key), default=None)
 
 
-def _rank(table: Any, key: Key) -> list[int]:
+def ranked(table: Any, key: Key) -> list[int]:
     """Position of a key in the file, level by level."""
     rank = []
     for part in key:
@@ -225,7 +225,8 @@ def _rank(table: Any, key: Key) -> list[int]:
     return rank
 
 
-def _of_schema(schema: type[Table], table: dict[str, Any], prefix: Key) -> Iterator[Complaint]:
+def complaints_of(schema: type[Table], table: Mapping[str, Any], prefix: Key) -> Iterator[Complaint]:
+    """Every departure of a table from a schema; `prefix` is its key."""
     try:
         schema.model_validate(table)
     except ValidationError as invalid:
@@ -245,7 +246,7 @@ def _of_friction(friction: dict[str, Any], folder: Path) -> Iterator[Complaint]:
         except InputError as refused:
             yield Complaint(key, found(name), str(refused))
         else:
-            yield from _of_schema(law_table(law), friction, key[:-1])
+            yield from complaints_of(law_table(law), friction, key[:-1])
 
 
 def _complaint(schema: type[Table], error: ErrorDetails, prefix: Key) -> Complaint:

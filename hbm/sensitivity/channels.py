@@ -128,7 +128,7 @@ class Channels(Mapping[str, ChannelSensitivity]):
             later = held.delay[name] * Omega + sensor.delay * 2 * np.pi * held.hz
             coefficients += np.outer(seen / sensor.gain, held.gain[name]) - np.outer(basis.derivative(seen), later)
         samples = basis.synthesis @ coefficients
-        return ChannelSensitivity(coefficients, samples, _smooth_peak(self.solution[name].samples, samples))
+        return ChannelSensitivity(coefficients, samples, smooth_peak(self.solution[name].samples, samples))
 
     def _moved(self, place: int, row: Array, by_force: float, by_friction: float) -> Array:
         held, d = self.held, self.held.structure
@@ -158,7 +158,7 @@ def _largest(samples: Array, change: Array) -> Array:
     return np.asarray(np.sign(samples[i]) * change[i])
 
 
-def _smooth_peak(samples: Array, change: Array) -> Array:
+def smooth_peak(samples: Array, change: Array) -> Array:
     """Derivatives of the top of the parabola through the three samples around the largest magnitude."""
     i = int(np.abs(samples).argmax())
     around = [i - 1, i, (i + 1) % len(samples)]

@@ -98,7 +98,7 @@ def hill(problem: Balance, state: State) -> Stability:
         raise ValueError(f"hill: {problem.rig.contact.law.name} remembers; must not; take the monodromy")
     exponents = hill_exponents(disturbance.rate, period, problem.basis.H)
     multipliers = np.exp(exponents * period)
-    return Stability(multipliers[np.argsort(-np.abs(multipliers))], period)
+    return Stability(multipliers[np.argsort(-np.abs(multipliers))], period, error=1.0 / problem.basis.N_t**2)
 
 
 class HillMatrix:

@@ -19,6 +19,9 @@ Complex = npt.NDArray[np.complex128]
 ROUNDING = 1e-9
 """A multiplier counts as outside of the unit circle beyond this."""
 
+SLIPPING = 2.0
+"""Friction that slips starts and ceases to at samples: multipliers err by up to this over the samples per period."""
+
 
 @dataclass(frozen=True, eq=False)
 class Stability:
@@ -34,11 +37,14 @@ class Stability:
     undying : int
         How many multipliers are 1 because a contact that sticks keeps the mean friction its history left: a family of
         solutions, along which nothing grows.
+    error : float
+        How far the magnitude of a multiplier may be off, for the samples.
     """
 
     multipliers: Complex
     period: float
     undying: int = 0
+    error: float = ROUNDING
 
     @cached_property
     def exponents(self) -> Complex:
@@ -67,7 +73,7 @@ class Stability:
         return f"{verdict}, largest multiplier {self.multipliers[0]:.6g}{kept}"
 
 
-def of_monodromy(matrix: Array, period: float, undying: int = 0) -> Stability:
+def of_monodromy(matrix: Array, period: float, undying: int = 0, error: float = ROUNDING) -> Stability:
     """Stability from the derivative of a state after a period to that before.
 
     Parameters
@@ -77,10 +83,12 @@ def of_monodromy(matrix: Array, period: float, undying: int = 0) -> Stability:
         [s].
     undying : int
         How many multipliers nearest to 1 belong to what sticks.
+    error : float
+        Of the multipliers.
     """
     values = np.linalg.eigvals(matrix).astype(complex)
     values = values[np.argsort(np.abs(values - 1.0))[undying:]]
-    return Stability(values[np.argsort(-np.abs(values))], period, undying)
+    return Stability(values[np.argsort(-np.abs(values))], period, undying, error)
 
 
 @one_thread
@@ -99,4 +107,12 @@ def floquet(problem: Balance, state: State) -> Stability:
         If the clamp slips.
     """
     disturbance = Disturbance(problem, state)
-    return of_monodromy(disturbance.monodromy, 2 * np.pi / state.Omega, disturbance.law.undying)
+    period, undying = 2 * np.pi / state.Omega, disturbance.law.undying
+    return of_monodromy(disturbance.monodromy, period, undying, _error(disturbance))
+
+
+def _error(disturbance: Disturbance) -> float:
+    """Error of the multipliers: of first order where a law slips, of second where nothing does."""
+    law, samples = disturbance.law, disturbance.problem.basis.N_t
+    slips = law.remembers and not 0 < law.undying == law.by_states.shape[2]
+    return SLIPPING / samples if slips else 1.0 / samples**2

@@ -29,8 +29,9 @@ from continuation import (
     fold_curve,
     refine_fold,
 )
-from hbm.balance.problem import HarmonicBalance, Linearization
+from hbm.balance.problem import AnyBalance, Linearization
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.errors import expect_rig
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.response.curve import ResponseCurve
@@ -88,7 +89,9 @@ class PlaneBalance:
         signs = self.along.signs(problem, mu)
         width = self.along.values[1] - self.along.values[0]
         units = np.array([problem.hz_ref, width])
-        return PlaneLinearization(problem.linearize(signs * x, lam), signs, (HZ, self.along.key.name), units)
+        here = problem.linearize(signs * x, lam)
+        assert isinstance(here, Linearization)  # fold_path refuses rigs with joints
+        return PlaneLinearization(here, signs, (HZ, self.along.key.name), units)
 
 
 class PlaneLinearization:
@@ -238,6 +241,7 @@ def fold_path(
     continuation.ConvergenceError
         If the first fold cannot be solved.
     """
+    expect_rig(curve.rig, "fold_path")
     number, present = _second(curve, within, key)
     segments = [(a, b) for a, b in pairwise(curve.branch.points) if b.fold and not (b.corner or b.jumped)]
     if not -len(segments) <= fold < len(segments):
@@ -349,19 +353,19 @@ def isolas(
     return tuple(found)
 
 
-def _around(problem: HarmonicBalance, x: Array, lam: float, across: Array, settings: Settings) -> Branch:
+def _around(problem: AnyBalance, x: Array, lam: float, across: Array, settings: Settings) -> Branch:
     """Branch from close to a fold, which is passed at the end, on."""
     weights = np.ones(x.size) if settings.weights is None else settings.weights
     ahead = x + 0.5 * settings.step / np.sqrt(float(weights @ across**2)) * across
     return continue_along(problem, ahead, lam, np.append(across, 0.0), settings)
 
 
-def _states(problem: HarmonicBalance, points: Sequence[PeriodicSolution]) -> Array:
+def _states(problem: AnyBalance, points: Sequence[PeriodicSolution]) -> Array:
     """Scaled unknowns and frequency of points, (points, size + 1)."""
     return np.array([np.append(*problem.pack(p.state)) for p in points])
 
 
-def _apart(state: Array, states: Array, problem: HarmonicBalance) -> float:
+def _apart(state: Array, states: Array, problem: AnyBalance) -> float:
     """Distance of a state from the chords between points, in the motion and relative to it."""
     motion = np.r_[: problem.size - problem.basis.size, problem.size]
     point, corners = state[motion], states[:, motion]

@@ -7,18 +7,21 @@ of the law along its marched period, of the modes among each other where the str
 import difflib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hbm.balance.problem import HarmonicBalance, Linearization, Newton, State
+from hbm.balance.jointednewton import JointLinearization, JointNewton
+from hbm.balance.problem import AnyBalance, HarmonicBalance, Linearization, Newton, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.sensitivity.derivatives import balance_change
+from hbm.sensitivity.jointed import joint_balance_change, joint_scalars
 from hbm.sensitivity.scalars import FORCE, FRICTION, HZ, LOAD, scalars_at
-from models.change import drift_scalars, tone_scalars
+from models.change import Scalar, drift_scalars, tone_scalars
 from models.friction import describe as described
 from models.friction.law import Parameter
+from models.jointed import AnyRig, JointedRig
 from models.numbers import with_number
 from models.parts import ModalBody
 from models.rig import Rig
@@ -45,7 +48,7 @@ class Key(NamedTuple):
     accepted: Parameter
 
 
-def parameter_key(rig: Rig, name: str, hz: float, level: float) -> Key:
+def parameter_key(rig: AnyRig, name: str, hz: float, level: float) -> Key:
     """Look up a number of a rig.
 
     Parameters
@@ -64,14 +67,21 @@ def parameter_key(rig: Rig, name: str, hz: float, level: float) -> Key:
     ValueError
         If the rig has no such number; the closest ones are named.
     """
-    idle = drift_scalars(rig)
-    known = {key: scalar for key, scalar in scalars_at(rig, hz, level).items() if key not in idle}
+    known: dict[str, Any] = (
+        joint_scalars(rig, hz, level) if isinstance(rig, JointedRig) else _of_contact(rig, hz, level)
+    )
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise ValueError(f"{name} is not a number of the rig; must be one of {', '.join(known)}{hint}")
-    value, unit = known[name]
-    return Key(name, value, _accepted(rig, name, unit))
+    value, accepted = known[name]
+    return Key(name, value, accepted if isinstance(rig, JointedRig) else _accepted(rig, name, accepted))
+
+
+def _of_contact(rig: Rig, hz: float, level: float) -> dict[str, Scalar]:
+    """Numbers of a rig with one contact, without those that do nothing along a curve."""
+    idle = drift_scalars(rig)
+    return {key: scalar for key, scalar in scalars_at(rig, hz, level).items() if key not in idle}
 
 
 def _accepted(rig: Rig, name: str, unit: str) -> Parameter:
@@ -89,7 +99,7 @@ def _accepted(rig: Rig, name: str, unit: str) -> Parameter:
     return Parameter(unit, "", "", lower=lower, upper=upper, strict=positive)
 
 
-def check_value(rig: Rig, key: Key, value: float) -> None:
+def check_value(rig: AnyRig, key: Key, value: float) -> None:
     """Refuse a value that the rig file would not have.
 
     Raises
@@ -101,7 +111,7 @@ def check_value(rig: Rig, key: Key, value: float) -> None:
     above = value > p.lower if p.strict else value >= p.lower
     if not (above and value <= p.upper and np.isfinite(value)):
         raise ValueError(f"{key.name} = {value:g}; must be {p.bound}")
-    if key.name.startswith(FRICTION):
+    if isinstance(rig, Rig) and key.name.startswith(FRICTION):
         law = with_number(rig, key.name, value).contact.law
         for name, other in described(type(law)).items():
             if other.at_least is not None and getattr(law, name) < getattr(law, other.at_least):
@@ -126,11 +136,11 @@ class ParameterBalance:
     """
 
     def __init__(
-        self, rig: Rig, key: Key, values: tuple[float, float], basis: FourierBasis, *, hz: float, level: float
+        self, rig: AnyRig, key: Key, values: tuple[float, float], basis: FourierBasis, *, hz: float, level: float
     ) -> None:
         self.rig, self.key, self.values, self.basis = rig, key, values, basis
         self._hz, self._level = hz, level
-        self.first = HarmonicBalance(self.rig_at(0.0), basis, level=self.level_at(0.0))
+        self.first: AnyBalance = balance_of(self.rig_at(0.0), basis, level=self.level_at(0.0))
         self._last = 0.0, self.first
 
     def value_at(self, lam: float) -> float:
@@ -151,49 +161,56 @@ class ParameterBalance:
         """Force amplitude [N]."""
         return self.value_at(lam) if self.key.name == FORCE else self._level
 
-    def rig_at(self, lam: float) -> Rig:
+    def rig_at(self, lam: float) -> AnyRig:
         """The rig with that value."""
-        return self.rig if self.key.name in (HZ, FORCE) else with_number(self.rig, self.key.name, self.value_at(lam))
+        if self.key.name in (HZ, FORCE):
+            return self.rig
+        if isinstance(self.rig, JointedRig):
+            return self.rig.with_number(self.key.name, self.value_at(lam))
+        return with_number(self.rig, self.key.name, self.value_at(lam))
 
-    def at(self, lam: float) -> HarmonicBalance:
+    def at(self, lam: float) -> AnyBalance:
         """The balance of the rig with that value, in the units of the first."""
         if self._last[0] != lam:
             self._last = lam, self._balance(lam)
         return self._last[1]
 
-    def _balance(self, lam: float) -> HarmonicBalance:
+    def _balance(self, lam: float) -> AnyBalance:
         if self.key.name == HZ:
             return self.first
         rig = self.rig_at(lam)
-        if self.key.name.startswith(FRICTION):
+        if isinstance(rig, Rig) and isinstance(self.first, HarmonicBalance) and self.key.name.startswith(FRICTION):
             return self.first.with_law_of(rig)
-        return HarmonicBalance(rig, self.basis, level=self.level_at(lam), like=self.first)
+        return balance_of(rig, self.basis, level=self.level_at(lam), like=self.first)
 
     # ---- signs of the modes
 
     @cached_property
     def _references(self) -> list[Array]:
         """Modes at values over the range, each with the signs that follow from those before."""
-        modes = [self.first.rig.reduction.kept]
-        for lam in np.linspace(0.0, 1.0, REFERENCES)[1:]:
-            kept = self.rig_at(float(lam)).reduction.kept
+        rigs = [self.rig_at(float(lam)) for lam in np.linspace(0.0, 1.0, REFERENCES)]
+        first, *others = [rig.reduction.kept for rig in rigs if isinstance(rig, Rig)]
+        modes = [first]
+        for kept in others:
             if kept.shape != modes[-1].shape:  # modes come or go with a resonator's frequency
                 break
             modes.append(kept * _signs(modes[-1], kept))
         return modes
 
-    def _mode_signs(self, problem: HarmonicBalance, lam: float) -> Array:
+    def _mode_signs(self, rig: Rig, lam: float) -> Array:
         """Sign (n,) that each mode of the rig at `lam` has against those before."""
         i = round(min(max(lam, 0.0), 1.0) * (REFERENCES - 1))
-        return _signs(self._references[min(i, len(self._references) - 1)], problem.rig.reduction.kept)
+        return _signs(self._references[min(i, len(self._references) - 1)], rig.reduction.kept)
 
-    def signs(self, problem: HarmonicBalance, lam: float) -> Array:
+    def signs(self, problem: AnyBalance, lam: float) -> Array:
         """Sign (size,) of each unknown here against that of the balance of the rig at `lam`."""
-        signs = np.ones(problem.size)
-        if isinstance(self.rig.body, ModalBody) or not self.rig.attachments or self.key.name.startswith(FRICTION):
+        signs, rig = np.ones(problem.size), problem.rig
+        if not isinstance(rig, Rig) or isinstance(rig.body, ModalBody):
+            return signs
+        if not rig.attachments or self.key.name.startswith(FRICTION):
             return signs
         modes = signs[: -self.basis.size].reshape(self.basis.size, -1)
-        modes[:] = self._mode_signs(problem, lam)
+        modes[:] = self._mode_signs(rig, lam)
         return signs
 
     # ---- the interface of continuation.Problem
@@ -211,7 +228,7 @@ class ParameterBalance:
         here = problem.linearize(signs * x, problem.lam_at(self.hz_at(lam)))
         return ParameterLinearization(here, signs, self.key.name, self.values[1] - self.values[0])
 
-    def state(self, x: Array, lam: float) -> tuple[HarmonicBalance, State]:
+    def state(self, x: Array, lam: float) -> tuple[AnyBalance, State]:
         """The balance of the rig with a value of the number, and the state of unknowns."""
         problem = self.at(lam)
         return problem, problem.unpack(self.signs(problem, lam) * x, problem.lam_at(self.hz_at(lam)))
@@ -244,17 +261,19 @@ class Undefined:
 class ParameterLinearization:
     """Residual at a state, and its derivative when asked for; a :class:`continuation.Linearization`."""
 
-    def __init__(self, here: Linearization, signs: Array, key: str, width: float) -> None:
+    def __init__(self, here: Linearization | JointLinearization, signs: Array, key: str, width: float) -> None:
         self.here, self.signs, self.key, self.width = here, signs, key, width
         self.residual = signs * here.residual
 
     @cached_property
     def J_lam(self) -> Array:
         """Derivative of the residual to the continuation parameter, (size,)."""
+        if isinstance(self.here, JointLinearization):
+            return np.asarray(joint_balance_change(self.here, (self.key,))[:, 0] * self.width)
         return np.asarray(self.signs * balance_change(self.here, (self.key,))[:, 0] * self.width)
 
     @cached_property
-    def _newton(self) -> Newton:
+    def _newton(self) -> Newton | JointNewton:
         return self.here.bordered(self.signs * self.J_lam)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:

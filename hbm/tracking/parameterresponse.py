@@ -11,17 +11,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from continuation import Branch, ConvergenceError, Point, Problem, Settings, continue_branch
-from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
-from hbm.response.accuracy import LADDER, TOLERANCE, finer, relative_change
+from hbm.response.accuracy import JUDGED, LADDER, TOLERANCE, finer, judged_scales, relative_change
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import EXCURSION, OnPoint, default_samples, first_solution, solve_near, trace_settings
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import Key, ParameterBalance, check_value, parameter_key
-from models.rig import Rig
+from models.jointed import AnyRig
 
 STEPS = 50
 """Fewest steps from the first value to the last."""
@@ -71,7 +71,7 @@ class ParameterCurve(ResponseCurve):
         """A solution of the traced problem in physical terms."""
         return self.along.describe(x, lam)
 
-    def balance_at(self, x: Array, lam: float) -> tuple[HarmonicBalance, State]:
+    def balance_at(self, x: Array, lam: float) -> tuple[AnyBalance, State]:
         """The balance of the rig at a value of the number, and the state of unknowns of the traced problem."""
         return self.along.state(x, lam)
 
@@ -94,7 +94,7 @@ class ParameterCurve(ResponseCurve):
 
 @one_thread
 def parameter_response(
-    rig: Rig,
+    rig: AnyRig,
     key: str,
     values: tuple[float, float],
     *,
@@ -142,7 +142,7 @@ def parameter_response(
     >>> curve.values[[0, -1]].tolist()
     [0.5, 0.55]
     """
-    expect_rig(rig, "parameter_response")
+    expect_rig(rig, "parameter_response", joints=True)
     number = checked(rig, key, values, hz=hz, level=level)
     frequency = values[0] if hz is None else hz
     force = rig.excitation.amplitude if level is None else level
@@ -164,7 +164,7 @@ def parameter_response(
 
 
 def checked(
-    rig: Rig, key: str, values: tuple[float, float], *, hz: float | None = None, level: float | None = None
+    rig: AnyRig, key: str, values: tuple[float, float], *, hz: float | None = None, level: float | None = None
 ) -> Key:
     """The number of a rig that a curve can be followed along, between accepted values; see :func:`parameter_response`.
 
@@ -262,4 +262,5 @@ def _error(curve: ParameterCurve) -> float:
 
 
 def _scales(points: Sequence[PeriodicSolution]) -> dict[str, float]:
-    return {name: max(p.channels[name].peak for p in points) for name in ("drive", "friction")}
+    names = [name for name in points[0].channels if name in JUDGED or ".force" in name]
+    return judged_scales({name: max(p.channels[name].peak for p in points) for name in names})

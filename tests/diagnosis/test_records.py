@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import hbm.diagnosis.quickfits as heat
+import hbm.diagnosis.quickfits as quickfits
 import hbm.outputerror.campaign as records
 import hbm.outputerror.records as records_of_spectra
 from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
-from hbm.diagnosis.candidates import race
+from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.screen import screen, small
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
@@ -286,15 +286,15 @@ def test_processes_give_what_one_core_gives(measured):
         np.testing.assert_array_equal(likewise[record].added, correction.added)
 
 
-def test_candidates_race_alike_side_by_side(measured):
+def test_candidates_are_fitted_alike_side_by_side(measured):
     rig, every = measured
     data, bare = every.of(every.numbers[::2]), Model(rig, {})
     base = evaluate(bare, data, bare.start, {})
     candidates = [WrongParameter(MU), WrongParameter(E), WrongParameter(LOAD), ParameterDrift(MU), ParameterDrift(LOAD)]
     screening = screen(base, data, candidates)
-    alone = race(base, data, screening, lambda doing: None, lambda e: False)
+    alone = fit_candidates(base, data, screening, lambda doing: None, lambda e: False)
     with ThreadPoolExecutor(2) as pool:
-        together = race(base, replace(data, executor=pool), screening, lambda doing: None, lambda e: False)
+        together = fit_candidates(base, replace(data, executor=pool), screening, lambda doing: None, lambda e: False)
     assert not small(base)
     assert [e.model.label for e in together] == [e.model.label for e in alone]
     for one, other in zip(together, alone, strict=True):
@@ -343,11 +343,11 @@ def test_a_limit_that_does_good_between_two_values_only_is_found(monkeypatch, sh
     def compared(model, campaign, starts, last):
         return [(misfit(model.values(starts[0], 0)["limit"]), starts[0])]
 
-    monkeypatch.setattr(heat, "best_start", compared)
-    monkeypatch.setattr(heat, "fit_model", lambda model, campaign, x, *others: model.values(x, 0)["limit"])
+    monkeypatch.setattr(quickfits, "best_start", compared)
+    monkeypatch.setattr(quickfits, "fit_model", lambda model, campaign, x, *others: model.values(x, 0)["limit"])
     x = np.array([f.of(u.starts[1 - i]) for i, (f, u) in enumerate(zip(model.free, (stiffness, limit), strict=True))])
     sticking = SimpleNamespace(chi2=lambda solutions: {1: STICKING})
-    (found,) = heat.with_limits(SimpleNamespace(model=model, x=x, solutions={}), sticking, 7)
+    (found,) = quickfits.with_limits(SimpleNamespace(model=model, x=x, solutions={}), sticking, 7)
     assert misfit(found) < 0.3 * STICKING
 
 
@@ -375,13 +375,13 @@ def test_no_record_leads_the_quick_fits(measured):
     base = evaluate(model, data, model.start, {})
     loud = data.numbers[2]
     times = np.where(base.white.record == loud, 1e3, 1.0)
-    heats = heat.Heats(replace(base, white=replace(base.white, residual=base.white.residual * times)), data)
-    missed = {n: float(np.mean((base.white.residual * times)[base.white.record == n] ** 2)) for n in heats.few.numbers}
-    usual = np.median([m for m in missed.values() if m > heat.MISSED])
+    quick = quickfits.QuickFits(replace(base, white=replace(base.white, residual=base.white.residual * times)), data)
+    missed = {n: float(np.mean((base.white.residual * times)[base.white.record == n] ** 2)) for n in quick.few.numbers}
+    usual = np.median([m for m in missed.values() if m > quickfits.MISSED])
     plain = {r.number: data.std(r) for r in data.data.records}
-    for r in heats.few.data.records:
+    for r in quick.few.data.records:
         wider = np.sqrt(max(missed[r.number] / usual, 1.0))
-        assert heats.few.std(r) == pytest.approx(wider * plain[r.number], rel=0.02)  # beside the coarse grid's error
+        assert quick.few.std(r) == pytest.approx(wider * plain[r.number], rel=0.02)  # beside the coarse grid's error
     points = {n: int(np.sum(base.white.record == n)) for n in missed}
-    assert heats.before == pytest.approx(sum(points[n] * min(m, usual) for n, m in missed.items()))
+    assert quick.before == pytest.approx(sum(points[n] * min(m, usual) for n, m in missed.items()))
     assert missed[loud] > 100 * usual

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hbm.diagnosis.account import Account
+from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.decide import DECISIVE, plainest
 from hbm.diagnosis.remainder import beyond_noise, explained, remainder
 from hbm.outputerror.whitened import Whitened
@@ -104,9 +104,9 @@ def judged(monkeypatch, *, settled, noise, shares, left=0.0, before=0.1, foretel
     """The verdict on a cause, from what is known of it."""
     rig = SimpleNamespace(excitation=SimpleNamespace(settled=settled))
     best = SimpleNamespace(model=SimpleNamespace(rig=lambda x: rig), x=None, white=left)
-    monkeypatch.setattr("hbm.diagnosis.account.misfit", lambda e, campaign: SimpleNamespace(fits=noise))
-    monkeypatch.setattr("hbm.diagnosis.account.beyond_noise", lambda white: white)
-    account = SimpleNamespace(
+    monkeypatch.setattr("hbm.diagnosis.conclusion.misfit", lambda e, campaign: SimpleNamespace(fits=noise))
+    monkeypatch.setattr("hbm.diagnosis.conclusion.beyond_noise", lambda white: white)
+    concluded = SimpleNamespace(
         best=(best, None),
         campaign=None,
         search=SimpleNamespace(calibrated=None),
@@ -118,7 +118,7 @@ def judged(monkeypatch, *, settled, noise, shares, left=0.0, before=0.1, foretel
         _foretells=lambda scored: foretells,
         _without_cause=lambda base: "none",
     )
-    return Account.verdict.func(account)
+    return Conclusion.verdict.func(concluded)
 
 
 def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):

@@ -148,7 +148,7 @@ def test_slip_limit_is_the_sliding_mode() -> None:
 
 
 def test_figure_shows_the_linear_limits(mode: NonlinearMode) -> None:
-    frequency, damping, _ = plot_backbones([mode]).axes
+    frequency, damping, _ = plot_backbones([mode])
     linear = linear_modes(mode.rig)
     for ax, limits in ((frequency, (linear.stuck_hz[0], linear.sliding_hz[0])), (damping, ())):
         drawn = {float(np.ravel(line.get_ydata())[0]): len(line.get_xdata()) for line in ax.lines}

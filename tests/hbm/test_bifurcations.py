@@ -23,6 +23,7 @@ from hbm.response.branching import crossing, doubled
 from hbm.response.curve import Bifurcation, ResponseCurve
 from hbm.response.trace import trace_frequency
 from models import Channel, Contact, Damping, Excitation, ModalBody, Rig
+from models.published import paper_rig
 
 Rate = Callable[[float, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """(t, y) -> y', dy'/dy."""
@@ -232,3 +233,18 @@ def test_a_curve_says_where_it_is_stable_in_files_and_figures(sink: ResponseCurv
     marks = {str(line.get_label()): line for line in ax.lines}
     assert list(marks["_Neimark-Sacker"].get_xdata()) == [b.hz for b in sink.bifurcations if "Neimark" in b.kind.value]
     assert [t.get_text() for t in ax.get_legend().get_texts()] == ["0.015 N", "unstable", "fold", "Neimark-Sacker"]
+
+
+@pytest.mark.slow
+def test_bifurcations_do_not_depend_on_the_window() -> None:
+    """Of the paper's beam: within both windows, whatever its ends and steps, the same list to 5 mHz."""
+    found = []
+    for window in ((45.0, 60.0), (47.5, 52.5)):
+        step = abs(window[1] - window[0]) / 40
+        curve = with_stability(trace_frequency(paper_rig(), window, harmonics=17, samples=512, step_hz=step))
+        inside = sorted((b.hz, b.kind.value) for b in curve.bifurcations if 47.8 < b.hz < 52.2)
+        found.append(inside)
+    wide, narrow = found
+    assert [kind for _, kind in wide] == [kind for _, kind in narrow]
+    assert "Neimark-Sacker" in [kind for _, kind in wide]
+    assert max(abs(a - b) for (a, _), (b, _) in zip(wide, narrow, strict=True)) < 5e-3

@@ -18,7 +18,7 @@ def test_linear_oscillator_matches_its_closed_form():
     curve = trace_frequency(rig, (0.5 * HZ, 1.6 * HZ), harmonics=3)
     Omega = 2 * np.pi * curve.hz
     exact = 0.3 / (1.0 - Omega**2 + 0.02j * Omega)
-    a = curve["y"].harmonics
+    a = curve["y"].coefficients
     # 1e-10 of the peak
     assert np.abs(a[:, 1] - 1j * a[:, 4] - exact).max() < 1e-10 * np.abs(exact).max()
     assert np.abs(a[:, [0, 2, 3, 5, 6]]).max() < 1e-10
@@ -41,7 +41,7 @@ def test_viscous_contact_matches_its_closed_form():
     rig = oscillator(Viscous(0.4), damping=0.1, amplitude=1.0)
     curve = trace_frequency(rig, (0.5 * HZ, 1.6 * HZ), harmonics=1)
     Omega = 2 * np.pi * curve.hz
-    a = curve["y"].harmonics
+    a = curve["y"].coefficients
     assert a[:, 1] - 1j * a[:, 2] == pytest.approx(1.0 / (1.0 - Omega**2 + 0.5j * Omega), rel=1e-6)
 
 
@@ -126,7 +126,7 @@ def test_force_curve_meets_frequency_curve():
     by_frequency = trace_frequency(rig, (40.0, 46.0), harmonics=9)
     assert by_force.force[-1] == 6.5
     assert by_frequency.hz[-1] == 46.0
-    assert by_force["drive"].harmonics[-1] == pytest.approx(by_frequency["drive"].harmonics[-1], abs=1e-12)
+    assert by_force["drive"].coefficients[-1] == pytest.approx(by_frequency["drive"].coefficients[-1], abs=1e-12)
 
 
 @pytest.mark.parametrize("finer", [1, 3, 5, 10])

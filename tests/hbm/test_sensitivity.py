@@ -85,7 +85,7 @@ def test_duffing_oscillator_matches_the_derivatives_of_its_closed_form():
     curve = trace_frequency(rig, (0.5 * HZ, W * HZ), harmonics=1)
     s = sensitivities(rig, curve.points[-1])
     symbols = ca.SX.sym("A W F d gamma", 5)
-    A = float(np.hypot(*curve["y"].harmonics[-1, 1:]))
+    A = float(np.hypot(*curve["y"].coefficients[-1, 1:]))
     slopes = ca.Function("slopes", [symbols], [ca.jacobian(duffing(*ca.vertsplit(symbols)), symbols)])
     by_A, by_W, by_F, by_d, by_gamma = slopes([A, W, F, d, gamma]).full().ravel()
     a = s.solution["y"].coefficients

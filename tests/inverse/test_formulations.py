@@ -158,7 +158,7 @@ def test_errors_by_noise_are_as_large_as_their_standard_deviations(
 def test_shifting_the_time_origin_shifts_the_signals(clean: MeasuredSpectra, formulation: str) -> None:
     """Cosine and sine forms mix, what they span does not, but for directions too weak to be kept as test functions."""
     turn = np.exp(0.7j * np.arange(clean.H + 1))
-    c = np.stack([clean.amplitudes(name) for name in clean.channels], axis=1) * turn
+    c = np.stack([clean.complex(name) for name in clean.channels], axis=1) * turn
     shifted = replace(clean, coefficients=np.concatenate([c.real, -c.imag[:, :, 1:]], axis=2))
     here, there = contact(clean, formulation), contact(shifted, formulation)
     for name in ("friction", "slip", "normal"):

@@ -108,8 +108,8 @@ def test_intervals_of_95_percent_hold_the_truth_93_to_97_times_of_100(clean: Mea
     exact = reconstruct(RIG, replace(clean, std=clean.std / 1000))  # free of noise and prior
     covered = {}
     for name in ("friction", "slip", "normal"):
-        error = found[name].amplitudes[:, 1:] - np.tile(exact[name].amplitudes[:, 1:], (draws, 1))
-        std = found[name].amplitude_std[:, 1:]
+        error = found[name].complex[:, 1:] - np.tile(exact[name].complex[:, 1:], (draws, 1))
+        std = found[name].coefficient_std[:, 1:]
         covered[name] = np.mean([within(error.real, 0.0, std), within(error.imag, 0.0, std)])
     for name in ("energy_per_cycle", "work_rate"):
         estimate, true = getattr(found, name), np.tile(getattr(exact, name).value, draws)
@@ -120,7 +120,7 @@ def test_intervals_of_95_percent_hold_the_truth_93_to_97_times_of_100(clean: Mea
 def test_shifting_the_time_origin_shifts_the_signals(clean: MeasuredSpectra) -> None:
     """By a quarter of a period, which moves samples by a quarter of their number."""
     turn = np.exp(1j * np.pi / 2 * np.arange(clean.H + 1))
-    c = np.stack([clean.amplitudes(name) for name in clean.channels], axis=1) * turn
+    c = np.stack([clean.complex(name) for name in clean.channels], axis=1) * turn
     shifted = replace(clean, coefficients=np.concatenate([c.real, -c.imag[:, :, 1:]], axis=2))
     here, there = reconstruct(RIG, clean), reconstruct(RIG, shifted)
     for name in ("friction", "slip", "normal"):
@@ -132,18 +132,18 @@ def test_without_a_force_channel_the_responses_give_the_force_too(clean: Measure
     """Six sensors, two unknowns: friction stays within its wider error bars."""
     found = reconstruct(RIG, clean.without("force"))
     with_force = reconstruct(RIG, clean)
-    error = found["friction"].amplitudes[:, 1] - with_force["friction"].amplitudes[:, 1]
-    assert np.all(np.abs(error) < 3 * found["friction"].amplitude_std[:, 1])
-    assert np.all(found["friction"].amplitude_std[:, 1] > with_force["friction"].amplitude_std[:, 1])
+    error = found["friction"].complex[:, 1] - with_force["friction"].complex[:, 1]
+    assert np.all(np.abs(error) < 3 * found["friction"].coefficient_std[:, 1])
+    assert np.all(found["friction"].coefficient_std[:, 1] > with_force["friction"].coefficient_std[:, 1])
 
 
 def test_harmonics_that_were_not_measured_have_the_uncertainty_of_the_prior(clean: MeasuredSpectra) -> None:
     found = reconstruct(RIG, clean.select(harmonics=[1, 2, 3, 4, 5, 6, 8, 9]))
     friction = found["friction"]
     assert np.all(np.isinf(found.resolution[:, 7]))
-    assert np.allclose(friction.amplitudes[:, 7], 0.0)
-    true = np.abs(reconstruct(RIG, clean)["friction"].amplitudes[:, 7])
-    assert np.all((true < 3 * friction.amplitude_std[:, 7]) & (friction.amplitude_std[:, 7] < 20 * true))
+    assert np.allclose(friction.complex[:, 7], 0.0)
+    true = np.abs(reconstruct(RIG, clean)["friction"].complex[:, 7])
+    assert np.all((true < 3 * friction.coefficient_std[:, 7]) & (friction.coefficient_std[:, 7] < 20 * true))
 
 
 def test_the_prior_finds_the_decay_and_the_sizes_of_a_spectrum() -> None:
@@ -167,7 +167,7 @@ def test_contradicting_sensors_widen_the_error_bars(clean: MeasuredSpectra) -> N
     assert not found.misfit.consistent.any()
     assert honest.misfit.consistent.all()
     assert np.allclose(found.misfit.reduced, 25.0, rtol=0.4)
-    ratio = found["friction"].amplitude_std[:, 1] / honest["friction"].amplitude_std[:, 1]
+    ratio = found["friction"].coefficient_std[:, 1] / honest["friction"].coefficient_std[:, 1]
     assert np.allclose(ratio, 1.0, rtol=0.25)
 
 
@@ -192,7 +192,7 @@ def test_nonlinear_elements_are_not_taken_for_friction() -> None:
     for signal in ("friction", "slip", "normal"):
         c = true[signal].coefficients[kept]
         exact = c[1:10] - 1j * c[10:]
-        missed, otherwise = (np.abs(r[signal].amplitudes[0, 1:] - exact).max() for r in (found, wrong))
+        missed, otherwise = (np.abs(r[signal].complex[0, 1:] - exact).max() for r in (found, wrong))
         assert missed < 0.01 * np.abs(exact).max(), signal
         assert otherwise > 0.02 * np.abs(exact).max(), signal
     with pytest.raises(InputError, match=r"has midplane-stretching, quadratic-drag, impact-stop; must be regularised"):

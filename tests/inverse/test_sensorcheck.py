@@ -43,7 +43,7 @@ def noisy() -> MeasuredSpectra:
 
 def times(spectra: MeasuredSpectra, channel: str, factor: np.ndarray | complex) -> MeasuredSpectra:
     i = spectra.index(channel)
-    c = factor * spectra.amplitudes(channel)
+    c = factor * spectra.complex(channel)
     coefficients = spectra.coefficients.copy()
     coefficients[:, i] = np.concatenate([c.real, -c.imag[:, 1:]], axis=1)
     return replace(spectra, coefficients=coefficients)

@@ -53,7 +53,7 @@ def test_xarray_reads_dimensions_coordinates_and_units(spectra: MeasuredSpectra,
     write_spectra(tmp_path / "s.nc", spectra, UNITS)
     with xarray.open_dataset(tmp_path / "s.nc", engine="h5netcdf") as found:
         assert dict(found.sizes) == {"record": 2, "channel": 2, "harmonic": H + 1, "part": 2}
-        c = spectra.amplitudes("force")[1, 3]
+        c = spectra.complex("force")[1, 3]
         third = found["coefficient"].sel(record=2, channel="force", harmonic=3)
         assert (float(third.sel(part="cos")), float(third.sel(part="sin"))) == (c.real, -c.imag)
         assert float(found["coefficient"].sel(record=1, channel="force", harmonic=0, part="sin")) == 0.0
@@ -116,7 +116,7 @@ def test_a_mat_file_of_matlab_is_read(rig: Rig, spectra: MeasuredSpectra, tmp_pa
     savemat(tmp_path / "s.mat", mat(spectra))
     found = load_spectra(tmp_path / "s.mat", rig)
     assert (found.records.tolist(), found.hz.tolist(), found.channels) == ([7], [50.0], ("a1",))
-    assert found.amplitudes("a1")[0, [1, 3]].tolist() == [1 - 2j, 3 + 4j]
+    assert found.complex("a1")[0, [1, 3]].tolist() == [1 - 2j, 3 + 4j]
 
 
 @pytest.mark.parametrize(
@@ -171,11 +171,11 @@ def test_pyuff_reads_amplitudes_and_deviations(spectra: MeasuredSpectra, tmp_pat
     ]
     assert [s["ordinate_axis_units_lab"] for s in sets] == ["N", "N", "m/s2", "m/s2", "N", "N"]
     assert sets[4]["id4"] == "record 2, level 4.7 N, fundamental 54.112 Hz"
-    np.testing.assert_allclose(sets[4]["data"], spectra.amplitudes("force")[1], rtol=1e-11)
+    np.testing.assert_allclose(sets[4]["data"], spectra.complex("force")[1], rtol=1e-11)
     np.testing.assert_allclose(sets[4]["x"], 54.112 * np.arange(H + 1), rtol=1e-5)
     kept = [0, 1, 3]  # harmonic 2 was not measured
     np.testing.assert_allclose(sets[2]["x"], 48.5 * np.array(kept), rtol=1e-5)
-    np.testing.assert_allclose(sets[2]["data"], spectra.amplitudes("a1")[0, kept], rtol=1e-11)
+    np.testing.assert_allclose(sets[2]["data"], spectra.complex("a1")[0, kept], rtol=1e-11)
     np.testing.assert_allclose(sets[3]["data"], spectra.std[0, 1, kept], rtol=1e-11)
 
 

@@ -54,7 +54,7 @@ def test_it_counts_as_noise_of_the_channel_alone(rig):
     spectra = measured(rig, {"a1": 0.0, "a2": 0.0})
     wider = unrepeatable(spectra, {"a1": 0.02, "a2": 0.0})
     assert np.array_equal(wider.std[:, [0, 2]], spectra.std[:, [0, 2]])
-    size = np.abs(spectra.amplitudes("a1")[:, 1])
+    size = np.abs(spectra.complex("a1")[:, 1])
     expected = np.hypot(1e-4, 0.02 * size / np.sqrt(2.0))
     assert wider.std[:, 1, 1] == pytest.approx(expected, rel=0.1)
     assert unrepeatable(spectra, {"a1": 0.0}) is spectra

@@ -76,7 +76,7 @@ def test_order_of_rows_and_numbers_of_records_are_free(rig: Rig, tmp_path: Path)
     assert (spectra.records.tolist(), spectra.level.tolist(), spectra.hz.tolist()) == ([2, 7], [4.0, 2.0], [50.0, 51.0])
     assert (spectra.channels, spectra.H) == (("force", "a1"), 3)
     assert spectra.measured.sum() == 4
-    assert spectra.amplitudes("a1")[[0, 1], [3, 1]].tolist() == [6 + 7j, 3 - 4j]
+    assert spectra.complex("a1")[[0, 1], [3, 1]].tolist() == [6 + 7j, 3 - 4j]
     assert spectra.coefficients[1, 0, 0] == 5.0
 
 

@@ -1,4 +1,4 @@
-"""A decision accounted for: scored on the records held out, and said in numbers and sentences."""
+"""What is concluded from a decision: scored on the records held out, and said in numbers and sentences."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -68,7 +68,7 @@ AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
 
 
-class Account:
+class Conclusion:
     """The decision scored on the records held out, and said."""
 
     def __init__(

@@ -1,0 +1,275 @@
+"""Alternating frequency/time for a joint: steady forces at its ports over one period, with exact derivatives.
+
+CasADi differentiates the law sample by sample; what couples the samples (its memory) is a linear recurrence, solved
+forwards for every coefficient of every signal.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.aft.jointstep import JointFunctions, joint_functions, signals_of, values
+from hbm.aft.period import buffered
+from hbm.aft.recurrence import forwards, monodromy, radius
+from hbm.fourier import Array, FourierBasis
+from models.joints.law import JointLaw
+
+ITERATIONS = (3, 9)
+"""On f = law(f) at each sample, enough for most; more where those left more than CLOSURE."""
+
+MOST_PERIODS = 8
+"""Newton iterations on the memory that a period maps on itself."""
+
+CLOSURE = 1e-12
+"""A loop counts as closed when the forces after a period repeat to this fraction of the largest."""
+
+NEUTRAL = 1e-9
+"""Memory that returns undiminished to this accuracy is of a joint that sticks: its history decides its mean force."""
+
+
+@dataclass(frozen=True)
+class JointForces:
+    """Forces of a joint over one period, and how their coefficients change.
+
+    Attributes
+    ----------
+    f : (N_t, m) array
+        At the samples [N].
+    by_signals : (2H+1, m, 2H+1, s) array
+        Derivatives of the coefficients of the forces to those of the signals, s = 2 m + 1.
+    by_Omega : (2H+1, m) array
+        Derivative to the fundamental frequency at fixed coefficients.
+    """
+
+    f: Array
+    by_signals: Array
+    by_Omega: Array
+
+
+class JointOverPeriod:
+    """A law on a Fourier basis: coefficients of the signals at a joint in, of its forces out.
+
+    Signals are the displacements of the ports, the displacements whose rates are the velocities that the law is shown
+    (the same, or without what the modes leave out), and last what the load differs by from that at rest.
+
+    One object serves one thread: it owns the buffers that CasADi reads and fills.
+    """
+
+    def __init__(self, law: JointLaw, basis: FourierBasis, compliance: float = 0.0, *, loaded: bool = True) -> None:
+        self.law, self.basis, self.compliance, self.ports = law, basis, compliance, law.ports
+        self._sampled = np.zeros((basis.N_t, signals_of(law.ports)))
+        self._shown: tuple[Array | None, float] = (None, 0.0)
+        self._fades, self._loaded = False, loaded
+        self._bind(ITERATIONS[0])
+
+    def _bind(self, iterations: int) -> None:
+        self._iterations = iterations
+        self.functions: JointFunctions = joint_functions(self.law, self.basis.N_t, iterations)
+        period = self.functions.period
+        self._carried, self._environment = np.zeros(period.size1_in(0)), np.zeros(period.size1_in(2))
+        self._inputs = [self._carried, self._sampled, self._environment, values(self.law)]
+        self._march, (self._marched,) = buffered(self.functions.march, self._inputs)
+        self._period, (f, self._gap, local, self._end) = buffered(period, self._inputs)
+        N_t, m, n_z = self.basis.N_t, self.ports, self.functions.memory
+        self._f = f.reshape(N_t, m)
+        self._local = local.reshape(N_t, m + n_z, -1)
+
+    # ---- the steady forces
+
+    def forces(self, signals: Array, Omega: float) -> tuple[Array, float]:
+        """Steady forces at the samples, (N_t, m) [N], and the closure of the loop.
+
+        Parameters
+        ----------
+        signals : (2H+1, 2 m + 1) array
+            Coefficients of the displacements, of those that the velocities are the rates of, and of the load.
+        Omega : float
+            Fundamental frequency [rad/s].
+        """
+        self._shown = (signals, Omega)
+        m, basis = self.ports, self.basis
+        shown = signals.copy()
+        shown[:, m : 2 * m] = Omega * basis.derivative(signals[:, m : 2 * m])
+        np.matmul(basis.synthesis, shown, out=self._sampled)
+        closure = self._close(Omega)
+        while closure > CLOSURE and np.abs(self._gap).max() > CLOSURE * np.abs(self._f).max():
+            if self._iterations == ITERATIONS[-1]:
+                break
+            self._bind(ITERATIONS[-1])
+            closure = self._close(Omega)
+        return self._f, closure
+
+    @property
+    def memory(self) -> Array:
+        """What the law knows before the first sample of the last period computed, (memory,)."""
+        return self._carried[: self.functions.memory].copy()
+
+    def at_first(self) -> tuple[Array, Array]:
+        """Internal states after the first sample of the last period computed, and that sample's signals."""
+        first, last = self._sampled[0], self._sampled[-1]
+        carried = self.functions.sample(self._carried, last, first, self._environment, self._inputs[3])
+        return np.asarray(carried.full()[: self.law.states, 0]), first.copy()
+
+    @property
+    def undying(self) -> int:
+        """How many disturbances of the memory return undiminished where the motion is held: anchors that stick."""
+        if not self.functions.memory:
+            return 0
+        return int(np.count_nonzero(np.abs(np.linalg.eigvals(monodromy(self._transitions))) >= 1.0 - NEUTRAL))
+
+    def _close(self, Omega: float) -> float:
+        """March until the loop is measured closed, from the virgin state unless its memory fades."""
+        self._environment[:] = 2 * np.pi / (Omega * self.basis.N_t), self.compliance
+        if self._fades:
+            closure = self._close_from_here()
+            if closure <= CLOSURE and radius(self._transitions) < 1.0 - NEUTRAL:
+                return closure
+        self._carried[:] = 0.0
+        return self._close_from_here()
+
+    def _close_from_here(self) -> float:
+        n = self.functions.memory
+        if len(self._carried):
+            self._march()
+            self._carried[:] = self._marched
+        closure = 0.0
+        for _ in range(MOST_PERIODS):
+            self._period()
+            gap = self._end[:n] - self._carried[:n]
+            if not gap.any() and not self._gap.any():  # friction that slips forgets where it came from
+                return 0.0
+            pull = self._pull
+            largest = float(np.abs(self._f).max())
+            missing = max(float(np.abs(pull * gap).max(initial=0.0)), float(np.abs(self._gap).max()))
+            closure = missing / largest if largest > 0.0 else 0.0
+            if not closure > CLOSURE or not n:
+                break
+            self._fades = True
+            slope = np.eye(n) - monodromy(self._transitions) * pull[:, None] / pull
+            self._carried[:n] += np.linalg.lstsq(slope, pull * gap, rcond=1e-9)[0] / pull
+        return closure
+
+    @property
+    def _transitions(self) -> Array:
+        n = self.functions.memory
+        return self._local[:, self.ports :, :n]
+
+    @property
+    def _pull(self) -> Array:
+        """Largest change of a force per unit of each memory, (memory,): they have units of their own."""
+        pull = np.abs(self._local[:, : self.ports, : self.functions.memory]).max(axis=(0, 1))
+        return np.where(pull > 0.0, pull, 1.0)
+
+    # ---- derivatives
+
+    def _show(self, signals: Array, Omega: float) -> None:
+        if self._shown[0] is not signals or self._shown[1] != Omega:
+            self.forces(signals, Omega)
+
+    def linearize(self, signals: Array, Omega: float) -> JointForces:
+        """Steady forces with the derivatives of their coefficients; arguments as :meth:`forces`."""
+        self._show(signals, Omega)
+        basis, m, size = self.basis, self.ports, self.basis.size
+        used = self._used
+        change = self._through(self._local, self._by_coefficients(Omega, used))
+        found = np.zeros((size, m, size, signals_of(m)))
+        by_used = (basis.analysis @ change.reshape(basis.N_t, -1)).reshape(size, m, len(used), size)
+        found[..., used] = by_used.transpose(0, 1, 3, 2)
+        slowed = np.zeros((basis.N_t, self._local.shape[2] - self.functions.memory, 1))
+        for at, i in enumerate(self.functions.reads):
+            now, i = i < signals_of(m), i % signals_of(m)
+            if m <= i < 2 * m:
+                v = self._sampled[:, i] / Omega
+                slowed[:, at, 0] = v if now else np.roll(v, 1)
+        if self.functions.timed:
+            slowed[:, -1, 0] = -2 * np.pi / (Omega**2 * basis.N_t)
+        by_Omega = basis.analysis @ self._through(self._local, slowed)[:, :, 0] if slowed.any() else np.zeros((size, m))
+        return JointForces(self._f.copy(), found, by_Omega)
+
+    @property
+    def _used(self) -> list[int]:
+        """Signals that the law reads, of the sample or of the one before; not a load that never differs."""
+        m = self.ports
+        return sorted({i % signals_of(m) for i in self.functions.reads} - (set() if self._loaded else {2 * m}))
+
+    def _by_coefficients(self, Omega: float, used: list[int]) -> Array:
+        """Derivatives of what the law reads to the coefficients of the signals used, (N_t, inputs, used (2H+1))."""
+        basis, m, size = self.basis, self.ports, self.basis.size
+        inputs = np.zeros((basis.N_t, self._local.shape[2] - self.functions.memory, len(used) * size))
+        faster = None
+        for at, i in enumerate(self.functions.reads):
+            now, i = i < signals_of(m), i % signals_of(m)
+            if i not in used:
+                continue
+            if m <= i < 2 * m and faster is None:
+                faster = Omega * basis.derivative_on_right(basis.synthesis)
+            columns = faster if faster is not None and m <= i < 2 * m else basis.synthesis
+            block = used.index(i) * size
+            inputs[:, at, block : block + size] = columns if now else np.roll(columns, 1, axis=0)
+        return inputs
+
+    def _through(self, local: Array, inputs: Array) -> Array:
+        """Change of the forces (N_t, m, c) with changes (N_t, inputs, c) of what the law reads, memory following."""
+        m, n = self.ports, self.functions.memory
+        if n == 0:
+            return np.asarray(np.matmul(local[:, :m], inputs))
+
+        def march(by: Array, driven: Array, start: Array) -> tuple[Array, Array]:
+            z = forwards(by[:, m:, :n], start, driven[:, m:])
+            return driven[:, :m] + np.matmul(by[:, :m, :n], z[:-1]), z[-1]
+
+        driven = np.matmul(local[:, :, n:], inputs)
+        start: Array = np.zeros((n, inputs.shape[2]))
+        if radius(local[:, m:, :n]) < 1.0 - NEUTRAL:
+            start[:] = np.linalg.solve(np.eye(n) - monodromy(local[:, m:, :n]), march(local, driven, start)[1])
+        else:  # a joint that stays stuck remembers the period before, which started from its virgin state
+            first = self._first_period()
+            start = march(first, np.matmul(first[:, :, n : n + inputs.shape[1]], inputs), start)[1]
+        return march(local, driven, start)[0]
+
+    def _first_period(self) -> Array:
+        """Derivatives along the period from the virgin state, as the buffers hold those of the steady one."""
+        steady, local = self._carried.copy(), self._local.copy()
+        self._carried[:] = 0.0
+        self._period()
+        first = self._local.copy()
+        self._carried[:] = steady
+        self._local[:] = local
+        return first
+
+    def along(self, signals: Array, Omega: float, numbers: Array, compliance: Array) -> Array:
+        """Derivatives of the coefficients of the forces to numbers of the law, signals held, (2H+1, m, c).
+
+        Parameters
+        ----------
+        signals, Omega
+            As for :meth:`forces`.
+        numbers : (p, c) array
+            Changes of the law's parameters.
+        compliance : (c,) array
+            Of the compliance that the law takes into account.
+        """
+        self._show(signals, Omega)
+        m, n, basis = self.ports, self.functions.memory, self.basis
+        held = self._local.shape[2]
+        evaluate, (_, _, local, _) = buffered(self.functions.by_numbers, self._inputs)
+
+        def read() -> Array:
+            evaluate()
+            table = local.reshape(basis.N_t, m + n, -1)
+            return np.concatenate([table[:, :, :n], table[:, :, held:]], axis=2)
+
+        inputs = np.broadcast_to(np.vstack([numbers, compliance]), (basis.N_t, len(numbers) + 1, numbers.shape[1]))
+        steady = read()
+        if n and radius(steady[:, m:, :n]) >= 1.0 - NEUTRAL:
+            kept = self._carried.copy()
+            self._carried[:] = 0.0
+            first = read()
+            self._carried[:] = kept
+            start = forwards(first[:, m:, :n], np.zeros((n, numbers.shape[1])), np.matmul(first[:, m:, n:], inputs))[-1]
+            driven = np.matmul(steady[:, :, n:], inputs)
+            z = forwards(steady[:, m:, :n], start, driven[:, m:])
+            change = driven[:, :m] + np.matmul(steady[:, :m, :n], z[:-1])
+        else:
+            change = self._through(steady, inputs)
+        return np.asarray(basis.analysis @ change.reshape(basis.N_t, -1)).reshape(basis.size, m, -1)

@@ -1,0 +1,229 @@
+"""Newton's system of a balance of joints: the modes eliminated, the core as large as the joint signals."""
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import lapack
+
+from hbm.aft.joint import JointForces
+from hbm.balance.equations import Parameter, State
+from hbm.fourier import Array
+
+if TYPE_CHECKING:
+    from hbm.balance.jointed import JointBalance
+
+Complex = npt.NDArray[np.complex128]
+
+
+class Modes:
+    """The modes at a frequency: their answer to forces, harmonic by harmonic."""
+
+    def __init__(self, problem: "JointBalance", Omega: float) -> None:
+        self.basis, self.diagonal = problem.basis, problem.diagonal
+        stiffness = problem.dynamic_stiffness(Omega)
+        # the mean of a rigid motion is not eliminated: the joints decide it
+        if self.diagonal:
+            stiffness[0, problem.rigid] = np.inf
+            self.receptance: Complex = 1.0 / stiffness
+        else:
+            stiffness[0, problem.rigid, problem.rigid] = 1.0
+            self.receptance = np.asarray(np.linalg.inv(stiffness), dtype=np.complex128)
+            self.receptance[0, problem.rigid, problem.rigid] = 0.0
+
+    def moved(self, forces: Array) -> Array:
+        """Coefficients (2H+1, n, ...) of the modes under modal forces of the same shape."""
+        amplitudes = self.basis.complex(forces)
+        if self.diagonal:
+            shape = (*self.receptance.shape, *(1,) * (amplitudes.ndim - 2))
+            return self.basis.real(amplitudes * self.receptance.reshape(shape))
+        flat = amplitudes.reshape(*amplitudes.shape[:2], -1)
+        return self.basis.real((self.receptance @ flat).reshape(amplitudes.shape))
+
+    def pulled(self, values: Array) -> Array:
+        """Adjoint of :meth:`moved` for values (2H+1, n)."""
+        amplitudes = self.basis.complex(values)
+        if self.diagonal:
+            return self.basis.real(amplitudes * self.receptance.conj())
+        return self.basis.real(np.einsum("kji,kj->ki", self.receptance.conj(), amplitudes))
+
+    def between(self, left: Complex, right: Array) -> Complex:
+        """Left rows (H+1, r, n), times the receptance, times right rows (m, n) transposed: (H+1, r, m)."""
+        through = self.receptance[:, :, None] * right.T if self.diagonal else self.receptance @ right.T
+        return np.asarray(left @ through)
+
+
+class JointLinearization:
+    """Residual at a state, and its derivative when asked for; a :class:`continuation.Linearization`."""
+
+    def __init__(self, problem: "JointBalance", state: State, signals: list[Array], residual: Array) -> None:
+        self.problem, self.state, self.signals, self.residual = problem, state, signals, residual
+
+    @cached_property
+    def forces(self) -> list[JointForces]:
+        """Forces of the joints with their derivatives."""
+        problem = self.problem
+        return [j.linearize(s, self.state.Omega) for j, s in zip(problem.joints, self.signals, strict=True)]
+
+    @cached_property
+    def modes(self) -> Modes:
+        """The modes at this frequency."""
+        return Modes(self.problem, self.state.Omega)
+
+    def signal_rows(self, j: int) -> tuple[Complex, Array]:
+        """Signals of joint j per mode, (H+1, s, n), and per force at the ports beyond the modes, (s, m)."""
+        problem, s = self.problem, self.problem.structure
+        at, k = problem.slices[j], np.arange(problem.basis.H + 1)[:, None] * self.state.Omega
+        own = s.joints[at]
+        rows = np.empty((len(k), 2 * len(own) + 1, s.n), dtype=complex)
+        rows[:, :-1] = np.vstack([own, own])
+        rows[:, -1] = -(k**2) * s.loads_inertia[j] + 1j * k * s.loads_damping[j]
+        return rows, np.vstack([problem.flexibility[at], problem.flexibility_of_rate[at], s.loads_by_joints[j]])
+
+    @cached_property
+    def core(self) -> Array:
+        """Derivative of the joint balances to the joint forces, modes following, (2H+1 m, 2H+1 m), unscaled."""
+        problem, basis = self.problem, self.problem.basis
+        H, size, m = basis.H, basis.size, len(problem.own)
+        core = np.eye(size * m).reshape(size, m, size, m)
+        for j, (at, force) in enumerate(zip(problem.slices, self.forces, strict=True)):
+            rows, beyond = self.signal_rows(j)
+            Y = self.modes.between(rows, problem.structure.joints) + beyond  # (H+1, s, m)
+            A = force.by_signals.reshape(size * (at.stop - at.start), size, -1).transpose(1, 0, 2)
+            cosine, sine = A[: H + 1], A[H + 1 :]
+            out = np.empty((size, len(A[0]), m))
+            out[: H + 1] = cosine @ Y.real
+            # a - i b is turned by Y: the sine column feeds the cosine with +imag, the cosine the sine with -imag
+            out[1 : H + 1] -= sine @ Y.imag[1:]
+            out[H + 1 :] = sine @ Y.real[1:] + cosine[1:] @ Y.imag[1:]
+            core[:, at] -= out.reshape(size, size, -1, m).transpose(1, 2, 0, 3)
+        return core.reshape(size * m, size * m)
+
+    @cached_property
+    def by_parameter(self) -> Array:
+        """Derivative of the scaled balances to the scaled continuation parameter, (size,)."""
+        return self.along(self.problem.parameter)
+
+    def along(self, parameter: Parameter) -> Array:
+        """Derivative of the scaled balances to the scaled frequency or force, (size,)."""
+        problem, s, basis, state = self.problem, self.problem.structure, self.problem.basis, self.state
+        law = np.zeros((basis.size, len(problem.own)))
+        if parameter == "frequency":
+            modal = basis.derivative(state.Q) @ s.damping.T - (2 * state.Omega * basis.k**2)[:, None] * state.Q
+            d_loads = basis.derivative(state.Q @ s.loads_damping.T)
+            d_loads -= (2 * state.Omega * basis.k**2)[:, None] * (state.Q @ s.loads_inertia.T)
+            for j, (at, force) in enumerate(zip(problem.slices, self.forces, strict=True)):
+                law[:, at] = -force.by_Omega - np.tensordot(force.by_signals[..., -1], d_loads[:, j], axes=1)
+        else:
+            modal = -np.outer(problem.force_shape, s.excitation)
+            for j, (at, force) in enumerate(zip(problem.slices, self.forces, strict=True)):
+                reads = np.append(np.tile(s.flexibility_to_force[at], 2), s.loads_by_force[j])
+                law[:, at] = -np.tensordot(force.by_signals, np.outer(problem.force_shape, reads), axes=2)
+        scaled = np.concatenate([(modal / problem.modal_force_ref).ravel(), (law / problem.f_ref).ravel()])
+        return np.asarray(scaled * (problem.Omega_ref if parameter == "frequency" else problem.F_ref))
+
+    @cached_property
+    def newton(self) -> "JointNewton":
+        """The derivative, bordered by that to the problem's parameter."""
+        return self.bordered()
+
+    def bordered(self, column: Array | None = None) -> "JointNewton":
+        """The derivative, with another column (size,) in place of that of the problem's parameter."""
+        return JointNewton(self, self.by_parameter if column is None else column)
+
+    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
+        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
+        return self.newton.solve_bordered(row, row_lam, rhs, rhs_row)
+
+    def determinant_sign(self, row: Array, row_lam: float) -> int:
+        """Sign of the determinant of the bordered matrix."""
+        return self.newton.determinant_sign(row, row_lam)
+
+    def law_of(self, Q: Array) -> Array:
+        """Change (2H+1, m, r) of the joints' forces with modes (2H+1, n, r), the forces that load them held."""
+        problem, basis = self.problem, self.problem.basis
+        out = np.zeros((basis.size, len(problem.own), Q.shape[2]))
+        amplitudes = basis.complex(Q)
+        for j, (at, force) in enumerate(zip(problem.slices, self.forces, strict=True)):
+            seen = basis.real(self.signal_rows(j)[0] @ amplitudes)  # (2H+1, s, r)
+            out[:, at] = np.tensordot(force.by_signals, seen, axes=2)
+        return out
+
+
+class JointNewton:
+    """Newton's system reduced to the joint forces, bordered by a column (size,)."""
+
+    def __init__(self, here: JointLinearization, column: Array) -> None:
+        self.here, self.problem, self.modes = here, here.problem, here.modes
+        self.by_column, self._column = self._reduced(column[:, None])
+
+    @cached_property
+    def core(self) -> Array:
+        """The core with the means of rigid motions beside the joint forces, (2H+1 m + rigid, 2H+1 m + rigid)."""
+        problem, rigid = self.problem, self.problem.rigid
+        if not len(rigid):
+            return self.here.core
+        size, n, m = problem.basis.size, problem.structure.n, len(problem.own)
+        unit = np.zeros((size, n, len(rigid)))
+        unit[0, rigid] = np.eye(len(rigid))
+        pushed = np.zeros((len(rigid), size, m))
+        pushed[:, 0] = -problem.structure.joints[:, rigid].T
+        return np.block(
+            [
+                [self.here.core, -self.here.law_of(unit).reshape(size * m, -1)],
+                [pushed.reshape(len(rigid), -1), problem.adrift],
+            ]
+        )
+
+    def _reduced(self, rhs: Array) -> tuple[Array, Array]:
+        """Motion (2H+1, n, r) under scaled right sides (size, r), the core held, and what it asks of the core."""
+        problem, r = self.problem, rhs.shape[1]
+        size, n, m = problem.basis.size, problem.structure.n, len(problem.own)
+        forces = rhs[: size * n].reshape(size, n, r) * problem.modal_force_ref
+        motion = self.modes.moved(forces)
+        core = rhs[size * n :].reshape(size, m, r) * problem.f_ref[:, None] + self.here.law_of(motion)
+        return motion, np.vstack([core.reshape(size * m, r), forces[0, problem.rigid]])
+
+    def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
+        """Bordered core, and the row's part on the modes (2H+1, n)."""
+        problem = self.problem
+        size, n, m = problem.basis.size, problem.structure.n, len(problem.own)
+        modes = row[: size * n].reshape(size, n) / problem.q_ref
+        by_joints = self.modes.pulled(modes) @ problem.structure.joints.T
+        by_joints += row[size * n :].reshape(size, m) / problem.f_ref
+        matrix = np.empty((len(self._column) + 1, len(self._column) + 1))
+        matrix[:-1, :-1], matrix[:-1, -1] = self.core, self._column[:, 0]
+        matrix[-1, :-1] = np.append(by_joints, modes[0, problem.rigid])
+        matrix[-1, -1] = row_lam - np.vdot(modes, self.by_column[:, :, 0])
+        return matrix, modes
+
+    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
+        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
+        x, lam = self.solve_columns(row, row_lam, rhs[:, None], rhs_row)
+        return x[:, 0], float(lam[0])
+
+    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
+        """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
+        problem, r = self.problem, rhs.shape[1]
+        size, n, m = problem.basis.size, problem.structure.n, len(problem.own)
+        matrix, modes = self._bordered(row, row_lam)
+        d_Q, core = self._reduced(rhs)
+        right = np.vstack([core, rhs_row - modes.ravel() @ d_Q.reshape(size * n, r)])
+        _, _, solution, info = lapack.dgesv(matrix, right)
+        if info:
+            solution = np.full_like(right, np.nan)
+        d_f, d_mean, d_lam = solution[: size * m].reshape(size, m, r), solution[size * m : -1], solution[-1]
+        d_Q += self.modes.moved(np.einsum("kmr,mn->knr", d_f, problem.structure.joints))
+        d_Q[0, problem.rigid] += d_mean
+        d_Q -= self.by_column * d_lam
+        x = [(d_Q / problem.q_ref).reshape(size * n, r), (d_f / problem.f_ref[:, None]).reshape(size * m, r)]
+        return np.concatenate(x), d_lam
+
+    def determinant_sign(self, row: Array, row_lam: float) -> int:
+        """Sign of the determinant of the bordered matrix; the modes that are eliminated contribute positive blocks."""
+        lu, pivots, _ = lapack.dgetrf(self._bordered(row, row_lam)[0])
+        if not lu.diagonal().all():
+            return 0
+        negative = np.count_nonzero(lu.diagonal() < 0.0) + np.count_nonzero(pivots != np.arange(len(pivots)))
+        return -1 if negative % 2 else 1

@@ -1,0 +1,377 @@
+"""Time integration of a body with joints, from rest or from a state, and its periodic steady states by shooting.
+
+The second, independent way to a steady state: the same mechanics and laws as the harmonic balance, without Fourier
+series.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from hbm.aft.jointstep import JointStep
+from hbm.aft.recurrence import monodromy
+from hbm.balance.equations import State
+from hbm.balance.jointed import JointBalance
+from hbm.channels import DERIVATIVES, Rates, late, turn
+from hbm.integration.history import Signal, differences, steadiness
+from hbm.integration.jointstep import JointedStep
+from models.jointed import JointedRig
+from models.parts import UNITS
+from models.structure import Array
+
+RESIDUAL = 1e-7
+"""What joints' forces may be short of their laws after a step, in units of the excitation."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointHistory:
+    """A computed motion of a rig with joints.
+
+    Attributes
+    ----------
+    rig : JointedRig
+    hz, level : float
+        Frequency [Hz] and amplitude [N] of the cosine force.
+    time : (N,) array
+        Equally spaced [s].
+    states : (N, size) array
+        Modes, their velocities, forces at the ports, memory of the laws.
+    samples_per_period : int
+    largest_residual : float
+        Of the implicit relation at the joints, in units of the excitation.
+    """
+
+    rig: JointedRig
+    hz: float
+    level: float
+    time: Array
+    states: Array
+    samples_per_period: int
+    largest_residual: float
+
+    def __repr__(self) -> str:
+        """Say what was marched."""
+        return (
+            f"motion at {self.hz:.6g} Hz, {self.level:g} N, {self.time[0]:.6g} to {self.time[-1]:.6g} s, "
+            f"{len(self.time)} samples, {self.samples_per_period} a period"
+        )
+
+    @property
+    def q(self) -> Array:
+        """Modal coordinates, (N, n)."""
+        return self.states[:, : self.rig.structure.n]
+
+    @property
+    def qdot(self) -> Array:
+        """Modal velocities, (N, n)."""
+        n = self.rig.structure.n
+        return self.states[:, n : 2 * n]
+
+    @property
+    def f(self) -> Array:
+        """Forces at the ports, (N, m) [N]."""
+        n = self.rig.structure.n
+        return self.states[:, 2 * n : 2 * n + self.rig.ports]
+
+    def force(self, derivative: int = 0) -> Array:
+        """Excitation or its derivative to time, (N,) [N]."""
+        Omega = 2 * np.pi * self.hz
+        excitation = replace(self.rig.excitation, amplitude=self.level)
+        return np.asarray(Omega**derivative * excitation.force(Omega * self.time, derivative))
+
+    @cached_property
+    def qddot(self) -> Array:
+        """Modal accelerations, (N, n)."""
+        s = self.rig.structure
+        driven = self.f @ s.joints + np.outer(self.force(), s.excitation)
+        return np.asarray(driven - self.qdot @ s.damping.T - self.q * s.omega_n**2)
+
+    @cached_property
+    def _rates(self) -> tuple[Array, Array, Array]:
+        """Forces at the ports and their first two derivatives, (N, m) each."""
+        dt = 1.0 / (self.hz * self.samples_per_period)
+        found = [differences(f, dt) for f in self.f.T]
+        return self.f, np.array([a for a, _ in found]).T, np.array([b for _, b in found]).T
+
+    def _seen(self, row: Array, by_joints: Array, by_force: float, derivative: int) -> Array:
+        """A displacement of the body, or its derivative, (N,): of the modes and of what they leave out."""
+        modes = (self.q, self.qdot, self.qddot)[derivative]
+        return np.asarray(modes @ row + self._rates[derivative] @ by_joints + by_force * self.force(derivative))
+
+    def _there(self, name: str) -> Array:
+        """What there is of the quantity of a channel of the rig, (N,)."""
+        s, seen = self.rig.structure, [c.name for c in self.rig.response_channels]
+        if name not in seen:
+            return self.force()
+        i = seen.index(name)
+        derivative = DERIVATIVES[self.rig.response_channels[i].quantity]
+        return self._seen(s.channels[i], s.channels_by_joints[i], float(s.channels_by_force[i]), derivative)
+
+    @cached_property
+    def channels(self) -> dict[str, Signal]:
+        """The rig's channels, then `drive`, and motion and force at every port of every joint."""
+        s, rig, dt = self.rig.structure, self.rig, 1.0 / (self.hz * self.samples_per_period)
+        signals = {c.name: Signal(late(c, self._there(c.name), dt), UNITS[c.quantity]) for c in rig.channels}
+        signals["drive"] = Signal(self._seen(s.excitation, s.flexibility_to_force, s.drive_by_force, 0), "m")
+        motion = self.q @ s.joints.T + self.f @ s.flexibility + np.outer(self.force(), s.flexibility_to_force)
+        for i, (name, force) in enumerate(zip(rig.motions, rig.forces, strict=True)):
+            signals[name], signals[force] = Signal(motion[:, i], "m"), Signal(self.f[:, i], "N")
+        return signals
+
+    def harmonics(self, channel: str, H: int, periods: int = 1) -> Array:
+        """Fourier coefficients (2H+1,) of a channel over the last whole periods, phase reference the cosine force.
+
+        Raises
+        ------
+        ValueError
+            If the history is shorter than that, or H too high for its sampling.
+        """
+        N_t = self.samples_per_period
+        if not 0 <= H < N_t / 2 or not 0 < periods * N_t <= len(self.time):
+            raise ValueError(
+                f"harmonics: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
+                "must be fewer than half the samples of a period, and no more periods than there are"
+            )
+        seen = [c.name for c in self.rig.response_channels]
+        rates = 2j * np.pi * self.hz * np.arange(H + 1)
+
+        def spectrum(values: Array) -> Rates:
+            return np.fft.rfft(values[-periods * N_t :].reshape(periods, N_t).mean(axis=0))[: H + 1] / N_t
+
+        if channel in seen:
+            s, i = self.rig.structure, seen.index(channel)
+            sensor = self.rig.response_channels[i]
+            derivative = DERIVATIVES[sensor.quantity]
+            beyond = self.f @ s.channels_by_joints[i] + s.channels_by_force[i] * self.force()
+            # kinks of forces are differentiated in the harmonics, where samples would stand out
+            found = spectrum((self.q, self.qdot, self.qddot)[derivative] @ s.channels[i])
+            found = (found + rates**derivative * spectrum(beyond)) * turn(sensor, rates)
+        else:
+            found = spectrum(self.channels[channel].values)
+        found = found * np.exp(-rates * self.time[-periods * N_t])
+        return np.concatenate([[found[0].real], 2 * found[1:].real, -2 * found[1:].imag])
+
+    @cached_property
+    def steadiness(self) -> float:
+        """Change of the drive displacement over the last two periods, relative to its largest value; NaN if shorter."""
+        return steadiness(self.channels["drive"].values, self.samples_per_period)
+
+
+class JointMarcher:
+    """A rig at one frequency, force amplitude and step: marches states period by period."""
+
+    def __init__(self, rig: JointedRig, hz: float, level: float, steps_per_period: int) -> None:
+        self.rig, self.hz, self.level, self.steps = rig, hz, level, steps_per_period
+        self.dt = 1.0 / (hz * steps_per_period)
+        self.step = JointedStep(rig, self.dt, level)
+        excitation, phase = replace(rig.excitation, amplitude=level), 2 * np.pi * np.arange(steps_per_period + 1)
+        phase = phase / steps_per_period
+        force, rate = excitation.force(phase), 2 * np.pi * hz * excitation.force(phase, 1)
+        self.told = np.column_stack([force[:-1], force[1:], rate[1:]])
+        self._period = self.step.function.mapaccum("period", steps_per_period)
+
+    @property
+    def size(self) -> int:
+        """Length of a state."""
+        return self.step.layout.size
+
+    def period(self, x: Array) -> tuple[Array, float]:
+        """States after every step of a period from a state at phase 0, (steps, size), and the largest residual.
+
+        Raises
+        ------
+        ArithmeticError
+            If a step was not solved.
+        """
+        X, residual = self._period(x, self.told.T)
+        largest = float(np.max(residual.full()))
+        if not largest < RESIDUAL:
+            raise ArithmeticError(
+                f"time step: {self.rig.name} at {self.hz:g} Hz: the joints' forces are {largest:.1e} of the excitation "
+                f"short of their laws; must be below {RESIDUAL:g}; try {2 * self.steps} steps per period"
+            )
+        return np.asarray(X.full().T), largest
+
+    def monodromy(self, x: Array, X: Array) -> Array:
+        """Derivative of the state after a period from `x`, marched as `X`, to that before."""
+        return monodromy(self.step.jacobians(np.vstack([x, X[:-1]]), X, self.told, self.level))
+
+
+def state_at_phase_zero(problem: JointBalance, state: State) -> Array:
+    """State of a time integration (size,) at phase 0 of the force, on a solution of a balance."""
+    basis = problem.basis
+    f, _, _ = problem.forces(state)
+    start = basis.synthesis[0]
+    velocity = state.Omega * (start @ basis.derivative(state.Q))
+    found = [j.at_first() for j in problem.joints]
+    laws = [JointStep(j.law) for j in problem.rig.joints]
+    seen = [
+        signals[[i - len(signals) for i in law.reads if i >= len(signals)]]
+        for law, (_, signals) in zip(laws, found, strict=True)
+    ]
+    return np.concatenate([start @ state.Q, velocity, f[0], *(z for z, _ in found), *seen])
+
+
+def simulate_joints(
+    rig: JointedRig,
+    hz: float,
+    *,
+    periods: int,
+    level: float | None = None,
+    steps_per_period: int = 512,
+    start: Array | None = None,
+    last_periods: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> JointHistory:
+    """Motion of a rig with joints under the force level cos(2 pi hz t).
+
+    Parameters
+    ----------
+    rig : JointedRig
+    hz : float
+        Frequency [Hz], > 0.
+    periods : int
+        How many are marched.
+    level : float, optional
+        Force amplitude [N]; the rig's unless given.
+    steps_per_period : int
+        The error falls with its square.
+    start : (size,) array, optional
+        A state at phase 0 of the force; from rest unless given.
+    last_periods : int, optional
+        Keep these only; everything unless given.
+    progress : callable, optional
+        Told the time reached [s] after each period.
+
+    Returns
+    -------
+    JointHistory
+
+    Raises
+    ------
+    ArithmeticError
+        If a step cannot be solved.
+    """
+    marcher = JointMarcher(rig, hz, rig.excitation.amplitude if level is None else level, steps_per_period)
+    x = np.zeros(marcher.size) if start is None else start
+    first = 0 if last_periods is None else max(0, periods - last_periods)
+    kept, largest = [x[None]], 0.0
+    for i in range(periods):
+        X, residual = marcher.period(x)
+        x, largest = X[-1], max(largest, residual)
+        kept = [*kept, X] if i > first else [kept[-1][-1:], X] if i == first else [X[-1:]]
+        if progress is not None:
+            progress((i + 1) / hz)
+    states = np.concatenate(kept)
+    time = np.asarray(first / hz + marcher.dt * np.arange(len(states)), dtype=float)
+    return JointHistory(rig, hz, marcher.level, time, states, steps_per_period, largest)
+
+
+@dataclass(frozen=True, eq=False)
+class JointPeriod:
+    """A steady state found by shooting.
+
+    Attributes
+    ----------
+    history : JointHistory
+        One period.
+    monodromy : (size, size) array
+        Derivative of the period map.
+    closure : float
+        Change of the state over the period, each part relative to its largest value.
+    iterations : int
+    """
+
+    history: JointHistory
+    monodromy: Array
+    closure: float
+    iterations: int
+
+
+class _Period:
+    """A period marched from a state, and how well it closes."""
+
+    def __init__(self, marcher: JointMarcher, x: Array, scale: Array | None = None) -> None:
+        self.marcher, self.x = marcher, x
+        self.X, self.residual = marcher.period(x)
+        self.scale: Array = self._reached() if scale is None else scale
+
+    def _reached(self) -> Array:
+        """Unit of each entry of the state: what modes, velocities and forces reach; for the rest what changes a force.
+
+        An anchor that never moves has no size of its own.
+        """
+        n, forces = self.marcher.rig.structure.n, self.marcher.step.layout.f
+        scale = np.maximum(np.abs(self.X).max(axis=0), np.abs(self.x))
+        for group in (slice(0, n), slice(n, 2 * n), forces):
+            scale[group] = scale[group].max()
+        pull = np.abs(self._steps()[:, forces, forces.stop :]).max(axis=(0, 1))
+        largest = scale[forces].max()
+        needed = np.divide(largest, pull, out=np.zeros_like(pull), where=pull > 0.0)
+        scale[forces.stop :] = np.maximum(scale[forces.stop :], needed)
+        return np.where(scale > 0.0, scale, 1.0)
+
+    def _steps(self) -> Array:
+        marcher = self.marcher
+        return marcher.step.jacobians(np.vstack([self.x, self.X[:-1]]), self.X, marcher.told, marcher.level)
+
+    @property
+    def closure(self) -> float:
+        """Largest change of the state over the period, in units of what each entry reaches."""
+        return float(np.abs((self.X[-1] - self.x) / self.scale).max())
+
+    def improved(self) -> "_Period":
+        """A Newton step, shortened while it does not help; where the period leads to if no fraction does."""
+        scale = self.scale
+        matrix = (self.marcher.monodromy(self.x, self.X) - np.eye(len(scale))) * scale / scale[:, None]
+        step = scale * np.linalg.lstsq(matrix, (self.x - self.X[-1]) / scale, rcond=1e-10)[0]
+        for fraction in (1.0, 0.5, 0.25, 0.125):
+            try:
+                trial = _Period(self.marcher, self.x + fraction * step, scale)
+            except ArithmeticError:  # too far out for its steps to be solved
+                continue
+            if trial.closure < self.closure:
+                return trial
+        return _Period(self.marcher, self.X[-1], scale)
+
+
+def joint_steady_state(
+    rig: JointedRig,
+    hz: float,
+    *,
+    level: float | None = None,
+    steps_per_period: int = 1024,
+    start: Array | None = None,
+    tolerance: float = 1e-9,
+    max_iterations: int = 30,
+) -> JointPeriod:
+    """Periodic motion of a rig with joints by Newton on the period map; from 30 periods after rest unless given.
+
+    Arguments as of :func:`simulate_joints`; where a joint never slips the solution nearest to the start is taken.
+
+    Raises
+    ------
+    ArithmeticError
+        If a step cannot be solved, or the motion does not close to 1e-6.
+    """
+    marcher = JointMarcher(rig, hz, rig.excitation.amplitude if level is None else level, steps_per_period)
+    x = np.zeros(marcher.size) if start is None else start
+    for _ in range(30 if start is None else 0):
+        x = marcher.period(x)[0][-1]
+    period = _Period(marcher, x)
+    for iterations in range(max_iterations + 1):
+        if period.closure < tolerance or iterations == max_iterations:
+            break
+        period = period.improved()
+    x, X, closure = period.x, period.X, period.closure
+    if closure > 1e-6:
+        raise ArithmeticError(
+            f"{rig.name} at {hz:g} Hz: no periodic motion after {iterations} Newton steps, closure {closure:.1e}; "
+            "start from a harmonic balance solution, or march longer"
+        )
+    states = np.vstack([x, X[:-1]])
+    time = np.asarray(marcher.dt * np.arange(len(states)), dtype=float)
+    history = JointHistory(rig, hz, marcher.level, time, states, steps_per_period, period.residual)
+    return JointPeriod(history, marcher.monodromy(x, X), closure, iterations)

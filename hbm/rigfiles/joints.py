@@ -1,0 +1,282 @@
+"""Rig files with ``[[joints]]``: any body, any number of joints; a checked :class:`models.jointed.JointedRig` out."""
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, create_model
+
+from hbm.errors import InputError
+from hbm.rigfiles.laws import accepted_laws, find_law
+from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
+from hbm.rigfiles.schema import (
+    BeamTable,
+    ChannelName,
+    Complaint,
+    DampingTable,
+    NonNegative,
+    Positive,
+    Table,
+    complaints_of,
+    found,
+    law_table,
+    ranked,
+)
+from hbm.textfiles import why
+from models import Beam, Channel, Damping, Excitation
+from models.bodies.finite import End, FiniteBeam
+from models.bodies.matrix import MatrixBody, Method
+from models.bodies.modal import ModalModel
+from models.bodies.ported import Body
+from models.jointed import JointedRig
+from models.joints import JOINT_LAWS, Friction, Joint
+from models.parts import Quantity
+
+BODIES = ("beam", "modal", "matrix")
+"""Tables that say what vibrates."""
+
+Place = Annotated[str, Field(min_length=1)]
+Places = Place | Annotated[list[Place], Field(min_length=1)]
+
+
+class HeldBeamTable(BeamTable):
+    """``[beam]`` with joints: how its ends are held."""
+
+    root: End = "clamped"
+    tip: End = "supported"
+
+
+class PortedModalTable(Table):
+    """``[modal]`` with joints, the arguments of :class:`models.bodies.modal.ModalModel`."""
+
+    frequencies_hz: Annotated[list[NonNegative], Field(min_length=1)]
+    ports: dict[str, list[float]]
+    flexibility: list[list[float]] | None = None
+    damping_matrix: list[list[float]] | None = None
+    reactions: dict[str, list[float]] = Field(default_factory=dict)
+    shares: dict[str, list[float]] = Field(default_factory=dict)
+
+
+class MatrixTable(Table):
+    """``[matrix]``: files of matrices, each as ``file`` or ``file:key``."""
+
+    mass: str
+    stiffness: str
+    damping: str | None = None
+    dofs: str | None = None
+    fixed: list[str] = Field(default_factory=list)
+    modes: Annotated[int, Field(ge=1, le=1000)] = 20
+    reduction: Method = "modes"
+
+
+class PlacedExcitationTable(Table):
+    """``[excitation]`` of a rig with joints: its place, or its position on a beam."""
+
+    amplitude: Positive
+    at: Place | None = None
+    position: NonNegative | None = None
+
+
+class PlacedChannelTable(Table):
+    """An entry of ``[[channels]]`` of a rig with joints."""
+
+    name: ChannelName
+    quantity: Quantity
+    at: Place | None = None
+    position: NonNegative | None = None
+    repeatability: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+
+
+class JointedRigTable(Table):
+    """A rig file with ``[[joints]]``."""
+
+    name: str
+    beam: HeldBeamTable | None = None
+    modal: PortedModalTable | None = None
+    matrix: MatrixTable | None = None
+    damping: DampingTable = DampingTable()
+    joints: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    excitation: PlacedExcitationTable
+    channels: list[PlacedChannelTable] = Field(default_factory=list)
+
+
+@cache
+def joint_table(law: type) -> type[Table]:
+    """Schema of an entry of ``[[joints]]`` for one law: a law of joints, or of friction with what presses it."""
+    entries: dict[str, Any] = {"name": (ChannelName, ...), "at": (Places, ...), "to": (Places | None, None)}
+    if law not in JOINT_LAWS.values():
+        entries |= {
+            "normal_load": (NonNegative, ...),
+            "normal_stiffness": (Positive | None, None),
+            "loaded_by": (str, ""),
+        }
+    return create_model(f"{law.__name__}JointTable", __base__=law_table(law), **entries)
+
+
+def jointed_rig(table: Mapping[str, Any], source: str) -> JointedRig:
+    """Make a rig with joints of the tables of a rig file.
+
+    Parameters
+    ----------
+    table : mapping
+        What :func:`tomllib.load` returns for a rig file.
+    source : str
+        Name of the file, for messages; files that it names are looked for beside it.
+
+    Raises
+    ------
+    InputError
+        If something in the tables, or in a file that they name, is not accepted.
+    """
+    folder = Path(source).parent
+    complaint = min(_complaints(table, folder), key=lambda c: ranked(table, c.key), default=None)
+    if complaint is not None:
+        raise InputError(f"{source}: {complaint}")
+    file = JointedRigTable.model_validate(table)
+    try:
+        return JointedRig(
+            name=file.name,
+            body=_body(file, folder),
+            damping=_damping(file.damping),
+            joints=tuple(_joint(entry, folder) for entry in file.joints),
+            excitation=Excitation(**_placed(file.excitation)),
+            channels=tuple(Channel(**_placed(channel)) for channel in file.channels),
+        )
+    except ValueError as refused:
+        raise InputError(f"{source}: {refused}") from None
+
+
+def _complaints(table: Mapping[str, Any], folder: Path) -> Iterator[Complaint]:
+    yield from complaints_of(JointedRigTable, table, ())
+    given = [name for name in BODIES if name in table]
+    if len(given) != 1:
+        what = "is missing" if not given else f"and {given[1]} are both present"
+        yield Complaint((given[0] if given else "beam",), what, "must have one of [beam], [modal], [matrix]")
+    if "contact" in table:
+        yield Complaint(("contact",), "and joints are both present", "must have one of them; a contact is a joint")
+    joints = table.get("joints")
+    for i, entry in enumerate(joints if isinstance(joints, list) else []):
+        if isinstance(entry, dict):
+            yield from _of_joint(entry, i, folder)
+    if "matrix" in table or "modal" in table:
+        yield from _of_places(table)
+
+
+def _of_joint(entry: dict[str, Any], i: int, folder: Path) -> Iterator[Complaint]:
+    key, name = ("joints", i, "law"), entry.get("law")
+    accepted = f"{accepted_laws()}; or {', '.join(JOINT_LAWS)}"
+    if not isinstance(name, str):
+        yield Complaint(key, "is missing" if name is None else found(name), f"must be {accepted}")
+        return
+    try:
+        law = _law_of(name, folder)
+    except InputError as refused:
+        yield Complaint(key, found(name), f"{refused}; or {', '.join(JOINT_LAWS)}")
+        return
+    yield from complaints_of(joint_table(law), entry, ("joints", i))
+
+
+def _of_places(table: Mapping[str, Any]) -> Iterator[Complaint]:
+    """What is placed by a position where places have names."""
+    excitation, channels = table.get("excitation"), table.get("channels")
+    if isinstance(excitation, dict) and "at" not in excitation:
+        yield Complaint(("excitation", "at"), "is missing", "must name a place of the body")
+    for i, channel in enumerate(channels if isinstance(channels, list) else []):
+        if isinstance(channel, dict) and channel.get("quantity") != "force" and "at" not in channel:
+            yield Complaint(("channels", i, "at"), "is missing", "must name a place of the body")
+
+
+def _law_of(name: str, folder: Path) -> type:
+    return JOINT_LAWS[name] if name in JOINT_LAWS else find_law(name, folder)
+
+
+def _joint(entry: dict[str, Any], folder: Path) -> Joint:
+    kind = _law_of(entry["law"], folder)
+    values = joint_table(kind).model_validate(entry).model_dump(exclude={"law"})
+    name, at, to = values.pop("name"), _listed(values.pop("at")), _listed(values.pop("to"))
+    loaded_by = values.pop("loaded_by", "")
+    own = kind in JOINT_LAWS.values()
+    pressed = {} if own else {key: values.pop(key) for key in ("normal_load", "normal_stiffness")}
+    law = kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})
+    return Joint(name, law if own else Friction(law, **pressed), at, to, loaded_by)
+
+
+def _listed(places: str | list[str] | None) -> tuple[str, ...]:
+    return () if places is None else (places,) if isinstance(places, str) else tuple(places)
+
+
+def _placed(what: PlacedExcitationTable | PlacedChannelTable) -> dict[str, Any]:
+    values = what.model_dump()
+    return values | {"at": values["at"] or "", "position": values["position"] or 0.0}
+
+
+def _damping(damping: DampingTable) -> Damping:
+    entries = damping.model_dump(exclude={"mass_proportional", "modal_ratios"})
+    ratios = None if damping.modal_ratios is None else tuple(damping.modal_ratios)
+    return Damping(mass_proportional=damping.mass_proportional or 0.0, modal_ratios=ratios, **entries)
+
+
+def _body(file: JointedRigTable, folder: Path) -> Body:
+    if file.beam is not None:
+        values = file.beam.model_dump()
+        root, tip = values.pop("root"), values.pop("tip")
+        return FiniteBeam(Beam(**values), root, tip)
+    if file.modal is not None:
+        return _modal(file.modal)
+    if file.matrix is None:
+        raise ValueError("no body")
+    return _matrix(file.matrix, folder)
+
+
+def _modal(modal: PortedModalTable) -> ModalModel:
+    def rows(values: list[list[float]] | None) -> tuple[tuple[float, ...], ...] | None:
+        return None if values is None else tuple(map(tuple, values))
+
+    return ModalModel(
+        frequencies_hz=tuple(modal.frequencies_hz),
+        ports={name: tuple(row) for name, row in modal.ports.items()},
+        flexibility=rows(modal.flexibility),
+        damping_matrix=rows(modal.damping_matrix),
+        reactions={name: tuple(row) for name, row in modal.reactions.items()},
+        shares={name: tuple(row) for name, row in modal.shares.items()},
+    )
+
+
+def _matrix(matrix: MatrixTable, folder: Path) -> MatrixBody:
+    stiffness, names = _read(matrix.stiffness, folder, None)
+    mass, _ = _read(matrix.mass, folder, names)
+    damping = None if matrix.damping is None else _read(matrix.damping, folder, names)[0]
+    if matrix.dofs is not None:
+        try:
+            names = tuple((folder / matrix.dofs).read_text(encoding="utf-8").split())
+        except (OSError, UnicodeDecodeError) as refused:
+            raise InputError(
+                f'matrix.dofs = "{matrix.dofs}": cannot be read ({why(refused)}); must be a text file of names'
+            ) from None
+    names = names or tuple(str(i + 1) for i in range(mass.shape[0]))
+    # a node stands for all its degrees of freedom
+    fixed = [name for given in matrix.fixed for name in ([n for n in names if _at(n, given)] or [given])]
+    return MatrixBody(
+        mass,
+        stiffness,
+        names,
+        modes=matrix.modes,
+        damping_matrix=damping,
+        fixed=tuple(dict.fromkeys(fixed)),
+        reduction=matrix.reduction,
+    )
+
+
+def _at(name: str, given: str) -> bool:
+    """Whether a degree of freedom is that given, or of the node given."""
+    return name == given or name.startswith(f"{given}.")
+
+
+def _read(named: str, folder: Path, names: tuple[str, ...] | None) -> tuple[Any, tuple[str, ...] | None]:
+    """A matrix, and the names of its degrees of freedom where its file says them."""
+    path, colon, key = named.rpartition(":")
+    file = folder / (path if colon else named)
+    if file.suffix.lower() not in ENDINGS or (file.suffix == ".mtx" and file.exists() and not is_matrix_market(file)):
+        return read_abaqus(file, names)
+    return read_matrix(file, key if colon else None), names

@@ -1,0 +1,221 @@
+"""Matrices of finite-element models: SciPy, Matrix Market and MAT files, and the text that Abaqus writes."""
+
+import re
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+
+from hbm.errors import InputError
+from hbm.textfiles import StrPath, why
+
+Matrix = Any  # of scipy.sparse, which has no types
+ENDINGS = (".npz", ".mtx", ".mat")
+DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
+ABAQUS = "lines of row node, row dof, column node, column dof, value, as *MATRIX OUTPUT, FORMAT=MATRIX INPUT writes"
+
+
+def read_matrix(path: StrPath, key: str | None = None) -> Matrix:
+    """Read a matrix.
+
+    Parameters
+    ----------
+    path : str or path
+        ``.npz`` of :func:`scipy.sparse.save_npz` or of named arrays, ``.mat`` (v5 to v7), or ``.mtx``, Matrix Market or
+        the text of :func:`read_abaqus`.
+    key : str, optional
+        Name of the array in an ``.npz`` or ``.mat`` that has several.
+
+    Returns
+    -------
+    (m, n) sparse array
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, or has no such matrix of real numbers.
+    """
+    ending = Path(path).suffix.lower()
+    if ending not in ENDINGS:
+        raise InputError(f"{path}: ends in {ending or 'nothing'}; must end in {', '.join(ENDINGS)}")
+    _refuse_absent(path)
+    if ending == ".mtx":
+        if key is not None:
+            raise InputError(f'{path}: key = "{key}"; must be absent, a .mtx file has one matrix')
+        return _of(path, _matrix_market(path)) if is_matrix_market(path) else read_abaqus(path)[0]
+    return _npz(path, key) if ending == ".npz" else _mat(path, key)
+
+
+def read_abaqus(path: StrPath, names: tuple[str, ...] | None = None) -> tuple[Matrix, tuple[str, ...]]:
+    """Read a symmetric matrix of ``*MATRIX GENERATE`` and ``*MATRIX OUTPUT, FORMAT=MATRIX INPUT``.
+
+    Parameters
+    ----------
+    path : str or path
+        Text; either half or the whole matrix.
+    names : tuple of str, (d,), optional
+        Degrees of freedom of another file: a mass has no lines for those without any.
+
+    Returns
+    -------
+    (d, d) sparse array
+    tuple of str, (d,)
+        Names such as ``12.rx``, by node and direction, unless given.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or a line is none of a symmetric matrix.
+    """
+    _refuse_absent(path)
+    lines = _abaqus_lines(path)
+    ends = lines[:, :4].astype(np.int64).reshape(-1, 2)
+    places, numbers = np.unique(ends, axis=0, return_inverse=True)
+    own = tuple(f"{node}.{DIRECTIONS.get(dof, dof)}" for node, dof in places.tolist())
+    rows, columns = numbers.reshape(-1, 2).T
+    if names is not None:
+        position = {name: i for i, name in enumerate(names)}
+        if stranger := next((name for name in own if name not in position), None):
+            said = ", ".join(names[:4]) + (", ..." if len(names) > 4 else "")
+            raise InputError(f"{path}: has {stranger}; must be on the {len(names)} degrees of freedom {said}")
+        order = np.array([position[name] for name in own], dtype=np.intp)
+        rows, columns = order[rows], order[columns]
+    return _symmetric(path, rows, columns, lines[:, 4], names or own), names or own
+
+
+# ---------------------------------------------------------------------------------------------------------- Abaqus text
+
+
+def _abaqus_lines(path: StrPath) -> npt.NDArray[np.float64]:
+    """Numbers (lines, 5)."""
+    try:
+        lines = np.loadtxt(path, delimiter=",", comments=["*"], ndmin=2, encoding="utf-8-sig", usecols=range(5))
+        if lines.size and np.array_equal(lines[:, :4], np.rint(lines[:, :4])) and (lines[:, [1, 3]] > 0).all():
+            if _fields(path) == 5:
+                return lines
+    except UnicodeDecodeError as refused:
+        raise InputError(f"{path}: cannot be read ({why(refused)}); must be {ABAQUS}") from None
+    except (OSError, ValueError):
+        pass
+    _refuse_bad_line(path)
+
+
+def _fields(path: StrPath) -> int:
+    """Of the first line of numbers: those of another format may begin alike."""
+    with open(path, encoding="utf-8-sig") as file:
+        return next((len(line.rstrip().rstrip(",").split(",")) for line in file if line.split("*")[0].strip()), 0)
+
+
+def _refuse_bad_line(path: StrPath) -> NoReturn:
+    number = r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*"
+    line_of = re.compile(rf"\s*[+-]?\d+\s*,\s*\d*[1-9]\d*\s*,\s*[+-]?\d+\s*,\s*\d*[1-9]\d*\s*,{number},?\s*")
+    with open(path, encoding="utf-8-sig") as file:
+        for i, line in enumerate(file, start=1):
+            said = line.split("*")[0].strip()
+            if said and not line_of.fullmatch(said):
+                raise InputError(f'{path} line {i}: "{said:.60}"; must be {ABAQUS}')
+    raise InputError(f"{path}: has no line of numbers; must be {ABAQUS}")
+
+
+def _symmetric(path: StrPath, rows: Any, columns: Any, values: Any, names: tuple[str, ...]) -> Matrix:
+    """The whole of a matrix of which either half, or all, is given."""
+    d = len(names)
+    keys = rows.astype(np.int64) * d + columns
+    order = np.argsort(keys, kind="stable")
+    keys, rows, columns, values = keys[order], rows[order], columns[order], values[order]
+    if (twice := np.flatnonzero(np.diff(keys) == 0)).size:
+        i = twice[0]
+        raise InputError(f"{path}: gives {names[rows[i]]}, {names[columns[i]]} twice; must give each entry once")
+    mirrored = columns.astype(np.int64) * d + rows
+    at = np.minimum(np.searchsorted(keys, mirrored), len(keys) - 1)
+    both = keys[at] == mirrored
+    apart = np.where(both, np.abs(values - values[at]), 0.0)
+    if (bad := apart > 1e-8 * (np.abs(values) + np.abs(values[at]))).any():
+        i = int(np.argmax(bad))
+        here, there = f"{values[i]:g} at {names[rows[i]]}, {names[columns[i]]}", f"{values[at[i]]:g}"
+        raise InputError(f"{path}: has {here} and {there} at its mirror image; must be symmetric")
+    alone = ~both
+    whole = (
+        np.concatenate([values, values[alone]]),
+        (np.concatenate([rows, columns[alone]]), np.concatenate([columns, rows[alone]])),
+    )
+    return sparse.csc_array(whole, shape=(d, d))
+
+
+# --------------------------------------------------------------------------------------------------------- other files
+
+
+def _refuse_absent(path: StrPath) -> None:
+    try:
+        with open(path, "rb"):
+            pass
+    except OSError as refused:
+        raise InputError(f"{path}: cannot be read ({why(refused)}); must be a file with a matrix") from None
+
+
+def is_matrix_market(path: StrPath) -> bool:
+    """Whether a file begins as Matrix Market files do."""
+    with open(path, "rb") as file:
+        return file.read(64).lstrip().lower().startswith(b"%%matrixmarket")
+
+
+def _matrix_market(path: StrPath) -> Any:
+    from scipy.io import mmread
+
+    try:
+        return mmread(path)
+    except Exception as refused:  # SciPy lets through whatever its reader raises
+        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be Matrix Market") from None
+
+
+def _npz(path: StrPath, key: str | None) -> Matrix:
+    accepted = "must be .npz of scipy.sparse.save_npz, or of named arrays"
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        if {"format", "shape", "data"} <= set(arrays):
+            if key is not None:
+                raise InputError(f'{path}: key = "{key}"; must be absent, the file is one sparse matrix')
+            return _of(path, sparse.load_npz(path))
+    except InputError:
+        raise
+    except Exception as refused:  # NumPy lets through whatever zip, pickle and its own headers raise
+        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); {accepted}") from None
+    return _named(path, arrays, key)
+
+
+def _mat(path: StrPath, key: str | None) -> Matrix:
+    from scipy.io import loadmat
+
+    try:
+        variables = loadmat(path)
+    except NotImplementedError:  # HDF5
+        raise InputError(f"{path}: is a MAT file v7.3; must be v5 to v7, save it with -v7") from None
+    except Exception as refused:  # SciPy lets through whatever a damaged file makes it do
+        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a MAT file, v5 to v7") from None
+    return _named(path, {name: value for name, value in variables.items() if not name.startswith("__")}, key)
+
+
+def _named(path: StrPath, arrays: dict[str, Any], key: str | None) -> Matrix:
+    if key is None and len(arrays) == 1:
+        (key,) = arrays
+    if key not in arrays:
+        found = "no key" if key is None else f'key = "{key}"'
+        raise InputError(f"{path}: {found}; must be one of {', '.join(sorted(arrays)) or 'none, the file is empty'}")
+    return _of(path, arrays[key], f" {key}")
+
+
+def _of(path: StrPath, found: Any, name: str = "") -> Matrix:
+    """What was found as a sparse array."""
+    kind = getattr(getattr(found, "dtype", None), "kind", "O")
+    if kind not in "iufb" or len(getattr(found, "shape", ())) != 2:
+        shape = " x ".join(str(n) for n in getattr(found, "shape", ())) or "no"
+        what = {"c": "complex", "O": "not numbers", "U": "text"}.get(kind, "numbers")
+        raise InputError(f"{path}:{name} is {what}, {shape} entries; must be a matrix of real numbers")
+    return sparse.csc_array(found, dtype=float)
+
+
+def _first_line(refused: Exception) -> str:
+    return next(iter(str(refused).splitlines()), type(refused).__name__).lower()

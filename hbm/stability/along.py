@@ -1,0 +1,149 @@
+"""What the multipliers of points along a curve tell for certain, and where more points must be asked.
+
+A multiplier is known to an error only, :attr:`Stability.error`. On which side of the unit circle it is is certain only
+further from it than that. So a bubble, in which it crosses the circle and returns, is certain only if it is higher than
+the error; :func:`hiding` says which steps are too long to rule such a bubble out, :func:`crossings` which crossings are
+certain and which points belong to lower bubbles.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.fourier import Array
+from hbm.stability.multipliers import ROUNDING, Stability
+
+Flags = npt.NDArray[np.bool_]
+Sides = npt.NDArray[np.intp]
+
+FAR = 0.1
+"""Logarithm of a magnitude that counts as far from the unit circle; beyond, it is not followed."""
+
+STEEPER = 2.0
+"""Between two points multipliers may change so many times faster than they do there and next to there."""
+
+NARROW = 1e-3
+"""A crossing is at one place if within this fraction of what is varied the multiplier is known for certain again."""
+
+FINE = 5e-4
+"""Steps of this fraction of what is varied tell how high a bubble is that was no higher than the error where met."""
+
+GRAZING = 0.25
+"""Beside a point whose multiplier is closer to the unit circle than this part of its error, steps are NARROW too."""
+
+
+def growth(stability: Stability, rank: int) -> float:
+    """Logarithm of the magnitude of the multiplier of a rank, the largest first; at most FAR in magnitude."""
+    magnitudes = np.abs(stability.multipliers)
+    if not 0 <= rank < len(magnitudes):
+        return FAR if rank < 0 else -FAR
+    return float(np.log(np.clip(magnitudes[rank], np.exp(-FAR), np.exp(FAR))))
+
+
+def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags:
+    """Steps between neighbouring points that may hide a bubble higher than the error, (points - 1,).
+
+    There a multiplier, as steep as next to there and STEEPER, could reach beyond the unit circle and return; or it
+    grazes the circle and the step is not NARROW.
+
+    Parameters
+    ----------
+    found : sequence of Stability
+        Of the points, in the order of travel.
+    arclength, values : (points,) array
+        Of the points, and what is varied along the curve.
+    """
+    count, error = np.array([s.unstable for s in found]), np.array([s.error for s in found])
+    ranks = np.arange(-1, count.max() + 1)
+    grown = np.array([[growth(s, rank) for rank in ranks] for s in found])  # (points, ranks)
+    error = np.maximum(error[1:], error[:-1])[:, None]
+    length = np.maximum(np.diff(arclength), np.finfo(float).tiny)[:, None]
+    slope = np.maximum(np.abs(np.diff(grown, axis=0)) - 2.0 * error, 0.0) / length
+    padded = np.pad(slope, ((1, 1), (0, 0)))
+    steepest = np.maximum(slope, np.maximum(padded[:-2], padded[2:]))
+    crossed = grown[1:] * grown[:-1] < 0.0
+    ends = np.abs(grown[1:]), np.abs(grown[:-1])
+    least = ends[0] + ends[1] + np.where(crossed, 4.0, 2.0) * error
+    low, high = np.minimum(count[1:], count[:-1])[:, None], np.maximum(count[1:], count[:-1])[:, None]
+    concerned = (ranks >= low - 1) & (ranks <= high)
+    wide = (np.abs(np.diff(values)) / np.abs(values[1:]))[:, None]
+    outside = np.maximum(grown[1:], grown[:-1]) > ROUNDING
+    grazing = (wide > NARROW) & (np.minimum(*ends) < GRAZING * error)
+    shallow = (wide > FINE) & outside & (np.minimum(*ends) < error)
+    out = np.asarray(np.any(concerned & (grazing | shallow | (least < STEEPER * steepest * length)), axis=1))
+    for rank in range(count.max()):
+        side = sides(found, rank)
+        for i, j in pairwise(np.flatnonzero(side).tolist()):
+            if side[i] != side[j] and not at_one_place(found, values, rank, i, j):
+                out[[i, j - 1]] |= wide[[i, j - 1], 0] > FINE
+    return out
+
+
+def sides(found: Sequence[Stability], rank: int) -> Sides:
+    """Side of the unit circle on which the multiplier of a rank is, (points,).
+
+    1 outside, -1 inside, 0 where it is closer than its error.
+    """
+    grown, error = _grown(found, rank)
+    return np.where(np.abs(grown) > error, np.sign(grown), 0.0).astype(int)
+
+
+def crossings(found: Sequence[Stability], values: Array, rank: int) -> tuple[list[tuple[int, int]], Flags]:
+    """Where the multiplier of a rank is on the other side for certain, and the points for which that is in doubt.
+
+    In doubt are points of bubbles no higher than the error, and of crossings so slow that they have no one place.
+
+    Parameters
+    ----------
+    found : sequence of Stability
+        Of the points, in the order of travel.
+    values : (points,) array
+        What is varied along the curve.
+    rank : int
+
+    Returns
+    -------
+    list of (int, int)
+        Points known for certain on either side of each crossing, none so between them.
+    (points,) bool array
+    """
+    grown, _ = _grown(found, rank)
+    outside, side = grown > ROUNDING, sides(found, rank)
+    doubtful = np.zeros(len(found), dtype=bool)
+    across: list[tuple[int, int]] = []
+    known = np.flatnonzero(side)
+    if not known.size:
+        doubtful[:] = np.any(outside != outside[0])
+        return across, doubtful
+    first, last = known[[0, -1]]
+    doubtful[:first] = outside[:first] != outside[first]
+    doubtful[last:] = outside[last:] != outside[last]
+    for i, j in pairwise(known.tolist()):
+        between = slice(i + 1, j)
+        if side[i] == side[j]:
+            doubtful[between] = outside[between] != outside[i]
+            continue
+        if at_one_place(found, values, rank, i, j):
+            across.append((i, j))
+        else:
+            doubtful[between] = True
+    return across, doubtful
+
+
+def at_one_place(found: Sequence[Stability], values: Array, rank: int, i: int, j: int) -> bool:
+    """Whether a crossing between two points known for certain is within NARROW."""
+
+    def edge(known: int, beside: int) -> float:
+        """Where, from a point known for certain to the one beside it, the multiplier is as close as its error."""
+        grown = growth(found[known], rank), growth(found[beside], rank)
+        share = (abs(grown[0]) - found[known].error) / abs(grown[0] - grown[1])
+        return float(values[known] + share * (values[beside] - values[known]))
+
+    return bool(abs(edge(i, i + 1) - edge(j, j - 1)) <= NARROW * abs(values[i]))
+
+
+def _grown(found: Sequence[Stability], rank: int) -> tuple[Array, Array]:
+    """Growth of a rank, and its error, (points,) each."""
+    return np.array([growth(s, rank) for s in found]), np.array([s.error for s in found])

@@ -1,0 +1,203 @@
+"""The beam of a rig file as finite elements, with any supports at its ends: places anywhere, axial motion too."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from scipy import sparse
+
+from models.beam import Beam
+from models.bodies.matrix import MatrixBody
+from models.bodies.ported import PortedModes
+from models.parts import Damping
+from models.structure import Array
+
+End = Literal["clamped", "supported", "free"]
+
+ELEMENTS = 60
+PER_MODE = 8
+"""Fewest Hermite elements, and per mode: they make the frequencies to 1e-5."""
+
+SAME, NEAREST = 1e-9, 2e-4
+"""Of the length: places nearer than the first are one, further apart than the second they are two."""
+
+PLACE = re.compile(r"(y|slope|axial)\(([0-9.eE+-]+)\)")
+
+MOTIONS = ("axial", "y", "slope")
+"""Displacements of a node, in their order: along the beam, across it, rotation."""
+
+
+@dataclass(frozen=True)
+class FiniteBeam:
+    """A beam of Hermite elements with bars along them.
+
+    Its places are ``y(x)`` (deflection), ``slope(x)`` (rotation) and ``axial(x)`` at x [m]; its supports the ends'
+    ``y(0)``, ``slope(0)``... that are held.
+
+    Attributes
+    ----------
+    beam : Beam
+        Geometry, material and number of modes.
+    root, tip : {"clamped", "supported", "free"}
+        How x = 0 and x = L are held; a supported end keeps its height, and the root its place along the beam.
+    """
+
+    beam: Beam
+    root: End = "clamped"
+    tip: End = "supported"
+
+    def __post_init__(self) -> None:
+        """Refuse ends that are none."""
+        for name in ("root", "tip"):
+            if getattr(self, name) not in get_args(End):
+                raise ValueError(
+                    f'FiniteBeam: {name} = "{getattr(self, name)}"; must be one of {", ".join(get_args(End))}'
+                )
+
+    def __str__(self) -> str:
+        """Its measures and how it is held."""
+        b = self.beam
+        measures = " x ".join(f"{1e3 * size:g}" for size in (b.length, b.width, b.thickness))
+        return (
+            f"beam {measures} mm, E {1e-9 * b.youngs_modulus:g} GPa, density {b.density:g} kg/m3, "
+            f"{b.modes} modes, root {self.root}, tip {self.tip}"
+        )
+
+    @property
+    def modes(self) -> int:
+        """How many are kept."""
+        return self.beam.modes
+
+    def with_modes(self, modes: int) -> "FiniteBeam":
+        """Return the same beam with another number of modes."""
+        return replace(self, beam=replace(self.beam, modes=modes))
+
+    def ported(self, places: Sequence[str], damping: Damping, supports: Sequence[str] = ()) -> PortedModes:
+        """Return its modes with the rows of places.
+
+        Raises
+        ------
+        ValueError
+            If a place is not on the beam, or a support is none.
+        """
+        asked = [self._place(place) for place in places]
+        nodes = self._nodes([x for _, x in asked])
+        at = [(motion, nodes[int(np.argmin(np.abs(nodes - x)))]) for motion, x in asked]
+        matrices = self.matrices(nodes.tolist())
+        known = {_support(name): name for name in matrices.fixed}
+        missing = next((name for name in supports if name not in known), None)
+        if missing is not None:
+            raise ValueError(f'no support "{missing}"; there are {", ".join(known) or "none"}')
+        found = matrices.ported(
+            [f"{motion}@{float(x)!r}" for motion, x in at], damping, [known[name] for name in supports]
+        )
+        return replace(found, places=tuple(places), supports=tuple(supports))
+
+    def _nodes(self, positions: Sequence[float]) -> Array:
+        """Where something touches, and both ends, ascending; what rounding sets apart is one place.
+
+        Raises
+        ------
+        ValueError
+            If places are so near that an element between them would spoil the others.
+        """
+        length = self.beam.length
+        inner = np.sort([x for x in positions if SAME * length < x < (1.0 - SAME) * length])
+        inner = inner[np.diff(inner, prepend=-length) > SAME * length]
+        nodes = np.concatenate([[0.0], inner, [length]])
+        i = int(np.argmin(np.diff(nodes)))
+        if nodes[i + 1] - nodes[i] < NEAREST * length:
+            least = f"{NEAREST * length:.2g} m"
+            raise ValueError(
+                f"places at {nodes[i]:.9g} and {nodes[i + 1]:.9g} m; must be the same or further apart than {least}"
+            )
+        return nodes
+
+    def _place(self, place: str) -> tuple[str, float]:
+        match, length = PLACE.fullmatch(place), self.beam.length
+        try:
+            x = float(match[2]) if match else -1.0
+        except ValueError:
+            x = -1.0
+        if match is None or not 0.0 <= x <= length:
+            raise ValueError(
+                f'no place "{place}" on the beam; must be y(x), slope(x) or axial(x) with x 0 to {length:g}'
+            )
+        return match[1], x
+
+    def matrices(self, positions: Sequence[float] = ()) -> MatrixBody:
+        """Its matrices, with a node at every position [m]; degrees of freedom are named ``y@x`` and so on."""
+        b = self.beam
+        elements = max(ELEMENTS, PER_MODE * b.modes)
+        even = np.linspace(0.0, b.length, elements + 1)
+        # a node where something touches takes the place of the nearest one, unless that is an end
+        wanted = sorted({0.0, b.length, *map(float, positions)})
+        apart = np.min(np.abs(even[:, None] - np.array(wanted)), axis=1) > 0.3 * b.length / elements
+        x = np.array(sorted([*wanted, *even[apart].tolist()]))
+        M, K = _assembled(b, np.diff(x))
+        names = tuple(f"{motion}@{float(at)!r}" for at in x for motion in MOTIONS)
+        fixed = [*self._fixed(0.0, self.root, root=True), *self._fixed(float(b.length), self.tip, root=False)]
+        return MatrixBody(M, K, dofs=names, fixed=tuple(fixed), modes=b.modes)
+
+    def _fixed(self, x: float, end: End, root: bool) -> list[str]:
+        held = {"clamped": ("y", "slope"), "supported": ("y",), "free": ()}[end]
+        along = ("axial",) if root and end != "free" else ()
+        return [f"{motion}@{x!r}" for motion in (*along, *held)]
+
+
+def _support(dof: str) -> str:
+    """Name of a place of a degree of freedom, ``y@0.6`` as ``y(0.6)``."""
+    motion, x = dof.split("@")
+    return f"{motion}({float(x):g})"
+
+
+def _assembled(
+    b: Beam, lengths: np.ndarray[tuple[int], np.dtype[np.float64]]
+) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """Mass and stiffness of Hermite elements with bars of given lengths."""
+    EI, EA, m = b.bending_stiffness, b.youngs_modulus * b.area, b.mass_per_length
+    rows, columns, masses, stiffnesses = [], [], [], []
+    for e, h in enumerate(lengths):
+        bending = [3 * e + 1, 3 * e + 2, 3 * e + 4, 3 * e + 5]
+        along = [3 * e, 3 * e + 3]
+        k = (
+            EI
+            / h**3
+            * np.array(
+                [
+                    [12, 6 * h, -12, 6 * h],
+                    [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+                    [-12, -6 * h, 12, -6 * h],
+                    [6 * h, 2 * h**2, -6 * h, 4 * h**2],
+                ]
+            )
+        )
+        mass = (
+            m
+            * h
+            / 420
+            * np.array(
+                [
+                    [156, 22 * h, 54, -13 * h],
+                    [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+                    [54, 13 * h, 156, -22 * h],
+                    [-13 * h, -3 * h**2, -22 * h, 4 * h**2],
+                ]
+            )
+        )
+        pairs = [
+            (bending, k, mass),
+            (along, EA / h * np.array([[1, -1], [-1, 1]]), m * h / 6 * np.array([[2, 1], [1, 2]])),
+        ]
+        for at, k_e, m_e in pairs:
+            i, j = np.meshgrid(at, at, indexing="ij")
+            rows.append(i.ravel())
+            columns.append(j.ravel())
+            stiffnesses.append(k_e.ravel())
+            masses.append(m_e.ravel())
+    size = 3 * (len(lengths) + 1)
+    index = np.concatenate(rows), np.concatenate(columns)
+    M, K = (sparse.csr_array((np.concatenate(v), index), shape=(size, size)) for v in (masses, stiffnesses))
+    return M, K

@@ -1,0 +1,300 @@
+"""A body given by the matrices of a finite-element model, reduced to its lowest modes.
+
+:class:`MatrixBody` is what one makes; a :class:`Pencil` is the stiffness and mass of what is free, factorised once for
+the modes and for the static response of all the others.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, Literal, NamedTuple, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from models.bodies.matrixchecks import refuse_asymmetry, refuse_indefinite, size, some, square
+from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, unit_loads
+from models.bodies.ported import PortedModes
+from models.bounds import bounded
+from models.parts import Damping
+from models.structure import Array
+
+Method = Literal["modes", "craig-bampton"]
+Complex = npt.NDArray[np.complex128]
+
+METHODS: tuple[str, ...] = get_args(Method)
+LOSS = 1e-6  # of a factorised dynamic stiffness, so that it is regular at a resonance
+
+
+class Reduced(NamedTuple):
+    """A body's modes (f, n) with the rows (p, n) and the flexibility (p, p) of places."""
+
+    squares: Array
+    shapes: Array
+    rows: Array
+    flexibility: Array
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MatrixBody:
+    """Any structure given by the matrices of its finite elements.
+
+    Attributes
+    ----------
+    mass, stiffness : (d, d) sparse matrix
+        Symmetric [kg, N/m, or as goes with the rotations]; the mass may be zero at some degrees of freedom.
+    dofs : tuple of str, (d,)
+        Name of each degree of freedom, such as ``12.x``; ports are some of them.
+    modes : int
+        How many are kept; with ``craig-bampton``, of the body whose ports are held.
+    damping_matrix : (d, d) sparse matrix or None
+        Viscous [N s/m]; in place of the damping of modes.
+    fixed : tuple of str
+        Those of the degrees of freedom that are supported.
+    reduction : str
+        ``modes``, the lowest with free ports and the static response of the others at the ports; or ``craig-bampton``,
+        the lowest with the ports held and the static shapes of a unit displacement of each.
+    """
+
+    mass: Matrix
+    stiffness: Matrix
+    dofs: tuple[str, ...]
+    modes: int
+    damping_matrix: Matrix | None = None
+    fixed: tuple[str, ...] = ()
+    reduction: Method = "modes"
+
+    def __post_init__(self) -> None:
+        """Refuse matrices, names and numbers that no body has."""
+        for name in ("mass", "stiffness", "damping_matrix"):
+            if (given := getattr(self, name)) is not None:
+                object.__setattr__(self, name, square(name, given))
+        d = self.mass.shape[0]
+        for name in ("stiffness", "damping_matrix"):
+            if (given := getattr(self, name)) is not None and given.shape[0] != d:
+                raise ValueError(f"MatrixBody: {name} is {size(given)}; must be {d} x {d}, as the mass is")
+        if len(self.dofs) != d:
+            raise ValueError(f"MatrixBody: dofs has {len(self.dofs)} names; must have {d}, one per row of the matrices")
+        for key in ("dofs", "fixed"):
+            names = getattr(self, key)
+            if len(set(names)) < len(names):
+                twice = next(name for i, name in enumerate(names) if name in names[:i])
+                raise ValueError(f'MatrixBody: {key} has "{twice}" twice; names must differ')
+        for name in ("mass", "stiffness", "damping_matrix"):
+            if (given := getattr(self, name)) is not None:
+                refuse_asymmetry(name, given, self.dofs)
+        for name in self.fixed:
+            if name not in self._numbers:
+                raise ValueError(f'MatrixBody: fixed has "{name}"; must be of dofs, {some(self.dofs)}')
+        refuse_indefinite(self.mass, self.dofs)
+        self._refuse_settings()
+
+    def _refuse_settings(self) -> None:
+        if self.reduction not in METHODS:
+            raise ValueError(f'MatrixBody: reduction = "{self.reduction}"; must be one of {", ".join(METHODS)}')
+        bounded("MatrixBody: modes", self.modes, 1)
+        with_mass = int((self.mass.diagonal()[self._free] > 0.0).sum())
+        if self.modes > with_mass:
+            most = f"must be <= {with_mass}, the degrees of freedom with mass that are not fixed"
+            raise ValueError(f"MatrixBody: modes = {self.modes}; {most}")
+
+    def __str__(self) -> str:
+        """Its size, supports and modes in a few words."""
+        if self.reduction == "craig-bampton":
+            return f"{self._extent}; {self.modes} modes with the ports held, and the static shapes of the ports"
+        hz = np.sqrt(self._lowest.squares[[0, -1]]) / (2 * np.pi)
+        return f"{self._extent}; the lowest {self.modes} modes, {hz[0]:.6g} to {hz[1]:.6g} Hz, the others at rest"
+
+    def __repr__(self) -> str:
+        """What it is, without working out its modes."""
+        return f"MatrixBody({self._extent}, {self.modes} modes, {self.reduction})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it is made of: factors cannot be sent to other processes."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    def with_modes(self, modes: int) -> "MatrixBody":
+        """Return the same body with another number of modes, or with as many as its mass has."""
+        most = int((self.mass.diagonal()[self._free] > 0.0).sum())
+        return replace(self, modes=min(modes, most))
+
+    def ported(self, places: Sequence[str], damping: Damping, supports: Sequence[str] = ()) -> PortedModes:
+        """Return its modes with the rows of places, and of supports whose reaction is asked for.
+
+        Parameters
+        ----------
+        places : sequence of str, (p,)
+            Of `dofs`, not fixed.
+        damping : Damping
+            Of the modes, counted from 1 with the rigid ones; unused where there is a `damping_matrix`.
+        supports : sequence of str, (r,)
+            Of `fixed`.
+
+        Raises
+        ------
+        ValueError
+            If there is no such place or support, if the matrices are no body's, if rigid motion were left out, or if
+            a reaction is asked of a body that its supports let move as a rigid one.
+        """
+        return self._damped(places, self._reduced(places), damping, supports)
+
+    def receptance_error(self, places: Sequence[str], damping: Damping, hz: Sequence[float]) -> float:
+        """Largest relative error of the reduction among frequencies [Hz].
+
+        In the Frobenius norm of the receptance of the places (p, p), against all degrees of freedom; with the
+        `damping_matrix`, or the same damping of the modes kept and none of the others.
+        """
+        for i, frequency in enumerate(hz):
+            bounded(f"MatrixBody: hz[{i}]", frequency, 0.0, strict=True)
+        reduced = self._reduced(places)
+        body = self._damped(places, reduced, damping, ())
+        errors = []
+        for omega in 2 * np.pi * np.asarray(hz, dtype=float):
+            full = self._receptance(self._places(places), reduced.shapes, body.damping, float(omega))
+            errors.append(np.linalg.norm(body.receptance(float(omega)) - full) / np.linalg.norm(full))
+        return float(max(errors, default=0.0))
+
+    # ---- names
+
+    @property
+    def _extent(self) -> str:
+        fixed = f", {len(self.fixed)} of them fixed" if self.fixed else ""
+        return f"{len(self.dofs)} degrees of freedom{fixed}"
+
+    @cached_property
+    def _numbers(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.dofs)}
+
+    @cached_property
+    def _held(self) -> npt.NDArray[np.intp]:
+        return np.array([self._numbers[name] for name in self.fixed], dtype=np.intp)
+
+    @cached_property
+    def _free(self) -> npt.NDArray[np.intp]:
+        return np.setdiff1d(np.arange(len(self.dofs)), self._held)
+
+    def _places(self, places: Sequence[str]) -> npt.NDArray[np.intp]:
+        """Their numbers among the free degrees of freedom."""
+        for name in places:
+            if name not in self._numbers:
+                raise ValueError(f'MatrixBody: place "{name}"; must be of dofs, {some(self.dofs)}')
+            if name in self.fixed:
+                raise ValueError(f'MatrixBody: place "{name}" is fixed; must be free to move')
+        return np.searchsorted(self._free, [self._numbers[name] for name in places]).astype(np.intp)
+
+    def _supports(self, supports: Sequence[str]) -> npt.NDArray[np.intp]:
+        """Their numbers among all degrees of freedom."""
+        for name in supports:
+            if name not in self.fixed:
+                raise ValueError(
+                    f'MatrixBody: support "{name}"; must be of fixed, {some(self.fixed) or "which is empty"}'
+                )
+        return np.array([self._numbers[name] for name in supports], dtype=np.intp)
+
+    # ---- reduction
+
+    @cached_property
+    def _pencil(self) -> Pencil:
+        return Pencil(part(self.stiffness, self._free, self._free), part(self.mass, self._free, self._free))
+
+    @cached_property
+    def _lowest(self) -> Modes:
+        return self._pencil.lowest(self.modes)
+
+    def _reduced(self, places: Sequence[str]) -> Reduced:
+        at = self._places(places)
+        return self._craig_bampton(at) if self.reduction == "craig-bampton" else self._of_modes(at)
+
+    def _of_modes(self, at: npt.NDArray[np.intp]) -> Reduced:
+        modes = self._lowest
+        modes.refuse_rigid_rest("")
+        flexibility = self._pencil.rest(modes, unit_loads(len(self._free), at))[at]
+        return Reduced(modes.squares, modes.shapes, modes.shapes[at], (flexibility + flexibility.T) / 2)
+
+    def _craig_bampton(self, at: npt.NDArray[np.intp]) -> Reduced:
+        stiffness = part(self.stiffness, self._free, self._free)
+        mass = part(self.mass, self._free, self._free)
+        ports = np.unique(at)
+        inner = np.setdiff1d(np.arange(len(self._free)), ports)
+        with_mass = int((mass.diagonal()[inner] > 0.0).sum())
+        if self.modes > with_mass:
+            most = f"must be <= {with_mass}, the degrees of freedom with mass that are neither fixed nor places"
+            raise ValueError(f"MatrixBody: modes = {self.modes}; {most}")
+        pencil = Pencil(part(stiffness, inner, inner), part(mass, inner, inner))
+        modes = pencil.lowest(self.modes)
+        modes.refuse_rigid_rest(" with its places held")
+        n = self.modes
+        basis = np.zeros((len(self._free), n + len(ports)))
+        basis[inner, :n] = modes.shapes
+        basis[ports, range(n, n + len(ports))] = 1.0
+        # less what the modes kept could do themselves
+        basis[inner, n:] = -pencil.rest(modes, part(stiffness, inner, ports).toarray())
+        squares, shapes, still = ritz(stiffness, mass, basis, pencil.shift)
+        return Reduced(squares, shapes, shapes[at], still[at] @ still[at].T)
+
+    def _damped(
+        self, places: Sequence[str], reduced: Reduced, damping: Damping, supports: Sequence[str]
+    ) -> PortedModes:
+        omega_n = np.sqrt(reduced.squares)
+        if self.damping_matrix is None:
+            dampers = damping.dampers(omega_n, np.arange(1, len(omega_n) + 1))
+            viscous = np.diag(dampers.viscous)
+            matrix = viscous + np.diag(dampers.strain_rate * reduced.squares)
+        else:
+            matrix = reduced.shapes.T @ (part(self.damping_matrix, self._free, self._free) @ reduced.shapes)
+            viscous = matrix
+        held, shapes = self._supports(supports), self._support_shapes(self._supports(supports))
+        inertia = self._tested(self.mass, shapes, held, reduced.shapes)
+        # strain-rate damping is like the stiffness, which does no work on the static shape
+        by_velocity = inertia @ viscous
+        if self.damping_matrix is not None:
+            by_velocity = self._tested(self.damping_matrix, shapes, held, reduced.shapes)
+        return PortedModes(
+            omega_n=omega_n,
+            damping=(matrix + matrix.T) / 2,
+            places=tuple(places),
+            rows=reduced.rows,
+            flexibility=reduced.flexibility,
+            supports=tuple(supports),
+            reaction_inertia=inertia,
+            reaction_damping=by_velocity,
+            reaction_share=shapes[self._places(places)].T,
+        )
+
+    def _support_shapes(self, held: npt.NDArray[np.intp]) -> Array:
+        """Displacement (f, r) at rest per unit displacement of each support, the others held."""
+        if not held.size:
+            return np.zeros((len(self._free), 0))
+        if self._lowest.squares[0] == 0.0:
+            why = "they let the body move as a rigid one, so that one displaced at rest says nothing of where it goes"
+            raise ValueError(f"MatrixBody: supports {some(self.fixed)}: {why}; fix more, or ask for no reaction")
+        return self._pencil.static(self._lowest, -part(self.stiffness, self._free, held).toarray())
+
+    def _tested(self, matrix: Matrix, shapes: Array, held: npt.NDArray[np.intp], modes: Array) -> Array:
+        """A matrix between the shapes of supports (f, r), 1 at their own, and modes (f, n)."""
+        on_free = shapes.T @ (part(matrix, self._free, self._free) @ modes)
+        return np.asarray(on_free + part(matrix, held, self._free) @ modes)
+
+    # ---- the full model
+
+    def _receptance(self, at: npt.NDArray[np.intp], shapes: Array, damping: Array, omega: float) -> Complex:
+        """Of all degrees of freedom (p, p), at `omega` [rad/s]; `damping` (n, n) of the modes `shapes` (f, n)."""
+        stiffness, mass = self._pencil.stiffness, self._pencil.mass
+        load = unit_loads(len(self._free), at).astype(complex)
+        if self.damping_matrix is not None:
+            viscous = part(self.damping_matrix, self._free, self._free)
+            dynamic = stiffness - omega**2 * mass + 1j * omega * viscous
+            return np.asarray(factors(dynamic, pivoting=0.1).solve(load)[at])
+        forces = mass @ shapes  # the damping matrix is forces damping forces'
+        # a small loss of everything, so that it is regular at resonance; of the modes kept it is taken back at once
+        lossy = factors(stiffness - omega**2 * (1 - 1j * LOSS) * mass, pivoting=0.1)
+        extra = 1j * omega * (damping - LOSS * omega * np.eye(len(damping)))
+        by_forces = lossy.solve(forces.astype(complex))
+        small = np.linalg.solve(np.eye(len(damping)) + extra @ (forces.T @ by_forces), extra)
+        response = np.zeros_like(load)
+        for _ in range(4):  # each takes a millionth of the error, what the loss does to the others
+            left = load - (stiffness @ response - omega**2 * (mass @ response))
+            left -= 1j * omega * (forces @ (damping @ (forces.T @ response)))
+            step = lossy.solve(left)
+            response += step - by_forces @ (small @ (forces.T @ step))
+        return np.asarray(response[at])

@@ -1,0 +1,84 @@
+"""What no matrix of a body may be."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import ArpackError, eigsh
+
+from models.bodies.pencil import DENSE, part
+
+Matrix = Any  # of scipy.sparse, which has no types
+
+ASYMMETRY = 1e-8  # of an entry, or of the diagonal it is bounded by: what text files lose
+
+
+def some(names: Sequence[str]) -> str:
+    """The first few of some names."""
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} others" if len(names) > 4 else "")
+
+
+def size(matrix: Matrix) -> str:
+    """Of a matrix, in words."""
+    return " x ".join(str(n) for n in matrix.shape)
+
+
+def square(name: str, given: Matrix) -> Matrix:
+    """The matrix by columns; refuse what is not square, real and finite."""
+    if np.ndim(given) != 2 and not sparse.issparse(given):
+        raise ValueError(f"MatrixBody: {name} = {given!r:.40}; must be a square matrix")
+    if given.shape[0] != given.shape[1] or not given.shape[0]:
+        raise ValueError(f"MatrixBody: {name} is {size(given)}; must be square")
+    if np.iscomplexobj(given):
+        raise ValueError(f"MatrixBody: {name} is complex; must be real")
+    matrix = sparse.csc_array(given, dtype=float)
+    matrix.sum_duplicates()
+    if bad := int((~np.isfinite(matrix.data)).sum()):
+        raise ValueError(f"MatrixBody: {name} has {bad} entries that are nan or infinite; must be finite")
+    return matrix
+
+
+def refuse_asymmetry(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
+    """Refuse a matrix that differs from its transpose."""
+    apart = (matrix - matrix.T).tocoo()
+    diagonal = np.sqrt(np.abs(matrix.diagonal()))
+    i, j = apart.coords
+    size = np.asarray((abs(matrix) + abs(matrix.T)).tocsc()[i, j]).ravel() if len(i) else np.zeros(0)
+    excess = np.abs(apart.data) - ASYMMETRY * (size + diagonal[i] * diagonal[j])
+    if excess.size and excess.max() > 0.0:
+        worst = int(np.argmax(excess))
+        at, value = f"{dofs[i[worst]]}, {dofs[j[worst]]}", abs(apart.data[worst])
+        raise ValueError(f"MatrixBody: {name} differs from its transpose by {value:.3g} at {at}; must be symmetric")
+
+
+def refuse_indefinite(mass: Matrix, dofs: Sequence[str]) -> None:
+    """Refuse a mass with a negative eigenvalue."""
+    diagonal = mass.diagonal()
+    entries = np.asarray(abs(mass).sum(axis=0)).ravel()
+    if (bad := (diagonal <= 0.0) & (entries > 0.0)).any():
+        i = int(np.argmax(bad))
+        what = f"is {diagonal[i]:.3g} on its diagonal at {dofs[i]}"
+        raise ValueError(f"MatrixBody: mass {what}; must be > 0, or nothing in that row")
+    with_mass = np.flatnonzero(diagonal > 0.0)
+    if not with_mass.size:
+        raise ValueError("MatrixBody: mass is zero; must be > 0 somewhere")
+    scale = sparse.diags_array(1 / np.sqrt(diagonal[with_mass]))
+    lowest = _lowest_eigenvalue(scale @ part(mass, with_mass, with_mass) @ scale)
+    if lowest < -1e-8:
+        scaled = f"with its diagonal scaled to 1 an eigenvalue is {lowest:.3g}"
+        raise ValueError(f"MatrixBody: mass is indefinite, {scaled}; must be >= 0")
+
+
+def _lowest_eigenvalue(matrix: Matrix) -> float:
+    """Of a matrix with a unit diagonal; never below it, and close above."""
+    size = matrix.shape[0]
+    if size <= DENSE:
+        return float(np.linalg.eigvalsh(matrix.toarray())[0])
+    shifted = matrix + sparse.eye_array(size)  # what is found is then not close to 0, to which it would be relative
+    try:
+        start = np.random.default_rng(0).standard_normal(size)
+        found = eigsh(shifted, 1, which="SA", v0=start, tol=1e-4, maxiter=100, return_eigenvectors=False)
+    except ArpackError:  # nothing is proven
+        return 0.0
+    return float(found[0]) - 1.0

@@ -1,0 +1,135 @@
+"""A body given by its modes at named ports, measured or computed elsewhere."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from models.bodies.ported import PortedModes
+from models.bounds import bounded
+from models.parts import Damping
+from models.structure import Array
+
+SYMMETRIC = 1e-9
+"""Of the largest entry: what a residual flexibility may differ by from its transpose."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModalModel:
+    """Mass-normalised modes with their shapes at named ports.
+
+    Attributes
+    ----------
+    frequencies_hz : tuple of float, (n,)
+        Natural frequencies without joints, ascending; 0 where the body moves as a rigid one [Hz].
+    ports : mapping of str to (n,) tuple of float
+        Shapes at each port, displacement per unit of a mass-normalised mode.
+    flexibility : (p, p) tuple of tuples or None
+        Residual flexibility between the ports, in their order: static response of the modes left out [m/N]; none of it
+        where omitted.
+    damping_matrix : (n, n) tuple of tuples or None
+        Viscous damping between the modes [1/s], in place of ratios.
+    reactions : mapping of str to (n,) tuple of float
+        Of each support: its reaction per modal acceleration [kg per unit of a mass-normalised mode].
+    shares : mapping of str to (p,) tuple of float
+        Displacement of each port per unit displacement of the support, at rest; 0 where omitted.
+    """
+
+    frequencies_hz: tuple[float, ...]
+    ports: Mapping[str, tuple[float, ...]]
+    flexibility: tuple[tuple[float, ...], ...] | None = None
+    damping_matrix: tuple[tuple[float, ...], ...] | None = None
+    reactions: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    shares: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse frequencies that are none, and rows or matrices of another size."""
+        for i, hz in enumerate(self.frequencies_hz):
+            bounded(f"ModalModel: frequencies_hz[{i}]", hz, 0.0)
+        if list(self.frequencies_hz) != sorted(self.frequencies_hz):
+            raise ValueError("ModalModel: frequencies_hz do not ascend; sort them, and the shapes with them")
+        n, p = len(self.frequencies_hz), len(self.ports)
+        sizes = [(f"ports.{name}", row, n) for name, row in self.ports.items()]
+        sizes += [(f"reactions.{name}", row, n) for name, row in self.reactions.items()]
+        sizes += [(f"shares.{name}", row, p) for name, row in self.shares.items()]
+        for what, row, size in sizes:
+            if len(row) != size:
+                raise ValueError(f"ModalModel: {what} has {len(row)} entries; must have {size}")
+        for what, matrix, size in (("flexibility", self.flexibility, p), ("damping_matrix", self.damping_matrix, n)):
+            if matrix is None:
+                continue
+            values = np.array(matrix, dtype=float)
+            if values.shape != (size, size):
+                raise ValueError(f"ModalModel: {what} is {' x '.join(map(str, values.shape))}; must be {size} x {size}")
+            if np.abs(values - values.T).max() > SYMMETRIC * np.abs(values).max():
+                raise ValueError(f"ModalModel: {what} is not symmetric")
+
+    def __str__(self) -> str:
+        """Its modes in a few words."""
+        hz = self.frequencies_hz
+        return f"{len(hz)} modes given, {hz[0]:.6g} to {hz[-1]:.6g} Hz, at {len(self.ports)} ports"
+
+    @property
+    def modes(self) -> int:
+        """How many there are."""
+        return len(self.frequencies_hz)
+
+    def with_modes(self, modes: int) -> "ModalModel":
+        """Return it without the modes beyond so many; it has no others to add.
+
+        What the modes given up answer at rest goes into the flexibility.
+        """
+        if modes >= self.modes:
+            return self
+        kept = slice(0, modes)
+        rows = np.array(list(self.ports.values()))[:, modes:]
+        omega_n = 2 * np.pi * np.array(self.frequencies_hz[modes:])
+        left = (rows / omega_n**2) @ rows.T
+        old = np.zeros_like(left) if self.flexibility is None else np.array(self.flexibility)
+        damping = self.damping_matrix
+        return replace(
+            self,
+            frequencies_hz=self.frequencies_hz[kept],
+            ports={name: row[kept] for name, row in self.ports.items()},
+            flexibility=tuple(map(tuple, (old + left).tolist())),
+            damping_matrix=None if damping is None else tuple(row[kept] for row in damping[kept]),
+            reactions={name: row[kept] for name, row in self.reactions.items()},
+        )
+
+    def ported(self, places: Sequence[str], damping: Damping, supports: Sequence[str] = ()) -> PortedModes:
+        """Return the modes with the rows of ports.
+
+        Raises
+        ------
+        ValueError
+            If there is no such port or support.
+        """
+        known = list(self.ports)
+        for what, asked, there in (("port", places, known), ("support", supports, list(self.reactions))):
+            missing = next((name for name in asked if name not in there), None)
+            if missing is not None:
+                raise ValueError(f'no {what} "{missing}"; there are {", ".join(there) or "none"}')
+        at = [known.index(name) for name in places]
+        n, p = self.modes, len(known)
+        flexibility = np.zeros((p, p)) if self.flexibility is None else np.array(self.flexibility)
+        D = self._damping(damping)
+        inertia = np.array([self.reactions[name] for name in supports]).reshape(-1, n)
+        shares = np.array([self.shares.get(name, (0.0,) * p) for name in supports]).reshape(-1, p)
+        return PortedModes(
+            omega_n=2 * np.pi * np.array(self.frequencies_hz),
+            damping=D,
+            places=tuple(places),
+            rows=np.array([self.ports[name] for name in places]).reshape(-1, n),
+            flexibility=flexibility[np.ix_(at, at)],
+            supports=tuple(supports),
+            reaction_inertia=inertia,
+            reaction_damping=inertia @ D,
+            reaction_share=shares[:, at],
+        )
+
+    def _damping(self, damping: Damping) -> Array:
+        if self.damping_matrix is not None:
+            return np.array(self.damping_matrix, dtype=float)
+        omega_n = 2 * np.pi * np.array(self.frequencies_hz)
+        dampers = damping.dampers(omega_n, np.arange(1, self.modes + 1))
+        return np.diag(dampers.viscous + dampers.strain_rate * omega_n**2)

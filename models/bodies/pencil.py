@@ -1,0 +1,153 @@
+"""Stiffness and mass of what is free to move, factorised once for the modes and for the response of all the others."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import eigh
+from scipy.sparse.linalg import LinearOperator, eigsh, splu
+
+from models.structure import Array
+
+Matrix = Any  # of scipy.sparse, which has no types
+
+SHIFT = 1e-10  # of the squares of the mesh's own frequencies: the factors lose no more than ten digits to rigid motion
+DENSE = 400  # degrees of freedom up to which all modes are worked out
+ROUNDING = 32 * float(np.finfo(float).eps)
+LIGHT = 1e-13  # a motion of this share of the largest inertia per stiffness has none
+
+
+class Modes(NamedTuple):
+    """Lowest modes of a pencil.
+
+    Attributes
+    ----------
+    squares : (n,) array
+        omega_n^2 [1/s2], ascending; exactly 0 for rigid motion.
+    shapes : (f, n) array
+        Mass-normalised.
+    following : float
+        omega^2 of the first mode left out, inf where there is none.
+    """
+
+    squares: Array
+    shapes: Array
+    following: float
+
+    def refuse_rigid_rest(self, when: str) -> None:
+        """Refuse to leave out rigid motion, which has no static response."""
+        if self.following == 0.0:
+            n = len(self.squares)
+            raise ValueError(f"MatrixBody: modes = {n}; must be more, it moves as a rigid body in over {n} ways{when}")
+
+
+class Pencil:
+    """Stiffness and mass, symmetric and not negative, of what is free to move.
+
+    ``stiffness + shift mass`` is factorised: regular for a body that moves as a rigid one.
+    """
+
+    def __init__(self, stiffness: Matrix, mass: Matrix) -> None:
+        self.stiffness, self.mass = stiffness, mass
+        with_mass = mass.diagonal() > 0.0
+        self.shift = SHIFT * float(np.median(stiffness.diagonal()[with_mass] / mass.diagonal()[with_mass]))
+        # whatever has no stiffness at all: springs to nothing
+        self.shift = self.shift if self.shift > 0.0 else 1.0
+        self._factors = factors(stiffness + self.shift * mass, pivoting=0.0)
+        if (self._factors.U.diagonal() < 0.0).any():  # Sylvester: symmetric pivots have the signs of the eigenvalues
+            raise ValueError("MatrixBody: stiffness is indefinite; must have no negative eigenvalue")
+
+    def lowest(self, n: int) -> Modes:
+        """The n lowest modes."""
+        size = self.mass.shape[0]
+        dense = size <= DENSE or 2 * (n + 1) >= size
+        basis = np.eye(size) if dense else self._lanczos(n + 1)
+        squares, shapes, _ = ritz(self.stiffness, self.mass, basis, self.shift)
+        if len(squares) < n:
+            raise ValueError(f"MatrixBody: modes = {n}; must be <= {len(squares)}, the mass has no more")
+        return Modes(squares[:n], shapes[:, :n], float(squares[n]) if len(squares) > n else np.inf)
+
+    def rest(self, modes: Modes, load: Array) -> Array:
+        """Static response (f, p) of all but some modes to loads (f, p); by inertia relief, where those are rigid."""
+        forces = self.mass @ modes.shapes
+        left = load - forces @ (modes.shapes.T @ load)
+        # (K + s M) x = left + s M x: each step leaves this share of the error
+        share = self.shift / (modes.following + self.shift)
+        steps = 2 if share == 0.0 else 2 + int(np.log(ROUNDING) / np.log(share))
+        response = np.zeros_like(load)
+        for _ in range(steps if load.size else 0):
+            response = self._factors.solve(left + self.shift * (self.mass @ response))
+            response -= modes.shapes @ (forces.T @ response)
+        return response
+
+    def static(self, modes: Modes, load: Array) -> Array:
+        """Static response (f, p) of a body that does not move as a rigid one."""
+        return np.asarray(modes.shapes @ ((modes.shapes.T @ load) / modes.squares[:, None]) + self.rest(modes, load))
+
+    def _lanczos(self, n: int) -> Array:
+        start = np.random.default_rng(0).standard_normal(self.mass.shape[0])  # the same modes whenever asked
+        inverse = LinearOperator(self.mass.shape, self._factors.solve, dtype=float)
+        return np.asarray(eigsh(self.stiffness, n, self.mass, sigma=-self.shift, OPinv=inverse, v0=start)[1])
+
+
+def ritz(stiffness: Matrix, mass: Matrix, basis: Array, shift: float) -> tuple[Array, Array, Array]:
+    """Modes within a basis.
+
+    Parameters
+    ----------
+    stiffness, mass : (f, f) sparse matrix
+    basis : (f, m) array
+    shift : float
+        > 0 [1/s2]; makes ``stiffness + shift mass`` definite.
+
+    Returns
+    -------
+    (n,) array
+        omega_n^2 [1/s2], ascending; 0 where the strain energy is no more than what rounding makes of it.
+    (f, n) array
+        Mass-normalised modes.
+    (f, m - n) array
+        Motions without inertia, normalised to unit stiffness.
+
+    Raises
+    ------
+    ValueError
+        If a strain energy is negative.
+    """
+    inertia = basis.T @ (mass @ basis)
+    elastic = basis.T @ (stiffness @ basis) + shift * inertia
+    per_stiffness, shapes = eigh((inertia + inertia.T) / 2, (elastic + elastic.T) / 2)
+    per_stiffness, shapes = per_stiffness[::-1], basis @ shapes[:, ::-1]
+    moves = per_stiffness > LIGHT * per_stiffness[0]
+    modes = shapes[:, moves] / np.sqrt(per_stiffness[moves])
+    squares = np.einsum("ij,ij->j", modes, stiffness @ modes)
+    rounding = ROUNDING * np.einsum("ij,ij->j", np.abs(modes), abs(stiffness) @ np.abs(modes))
+    if (squares < -rounding).any():
+        lowest = f"its lowest omega^2 is {squares.min():.3g} /s2"
+        raise ValueError(f"MatrixBody: stiffness is indefinite, {lowest}; must have no negative eigenvalue")
+    squares[squares <= rounding] = 0.0
+    modes *= np.sign(modes[np.abs(modes).argmax(axis=0), range(modes.shape[1])])
+    order = np.argsort(squares, kind="stable")
+    return squares[order], modes[:, order], shapes[:, ~moves]
+
+
+def factors(matrix: Matrix, pivoting: float) -> Any:
+    """Of a symmetric matrix; the pivots stay on the diagonal where they are not below that share of their column."""
+    try:
+        options = {"SymmetricMode": True}
+        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivoting, options=options)
+    except RuntimeError:
+        found = "a motion has neither stiffness nor mass"
+        raise ValueError(f"MatrixBody: {found}; must have one of them for every motion that is not fixed") from None
+
+
+def part(matrix: Matrix, rows: npt.NDArray[np.intp], columns: npt.NDArray[np.intp]) -> Matrix:
+    """Some rows and columns of a sparse matrix."""
+    return matrix[:, columns][rows]
+
+
+def unit_loads(size: int, at: npt.NDArray[np.intp]) -> Array:
+    """A unit load at each of some degrees of freedom, (size, p)."""
+    load = np.zeros((size, len(at)))
+    load[at, range(len(at))] = 1.0
+    return load

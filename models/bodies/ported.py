@@ -1,0 +1,91 @@
+"""A linear body as joints see it: modes, and the rows of its ports."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from models.structure import Array
+
+if TYPE_CHECKING:
+    from models.parts import Damping
+
+
+@dataclass(frozen=True, eq=False)
+class PortedModes:
+    """A body in mass-normalised modes, with the rows through which anything touches it.
+
+    ``q'' + damping q' + omega_n^2 q = rows' f``; the motion at the ports is ``rows q + flexibility f``: the static
+    response of the modes left out is kept, so that stiff joints need few modes. A support is a coordinate that the body
+    cannot move along; its reaction, the force of the support on the body, is
+    ``reaction_inertia q'' + reaction_damping q' - reaction_share f``, from the weak form tested with the static shape
+    of a unit displacement of the support.
+
+    Attributes
+    ----------
+    omega_n : (n,) array
+        Natural frequencies [rad/s], ascending; 0 where the body moves as a rigid one.
+    damping : (n, n) array
+        Viscous damping between the modes [1/s].
+    places : tuple of str, (p,)
+        Names of the ports.
+    rows : (p, n) array
+        Displacement (or rotation) of each port per mode.
+    flexibility : (p, p) array
+        Symmetric: displacement of each port per force at each, beyond the modes kept [m/N].
+    supports : tuple of str, (r,)
+        Names of the supports whose reaction is known.
+    reaction_inertia, reaction_damping : (r, n) array
+    reaction_share : (r, p) array
+        Displacement of each port per unit displacement of the support, at rest.
+    """
+
+    omega_n: Array
+    damping: Array
+    places: tuple[str, ...]
+    rows: Array
+    flexibility: Array
+    supports: tuple[str, ...]
+    reaction_inertia: Array
+    reaction_damping: Array
+    reaction_share: Array
+
+    @property
+    def n(self) -> int:
+        """Number of modes."""
+        return len(self.omega_n)
+
+    def receptance(self, omega: float) -> np.ndarray[tuple[int, int], np.dtype[np.complex128]]:
+        """Motion of the ports per force at the ports that swings at `omega` [rad/s], (p, p) [m/N]."""
+        dynamic = np.diag(self.omega_n**2 - omega**2) + 1j * omega * self.damping
+        return np.asarray(self.rows @ np.linalg.solve(dynamic, self.rows.T) + self.flexibility)
+
+
+class Body(Protocol):
+    """A linear structure, whichever way it is given.
+
+    Attributes
+    ----------
+    modes : int
+        How many are kept.
+    """
+
+    @property
+    def modes(self) -> int:
+        """How many are kept."""
+        ...
+
+    def with_modes(self, modes: int) -> "Body":
+        """Return the same body with another number of modes, or as many as it has."""
+        ...
+
+    def ported(self, places: Sequence[str], damping: "Damping", supports: Sequence[str] = ()) -> PortedModes:
+        """Return its modes with the rows of places, and of supports whose reaction is asked for.
+
+        Raises
+        ------
+        ValueError
+            If there is no such place or support.
+        """
+        ...

@@ -1,0 +1,247 @@
+"""A body with any number of joints: everything a simulation of it needs."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from models.bodies.ported import Body, PortedModes
+from models.joints.joint import Joint, terms
+from models.joints.law import numbers, with_numbers
+from models.joints.rubbing import Friction
+from models.parts import Channel, Damping, Excitation
+from models.rig import Rig
+from models.structure import Array
+
+
+@dataclass(frozen=True, eq=False)
+class JointedStructure:
+    """A body in modes as its joints, its excitation and its channels see it.
+
+    ``q'' + damping q' + omega_n^2 q = joints' f + excitation F``, and the motion at the joints is
+    ``joints q + flexibility f + flexibility_to_force F``.
+
+    Attributes
+    ----------
+    omega_n : (n,) array
+        Natural frequencies without the joints [rad/s].
+    damping : (n, n) array
+        [1/s]
+    joints : (m, n) array
+        Relative displacement at each port of each joint, in turn, per mode.
+    flexibility : (m, m) array
+        The same per force at each, beyond the modes [m/N].
+    excitation : (n,) array
+        Drive displacement per mode.
+    flexibility_to_force : (m,) array
+        Motion at the joints per excitation force beyond the modes, and by reciprocity of the drive per joint force.
+    drive_by_force : float
+        Drive displacement per excitation force beyond the modes.
+    channels : (c, n) array
+        Displacement at each response channel per mode.
+    channels_by_joints : (c, m) array
+    channels_by_force : (c,) array
+        The same per force at the joints and at the drive, beyond the modes.
+    loads_inertia, loads_damping : (j, n) array
+        What the reaction that loads each joint differs by from that at rest, per modal acceleration and velocity; zero
+        where a joint has no reaction to load it.
+    loads_by_joints : (j, m) array
+    loads_by_force : (j,) array
+        The same per force at the joints and at the drive.
+    """
+
+    omega_n: Array
+    damping: Array
+    joints: Array
+    flexibility: Array
+    excitation: Array
+    flexibility_to_force: Array
+    drive_by_force: float
+    channels: Array
+    channels_by_joints: Array
+    channels_by_force: Array
+    loads_inertia: Array
+    loads_damping: Array
+    loads_by_joints: Array
+    loads_by_force: Array
+
+    @property
+    def n(self) -> int:
+        """Number of modes."""
+        return len(self.omega_n)
+
+
+@dataclass(frozen=True, eq=False)
+class JointedRig:
+    """A body, its joints, its excitation and what is measured of it.
+
+    Change it with :func:`dataclasses.replace`; `structure` follows.
+
+    Attributes
+    ----------
+    name : str
+        Title of plots and reports.
+    body : Body
+        What vibrates.
+    damping : Damping
+        Of its modes, unless it brings a damping matrix.
+    joints : tuple of Joint
+    excitation : Excitation
+        With its place `at`.
+    channels : tuple of Channel
+        Each with its place `at`.
+    """
+
+    name: str
+    body: Body
+    damping: Damping
+    joints: tuple[Joint, ...]
+    excitation: Excitation
+    channels: tuple[Channel, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Refuse what has no joint, and names that are given twice."""
+        if not self.joints:
+            raise ValueError(f"{self.name}: has no joint; must have at least one")
+        for what, names in (("channel", [c.name for c in self.channels]), ("joint", [j.name for j in self.joints])):
+            twice = next((name for name in names if names.count(name) > 1), None)
+            if twice is not None:
+                raise ValueError(f'{self.name}: {what} "{twice}" is there twice; names must differ')
+        try:
+            self.ported  # noqa: B018  # a place that is none is refused here
+        except ValueError as refused:
+            raise ValueError(f"{self.name}: {refused}") from None
+
+    def __str__(self) -> str:
+        """In words."""
+        lines = [f"{self.name}: {self.body}", *map(str, self.joints)]
+        lines.append(f"excitation: {self.excitation.amplitude:g} N at {place_of(self.excitation)}")
+        if self.channels:
+            lines.append("channels: " + ", ".join(f"{c.name} ({c.quantity})" for c in self.channels))
+        return "\n  ".join(lines)
+
+    @property
+    def law_name(self) -> str:
+        """Of the laws of its joints, each once."""
+        names = [law.law.name if isinstance(law, Friction) else law.name for law in (j.law for j in self.joints)]
+        return ", ".join(dict.fromkeys(names))
+
+    @property
+    def response_channels(self) -> tuple[Channel, ...]:
+        """Channels that measure motion (all but force)."""
+        return tuple(c for c in self.channels if c.quantity != "force")
+
+    @property
+    def ports(self) -> int:
+        """Ports of all joints."""
+        return sum(j.law.ports for j in self.joints)
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Places of the body that anything touches, each once."""
+        ends = [place for j in self.joints for pair in j.ends for end in pair for _, place in terms(end)]
+        return tuple(dict.fromkeys([*ends, place_of(self.excitation), *map(place_of, self.response_channels)]))
+
+    @cached_property
+    def ported(self) -> PortedModes:
+        """The body in modes with these places."""
+        supports = dict.fromkeys(j.loaded_by for j in self.joints if j.loaded_by)
+        return self.body.ported(self.places, self.damping, tuple(supports))
+
+    @cached_property
+    def structure(self) -> JointedStructure:
+        """The body as its joints, its excitation and its channels see it."""
+        p, index = self.ported, {place: i for i, place in enumerate(self.places)}
+        at = np.zeros((self.ports, len(index)))
+        for row, (one, other) in zip(at, (pair for j in self.joints for pair in j.ends), strict=True):
+            for sign, end in ((1.0, one), (-1.0, other)):
+                for weight, place in terms(end):
+                    row[index[place]] += sign * weight
+        drive = index[place_of(self.excitation)]
+        seen = [index[place_of(c)] for c in self.response_channels]
+        loads = np.zeros((len(self.joints), len(p.supports)))
+        for row, j in zip(loads, self.joints, strict=True):
+            if j.loaded_by:
+                row[p.supports.index(j.loaded_by)] = 1.0
+        return JointedStructure(
+            omega_n=p.omega_n,
+            damping=p.damping,
+            joints=at @ p.rows,
+            flexibility=at @ p.flexibility @ at.T,
+            excitation=p.rows[drive],
+            flexibility_to_force=at @ p.flexibility[:, drive],
+            drive_by_force=float(p.flexibility[drive, drive]),
+            channels=p.rows[seen],
+            channels_by_joints=p.flexibility[seen] @ at.T,
+            channels_by_force=p.flexibility[seen, drive],
+            loads_inertia=loads @ p.reaction_inertia,
+            loads_damping=loads @ p.reaction_damping,
+            loads_by_joints=-loads @ p.reaction_share @ at.T,
+            loads_by_force=-loads @ p.reaction_share[:, drive],
+        )
+
+    def with_modes(self, modes: int) -> "JointedRig":
+        """Return the same rig on another number of modes, or on as many as its body has.
+
+        Where each mode has a damping ratio of its own, modes beyond those listed have that of the last.
+        """
+        body, damping, ratios = self.body.with_modes(modes), self.damping, self.damping.modal_ratios
+        if ratios is not None and len(ratios) > 1:
+            damping = replace(damping, modal_ratios=(ratios + ratios[-1:] * body.modes)[: body.modes])
+        return replace(self, body=body, damping=damping)
+
+    def with_joint(self, name: str, law: Any) -> "JointedRig":
+        """Return the same rig with another law in a joint.
+
+        Raises
+        ------
+        ValueError
+            If there is no such joint.
+        """
+        names = [j.name for j in self.joints]
+        if name not in names:
+            raise ValueError(f'{self.name}: no joint "{name}"; there are {", ".join(names)}')
+        return replace(self, joints=tuple(replace(j, law=law) if j.name == name else j for j in self.joints))
+
+    def with_number(self, key: str, value: float) -> "JointedRig":
+        """Return the same rig with another value of a number of a joint, such as ``joints.tip.mu``, or of the force.
+
+        Raises
+        ------
+        KeyError
+            If there is no such number.
+        """
+        if key == "excitation.amplitude":
+            return replace(self, excitation=replace(self.excitation, amplitude=value))
+        for j in self.joints:
+            name = key.removeprefix(f"joints.{j.name}.")
+            if name != key and name in (known := numbers(j.law)):
+                return self.with_joint(j.name, with_numbers(j.law, iter((known | {name: value}).values())))
+        raise KeyError(f"{key} is not a number of the rig {self.name}")
+
+    def _named(self, what: str) -> list[str]:
+        return [
+            f"{j.name}.{what}" + (f".{i}" if j.law.ports > 1 else "")
+            for j in self.joints
+            for i in range(1, j.law.ports + 1)
+        ]
+
+    @property
+    def motions(self) -> list[str]:
+        """Names of the relative displacements at the ports, (m,)."""
+        return self._named("motion")
+
+    @property
+    def forces(self) -> list[str]:
+        """Names of the forces on the body at the ports, (m,)."""
+        return self._named("force")
+
+
+def place_of(what: Channel | Excitation) -> str:
+    """Where something is on a body that names its places; on a beam the deflection at its position."""
+    return what.at or f"y({what.position!r})"
+
+
+AnyRig: TypeAlias = Rig | JointedRig
+"""A rig with one contact, or with joints."""

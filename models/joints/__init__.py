@@ -1,0 +1,26 @@
+"""Joints: whatever is nonlinear is a law that reads the motion at a few ports of a body, and answers with forces."""
+
+from models.joints.joint import Joint
+from models.joints.law import JointLaw, JointSample, numbers
+from models.joints.rubbing import Friction, PlaneFriction
+from models.joints.springs import Clearance, CubicSpring, Dashpot, PolynomialSpring, Stop
+
+__all__ = [
+    "JOINT_LAWS",
+    "Clearance",
+    "CubicSpring",
+    "Dashpot",
+    "Friction",
+    "Joint",
+    "JointLaw",
+    "JointSample",
+    "PlaneFriction",
+    "PolynomialSpring",
+    "Stop",
+    "numbers",
+]
+
+JOINT_LAWS: dict[str, type] = {
+    law.name: law for law in (PolynomialSpring, CubicSpring, Dashpot, Stop, Clearance, PlaneFriction)
+}
+"""Laws of joints by name, beside the friction laws."""

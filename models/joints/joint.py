@@ -1,0 +1,79 @@
+"""A joint: a law, and where it acts on a body."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from models.joints.law import JointLaw, numbers
+
+GROUND = ""
+"""In place of a name: the ground."""
+
+
+def terms(end: str) -> list[tuple[float, str]]:
+    """Places of the end of a port with their weights; none of the ground.
+
+    >>> terms("2.5e-3*slope(0.6) + axial(0.6)")
+    [(0.0025, 'slope(0.6)'), (1.0, 'axial(0.6)')]
+
+    Raises
+    ------
+    ValueError
+        If a weight is no number.
+    """
+    found = []
+    for term in end.split(" + ") if end else []:
+        weight, star, place = term.strip().rpartition("*")
+        try:
+            found.append((float(weight) if star else 1.0, place))
+        except ValueError:
+            raise ValueError(f'place "{end}": "{weight}" is no number; must be like 0.5*PLACE + PLACE') from None
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A law between places of a body, or between the body and the ground.
+
+    Attributes
+    ----------
+    name : str
+    law : JointLaw
+    at : tuple of str, (ports,)
+        Place of the body at each port of the law, or a sum such as ``0.0074*slope(0.606) + axial(0.606)``.
+    to : tuple of str, (ports,)
+        The place it is joined to; the ground where empty. The law sees the motion of `at` relative to `to`.
+    loaded_by : str
+        Support whose reaction, beside the static load, presses a friction joint; constant load where empty.
+    """
+
+    name: str
+    law: JointLaw
+    at: tuple[str, ...]
+    to: tuple[str, ...] = ()
+    loaded_by: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse another number of places than the law has ports."""
+        for what, places in (("at", self.at), ("to", self.to)):
+            if len(places) != self.law.ports and (places or what == "at"):
+                there, needed = len(places), self.law.ports
+                raise ValueError(
+                    f"joint {self.name}: {what} has {there} places; must have {needed} for {self.law.name}"
+                )
+        if self.loaded_by and (self.law.name != "friction" or self.law.ports != 1):
+            raise ValueError(
+                f"joint {self.name}: loaded_by goes with friction along one direction; {self.law.name} has its own load"
+            )
+
+    @property
+    def ends(self) -> list[tuple[str, str]]:
+        """Both ends of each port."""
+        return list(zip(self.at, self.to or (GROUND,) * len(self.at), strict=True))
+
+    def __str__(self) -> str:
+        """In words."""
+        law: Any = getattr(self.law, "law", self.law)
+        values = ", ".join(f"{name} {float(value):.6g}" for name, value in numbers(self.law).items())
+        where = ", ".join(f"{at} to {to}" if to else at for at, to in self.ends)
+        loaded = f", loaded by the reaction at {self.loaded_by}" if self.loaded_by else ""
+        return f"{self.name}: {law.name} ({values}) at {where}{loaded}"

@@ -1,0 +1,111 @@
+"""Joints that rub: any friction law along one direction, elastic dry friction in a plane.
+
+What presses them is a constant load, the reaction of a support, or a normal direction of their own: an elastic contact
+that is pressed where its displacement is positive, may separate, and carries its load at rest (displacements count
+from there).
+"""
+
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import casadi as ca
+
+from models.friction.law import ContactSample, FrictionLaw, parameter
+from models.joints.law import JointSample, Value, check_bounds
+
+TINY = 1e-30
+"""Square of a force [N2] far below any that matters: the length of a vector has no derivative at zero."""
+
+
+def pressure(load: Value, stiffness: Value, w: Value) -> Value:
+    """Normal force of an elastic contact with its load at rest and a displacement into it, none once separated."""
+    return ca.fmax(load + stiffness * w, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Friction:
+    """Friction along the first port, of any law; with a `normal_stiffness` the second port presses it.
+
+    Without one the load is constant, or follows the reaction of a support, where the joint is loaded by one.
+    """
+
+    name: ClassVar[str] = "friction"
+    folds: ClassVar[bool] = True
+
+    law: FrictionLaw
+    normal_load: Value = field(metadata=parameter("N", "normal load at rest", "section 3", strict=False))
+    normal_stiffness: Value | None = field(
+        default=None, metadata=parameter("N/m", "stiffness of the contact along its normal", "textbook")
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse numbers out of their bounds."""
+        check_bounds(self)
+
+    @property
+    def ports(self) -> int:
+        """The sliding direction, and the normal one if it has one of its own."""
+        return 1 if self.normal_stiffness is None else 2
+
+    @property
+    def states(self) -> int:
+        """Those of the law."""
+        return self.law.states
+
+    @property
+    def set_valued(self) -> bool:
+        """As the law is."""
+        return self.law.set_valued
+
+    def _normal(self, s: JointSample) -> Value:
+        if self.normal_stiffness is None:
+            return self.normal_load + s.load
+        return pressure(self.normal_load, self.normal_stiffness, s.u[1])
+
+    def advance(self, z: Value, before: JointSample, now: JointSample) -> tuple[Value, list[Value]]:
+        """Advance the friction law under the present load."""
+        told = (
+            ContactSample(s.u[0], s.v[0], self._normal(s), 0.0, s.C, self.normal_load, s.dt, s.f[0])
+            for s in (before, now)
+        )
+        z, T = self.law.advance(z, *told)
+        if self.normal_stiffness is None:
+            return z, [T]
+        return z, [T, self.normal_load - self._normal(now)]
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneFriction:
+    """Elastic dry friction in a plane: two tangential directions, then the normal one; states are the anchor's place.
+
+    The tangential spring's force keeps within the circle mu N by radial return: its direction is that of the trial
+    force (exact for a step that moves straight), its anchor is dragged along. Where the contact separates nothing is
+    left of it.
+    """
+
+    name: ClassVar[str] = "plane-friction"
+    ports: ClassVar[int] = 3
+    states: ClassVar[int] = 2
+    folds: ClassVar[bool] = False
+    set_valued: ClassVar[bool] = False
+
+    mu: Value = field(metadata=parameter("1", "friction coefficient", "Coulomb", strict=False))
+    tangential_stiffness: Value = field(metadata=parameter("N/m", "of either tangential direction", "textbook"))
+    normal_load: Value = field(metadata=parameter("N", "normal load at rest", "section 3", strict=False))
+    normal_stiffness: Value = field(
+        metadata=parameter("N/m", "along the normal; 0 for a constant load", "textbook", strict=False)
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse numbers out of their bounds."""
+        check_bounds(self)
+
+    def advance(self, z: Value, before: JointSample, now: JointSample) -> tuple[Value, list[Value]]:
+        """Return to the circle mu N."""
+        N, k = pressure(self.normal_load, self.normal_stiffness, now.u[2]), self.tangential_stiffness
+        trial = [k * (z[i] - now.u[i]) for i in range(2)]
+        size = ca.sqrt(trial[0] ** 2 + trial[1] ** 2 + TINY)
+        kept = ca.fmin(self.mu * N / size, 1.0)
+        force = [kept * t for t in trial]
+        anchor: Any = ca.vertcat(*(now.u[i] + force[i] / k for i in range(2)))
+        return anchor, [*force, self.normal_load - N]

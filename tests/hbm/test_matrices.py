@@ -1,0 +1,99 @@
+"""Files of matrices: each format there and back, and what is none refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.io import mmwrite, savemat
+
+from hbm.errors import InputError
+from hbm.rigfiles.load import load_rig
+from hbm.rigfiles.matrices import read_abaqus, read_matrix
+
+K = sparse.csr_array(np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]))
+
+
+def test_every_format_gives_the_same_matrix(tmp_path: Path) -> None:
+    sparse.save_npz(tmp_path / "sparse.npz", K)
+    np.savez(tmp_path / "named.npz", K=K.toarray(), M=np.eye(3))
+    mmwrite(tmp_path / "K.mtx", K)
+    savemat(tmp_path / "model.mat", {"K": sparse.csc_array(K), "M": np.eye(3)})
+    for name, key in (("sparse.npz", None), ("named.npz", "K"), ("K.mtx", None), ("model.mat", "K")):
+        assert np.array_equal(read_matrix(tmp_path / name, key).toarray(), K.toarray()), name
+    with pytest.raises(InputError, match="no key; must be one of K, M"):
+        read_matrix(tmp_path / "named.npz")
+    with pytest.raises(InputError, match="must end in"):
+        read_matrix(tmp_path / "K.txt")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_matrix(tmp_path / "none.npz")
+
+
+@pytest.mark.parametrize("half", ["upper", "lower", "whole"])
+def test_the_text_of_abaqus_is_read_with_its_names(tmp_path: Path, half: str) -> None:
+    coo = K.tocoo()
+    kept = [
+        (i, j, v)
+        for i, j, v in zip(*coo.coords, coo.data, strict=True)
+        if half == "whole" or (i <= j if half == "upper" else i >= j)
+    ]
+    node = {0: "1,2", 1: "1,6", 2: "7,1"}
+    path = tmp_path / "job_STIF1.mtx"
+    path.write_text("".join(f"{node[i]}, {node[j]}, {v:.16e}\n" for i, j, v in kept))
+    matrix, names = read_abaqus(path)
+    assert names == ("1.y", "1.rz", "7.x")
+    assert np.array_equal(matrix.toarray(), K.toarray())
+    path.write_text("1,2, 1,2\n")
+    with pytest.raises(InputError, match="line 1"):
+        read_abaqus(path)
+
+
+def test_a_rig_file_names_matrices_and_supports(tmp_path: Path) -> None:
+    sparse.save_npz(tmp_path / "K.npz", K)
+    sparse.save_npz(tmp_path / "M.npz", sparse.csr_array(np.eye(3)))
+    (tmp_path / "dofs.txt").write_text("1.x 2.x 3.x\n")
+    text = """
+name = "Chain"
+[matrix]
+mass = "M.npz"
+stiffness = "K.npz"
+dofs = "dofs.txt"
+fixed = ["1"]
+modes = 2
+[damping]
+modal_ratios = [0.02]
+[[joints]]
+name = "rub"
+law = "coulomb-penalty"
+mu = 0.3
+critical_slip = 0.1
+normal_load = 0.5
+at = "2.x"
+to = "3.x"
+[excitation]
+amplitude = 1.0
+at = "3.x"
+[[channels]]
+name = "a"
+quantity = "acceleration"
+at = "2.x"
+"""
+    path = tmp_path / "rig.toml"
+    path.write_text(text)
+    rig = load_rig(path)
+    free = np.linalg.eigvalsh(K.toarray()[1:, 1:])
+    assert rig.structure.omega_n**2 == pytest.approx(free, rel=1e-10)
+    assert np.abs(rig.structure.joints[0] @ (rig.structure.omega_n**-2.0 * rig.structure.excitation)) == pytest.approx(
+        1.0
+    )
+    for wrong, said in (
+        (text.replace('at = "2.x"\nto', 'at = "9.x"\nto'), "place"),
+        (text.replace('law = "coulomb-penalty"', 'law = "glue"'), "joints\\[1\\].law"),
+        (text.replace("mu = 0.3", "mu = -0.3"), "joints\\[1\\].mu = -0.3; must be > 0"),
+        (text.replace("mu = 0.3", "nu = 0.3"), "joints\\[1\\].*is missing|nu"),
+        (text.replace('at = "3.x"\n[[', "position = 0.3\n[["), "excitation.at is missing"),
+        (text.replace('"K.npz"', '"none.npz"'), "cannot be read"),
+    ):
+        path.write_text(wrong)
+        with pytest.raises(InputError, match=said):
+            load_rig(path)

@@ -1,0 +1,51 @@
+"""Rigs with joints that several tests share."""
+
+import numpy as np
+
+from models import Beam, Jenkins
+from models.bodies.finite import FiniteBeam
+from models.bodies.modal import ModalModel
+from models.jointed import JointedRig
+from models.joints import Friction, Joint, PlaneFriction, PolynomialSpring, Stop
+from models.parts import Channel, Damping, Excitation
+
+BEAM = Beam(0.606, 0.03888, 0.00478, 210e9, 7800.0, 6)
+
+
+def made_up(damped: bool, rigid: bool) -> JointedRig:
+    """Numbers without a meaning, every term at work: residual flexibility, a reaction, coupled damping, rigid modes."""
+    rng = np.random.default_rng(1)
+    n = 4
+    rows, C, D = rng.normal(size=(5, n)), rng.normal(size=(5, 5)), rng.normal(size=(n, n))
+    body = ModalModel(
+        (0.0 if rigid else 1.0, 2.0, 3.0, 5.0),
+        {name: tuple(row) for name, row in zip("abcde", rows.tolist(), strict=True)},
+        tuple(map(tuple, (1e-3 * C @ C.T).tolist())),
+        tuple(map(tuple, (0.05 * D @ D.T).tolist())) if damped else None,
+        {"s": tuple(0.05 * rng.normal(size=n))},
+        {"s": tuple(0.1 * rng.normal(size=5))},
+    )
+    joints = (
+        Joint("rub", Friction(Jenkins(0.4, 0.01), 2.0), ("a",), loaded_by="s"),
+        Joint("spring", PolynomialSpring(cubic=200.0), ("b",), ("c",)),
+        Joint("plane", PlaneFriction(0.3, 50.0, 1.0, 30.0), ("c", "d", "e")),
+    )
+    return JointedRig("made up", body, Damping(0.3), joints, Excitation(1.0, at="d"))
+
+
+def beam_rig(friction: Friction) -> JointedRig:
+    """A beam with four joints: friction, a spring between two points, a stop, friction in a plane."""
+    joints = (
+        Joint("rub", friction, ("y(0.25)",)),
+        Joint("spring", PolynomialSpring(linear=1e3, cubic=1e13), ("y(0.3)",), ("y(0.45)",)),
+        Joint("stop", Stop(2e4, 4e-6), ("y(0.4)",)),
+        Joint("plane", PlaneFriction(0.3, 1e6, 10.0, 1e6), ("axial(0.5)", "y(0.5)", "y(0.35)")),
+    )
+    return JointedRig(
+        "beam with four joints",
+        FiniteBeam(BEAM),
+        Damping(modal_ratios=(0.01,)),
+        joints,
+        Excitation(20.0, 0.555),
+        (Channel("x", "acceleration", 0.3),),
+    )

@@ -1,0 +1,148 @@
+"""Harmonic balance over joints: exact Newton steps, the one contact it contains, energy, and time integration."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from hbm.balance.jointed import JointBalance
+from hbm.fourier import FourierBasis
+from hbm.integration.jointed import JointMarcher, joint_steady_state, simulate_joints, state_at_phase_zero
+from hbm.response.trace import steady_state, trace_frequency
+from hbm.stability.jointed import joint_stability
+from models import Coulomb, Dahl, Iwan, Jenkins, Karnopp, LuGre, Stribeck
+from models.bodies.modal import ModalModel
+from models.jointed import JointedRig
+from models.joints import Friction, Joint, PolynomialSpring
+from models.parts import Damping, Excitation
+from models.published import paper_rig
+from tests.joints.rigs import beam_rig, made_up
+
+H, N_T = 25, 1024
+LAWS = {
+    "jenkins": Jenkins(0.4, 4e-6),
+    "stribeck": Stribeck(0.5, 0.3, 1e-3, 4e-6),
+    "dahl": Dahl(0.4, 4e6),
+    "lugre": LuGre(0.5, 0.3, 1e-3, 4e6, 200.0, 1.0),
+    "iwan": Iwan(0.4, 4e6, elements=8),
+    "coulomb": Coulomb(0.4),
+    "karnopp": Karnopp(0.5, 0.4, 1e-4),
+}
+
+
+@pytest.mark.parametrize("parameter", ["frequency", "force"])
+@pytest.mark.parametrize("damped", [False, True])
+@pytest.mark.parametrize("rigid", [False, True])
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_bordered_steps_are_those_of_a_dense_system_of_differences(damped: bool, rigid: bool, parameter: str) -> None:
+    problem = JointBalance(made_up(damped, rigid), FourierBasis(3, 64), parameter=parameter, hz=1.1)
+    rng = np.random.default_rng(2)
+    x, row, rhs = (rng.normal(size=problem.size) for _ in range(3))
+    x, lam, e = 0.3 * x, 1.1, 1e-6
+    by_x = np.array(
+        [(problem.residual(x + e * u, lam) - problem.residual(x - e * u, lam)) / (2 * e) for u in np.eye(len(x))]
+    )
+    by_lam = (problem.residual(x, lam + e) - problem.residual(x, lam - e)) / (2 * e)
+    dense = np.block([[by_x.T, by_lam[:, None]], [row[None], np.array([[0.7]])]])
+    expected = np.linalg.solve(dense, np.append(rhs, 0.2))
+    linear = problem.linearize(x, lam)
+    found = np.append(*linear.solve_bordered(row, 0.7, rhs, 0.2))
+    assert np.abs(found - expected).max() < 1e-6 * np.abs(expected).max()
+    assert linear.determinant_sign(row, 0.7) == np.sign(np.linalg.det(dense))
+
+
+def test_one_joint_is_the_contact_of_old() -> None:
+    rig = paper_rig()
+    contact = replace(rig.contact, law=Jenkins(0.52, 4.146e-6), load_variation=0.0, foreshortening=False)
+    rig = replace(rig, contact=contact)
+    s = rig.structure
+    cross = s.residual.slip_by_force
+    body = ModalModel(
+        tuple((s.omega_n / (2 * np.pi)).tolist()),
+        {"tip": tuple(s.slip_row.tolist()), "shaker": tuple(s.excitation.tolist())},
+        ((s.compliance, cross), (cross, s.residual.drive_by_force)),
+    )
+    joint = Joint("tip", Friction(contact.law, contact.normal_load), ("tip",))
+    same = JointedRig("paper", body, rig.damping, (joint,), replace(rig.excitation, at="shaker"))
+    for hz in (45.0, 49.0, 52.0):
+        one, other = (steady_state(r, hz, harmonics=9, samples=256) for r in (rig, same))
+        for a, b in (("drive", "drive"), ("friction", "tip.force"), ("slip", "tip.motion")):
+            assert np.abs(one[a].coefficients - other[b].coefficients).max() < 1e-9 * one[a].peak
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_time_integration_agrees_and_energy_closes(name: str) -> None:
+    rig = beam_rig(Friction(LAWS[name], 40.0))
+    solution = steady_state(rig, 45.0, harmonics=H, samples=N_T)
+    assert abs(solution.energy_error) < 1e-6
+    problem = JointBalance(rig, FourierBasis(H, N_T))
+    period = joint_steady_state(rig, 45.0, start=state_at_phase_zero(problem, solution.state))
+    for channel in ("drive", "spring.force", "stop.motion", "plane.force.1", "plane.force.2", "plane.force.3"):
+        a, b = solution[channel].coefficients, period.history.harmonics(channel, H)
+        fundamental = np.hypot(a[1], a[H + 1])
+        if channel != "plane.force.1" or fundamental > 1e-6:  # the bending beam hardly moves along
+            assert np.hypot(a[1] - b[1], a[H + 1] - b[H + 1]) < 5e-3 * fundamental, channel
+    rubbed = np.abs(solution["rub.force"].coefficients - period.history.harmonics("rub.force", H)).max()
+    assert rubbed < 5e-3 * solution["rub.force"].peak
+    # what a small disturbance becomes, along either of the two motions
+    stability = joint_stability(problem, solution.state)
+    kept = stability.multipliers
+    own = np.linalg.eigvals(period.monodromy)
+    own = own[np.argsort(np.abs(own - 1.0))[stability.undying :]]
+    assert stability.stable
+    assert np.abs(own).max() == pytest.approx(np.abs(kept).max(), abs=0.02)
+
+
+def test_a_march_from_rest_settles_on_it() -> None:
+    rig = beam_rig(Friction(LAWS["lugre"], 40.0))  # forgets where it came from, sticking or not
+    solution = steady_state(rig, 45.0, harmonics=H, samples=N_T)
+    history = simulate_joints(rig, 45.0, periods=120, steps_per_period=1024, last_periods=1)
+    a, b = solution["drive"].coefficients, history.harmonics("drive", H)
+    assert np.hypot(a[1] - b[1], a[H + 1] - b[H + 1]) < 5e-4 * np.hypot(a[1], a[H + 1])
+
+
+def test_the_step_is_differentiated_exactly() -> None:
+    rig = beam_rig(Friction(LuGre(0.5, 0.3, 1e-3, 4e6, 200.0, 1.0), 40.0))
+    marcher = JointMarcher(rig, 45.0, 20.0, 64)
+    x = np.zeros(marcher.size)
+    for _ in range(3):
+        x = marcher.period(x)[0][-1]
+    X, _ = marcher.period(x)
+    step = 1e-6 * np.random.default_rng(0).normal(size=len(x)) * np.abs(X).max(axis=0)
+    apart = (marcher.period(x + step)[0][-1] - marcher.period(x - step)[0][-1]) / 2
+    found = marcher.monodromy(x, X) @ step
+    assert np.abs(found - apart).max() < 1e-4 * np.abs(apart).max()
+
+
+def test_two_bodies_afloat_swing_against_each_other() -> None:
+    """Two free masses m1, m2 on a cubic spring: the relative motion is one oscillator of the reduced mass."""
+    m1, m2, k, k3, F, hz = 2.0, 3.0, 400.0, 9e4, 1.0, 1.7
+    total, reduced = m1 + m2, m1 * m2 / (m1 + m2)
+    relative = np.sqrt(reduced)
+    ports = {"one": (total**-0.5, relative / m1), "two": (total**-0.5, -relative / m2)}
+    # one mode is rigid; the other is the relative motion without any spring, rigid as well
+    body = ModalModel((0.0, 0.0), ports)
+    spring = Joint("spring", PolynomialSpring(linear=k, cubic=k3), ("one",), ("two",))
+    rig = JointedRig("afloat", body, Damping(0.5, high_mode_ratio=0.0), (spring,), Excitation(F, at="one"))
+    found = steady_state(rig, hz, harmonics=7, samples=128)
+    single = ModalModel((0.0,), {"mass": (reduced**-0.5,)})
+    alone = Joint("spring", PolynomialSpring(linear=k, cubic=k3), ("mass",))
+    one = JointedRig(
+        "alone", single, Damping(0.5, high_mode_ratio=0.0), (alone,), Excitation(F * reduced / m1, at="mass")
+    )
+    expected = steady_state(one, hz, harmonics=7, samples=128)
+    assert np.allclose(found["spring.motion"].coefficients, expected["spring.motion"].coefficients, atol=1e-9)
+    # the centre of mass, which no joint sees, moves as a free mass
+    x1, x2 = found["drive"].coefficients, found["drive"].coefficients - found["spring.motion"].coefficients
+    centre = (m1 * x1 + m2 * x2) / total
+    Omega = 2 * np.pi * hz
+    assert (centre[1] - 1j * centre[8]) == pytest.approx(F / total / (-(Omega**2) + 0.5j * Omega), rel=1e-9)
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
+def test_a_curve_of_joints_is_traced_through_its_peak() -> None:
+    rig = beam_rig(Friction(Jenkins(0.4, 4e-6), 40.0))
+    curve = trace_frequency(rig, (40.0, 90.0), harmonics=7, samples=128)
+    assert curve.complete
+    assert 40.0 < curve.peak.hz < 90.0
+    assert max(abs(p.energy_error) for p in curve.points) < 1e-6

@@ -1,0 +1,144 @@
+"""Laws of joints over a period: derivatives against differences, friction against the law as one contact has it."""
+
+import numpy as np
+import pytest
+
+from hbm.aft.force import Environment, LawOverPeriod
+from hbm.aft.joint import JointOverPeriod
+from hbm.aft.jointstep import values
+from hbm.fourier import FourierBasis
+from models import (
+    LAWS as LISTED,
+)
+from models import (
+    Coulomb,
+    Dahl,
+    Hybrid,
+    Iwan,
+    Jenkins,
+    Karnopp,
+    LuGre,
+    SpringDamper,
+    Stribeck,
+    VelocityLimited,
+    Viscous,
+)
+from models.friction import parameters
+from models.joints import Clearance, CubicSpring, Dashpot, Friction, PlaneFriction, PolynomialSpring, Stop
+from models.joints.law import with_numbers
+
+BASIS = FourierBasis(7, 256)
+OMEGA = 1.3
+FRICTION = {
+    "jenkins": Jenkins(0.4, 0.3),
+    "coulomb": Coulomb(0.4),
+    "stribeck": Stribeck(0.5, 0.3, 0.4, 0.3),
+    "dahl": Dahl(0.4, 3.0),
+    "lugre": LuGre(0.5, 0.3, 0.4, 3.0, 0.05, 0.02),
+    "iwan": Iwan(0.4, 3.0, spread=0.5, elements=4),
+    "karnopp": Karnopp(0.5, 0.4, 0.2),
+    "sdfm": SpringDamper(0.4, 3.0, 0.1),
+    "vlfm": VelocityLimited(0.4, 0.2),
+    "hybrid": Hybrid(0.5, 0.3, 0.4, 3.0, 30.0, 20.0, 0.05, 0.02),
+    "viscous": Viscous(0.3),
+}
+LAWS = {
+    "polynomial": (PolynomialSpring(1.0, 0.5, 2.0, 0.3, 0.1), 0.0),
+    "cubic": (CubicSpring(2.0), 0.0),
+    "dashpot": (Dashpot(0.3, 0.2), 0.0),
+    "stop": (Stop(3.0, 0.1), 0.0),
+    "clearance": (Clearance(3.0, 0.1), 0.0),
+    "plane": (PlaneFriction(0.4, 2.0, 1.0, 0.8), 0.0),
+    "normal port": (Friction(Jenkins(0.4, 0.3), 2.0, 1.5), 0.1),
+    **{name: (Friction(law, 2.0), 0.2) for name, law in FRICTION.items()},
+}
+
+
+def _signals(ports: int, loaded: bool) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(0)
+    signals, change = (rng.normal(size=(BASIS.size, 2 * ports + 1)) / (1 + BASIS.k[:, None] ** 2) for _ in range(2))
+    for s in (signals, change):
+        s[:, -1] *= 0.3 * loaded
+    return signals, change
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_derivatives_of_the_coefficients_are_those_of_differences(name: str) -> None:
+    law, C = LAWS[name]
+    signals, change = _signals(law.ports, isinstance(law, Friction) and law.ports == 1)
+    numbers, e = values(law), 1e-6
+
+    def coefficients(of: object = law, s: np.ndarray = signals, Omega: float = OMEGA) -> np.ndarray:
+        f, closure = JointOverPeriod(of, BASIS, C).forces(s, Omega)
+        assert closure < 1e-10
+        return BASIS.analysis @ f
+
+    joint = JointOverPeriod(law, BASIS, C)
+    joint.forces(signals, OMEGA)
+    found = joint.linearize(signals, OMEGA)
+    scale = np.abs(coefficients()).max()
+    by_signals = (coefficients(s=signals + e * change) - coefficients(s=signals - e * change)) / (2 * e)
+    assert np.abs(np.einsum("amcs,cs->am", found.by_signals, change) - by_signals).max() < 1e-5 * scale
+    by_Omega = (coefficients(Omega=OMEGA + e) - coefficients(Omega=OMEGA - e)) / (2 * e)
+    assert np.abs(found.by_Omega - by_Omega).max() < 1e-5 * scale
+    step = 0.1 * numbers * np.random.default_rng(1).normal(size=len(numbers))
+    up, down = (coefficients(with_numbers(law, iter(numbers + sign * e * step))) for sign in (1, -1))
+    along = joint.along(signals, OMEGA, step[:, None], np.zeros(1))[:, :, 0]
+    assert np.abs(along - (up - down) / (2 * e)).max() < 1e-5 * scale
+
+
+@pytest.mark.parametrize("name", FRICTION)
+def test_friction_of_a_joint_is_that_of_a_contact(name: str) -> None:
+    law, C = FRICTION[name], 0.2
+    signals, _ = _signals(1, loaded=True)
+    signals[:, 1] = signals[:, 0]
+    f, _ = JointOverPeriod(Friction(law, 2.0), BASIS, C).forces(signals, OMEGA)
+    seen = np.zeros((BASIS.size, 4))
+    seen[:, 0], seen[:, 1], seen[:, 2] = signals[:, 0], OMEGA * BASIS.derivative(signals[:, 0]), signals[:, 2]
+    seen[0, 2] += 2.0
+    environment = Environment(C, 2.0, np.array([float(v) for v in parameters(law).values()]))
+    T, _ = LawOverPeriod(law, BASIS).force(seen, OMEGA, environment)
+    assert np.abs(T - f[:, 0]).max() < 1e-10 * np.abs(T).max()
+
+
+def test_friction_in_a_plane_along_one_direction_is_a_jenkins_element() -> None:
+    signals, _ = _signals(3, loaded=False)
+    signals[:, 1:3] = 0.0
+    f, _ = JointOverPeriod(PlaneFriction(0.4, 3.0, 2.0, 0.7), BASIS).forces(signals, OMEGA)
+    one = JointOverPeriod(Friction(Jenkins(0.4, 0.4 * 2.0 / 3.0), 2.0), BASIS).forces(signals[:, [0, 3, 6]], OMEGA)[0]
+    assert np.abs(f[:, 0] - one[:, 0]).max() < 1e-12
+    assert not f[:, 1].any()
+
+
+def test_friction_in_a_plane_keeps_within_its_circle_and_is_the_same_turned() -> None:
+    signals, _ = _signals(3, loaded=False)
+    signals[:, 2] *= 30.0
+    law = PlaneFriction(0.4, 3.0, 2.0, 4.0)
+    f = JointOverPeriod(law, BASIS).forces(signals, OMEGA)[0].copy()
+    N = np.maximum(2.0 + 4.0 * (BASIS.synthesis @ signals[:, 2]), 0.0)
+    assert (N == 0.0).any()  # it separates
+    assert (np.hypot(f[:, 0], f[:, 1]) <= 0.4 * N * (1 + 1e-12)).all()
+    assert np.allclose(f[:, 2], 2.0 - N)
+    c, s = np.cos(0.7), np.sin(0.7)
+    turn = np.array([[c, s], [-s, c]])
+    turned = signals.copy()
+    turned[:, :2] = signals[:, :2] @ turn
+    assert np.allclose(JointOverPeriod(law, BASIS).forces(turned, OMEGA)[0][:, :2], f[:, :2] @ turn, atol=1e-12)
+
+
+def test_a_circle_under_a_constant_load_loses_what_it_should() -> None:
+    """Round a circle of radius a, all slipping: the force is mu N against a velocity it lags by acos(...) no more."""
+    a, mu, N, k = 3.0, 0.4, 2.0, 50.0
+    signals = np.zeros((BASIS.size, 7))
+    signals[1, 0], signals[BASIS.H + 1, 1] = a, a
+    f = JointOverPeriod(PlaneFriction(mu, k, N, 0.0), BASIS).forces(signals, OMEGA)[0]
+    # the anchor runs on a circle of its own, mu N / k from the contact and square to its own path
+    velocity = np.column_stack([-a * np.sin(BASIS.theta), a * np.cos(BASIS.theta)])
+    lost = -np.mean(np.sum(f[:, :2] * velocity, axis=1)) * 2 * np.pi
+    anchor = np.sqrt(a**2 - (mu * N / k) ** 2)
+    assert lost == pytest.approx(2 * np.pi * mu * N * anchor, rel=1e-3)
+
+
+def test_every_listed_law_is_tried() -> None:
+    tried = {law.name for law in FRICTION.values()}
+    assert set(LISTED) <= tried | {"fbfm", "none"}  # Karnopp's by another name; nothing

@@ -1,0 +1,149 @@
+"""Bodies given by matrices: modes against closed forms, both reductions against all degrees of freedom."""
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from models import Beam
+from models.bodies import FiniteBeam, MatrixBody, ModalModel
+from models.parts import Damping
+
+BEAM = Beam(0.606, 0.03888, 0.00478, 210e9, 7800.0, 6)
+RATIO = Damping(modal_ratios=(0.01,))
+HZ = (5.0, 30.0, 70.0, 120.0)
+
+
+def chain(masses: int, *, free: bool = False, modes: int = 4, reduction: str = "modes") -> MatrixBody:
+    """Unit masses on unit springs, fixed at one end or afloat."""
+    n = masses + (0 if free else 1)
+    K = sparse.diags_array([2.0 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1]).tolil()
+    K[0, 0] = K[n - 1, n - 1] = 1.0
+    names = tuple(f"{i}.x" for i in range(n))
+    fixed = () if free else (names[0],)
+    return MatrixBody(sparse.eye_array(n), K.tocsr(), names, modes=modes, fixed=fixed, reduction=reduction)
+
+
+def test_frequencies_of_a_chain_are_those_of_the_closed_form() -> None:
+    n, modes = 40, np.arange(1, 5)
+    found = chain(n).ported(["40.x"], RATIO)
+    assert found.omega_n == pytest.approx(2 * np.sin((2 * modes - 1) * np.pi / (2 * (2 * n + 1))), rel=1e-10)
+    afloat = chain(n, free=True).ported(["0.x"], RATIO)
+    assert afloat.omega_n[0] == 0.0
+    assert afloat.omega_n[1:] == pytest.approx(2 * np.sin(modes[:3] * np.pi / (2 * n)), rel=1e-9)
+
+
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("reduction", ["modes", "craig-bampton"])
+def test_reduced_receptances_are_those_of_all_degrees_of_freedom(free: bool, reduction: str) -> None:
+    n = 40
+    body = chain(n, free=free, modes=8, reduction=reduction)
+    places = ["7.x", "20.x", "39.x"]
+    damping = Damping(mass_proportional=0.01, high_mode_ratio=0.0)
+    found = body.ported(places, damping)
+    keep = [i for i, name in enumerate(body.dofs) if name not in body.fixed]
+    at = [keep.index(body.dofs.index(place)) for place in places]
+    K = body.stiffness.toarray()[np.ix_(keep, keep)]
+    for omega in (0.02, 0.05, 0.1):
+        dynamic = K - omega**2 * np.eye(len(keep)) + 0.01j * omega * np.eye(len(keep))
+        full = np.linalg.inv(dynamic)[np.ix_(at, at)]
+        assert np.linalg.norm(found.receptance(omega) - full) < 5e-3 * np.linalg.norm(full)
+    assert body.receptance_error(places, damping, [0.02 / 6.28, 0.1 / 6.28]) < 5e-3
+
+
+def test_at_rest_nothing_is_left_out() -> None:
+    body = chain(40, modes=3)
+    found = body.ported(["10.x", "40.x"], RATIO)
+    static = found.rows @ np.diag(found.omega_n**-2.0) @ found.rows.T + found.flexibility
+    assert static == pytest.approx(np.array([[10.0, 10.0], [10.0, 40.0]]), rel=1e-9)  # springs in series to the wall
+
+
+def test_reactions_are_those_of_the_full_model() -> None:
+    body = FiniteBeam(BEAM)
+    places, damping = ["y(0.555)", "slope(0.606)"], Damping(mass_proportional=0.6, high_mode_ratio=0.0)
+    found = body.with_modes(40).ported(places, damping, ["y(0.606)"])
+    matrices = body.matrices([0.555])
+    names, L = list(matrices.dofs), 0.606
+    held = {"axial@0.0", "y@0.0", "slope@0.0", f"y@{L!r}"}
+    keep = [i for i, name in enumerate(names) if name not in held]
+    M, K = (m.toarray() for m in (matrices.mass, matrices.stiffness))
+    tip, drive = names.index(f"y@{L!r}"), keep.index(names.index("y@0.555"))
+    for hz in HZ:
+        w = 2 * np.pi * hz
+        dynamic = (K - w**2 * M + 0.6j * w * M)[:, keep]
+        x = np.linalg.solve(dynamic[keep], np.eye(len(keep))[drive])
+        # in the modes: the weak form, with the force at the drive
+        q = found.rows[0] / (found.omega_n**2 - w**2 + 1j * w * found.damping.diagonal())
+        reaction = (-(w**2) * found.reaction_inertia + 1j * w * found.reaction_damping) @ q - found.reaction_share[:, 0]
+        assert reaction[0] == pytest.approx(dynamic[tip] @ x, rel=2e-3)
+
+
+def test_the_beam_is_the_one_of_the_closed_form() -> None:
+    found = FiniteBeam(BEAM).ported(["y(0.555)", "slope(0.606)", "axial(0.606)"], RATIO)
+    assert found.omega_n == pytest.approx(BEAM.natural_frequencies(), rel=2e-5)
+    assert np.abs(found.rows[0]) == pytest.approx(np.abs(BEAM.shapes(np.array([0.555]))[0]), rel=1e-3)
+    EI, EA, L = BEAM.bending_stiffness, BEAM.youngs_modulus * BEAM.area, BEAM.length
+    carried = np.sum((found.rows[1] / found.omega_n) ** 2)
+    assert carried + found.flexibility[1, 1] == pytest.approx(L / (4 * EI), rel=1e-8)
+    assert found.flexibility[2, 2] == pytest.approx(L / EA, rel=1e-8)
+
+
+def test_a_damping_matrix_and_ratios_that_agree_are_the_same() -> None:
+    body = chain(30, modes=5)
+    with_matrix = MatrixBody(
+        body.mass, body.stiffness, body.dofs, modes=5, fixed=body.fixed, damping_matrix=0.02 * body.mass
+    )
+    one = body.ported(["9.x"], Damping(mass_proportional=0.02, high_mode_ratio=0.0))
+    other = with_matrix.ported(["9.x"], Damping())
+    assert other.damping == pytest.approx(one.damping, abs=1e-12)
+
+
+def test_twenty_thousand_degrees_of_freedom_are_reduced() -> None:
+    """A plate of springs: its lowest mode that of the closed form."""
+    n = 141
+    one = sparse.diags_array([2.0 * np.ones(n), -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1])
+    eye = sparse.eye_array(n)
+    K = sparse.kron(one, eye) + sparse.kron(eye, one)
+    body = MatrixBody(sparse.eye_array(n * n), K.tocsc(), tuple(f"{i}.z" for i in range(n * n)), modes=10)
+    found = body.ported(["70.z", "9940.z"], RATIO)
+    assert found.omega_n[0] == pytest.approx(np.sqrt(8) * np.sin(np.pi / (2 * (n + 1))), rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"stiffness": np.ones((3, 2))}, "stiffness is 3 x 2; must be square"),
+        ({"stiffness": np.eye(4)}, "stiffness is 4 x 4; must be 3 x 3"),
+        ({"stiffness": np.array([[2.0, 1, 0], [0, 2, 0], [0, 0, 2]])}, "must be symmetric"),
+        ({"stiffness": np.diag([1.0, np.nan, 1.0])}, "must be finite"),
+        ({"dofs": ("a", "b")}, "dofs has 2 names; must have 3"),
+        ({"dofs": ("a", "b", "b")}, 'dofs has "b" twice'),
+        ({"fixed": ("d",)}, 'fixed has "d"; must be of dofs'),
+        ({"modes": 0}, "modes"),
+        ({"mass": np.array([[1.0, 2, 0], [2, 1, 0], [0, 0, 1]])}, "mass is indefinite"),
+        ({"reduction": "guyan"}, 'reduction = "guyan"'),
+    ],
+)
+def test_what_is_no_body_is_refused(change: dict, said: str) -> None:
+    given = {"mass": np.eye(3), "stiffness": np.diag([1.0, 2.0, 3.0]), "dofs": ("a", "b", "c"), "modes": 2}
+    with pytest.raises(ValueError, match=said):
+        MatrixBody(**(given | change))
+
+
+def test_places_that_are_none_are_refused() -> None:
+    with pytest.raises(ValueError, match=r'place "99\.x"'):
+        chain(5).ported(["99.x"], RATIO)
+    with pytest.raises(ValueError, match="is fixed"):
+        chain(5).ported(["0.x"], RATIO)
+    with pytest.raises(ValueError, match=r'no place "y\(0.7\)" on the beam'):
+        FiniteBeam(BEAM).ported(["y(0.7)"], RATIO)
+    with pytest.raises(ValueError, match="must be the same or further apart"):
+        FiniteBeam(BEAM).ported(["y(0.3)", "y(0.30001)"], RATIO)
+    with pytest.raises(ValueError, match='no port "b"; there are a'):
+        ModalModel((1.0,), {"a": (1.0,)}).ported(["b"], RATIO)
+
+
+def test_modes_given_up_are_kept_at_rest() -> None:
+    whole = ModalModel((1.0, 2.0, 5.0), {"a": (1.0, 0.5, 0.2), "b": (0.3, -1.0, 0.4)})
+    few = whole.with_modes(2).ported(["a", "b"], RATIO)
+    every = whole.ported(["a", "b"], RATIO)
+    assert few.receptance(0.0) == pytest.approx(every.receptance(0.0), rel=1e-12)
