@@ -1,5 +1,6 @@
 """A body with any number of joints: everything a simulation of it needs."""
 
+import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -13,6 +14,9 @@ from models.joints.rubbing import Friction
 from models.parts import Channel, Damping, Excitation
 from models.rig import Rig
 from models.structure import Array
+
+ROTATION = re.compile(r"^slope\(|\.r[xyz]$")
+"""Places that are rotations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +223,13 @@ class JointedRig:
             if name != key and name in (known := numbers(j.law)):
                 return self.with_joint(j.name, with_numbers(j.law, iter((known | {name: value}).values())))
         raise KeyError(f"{key} is not a number of the rig {self.name}")
+
+    @property
+    def units(self) -> list[tuple[str, str]]:
+        """Of motion and force at every port: rotations and moments where both its ends are rotations."""
+        ends = [[term for end in pair for term in terms(end)] for j in self.joints for pair in j.ends]
+        turns = [all(abs(weight) == 1.0 and ROTATION.search(place) for weight, place in end) for end in ends]
+        return [("rad", "N m") if turn else ("m", "N") for turn in turns]
 
     def _named(self, what: str) -> list[str]:
         return [

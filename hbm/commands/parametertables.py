@@ -21,7 +21,7 @@ def _of_contact(p: PeriodicSolution) -> dict[str, str]:
 
 def _of_joints(p: PeriodicSolution, forces: Sequence[str]) -> dict[str, str]:
     name = max(forces, key=lambda name: p[name].peak)
-    return {"largest\njoint force, N": f"{p[name].peak:.3g}", "in": name.replace(".force", "")}
+    return {"largest\njoint force": f"{p[name].peak:.3g} {p[name].unit}", "in": name.replace(".force", "")}
 
 
 def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:

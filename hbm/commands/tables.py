@@ -117,7 +117,7 @@ def _of_contact(c: ResponseCurve) -> dict[str, str]:
 
 def _of_joints(c: ResponseCurve) -> dict[str, str]:
     name = max(joint_forces(c), key=lambda name: float(c[name].peak.max()))
-    return {"largest\njoint force, N": f"{c[name].peak.max():.3g}", "in": name.replace(".force", "")}
+    return {"largest\njoint force": f"{c[name].peak.max():.3g} {c[name].unit}", "in": name.replace(".force", "")}
 
 
 def _numerics_row(c: ResponseCurve, known: Assessment) -> dict[str, str]:

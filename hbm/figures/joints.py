@@ -26,6 +26,12 @@ def colors_of(rig: "JointedRig") -> list[Any]:
     return list(colormaps["viridis"](np.linspace(0.0, 0.9, rig.ports)))
 
 
+def _units(rig: "JointedRig") -> tuple[str, str]:
+    """Of forces, and of motions in millionths."""
+    motions, forces = (list(dict.fromkeys(units)) for units in zip(*rig.units, strict=True))
+    return ", ".join(forces), ", ".join(f"µ{unit}" for unit in motions)
+
+
 def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) -> None:
     """Peaks of force and motion at every port over what is varied; every level in the port's colour."""
     rig: Any = curves[0].rig
@@ -42,8 +48,8 @@ def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) ->
     if rig.ports <= LEGEND:
         columns = 1 + (rig.ports - 1) // 6
         force.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best", ncols=columns)
-    dressed(force, "", "Joint force,\npeak [N]")
-    dressed(motion, "", "Joint motion,\npeak [µm]")
+    dressed(force, "", f"Joint force,\npeak [{_units(rig)[0]}]")
+    dressed(motion, "", f"Joint motion,\npeak [{_units(rig)[1]}]")
 
 
 def plot_joint_history(history: "JointHistory", axes: AxesArray | None = None, *, periods: int = 3) -> AxesArray:
@@ -65,8 +71,8 @@ def plot_joint_history(history: "JointHistory", axes: AxesArray | None = None, *
     last = slice(-min(periods * history.samples_per_period + 1, len(history.time)), None)
     rows = (
         (["drive"], 1e3, "Drive\n[mm]", [INK]),
-        (rig.forces, 1.0, "Joint force\n[N]", colors_of(rig)),
-        (rig.motions, 1e6, "Joint motion\n[µm]", colors_of(rig)),
+        (rig.forces, 1.0, f"Joint force\n[{_units(rig)[0]}]", colors_of(rig)),
+        (rig.motions, 1e6, f"Joint motion\n[{_units(rig)[1]}]", colors_of(rig)),
     )
     for (whole, enlarged), (names, scale, label, colors) in zip(grid, rows, strict=True):
         for name, color in zip(names, colors, strict=True):

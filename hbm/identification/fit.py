@@ -159,19 +159,20 @@ class LeastSquares:
                 max_nfev=STEPS,
             )
             moved, x = result.x - x, result.x
-            if np.all(np.abs(moved) <= AT_REST * np.sqrt(reduced * np.diag(self.uncertainty(result.jac)))):
+            if np.all(np.abs(moved) <= AT_REST * np.sqrt(reduced * np.diag(uncertainty(self.candidate, result.jac)))):
                 break
         return x
 
-    def uncertainty(self, jacobian: Array) -> Array:
-        """Covariance of the coordinates, (n, n), of a whitened Jacobian (..., n).
 
-        Where the records say nothing, the range in which a parameter is looked for does.
-        """
-        flat = jacobian.reshape(-1, jacobian.shape[-1])
-        low, high = self.candidate.coordinates.bounds
-        width = np.where(np.isfinite(high - low), high - low, 1e6)
-        return np.asarray(np.linalg.inv(flat.T @ flat + np.diag(1.0 / width**2)))
+def uncertainty(candidate: Candidate, jacobian: Array) -> Array:
+    """Covariance of the coordinates, (n, n), of a whitened Jacobian (..., n).
+
+    Where the records say nothing, the range in which a parameter is looked for does.
+    """
+    flat = jacobian.reshape(-1, jacobian.shape[-1])
+    low, high = candidate.coordinates.bounds
+    width = np.where(np.isfinite(high - low), high - low, 1e6)
+    return np.asarray(np.linalg.inv(flat.T @ flat + np.diag(1.0 / width**2)))
 
 
 def chi2_scale(observed: Observed) -> float:

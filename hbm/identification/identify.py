@@ -9,7 +9,7 @@ import numpy.typing as npt
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.identification.comparison import Comparison, compare
-from hbm.identification.fit import Judged, LeastSquares, fit, whitened
+from hbm.identification.fit import Judged, LeastSquares, fit, uncertainty, whitened
 from hbm.identification.judgement import fitted_parameters
 from hbm.identification.lawfit import HeldOut, LawFit, Loops, Quality
 from hbm.identification.start import Candidate, Scales, candidate, scales_of
@@ -217,7 +217,7 @@ def _law_fit(problem: LeastSquares, found: Judged, score: HeldOut | None, scales
         name=of.label,
         law=of.at(found.x),
         parameters=fitted_parameters(
-            of.coordinates, found.x, problem.uncertainty(found.jacobian) * quality.inflation**2, scales
+            of.coordinates, found.x, uncertainty(of, found.jacobian) * quality.inflation**2, scales
         ),
         quality=quality,
         records=np.array([record.number for record in observed.records]),

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from continuation import ConvergenceError
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
-from hbm.identification.fit import whitened
+from hbm.identification.fit import uncertainty, whitened
 from hbm.identification.identify import HELD
 from hbm.identification.judgement import fitted_parameters
 from hbm.identification.lawfit import FittedParameter, FittedParameters, LawFit, Quality
@@ -280,15 +280,9 @@ def _search(model: _Forward, of: Candidate, tell: OnProgress) -> tuple[Array, Ar
             max_nfev=STEPS,
         )
         moved, x = result.x - x, result.x
-        if np.all(np.abs(moved) <= AT_REST * np.sqrt(np.diag(_uncertainty(of, result.jac)))):
+        if np.all(np.abs(moved) <= AT_REST * np.sqrt(np.diag(uncertainty(of, result.jac)))):
             break
     return x, result.jac
-
-
-def _uncertainty(of: Candidate, jacobian: Array) -> Array:
-    low, high = of.coordinates.bounds
-    width = np.where(np.isfinite(high - low), high - low, 1e6)
-    return np.asarray(np.linalg.inv(jacobian.T @ jacobian + np.diag(1.0 / width**2)))
 
 
 def _simulated(model: _Forward, x: Array) -> list[tuple[Record, _Simulated]]:
@@ -331,7 +325,7 @@ def _result(model: _Forward, of: Candidate, x: Array, jacobian: Array, numerics:
     chi2 = np.array([w @ w for w, number in zip(white, numbers, strict=True) if number not in model.failed])
     points = sum(int(r.listed.sum()) for r, _ in pairs)
     quality = Quality(float(chi2.sum()), points, len(x), model.evaluations)
-    covariance = _uncertainty(of, jacobian) * quality.inflation**2
+    covariance = uncertainty(of, jacobian) * quality.inflation**2
     residual = [record.measured - simulated.amplitudes for record, simulated in pairs]
     return SpectraFit(
         name=of.label,

@@ -116,8 +116,8 @@ class JointHistory:
         signals = {c.name: Signal(late(c, self._there(c.name), dt), UNITS[c.quantity]) for c in rig.channels}
         signals["drive"] = Signal(self._seen(s.excitation, s.flexibility_to_force, s.drive_by_force, 0), "m")
         motion = self.q @ s.joints.T + self.f @ s.flexibility + np.outer(self.force(), s.flexibility_to_force)
-        for i, (name, force) in enumerate(zip(rig.motions, rig.forces, strict=True)):
-            signals[name], signals[force] = Signal(motion[:, i], "m"), Signal(self.f[:, i], "N")
+        for i, (name, force, units) in enumerate(zip(rig.motions, rig.forces, rig.units, strict=True)):
+            signals[name], signals[force] = Signal(motion[:, i], units[0]), Signal(self.f[:, i], units[1])
         return signals
 
     def harmonics(self, channel: str, H: int, periods: int = 1) -> Array:

@@ -149,9 +149,9 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
             chi2[i] += float(np.sum(np.abs(A @ found - b) ** 2))
             freedom[i] += 2 * (len(b) - m - 1)
     signals = {}
-    for j, (name, motion) in enumerate(zip(rig.forces, rig.motions, strict=True)):
-        signals[name] = _signal("N", f[..., j], f_std[..., j])
-        signals[motion] = _signal("m", u[..., j], u_std[..., j])
+    for j, (name, motion, units) in enumerate(zip(rig.forces, rig.motions, rig.units, strict=True)):
+        signals[name] = _signal(units[1], f[..., j], f_std[..., j])
+        signals[motion] = _signal(units[0], u[..., j], u_std[..., j])
     return JointReconstruction(rig, spectra, signals, chi2, freedom)
 
 

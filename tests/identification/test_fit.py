@@ -8,7 +8,7 @@ from contacts import SCALES, fed_back, jenkins, motions, observed, of_law
 
 from hbm.errors import InputError
 from hbm.fourier import FourierBasis
-from hbm.identification.fit import LeastSquares, fit
+from hbm.identification.fit import LeastSquares, fit, uncertainty
 from hbm.identification.judgement import fitted_parameters
 from hbm.identification.start import candidate
 from models import LAWS, Coulomb, Dahl, Hybrid, Iwan, Jenkins, Karnopp, LuGre, SpringDamper, Stribeck
@@ -75,7 +75,7 @@ def test_law_recovers_its_own_parameters(name):
     x = problem.search(of.x)
     judged = problem.judge(x)
     assert judged.chi2.sum() < 0.05
-    std = np.sqrt(np.diag(problem.uncertainty(judged.jacobian)))
+    std = np.sqrt(np.diag(uncertainty(problem.candidate, judged.jacobian)))
     assert np.all(np.abs(x - of.coordinates.of(parameters(law))) < 0.5 * std + 1e-4)
 
 
@@ -103,7 +103,7 @@ def test_jenkins_marched_by_itself_is_recovered_within_its_deviations():
         made = replace(made, basis=FourierBasis(made.basis.H, 1024))
         of = candidate("coulomb-penalty", Jenkins(mu=0.4, critical_slip=3e-6), SCALES, ())
         problem, judged = fit(of, made)
-        found = fitted_parameters(of.coordinates, judged.x, problem.uncertainty(judged.jacobian), SCALES)
+        found = fitted_parameters(of.coordinates, judged.x, uncertainty(problem.candidate, judged.jacobian), SCALES)
         pulls.extend((e.value - t) / e.std for e, t in zip(found.entries, truth, strict=True))
         chi2.append(judged.chi2.sum() / made.records[0].informed / len(made.records))
     assert np.abs(pulls).max() < 3.5
@@ -135,7 +135,7 @@ def test_parameter_that_the_records_do_not_determine_is_said_to_be_so():
     made = observed([of_law(law, s) for s in signals], signals, FLOOR, np.random.default_rng(7))
     of = candidate("stribeck", law, SCALES, ("exponent",))
     problem, judged = fit(of, made)
-    found = fitted_parameters(of.coordinates, judged.x, problem.uncertainty(judged.jacobian), SCALES)
+    found = fitted_parameters(of.coordinates, judged.x, uncertainty(problem.candidate, judged.jacobian), SCALES)
     assert {e.name for e in found.entries if e.undetermined} & {"mu_static", "mu", "stribeck_velocity"}
     assert "not determined" in str(found)
     share = np.exp(-((4e-3 / found["stribeck_velocity"].value) ** 2))
