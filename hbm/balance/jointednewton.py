@@ -1,26 +1,20 @@
 """Newton's system of a balance of joints: the modes eliminated, the core as large as the joint signals."""
 
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.linalg import lapack
 
 from hbm.aft.joint import JointForces
 from hbm.balance.equations import Parameter, State
+from hbm.balance.jointequations import Complex, JointEquations
 from hbm.fourier import Array
-
-if TYPE_CHECKING:
-    from hbm.balance.jointed import JointBalance
-
-Complex = npt.NDArray[np.complex128]
 
 
 class Modes:
     """The modes at a frequency: their answer to forces, harmonic by harmonic."""
 
-    def __init__(self, problem: "JointBalance", Omega: float) -> None:
+    def __init__(self, problem: JointEquations, Omega: float) -> None:
         self.basis, self.diagonal = problem.basis, problem.diagonal
         stiffness = problem.dynamic_stiffness(Omega)
         # the mean of a rigid motion is not eliminated: the joints decide it
@@ -57,7 +51,7 @@ class Modes:
 class JointLinearization:
     """Residual at a state, and its derivative when asked for; a :class:`continuation.Linearization`."""
 
-    def __init__(self, problem: "JointBalance", state: State, signals: list[Array], residual: Array) -> None:
+    def __init__(self, problem: JointEquations, state: State, signals: list[Array], residual: Array) -> None:
         self.problem, self.state, self.signals, self.residual = problem, state, signals, residual
 
     @cached_property

@@ -39,9 +39,9 @@ def _wide_above_two(places: int) -> AxesArray:
     """Panels of a new figure: one for so many places, and two below it."""
     import matplotlib.pyplot as plt
 
-    height = 0.3 + 0.21 * places  # of a panel alone; the rest is for labels
+    height = 0.3 + 0.21 * places  # of the panel without its labels; below, with them
     figure = plt.figure(figsize=(WIDTH, height + 3.0), layout="constrained")
-    grid = figure.add_gridspec(2, 1, height_ratios=[height, 1.95])
+    grid = figure.add_gridspec(2, 1, height_ratios=[height, 2.45])
     below = grid[1].subgridspec(1, 2)
     return np.array([figure.add_subplot(place) for place in (grid[0], below[0], below[1])])
 

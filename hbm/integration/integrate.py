@@ -7,6 +7,7 @@ for the state that a period maps on itself; both return a :class:`hbm.integratio
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import overload
 
 import numpy as np
@@ -109,16 +110,8 @@ def simulate(
         periods = max(1, round((DEFAULT_PERIODS / hz if duration is None else duration) * hz))
         if isinstance(start, State):
             raise ValueError("simulate: start is a state of a rig with [contact]; must be (size,) numbers")
-        return simulate_joints(
-            rig,
-            hz,
-            periods=periods,
-            level=level,
-            steps_per_period=steps_per_period,
-            start=start,
-            last_periods=last_periods,
-            progress=progress,
-        )
+        march = partial(simulate_joints, periods=periods, steps_per_period=steps_per_period, progress=progress)
+        return march(rig, hz, level=level, start=start, last_periods=last_periods)
     from_rest = start is None
     start = start if isinstance(start, State) else State.at_rest(rig)
     level = rig.excitation.amplitude if level is None else level
