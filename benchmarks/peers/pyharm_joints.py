@@ -74,8 +74,26 @@ def model(case: dict[str, np.ndarray], hz: tuple[float, float]) -> dict:
     }
 
 
-def main(source: str, target: str) -> None:
-    """Trace the curve twice, the second time timed."""
+def at_our_peak(case: dict[str, np.ndarray], system: object) -> float:
+    """Their Newton iterations from our solution at our peak, at its frequency: relative change of the fundamental."""
+    rows, drive, H = case["rows"], case["drive"], int(case["H"])
+    size = np.linalg.norm(drive)
+    turned = np.vstack([rows * (size / np.linalg.norm(rows, axis=1))[:, None], drive])
+    nodes = np.vstack([turned, np.linalg.svd(turned)[2][len(turned) :] * size]) @ case["Q"].T / float(case["length"])
+    dofs = system.expl_dofs
+    place = [k if cs == "c" else H + k for k, cs in zip(dofs.harm, dofs.cs, strict=True)]
+    x = np.append(nodes[dofs.node_num.to_numpy(), place], 2 * np.pi * float(case["at"]) / float(case["omega"]))
+    first = dofs[(dofs.node_num == len(rows)) & (dofs.harm == 1)].index
+    ours = np.hypot(*x[first])
+    for _ in range(6):
+        residual, jacobian = np.ravel(system.Residual(x)), system.Jacobian(x)[0]  # by unknowns, then by frequency
+        free = len(x) - 1
+        x[:free] -= np.linalg.solve(jacobian[:free, :free], residual[:free])
+    return float(abs(np.hypot(*x[first]) / ours - 1.0))
+
+
+def main(source: str, target: str, trace: str) -> None:
+    """Solve at our peak; trace the curve twice, the second time timed, if asked for."""
     case = dict(np.load(source))
     warnings.simplefilter("ignore")
     os.chdir(tempfile.mkdtemp())  # it leaves a .pyHarm folder where it runs
@@ -83,6 +101,11 @@ def main(source: str, target: str) -> None:
 
     logging.disable(logging.CRITICAL)
     hz = tuple(case["hz"].tolist())
+    apart = at_our_peak(case, pyHarm.Maestro(model(case, hz)).system)
+    if trace == "no":
+        with open(target, "w", encoding="utf-8") as file:
+            json.dump({"apart": apart}, file)
+        return
     for _ in range(2):
         maestro = pyHarm.Maestro(model(case, hz))
         begin = time.perf_counter()
@@ -94,6 +117,7 @@ def main(source: str, target: str) -> None:
     drive = x[:, dofs[dofs.node_num == m].index] * float(case["length"])  # a_0, a_1, b_1, a_2, b_2...
     first = np.hypot(drive[:, 1], drive[:, 2])
     found = {
+        "apart": apart,
         "wall": wall,
         "hz": (x[:, -1] * float(case["omega"]) / (2 * np.pi)).tolist(),
         "first": first.tolist(),
