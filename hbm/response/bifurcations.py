@@ -114,12 +114,11 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     branch, followed = curve.branch, _Followed.of(curve, judged)
     turns = sum(p.fold or p.branch_point for p in branch.points)
     sought = turns + sum(a.unstable != b.unstable for a, b in pairwise(followed.stability)) <= MOST
-    if sought:
-        followed.halve(judged)
+    unsettled = followed.halve(judged) if sought else []
     doubtful = np.zeros(len(followed.points), dtype=bool)
     found = [*refine(curve.traced, branch), *_folded_corners(branch)] if sought else list(_flagged(branch))
-    for rank in range(int(followed.count.max(initial=0))):
-        across, unknown = _certain(followed, rank, judge) if sought else _plain(followed, rank)
+    for rank in range(max(int(followed.count.max()), 1)):
+        across, unknown = _certain(followed, unsettled, rank, judge) if sought else _plain(followed, rank)
         found += _crossings(followed, rank, across, judged, sought=sought)
         doubtful |= unknown if rank == 0 else False
     kept = followed.kept(doubtful)
@@ -183,8 +182,8 @@ class _Followed:
         steps = np.flatnonzero(hiding(self.stability, np.array([p.arclength for p in self.points]), self.values)) + 1
         return [int(i) for i in steps if self.halved[i] < HALVED and not self.points[i].jumped]
 
-    def halve(self, judged: Judged) -> None:
-        """Halve long steps until there are none, or as many new points as the curve has."""
+    def halve(self, judged: Judged) -> list[int]:
+        """Halve long steps until there are none, or as many new points as the curve has; the steps still long."""
         room = len(self.points)
         while room > 0 and (steps := self.long()[:room]):
             room -= len(steps)
@@ -201,6 +200,7 @@ class _Followed:
                 self.stability.insert(i, judged(point))
                 self.own.insert(i, -2 if flagged else -1)
                 self.halved.insert(i, self.halved[i])
+        return [] if room else self.long()
 
     def again(self, i: int, judge: Judge) -> Stability | None:
         """Stability of a point with more harmonics and samples; None where it is not found."""
@@ -241,14 +241,16 @@ def _plain(followed: _Followed, rank: int) -> tuple[list[tuple[int, int]], npt.N
     return [(int(i), int(i) + 1) for i in changes], np.zeros(len(followed.points), dtype=bool)
 
 
-def _certain(followed: _Followed, rank: int, judge: Judge) -> tuple[list[tuple[int, int]], npt.NDArray[np.bool_]]:
-    """Crossings of a rank, between points, and points in doubt: for the error, or since finer numerics judge otherwise.
+def _certain(
+    followed: _Followed, unsettled: list[int], rank: int, judge: Judge
+) -> tuple[list[tuple[int, int]], npt.NDArray[np.bool_]]:
+    """Crossings of a rank, between points, and points in doubt.
 
-    Steps that are still too long are in doubt.
+    They are in doubt for the error, beside steps that are still too long, and where finer numerics judge otherwise.
     """
     found = followed.stability
     across, doubtful = crossings(found, followed.values, rank)
-    for i in followed.long():
+    for i in unsettled:
         doubtful[i - 1 : i + 1] = True
     grown, side = np.array([growth(s, rank) for s in found]), sides(found, rank)
     known = np.flatnonzero(side if side.any() else ~doubtful)

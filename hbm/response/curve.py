@@ -194,7 +194,8 @@ class ResponseCurve:
     stability : tuple of Stability, optional
         Of every point, where it was worked out (:func:`hbm.response.bifurcations.with_stability`).
     doubtful : (points,) bool array, optional
-        Where more harmonics and samples judge otherwise.
+        Where that is not known: multipliers closer to the unit circle than their error come and go, or more harmonics
+        and samples judge otherwise.
     bifurcations : tuple of Bifurcation
         Found with it, in the order of travel.
     """

@@ -6,6 +6,7 @@ the error; :func:`hiding` says which steps are too long to rule such a bubble ou
 certain and which points belong to lower bubbles.
 """
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -27,6 +28,7 @@ STEEPER = 2.0
 NARROW = 1e-3
 """A crossing is at one place if within this fraction of what is varied the multiplier is known for certain again."""
 
+AXIS = 1.25
 FINE = 5e-4
 """Steps of this fraction of what is varied tell how high a bubble is that was no higher than the error where met."""
 
@@ -36,10 +38,10 @@ GRAZING = 0.25
 
 def growth(stability: Stability, rank: int) -> float:
     """Logarithm of the magnitude of the multiplier of a rank, the largest first; at most FAR in magnitude."""
-    magnitudes = np.abs(stability.multipliers)
-    if not 0 <= rank < len(magnitudes):
+    if not 0 <= rank < len(stability.magnitudes):
         return FAR if rank < 0 else -FAR
-    return float(np.log(np.clip(magnitudes[rank], np.exp(-FAR), np.exp(FAR))))
+    magnitude = float(stability.magnitudes[rank])
+    return min(max(math.log(magnitude), -FAR), FAR) if magnitude > 0.0 else -FAR
 
 
 def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags:
@@ -68,17 +70,28 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     least = ends[0] + ends[1] + np.where(crossed, 4.0, 2.0) * error
     low, high = np.minimum(count[1:], count[:-1])[:, None], np.maximum(count[1:], count[:-1])[:, None]
     concerned = (ranks >= low - 1) & (ranks <= high)
-    wide = (np.abs(np.diff(values)) / np.abs(values[1:]))[:, None]
+    wide = (np.abs(np.diff(values)) / np.maximum(np.abs(values[1:]), np.finfo(float).tiny))[:, None]
     outside = np.maximum(grown[1:], grown[:-1]) > ROUNDING
     grazing = (wide > NARROW) & (np.minimum(*ends) < GRAZING * error)
     shallow = (wide > FINE) & outside & (np.minimum(*ends) < error)
     out = np.asarray(np.any(concerned & (grazing | shallow | (least < STEEPER * steepest * length)), axis=1))
+    out |= _meeting(found, count)
     for rank in range(count.max()):
         side = sides(found, rank)
         for i, j in pairwise(np.flatnonzero(side).tolist()):
             if side[i] != side[j] and not at_one_place(found, values, rank, i, j):
                 out[[i, j - 1]] |= wide[[i, j - 1], 0] > FINE
     return out
+
+
+def _meeting(found: Sequence[Stability], count: Sides) -> Flags:
+    """Steps within which the first pair inside the unit circle may meet on the real axis, and one of it leave there."""
+    first = np.array([complex(s.multipliers[min(n, len(s.multipliers) - 1)]) for s, n in zip(found, count, strict=True)])
+    angle, inside = np.abs(np.angle(first)), np.array([-growth(s, n) + s.error for s, n in zip(found, count, strict=True)])
+    off, travel = np.minimum(angle, np.pi - angle), np.abs(np.diff(angle))
+    room = np.maximum(off[1:], off[:-1])
+    reach = (np.minimum(inside[1:], inside[:-1]) < room) & (off[1:] + off[:-1] < AXIS * travel)
+    return np.asarray(reach & (count[1:] == count[:-1]) & (room < 0.5))
 
 
 def sides(found: Sequence[Stability], rank: int) -> Sides:
@@ -138,7 +151,7 @@ def at_one_place(found: Sequence[Stability], values: Array, rank: int, i: int, j
     def edge(known: int, beside: int) -> float:
         """Where, from a point known for certain to the one beside it, the multiplier is as close as its error."""
         grown = growth(found[known], rank), growth(found[beside], rank)
-        share = (abs(grown[0]) - found[known].error) / abs(grown[0] - grown[1])
+        share = (abs(grown[0]) - found[known].error) / max(abs(grown[0] - grown[1]), ROUNDING)
         return float(values[known] + share * (values[beside] - values[known]))
 
     return bool(abs(edge(i, i + 1) - edge(j, j - 1)) <= NARROW * abs(values[i]))

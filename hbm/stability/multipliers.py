@@ -51,15 +51,20 @@ class Stability:
         """Floquet exponents of the multipliers that are not zero [1/s]; imaginary part up to half of 2 pi / period."""
         return np.asarray(np.log(self.multipliers[np.abs(self.multipliers) > 0.0]) / self.period)
 
+    @cached_property
+    def magnitudes(self) -> Array:
+        """Magnitudes of the multipliers, (size,)."""
+        return np.abs(self.multipliers)
+
     @property
     def largest(self) -> float:
         """Largest magnitude of a multiplier."""
-        return float(np.abs(self.multipliers[0]))
+        return float(self.magnitudes[0])
 
-    @property
+    @cached_property
     def unstable(self) -> int:
         """How many multipliers lie outside of the unit circle."""
-        return int(np.count_nonzero(np.abs(self.multipliers) > 1.0 + ROUNDING))
+        return int(np.count_nonzero(self.magnitudes > 1.0 + ROUNDING))
 
     @property
     def stable(self) -> bool:

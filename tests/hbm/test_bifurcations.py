@@ -22,6 +22,8 @@ from hbm.response.bifurcations import stability_of, with_stability
 from hbm.response.branching import crossing, doubled
 from hbm.response.curve import Bifurcation, ResponseCurve
 from hbm.response.trace import trace_frequency
+from hbm.stability.along import crossings, hiding
+from hbm.stability.multipliers import Stability
 from models import Channel, Contact, Damping, Excitation, ModalBody, Rig
 from models.published import paper_rig
 
@@ -237,14 +239,54 @@ def test_a_curve_says_where_it_is_stable_in_files_and_figures(sink: ResponseCurv
 
 @pytest.mark.slow
 def test_bifurcations_do_not_depend_on_the_window() -> None:
-    """Of the paper's beam: within both windows, whatever its ends and steps, the same list to 5 mHz."""
-    found = []
-    for window in ((45.0, 60.0), (47.5, 52.5)):
+    """Of the paper's beam: the same list within 1 mHz from windows of other ends, directions and steps.
+
+    Above 47.6 Hz: two folds lie 1.3 mHz apart below, and a sweep may step over both.
+    """
+    lists = []
+    for window in ((40.0, 65.0), (65.0, 40.0), (45.0, 60.0), (47.5, 52.5)):
         step = abs(window[1] - window[0]) / 40
-        curve = with_stability(trace_frequency(paper_rig(), window, harmonics=17, samples=512, step_hz=step))
-        inside = sorted((b.hz, b.kind.value) for b in curve.bifurcations if 47.8 < b.hz < 52.2)
-        found.append(inside)
-    wide, narrow = found
-    assert [kind for _, kind in wide] == [kind for _, kind in narrow]
-    assert "Neimark-Sacker" in [kind for _, kind in wide]
-    assert max(abs(a - b) for (a, _), (b, _) in zip(wide, narrow, strict=True)) < 5e-3
+        curve = with_stability(trace_frequency(paper_rig(), window, harmonics=19, samples=256, step_hz=step))
+        assert curve.stable is not None
+        assert curve.doubtful is not None
+        inside = (curve.hz > 47.6) & (curve.hz < 52.5)
+        assert (~curve.stable & ~curve.doubtful)[inside].any()
+        lists.append(sorted((b.hz, b.kind.value) for b in curve.bifurcations if 47.6 < b.hz < 52.5))
+    first = lists[0]
+    assert {kind for _, kind in first} == {"Neimark-Sacker", "period doubling", "fold"}
+    for other in lists[1:]:
+        assert [kind for _, kind in other] == [kind for _, kind in first]
+        np.testing.assert_allclose([hz for hz, _ in other], [hz for hz, _ in first], rtol=0.0, atol=1e-3)
+
+
+def known_to(error: float, *growths: float) -> list[Stability]:
+    """Points of one real multiplier each, of such growths."""
+    return [Stability(np.array([-np.exp(g) + 0j]), 1.0, error=error) for g in growths]
+
+
+def test_only_what_rises_above_the_error_crosses_for_certain() -> None:
+    hz = 50.0 + 1e-3 * np.arange(5)
+    low, high = known_to(1e-3, -5e-3, -5e-3, 5e-4, -5e-3, -5e-3), known_to(1e-3, -5e-3, -5e-3, 4e-3, 4e-3, -5e-3)
+    across, doubtful = crossings(low, hz, 0)
+    assert across == []
+    assert np.flatnonzero(doubtful).tolist() == [2]
+    across, doubtful = crossings(high, hz, 0)
+    assert across == [(1, 2), (3, 4)]
+    assert not doubtful.any()
+
+
+def test_a_crossing_so_slow_that_it_has_no_place_is_in_doubt() -> None:
+    slowly = known_to(1e-3, -5e-3, -5e-4, 5e-4, 5e-3)
+    assert crossings(slowly, 50.0 + 1e-2 * np.arange(4), 0)[0] == [(0, 3)]
+    across, doubtful = crossings(slowly, 50.0 + 1e-1 * np.arange(4), 0)
+    assert across == []
+    assert np.flatnonzero(doubtful).tolist() == [1, 2]
+
+
+def test_steps_are_halved_where_a_multiplier_could_cross_and_return() -> None:
+    hz = 50.0 + np.arange(4)
+    steep, flat = known_to(1e-4, -5e-2, -2.9e-2, -8e-3, -5e-3), known_to(1e-4, -5e-2, -5e-2, -5e-2, -5e-2)
+    assert hiding(steep, np.arange(4.0), hz).tolist() == [False, True, True]
+    assert not hiding(flat, np.arange(4.0), hz).any()
+    assert hiding(known_to(1e-3, -1e-4, -1e-4), np.arange(2.0), hz[:2]).all()  # it grazes the circle
+    assert not hiding(known_to(1e-3, -1e-4, -1e-4), np.arange(2.0), np.array([50.0, 50.01])).any()
