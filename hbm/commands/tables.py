@@ -81,7 +81,11 @@ def stable_words(curve: ResponseCurve) -> str:
         return "stability not worked out"
     unstable, doubtful = int((~curve.stable & ~curve.doubtful).sum()), int(curve.doubtful.sum())
     said = f"{unstable} of {len(curve.points)} points unstable" if unstable or doubtful else "stable everywhere"
-    return f"{said}, {doubtful} in doubt: more harmonics and samples judge otherwise" if doubtful else said
+    return (
+        f"{said}, {doubtful} in doubt: too close to the unit circle, or finer numerics judge otherwise"
+        if doubtful
+        else said
+    )
 
 
 def _stability_lines(curve: ResponseCurve) -> list[str]:

@@ -86,9 +86,13 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     Folds and branch points are those of the equations. Between two points where a multiplier leaves or enters the unit
     circle elsewhere the curve is solved again until it lies on it: at -1 the period doubles, a pair is a Neimark-Sacker
     bifurcation, beyond which the motion has a second frequency. Where a curve has too many of them to be resolved, the
-    points behind them stand for them, `special.located` says so. A stretch of points alike whose multipliers stay close
-    to the unit circle is judged once more, at the point furthest from it, with twice the harmonics and samples: where
-    that differs it is doubtful, and so are the crossings at its ends, which are left out.
+    points behind them stand for them, `special.located` says so.
+
+    So that the list does not depend on the steps, they are halved where multipliers could cross and return within one;
+    a stretch so found gets a point. Stretches that are unstable by less than the error of their multipliers are
+    doubtful. Clearer ones that stay close to the unit circle are judged once more, at the point furthest from it, with
+    twice the harmonics and samples: where that differs they are doubtful too. Crossings at the ends of what is doubtful
+    are left out.
 
     Parameters
     ----------

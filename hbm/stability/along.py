@@ -28,12 +28,15 @@ STEEPER = 2.0
 NARROW = 1e-3
 """A crossing is at one place if within this fraction of what is varied the multiplier is known for certain again."""
 
-AXIS = 1.25
 FINE = 5e-4
 """Steps of this fraction of what is varied tell how high a bubble is that was no higher than the error where met."""
 
 GRAZING = 0.25
 """Beside a point whose multiplier is closer to the unit circle than this part of its error, steps are NARROW too."""
+
+MEETING, NEAR = 1.25, 0.5
+"""A pair may meet on the real axis within a step if its angles to it are no more than so many times what it turns by in
+the step, and below this [rad]."""
 
 
 def growth(stability: Stability, rank: int) -> float:
@@ -47,8 +50,9 @@ def growth(stability: Stability, rank: int) -> float:
 def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags:
     """Steps between neighbouring points that may hide a bubble higher than the error, (points - 1,).
 
-    There a multiplier, as steep as next to there and STEEPER, could reach beyond the unit circle and return; or it
-    grazes the circle and the step is not NARROW.
+    There a multiplier, as steep as next to there and STEEPER, could reach beyond the unit circle and return; or a pair
+    may meet on the real axis; or one grazes the circle and the step is not NARROW, or is outside by less than its error
+    and the step is not FINE.
 
     Parameters
     ----------
@@ -85,13 +89,14 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
 
 
 def _meeting(found: Sequence[Stability], count: Sides) -> Flags:
-    """Steps within which the first pair inside the unit circle may meet on the real axis, and one of it leave there."""
-    first = np.array([complex(s.multipliers[min(n, len(s.multipliers) - 1)]) for s, n in zip(found, count, strict=True)])
-    angle, inside = np.abs(np.angle(first)), np.array([-growth(s, n) + s.error for s, n in zip(found, count, strict=True)])
-    off, travel = np.minimum(angle, np.pi - angle), np.abs(np.diff(angle))
-    room = np.maximum(off[1:], off[:-1])
-    reach = (np.minimum(inside[1:], inside[:-1]) < room) & (off[1:] + off[:-1] < AXIS * travel)
-    return np.asarray(reach & (count[1:] == count[:-1]) & (room < 0.5))
+    """Steps within which the first pair inside the unit circle may meet on the real axis, and one of it get out."""
+    first = [s.multipliers[min(n, len(s.multipliers) - 1)] for s, n in zip(found, count, strict=True)]
+    depth = np.array([s.error - growth(s, n) for s, n in zip(found, count, strict=True)])
+    angle = np.abs(np.angle(first))
+    off = np.minimum(angle, np.pi - angle)
+    wider = np.maximum(off[1:], off[:-1])  # on the axis they part by about as much
+    meeting = (off[1:] + off[:-1] < MEETING * np.abs(np.diff(angle))) & (wider < NEAR)
+    return np.asarray(meeting & (np.minimum(depth[1:], depth[:-1]) < wider) & (count[1:] == count[:-1]))
 
 
 def sides(found: Sequence[Stability], rank: int) -> Sides:

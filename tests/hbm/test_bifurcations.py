@@ -290,3 +290,6 @@ def test_steps_are_halved_where_a_multiplier_could_cross_and_return() -> None:
     assert not hiding(flat, np.arange(4.0), hz).any()
     assert hiding(known_to(1e-3, -1e-4, -1e-4), np.arange(2.0), hz[:2]).all()  # it grazes the circle
     assert not hiding(known_to(1e-3, -1e-4, -1e-4), np.arange(2.0), np.array([50.0, 50.01])).any()
+    # a pair comes to the real axis and turns back: where it met, one of it may have left
+    pair = [Stability(0.99 * np.exp(1j * np.array([a, -a])), 1.0, error=1e-3) for a in (2.7, 3.0, 3.13, 2.9)]
+    assert hiding(pair, np.arange(4.0), np.full(4, 50.0)).tolist() == [False, True, True]
