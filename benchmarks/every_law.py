@@ -122,7 +122,7 @@ def compare(rig: Rig, solution: PeriodicSolution, level: float, steps: int) -> C
     difference = {}
     for name in CHANNELS:
         values = motion.history.channels[name].values
-        apart = np.abs(harmonics_of(solution, name) - motion.history.harmonics(name, HARMONICS)[1:]).max()
+        apart = np.abs(harmonics_of(solution, name) - motion.history.coefficients(name, HARMONICS)[1:]).max()
         peak = float(np.abs(values - values.mean()).max())
         difference[name] = float(apart) / peak if peak > AT_REST[name] else 0.0
     return Comparison(solution, motion, difference)
@@ -159,7 +159,7 @@ def refinement(rig: Rig, hz: float, level: float) -> list[str]:
     values = motions[-1].history.channels["friction"].values
     peak = float(np.abs(values - values.mean()).max()) or 1.0
     by_samples = order([harmonics_of(s, "friction") for s in solved], peak)
-    by_steps = order([m.history.harmonics("friction", HARMONICS)[1:] for m in motions], peak)
+    by_steps = order([m.history.coefficients("friction", HARMONICS)[1:] for m in motions], peak)
     cut = float(np.abs(harmonics_of(fewer, "friction") - harmonics_of(solved[-1], "friction")).max()) / peak
     return [
         *(f"{v:.1e}" if i == 0 else f"{v:.1f}" for pair in (by_samples, by_steps) for i, v in enumerate(pair)),

@@ -155,7 +155,7 @@ def compare(case: Case, python: str | None) -> None:
     fine = steady_state(rig, peak.hz, harmonics=FINE * H, samples=FINE * N_T, start=peak)
     start = state_at_phase_zero(JointBalance(rig, fine.basis), fine.state)
     period = joint_steady_state(rig, peak.hz, steps_per_period=FINE * N_T, start=start)
-    marched = period.history.harmonics("drive", 1)[1:]
+    marched = period.history.coefficients("drive", 1)[1:]
     away = [
         np.hypot(*(p["drive"].coefficients[[1, h + 1]] - marched)) / np.hypot(*marched)
         for p, h in ((peak, H), (fine, FINE * H))

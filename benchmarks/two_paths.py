@@ -50,7 +50,7 @@ def differences(solution: PeriodicSolution, motion: PeriodicMotion) -> dict[str,
     out = {}
     for name in CHANNELS:
         signal, history = solution.channels[name], motion.history.channels[name].values
-        a, b = signal.coefficients, motion.history.harmonics(name, HARMONICS)
+        a, b = signal.coefficients, motion.history.coefficients(name, HARMONICS)
         H = len(a) // 2
         ours = np.concatenate([a[1 : HARMONICS + 1], a[H + 1 : H + 1 + HARMONICS]])
         out[name] = float(np.abs(ours - b[1:]).max() / np.abs(history - history.mean()).max())

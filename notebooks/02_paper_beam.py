@@ -233,7 +233,7 @@ for hz in (46.0, 50.0, 54.0):
     balance = steady_state(damped, hz, harmonics=31, samples=1024).channels
     history = shoot(damped, hz).history
     for name in ("drive", "slip", "friction", "normal"):
-        a, b = balance[name].coefficients[1:], history.harmonics(name, 31)[1:]  # a stuck tip keeps any mean
+        a, b = balance[name].coefficients[1:], history.coefficients(name, 31)[1:]  # a stuck tip keeps any mean
         worst[hz, name] = float(np.linalg.norm(a - b) / np.linalg.norm(a))
     print(f"{hz} Hz:", ", ".join(f"{name} {worst[hz, name]:.1e}" for name in ("drive", "slip", "friction", "normal")))
 assert max(worst.values()) < 2e-3 and max(worst[hz, "drive"] for hz in (46.0, 50.0, 54.0)) < 2e-4

@@ -127,7 +127,7 @@ def test_frictionless_steady_state_is_the_modal_sum_at_any_step(steps: int) -> N
     drive = s.excitation @ Y + s.residual.drive_by_force * 6.5
     a1 = -(W**2) * (s.channel_rows["a1"] @ Y + s.residual.channels["a1"][0] * 6.5)
     for channel, a in {"drive": drive, "a1": a1}.items():
-        _, cos, sin = history.harmonics(channel, 1)
+        _, cos, sin = history.coefficients(channel, 1)
         assert abs(cos - 1j * sin - a) < 1e-10 * abs(a)
 
 
@@ -150,7 +150,7 @@ def test_frictionless_start_from_rest_is_the_closed_form_at_any_step() -> None:
 def test_modes_far_faster_than_the_step_stay_exact() -> None:
     rig, W = beam_rig(Frictionless(), modes=20), 2 * np.pi * 52.0  # 12 kHz against 832 steps a second
     Y = 6.5 * rig.structure.excitation / (rig.structure.omega_n**2 - W**2 + 1j * W * rig.structure.damping)
-    _, cos, sin = steady_state(rig, 52.0, steps_per_period=16).history.harmonics("drive", 1)
+    _, cos, sin = steady_state(rig, 52.0, steps_per_period=16).history.coefficients("drive", 1)
     drive = rig.structure.excitation @ Y + rig.structure.residual.drive_by_force * 6.5
     assert abs(cos - 1j * sin - drive) < 1e-10 * abs(drive)
 
@@ -338,7 +338,7 @@ def test_contact_with_a_weak_force_never_slips() -> None:
     push = 0.5 * s.excitation - k * moved * s.slip_row
     Q = np.linalg.solve(stuck - W**2 * np.eye(5) + 1j * W * np.diag(s.damping), push)
     a = s.excitation @ Q + s.residual.drive_by_force * 0.5 - s.residual.slip_by_force * k * (s.slip_row @ Q + moved)
-    _, cos, sin = motion.history.harmonics("drive", 1)
+    _, cos, sin = motion.history.coefficients("drive", 1)
     assert abs(cos - 1j * sin - a) < 1e-4 * abs(a)  # linear but for the step and the foreshortening
     assert abs(motion.multipliers[0] - 1.0) < 1e-9  # the anchor stays where it is put
     assert abs(motion.multipliers[1]) < 0.95
@@ -378,7 +378,7 @@ def test_restart_continues_the_same_trajectory(rig: Rig) -> None:
     np.testing.assert_allclose(second.time, whole.time[-len(second.time) :], atol=1e-14)
     scale = np.abs(whole.q).max()
     np.testing.assert_allclose(second.q, whole.q[-len(second.time) :], rtol=0, atol=1e-10 * scale)
-    assert second.harmonics("drive", 3) == pytest.approx(whole.harmonics("drive", 3), abs=1e-10 * scale)
+    assert second.coefficients("drive", 3) == pytest.approx(whole.coefficients("drive", 3), abs=1e-10 * scale)
 
 
 def test_thinning_keeps_the_samples_of_the_full_history() -> None:
@@ -418,7 +418,7 @@ def test_channels_read_with_their_gain_and_delay_as_in_harmonic_balance() -> Non
     balanced = response.steady_state(rig, 52.0, harmonics=15, samples=1024)
     for name in ("a1", "v1", "y1"):
         expected = balanced[name].coefficients[[1, 3, 16, 18]]
-        found = marched.harmonics(name, 3)[[1, 3, 4, 6]]
+        found = marched.coefficients(name, 3)[[1, 3, 4, 6]]
         np.testing.assert_allclose(found, expected, atol=5e-3 * np.abs(expected).max())
     c, k, theta = balanced["y1"].coefficients, np.arange(1, 16), 2 * np.pi * 52.0 * marched.time
     expected = c[0] + np.cos(np.outer(theta, k)) @ c[1:16] + np.sin(np.outer(theta, k)) @ c[16:]
@@ -480,7 +480,7 @@ def test_steady_state_repeats_and_is_where_a_long_run_ends(rig: Rig) -> None:
     long = simulate(rig, hz, steps_per_period=N, duration=250 / hz, last_periods=2)  # transients fall by e^-55
     assert long.steadiness < 1e-9
     for channel, tolerance in (("drive", 1e-8), ("slip", 1e-7), ("friction", 1e-7), ("normal", 1e-7)):
-        a, b = long.harmonics(channel, 9), motion.history.harmonics(channel, 9)
+        a, b = long.coefficients(channel, 9), motion.history.coefficients(channel, 9)
         np.testing.assert_allclose(b, a, rtol=0, atol=tolerance * max(np.abs(a).max(), 1e-9))
 
 
@@ -526,7 +526,7 @@ def test_a_start_near_the_solution_is_used() -> None:
     assert abs(coarse.history.time[0]) < 1e-12
     late = steady_state(rig, 52.0, steps_per_period=512, start=replace(coarse.history.state, time=7 / 52.0))
     assert late.iterations <= 1
-    assert late.history.harmonics("drive", 5) == pytest.approx(coarse.history.harmonics("drive", 5), abs=1e-12)
+    assert late.history.coefficients("drive", 5) == pytest.approx(coarse.history.coefficients("drive", 5), abs=1e-12)
 
 
 def test_what_does_not_close_is_returned_as_not_converged() -> None:
@@ -543,7 +543,7 @@ def test_harmonic_balance_finds_the_same_steady_state(law: FrictionLaw) -> None:
     balanced = response.steady_state(beam_rig(law), 52.0, harmonics=31, samples=1024)
     for channel in ("drive", "slip", "slip_velocity", "friction", "normal", "a1"):
         theirs = balanced.channels[channel].coefficients[[*range(10), *range(32, 41)]]
-        ours = motion.history.harmonics(channel, 9)
+        ours = motion.history.coefficients(channel, 9)
         first = int(channel == "a1")  # an acceleration has no mean
         scale = np.abs(ours[1:]).max()
         np.testing.assert_allclose(ours[first:], theirs[first:], rtol=0, atol=5e-4 * scale, err_msg=channel)

@@ -109,7 +109,7 @@ def test_harmonic_balance_agrees_with_time_integration(hz: float) -> None:
         values = motion.history.channels[name].values
         a, H = solution.channels[name].coefficients, solution.basis.H
         ours = np.concatenate([a[1:6], a[H + 1 : H + 6]])
-        difference = np.abs(ours - motion.history.harmonics(name, 5)[1:]).max()
+        difference = np.abs(ours - motion.history.coefficients(name, 5)[1:]).max()
         assert difference < 1e-4 * np.abs(values - values.mean()).max(), name
 
 

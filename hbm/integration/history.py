@@ -223,7 +223,7 @@ class TimeHistory:
             "normal": Signal(normal, "N"),
         }
 
-    def harmonics(self, channel: str, H: int, periods: int = 1) -> Array:
+    def coefficients(self, channel: str, H: int, periods: int = 1) -> Array:
         """Fourier coefficients of a channel over the last whole periods, phase reference the cosine force.
 
         Parameters
@@ -248,7 +248,7 @@ class TimeHistory:
         N_t = self.samples_per_period
         if not 0 <= H < N_t / 2 or not 0 < periods * N_t <= len(self.time):
             raise ValueError(
-                f"harmonics: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
+                f"coefficients: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
                 "must be fewer than half the samples of a period, and no more periods than there are"
             )
         sensor = next((c for c in self.rig.response_channels if c.name == channel), DISPLACEMENT)

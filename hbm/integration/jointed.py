@@ -120,7 +120,7 @@ class JointHistory:
             signals[name], signals[force] = Signal(motion[:, i], units[0]), Signal(self.f[:, i], units[1])
         return signals
 
-    def harmonics(self, channel: str, H: int, periods: int = 1) -> Array:
+    def coefficients(self, channel: str, H: int, periods: int = 1) -> Array:
         """Fourier coefficients (2H+1,) of a channel over the last whole periods, phase reference the cosine force.
 
         Raises
@@ -131,7 +131,7 @@ class JointHistory:
         N_t = self.samples_per_period
         if not 0 <= H < N_t / 2 or not 0 < periods * N_t <= len(self.time):
             raise ValueError(
-                f"harmonics: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
+                f"coefficients: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
                 "must be fewer than half the samples of a period, and no more periods than there are"
             )
         seen = [c.name for c in self.rig.response_channels]

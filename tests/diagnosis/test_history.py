@@ -35,10 +35,10 @@ def test_motion_depends_on_the_mean_friction_as_time_integration_says():
     assert all(np.allclose(by.disturbed[name], alone[name], rtol=1e-9, atol=0.0) for name in alone)
     by_mean = change[:, :, 0] / (spare / np.sqrt(3))
     for name, predicted in zip(CHANNELS, by_mean.T, strict=True):
-        moved = pushed.history.harmonics(name, H) - plain.history.harmonics(name, H)
+        moved = pushed.history.coefficients(name, H) - plain.history.coefficients(name, H)
         marched = np.array([moved[1], -moved[H + 1]]) / mean
         np.testing.assert_allclose(predicted, marched, atol=0.01 * np.abs(marched).max())
-        assert np.abs(mean * predicted).max() > 1e-4 * np.abs(plain.history.harmonics(name, H)[1])
+        assert np.abs(mean * predicted).max() > 1e-4 * np.abs(plain.history.coefficients(name, H)[1])
 
 
 def test_contact_that_slips_has_no_say_in_its_mean():

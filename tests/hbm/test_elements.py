@@ -128,7 +128,7 @@ def test_time_integration_finds_the_same_steady_state(elements) -> None:
     for channel in ("drive", "slip", "friction", "normal", "a1"):
         kept = [*range(int(channel == "a1"), 8), *range(16, 23)]  # an acceleration has no mean
         theirs, without = (s[channel].coefficients[kept] for s in (balanced, plain))
-        ours = marched.history.harmonics(channel, 15)[kept]
+        ours = marched.history.coefficients(channel, 15)[kept]
         np.testing.assert_allclose(ours, theirs, atol=1e-3 * np.abs(ours).max(), err_msg=channel)
         made.append(np.abs(without - ours).max() / np.abs(ours).max())
     assert min(made) > 0.06
@@ -165,7 +165,7 @@ def test_distorted_force_in_the_time_integrator() -> None:
     marched = integrate.steady_state(rig, 56.0, steps_per_period=2048).history
     for name in ("drive", "friction", "normal", "force", "a3"):
         signal = balanced[name].coefficients
-        expected = marched.harmonics(name, 31)
+        expected = marched.coefficients(name, 31)
         np.testing.assert_allclose(signal[:8], expected[:8], atol=2e-3 * np.abs(signal[1:]).max())
         np.testing.assert_allclose(signal[32:39], expected[32:39], atol=2e-3 * np.abs(signal[1:]).max())
 

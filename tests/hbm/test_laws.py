@@ -174,4 +174,4 @@ def test_harmonic_balance_and_time_integration_agree(law: FrictionLaw, level: fl
             continue
         a = solution.channels[name].coefficients
         ours = np.concatenate([a[1:6], a[16:21]])
-        assert np.abs(ours - motion.history.harmonics(name, 5)[1:]).max() < 0.01 * peak, name
+        assert np.abs(ours - motion.history.coefficients(name, 5)[1:]).max() < 0.01 * peak, name

@@ -84,7 +84,7 @@ def test_time_integration_finds_the_same_steady_state(modes: int) -> None:
     marched = integrate.steady_state(rig, HZ, level=LIFTS, steps_per_period=2048, start=start)
     assert marched.converged
     for name in ("drive", "d", "a1", "a2", "normal"):
-        ours = marched.history.harmonics(name, 7)[1:]
+        ours = marched.history.coefficients(name, 7)[1:]
         theirs, without = (
             np.concatenate([s[name].coefficients[1:8], s[name].coefficients[48:55]]) for s in (balanced, kept)
         )
@@ -211,4 +211,4 @@ def test_a_tip_that_is_off_for_long_is_marched_to() -> None:
     marched = integrate.steady_state(rig, HZ, level=60.0, steps_per_period=1024, start=state_at_phase_zero(found))
     assert marched.converged
     drive = np.abs(found["drive"].coefficients).max()
-    np.testing.assert_allclose(marched.history.harmonics("drive", 31), found["drive"].coefficients, atol=2e-3 * drive)
+    np.testing.assert_allclose(marched.history.coefficients("drive", 31), found["drive"].coefficients, atol=2e-3 * drive)

@@ -56,7 +56,7 @@ def test_records_of_a_transient_are_superpositions_of_its_motions(level, hz):
     assert found.decay.min() == pytest.approx(slowest, rel=0.02)
 
     def read(history, periods=1):
-        return np.array([history.harmonics(c.name, H, periods) for c in rig.response_channels]).T
+        return np.array([history.coefficients(c.name, H, periods) for c in rig.response_channels]).T
 
     for wait, periods in ((12, 5), (15, 30)):
         start = steady.history.state

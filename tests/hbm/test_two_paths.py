@@ -38,7 +38,7 @@ def test_harmonics_agree_with_the_periodic_motion_in_time(law: FrictionLaw, hz: 
     assert motion.converged
     for name in CHANNELS:
         values = motion.history.channels[name].values
-        ours, theirs = solution.channels[name].coefficients, motion.history.harmonics(name, 5)
+        ours, theirs = solution.channels[name].coefficients, motion.history.coefficients(name, 5)
         peak = np.abs(values - values.mean()).max()
         assert np.abs(harmonics(ours) - theirs[1:]).max() < 5e-3 * peak, name
 
@@ -50,7 +50,7 @@ def test_march_from_rest_settles_on_the_harmonic_balance():
     solution = steady_state(rig, 49.0, harmonics=25, samples=1024)
     assert history.steadiness < 1e-6
     for name in CHANNELS:
-        theirs = history.harmonics(name, 5)
+        theirs = history.coefficients(name, 5)
         assert np.abs(harmonics(solution.channels[name].coefficients) - theirs[1:]).max() < 5e-3 * np.abs(theirs).max()
 
 
@@ -71,6 +71,6 @@ def test_attached_springs_masses_and_resonators_act_alike_in_time(support: float
     assert motion.converged
     for name in CHANNELS:
         values = motion.history.channels[name].values
-        ours, theirs = solution.channels[name].coefficients, motion.history.harmonics(name, 5)
+        ours, theirs = solution.channels[name].coefficients, motion.history.coefficients(name, 5)
         peak = np.abs(values - values.mean()).max()
         assert np.abs(harmonics(ours) - theirs[1:]).max() < 5e-3 * peak, name

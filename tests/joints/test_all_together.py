@@ -35,7 +35,7 @@ def test_harmonic_balance_time_integration_and_stability_agree(rig: JointedRig) 
     problem = JointBalance(rig, solution.basis)
     period = joint_steady_state(rig, 44.0, steps_per_period=N_T, start=state_at_phase_zero(problem, solution.state))
     for name in ("a3", "drive", "clamp.motion", "tip.motion.1", "tip.force.2", "stop.motion"):
-        a, b = solution[name].coefficients, period.history.harmonics(name, H)
+        a, b = solution[name].coefficients, period.history.coefficients(name, H)
         assert np.hypot(*(a - b)[[1, H + 1]]) < 5e-3 * np.hypot(*a[[1, H + 1]]), name
     stability = stability_of(rig, solution)
     own = np.abs(np.linalg.eigvals(period.monodromy)).max()

@@ -33,7 +33,6 @@ LAWS = {
 @pytest.mark.parametrize("parameter", ["frequency", "force"])
 @pytest.mark.parametrize("damped", [False, True])
 @pytest.mark.parametrize("rigid", [False, True])
-@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 def test_bordered_steps_are_those_of_a_dense_system_of_differences(damped: bool, rigid: bool, parameter: str) -> None:
     problem = JointBalance(made_up(damped, rigid), FourierBasis(3, 64), parameter=parameter, hz=1.1)
     rng = np.random.default_rng(2)
@@ -78,11 +77,11 @@ def test_time_integration_agrees_and_energy_closes(name: str) -> None:
     problem = JointBalance(rig, FourierBasis(H, N_T))
     period = joint_steady_state(rig, 45.0, start=state_at_phase_zero(problem, solution.state))
     for channel in ("drive", "spring.force", "stop.motion", "plane.force.1", "plane.force.2", "plane.force.3"):
-        a, b = solution[channel].coefficients, period.history.harmonics(channel, H)
+        a, b = solution[channel].coefficients, period.history.coefficients(channel, H)
         fundamental = np.hypot(a[1], a[H + 1])
         if channel != "plane.force.1" or fundamental > 1e-6:  # the bending beam hardly moves along
             assert np.hypot(a[1] - b[1], a[H + 1] - b[H + 1]) < 5e-3 * fundamental, channel
-    rubbed = np.abs(solution["rub.force"].coefficients - period.history.harmonics("rub.force", H)).max()
+    rubbed = np.abs(solution["rub.force"].coefficients - period.history.coefficients("rub.force", H)).max()
     assert rubbed < 5e-3 * solution["rub.force"].peak
     # what a small disturbance becomes, along either of the two motions
     stability = joint_stability(problem, solution.state)
@@ -97,7 +96,7 @@ def test_a_march_from_rest_settles_on_it() -> None:
     rig = beam_rig(Friction(LAWS["lugre"], 40.0))  # forgets where it came from, sticking or not
     solution = steady_state(rig, 45.0, harmonics=H, samples=N_T)
     history = simulate_joints(rig, 45.0, periods=120, steps_per_period=1024, last_periods=1)
-    a, b = solution["drive"].coefficients, history.harmonics("drive", H)
+    a, b = solution["drive"].coefficients, history.coefficients("drive", H)
     assert np.hypot(a[1] - b[1], a[H + 1] - b[H + 1]) < 5e-4 * np.hypot(a[1], a[H + 1])
 
 
@@ -139,7 +138,6 @@ def test_two_bodies_afloat_swing_against_each_other() -> None:
     assert (centre[1] - 1j * centre[8]) == pytest.approx(F / total / (-(Omega**2) + 0.5j * Omega), rel=1e-9)
 
 
-@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 def test_a_curve_of_joints_is_traced_through_its_peak() -> None:
     rig = beam_rig(Friction(Jenkins(0.4, 4e-6), 40.0))
     curve = trace_frequency(rig, (40.0, 90.0), harmonics=7, samples=128)

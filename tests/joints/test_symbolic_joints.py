@@ -12,7 +12,6 @@ from tests.joints.rigs import made_up
 
 
 @pytest.mark.parametrize(("damped", "rigid"), [(False, True), (True, False)])
-@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 def test_it_is_the_residual_that_is_solved(damped: bool, rigid: bool) -> None:
     problem = JointBalance(made_up(damped, rigid), FourierBasis(3, 32))
     function = residual_function(problem)

@@ -326,7 +326,7 @@ def test_time_integration_finds_the_same_steady_state(law):
     assert marched.converged
     for channel in ("drive", "slip", "friction", "normal", "a1"):
         theirs = balanced[channel].coefficients[[*range(10), *range(22, 31)]]
-        ours = marched.history.harmonics(channel, 9)
+        ours = marched.history.coefficients(channel, 9)
         first = int(channel == "a1")  # an acceleration has no mean
         assert ours[first:] == pytest.approx(theirs[first:], abs=2e-3 * np.abs(ours[1:]).max()), channel
 
