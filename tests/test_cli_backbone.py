@@ -60,3 +60,37 @@ def test_refusals(options: list[str], message: str, tmp_path: Path, monkeypatch:
     refused = run(PAPER, *options)
     assert (refused.exit_code, refused.stderr.strip()) == (2, message)
     assert not list(tmp_path.iterdir())
+
+
+JOINTS = """
+name = "two sliders"
+modal = { frequencies_hz = [40.0, 90.0], ports = { drive = [0.7, 0.5], one = [0.4, -0.6], two = [0.3, 0.8] } }
+damping = { modal_ratios = [0.01] }
+excitation = { amplitude = 1.0, at = "drive" }
+[[joints]]
+name = "one"
+law = "coulomb-penalty"
+mu = 0.4
+critical_slip = 1e-5
+normal_load = 2.0
+at = "one"
+[[joints]]
+name = "turn"
+law = "cubic-spring"
+cubic = 1e9
+at = "two"
+"""
+
+
+def test_rig_with_joints(tmp_path: Path) -> None:
+    rig, out = tmp_path / "joints.toml", tmp_path / "modes.csv"
+    rig.write_text(JOINTS)
+    result = run(str(rig), "--from", "1e-6", "--to", "1e-4", "--harmonics", "3", "--out", str(out))
+    assert result.exit_code == 0, result.output
+    with out.open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert {"one.motion_m", "one.force_n", "turn.motion_m", "turn.force_n"} < set(rows[0])
+    assert max(float(row["one.force_n"]) for row in rows) == pytest.approx(0.8, rel=1e-6)  # mu P
+    known = json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
+    assert known["law"] == "coulomb-penalty, cubic-spring"
+    assert float(rows[0]["frequency_hz"]) == pytest.approx(known["stuck_hz"], rel=1e-5)

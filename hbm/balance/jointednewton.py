@@ -75,24 +75,50 @@ class JointLinearization:
         rows[:, -1] = -(k**2) * s.loads_inertia[j] + 1j * k * s.loads_damping[j]
         return rows, np.vstack([problem.flexibility[at], problem.flexibility_of_rate[at], s.loads_by_joints[j]])
 
+    def felt(self, j: int, seen: Complex) -> Array:
+        """Change (2H+1, m, 2H+1, r) of the forces of joint j with series whose effect on its signals is (H+1, s, r)."""
+        H, size = self.problem.basis.H, self.problem.basis.size
+        ports = self.problem.joints[j].ports
+        A = self.forces[j].by_signals.reshape(size * ports, size, -1).transpose(1, 0, 2)
+        cosine, sine = A[: H + 1], A[H + 1 :]
+        out = np.empty((size, len(A[0]), seen.shape[2]))
+        out[: H + 1] = cosine @ seen.real
+        # a - i b is turned by what is seen: the sine column feeds the cosine with +imag, the cosine the sine with -imag
+        out[1 : H + 1] -= sine @ seen.imag[1:]
+        out[H + 1 :] = sine @ seen.real[1:] + cosine[1:] @ seen.imag[1:]
+        return out.reshape(size, size, ports, -1).transpose(1, 2, 0, 3)
+
     @cached_property
     def core(self) -> Array:
         """Derivative of the joint balances to the joint forces, modes following, (2H+1 m, 2H+1 m), unscaled."""
-        problem, basis = self.problem, self.problem.basis
-        H, size, m = basis.H, basis.size, len(problem.own)
+        problem = self.problem
+        size, m = problem.basis.size, len(problem.own)
         core = np.eye(size * m).reshape(size, m, size, m)
-        for j, (at, force) in enumerate(zip(problem.slices, self.forces, strict=True)):
+        for j, at in enumerate(problem.slices):
             rows, beyond = self.signal_rows(j)
-            Y = self.modes.between(rows, problem.structure.joints) + beyond  # (H+1, s, m)
-            A = force.by_signals.reshape(size * (at.stop - at.start), size, -1).transpose(1, 0, 2)
-            cosine, sine = A[: H + 1], A[H + 1 :]
-            out = np.empty((size, len(A[0]), m))
-            out[: H + 1] = cosine @ Y.real
-            # a - i b is turned by Y: the sine column feeds the cosine with +imag, the cosine the sine with -imag
-            out[1 : H + 1] -= sine @ Y.imag[1:]
-            out[H + 1 :] = sine @ Y.real[1:] + cosine[1:] @ Y.imag[1:]
-            core[:, at] -= out.reshape(size, size, -1, m).transpose(1, 2, 0, 3)
+            core[:, at] -= self.felt(j, self.modes.between(rows, problem.structure.joints) + beyond)
         return core.reshape(size * m, size * m)
+
+    @cached_property
+    def complete(self) -> Array:
+        """Derivative of the residual to the scaled unknowns, (size, size), with nothing eliminated."""
+        problem, s = self.problem, self.problem.structure
+        size, n, m = problem.basis.size, s.n, len(problem.own)
+        by_modes, by_joints = np.zeros((size, m, size, n)), np.eye(size * m).reshape(size, m, size, m)
+        for j, at in enumerate(problem.slices):
+            rows, beyond = self.signal_rows(j)
+            by_modes[:, at] -= self.felt(j, rows)
+            by_joints[:, at] -= self.felt(j, np.broadcast_to(beyond + 0j, (len(rows), *beyond.shape)))
+        pushed = -np.einsum("kl,mn->knlm", np.eye(size), s.joints)
+        J = np.block(
+            [
+                [problem.stiffness_matrix(self.state.Omega), pushed.reshape(size * n, size * m)],
+                [by_modes.reshape(size * m, size * n), by_joints.reshape(size * m, size * m)],
+            ]
+        )
+        units = np.concatenate([np.full(size * n, problem.q_ref), np.tile(problem.f_ref, size)])
+        balances = np.concatenate([np.full(size * n, problem.modal_force_ref), np.tile(problem.f_ref, size)])
+        return np.asarray(J * units / balances[:, None])
 
     @cached_property
     def by_parameter(self) -> Array:

@@ -191,6 +191,17 @@ class JointEquations:
         stiffness[:, at, at] += s.omega_n**2 - k[:, None] ** 2
         return np.asarray(stiffness)
 
+    def stiffness_matrix(self, Omega: float) -> Array:
+        """Derivative of the modal balance to the coefficients of the modes, (2H+1 n, 2H+1 n) [1/s2]."""
+        n, k, stiffness = self.structure.n, np.arange(self.basis.H + 1), self.dynamic_stiffness(Omega)
+        full = stiffness[:, :, None] * np.eye(n) if self.diagonal else stiffness
+        K = np.zeros((self.basis.size, n, self.basis.size, n))
+        sine = k[1:] + self.basis.H
+        K[k, :, k], K[sine, :, sine] = full.real, full.real[1:]
+        K[k[1:], :, sine], K[sine, :, k[1:]] = full.imag[1:], -full.imag[1:]
+        K[0, self.rigid[:, None], 0, self.rigid] += self.adrift
+        return K.reshape(self.basis.size * n, -1)
+
     def modal_balance(self, state: State) -> Array:
         """Inertia, damping and stiffness minus all forces, per mode, (2H+1, n)."""
         s, basis = self.structure, self.basis

@@ -134,8 +134,13 @@ class PeriodicSolution:
 
     @property
     def friction_loss(self) -> float:
-        """Energy that friction takes from the structure in one period [J], the area of the loop of T over the slip."""
-        return -path_work(np.asarray, self["friction"].samples, self["slip"].samples)
+        """Energy that friction takes from the structure in one period [J], the area of the loop of T over the slip.
+
+        Of a rig with joints, what all of them take.
+        """
+        if "friction" in self.channels:
+            return self._taken([("friction", "slip")])
+        return self._taken(self._ports)
 
     def taken(self, joint: str) -> float:
         """Energy that a joint takes from the body in one period [J], over all its ports.
@@ -145,13 +150,19 @@ class PeriodicSolution:
         KeyError
             If there is no such joint.
         """
-        forces = [name for name in self.channels if name == f"{joint}.force" or name.startswith(f"{joint}.force.")]
-        if not forces:
+        own = [ends for ends in self._ports if ends[0] == f"{joint}.force" or ends[0].startswith(f"{joint}.force.")]
+        if not own:
             raise KeyError(joint)
-        return -sum(
-            path_work(np.asarray, self[name].samples, self[name.replace(".force", ".motion")].samples)
-            for name in forces
-        )
+        return self._taken(own)
+
+    @property
+    def _ports(self) -> list[tuple[str, str]]:
+        """Channels of force and motion at every port of every joint."""
+        named = [(name, name.replace(".force", ".motion")) for name in self.channels if ".force" in name]
+        return [(force, motion) for force, motion in named if motion in self.channels]
+
+    def _taken(self, ports: list[tuple[str, str]]) -> float:
+        return -sum(path_work(np.asarray, self[force].samples, self[motion].samples) for force, motion in ports)
 
 
 def path_work(measure: Callable[[Array], Array], force: Array, slip: Array) -> float:

@@ -23,7 +23,7 @@ from hbm.errors import InputError
 if TYPE_CHECKING:
     from hbm.modes.backbone import Backbone, NumericalChange
     from hbm.response.curve import ResponseCurve
-    from models.rig import Rig
+    from models.jointed import AnyRig
 
 
 def backbone(
@@ -58,9 +58,9 @@ def backbone(
     levels = [positive("backbone", "--level", text, "N") for text in level or ()]
     if levels and plot is None:
         raise InputError("backbone: --level without --plot; must have both")
-    from hbm.rigfiles.load import load_contact_rig
+    from hbm.rigfiles.load import load_rig
 
-    loaded = load_contact_rig(rig, "backbone")
+    loaded = load_rig(rig)
     if not 1 <= number <= loaded.structure.n:
         raise InputError(f"backbone: --mode = {number}; must be from 1 to {loaded.structure.n}")
     backbones, failures = _traced(loaded, number, amplitudes, H)
@@ -86,7 +86,7 @@ def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
 
 
 def _traced(
-    rig: "Rig", mode: int, amplitudes: tuple[float, float] | None, H: int
+    rig: "AnyRig", mode: int, amplitudes: tuple[float, float] | None, H: int
 ) -> tuple[list["Backbone"], list[str]]:
     """Nonlinear mode and phase resonance, and a line for each that failed."""
     from continuation import ConvergenceError
@@ -112,7 +112,7 @@ def _traced(
     return found, failures
 
 
-def _responses(rig: "Rig", levels: Sequence[float], failures: list[str]) -> list["ResponseCurve"]:
+def _responses(rig: "AnyRig", levels: Sequence[float], failures: list[str]) -> list["ResponseCurve"]:
     from continuation import ConvergenceError
     from hbm.response.trace import trace_frequency
 
@@ -170,5 +170,5 @@ def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"]
         lines.append(f"{backbone_name(b)}, where most damped: frequency and damping change with {', '.join(parts)}")
         if b.lift_off is not None:
             lines.append(f"warning: {backbone_name(b)}: the tip would lift off from {1e3 * b.lift_off:.3g} mm on")
-    print_rows(screen, f"{rig.name}, {rig.contact.law.name}, mode {mode}", rows)
+    print_rows(screen, f"{rig.name}, {rig.law_name}, mode {mode}", rows)
     print_lines(screen, lines)

@@ -2,14 +2,15 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 
 from hbm.figures.style import FAINT, INK, SMALL, AxesArray, align_labels, dressed, level_colors, new_axes, panels
 from hbm.fourier import Array
 from hbm.modes.amplitudes import StuckMode
 from hbm.modes.backbone import Backbone, NonlinearMode
+from hbm.modes.linear import linear_modes
 from hbm.response.curve import ResponseCurve
+from models.jointed import JointedRig
 
 MODE, RESONANCE = "#1f4e79", "#c8553d"
 """Inks of the nonlinear mode and of phase resonance; distinct in grey."""
@@ -47,15 +48,14 @@ def plot_backbones(
     plot_backbone_over_responses(backbones, curves, response)
     frequency.set_xlabel("")
     rig = backbones[0].rig
-    frequency.set_title(f"{rig.name}, {rig.contact.law.name}", fontsize=10, loc="left", color=INK)
+    frequency.set_title(f"{rig.name}, {rig.law_name}", fontsize=10, loc="left", color=INK)
     return align_labels(rows)
 
 
 def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:
     """Frequency over drive amplitude, with those of the contact stuck and sliding as thin lines."""
-    ax, rig = new_axes(ax), backbones[0].rig
-    limits = StuckMode.of(rig, number).omega, float(rig.structure.omega_n[number - 1])
-    _mark_limits(ax, *(omega / (2 * np.pi) for omega in limits))
+    ax, linear = new_axes(ax), linear_modes(backbones[0].rig)
+    _mark_limits(ax, backbones, linear.stuck_hz[number - 1], linear.sliding_hz[number - 1])
     _draw(ax, [(b, b.amplitude * 1e3, b.hz) for b in backbones])
     ax.set_xscale("log")
     _shade_lift_off(ax, backbones)
@@ -65,11 +65,10 @@ def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, num
 
 def plot_damping(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:
     """Damping ratio over drive amplitude, with those of the contact stuck and sliding as thin lines."""
-    ax, rig, stuck = new_axes(ax), backbones[0].rig, StuckMode.of(backbones[0].rig, number)
-    s = rig.structure
-    _mark_limits(
-        ax, 50 * stuck.damping / stuck.omega, 50 * float(s.damping[number - 1] / s.omega_n[number - 1]), apart=1.5
-    )
+    ax, rig = new_axes(ax), backbones[0].rig
+    stuck = StuckMode.of(rig, number)
+    held, free = stuck.damping / (2 * stuck.omega), linear_modes(rig).damping_ratio[number - 1]
+    _mark_limits(ax, backbones, 100 * held, 100 * free, apart=1.5)
     _draw(ax, [(b, b.amplitude * 1e3, 100 * b.damping_ratio) for b in backbones])
     ax.set_xscale("log")
     ax.set_yscale("log")
@@ -108,12 +107,15 @@ def _draw(ax: Axes, lines: Sequence[tuple[Backbone, Array, Array]]) -> None:
         )
 
 
-def _mark_limits(ax: Axes, stuck: float, sliding: float, apart: float = 1.0) -> None:
-    """Thin lines at two limits, with one label where their ratio is less than `apart`."""
-    names = {stuck: "stuck", sliding: "sliding"}
+def _mark_limits(ax: Axes, backbones: Sequence[Backbone], stuck: float, sliding: float, apart: float = 1.0) -> None:
+    """Thin lines at two limits, with one label where their ratio is less than `apart`; none of a rigid motion."""
+    held, free = ("joined", "free") if isinstance(backbones[0].rig, JointedRig) else ("stuck", "sliding")
+    names = {stuck: held, sliding: free}
     if max(names) < apart * min(names):
-        names = {stuck: "stuck,\nsliding", sliding: ""}
+        names = {stuck: f"{held},\n{free}", sliding: ""}
     for value, name in names.items():
+        if value == 0.0:
+            continue
         ax.axhline(value, color=FAINT, linewidth=0.8, zorder=0)
         ax.annotate(name, (1.0, value), (3, 0), ax.get_yaxis_transform(), "offset points", va="center", fontsize=SMALL)
 

@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from hbm.balance.solution import PeriodicSolution
 from hbm.files.outputs import Columns, column_rows, write_with_companion
 from hbm.fourier import Array
 from hbm.modes.backbone import Backbone, NonlinearMode, NumericalChange
 from hbm.modes.linear import linear_modes
 from hbm.textfiles import StrPath
 from hbm.version import installed_version
+from models.jointed import JointedRig
 
 SCHEMA = 1
 NAMES = {True: "nonlinear-mode", False: "phase-resonance"}
@@ -48,7 +50,7 @@ def write_backbones(
         "schema": SCHEMA,
         "version": installed_version(),
         "rig": first.rig.name,
-        "law": first.rig.contact.law.name,
+        "law": first.rig.law_name,
         "mode": mode,
         "stuck_hz": linear.stuck_hz[mode - 1],
         "sliding_hz": linear.sliding_hz[mode - 1],
@@ -73,16 +75,32 @@ def _columns(backbone: Backbone) -> Columns:
         "force_n": backbone.force,
         "energy_lost_j": backbone.lost,
         "friction_loss_j": backbone.rubbed,
-        "slip_m": np.array([p["slip"].peak for p in points]),
-        "friction_n": np.array([p["friction"].peak for p in points]),
-        "normal_min_n": np.array([p["normal"].samples.min() for p in points]),
-        "normal_max_n": np.array([p["normal"].peak for p in points]),
+        **(_of_joints(backbone.rig, points) if isinstance(backbone.rig, JointedRig) else _of_contact(points)),
     }
     shape = backbone.shape.T
     for i, column in enumerate(shape, start=1):
         numbers |= {f"shape_{i}_real": column.real, f"shape_{i}_imag": column.imag}
     kind, count = backbone_name(backbone), len(points)
     return {"backbone": np.full(count, kind), "point": np.arange(1, count + 1), **numbers}
+
+
+def _of_contact(points: Sequence[PeriodicSolution]) -> dict[str, Array]:
+    return {
+        "slip_m": np.array([p["slip"].peak for p in points]),
+        "friction_n": np.array([p["friction"].peak for p in points]),
+        "normal_min_n": np.array([p["normal"].samples.min() for p in points]),
+        "normal_max_n": np.array([p["normal"].peak for p in points]),
+    }
+
+
+def _of_joints(rig: JointedRig, points: Sequence[PeriodicSolution]) -> dict[str, Array]:
+    """Peaks of motion and force at every port, such as ``tip.motion_m`` and ``tip.force_n``."""
+    ends = zip(rig.motions, rig.forces, rig.units, strict=True)
+    named = {name: unit for motion, force, units in ends for name, unit in zip((motion, force), units, strict=True)}
+    return {
+        f"{name}_{unit.lower().replace(' ', '_')}": np.array([p[name].peak for p in points])
+        for name, unit in named.items()
+    }
 
 
 def _decay_rate(backbone: Backbone) -> Array:

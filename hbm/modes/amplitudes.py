@@ -2,21 +2,24 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from continuation import Branch, ConvergenceError, NewtonSettings, Point, Predictor, Settings, continue_branch, solve_at
-from hbm.balance.problem import State
+from hbm.balance.equations import State
 from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
-from hbm.modes.linear import stuck_modes
+from hbm.modes.linear import joint_stiffness, stuck_modes
+from models.jointed import AnyRig, JointedRig
+from models.joints.law import numbers
 from models.rig import Rig
 
 TOLERANCE = 1e-10
 """Every balance closes to this fraction of ten times the motion's elastic force, the contact's in proportion."""
 
 RANGE = (1e-2, 1e2)
-"""Default range of amplitudes: friction that a stuck contact would need, in units of the static load."""
+"""Default range of amplitudes: force that a stuck contact would need, in units of the static load."""
 
 STEP = 0.1
 """Largest step in decades of the amplitude; a tenth of the frequency, or of damping, counts as one."""
@@ -29,6 +32,9 @@ EXCURSION = 0.5
 DOWN = 3.0
 """How far below the first amplitude, in decades, the contact is taken to stick where it does not stick there."""
 
+RIGID = 1e-6
+"""A mode below this fraction of the highest frequency is a rigid motion."""
+
 FRICTIONLESS = (1e-6, 1e-2)
 """Default amplitudes where friction sets no scale [m]."""
 
@@ -38,18 +44,26 @@ OnPoint = Callable[[float, int], None]
 """Called with the amplitude [m] and the number of every point found."""
 
 
-def default_amplitudes(rig: Rig, mode: int = 1) -> tuple[float, float]:
-    """Drive amplitudes [m] from a contact that sticks to one that slides all but freely."""
+def default_amplitudes(rig: AnyRig, mode: int = 1) -> tuple[float, float]:
+    """Drive amplitudes [m] from contacts that all stick to contacts that all slide freely, or nearly so."""
     linear = StuckMode.of(rig, mode)
-    friction = abs(linear.friction / linear.drive)
-    if friction == 0.0:
-        return FRICTIONLESS
-    return RANGE[0] * rig.contact.normal_load / friction, RANGE[1] * rig.contact.normal_load / friction
+    per_drive = np.abs(np.atleast_1d(linear.forces) / linear.drive)
+    scales = [load / per_drive[ports].max() for load, ports in _pressed(rig) if load and per_drive[ports].any()]
+    return (RANGE[0] * min(scales), RANGE[1] * max(scales)) if scales else FRICTIONLESS
+
+
+def _pressed(rig: AnyRig) -> list[tuple[float, slice]]:
+    """Static load of each contact or joint [N], 0 where none presses it, and its ports."""
+    if not isinstance(rig, JointedRig):
+        return [(rig.contact.normal_load, slice(0, 1))]
+    ends = np.cumsum([0, *(j.law.ports for j in rig.joints)]).tolist()
+    loads = [float(numbers(j.law).get("normal_load", 0.0)) for j in rig.joints]
+    return [(load, slice(*at)) for load, at in zip(loads, pairwise(ends), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
 class StuckMode:
-    """A linear mode with the contact stuck.
+    """A linear mode with everything that touches stuck.
 
     Attributes
     ----------
@@ -57,40 +71,42 @@ class StuckMode:
         Natural frequency [rad/s] and damping 2 zeta omega [1/s].
     shape : (n,) array
         Mass-normalised, of the modes of the structure.
-    friction, drive : float
-        Friction force and drive displacement per unit of its coordinate.
+    forces : float or (m,) array
+        Friction force, or force at each port of the joints, per unit of its coordinate.
+    drive : float
+        Drive displacement per unit of its coordinate.
     """
 
     omega: float
     damping: float
     shape: Array
-    friction: float
+    forces: float | Array
     drive: float
 
     @staticmethod
-    def of(rig: Rig, mode: int) -> "StuckMode":
+    def of(rig: AnyRig, mode: int) -> "StuckMode":
         """Mode of a rig by its number, counted from 1.
 
         Raises
         ------
         ValueError
-            If there is no such mode.
+            If there is no such mode, or it is a rigid motion.
         """
         omega, shapes = stuck_modes(rig)
         if not 1 <= mode <= len(omega):
             raise ValueError(f"backbone: mode = {mode}; must be from 1 to {len(omega)}")
-        s, square, shape = rig.structure, omega[mode - 1] ** 2, shapes[:, mode - 1]
-        row = s.slip_row
-        friction = float(row @ ((s.omega_n**2 - square) * shape) / (row @ row)) if row.any() else 0.0
-        drive = float(s.excitation @ shape) + s.residual.slip_by_force * friction
-        return StuckMode(float(omega[mode - 1]), float(shape @ (s.damping * shape)), shape, friction, drive)
+        rigid = np.count_nonzero(omega < RIGID * omega[-1])
+        if mode <= rigid:
+            raise ValueError(f"backbone: mode = {mode} is a rigid motion; must be from {rigid + 1} to {len(omega)}")
+        found = float(omega[mode - 1]), shapes[:, mode - 1]
+        return _of_joints(rig, *found) if isinstance(rig, JointedRig) else _of_contact(rig, *found)
 
     def motion(self, problem: DriveAmplitude, lam: float) -> Array:
         """Unknowns of its motion at an amplitude."""
         basis, q = problem.balance.basis, 10.0**lam / self.drive
-        Q, T = np.zeros((basis.size, len(self.shape))), np.zeros(basis.size)
+        Q, T = np.zeros((basis.size, len(self.shape))), np.zeros((basis.size, *np.shape(self.forces)))
         sine = problem.fundamental[1]
-        Q[sine], T[sine] = q * self.shape, q * self.friction
+        Q[sine], T[sine] = q * self.shape, q * self.forces
         return problem.pack(State(Q, T, self.omega, 0.0), self.sustain(problem, self.damping, q), lam)
 
     def sustain(self, problem: DriveAmplitude, damping: float, q: float) -> float:
@@ -100,8 +116,8 @@ class StuckMode:
     def weights(self, problem: DriveAmplitude, lam: float) -> Array:
         """Weights of the unknowns for continuation, from an amplitude on.
 
-        The shape counts as much as a decade of the amplitude, a tenth of frequency or damping too. The friction force
-        follows from the motion and turns much faster: it hardly counts.
+        The shape counts as much as a decade of the amplitude, a tenth of frequency or damping too. The forces where
+        something touches follow from the motion and turn much faster: they hardly count.
         """
         x, unit = self.motion(problem, lam), self.sustain(problem, self.omega, 10.0**lam / self.drive)
         split = problem.balance.basis.size * len(self.shape)
@@ -110,6 +126,20 @@ class StuckMode:
         weights[-2] = 100.0 / x[-2] ** 2
         weights[-1] = 100.0 / problem.pack_sustain(unit, problem.scale(lam)) ** 2
         return weights
+
+
+def _of_contact(rig: Rig, omega: float, shape: Array) -> StuckMode:
+    s, row = rig.structure, rig.structure.slip_row
+    force = float(row @ ((s.omega_n**2 - omega**2) * shape) / (row @ row)) if row.any() else 0.0
+    drive = float(s.excitation @ shape) + s.residual.slip_by_force * force
+    return StuckMode(omega, float(shape @ (s.damping * shape)), shape, force, drive)
+
+
+def _of_joints(rig: JointedRig, omega: float, shape: Array) -> StuckMode:
+    s = rig.structure
+    forces = -joint_stiffness(rig) @ (s.joints @ shape)
+    drive = float(s.excitation @ shape + s.flexibility_to_force @ forces)
+    return StuckMode(omega, float(shape @ s.damping @ shape), shape, forces, drive)
 
 
 def traced(

@@ -25,7 +25,7 @@ from hbm.modes.amplitudes import OnPoint, solved, traced
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.parallel import one_thread
 from hbm.response.trace import default_samples
-from models.rig import Rig
+from models.jointed import AnyRig
 
 Complex = npt.NDArray[np.complex128]
 
@@ -36,7 +36,7 @@ class Backbone(ABC):
 
     Attributes
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
     points : tuple of PeriodicSolution
         In the order of travel; the drive displacement lags a cosine by 90 degrees.
     branch : continuation.Branch
@@ -45,7 +45,7 @@ class Backbone(ABC):
         What the branch solves.
     """
 
-    rig: Rig
+    rig: AnyRig
     points: tuple[PeriodicSolution, ...]
     branch: Branch
     problem: DriveAmplitude
@@ -76,7 +76,7 @@ class Backbone(ABC):
 
     @cached_property
     def rubbed(self) -> Array:
-        """Energy lost to friction in one period, (points,) [J]."""
+        """Energy lost to friction, or to all joints, in one period, (points,) [J]."""
         return np.array([p.friction_loss for p in self.points])
 
     @cached_property
@@ -103,7 +103,12 @@ class Backbone(ABC):
 
     @property
     def lift_off(self) -> float | None:
-        """Amplitude beyond which the tip would first lift off [m], between two points; None where it never would."""
+        """Amplitude beyond which the tip would first lift off [m], between two points; None where it never would.
+
+        Joints that can separate do; for them it is never said.
+        """
+        if "normal" not in self.points[0].channels:
+            return None
         least, lam = np.array([p["normal"].samples.min() for p in self.points]), self.branch.lam
         lifted = np.flatnonzero(least < 0.0)
         if not lifted.size or lifted[0] == 0:
@@ -252,7 +257,7 @@ def numerical_change(backbone: Backbone, i: int | None = None) -> NumericalChang
     return NumericalChange(float(backbone.amplitude[i]), *(_changed(backbone, i, *setting) for setting in finer))
 
 
-def _changed(backbone: Backbone, i: int, rig: Rig, basis: FourierBasis) -> tuple[float, float]:
+def _changed(backbone: Backbone, i: int, rig: AnyRig, basis: FourierBasis) -> tuple[float, float]:
     """Relative changes of frequency and damping ratio of a point on another rig and basis."""
     near, problem = backbone.branch.points[i], type(backbone.problem)(rig, basis)
     balance = backbone.problem.unpack(near.x, near.lam)[0]
@@ -276,7 +281,7 @@ def _changed(backbone: Backbone, i: int, rig: Rig, basis: FourierBasis) -> tuple
 
 @one_thread
 def nonlinear_mode(
-    rig: Rig,
+    rig: AnyRig,
     mode: int = 1,
     *,
     amplitudes: tuple[float, float] | None = None,
@@ -288,7 +293,7 @@ def nonlinear_mode(
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
         Its excitation gives the place of the drive; no force acts.
     mode : int
         Number of the mode, counted from 1, of those with the contact stuck.
@@ -319,7 +324,7 @@ def nonlinear_mode(
     >>> mode.hz[[0, -1]].round(2)
     array([56.  , 51.08])
     """
-    expect_rig(rig, "nonlinear_mode")
+    expect_rig(rig, "nonlinear_mode", joints=True)
     motion = FreeMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
     branch = traced(motion, mode, amplitudes, on_point)
     return NonlinearMode(rig, _described(motion, branch.points), branch, motion)
@@ -327,7 +332,7 @@ def nonlinear_mode(
 
 @one_thread
 def phase_resonance(
-    rig: Rig,
+    rig: AnyRig,
     mode: int = 1,
     *,
     amplitudes: tuple[float, float] | None = None,
@@ -341,7 +346,7 @@ def phase_resonance(
     -------
     PhaseResonance
     """
-    expect_rig(rig, "phase_resonance")
+    expect_rig(rig, "phase_resonance", joints=True)
     motion = ForcedMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
     branch = traced(motion, mode, amplitudes, on_point)
     return PhaseResonance(rig, _described(motion, branch.points), branch, motion)

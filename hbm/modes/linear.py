@@ -104,17 +104,20 @@ def contact_stiffness(rig: Rig) -> float:
     )  # the slip is too small for a law to be anything but linear
 
 
-def stuck_modes(rig: Rig) -> tuple[Array, Array]:
-    """Natural frequencies (m,) [rad/s] and mass-normalised shapes (n, m) with the contact held by its stiffness.
+def stuck_modes(rig: AnyRig) -> tuple[Array, Array]:
+    """Natural frequencies (m,) [rad/s] and mass-normalised shapes (n, m) with what touches held by its stiffness.
 
-    Where it is held rigidly they are those of the motions without slip, m = n - 1.
+    Where one contact is held rigidly they are those of the motions without slip, m = n - 1.
     """
-    s, k = rig.structure, contact_stiffness(rig)
-    held = np.isinf(k)
-    free = null_space(s.slip_row[None, :]) if held else np.eye(s.n)
-    K = np.diag(s.omega_n**2) + (0.0 if held else k) * np.outer(s.slip_row, s.slip_row)
-    squares, shapes = np.linalg.eigh(free.T @ K @ free)
-    return np.sqrt(squares), np.asarray(free @ shapes)
+    s = rig.structure
+    if isinstance(rig, JointedRig):
+        free, held = np.eye(s.n), rig.structure.joints.T @ joint_stiffness(rig) @ rig.structure.joints
+    else:
+        row, k = rig.structure.slip_row, contact_stiffness(rig)
+        free = null_space(row[None, :]) if np.isinf(k) else np.eye(s.n)
+        held = (0.0 if np.isinf(k) else k) * np.outer(row, row)
+    squares, shapes = np.linalg.eigh(free.T @ (np.diag(s.omega_n**2) + held) @ free)
+    return np.sqrt(np.maximum(squares, 0.0)), np.asarray(free @ shapes)
 
 
 RIGIDLY = 1e6
@@ -141,7 +144,6 @@ def joint_stiffness(rig: JointedRig) -> Array:
 
 def _of_joints(rig: JointedRig) -> LinearModes:
     s = rig.structure
-    joined = np.linalg.eigvals(np.diag(s.omega_n**2) + s.joints.T @ joint_stiffness(rig) @ s.joints)
-    stuck = np.sqrt(np.maximum(np.sort(joined.real), 0.0)) / (2 * np.pi)
     elastic = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
+    stuck = stuck_modes(rig)[0] / (2 * np.pi)
     return LinearModes(s.omega_n / (2 * np.pi), stuck, s.damping.diagonal() / (2 * elastic), float("nan"))

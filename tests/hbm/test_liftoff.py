@@ -211,4 +211,6 @@ def test_a_tip_that_is_off_for_long_is_marched_to() -> None:
     marched = integrate.steady_state(rig, HZ, level=60.0, steps_per_period=1024, start=state_at_phase_zero(found))
     assert marched.converged
     drive = np.abs(found["drive"].coefficients).max()
-    np.testing.assert_allclose(marched.history.coefficients("drive", 31), found["drive"].coefficients, atol=2e-3 * drive)
+    np.testing.assert_allclose(
+        marched.history.coefficients("drive", 31), found["drive"].coefficients, atol=2e-3 * drive
+    )

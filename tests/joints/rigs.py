@@ -1,5 +1,7 @@
 """Rigs with joints that several tests share."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from models import Beam, Jenkins
@@ -8,6 +10,8 @@ from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
 from models.joints import Friction, Joint, PlaneFriction, PolynomialSpring, Stop
 from models.parts import Channel, Damping, Excitation
+from models.published import paper_rig
+from models.rig import Rig
 
 BEAM = Beam(0.606, 0.03888, 0.00478, 210e9, 7800.0, 6)
 
@@ -49,3 +53,19 @@ def beam_rig(friction: Friction) -> JointedRig:
         Excitation(20.0, 0.555),
         (Channel("x", "acceleration", 0.3),),
     )
+
+
+def contact_and_joint() -> tuple[Rig, JointedRig]:
+    """The paper's beam under constant load with a Jenkins contact, and a rig with one joint that means the same."""
+    rig = paper_rig()
+    contact = replace(rig.contact, law=Jenkins(0.52, 4.146e-6), load_variation=0.0, foreshortening=False)
+    rig = replace(rig, contact=contact)
+    s = rig.structure
+    cross = s.residual.slip_by_force
+    body = ModalModel(
+        tuple((s.omega_n / (2 * np.pi)).tolist()),
+        {"tip": tuple(s.slip_row.tolist()), "shaker": tuple(s.excitation.tolist())},
+        ((s.compliance, cross), (cross, s.residual.drive_by_force)),
+    )
+    joint = Joint("tip", Friction(contact.law, contact.normal_load), ("tip",))
+    return rig, JointedRig("paper", body, rig.damping, (joint,), replace(rig.excitation, at="shaker"))

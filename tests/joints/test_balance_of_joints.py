@@ -1,7 +1,5 @@
 """Harmonic balance over joints: exact Newton steps, the one contact it contains, energy, and time integration."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -15,8 +13,7 @@ from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
 from models.joints import Friction, Joint, PolynomialSpring
 from models.parts import Damping, Excitation
-from models.published import paper_rig
-from tests.joints.rigs import beam_rig, made_up
+from tests.joints.rigs import beam_rig, contact_and_joint, made_up
 
 H, N_T = 25, 1024
 LAWS = {
@@ -51,18 +48,7 @@ def test_bordered_steps_are_those_of_a_dense_system_of_differences(damped: bool,
 
 
 def test_one_joint_is_the_contact_of_old() -> None:
-    rig = paper_rig()
-    contact = replace(rig.contact, law=Jenkins(0.52, 4.146e-6), load_variation=0.0, foreshortening=False)
-    rig = replace(rig, contact=contact)
-    s = rig.structure
-    cross = s.residual.slip_by_force
-    body = ModalModel(
-        tuple((s.omega_n / (2 * np.pi)).tolist()),
-        {"tip": tuple(s.slip_row.tolist()), "shaker": tuple(s.excitation.tolist())},
-        ((s.compliance, cross), (cross, s.residual.drive_by_force)),
-    )
-    joint = Joint("tip", Friction(contact.law, contact.normal_load), ("tip",))
-    same = JointedRig("paper", body, rig.damping, (joint,), replace(rig.excitation, at="shaker"))
+    rig, same = contact_and_joint()
     for hz in (45.0, 49.0, 52.0):
         one, other = (steady_state(r, hz, harmonics=9, samples=256) for r in (rig, same))
         for a, b in (("drive", "drive"), ("friction", "tip.force"), ("slip", "tip.motion")):

@@ -1,0 +1,147 @@
+"""Nonlinear modes of rigs with joints: closed forms, eigenvalue problems, the one contact, forced responses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.special import ellipk
+
+from hbm.balance.solution import PeriodicSolution
+from hbm.fourier import Array, FourierBasis
+from hbm.modes.amplitudes import default_amplitudes
+from hbm.modes.backbone import nonlinear_mode, phase_resonance
+from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
+from hbm.response.trace import steady_state, trace_frequency
+from models import Jenkins
+from models.bodies.finite import FiniteBeam
+from models.bodies.modal import ModalModel
+from models.jointed import JointedRig
+from models.joints import CubicSpring, Friction, Joint
+from models.parts import Channel, Damping, Excitation
+from tests.joints.rigs import BEAM, contact_and_joint, made_up
+
+STIFFNESS = (1.6e4, 1e4)
+LOADS = (40.0, 10.0)
+
+
+def two_sliders() -> JointedRig:
+    """A beam on two Jenkins elements, which slip one after the other."""
+    laws = [Friction(Jenkins(0.4, 0.4 * P / k), P) for k, P in zip(STIFFNESS, LOADS, strict=True)]
+    joints = tuple(Joint(name, law, (at,)) for name, law, at in zip("ab", laws, ("y(0.25)", "y(0.4)"), strict=True))
+    return JointedRig(
+        "two sliders", FiniteBeam(BEAM), Damping(modal_ratios=(0.01,)), joints, Excitation(20.0, 0.555), ()
+    )
+
+
+@pytest.mark.parametrize("kind", [FreeMotion, ForcedMotion])
+@pytest.mark.parametrize("damped", [False, True])
+@pytest.mark.parametrize("rigid", [False, True])
+def test_derivative_of_the_residual(damped: bool, rigid: bool, kind: type[DriveAmplitude]) -> None:
+    problem, rng, lam = kind(made_up(damped, rigid), FourierBasis(3, 64)), np.random.default_rng(2), -1.3
+    x = 0.2 * rng.standard_normal(problem.size)
+    x[-2:] = 1.3, 0.02
+    here, way = problem.linearize(x, lam), 1e-5 * rng.standard_normal(problem.size + 1)
+    ahead, behind = (problem.residual(x + sign * way[:-1], lam + sign * way[-1]) for sign in (1, -1))
+    dx, dlam = here.solve_bordered(np.zeros(problem.size), 1.0, (ahead - behind) / 2, float(way[-1]))
+    assert dlam == pytest.approx(way[-1])
+    assert np.abs(dx - way[:-1]).max() < 1e-4 * np.abs(way).max()
+
+
+def test_limits_are_the_linear_modes_with_springs_and_without() -> None:
+    rig = two_sliders()
+    s, (low, high) = rig.structure, default_amplitudes(rig)
+    # springs in series with what the modes leave out, as an eigenvalue problem of its own
+    springs = np.linalg.inv(np.diag(1 / np.array(STIFFNESS)) + s.flexibility)
+    K = np.diag(s.omega_n**2) + s.joints.T @ springs @ s.joints
+
+    def eigenvalue(relief: float) -> complex:
+        zero, one = np.zeros_like(K), np.eye(s.n)
+        values = np.linalg.eigvals(np.block([[zero, one], [-K, relief * one - s.damping]]))
+        return complex(min(values[values.imag > 0.0], key=lambda value: value.imag))
+
+    relief = brentq(lambda xi: eigenvalue(xi).real, 0.0, 100.0, xtol=1e-12)
+    mode = nonlinear_mode(rig, amplitudes=(low, 10 * high), harmonics=7)
+    assert mode.complete
+    omega = eigenvalue(relief).imag
+    assert mode.hz[0] == pytest.approx(omega / (2 * np.pi), rel=1e-9)
+    assert mode.damping_ratio[0] == pytest.approx(relief / (2 * omega), rel=1e-7)
+    # of a Jenkins element that slides by A there is left a stiffness that falls as 1/A^(3/2)
+    missing = mode.at([high, 10 * high]).hz / (s.omega_n[0] / (2 * np.pi)) - 1
+    assert missing[1] < 1e-5
+    assert missing[0] / missing[1] == pytest.approx(10**1.5, rel=0.1)
+    # both slide one after the other, and what is lost is friction and damping: by samples, and by harmonics
+    velocities = [2 * np.pi * p.hz * p.basis.derivative(p.state.Q) for p in mode.points]
+    damped = np.array([np.sum(v**2 @ s.damping) for v in velocities]) / (2 * mode.hz)
+    rubbed = sum(np.array([_work(p, name) for p in mode.points]) for name in ("a", "b"))
+    np.testing.assert_allclose(mode.lost, damped + rubbed, rtol=1e-9)
+    np.testing.assert_allclose(mode.lost, damped + mode.rubbed, rtol=5e-4)
+    assert {p["a.motion"].peak > 0.4 * LOADS[0] / STIFFNESS[0] for p in mode.points} == {False, True}
+
+
+def _work(point: PeriodicSolution, joint: str) -> float:
+    force, motion = (point[f"{joint}.{what}"].coefficients[1:] for what in ("force", "motion"))
+    H = len(force) // 2
+    k = np.arange(1, H + 1)
+    return float(-np.pi * (force[:H] @ (k * motion[H:]) - force[H:] @ (k * motion[:H])))
+
+
+def test_one_joint_is_the_contact_of_old() -> None:
+    contact, joint = contact_and_joint()
+    amplitudes = [1e-6, 3e-6, 1e-5, 1e-4]
+    for trace in (nonlinear_mode, phase_resonance):
+        one, other = (trace(rig, amplitudes=(1e-6, 1.1e-4), harmonics=5).at(amplitudes) for rig in (contact, joint))
+        np.testing.assert_allclose(one.hz, other.hz, rtol=1e-9)
+        np.testing.assert_allclose(one.damping_ratio, other.damping_ratio, rtol=1e-7)
+        np.testing.assert_allclose(one.force, other.force, rtol=1e-7)
+        np.testing.assert_allclose(one.rubbed, other.rubbed, atol=1e-9 * one.lost.max())
+    assert default_amplitudes(contact) == pytest.approx(default_amplitudes(joint), rel=1e-9)
+
+
+def test_cubic_spring_has_the_elliptic_integral() -> None:
+    body = ModalModel((1 / (2 * np.pi),), {"mass": (1.0,)})
+    spring = Joint("spring", CubicSpring(1.0), ("mass",))
+    rig = JointedRig("duffing", body, Damping(0.02, high_mode_ratio=0.0), (spring,), Excitation(1.0, at="mass"))
+    found = nonlinear_mode(rig, amplitudes=(0.01, 3.0))
+    crest = np.array([p["drive"].samples.max() for p in found.points])
+    hardening = crest**2
+    exact: Array = np.pi * np.sqrt(1 + hardening) / (2 * ellipk(hardening / (2 * (1 + hardening))))
+    np.testing.assert_allclose(2 * np.pi * found.hz, exact, rtol=1e-9)
+    np.testing.assert_allclose(4 * np.pi * found.hz * found.damping_ratio, 0.02, rtol=1e-7)
+
+
+def test_forced_response_passes_through_the_backbones() -> None:
+    rig, levels = two_sliders(), (2.0, 6.0, 12.0)
+    ends = default_amplitudes(rig)
+    resonance = phase_resonance(rig, amplitudes=ends, harmonics=7).at_force(levels)
+    free = nonlinear_mode(rig, amplitudes=ends, harmonics=7)
+    for i, level in enumerate(levels):
+        # where it crosses 90 degrees, the frequency response has the frequency and amplitude of phase resonance
+        hz = float(resonance.hz[i])
+        forced = steady_state(rig, hz, level=level, harmonics=7)
+        cosine, sine = forced["drive"].coefficients[[1, 8]]
+        assert sine == pytest.approx(resonance.amplitude[i], rel=1e-6)
+        assert abs(cosine) < 1e-6 * sine
+        # the free motion of that amplitude differs in frequency by the square of the damping, about
+        mode = free.at([sine])
+        assert mode.hz[0] == pytest.approx(hz, rel=2 * float(mode.damping_ratio[0]) ** 2 + 1e-4)
+        assert mode.force[0] == pytest.approx(level, rel=0.02)
+        curve = trace_frequency(rig, (0.8 * hz, 1.2 * hz), level=level, harmonics=7)
+        assert curve.peak["drive"].peak == pytest.approx(sine, rel=0.02)
+
+
+def test_what_is_no_mode_is_refused() -> None:
+    rig = two_sliders()
+    with pytest.raises(ValueError, match=r"mode = 7; must be from 1 to 6"):
+        nonlinear_mode(rig, 7)
+    afloat = JointedRig(
+        "afloat",
+        ModalModel((0.0, 1.0), {"one": (1.0, 1.0), "two": (1.0, -1.0)}),
+        Damping(0.1),
+        (Joint("spring", CubicSpring(1.0), ("one",), ("two",)),),
+        Excitation(1.0, at="one"),
+        (Channel("force", "force"),),
+    )
+    with pytest.raises(ValueError, match=r"mode = 1 is a rigid motion; must be from 2 to 2"):
+        nonlinear_mode(afloat)
+    assert nonlinear_mode(replace(afloat), 2, amplitudes=(1e-3, 1e-2), harmonics=3).complete
