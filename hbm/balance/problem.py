@@ -16,12 +16,14 @@ from hbm.balance.elimination import Elimination
 from hbm.balance.equations import Balance, Kinematics, Parameter, State
 from hbm.balance.jacobian import CompleteBalance
 from hbm.balance.jointed import JointBalance
+from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.slipping import SlidRotation, SlippingBalance, lifted_tip
 from hbm.fourier import Array, FourierBasis
 from models.jointed import AnyRig, JointedRig
 
 __all__ = [
     "AnyBalance",
+    "AnyLinearization",
     "AnyRig",
     "HarmonicBalance",
     "Kinematics",
@@ -128,3 +130,6 @@ class Linearization:
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix."""
         return self.newton.determinant_sign(row, row_lam)
+
+
+AnyLinearization: TypeAlias = Linearization | JointLinearization

@@ -79,12 +79,12 @@ class Channels(Mapping[str, ChannelSensitivity]):
                 return self._motion(name, moved, DISPLACEMENT)
             case "slip":
                 zero_mean, u = self._slip_samples - self._slip_samples.mean(axis=0), self.solution[name].samples
-                return ChannelSensitivity(self._slip, self._slip_samples, _largest(u - u.mean(), zero_mean))
+                return ChannelSensitivity(self._slip, self._slip_samples, largest(u - u.mean(), zero_mean))
             case "slip_velocity":
                 return self._motion(name, self._slip, VELOCITY)
             case "friction":
                 T, analysis = self.solution[name].samples, self.problem.basis.analysis
-                return ChannelSensitivity(analysis @ self._friction, self._friction, _largest(T, self._friction))
+                return ChannelSensitivity(analysis @ self._friction, self._friction, largest(T, self._friction))
             case "normal":
                 normal, R = self._normal(), self.solution[name].samples
                 return ChannelSensitivity(self.problem.basis.analysis @ normal, normal, normal[R.argmax()])
@@ -152,7 +152,7 @@ class Channels(Mapping[str, ChannelSensitivity]):
         return np.where(on_support, normal - synthesis @ tension, 0.0)
 
 
-def _largest(samples: Array, change: Array) -> Array:
+def largest(samples: Array, change: Array) -> Array:
     """Derivatives of the largest magnitude of a sampled signal."""
     i = int(np.abs(samples).argmax())
     return np.asarray(np.sign(samples[i]) * change[i])

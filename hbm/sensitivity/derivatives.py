@@ -17,15 +17,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.balance.problem import HarmonicBalance, Linearization
+from hbm.balance.jointednewton import JointLinearization
+from hbm.balance.problem import AnyLinearization, HarmonicBalance
 from hbm.balance.solution import PeriodicSolution
 from hbm.channels import read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import Change, Channels, ChannelSensitivity
 from hbm.sensitivity.held import HeldBalance, friction_change, mixed, mixing_of
+from hbm.sensitivity.jointed import JointSensitivities, joint_balance_change, joint_sensitivities
 from hbm.sensitivity.moving import Disturbance, LinearBalance, refined
 from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys, rig_scalars
+from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
 
 UNBALANCED = 1e-6
@@ -170,6 +173,13 @@ def sensitivities(
     return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, mixing, moved)
 
 
+def changes(rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str]) -> Sensitivities | JointSensitivities:
+    """As :func:`sensitivities`, of a rig with one contact or with joints."""
+    if isinstance(rig, JointedRig):
+        return joint_sensitivities(rig, solution, keys)
+    return sensitivities(rig, solution, keys)
+
+
 @one_thread
 def disturbed(rig: Rig, solution: PeriodicSolution, disturbance: Disturbance) -> dict[str, Array]:
     """Change of response channels and friction under small disturbances: receptances of the linearised steady state.
@@ -215,22 +225,24 @@ def _seen_of(balance: "LinearBalance", disturbance: Disturbance, x: Array) -> di
     return out
 
 
-def balance_change(here: Linearization, keys: Sequence[str]) -> Array:
+def balance_change(here: AnyLinearization, keys: Sequence[str]) -> Array:
     """Exact derivatives of the scaled balance to numbers of the rig, the scaled unknowns and their units held.
 
     The unknowns are those of the rig's own modes, which a change of its structure mixes among each other.
 
     Parameters
     ----------
-    here : Linearization
+    here : Linearization or JointLinearization
         Any state, solution or not.
     keys : sequence of str, (p,)
-        Of :func:`rig_scalars`.
+        Of :func:`rig_scalars`, or of :func:`hbm.sensitivity.jointed.joint_scalars`.
 
     Returns
     -------
     (size, p) array
     """
+    if isinstance(here, JointLinearization):
+        return joint_balance_change(here, keys)
     held, balance = HeldBalance(here, tuple(keys)), LinearBalance(here)
     change = balance.scaled(held.modal, -here.problem.basis.analysis @ friction_change(here, held.inputs))
     mixing = mixing_of(held.structure, here.problem.structure.omega_n**2)

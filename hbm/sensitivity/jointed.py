@@ -3,7 +3,7 @@
 The implicit function theorem, with the matrix that Newton's method uses: nothing is left out of it.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +14,13 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
-from hbm.sensitivity.channels import ChannelSensitivity, smooth_peak
+from hbm.sensitivity.channels import ChannelSensitivity, largest, smooth_peak
 from models.friction.law import Parameter
 from models.jointed import JointedRig
 from models.joints.law import described, numbers
+
+Peak = Callable[[Array, Array], Array]
+"""Derivatives (p,) of the peak of a sampled signal, from its samples and theirs."""
 
 FORCE, HZ = "excitation.amplitude", "frequency_hz"
 UNBALANCED = 1e-6
@@ -172,10 +175,11 @@ class _Channels(Mapping[str, ChannelSensitivity]):
     def __getitem__(self, name: str) -> ChannelSensitivity:
         rig, s, basis = self._problem.rig, self._problem.structure, self._problem.basis
         if name in rig.forces:
-            return self._sampled(name, self._T[:, rig.forces.index(name)])
+            return self._sampled(name, self._T[:, rig.forces.index(name)], largest)
         if name in rig.motions:
             i = rig.motions.index(name)
-            return self._sampled(name, self._seen(s.joints[i], s.flexibility[i], float(s.flexibility_to_force[i])))
+            moved = self._seen(s.joints[i], s.flexibility[i], float(s.flexibility_to_force[i]))
+            return self._sampled(name, moved, largest)
         if name == "drive":
             return self._sampled(name, self._seen(s.excitation, s.flexibility_to_force, s.drive_by_force))
         channel = next(c for c in rig.channels if c.name == name)
@@ -194,6 +198,6 @@ class _Channels(Mapping[str, ChannelSensitivity]):
         moved = np.einsum("n,knp->kp", row, self._Q) + np.einsum("m,kmp->kp", by_joints, self._T)
         return np.asarray(moved + by_force * self._force)
 
-    def _sampled(self, name: str, coefficients: Array) -> ChannelSensitivity:
+    def _sampled(self, name: str, coefficients: Array, peak: Peak = smooth_peak) -> ChannelSensitivity:
         samples = self._problem.basis.synthesis @ coefficients
-        return ChannelSensitivity(coefficients, samples, smooth_peak(self._solution[name].samples, samples))
+        return ChannelSensitivity(coefficients, samples, peak(self._solution[name].samples, samples))

@@ -29,7 +29,7 @@ from continuation import (
     fold_curve,
     refine_fold,
 )
-from hbm.balance.problem import AnyBalance, Linearization
+from hbm.balance.problem import AnyBalance, AnyLinearization
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
 from hbm.fourier import Array
@@ -50,7 +50,7 @@ STEP = 0.1
 """Largest step along a path, relative to the motion."""
 
 FRICTION_WEIGHT = 1e-3
-"""Of the friction force in lengths; it follows from the motion."""
+"""Of friction or joint forces in lengths; they follow from the motion."""
 
 FREQUENCY_WEIGHT = 100.0
 """Of the frequency in its unit."""
@@ -89,15 +89,13 @@ class PlaneBalance:
         signs = self.along.signs(problem, mu)
         width = self.along.values[1] - self.along.values[0]
         units = np.array([problem.hz_ref, width])
-        here = problem.linearize(signs * x, lam)
-        assert isinstance(here, Linearization)  # fold_path refuses rigs with joints
-        return PlaneLinearization(here, signs, (HZ, self.along.key.name), units)
+        return PlaneLinearization(problem.linearize(signs * x, lam), signs, (HZ, self.along.key.name), units)
 
 
 class PlaneLinearization:
     """Residual at a state, and its derivative when asked for; a :class:`continuation.TwoParameterLinearization`."""
 
-    def __init__(self, here: Linearization, signs: Array, keys: tuple[str, str], units: Array) -> None:
+    def __init__(self, here: AnyLinearization, signs: Array, keys: tuple[str, str], units: Array) -> None:
         self.here, self.signs, self.keys, self.units = here, signs, keys, units
         self.residual = signs * here.residual
 
@@ -241,7 +239,7 @@ def fold_path(
     continuation.ConvergenceError
         If the first fold cannot be solved.
     """
-    expect_rig(curve.rig, "fold_path")
+    expect_rig(curve.rig, "fold_path", joints=True)
     number, present = _second(curve, within, key)
     segments = [(a, b) for a, b in pairwise(curve.branch.points) if b.fold and not (b.corner or b.jumped)]
     if not -len(segments) <= fold < len(segments):
@@ -278,9 +276,8 @@ def _second(curve: ResponseCurve, within: tuple[float, float], key: str) -> tupl
 def _part(
     plane: PlaneBalance, first: SpecialPoint, end: float, bounds: tuple[float, float], max_points: int
 ) -> FoldCurve | ChordCurve:
-    size = plane.along.basis.size
     weights = np.ones(first.x.size + 1)
-    weights[-1 - size : -1] = FRICTION_WEIGHT
+    weights[_modes(plane.along.first) : -1] = FRICTION_WEIGHT
     weights[-1] = FREQUENCY_WEIGHT
     settings = Settings(
         lam_end=end,
@@ -365,9 +362,14 @@ def _states(problem: AnyBalance, points: Sequence[PeriodicSolution]) -> Array:
     return np.array([np.append(*problem.pack(p.state)) for p in points])
 
 
+def _modes(problem: AnyBalance) -> int:
+    """Number of unknowns that are of the motion; friction or joint forces follow."""
+    return problem.basis.size * problem.structure.n
+
+
 def _apart(state: Array, states: Array, problem: AnyBalance) -> float:
     """Distance of a state from the chords between points, in the motion and relative to it."""
-    motion = np.r_[: problem.size - problem.basis.size, problem.size]
+    motion = np.r_[: _modes(problem), problem.size]
     point, corners = state[motion], states[:, motion]
     chords, there = np.diff(corners, axis=0), point - corners[:-1]
     share = np.clip(np.einsum("ij,ij->i", there, chords) / np.einsum("ij,ij->i", chords, chords), 0.0, 1.0)

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hbm.balance.jointednewton import JointLinearization, JointNewton
-from hbm.balance.problem import AnyBalance, HarmonicBalance, Linearization, Newton, State, balance_of
+from hbm.balance.jointednewton import JointNewton
+from hbm.balance.problem import AnyBalance, AnyLinearization, HarmonicBalance, Newton, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.sensitivity.derivatives import balance_change
-from hbm.sensitivity.jointed import joint_balance_change, joint_scalars
+from hbm.sensitivity.jointed import joint_scalars
 from hbm.sensitivity.scalars import FORCE, FRICTION, HZ, LOAD, scalars_at
 from models.change import Scalar, drift_scalars, tone_scalars
 from models.friction import describe as described
@@ -118,6 +118,17 @@ def check_value(rig: AnyRig, key: Key, value: float) -> None:
                 raise ValueError(f"{key.name} = {value:g}; {name} must be >= {other.at_least}")
 
 
+def with_value(rig: AnyRig, key: str, value: float) -> AnyRig:
+    """The rig with another value of a number.
+
+    Raises
+    ------
+    KeyError
+        If it has no such number.
+    """
+    return rig.with_number(key, value) if isinstance(rig, JointedRig) else with_number(rig, key, value)
+
+
 class ParameterBalance:
     """The balance of a rig at a frequency and a force, along one of its numbers; a :class:`continuation.Problem`.
 
@@ -165,9 +176,7 @@ class ParameterBalance:
         """The rig with that value."""
         if self.key.name in (HZ, FORCE):
             return self.rig
-        if isinstance(self.rig, JointedRig):
-            return self.rig.with_number(self.key.name, self.value_at(lam))
-        return with_number(self.rig, self.key.name, self.value_at(lam))
+        return with_value(self.rig, self.key.name, self.value_at(lam))
 
     def at(self, lam: float) -> AnyBalance:
         """The balance of the rig with that value, in the units of the first."""
@@ -261,15 +270,13 @@ class Undefined:
 class ParameterLinearization:
     """Residual at a state, and its derivative when asked for; a :class:`continuation.Linearization`."""
 
-    def __init__(self, here: Linearization | JointLinearization, signs: Array, key: str, width: float) -> None:
+    def __init__(self, here: AnyLinearization, signs: Array, key: str, width: float) -> None:
         self.here, self.signs, self.key, self.width = here, signs, key, width
         self.residual = signs * here.residual
 
     @cached_property
     def J_lam(self) -> Array:
         """Derivative of the residual to the continuation parameter, (size,)."""
-        if isinstance(self.here, JointLinearization):
-            return np.asarray(joint_balance_change(self.here, (self.key,))[:, 0] * self.width)
         return np.asarray(self.signs * balance_change(self.here, (self.key,))[:, 0] * self.width)
 
     @cached_property

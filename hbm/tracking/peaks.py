@@ -13,17 +13,18 @@ import numpy as np
 from scipy.optimize import brentq
 
 from continuation import Border, ConvergenceError, NewtonSettings, correct
+from hbm.balance.equations import State
 from hbm.balance.padding import pad
-from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.trace import default_samples, trace_frequency
-from hbm.sensitivity.derivatives import sensitivities
+from hbm.sensitivity.derivatives import changes
 from hbm.sensitivity.scalars import FORCE, HZ
-from models.numbers import number, with_number
-from models.rig import Rig
+from hbm.tracking.parameter import with_value
+from models.jointed import AnyRig
 
 FIRST_STRIDE = 1e-3
 """First step along a curve in search of its peak: of the frequency, or of the motion."""
@@ -45,7 +46,7 @@ class Peaks:
     Attributes
     ----------
     key, channel : str
-        What is varied, as in :func:`models.numbers.number`; and the channel whose peak it is.
+        What is varied, as a key of the rig file; and the channel whose peak it is.
     values : (p,) array
         Of the number.
     points : tuple of PeriodicSolution
@@ -82,7 +83,7 @@ class Peaks:
 
 @one_thread
 def follow_peak(
-    rig: Rig,
+    rig: AnyRig,
     values: Sequence[float],
     key: str = FORCE,
     *,
@@ -95,11 +96,11 @@ def follow_peak(
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
     values : sequence of float
         Of the number, in the order of travel; where a step is too long, it is halved.
     key : str
-        What to vary, such as ``excitation.amplitude``, ``contact.normal_load`` or ``contact.friction.mu``.
+        What to vary, such as ``excitation.amplitude``, ``contact.friction.mu`` or ``joints.tip.mu``.
     channel : str
         Whose peak.
     start : PeriodicSolution, optional
@@ -119,10 +120,9 @@ def follow_peak(
         If a peak is lost. One that merges with another, on a detached curve, ends: the force along
         :func:`hbm.modes.backbone.phase_resonance` has a maximum there.
     """
-    expect_rig(rig, "follow_peak")
-    number(rig, key)
+    expect_rig(rig, "follow_peak", joints=True)
     basis, held = FourierBasis(harmonics, samples or default_samples(harmonics)), (key, channel)
-    curve = _Curve(with_number(rig, key, values[0]), basis, *held)
+    curve = _Curve(with_value(rig, key, values[0]), basis, *held)
     if start is None:
         points = trace_frequency(curve.rig, harmonics=harmonics, samples=samples).points
         start = max(points, key=lambda p: p[channel].peak)
@@ -164,9 +164,9 @@ class _Place:
 class _Curve:
     """A frequency response near its peak."""
 
-    def __init__(self, rig: Rig, basis: FourierBasis, key: str, channel: str) -> None:
+    def __init__(self, rig: AnyRig, basis: FourierBasis, key: str, channel: str) -> None:
         self.rig, self.key, self.channel = rig, key, channel
-        self.problem = HarmonicBalance(rig, basis)
+        self.problem = balance_of(rig, basis)
 
     def near(self, state: State, tangent: Array | None = None) -> _Place:
         """The point of the curve across a tangent at a state, or at its frequency."""
@@ -182,12 +182,12 @@ class _Curve:
                 f"{result.residual_norm:.2g}; {result.reason.value}"
             )
         solution = describe(self.problem, result.x, result.lam)
-        change = sensitivities(self.rig, solution, (HZ, self.key))
-        by_hz = self.problem.pack(State(change.Q[:, :, 0], change.T[:, 0], 2 * np.pi, 0.0))
+        change = changes(self.rig, solution, (HZ, self.key))
+        by_hz = self.problem.pack(State(change.Q[..., 0], change.T[..., 0], 2 * np.pi, 0.0))
         tangent = np.append(*by_hz)
         length = float(np.copysign(np.linalg.norm(tangent), tangent @ row))
         by_hz_and_key = change[self.channel].peak
-        by_key = State(change.Q[:, :, 1], change.T[:, 1], 0.0, float(self.key == FORCE))
+        by_key = State(change.Q[..., 1], change.T[..., 1], 0.0, float(self.key == FORCE))
         return _Place(solution, result.state, tangent / length, by_hz_and_key[0] / length, by_hz_and_key[1], by_key)
 
     def peak(self, start: _Place) -> _Place:
@@ -221,10 +221,10 @@ class _Curve:
 
 
 def _followed(
-    rig: Rig, peak: _Place, ends: tuple[float, float], basis: FourierBasis, held: tuple[str, str], halvings: int = 0
+    rig: AnyRig, peak: _Place, ends: tuple[float, float], basis: FourierBasis, held: tuple[str, str], halvings: int = 0
 ) -> _Place:
     """Peak at the other end of a step of the number; the step is halved where it is too long."""
-    curve = _Curve(with_number(rig, held[0], ends[1]), basis, *held)
+    curve = _Curve(with_value(rig, held[0], ends[1]), basis, *held)
     try:
         return curve.peak(curve.near(peak.ahead(ends[1] - ends[0]), peak.tangent))
     except (ConvergenceError, ArithmeticError):

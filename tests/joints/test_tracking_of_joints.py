@@ -1,0 +1,99 @@
+"""Folds and peaks of rigs with joints, followed, are where repeated frequency responses have them."""
+
+import numpy as np
+import pytest
+
+from continuation import ChordCurve, FoldCurve
+from hbm.fourier import FourierBasis
+from hbm.response.curve import ResponseCurve
+from hbm.response.trace import first_solution, trace_frequency
+from hbm.tracking.folds import PlaneBalance, fold_path
+from hbm.tracking.parameter import ParameterBalance, parameter_key
+from hbm.tracking.peaks import follow_peak
+from models import Jenkins
+from models.bodies.modal import ModalModel
+from models.jointed import JointedRig
+from models.joints import CubicSpring, Friction, Joint
+from models.parts import Damping, Excitation
+from tests.joints.rigs import made_up
+
+HZ = 9.0, 16.0
+BODY = ModalModel((10.0, 37.0), {"drive": (0.8, 0.5), "spring": (1.0, -0.4), "rub": (0.5, 0.9)}, ((1e-5,) * 3,) * 3)
+HARDENING = Joint("spring", CubicSpring(1e6), ("spring",))
+STICKING = Joint("rub", Friction(Jenkins(1.0, 1e-5), 1.0), ("rub",))
+RUBBING = Joint("rub", Friction(Jenkins(0.3, 1e-3), 1.0), ("rub",), ("drive",))
+
+
+def hardening(*joints: Joint, amplitude: float = 3.0) -> JointedRig:
+    return JointedRig("hardening", BODY, Damping(modal_ratios=(0.01,)), joints, Excitation(amplitude, at="drive"))
+
+
+def response(rig: JointedRig) -> ResponseCurve:
+    return trace_frequency(rig, HZ, harmonics=3, samples=128)
+
+
+@pytest.mark.parametrize(
+    ("rig", "fold", "key", "within"),
+    [
+        (hardening(HARDENING), 0, "excitation.amplitude", (2.0, 4.0)),
+        (hardening(HARDENING), 1, "joints.spring.cubic", (5e5, 2e6)),
+        (hardening(HARDENING, RUBBING), 0, "joints.rub.mu", (0.25, 0.35)),
+        (hardening(HARDENING, STICKING), 3, "excitation.amplitude", (2.91, 3.09)),
+        (hardening(HARDENING, STICKING), 3, "joints.rub.mu", (0.97, 1.03)),
+    ],
+)
+def test_a_fold_is_followed(rig: JointedRig, fold: int, key: str, within: tuple[float, float]) -> None:
+    path = fold_path(response(rig), within, key=key, fold=fold)
+    sticks = rig.joints[-1] is STICKING
+    kind, accuracy = (ChordCurve, 1e-5) if sticks else (FoldCurve, 1e-7)  # by chords over the kinks, or exactly
+    assert all(isinstance(part, kind) for part in path.parts)
+    assert path.values.min() == pytest.approx(within[0]) and path.values.max() == pytest.approx(within[1])
+    for share in (0.1, 0.8):
+        value = within[0] + share * (within[1] - within[0])
+        folds = response(rig.with_number(key, value)).folds
+        (found,) = (point.lam * path.plane.along.first.hz_ref for point in path.at(value))
+        assert min(abs(found / hz - 1) for hz in folds) < accuracy
+
+
+@pytest.mark.parametrize("key", ["excitation.amplitude", "joints.rub.mu", "joints.spring.cubic"])
+def test_the_whole_jacobian_is_the_derivative(key: str) -> None:
+    rig = made_up(damped=True, rigid=False)
+    known = parameter_key(rig, key, 1.1, 1.0)
+    along = ParameterBalance(rig, known, (known.value, 1.2 * known.value), FourierBasis(3, 64), hz=1.1, level=1.0)
+    plane, rng = PlaneBalance(along), np.random.default_rng(0)
+    x, lam, mu = first_solution(along.first, along.first.lam_at(1.1)), along.first.lam_at(1.1), 0.2
+    column, row, rhs = rng.standard_normal((3, x.size))
+    here = plane.linearize(x, lam, mu)
+    (dx,), (last,) = (part.T for part in here.solve(column, row, 0.3, rhs[:, None], np.array([0.7])))
+    h = 1e-6 / np.abs(dx).max()
+    secant = (plane.residual(x + h * dx, lam, mu) - plane.residual(x - h * dx, lam, mu)) / (2 * h)
+    np.testing.assert_allclose(secant + column * last, rhs, atol=1e-6 * np.abs(rhs).max())
+    for found, move in ((here.J_lam, (1e-6, 0.0)), (here.J_mu, (0.0, 1e-6))):
+        ahead, behind = (plane.residual(x, lam + sign * move[0], mu + sign * move[1]) for sign in (1, -1))
+        np.testing.assert_allclose(found, (ahead - behind) / 2e-6, atol=1e-6 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("channel", ["drive", "spring.motion"])
+@pytest.mark.parametrize(
+    ("key", "values"), [("excitation.amplitude", (0.5, 0.6, 0.8)), ("joints.rub.mu", (0.3, 0.25, 0.2))]
+)
+def test_a_peak_is_followed(key: str, values: tuple[float, ...], channel: str) -> None:
+    rig = hardening(HARDENING, RUBBING, amplitude=0.6)
+    first = response(rig.with_number(key, values[0])).peak
+    peaks = follow_peak(rig, values, key, channel=channel, start=first, harmonics=3, samples=128)
+    for value, hz, height in zip(values, peaks.hz, peaks.height, strict=True):
+        near = trace_frequency(rig.with_number(key, value), (0.98 * hz, 1.02 * hz), harmonics=3, samples=128)
+        top = max(near.points, key=lambda p: p[channel].peak)
+        assert height == pytest.approx(top[channel].peak, rel=1e-4)
+        assert height > top[channel].peak * (1 - 1e-6)
+        assert hz == pytest.approx(top.hz, rel=1e-3)
+    slopes = np.gradient(peaks.height, values)  # of three values: their parabola's, to its own error
+    assert peaks.slope[1] == pytest.approx(slopes[1], rel=0.05)
+
+
+def test_a_number_that_is_none_is_refused() -> None:
+    rig = hardening(HARDENING)
+    with pytest.raises(KeyError, match=r"joints\.spring\.mu is not a number of the rig hardening"):
+        follow_peak(rig, (0.1, 0.2), "joints.spring.mu")
+    with pytest.raises(ValueError, match=r"joints\.spring\.mu is not a number of the rig; must be one of"):
+        fold_path(response(rig), (0.1, 0.2), key="joints.spring.mu")
