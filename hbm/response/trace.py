@@ -46,8 +46,11 @@ EXCURSION = 0.3
 SWEEP = (0.85, 1.35)
 """Default sweep in units of the first sliding resonance."""
 
-FEW = 3
-"""Harmonics along a ramp of the force, which are soon solved, before there are all."""
+FEW = (3, 5, 7, 9)
+"""Harmonics along ramps of the force, which are soon solved, before one with all of them."""
+
+Way = Callable[[AnyBalance, float], Array | None]
+"""From nothing to a solution at a value of the parameter, or to none."""
 
 OnPoint = Callable[[float, int], None]
 """Called with the frequency [Hz] (or force [N]) and the number of every point found."""
@@ -124,7 +127,7 @@ def solve_near(problem: AnyBalance, lam: float, start: PeriodicSolution) -> Arra
 def first_solution(problem: AnyBalance, lam: float) -> Array:
     """Solution at `lam` from nothing, by the first way that works.
 
-    Newton from rest; from one harmonic upwards; along a ramp of the force with few harmonics, and with all; along the
+    Newton from rest; from one harmonic upwards; along ramps of the force with few harmonics, and with all; along the
     frequency from far off, where the contact sticks.
 
     Raises
@@ -132,7 +135,9 @@ def first_solution(problem: AnyBalance, lam: float) -> Array:
     continuation.ConvergenceError
         If none does.
     """
-    for way in (_from_rest, _by_harmonics, partial(_by_force, H=FEW), _by_force, _from_afar):
+    few = (partial(_by_force, H=H) for H in FEW if H < problem.basis.H)
+    ways: tuple[Way, ...] = (_from_rest, _by_harmonics, *few, _by_force, _from_afar)
+    for way in ways:
         x = way(problem, lam)
         if x is not None:
             return x
@@ -150,7 +155,7 @@ def _from_rest(problem: AnyBalance, lam: float) -> Array | None:
 
 def _by_force(problem: AnyBalance, lam: float, H: int | None = None) -> Array | None:
     hz, F = problem.hz_at(lam), problem.at(lam)[1]
-    basis = problem.basis if H is None else FourierBasis(min(H, problem.basis.H), problem.basis.N_t)
+    basis = problem.basis if H is None else FourierBasis(H, problem.basis.N_t)
     ramp = balance_of(problem.rig, basis, parameter="force", hz=hz, level=F)
     settings = replace(trace_settings(ramp, 1e-3, 1.0, 0.02), max_points=300)
     branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
@@ -175,16 +180,20 @@ def _by_harmonics(problem: AnyBalance, lam: float) -> Array | None:
 
 
 def _upwards(problem: AnyBalance, lam: float, H: int, state: State | None) -> Array | None:
-    """From few harmonics, where a state may be known, to all of them."""
-    while True:
-        coarse = problem.on(FourierBasis(min(H, problem.basis.H), problem.basis.N_t))
-        start = np.zeros(coarse.size) if state is None else pad(coarse, state)
-        result = solve_at(coarse, start, lam, _newton())
+    """From few harmonics, where a state may be known, to all of them: twice as many at a time, or as go."""
+    known, all_of_them = 0, problem.basis.H
+    H = min(H, all_of_them)
+    while H > known:
+        finer = problem.on(FourierBasis(H, problem.basis.N_t))
+        start = np.zeros(finer.size) if state is None else pad(finer, state)
+        result = solve_at(finer, start, lam, _newton())
         if not result.converged:
-            return None
-        if coarse.basis.H == problem.basis.H:
+            H = known + (H - known) // 2 if known else 0
+        elif H == all_of_them:
             return result.x
-        state, H = coarse.unpack(result.x, lam), 2 * H + 1
+        else:
+            state, known, H = finer.unpack(result.x, lam), H, min(2 * H + 1, all_of_them)
+    return None
 
 
 def _newton() -> NewtonSettings:

@@ -1,13 +1,16 @@
 """A clamp that slips, a tip that lifts off and rubs with a falling law, a stop: in every solver at once."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from continuation import Branch, continue_branch
 from hbm.balance.jointed import JointBalance
 from hbm.integration.integrate import simulate
 from hbm.integration.jointed import joint_steady_state, state_at_phase_zero
+from hbm.response import trace
 from hbm.response.bifurcations import stability_of, with_stability
 from hbm.response.trace import steady_state, trace_frequency
 from hbm.rigfiles.load import load_rig
@@ -40,6 +43,22 @@ def test_harmonic_balance_time_integration_and_stability_agree(rig: JointedRig) 
     stability = stability_of(rig, solution)
     own = np.abs(np.linalg.eigvals(period.monodromy)).max()
     assert stability.largest == pytest.approx(own, abs=0.02)
+
+
+def test_a_first_solution_is_found_with_few_harmonics(rig: JointedRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where neither rest nor one harmonic leads there, it is a ramp of few harmonics that does, not one of all."""
+    ramps = []
+
+    def noted(problem: JointBalance, *args: Any) -> Branch:
+        ramps.append(problem.basis.H)
+        return continue_branch(problem, *args)
+
+    monkeypatch.setattr(trace, "continue_branch", noted)
+    solution = steady_state(rig, 44.0, harmonics=H, samples=512)
+    assert ramps and max(ramps) < 10
+    problem = JointBalance(rig, solution.basis)
+    assert np.abs(problem.residual(*problem.pack(solution.state))).max() < 1e-10
+    assert solution["tip.force.2"].samples.max() == pytest.approx(83.0, rel=1e-9)
 
 
 def test_its_curve_is_traced_with_stability(rig: JointedRig) -> None:
