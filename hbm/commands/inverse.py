@@ -1,7 +1,7 @@
 """The command ``hbm inverse``: what happens at the contact, from measured spectra."""
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +14,7 @@ from hbm.errors import InputError
 if TYPE_CHECKING:
     from hbm.inverse.reconstruction import Reconstruction
     from hbm.measurement.spectra import MeasuredSpectra
+    from models.jointed import AnyRig, JointedRig
     from models.rig import Rig
 
 COMMAND = "inverse"
@@ -46,26 +47,46 @@ def inverse(
 ) -> None:
     """Friction force, reaction, slip and slip velocity with uncertainty, from measured spectra.
 
-    Writes signals, energy and harmonics as tables and arrays, figures with the numbers of each curve, and one page that
-    opens offline, report.html.
+    Of a rig with joints: force and motion at every port. Writes signals, energy and harmonics as tables and arrays,
+    figures with the numbers of each curve, and one page that opens offline, report.html.
 
     Example:  hbm inverse rig.toml spectra.csv --out contact
     """
-    from hbm.files.inversereport import FILES
-
     if out is None and not design:
         raise InputError(f"{COMMAND}: --out is missing; must name a folder, or --design be asked for")
     count = _count(sensors, design)
     numbers = record_numbers(COMMAND, "--record", record)
     if out is not None:
-        check_out(COMMAND, out, FILES)
+        check_out(COMMAND, out, _files())
     if formulation is not None:
         check_formulation(COMMAND, formulation)
-    loaded, measured = load(rig, spectra, numbers)
+    from hbm.rigfiles.load import load_rig
+    from models.jointed import JointedRig
+
+    loaded = load_rig(rig)
+    measured = _selected(spectra, loaded, numbers)
+    if isinstance(loaded, JointedRig):
+        _refuse_of_joints(rig, {"--design": design, "--formulation": formulation})
+        if out is not None:
+            _deliver_joints(loaded, measured, numbers or None, out)
+        return
     if design:
         _print_design(loaded, measured, count)
     if out is not None:
         _deliver(reconstructed(COMMAND, loaded, measured, formulation), numbers or None, out)
+
+
+def _files() -> tuple[str, ...]:
+    """All that the command may write."""
+    from hbm.files import inversereport, jointinverse
+
+    return tuple(dict.fromkeys([*inversereport.FILES, *jointinverse.FILES]))
+
+
+def _refuse_of_joints(rig: Path, options: Mapping[str, object]) -> None:
+    for name, given in options.items():
+        if given:
+            raise InputError(f"{COMMAND}: {name} and {rig}, which has [[joints]]; must be a rig with [contact]")
 
 
 def _count(text: str | None, design: bool) -> int | None:
@@ -130,12 +151,17 @@ def check_formulation(command: str, name: str) -> None:
 
 def load(rig: Path, spectra: Path, records: Sequence[int] = ()) -> tuple["Rig", "MeasuredSpectra"]:
     """The rig and its spectra, of the records named or of all."""
-    from hbm.measurement.spectrafile import load_spectra
     from hbm.rigfiles.load import load_contact_rig
 
     loaded = load_contact_rig(rig, "this command")
-    measured = load_spectra(spectra, loaded)
-    return loaded, measured.select(records=records) if records else measured
+    return loaded, _selected(spectra, loaded, records)
+
+
+def _selected(spectra: Path, rig: "AnyRig", records: Sequence[int]) -> "MeasuredSpectra":
+    from hbm.measurement.spectrafile import load_spectra
+
+    measured = load_spectra(spectra, rig)
+    return measured.select(records=records) if records else measured
 
 
 def reconstructed(command: str, rig: "Rig", spectra: "MeasuredSpectra", formulation: str | None) -> "Reconstruction":
@@ -168,14 +194,32 @@ def working(doing: str) -> Iterator[None]:
 
 def _deliver(found: "Reconstruction", records: Sequence[int] | None, out: Path) -> None:
     from hbm.commands.inversetables import print_reconstruction
-    from hbm.files.inversefiles import NEEDED_FOR_NETCDF, NETCDF_FILE, has_netcdf
-    from hbm.files.inversereport import FILES, inverse_contents
-    from hbm.files.outputs import write_folder
+    from hbm.files.inversereport import inverse_contents
 
     with working("drawing"):
         contents = inverse_contents(found, records)
-    written = write_folder(out, contents, FILES)
-    print_reconstruction(console(), found)
+    _write(contents, out, lambda: print_reconstruction(console(), found))
+
+
+def _deliver_joints(rig: "JointedRig", spectra: "MeasuredSpectra", records: Sequence[int] | None, out: Path) -> None:
+    from hbm.commands.inversetables import print_joint_reconstruction
+    from hbm.files.jointinverse import joint_inverse_contents
+    from hbm.inverse.jointed import reconstruct_joints
+
+    with working(f"reconstructing {len(spectra)} records"):
+        found = reconstruct_joints(rig, spectra)
+    with working("drawing"):
+        contents = joint_inverse_contents(found, records)
+    _write(contents, out, lambda: print_joint_reconstruction(console(), found))
+
+
+def _write(contents: Mapping[str, str | bytes], out: Path, tell: Callable[[], None]) -> None:
+    """Write a folder, tell what was found, and what was written."""
+    from hbm.files.inversefiles import NEEDED_FOR_NETCDF, NETCDF_FILE, has_netcdf
+    from hbm.files.outputs import write_folder
+
+    written = write_folder(out, contents, _files())
+    tell()
     print_written(written)
     if not has_netcdf():
         print(f"no {NETCDF_FILE}: needs {' and '.join(NEEDED_FOR_NETCDF)}; pip install 'casadi-hbm[io]'")

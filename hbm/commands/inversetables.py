@@ -7,6 +7,8 @@ from rich.console import Console
 
 from hbm.commands.tables import print_lines, print_table
 from hbm.files.inversereport import LEVEL_NOTE, level_table
+from hbm.files.jointinverse import JOINT_NOTE, joint_table
+from hbm.inverse.jointed import JointReconstruction
 from hbm.inverse.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
@@ -19,6 +21,13 @@ def print_reconstruction(console: Console, reconstruction: Reconstruction) -> No
     title = f"{reconstruction.rig.name}, {reconstruction.formulation}"
     print_table(console, title, list(map(_stacked, headings)), rows)
     print_lines(console, [LEVEL_NOTE, *(f"warning: {warning}" for warning in reconstruction.warnings)])
+
+
+def print_joint_reconstruction(console: Console, found: JointReconstruction) -> None:
+    """Print what was found at each port, and what to beware of."""
+    headings, rows = joint_table(found)
+    print_table(console, f"{found.rig.name}, joint forces in {len(found)} records", headings, rows)
+    print_lines(console, [JOINT_NOTE, *(f"warning: {warning}" for warning in found.warnings)])
 
 
 def print_laws_found(

@@ -65,10 +65,10 @@ def reconstruction_contents(reconstruction: Reconstruction, *, netcdf: bool | No
         SIGNAL_FILE: csv_text(_signal_rows(reconstruction)),
         "energy.csv": columns_text(energy_columns(reconstruction)),
         "harmonics.csv": columns_text(harmonic_columns(reconstruction)),
-        "reconstruction.mat": _array_bytes(".mat", *arrays),
+        "reconstruction.mat": array_bytes(".mat", *arrays),
     }
     if netcdf or (netcdf is None and has_netcdf()):
-        contents[NETCDF_FILE] = _array_bytes(".nc", *arrays)
+        contents[NETCDF_FILE] = array_bytes(".nc", *arrays)
     return contents
 
 
@@ -119,7 +119,8 @@ def harmonic_columns(reconstruction: Reconstruction) -> dict[str, npt.NDArray[An
     return columns | {"resolution": reconstruction.resolution[r, k], "condition": reconstruction.condition[r, k]}
 
 
-def _array_bytes(ending: str, arrays: Variables, coordinates: Variables) -> bytes:
+def array_bytes(ending: str, arrays: Variables, coordinates: Variables) -> bytes:
+    """Contents of a file of arrays with this ending."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"reconstruction{ending}"
         write_arrays(file, arrays, coordinates)

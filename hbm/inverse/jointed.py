@@ -5,9 +5,9 @@ receptances, and weighted least squares turn that round. As many forces can be f
 harmonics tell them apart, the standard deviations say.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,9 +16,12 @@ from scipy import stats
 from hbm.channels import factor
 from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis, coefficients_of
-from hbm.inverse.reconstruction import EstimatedSignal
+from hbm.inverse.reconstruction import CONSISTENT, EstimatedSignal, Estimates, Misfit, place_of
+from hbm.inverse.resolution import harmonics
+from hbm.labelled import Variables, dataset, frame
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig, JointedStructure
+from models.parts import Channel
 
 Complex = npt.NDArray[np.complex128]
 
@@ -30,6 +33,10 @@ KNOWN = 1e-9
 
 TOLD_APART = 1e-10
 """Forces are told apart where the least singular value of what sensors read of them exceeds this of the largest."""
+
+
+ALL_USED = 1e-9
+"""A reading is all used where less than this share of it is left to check the others by."""
 
 
 class Receptances(NamedTuple):
@@ -64,35 +71,155 @@ class JointReconstruction:
     spectra : MeasuredSpectra
     signals : mapping of str to EstimatedSignal
         By the names that solutions give them, ``tip.force``, ``tip.motion``; without their means, which no
-        accelerometer sees. Where sensors do not tell the forces of a harmonic apart it is nan.
-    chi2, freedom : (r,) array
-        Squared residuals in units of standard deviations, and how many noise alone leaves on the mean.
+        accelerometer sees. Where sensors do not tell the forces of a harmonic apart it is nan, and left out of samples.
+    energy : mapping of str to Estimates
+        By the names of the joints: what each takes from the body in a period [J], of the harmonics found.
+    misfit : Misfit
+        Of the response channels measured, and of the force where it was.
     """
 
     rig: JointedRig
     spectra: MeasuredSpectra
     signals: Mapping[str, EstimatedSignal]
-    chi2: Array
-    freedom: Array
+    energy: Mapping[str, Estimates]
+    misfit: Misfit
 
     def __getitem__(self, name: str) -> EstimatedSignal:
         """Signal by name."""
         return self.signals[name]
 
+    def __len__(self) -> int:
+        """Number of records."""
+        return len(self.spectra)
+
+    def index(self, record: int) -> int:
+        """Place of a record by its number.
+
+        Raises
+        ------
+        InputError
+            If it is not there.
+        """
+        return place_of(self.spectra, record)
+
+    @property
+    def phase(self) -> Array:
+        """Phases of the samples, (N,), 0..1 of a period."""
+        return np.arange(SAMPLES) / SAMPLES
+
+    @property
+    def found(self) -> npt.NDArray[np.bool_]:
+        """Whether the sensors tell all joint forces apart, by record and harmonic, (r, H+1)."""
+        return np.isfinite(self.signals[self.rig.forces[0]].coefficient_std)
+
+    @property
+    def chi2(self) -> Array:
+        """Squared residuals in units of standard deviations, (r,)."""
+        return np.asarray(self.misfit.chi2.sum(axis=1))
+
+    @property
+    def freedom(self) -> Array:
+        """How many of them noise alone leaves on the mean, (r,)."""
+        return _freedom(self.misfit)
+
     @property
     def probability(self) -> Array:
         """Of a misfit as large or larger by noise alone, (r,); 1 where as many forces as sensors leave none."""
-        return np.where(self.freedom > 0, stats.chi2.sf(self.chi2, np.maximum(self.freedom, 1)), 1.0)
+        return _probability(self.misfit)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to beware of, a line each, with numbers."""
+        said, found = [], self.found[:, 1:]
+        missing = np.flatnonzero(~found.all(axis=0)).tolist()
+        if missing:
+            said.append(
+                f"{harmonics(missing)} of the joint forces: the sensors do not tell them apart in "
+                f"{np.count_nonzero(~found.all(axis=1))} of {len(self)} records; left out there"
+            )
+        wrong = self.spectra.records[~_consistent(self.misfit)].tolist()
+        if wrong:
+            said.append(
+                f"records {', '.join(map(str, wrong))}: sensors contradict the body beyond noise, chi2_reduced up to "
+                f"{np.nanmax(self.misfit.reduced):.3g}; standard deviations are widened by its square root"
+            )
+        if not self.freedom.any():
+            said.append("as many sensors as joint forces: nothing is left to check the body by")
+        return tuple(said)
+
+    def to_xarray(self) -> Any:
+        """All of :meth:`arrays` as an xarray.Dataset with units, as in ``reconstruction.nc``.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        return dataset("to_xarray", *self.arrays(), rig=self.rig.name)
+
+    def to_dataframe(self) -> Any:
+        """One row a record, as a pandas.DataFrame: peaks at every port, and what each joint takes.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        columns = {"record": self.spectra.records, "level": self.spectra.level, "hz": self.spectra.hz}
+        columns |= {f"{name}_peak": np.abs(s.samples).max(axis=1) for name, s in self.signals.items()}
+        for joint, energy in self.energy.items():
+            columns |= {f"{joint}.energy_per_cycle": energy.value, f"{joint}.energy_per_cycle_std": energy.std}
+        return frame("to_dataframe", columns)
+
+    def arrays(self) -> tuple[Variables, Variables]:
+        """Arrays and coordinates by names that every format takes, each with its dimensions and unit.
+
+        Returns
+        -------
+        arrays, coordinates : mapping of str to (dimensions, values, unit)
+            As of a :class:`hbm.inverse.reconstruction.Reconstruction`; ``bolt 1.force`` is ``bolt_1_force``.
+        """
+        arrays: dict[str, tuple[Sequence[str], Any, str]] = {}
+        over_phase, over_harmonics, each = ("record", "phase"), ("record", "harmonic"), ("record",)
+        for known, s in self.signals.items():
+            name = plain(known)
+            arrays[name] = over_phase, s.samples, s.unit
+            arrays[f"{name}_std"] = over_phase, s.std, s.unit
+            arrays[f"{name}_cos"] = over_harmonics, s.complex.real, s.unit
+            arrays[f"{name}_sin"] = over_harmonics, -s.complex.imag, s.unit
+            arrays[f"{name}_harmonic_std"] = over_harmonics, s.coefficient_std, s.unit
+        for joint, estimate in self.energy.items():
+            name = f"{plain(joint)}_energy_per_cycle"
+            arrays[name] = each, estimate.value, estimate.unit
+            arrays[f"{name}_std"] = each, estimate.std, estimate.unit
+        arrays["chi2_reduced"] = each, self.misfit.reduced, "1"
+        coordinates: Variables = {
+            "record": (each, self.spectra.records, "1"),
+            "level": (each, self.spectra.level, "N"),
+            "frequency_hz": (each, self.spectra.hz, "Hz"),
+            "phase": (("phase",), self.phase, "1"),
+            "harmonic": (("harmonic",), np.arange(self.spectra.H + 1), "1"),
+        }
+        return arrays, coordinates
 
     def __repr__(self) -> str:
-        """How large each force was found, and how sure that is."""
-        lines = [f"joint forces of {self.rig.name}, {len(self.spectra)} records, peak ± standard deviation there:"]
+        """How large each force was found, how sure that is, and what to beware of."""
+        lines = [f"joint forces of {self.rig.name}, {len(self)} records, peak ± standard deviation there:"]
         for name in self.rig.forces:
             s = self.signals[name]
             peak = np.abs(s.samples)
-            r, i = np.unravel_index(int(np.nanargmax(peak)), peak.shape)
+            r, i = np.unravel_index(int(np.argmax(peak)), peak.shape)
             lines.append(f"  {name:24s} {peak[r, i]:.4g} ± {s.std[r, i]:.2g} {s.unit}")
-        return "\n".join(lines)
+        return "\n".join([*lines, *self.warnings])
+
+
+def plain(name: str) -> str:
+    """A name with nothing but letters, digits and underscores.
+
+    >>> plain("bolt 1.force")
+    'bolt_1_force'
+    """
+    return "".join(letter if letter.isalnum() else "_" for letter in name)
 
 
 def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointReconstruction:
@@ -107,52 +234,147 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
     Raises
     ------
     InputError
-        If there are more ports than response channels measured.
+        If there are more ports than response channels measured, or the channels do not tell their forces apart at any
+        harmonic of any record.
     """
-    measured = [c for c in rig.response_channels if c.name in spectra.channels]
-    if len(measured) < rig.ports:
-        raise InputError(
-            f"reconstruct_joints: {len(measured)} response channels measured and {rig.ports} joint forces unknown; "
-            "must be at least as many channels"
-        )
+    sensors = _Sensors.of(rig, spectra)
     r, H, m = len(spectra), spectra.H, rig.ports
-    force, force_std = _force(rig, spectra)
-    seen = [[c.name for c in rig.response_channels].index(c.name) for c in measured]
-    y = np.stack([spectra.complex(c.name) for c in measured], axis=1)
-    std = np.stack([spectra.std[:, spectra.index(c.name)] for c in measured], axis=1)
     f, u = (np.full((r, H + 1, m), np.nan, dtype=complex) for _ in range(2))
     f_std, u_std = (np.full((r, H + 1, m), np.nan) for _ in range(2))
-    chi2, freedom = np.zeros(r), np.zeros(r)
+    energy, variance = np.zeros((2, r, len(rig.joints)))
+    chi2, expected = np.zeros((2, r, len(sensors.channels) + 1))
     for i in range(r):
         for k in range(1, H + 1):
-            omega = 2 * np.pi * k * float(spectra.hz[i])
-            known = np.isfinite(y[i, :, k]) & np.isfinite(std[i, :, k])
-            if np.count_nonzero(known) < m:
+            solved = sensors.solved(i, k)
+            if solved is None:
                 continue
-            read = np.array([factor(c, np.array(1j * omega)) for c in measured])[known]
-            on = receptances(rig.structure, omega)
-            rows = [place for place, there in zip(seen, known, strict=True) if there]
-            # the force is an unknown too, and what was measured of it one more reading
-            G = np.column_stack([on.channels_by_joints[rows], on.channels_by_force[rows]]) * read[:, None]
-            A = np.vstack([G / std[i, known, k][:, None], np.eye(m + 1)[-1:] / force_std[i, k]])
-            b = np.append(y[i, known, k] / std[i, known, k], force[i, k] / force_std[i, k])
-            scale = np.linalg.norm(A, axis=0)
-            values = np.linalg.svd(A[:-1, :-1] / np.linalg.norm(A[:-1, :-1], axis=0), compute_uv=False)
-            if values[-1] < TOLD_APART * values[0]:
-                continue
-            inverse = np.linalg.pinv(A / scale) / scale[:, None]
-            found = inverse @ b
-            to_motion = np.column_stack([on.joints_by_joints, on.joints_by_force])
-            f[i, k], u[i, k] = found[:-1], to_motion @ found
-            f_std[i, k] = np.linalg.norm(inverse[:-1], axis=1)  # of each of cosine and sine
-            u_std[i, k] = np.linalg.norm(to_motion @ inverse, axis=1)
-            chi2[i] += float(np.sum(np.abs(A @ found - b) ** 2))
-            freedom[i] += 2 * (len(b) - m - 1)
+            f[i, k], u[i, k], f_std[i, k], u_std[i, k] = solved.signals
+            taken, spread = solved.taken(k, [j.law.ports for j in rig.joints])
+            energy[i] += taken
+            variance[i] += spread**2
+            chi2[i, solved.read] += solved.chi2
+            expected[i, solved.read] += solved.expected
+    if not np.isfinite(f_std).any():
+        raise InputError(
+            f"{spectra.source}: channels {', '.join(c.name for c in sensors.channels)} do not tell the "
+            f"{m} joint forces apart at any harmonic; must be at other places"
+        )
+    misfit = Misfit((*(c.name for c in sensors.channels), "force"), chi2, expected)
+    wide = np.where(_consistent(misfit), 1.0, np.sqrt(np.nan_to_num(misfit.reduced, nan=1.0)))
     signals = {}
     for j, (name, motion, units) in enumerate(zip(rig.forces, rig.motions, rig.units, strict=True)):
-        signals[name] = _signal(units[1], f[..., j], f_std[..., j])
-        signals[motion] = _signal(units[0], u[..., j], u_std[..., j])
-    return JointReconstruction(rig, spectra, signals, chi2, freedom)
+        signals[name] = _signal(units[1], f[..., j], f_std[..., j] * wide[:, None])
+        signals[motion] = _signal(units[0], u[..., j], u_std[..., j] * wide[:, None])
+    energies = {j.name: Estimates(energy[:, i], np.sqrt(variance[:, i]) * wide, "J") for i, j in enumerate(rig.joints)}
+    return JointReconstruction(rig, spectra, signals, energies, misfit)
+
+
+def _freedom(misfit: Misfit) -> Array:
+    return np.asarray(np.round(misfit.expected.sum(axis=1)))
+
+
+def _probability(misfit: Misfit) -> Array:
+    freedom = _freedom(misfit)
+    return np.where(freedom > 0, stats.chi2.sf(misfit.chi2.sum(axis=1), np.maximum(freedom, 1)), 1.0)
+
+
+def _consistent(misfit: Misfit) -> npt.NDArray[np.bool_]:
+    return np.asarray(_probability(misfit) > CONSISTENT)
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Joint forces and excitation of one harmonic of one record, by weighted least squares.
+
+    Attributes
+    ----------
+    forces : (m + 1,) complex array
+        Of the joints, then of the excitation.
+    spread : (m + 1, readings) complex array
+        Their deviations per standard deviation of each reading; of cosine and sine alike.
+    motion : (m, m + 1) complex array
+        Motion at the joints per force.
+    read : (readings,) int array
+        Places of the channels read; the force is behind the last.
+    chi2, expected : (readings,) array
+        Squared residuals in units of standard deviations, and what noise alone leaves of them on the mean.
+    """
+
+    forces: Complex
+    spread: Complex
+    motion: Complex
+    read: npt.NDArray[np.intp]
+    chi2: Array
+    expected: Array
+
+    @property
+    def signals(self) -> tuple[Complex, Complex, Array, Array]:
+        """Forces and motions at the ports, and their standard deviations."""
+        std = np.linalg.norm(self.spread[:-1], axis=1), np.linalg.norm(self.motion @ self.spread, axis=1)
+        return self.forces[:-1], self.motion @ self.forces, *std
+
+    def taken(self, k: int, ports: Sequence[int]) -> tuple[Array, Array]:
+        """Energy that each joint takes in a period by harmonic k [J], and its standard deviation."""
+        f, u, at = self.forces[:-1], self.motion @ self.forces, np.cumsum([0, *ports[:-1]])
+        by_forces, by_motion = self.spread[:-1] * u.conj()[:, None], (self.motion @ self.spread) * f.conj()[:, None]
+        taken, spread = (f * u.conj()).imag, np.add.reduceat(by_forces - by_motion, at, axis=0)
+        return -np.pi * k * np.add.reduceat(taken, at), np.pi * k * np.linalg.norm(spread, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sensors:
+    """What was measured of a rig, and what its channels read of joint forces and excitation."""
+
+    rig: JointedRig
+    spectra: MeasuredSpectra
+    channels: list[Channel]
+    values: Complex  # (r, c, H+1)
+    std: Array
+    force: Complex  # (r, H+1)
+    force_std: Array
+
+    @staticmethod
+    def of(rig: JointedRig, spectra: MeasuredSpectra) -> "_Sensors":
+        measured = [c for c in rig.response_channels if c.name in spectra.channels]
+        if len(measured) < rig.ports:
+            raise InputError(
+                f"{spectra.source}: {len(measured)} response channels measured and {rig.ports} joint forces unknown; "
+                "must be at least as many channels"
+            )
+        values = np.stack([spectra.complex(c.name) for c in measured], axis=1)
+        std = np.stack([spectra.std[:, spectra.index(c.name)] for c in measured], axis=1)
+        return _Sensors(rig, spectra, measured, values, std, *_force(rig, spectra))
+
+    def solved(self, i: int, k: int) -> _Solved | None:
+        """Harmonic k of record i; None where its sensors do not tell the joint forces apart."""
+        rig, omega = self.rig, 2 * np.pi * k * float(self.spectra.hz[i])
+        m, y, std = rig.ports, self.values[i, :, k], self.std[i, :, k]
+        read = np.flatnonzero(np.isfinite(y) & np.isfinite(std))
+        if len(read) < m:
+            return None
+        on, names = receptances(rig.structure, omega), [c.name for c in rig.response_channels]
+        rows = [names.index(self.channels[c].name) for c in read]
+        factors = np.array([factor(self.channels[c], np.array(1j * omega)) for c in read])
+        # the force is an unknown too, and what was measured of it one more reading
+        G = np.column_stack([on.channels_by_joints[rows], on.channels_by_force[rows]]) * factors[:, None]
+        A = np.vstack([G / std[read, None], np.eye(m + 1)[-1:] / self.force_std[i, k]])
+        b = np.append(y[read] / std[read], self.force[i, k] / self.force_std[i, k])
+        columns = A[:-1, :-1]
+        values = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), compute_uv=False)
+        if not values[-1] > TOLD_APART * values[0]:
+            return None
+        scale = np.linalg.norm(A, axis=0)
+        inverse = np.linalg.pinv(A / scale) / scale[:, None]
+        forces = inverse @ b
+        leverage = np.einsum("bx,xb->b", A, inverse).real
+        return _Solved(
+            forces=forces,
+            spread=inverse,
+            motion=np.column_stack([on.joints_by_joints, on.joints_by_force]),
+            read=np.append(read, len(self.channels)),
+            chi2=np.abs(A @ forces - b) ** 2,
+            expected=2 * np.where(leverage < 1.0 - ALL_USED, 1.0 - leverage, 0.0),
+        )
 
 
 def _force(rig: JointedRig, spectra: MeasuredSpectra) -> tuple[Complex, Array]:

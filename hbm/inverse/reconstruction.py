@@ -249,10 +249,20 @@ class Reconstruction:
         InputError
             If it is not there.
         """
-        found = np.flatnonzero(self.spectra.records == record)
-        if len(found) == 0:
-            raise InputError(
-                f"{self.spectra.source}: no record {record}; records are "
-                f"{', '.join(map(str, self.spectra.records.tolist()))}"
-            )
-        return int(found[0])
+        return place_of(self.spectra, record)
+
+
+def place_of(spectra: MeasuredSpectra, record: int) -> int:
+    """Place of a record by its number.
+
+    Raises
+    ------
+    InputError
+        If it is not there.
+    """
+    found = np.flatnonzero(spectra.records == record)
+    if len(found) == 0:
+        raise InputError(
+            f"{spectra.source}: no record {record}; records are {', '.join(map(str, spectra.records.tolist()))}"
+        )
+    return int(found[0])

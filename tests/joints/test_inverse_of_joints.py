@@ -59,6 +59,58 @@ def test_errors_are_as_large_as_stated(solution: object) -> None:
     assert np.mean(found.probability < 0.05) < 0.12
 
 
+def test_energies_are_as_uncertain_as_stated(solution: object) -> None:
+    found = reconstruct_joints(RIG, _spectra(solution, 300))
+    for joint in RIG.joints:
+        f, u = (_kept(solution[f"{joint.name}.{what}"].coefficients) for what in ("force", "motion"))
+        k = np.arange(1, H + 1)
+        exact = -np.pi * float(f[1 : H + 1] @ (k * u[H + 1 :]) - f[H + 1 :] @ (k * u[1 : H + 1]))  # of these harmonics
+        energy = found.energy[joint.name]
+        pulls = (energy.value - exact) / energy.std
+        assert np.std(pulls) == pytest.approx(1.0, abs=0.13), joint.name
+        assert abs(np.mean(pulls)) < 0.2, joint.name
+    assert found.energy["rub"].value.mean() > 100 * found.energy["rub"].std.mean()
+
+
+def test_a_contradiction_widens_the_deviations(solution: object) -> None:
+    spectra = _spectra(solution, 2)
+    coefficients = spectra.coefficients.copy()
+    coefficients[1, 0] *= 1.01  # the second record's first sensor
+    found = reconstruct_joints(RIG, replace(spectra, coefficients=coefficients))
+    assert found.probability[0] > 1e-3 > found.probability[1]
+    wide = found["rub.force"].coefficient_std
+    assert wide[1, 1] / wide[0, 1] == pytest.approx(np.sqrt(found.misfit.reduced[1]))
+    assert found.warnings == (
+        f"records 2: sensors contradict the body beyond noise, chi2_reduced up to {found.misfit.reduced[1]:.3g}; "
+        "standard deviations are widened by its square root",
+    )
+
+
+def test_as_many_sensors_as_forces_leave_nothing_to_check(solution: object) -> None:
+    found = reconstruct_joints(RIG, _spectra(solution, 2).select(channels=["a1", "a3", "a5", "force"]))
+    assert found.warnings == ("as many sensors as joint forces: nothing is left to check the body by",)
+    assert np.isnan(found.misfit.reduced).all() and (found.probability == 1.0).all()
+
+
+def test_sensors_that_do_not_tell_forces_apart_are_refused(solution: object) -> None:
+    spectra = _spectra(solution, 1)
+    twice = replace(RIG, joints=(RIG.joints[0], replace(RIG.joints[0], name="again")))
+    with pytest.raises(InputError, match=r"made: channels a1, .*, a5 do not tell the 2 joint forces apart at any"):
+        reconstruct_joints(twice, spectra)
+
+
+def test_a_harmonic_that_was_not_measured_is_left_out(solution: object) -> None:
+    spectra = _spectra(solution, 3)
+    std = spectra.std.copy()
+    std[1, :3, 4] = np.nan
+    found = reconstruct_joints(RIG, replace(spectra, std=std))
+    assert np.argwhere(~found.found[:, 1:]).tolist() == [[1, 3]]
+    assert found.warnings[0] == (
+        "harmonic 4 of the joint forces: the sensors do not tell them apart in 1 of 3 records; left out there"
+    )
+    assert np.isfinite(found["rub.force"].samples).all()
+
+
 def test_a_wrong_body_is_told_by_the_misfit(solution: object) -> None:
     stiffer = replace(RIG, body=replace(RIG.body, beam=replace(RIG.body.beam, youngs_modulus=230e9)))
     assert reconstruct_joints(stiffer, _spectra(solution, 1)).probability[0] < 1e-6
