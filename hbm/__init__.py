@@ -47,7 +47,8 @@ if TYPE_CHECKING:
     from hbm.integration.history import TimeHistory
     from hbm.integration.integrate import simulate
     from hbm.integration.jointed import JointHistory, joint_steady_state
-    from hbm.inverse.jointed import JointReconstruction, reconstruct_joints
+    from hbm.inverse.jointed import reconstruct_joints
+    from hbm.inverse.jointreconstruction import JointReconstruction
     from hbm.inverse.placement import Placement, place_sensors
     from hbm.inverse.reconstruct import reconstruct
     from hbm.inverse.reconstruction import Reconstruction
@@ -155,7 +156,8 @@ _HOMES = {
     "hbm.identification.spectra": ("SpectraFit", "fit_spectra"),
     "hbm.integration.integrate": ("simulate",),
     "hbm.integration.jointed": ("JointHistory", "joint_steady_state"),
-    "hbm.inverse.jointed": ("JointReconstruction", "reconstruct_joints"),
+    "hbm.inverse.jointed": ("reconstruct_joints",),
+    "hbm.inverse.jointreconstruction": ("JointReconstruction",),
     "hbm.sensitivity.jointed": ("JointSensitivities", "joint_sensitivities"),
     "hbm.inverse.placement": ("Placement", "place_sensors"),
     "hbm.diagnosis.diagnose": ("diagnose",),

@@ -8,7 +8,7 @@ from rich.console import Console
 from hbm.commands.tables import print_lines, print_table
 from hbm.files.inversereport import LEVEL_NOTE, level_table
 from hbm.files.jointinverse import JOINT_NOTE, joint_table
-from hbm.inverse.jointed import JointReconstruction
+from hbm.inverse.jointreconstruction import JointReconstruction
 from hbm.inverse.reconstruction import Reconstruction
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from hbm.figures.style import (
 )
 
 if TYPE_CHECKING:
-    from hbm.inverse.jointed import JointReconstruction
+    from hbm.inverse.jointreconstruction import JointReconstruction
 
 
 def representative(found: "JointReconstruction") -> list[int]:

@@ -5,28 +5,23 @@ receptances, and weighted least squares turn that round. As many forces can be f
 harmonics tell them apart, the standard deviations say.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
 from hbm.channels import factor
 from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis, coefficients_of
-from hbm.inverse.reconstruction import CONSISTENT, EstimatedSignal, Estimates, Misfit, place_of
-from hbm.inverse.resolution import harmonics
-from hbm.labelled import Variables, dataset, frame
+from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, consistent
+from hbm.inverse.reconstruction import EstimatedSignal, Estimates, Misfit
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig, JointedStructure
 from models.parts import Channel
 
 Complex = npt.NDArray[np.complex128]
-
-SAMPLES = 256
-"""Per period, of the signals returned."""
 
 KNOWN = 1e-9
 """Standard deviation of a force that is nominal, as a fraction of the largest."""
@@ -59,167 +54,6 @@ def receptances(s: JointedStructure, omega: float) -> Receptances:
         np.asarray(s.joints @ by_joints + s.flexibility, dtype=complex),
         np.asarray(s.joints @ by_force + s.flexibility_to_force, dtype=complex),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class JointReconstruction:
-    """Forces and motions at the ports of all joints, record by record.
-
-    Attributes
-    ----------
-    rig : JointedRig
-    spectra : MeasuredSpectra
-    signals : mapping of str to EstimatedSignal
-        By the names that solutions give them, ``tip.force``, ``tip.motion``; without their means, which no
-        accelerometer sees. Where sensors do not tell the forces of a harmonic apart it is nan, and left out of samples.
-    energy : mapping of str to Estimates
-        By the names of the joints: what each takes from the body in a period [J], of the harmonics found.
-    misfit : Misfit
-        Of the response channels measured, and of the force where it was.
-    """
-
-    rig: JointedRig
-    spectra: MeasuredSpectra
-    signals: Mapping[str, EstimatedSignal]
-    energy: Mapping[str, Estimates]
-    misfit: Misfit
-
-    def __getitem__(self, name: str) -> EstimatedSignal:
-        """Signal by name."""
-        return self.signals[name]
-
-    def __len__(self) -> int:
-        """Number of records."""
-        return len(self.spectra)
-
-    def index(self, record: int) -> int:
-        """Place of a record by its number.
-
-        Raises
-        ------
-        InputError
-            If it is not there.
-        """
-        return place_of(self.spectra, record)
-
-    @property
-    def phase(self) -> Array:
-        """Phases of the samples, (N,), 0..1 of a period."""
-        return np.arange(SAMPLES) / SAMPLES
-
-    @property
-    def found(self) -> npt.NDArray[np.bool_]:
-        """Whether the sensors tell all joint forces apart, by record and harmonic, (r, H+1)."""
-        return np.isfinite(self.signals[self.rig.forces[0]].coefficient_std)
-
-    @property
-    def chi2(self) -> Array:
-        """Squared residuals in units of standard deviations, (r,)."""
-        return np.asarray(self.misfit.chi2.sum(axis=1))
-
-    @property
-    def freedom(self) -> Array:
-        """How many of them noise alone leaves on the mean, (r,)."""
-        return _freedom(self.misfit)
-
-    @property
-    def probability(self) -> Array:
-        """Of a misfit as large or larger by noise alone, (r,); 1 where as many forces as sensors leave none."""
-        return _probability(self.misfit)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What to beware of, a line each, with numbers."""
-        said, found = [], self.found[:, 1:]
-        missing = np.flatnonzero(~found.all(axis=0)).tolist()
-        if missing:
-            said.append(
-                f"{harmonics(missing)} of the joint forces: the sensors do not tell them apart in "
-                f"{np.count_nonzero(~found.all(axis=1))} of {len(self)} records; left out there"
-            )
-        wrong = self.spectra.records[~_consistent(self.misfit)].tolist()
-        if wrong:
-            said.append(
-                f"records {', '.join(map(str, wrong))}: sensors contradict the body beyond noise, chi2_reduced up to "
-                f"{np.nanmax(self.misfit.reduced):.3g}; standard deviations are widened by its square root"
-            )
-        if not self.freedom.any():
-            said.append("as many sensors as joint forces: nothing is left to check the body by")
-        return tuple(said)
-
-    def to_xarray(self) -> Any:
-        """All of :meth:`arrays` as an xarray.Dataset with units, as in ``reconstruction.nc``.
-
-        Raises
-        ------
-        InputError
-            If xarray is not installed.
-        """
-        return dataset("to_xarray", *self.arrays(), rig=self.rig.name)
-
-    def to_dataframe(self) -> Any:
-        """One row a record, as a pandas.DataFrame: peaks at every port, and what each joint takes.
-
-        Raises
-        ------
-        InputError
-            If pandas is not installed.
-        """
-        columns = {"record": self.spectra.records, "level": self.spectra.level, "hz": self.spectra.hz}
-        columns |= {f"{name}_peak": np.abs(s.samples).max(axis=1) for name, s in self.signals.items()}
-        for joint, energy in self.energy.items():
-            columns |= {f"{joint}.energy_per_cycle": energy.value, f"{joint}.energy_per_cycle_std": energy.std}
-        return frame("to_dataframe", columns)
-
-    def arrays(self) -> tuple[Variables, Variables]:
-        """Arrays and coordinates by names that every format takes, each with its dimensions and unit.
-
-        Returns
-        -------
-        arrays, coordinates : mapping of str to (dimensions, values, unit)
-            As of a :class:`hbm.inverse.reconstruction.Reconstruction`; ``bolt 1.force`` is ``bolt_1_force``.
-        """
-        arrays: dict[str, tuple[Sequence[str], Any, str]] = {}
-        over_phase, over_harmonics, each = ("record", "phase"), ("record", "harmonic"), ("record",)
-        for known, s in self.signals.items():
-            name = plain(known)
-            arrays[name] = over_phase, s.samples, s.unit
-            arrays[f"{name}_std"] = over_phase, s.std, s.unit
-            arrays[f"{name}_cos"] = over_harmonics, s.complex.real, s.unit
-            arrays[f"{name}_sin"] = over_harmonics, -s.complex.imag, s.unit
-            arrays[f"{name}_harmonic_std"] = over_harmonics, s.coefficient_std, s.unit
-        for joint, estimate in self.energy.items():
-            name = f"{plain(joint)}_energy_per_cycle"
-            arrays[name] = each, estimate.value, estimate.unit
-            arrays[f"{name}_std"] = each, estimate.std, estimate.unit
-        arrays["chi2_reduced"] = each, self.misfit.reduced, "1"
-        coordinates: Variables = {
-            "record": (each, self.spectra.records, "1"),
-            "level": (each, self.spectra.level, "N"),
-            "frequency_hz": (each, self.spectra.hz, "Hz"),
-            "phase": (("phase",), self.phase, "1"),
-            "harmonic": (("harmonic",), np.arange(self.spectra.H + 1), "1"),
-        }
-        return arrays, coordinates
-
-    def __repr__(self) -> str:
-        """How large each force was found, how sure that is, and what to beware of."""
-        lines = [f"joint forces of {self.rig.name}, {len(self)} records, peak ± standard deviation there:"]
-        for name in self.rig.forces:
-            s = self.signals[name]
-            peak = np.abs(s.samples)
-            r, i = np.unravel_index(int(np.argmax(peak)), peak.shape)
-            lines.append(f"  {name:24s} {peak[r, i]:.4g} ± {s.std[r, i]:.2g} {s.unit}")
-        return "\n".join([*lines, *self.warnings])
-
-
-def plain(name: str) -> str:
-    """A name with nothing but letters, digits and underscores.
-
-    >>> plain("bolt 1.force")
-    'bolt_1_force'
-    """
-    return "".join(letter if letter.isalnum() else "_" for letter in name)
 
 
 def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointReconstruction:
@@ -260,26 +94,13 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
             f"{m} joint forces apart at any harmonic; must be at other places"
         )
     misfit = Misfit((*(c.name for c in sensors.channels), "force"), chi2, expected)
-    wide = np.where(_consistent(misfit), 1.0, np.sqrt(np.nan_to_num(misfit.reduced, nan=1.0)))
+    wide = np.where(consistent(misfit), 1.0, np.sqrt(np.nan_to_num(misfit.reduced, nan=1.0)))
     signals = {}
     for j, (name, motion, units) in enumerate(zip(rig.forces, rig.motions, rig.units, strict=True)):
         signals[name] = _signal(units[1], f[..., j], f_std[..., j] * wide[:, None])
         signals[motion] = _signal(units[0], u[..., j], u_std[..., j] * wide[:, None])
     energies = {j.name: Estimates(energy[:, i], np.sqrt(variance[:, i]) * wide, "J") for i, j in enumerate(rig.joints)}
     return JointReconstruction(rig, spectra, signals, energies, misfit)
-
-
-def _freedom(misfit: Misfit) -> Array:
-    return np.asarray(np.round(misfit.expected.sum(axis=1)))
-
-
-def _probability(misfit: Misfit) -> Array:
-    freedom = _freedom(misfit)
-    return np.where(freedom > 0, stats.chi2.sf(misfit.chi2.sum(axis=1), np.maximum(freedom, 1)), 1.0)
-
-
-def _consistent(misfit: Misfit) -> npt.NDArray[np.bool_]:
-    return np.asarray(_probability(misfit) > CONSISTENT)
 
 
 @dataclass(frozen=True, eq=False)
