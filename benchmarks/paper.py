@@ -20,12 +20,12 @@ from rich.console import Console
 from rich.table import Table
 from scipy.signal import find_peaks
 
+from hbm import sensitivities as exact_sensitivities
 from hbm.balance.solution import PeriodicSolution
 from hbm.integration.history import TimeHistory
 from hbm.integration.integrate import simulate
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import steady_state, trace_frequency
-from hbm.sensitivity.derivatives import sensitivities as exact_sensitivities
 from models import Channel, Coulomb, Damping, FrictionLaw, Jenkins, Rig, parameters
 from models.published import PAPER_CONTACT_LENGTH, PAPER_FIGURE_9C, paper_rig
 

@@ -164,3 +164,8 @@ def _products(H: int, K: int) -> sparse.csr_array:
         values.append(signed[kept])
     shape = (n * n, 2 * K + 1)
     return sparse.csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
+
+
+def default_samples(H: int) -> int:
+    """Samples per period for H harmonics: 256, or the power of two from 12 H up."""
+    return max(256, 1 << int(np.ceil(np.log2(12 * max(H, 1)))))

@@ -14,9 +14,9 @@ from rich.console import Group
 from rich.table import Table
 from scipy.optimize import least_squares
 
+from hbm import identify as identify_laws
 from hbm.figures.style import INK, SMALL, WIDTH, dressed
 from hbm.fourier import coefficients_of
-from hbm.identification.identify import identify as identify_laws
 from hbm.inverse.contactforce import to_samples
 from hbm.inverse.reconstruction import SIGNALS, EstimatedSignal, Estimates, LawInputs, Misfit, Reconstruction
 from hbm.measurement.spectra import spectra_of

@@ -1,27 +1,26 @@
 """What ``hbm continue`` prints of a curve."""
 
-from collections.abc import Sequence
-
 from rich.console import Console
 
 from continuation import Kind
-from hbm.balance.solution import PeriodicSolution
 from hbm.commands.tables import LISTED, print_lines, print_rows, stable_words
+from hbm.response.accuracy import joint_forces
 from hbm.tracking.parameterresponse import ParameterCurve
-from models.jointed import JointedRig
 
 
-def _of_contact(p: PeriodicSolution) -> dict[str, str]:
+def _of_contact(curve: ParameterCurve, i: int) -> dict[str, str]:
+    normal = curve.points[i]["normal"]
     return {
-        "slip\nµm": f"{1e6 * p['slip'].peak:.3g}",
-        "friction\nN": f"{p['friction'].peak:.3g}",
-        "reaction\nN": f"{p['normal'].samples.min():.3g} to {p['normal'].peak:.3g}",
+        "slip\nµm": f"{1e6 * curve['slip'].peak[i]:.3g}",
+        "friction\nN": f"{curve['friction'].peak[i]:.3g}",
+        "reaction\nN": f"{normal.samples.min():.3g} to {normal.peak:.3g}",
     }
 
 
-def _of_joints(p: PeriodicSolution, forces: Sequence[str]) -> dict[str, str]:
-    name = max(forces, key=lambda name: p[name].peak)
-    return {"largest\njoint force": f"{p[name].peak:.3g} {p[name].unit}", "in": name.replace(".force", "")}
+def _of_joints(curve: ParameterCurve, i: int) -> dict[str, str]:
+    name = max(joint_forces(curve), key=lambda name: float(curve[name].peak[i]))
+    force = curve[name]
+    return {"largest\njoint force": f"{force.peak[i]:.3g} {force.unit}", "in": name.replace(".force", "")}
 
 
 def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
@@ -33,12 +32,10 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
         {
             "point": name,
             number: f"{values[i]:.6g}",
-            "drive\nmm": f"{1e3 * p['drive'].peak:.4g}",
-            **(_of_joints(p, rig.forces) if isinstance(rig, JointedRig) else _of_contact(p)),
+            "drive\nmm": f"{1e3 * curve['drive'].peak[i]:.4g}",
+            **(_of_joints if joint_forces(curve) else _of_contact)(curve, i),
         }
-        for name, i, p in (
-            (name, i, curve.points[i]) for name, i in (("first", 0), ("highest", top), ("last", len(values) - 1))
-        )
+        for name, i in (("first", 0), ("highest", top), ("last", len(values) - 1))
     ]
     print_rows(console, f"{rig.name}, {rig.law_name}", rows)
     held = [text for key, text in _excitation(first.hz, first.level).items() if key != curve.parameter]

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from hbm.balance.solution import PeriodicSolution
 from hbm.files.outputs import Columns, column_rows, write_with_companion
 from hbm.fourier import Array
 from hbm.modes.backbone import Backbone, NonlinearMode, NumericalChange
@@ -66,7 +65,6 @@ def backbone_name(backbone: Backbone) -> str:
 
 
 def _columns(backbone: Backbone) -> Columns:
-    points = backbone.points
     numbers: dict[str, Array] = {
         "amplitude_m": backbone.amplitude,
         "frequency_hz": backbone.hz,
@@ -75,16 +73,17 @@ def _columns(backbone: Backbone) -> Columns:
         "force_n": backbone.force,
         "energy_lost_j": backbone.lost,
         "friction_loss_j": backbone.rubbed,
-        **(_of_joints(backbone.rig, points) if isinstance(backbone.rig, JointedRig) else _of_contact(points)),
+        **(_of_joints(backbone, backbone.rig) if isinstance(backbone.rig, JointedRig) else _of_contact(backbone)),
     }
     shape = backbone.shape.T
     for i, column in enumerate(shape, start=1):
         numbers |= {f"shape_{i}_real": column.real, f"shape_{i}_imag": column.imag}
-    kind, count = backbone_name(backbone), len(points)
+    kind, count = backbone_name(backbone), len(backbone.points)
     return {"backbone": np.full(count, kind), "point": np.arange(1, count + 1), **numbers}
 
 
-def _of_contact(points: Sequence[PeriodicSolution]) -> dict[str, Array]:
+def _of_contact(backbone: Backbone) -> dict[str, Array]:
+    points = backbone.points
     return {
         "slip_m": np.array([p["slip"].peak for p in points]),
         "friction_n": np.array([p["friction"].peak for p in points]),
@@ -93,12 +92,12 @@ def _of_contact(points: Sequence[PeriodicSolution]) -> dict[str, Array]:
     }
 
 
-def _of_joints(rig: JointedRig, points: Sequence[PeriodicSolution]) -> dict[str, Array]:
+def _of_joints(backbone: Backbone, rig: JointedRig) -> dict[str, Array]:
     """Peaks of motion and force at every port, such as ``tip.motion_m`` and ``tip.force_n``."""
     ends = zip(rig.motions, rig.forces, rig.units, strict=True)
     named = {name: unit for motion, force, units in ends for name, unit in zip((motion, force), units, strict=True)}
     return {
-        f"{name}_{unit.lower().replace(' ', '_')}": np.array([p[name].peak for p in points])
+        f"{name}_{unit.lower().replace(' ', '_')}": np.array([p[name].peak for p in backbone.points])
         for name, unit in named.items()
     }
 

@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 
 from continuation import ConvergenceError
 from hbm.balance.solution import PeriodicSolution
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.identification.fit import uncertainty, whitened
 from hbm.identification.identify import HELD
 from hbm.identification.judgement import fitted_parameters
@@ -27,7 +27,6 @@ from hbm.inverse.sensing import Complex
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.records import Measurement, Record, force_columns, measurement_of, parts, solve_record
 from hbm.parallel import one_thread
-from hbm.response.trace import default_samples
 from hbm.sensitivity.derivatives import sensitivities
 from hbm.sensitivity.scalars import FORCE
 from models.friction import FrictionLaw

@@ -14,8 +14,9 @@ import numpy as np
 
 from hbm.aft.recurrence import monodromy
 from hbm.errors import expect_frequency, expect_rig
-from hbm.integration.history import State, TimeHistory, differences, normal_reaction
+from hbm.integration.history import State, TimeHistory, differences
 from hbm.integration.jointed import JointHistory, simulate_joints
+from hbm.integration.march import Recorder, march
 from hbm.integration.timestep import Stepper
 from hbm.parallel import one_thread
 from models import Rig
@@ -110,8 +111,8 @@ def simulate(
         periods = max(1, round((DEFAULT_PERIODS / hz if duration is None else duration) * hz))
         if isinstance(start, State):
             raise ValueError("simulate: start is a state of a rig with [contact]; must be (size,) numbers")
-        march = partial(simulate_joints, periods=periods, steps_per_period=steps_per_period, progress=progress)
-        return march(rig, hz, level=level, start=start, last_periods=last_periods)
+        over = partial(simulate_joints, periods=periods, steps_per_period=steps_per_period, progress=progress)
+        return over(rig, hz, level=level, start=start, last_periods=last_periods)
     from_rest = start is None
     start = start if isinstance(start, State) else State.at_rest(rig)
     level = rig.excitation.amplitude if level is None else level
@@ -122,15 +123,7 @@ def simulate(
         start = _pressed(stepper, start)
     steps = round((duration or 0.0) * hz * steps_per_period)
     first = 0 if last_periods is None else max(0, steps - last_periods * steps_per_period)
-    recorder = _Recorder(stepper, start, first, every)
-    x = start.flat
-    for done in range(0, steps, steps_per_period):
-        X, T, residual = stepper.march(x, min(steps_per_period, steps - done))
-        recorder.add(X, T, residual)
-        x = X[-1]
-        if progress is not None:
-            progress(start.time + (done + len(T)) * stepper.dt)
-    return recorder.history()
+    return march(stepper, start, steps, first=first, every=every, progress=progress)
 
 
 def _check(rig: Rig, duration: float | None, steps_per_period: int, start: State, every: int) -> None:
@@ -159,65 +152,6 @@ def _pressed(stepper: Stepper, rest: State) -> State:
 def _phase(hz: float, time: float) -> float:
     """Phase of the force at `time` [s], in 0..2 pi."""
     return float(2 * np.pi * np.mod(hz * time, 1.0))
-
-
-class _Recorder:
-    """Collects the chunks of a march; keeps of them what was asked for."""
-
-    def __init__(self, stepper: Stepper, start: State, first: int, every: int) -> None:
-        self.stepper, self.start, self.first, self.every = stepper, start, first, every
-        self.steps, self.residual = 0, 0.0
-        self.lift_off: float | None = None
-        self.state = start.flat
-        self.friction = [np.array([start.friction])]
-        self.kept: list[Array] = []
-        self._keep(self.state[None], 0)
-
-    def _keep(self, X: Array, at: int) -> None:
-        steps = np.arange(at, at + len(X))
-        wanted = (steps >= self.first) & ((steps - self.first) % self.every == 0)
-        if wanted.any():
-            self.kept.append(X[wanted, : 2 * self.stepper.rig.structure.n])
-
-    def add(self, X: Array, T: Array, residual: float) -> None:
-        """Take the states and friction forces of the next steps."""
-        self._keep(X, self.steps + 1)
-        self.friction.append(T)
-        self.residual = max(self.residual, residual)
-        if self.lift_off is None and not self.stepper.rig.contact.lift_off:
-            self.lift_off = self._lift_off(X, T)
-        self.steps += len(T)
-        self.state = X[-1]
-
-    def _lift_off(self, X: Array, T: Array) -> float | None:
-        s, n = self.stepper, self.stepper.rig.structure.n
-        time = self.start.time + s.dt * np.arange(self.steps + 1, self.steps + 1 + len(T))
-        F = replace(s.rig.excitation, amplitude=s.level).force(2 * np.pi * s.hz * time)
-        lifted = np.flatnonzero(normal_reaction(s.rig, X[:, :n], X[:, n : 2 * n], T, F) < 0.0)
-        return float(time[lifted[0]]) if lifted.size else None
-
-    def history(self) -> TimeHistory:
-        """What was kept."""
-        s, n = self.stepper, self.stepper.rig.structure.n
-        friction = np.concatenate(self.friction)
-        rate, curvature = differences(friction, s.dt)
-        motion = np.concatenate(self.kept)
-        steps = np.arange(self.first, self.steps + 1, self.every)
-        return TimeHistory(
-            rig=s.rig,
-            hz=s.hz,
-            level=s.level,
-            time=np.asarray(self.start.time + s.dt * steps, dtype=float),
-            q=motion[:, :n],
-            qdot=motion[:, n:],
-            friction=friction[steps],
-            friction_rate=rate[steps],
-            friction_curvature=curvature[steps],
-            samples_per_period=s.steps_per_period // self.every,
-            state=State.from_flat(self.state, n, self.start.time + s.dt * self.steps),
-            lift_off=self.lift_off,
-            largest_residual=self.residual,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -379,7 +313,7 @@ def _improved(period: _Period) -> _Period:
 def _periodic_history(period: _Period, time: float) -> TimeHistory:
     """One period, its first sample the state that the last step leads to."""
     s, n = period.stepper, period.stepper.rig.structure.n
-    recorder = _Recorder(s, State.from_flat(period.x, n, time), 0, 1)
+    recorder = Recorder(s, State.from_flat(period.x, n, time), 0, 1)
     recorder.add(period.X, period.T, period.residual)
     T = np.roll(period.T, 1)
     rate, curvature = differences(np.concatenate([T[-1:], T, T[:1]]), s.dt)

@@ -17,8 +17,8 @@ import numpy as np
 
 from hbm.aft.step import form, law_step
 from hbm.balance.elements import described_elements, element_numbers, stacked
+from hbm.integration.propagation import propagators, weights
 from hbm.integration.stepfunction import Shape, evaluate, lineariser, marcher
-from hbm.propagation import propagators, weights
 from models import Rig
 from models.friction import parameters
 from models.structure import Array, ModalStructure

@@ -20,11 +20,10 @@ from continuation import Branch, ConvergenceError, Point
 from hbm.balance.padding import pad
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.modes.amplitudes import OnPoint, solved, traced
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.parallel import one_thread
-from hbm.response.trace import default_samples
 from models.jointed import AnyRig
 
 Complex = npt.NDArray[np.complex128]

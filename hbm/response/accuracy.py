@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from continuation import ConvergenceError
-from hbm.balance.problem import AnyBalance, balance_of
+from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
-from hbm.response.trace import OnPoint, default_samples, scout_frequency, solve_near, sweep_of, trace_frequency
+from hbm.response.trace import OnPoint, scout_frequency, solve_near, sweep_of, trace_frequency
 from models.jointed import AnyRig, JointedRig
 
 TOLERANCE = 5e-3
@@ -103,8 +103,8 @@ def choose_harmonics(
     found, scales = _telling_points(pilot), _scales(pilot)
     for H in LADDER:
         N_t = default_samples(finer(H))
-        found = _found(found, balance_of(rig, FourierBasis(H, N_t), level=level))
-        refined = _solve_again(found, balance_of(rig, FourierBasis(finer(H), N_t), level=level))
+        found = [p for p in _solve_again(found, rig, H, N_t, level) if p is not None]
+        refined = _solve_again(found, rig, finer(H), N_t, level)
         changes = [relative_change(a, b, scales) for a, b in zip(found, refined, strict=True) if b is not None]
         if not changes:
             reason = f"H = {UNDECIDED}: the peaks could not be solved again with {finer(H)} harmonics to judge by"
@@ -139,11 +139,6 @@ def finer(H: int) -> int:
     return 2 * H + 1
 
 
-def _found(points: Sequence[PeriodicSolution], problem: AnyBalance) -> list[PeriodicSolution]:
-    """Points on another discretisation, those that were found."""
-    return [p for p in _solve_again(points, problem) if p is not None]
-
-
 def _choose_samples(
     rig: AnyRig,
     found: Sequence[PeriodicSolution],
@@ -154,9 +149,9 @@ def _choose_samples(
 ) -> tuple[int, float]:
     """Fewest samples whose doubling changes the probed points by less than half the tolerance; and that change."""
     N_t = default_samples(H)
-    coarse = _solve_again(found, balance_of(rig, FourierBasis(H, N_t), level=level))
+    coarse = _solve_again(found, rig, H, N_t, level)
     while True:
-        fine = _solve_again(found, balance_of(rig, FourierBasis(H, 2 * N_t), level=level))
+        fine = _solve_again(found, rig, H, 2 * N_t, level)
         changes = [relative_change(a, b, scales) for a, b in zip(coarse, fine, strict=True) if a is not None]
         change = float(np.nanmax(changes)) if changes else np.inf
         if change < tolerance / 2 or 2 * N_t > SAMPLES_LIMIT:
@@ -222,13 +217,15 @@ def estimate_error(curve: ResponseCurve) -> NumericalError:
 
 def _changes(curve: ResponseCurve, found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> Array:
     """Relative change of each point on another discretisation, nan where it was not found."""
-    again = _solve_again(found, balance_of(rig, FourierBasis(H, N_t), level=curve.level))
-    scales = _scales(curve)
+    again, scales = _solve_again(found, rig, H, N_t, curve.level), _scales(curve)
     return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
 
 
-def _solve_again(found: Sequence[PeriodicSolution], problem: AnyBalance) -> list[PeriodicSolution | None]:
+def _solve_again(
+    found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int, level: float | None
+) -> list[PeriodicSolution | None]:
     """Solve points on another discretisation, each at its frequency; None where that fails."""
+    problem = balance_of(rig, FourierBasis(H, N_t), level=level)
     out: list[PeriodicSolution | None] = []
     for start in found:
         lam = problem.lam_at(start.hz)

@@ -10,7 +10,8 @@ from hbm.balance.problem import AnyBalance, HarmonicBalance
 from hbm.balance.solution import describe
 from hbm.fourier import Array, FourierBasis
 from hbm.integration.handover import state_at_phase_zero
-from hbm.integration.integrate import simulate
+from hbm.integration.march import march
+from hbm.integration.timestep import Stepper
 from models.beam import Beam
 
 HELD = 1e6
@@ -100,17 +101,10 @@ def _marched(problem: HarmonicBalance, x: Array, lam: float) -> Array | None:
     if problem.periods != 1:
         return None
     hz, state = problem.hz_at(lam), problem.unpack(x, lam)
-    start = state_at_phase_zero(describe(problem.with_load_on_lift(HELD), x, lam))
+    held = describe(problem.with_load_on_lift(HELD), x, lam)
     try:
-        history = simulate(
-            problem.rig,
-            hz,
-            level=state.F,
-            duration=PERIODS / hz,
-            steps_per_period=STEPS,
-            start=start,
-            last_periods=1,
-        )
+        stepper = Stepper.stable(problem.rig, hz, state.F, STEPS)
+        history = march(stepper, state_at_phase_zero(held), PERIODS * STEPS, first=(PERIODS - 1) * STEPS)
     except ArithmeticError:
         return None
     analysis = FourierBasis(problem.basis.H, STEPS).analysis

@@ -25,7 +25,7 @@ from hbm.balance.padding import pad
 from hbm.balance.problem import AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_frequency, expect_range, expect_rig
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
 from hbm.response.curve import ResponseCurve
 from hbm.response.liftoff import solve_lifting
@@ -54,11 +54,6 @@ Way = Callable[[AnyBalance, float], Array | None]
 
 OnPoint = Callable[[float, int], None]
 """Called with the frequency [Hz] (or force [N]) and the number of every point found."""
-
-
-def default_samples(H: int) -> int:
-    """Samples per period for H harmonics: 256, or the power of two from 12 H up."""
-    return max(256, 1 << int(np.ceil(np.log2(12 * max(H, 1)))))
 
 
 @one_thread

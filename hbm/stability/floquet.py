@@ -20,7 +20,7 @@ from hbm.aft.force import LawSteps
 from hbm.aft.recurrence import monodromy
 from hbm.balance.equations import Balance, State
 from hbm.fourier import Array
-from hbm.propagation import propagators, weights
+from hbm.integration.propagation import propagators, weights
 
 Complex = npt.NDArray[np.complex128]
 Samples = npt.NDArray[np.intp]

@@ -14,11 +14,11 @@ from continuation import Branch, ConvergenceError, Point, Problem, Settings, con
 from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
 from hbm.response.accuracy import JUDGED, LADDER, TOLERANCE, finer, judged_scales, relative_change
 from hbm.response.curve import ResponseCurve
-from hbm.response.trace import EXCURSION, OnPoint, default_samples, first_solution, solve_near, trace_settings
+from hbm.response.trace import EXCURSION, OnPoint, first_solution, solve_near, trace_settings
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import Key, ParameterBalance, check_value, parameter_key
 from models.jointed import AnyRig

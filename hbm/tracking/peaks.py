@@ -18,9 +18,9 @@ from hbm.balance.padding import pad
 from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
-from hbm.response.trace import default_samples, trace_frequency
+from hbm.response.trace import trace_frequency
 from hbm.sensitivity.derivatives import changes
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import with_value

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from rigs import HZ, beam, oscillator
 
+from hbm.fourier import default_samples
 from hbm.response.accuracy import choose_harmonics, difference, estimate_error, frequency_response
 from hbm.response.curve import ResponseCurve
-from hbm.response.trace import default_samples, steady_state, trace_frequency
+from hbm.response.trace import steady_state, trace_frequency
 from models import Frictionless, Viscous
 
 SWEEP = (44.0, 58.0)
