@@ -196,7 +196,7 @@ class JointMarcher:
 
     def monodromy(self, x: Array, X: Array) -> Array:
         """Derivative of the state after a period from `x`, marched as `X`, to that before."""
-        return monodromy(self.step.jacobians(np.vstack([x, X[:-1]]), X, self.told, self.level))
+        return monodromy(self.step.jacobians(np.vstack([x, X[:-1]]), X, self.told))
 
 
 def state_at_phase_zero(problem: JointBalance, state: State) -> Array:
@@ -315,7 +315,7 @@ class _Period:
 
     def _steps(self) -> Array:
         marcher = self.marcher
-        return marcher.step.jacobians(np.vstack([self.x, self.X[:-1]]), self.X, marcher.told, marcher.level)
+        return marcher.step.jacobians(np.vstack([self.x, self.X[:-1]]), self.X, marcher.told)
 
     @property
     def closure(self) -> float:

@@ -76,7 +76,9 @@ class JointedStep:
         own, folded = self._own(new[:n])
         x, F = ca.MX.sym("x", self.layout.size), ca.MX.sym("F", 3)
         y, _, f_old, memory, before = self.layout.split(x)
-        f = ca.MX.sym("f", m) * level
+        self.unit = level or rig.excitation.amplitude  # forces are solved for in it
+        unknown = ca.MX.sym("f", m)
+        f = unknown * self.unit
 
         def modal(forces: ca.MX, excitation: ca.MX) -> ca.MX:
             return ca.DM(s.joints.T) @ forces + ca.DM(s.excitation) * excitation
@@ -115,13 +117,12 @@ class JointedStep:
             memory_new.append(z_new)
             seen.append(ca.vertcat(*(now[i] for i in used[j])) if used[j] else ca.MX(0, 1))
             at += law.ports
-        unknown = ca.symvar(f)[0]
-        gap = (f - ca.vertcat(*forces)) / level
+        gap = (f - ca.vertcat(*forces)) / self.unit
         close = ca.rootfinder("close", "newton", {"x": unknown, "p": ca.vertcat(x, F), "g": gap}, NEWTON)
         after = ca.vertcat(y_new, f, *memory_new, *seen)
         there = ca.Function("there", [unknown, x, F], [after, ca.norm_inf(gap)])
         x_in, F_in = ca.MX.sym("x", self.layout.size), ca.MX.sym("F", 3)
-        solved = close(x0=x_in[self.layout.f] / level, p=ca.vertcat(x_in, F_in))["x"]
+        solved = close(x0=x_in[self.layout.f] / self.unit, p=ca.vertcat(x_in, F_in))["x"]
         x_out, residual = there(solved, x_in, F_in)
         self.function = ca.Function("step", [x_in, F_in], [x_out, residual])
         slope = ca.Function(
@@ -144,7 +145,7 @@ class JointedStep:
             at += j.law.ports
         return own, folded
 
-    def jacobians(self, X: Array, X_next: Array, F: Array, level: float) -> Array:
+    def jacobians(self, X: Array, X_next: Array, F: Array) -> Array:
         """Derivative of every step's state to that before, (steps, size, size).
 
         Parameters
@@ -155,7 +156,7 @@ class JointedStep:
             As the step is told of the excitation.
         """
         mapped = self._slopes.map(len(X))
-        by = [np.asarray(part.full()) for part in mapped((X_next[:, self.layout.f] / level).T, X.T, F.T)]
+        by = [np.asarray(part.full()) for part in mapped((X_next[:, self.layout.f] / self.unit).T, X.T, F.T)]
         gap_f, gap_x, out_f, out_x = (part.reshape(part.shape[0], len(X), -1).transpose(1, 0, 2) for part in by)
         return np.asarray(out_x - out_f @ np.linalg.solve(gap_f, gap_x))
 

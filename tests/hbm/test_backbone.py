@@ -1,7 +1,6 @@
 """Backbones against closed forms, linear modes, and free decays by time integration."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from hbm.response.trace import steady_state
 from hbm.tracking.peaks import follow_peak
 from models import Attachments, Coulomb, Dahl, Frictionless, Jenkins, Rig, Viscous
 from models.elements import MidplaneStretching
+from tests.decay import cycles_of
 
 DAHL = Dahl(mu=0.5, stiffness=1e7)
 JENKINS = Jenkins(mu=0.5, critical_slip=0.5 / 0.37)  # on the unit oscillator a stiffness of 0.37
@@ -167,23 +167,11 @@ def test_what_is_lost_is_friction_and_damping(mode: NonlinearMode) -> None:
     assert shares.max() > 0.9
 
 
-def _cycles(time: Array, x: Array) -> Array:
-    """Middle, frequency and fundamental amplitude of every cycle between upward zero crossings, (cycles, 3)."""
-    i = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
-    at = time[i] - x[i] * (time[1] - time[0]) / (x[i + 1] - x[i])
-    rows = []
-    for a, b in pairwise(at):
-        inside = (time >= a) & (time < b)
-        fundamental = 2 * abs(np.mean(x[inside] * np.exp(-2j * np.pi * (time[inside] - a) / (b - a))))
-        rows.append(((a + b) / 2, 1 / (b - a), fundamental))
-    return np.array(rows)
-
-
 def test_free_decay_while_the_contact_slides(mode: NonlinearMode) -> None:
     """Amplitude and frequency over time, from a millimetre to a third of it: damping ratio 1 to 3 %."""
     start = mode.at([1e-3])
     history = simulate(mode.rig, start.hz[0], level=0.0, duration=0.24, start=state_at_phase_zero(start.points[0]))
-    cycles = _cycles(history.time, history.channels["drive"].values)
+    cycles = cycles_of(history.time, history.channels["drive"].values)
     amplitudes = np.geomspace(3e-4, 1e-3, 12)
     along = mode.at(amplitudes)
     rate = np.interp(np.log(cycles[:, 2]), np.log(amplitudes), along.decay_rate)
@@ -199,7 +187,7 @@ def test_free_decay_while_the_contact_slides(mode: NonlinearMode) -> None:
 def test_free_decay_while_the_contact_sticks(mode: NonlinearMode) -> None:
     start = mode.at([1e-5])
     history = simulate(mode.rig, start.hz[0], level=0.0, duration=0.4, start=state_at_phase_zero(start.points[0]))
-    cycles = _cycles(history.time, history.channels["drive"].values)
+    cycles = cycles_of(history.time, history.channels["drive"].values)
     rate = -np.polyfit(cycles[:, 0], np.log(cycles[:, 2]), 1)[0]
     assert np.mean(cycles[:, 1]) == pytest.approx(start.hz[0], rel=1e-4)
     assert rate == pytest.approx(start.decay_rate[0], rel=0.02)
@@ -216,7 +204,7 @@ def test_free_decay_of_a_jenkins_oscillator() -> None:
         return np.asarray(-np.interp(log, np.log(amplitudes), along.decay_rate))
 
     history = simulate(rig, start.hz[0], level=0.0, duration=185.0, start=state_at_phase_zero(start.points[0]))
-    cycles = _cycles(history.time, history.channels["drive"].values)
+    cycles = cycles_of(history.time, history.channels["drive"].values)
     predicted = solve_ivp(fall, (0.0, 185.0), [np.log(60.0)], t_eval=cycles[:, 0], rtol=1e-8).y[0]
     late = cycles[:, 2] > 6.0
     np.testing.assert_allclose(cycles[late, 2], np.exp(predicted[late]), rtol=0.06)

@@ -9,9 +9,11 @@ from scipy.special import ellipk
 
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
+from hbm.integration.jointed import simulate_joints, state_at_phase_zero
 from hbm.modes.amplitudes import default_amplitudes
 from hbm.modes.backbone import nonlinear_mode, phase_resonance
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
+from hbm.modes.sustained import SustainedJoints
 from hbm.response.trace import steady_state, trace_frequency
 from models import Jenkins
 from models.bodies.finite import FiniteBeam
@@ -19,6 +21,7 @@ from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Friction, Joint
 from models.parts import Channel, Damping, Excitation
+from tests.decay import cycles_of
 from tests.joints.rigs import BEAM, contact_and_joint, made_up
 
 STIFFNESS = (1.6e4, 1e4)
@@ -128,6 +131,27 @@ def test_forced_response_passes_through_the_backbones() -> None:
         assert mode.force[0] == pytest.approx(level, rel=0.02)
         curve = trace_frequency(rig, (0.8 * hz, 1.2 * hz), level=level, harmonics=7)
         assert curve.peak["drive"].peak == pytest.approx(sine, rel=0.02)
+
+
+def test_free_decay_while_both_slide() -> None:
+    """Marched in time from a point of the mode: frequency and rate at every amplitude that it comes through."""
+    rig = two_sliders()
+    mode = nonlinear_mode(rig, amplitudes=(2e-3, 2e-2), harmonics=11)
+    start = mode.at([1.5e-2])
+    balance, *_ = start.problem.unpack(start.branch.points[0].x, start.branch.points[0].lam)
+    assert isinstance(balance, SustainedJoints)
+    state = state_at_phase_zero(balance, start.points[0].state)
+    history = simulate_joints(rig, float(start.hz[0]), periods=12, level=0.0, start=state)
+    cycles = cycles_of(history.time, history.channels["drive"].values)
+    amplitudes = np.geomspace(2e-3, 2e-2, 16)
+    along, log = mode.at(amplitudes), np.log(cycles[:, 2])
+    found = (along.decay_rate, along.hz, along.damping_ratio)
+    rate, hz, damping = (np.interp(log, np.log(amplitudes), values) for values in found)
+    assert cycles[-1, 2] < 0.25 * cycles[0, 2]
+    measured = -(log[2:] - log[:-2]) / (cycles[2:, 0] - cycles[:-2, 0])
+    # averaging neglects the square of the change per cycle, 2 pi D; the frequency is that of damping taken away, to D^2
+    assert (np.abs(measured / rate[1:-1] - 1) < (2 * np.pi * damping[1:-1]) ** 2).all()
+    assert (np.abs(cycles[:, 1] / hz - 1) < damping**2).all()
 
 
 def test_what_is_no_mode_is_refused() -> None:
