@@ -1,6 +1,6 @@
 """What was found of joint forces and motions: signals, energies, how well the sensors agree, and what to beware of."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,15 @@ import numpy.typing as npt
 from scipy import stats
 
 from hbm.fourier import Array
-from hbm.inverse.reconstruction import CONSISTENT, EstimatedSignal, Estimates, Misfit, place_of
+from hbm.inverse.reconstruction import (
+    CONSISTENT,
+    EstimatedSignal,
+    Estimates,
+    Misfit,
+    place_of,
+    record_coordinates,
+    signal_arrays,
+)
 from hbm.inverse.resolution import harmonics
 from hbm.labelled import Variables, dataset, frame
 from hbm.measurement.spectra import MeasuredSpectra
@@ -137,28 +145,14 @@ class JointReconstruction:
         arrays, coordinates : mapping of str to (dimensions, values, unit)
             As of a :class:`hbm.inverse.reconstruction.Reconstruction`; ``bolt 1.force`` is ``bolt_1_force``.
         """
-        arrays: dict[str, tuple[Sequence[str], Any, str]] = {}
-        over_phase, over_harmonics, each = ("record", "phase"), ("record", "harmonic"), ("record",)
-        for known, s in self.signals.items():
-            name = plain(known)
-            arrays[name] = over_phase, s.samples, s.unit
-            arrays[f"{name}_std"] = over_phase, s.std, s.unit
-            arrays[f"{name}_cos"] = over_harmonics, s.complex.real, s.unit
-            arrays[f"{name}_sin"] = over_harmonics, -s.complex.imag, s.unit
-            arrays[f"{name}_harmonic_std"] = over_harmonics, s.coefficient_std, s.unit
+        arrays = signal_arrays({plain(name): signal for name, signal in self.signals.items()})
+        each = ("record",)
         for joint, estimate in self.energy.items():
             name = f"{plain(joint)}_energy_per_cycle"
             arrays[name] = each, estimate.value, estimate.unit
             arrays[f"{name}_std"] = each, estimate.std, estimate.unit
         arrays["chi2_reduced"] = each, self.misfit.reduced, "1"
-        coordinates: Variables = {
-            "record": (each, self.spectra.records, "1"),
-            "level": (each, self.spectra.level, "N"),
-            "frequency_hz": (each, self.spectra.hz, "Hz"),
-            "phase": (("phase",), self.phase, "1"),
-            "harmonic": (("harmonic",), np.arange(self.spectra.H + 1), "1"),
-        }
-        return arrays, coordinates
+        return arrays, record_coordinates(self.spectra, self.phase)
 
     def __repr__(self) -> str:
         """How large each force was found, how sure that is, and what to beware of."""

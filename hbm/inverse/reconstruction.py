@@ -193,29 +193,15 @@ class Reconstruction:
             Signals and their ``_std`` over (record, phase); their ``_cos``, ``_sin`` and ``_harmonic_std`` over
             (record, harmonic); numbers per record.
         """
-        arrays: dict[str, tuple[Sequence[str], Any, str]] = {}
-        over_phase, over_harmonics, each = ("record", "phase"), ("record", "harmonic"), ("record",)
-        for name, s in self.signals.items():
-            arrays[name] = over_phase, s.samples, s.unit
-            arrays[f"{name}_std"] = over_phase, np.array(s.std), s.unit
-            arrays[f"{name}_cos"] = over_harmonics, s.complex.real, s.unit
-            arrays[f"{name}_sin"] = over_harmonics, -s.complex.imag, s.unit
-            arrays[f"{name}_harmonic_std"] = over_harmonics, s.coefficient_std, s.unit
+        arrays, each = signal_arrays(self.signals), ("record",)
         for name, estimate in (("work_rate", self.work_rate), ("energy_per_cycle", self.energy_per_cycle)):
             arrays[name] = each, estimate.value, estimate.unit
             arrays[f"{name}_std"] = each, estimate.std, estimate.unit
         arrays["slips"] = each, self.slips.astype(np.int8), "1"
         arrays["chi2_reduced"] = each, self.misfit.reduced, "1"
-        arrays["resolution"] = over_harmonics, self.resolution, "N"
-        arrays["condition"] = over_harmonics, self.condition, "1"
-        coordinates: Variables = {
-            "record": (each, self.spectra.records, "1"),
-            "level": (each, self.spectra.level, "N"),
-            "frequency_hz": (each, self.spectra.hz, "Hz"),
-            "phase": (("phase",), self.phase, "1"),
-            "harmonic": (("harmonic",), np.arange(self.H + 1), "1"),
-        }
-        return arrays, coordinates
+        arrays["resolution"] = OVER_HARMONICS, self.resolution, "N"
+        arrays["condition"] = OVER_HARMONICS, self.condition, "1"
+        return arrays, record_coordinates(self.spectra, self.phase)
 
     def __repr__(self) -> str:
         """Say what was reconstructed, and what to beware of."""
@@ -250,6 +236,34 @@ class Reconstruction:
             If it is not there.
         """
         return place_of(self.spectra, record)
+
+
+OVER_HARMONICS = ("record", "harmonic")
+
+
+def signal_arrays(signals: Mapping[str, EstimatedSignal]) -> dict[str, tuple[Sequence[str], Any, str]]:
+    """Signals with their deviations over (record, phase) and (record, harmonic), by the names of files of arrays."""
+    arrays: dict[str, tuple[Sequence[str], Any, str]] = {}
+    over_phase = ("record", "phase")
+    for name, s in signals.items():
+        arrays[name] = over_phase, s.samples, s.unit
+        arrays[f"{name}_std"] = over_phase, np.array(s.std), s.unit
+        arrays[f"{name}_cos"] = OVER_HARMONICS, s.complex.real, s.unit
+        arrays[f"{name}_sin"] = OVER_HARMONICS, -s.complex.imag, s.unit
+        arrays[f"{name}_harmonic_std"] = OVER_HARMONICS, s.coefficient_std, s.unit
+    return arrays
+
+
+def record_coordinates(spectra: MeasuredSpectra, phase: Array) -> Variables:
+    """Coordinates of arrays over records, phases and harmonics."""
+    each = ("record",)
+    return {
+        "record": (each, spectra.records, "1"),
+        "level": (each, spectra.level, "N"),
+        "frequency_hz": (each, spectra.hz, "Hz"),
+        "phase": (("phase",), phase, "1"),
+        "harmonic": (("harmonic",), np.arange(spectra.H + 1), "1"),
+    }
 
 
 def place_of(spectra: MeasuredSpectra, record: int) -> int:

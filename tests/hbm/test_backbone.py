@@ -20,6 +20,7 @@ from hbm.tracking.peaks import follow_peak
 from models import Attachments, Coulomb, Dahl, Frictionless, Jenkins, Rig, Viscous
 from models.elements import MidplaneStretching
 from tests.decay import cycles_of
+from tests.slopes import check_motion
 
 DAHL = Dahl(mu=0.5, stiffness=1e7)
 JENKINS = Jenkins(mu=0.5, critical_slip=0.5 / 0.37)  # on the unit oscillator a stiffness of 0.37
@@ -46,15 +47,7 @@ def lifting(rig: Rig) -> Rig:
     ids=["dahl", "elements", "clamp", "set-valued", "lift-off"],
 )
 def test_derivative_of_the_residual(rig: Rig, kind: type[DriveAmplitude]) -> None:
-    problem, rng, lam = kind(rig, FourierBasis(3, 64)), np.random.default_rng(2), -3.7
-    x = 0.2 * rng.standard_normal(problem.size)
-    x[-2:] = 1.3, 0.02
-    here, way = problem.linearize(x, lam), 1e-5 * rng.standard_normal(problem.size + 1)
-    # the derivative along a way, from the bordered system: no other change solves it with that right-hand side
-    ahead, behind = (problem.residual(x + sign * way[:-1], lam + sign * way[-1]) for sign in (1, -1))
-    dx, dlam = here.solve_bordered(np.zeros(problem.size), 1.0, (ahead - behind) / 2, float(way[-1]))
-    assert dlam == pytest.approx(way[-1])
-    assert np.abs(dx - way[:-1]).max() < 1e-4 * np.abs(way).max()  # a kink in between would show as 1e-2
+    check_motion(kind(rig, FourierBasis(3, 64)), -3.7)
 
 
 # ---- closed forms

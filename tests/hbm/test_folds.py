@@ -17,6 +17,7 @@ from models import ContactSample, Rig
 from models.attachments import Attachments, Resonator
 from models.friction import parameter
 from models.numbers import with_number
+from tests.slopes import check_plane
 
 C1, C3, C5, GAMMA = 0.1, -0.25, 0.15, 0.2
 
@@ -101,18 +102,8 @@ def test_the_whole_jacobian_is_the_derivative() -> None:
     rig, key = replace(beam(), attachments=ends), "attachments.resonators[0].mass"
     known = parameter_key(rig, key, 50.0, 6.5)
     along = ParameterBalance(rig, known, (0.02, 0.03), FourierBasis(3, 64), hz=50.0, level=6.5)
-    plane, rng = PlaneBalance(along), np.random.default_rng(0)
-    x, lam, mu = first_solution(along.first, along.first.lam_at(50.0)), along.first.lam_at(50.0), 0.2
-    column, row, rhs = rng.standard_normal((3, x.size))
-    here = plane.linearize(x, lam, mu)
-    (dx,), (last,) = (part.T for part in here.solve(column, row, 0.3, rhs[:, None], np.array([0.7])))
-    h = 1e-6 / np.abs(dx).max()
-    secant = (plane.residual(x + h * dx, lam, mu) - plane.residual(x - h * dx, lam, mu)) / (2 * h)
-    np.testing.assert_allclose(secant + column * last, rhs, atol=1e-6 * np.abs(rhs).max())
-    by_lam = (plane.residual(x, lam + 1e-6, mu) - plane.residual(x, lam - 1e-6, mu)) / 2e-6
-    by_mu = (plane.residual(x, lam, mu + 1e-5) - plane.residual(x, lam, mu - 1e-5)) / 2e-5
-    np.testing.assert_allclose(here.J_lam, by_lam, atol=1e-6 * np.abs(by_lam).max())
-    np.testing.assert_allclose(here.J_mu, by_mu, atol=1e-6 * np.abs(by_mu).max())
+    x, lam = first_solution(along.first, along.first.lam_at(50.0)), along.first.lam_at(50.0)
+    check_plane(PlaneBalance(along), x, lam, 0.2, 1e-5)
 
 
 def test_what_is_no_fold_is_refused() -> None:

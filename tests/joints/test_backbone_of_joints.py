@@ -23,6 +23,7 @@ from models.joints import CubicSpring, Friction, Joint
 from models.parts import Channel, Damping, Excitation
 from tests.decay import cycles_of
 from tests.joints.rigs import BEAM, contact_and_joint, made_up
+from tests.slopes import check_motion
 
 STIFFNESS = (1.6e4, 1e4)
 LOADS = (40.0, 10.0)
@@ -41,14 +42,7 @@ def two_sliders() -> JointedRig:
 @pytest.mark.parametrize("damped", [False, True])
 @pytest.mark.parametrize("rigid", [False, True])
 def test_derivative_of_the_residual(damped: bool, rigid: bool, kind: type[DriveAmplitude]) -> None:
-    problem, rng, lam = kind(made_up(damped, rigid), FourierBasis(3, 64)), np.random.default_rng(2), -1.3
-    x = 0.2 * rng.standard_normal(problem.size)
-    x[-2:] = 1.3, 0.02
-    here, way = problem.linearize(x, lam), 1e-5 * rng.standard_normal(problem.size + 1)
-    ahead, behind = (problem.residual(x + sign * way[:-1], lam + sign * way[-1]) for sign in (1, -1))
-    dx, dlam = here.solve_bordered(np.zeros(problem.size), 1.0, (ahead - behind) / 2, float(way[-1]))
-    assert dlam == pytest.approx(way[-1])
-    assert np.abs(dx - way[:-1]).max() < 1e-4 * np.abs(way).max()
+    check_motion(kind(made_up(damped, rigid), FourierBasis(3, 64)), -1.3)
 
 
 def test_limits_are_the_linear_modes_with_springs_and_without() -> None:

@@ -16,6 +16,7 @@ from models.jointed import JointedRig
 from models.joints import CubicSpring, Friction, Joint
 from models.parts import Damping, Excitation
 from tests.joints.rigs import made_up
+from tests.slopes import check_plane
 
 HZ = 9.0, 16.0
 BODY = ModalModel((10.0, 37.0), {"drive": (0.8, 0.5), "spring": (1.0, -0.4), "rub": (0.5, 0.9)}, ((1e-5,) * 3,) * 3)
@@ -60,17 +61,8 @@ def test_the_whole_jacobian_is_the_derivative(key: str) -> None:
     rig = made_up(damped=True, rigid=False)
     known = parameter_key(rig, key, 1.1, 1.0)
     along = ParameterBalance(rig, known, (known.value, 1.2 * known.value), FourierBasis(3, 64), hz=1.1, level=1.0)
-    plane, rng = PlaneBalance(along), np.random.default_rng(0)
-    x, lam, mu = first_solution(along.first, along.first.lam_at(1.1)), along.first.lam_at(1.1), 0.2
-    column, row, rhs = rng.standard_normal((3, x.size))
-    here = plane.linearize(x, lam, mu)
-    (dx,), (last,) = (part.T for part in here.solve(column, row, 0.3, rhs[:, None], np.array([0.7])))
-    h = 1e-6 / np.abs(dx).max()
-    secant = (plane.residual(x + h * dx, lam, mu) - plane.residual(x - h * dx, lam, mu)) / (2 * h)
-    np.testing.assert_allclose(secant + column * last, rhs, atol=1e-6 * np.abs(rhs).max())
-    for found, move in ((here.J_lam, (1e-6, 0.0)), (here.J_mu, (0.0, 1e-6))):
-        ahead, behind = (plane.residual(x, lam + sign * move[0], mu + sign * move[1]) for sign in (1, -1))
-        np.testing.assert_allclose(found, (ahead - behind) / 2e-6, atol=1e-6 * np.abs(found).max())
+    x, lam = first_solution(along.first, along.first.lam_at(1.1)), along.first.lam_at(1.1)
+    check_plane(PlaneBalance(along), x, lam, 0.2, 1e-6)
 
 
 @pytest.mark.parametrize("channel", ["drive", "spring.motion"])
