@@ -170,7 +170,7 @@ class Backbone(ABC):
         return replace(self, points=_described(self.problem, found), branch=replace(self.branch, points=tuple(found)))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NonlinearMode(Backbone):
     """A damped nonlinear normal mode: free motion, with the mass-proportional damping xi that would keep it up.
 
@@ -203,7 +203,7 @@ class NonlinearMode(Backbone):
         return 2.0 + float(by_lam / (np.log(10.0) * point.tangent_lam))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class PhaseResonance(Backbone):
     """Motions at phase resonance, the drive displacement 90 degrees behind the force."""
 

@@ -86,12 +86,13 @@ def _work(point: PeriodicSolution, joint: str) -> float:
 def test_one_joint_is_the_contact_of_old() -> None:
     contact, joint = contact_and_joint()
     amplitudes = [1e-6, 3e-6, 1e-5, 1e-4]
-    for trace in (nonlinear_mode, phase_resonance):
+    for trace, what in ((nonlinear_mode, "nonlinear mode: "), (phase_resonance, "phase resonance: ")):
         one, other = (trace(rig, amplitudes=(1e-6, 1.1e-4), harmonics=5).at(amplitudes) for rig in (contact, joint))
         np.testing.assert_allclose(one.hz, other.hz, rtol=1e-9)
         np.testing.assert_allclose(one.damping_ratio, other.damping_ratio, rtol=1e-7)
         np.testing.assert_allclose(one.force, other.force, rtol=1e-7)
         np.testing.assert_allclose(one.rubbed, other.rubbed, atol=1e-9 * one.lost.max())
+        assert repr(other).startswith(f"{what}4 motions, drive {other.points[0]['drive'].peak:.4g} to ")
     assert default_amplitudes(contact) == pytest.approx(default_amplitudes(joint), rel=1e-9)
 
 
