@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from models.bounds import bounded
+from models.plausible import plausible
 from models.structure import Array
 
 
@@ -112,6 +113,7 @@ class Beam:
         """Refuse numbers that no beam has."""
         for name in ("length", "width", "thickness", "youngs_modulus", "density"):
             bounded(f"Beam: {name}", getattr(self, name), 0.0, strict=True)
+            plausible(f"Beam: {name}", getattr(self, name), name)
         bounded("Beam: modes", self.modes, 1)
 
     def __str__(self) -> str:

@@ -14,6 +14,7 @@ from hbm.rigfiles.causes import ONE_VALUE, accepted_causes, find_cause
 from hbm.rigfiles.schema import MOST_ENTRIES, Complaint, found
 from models import Rig, describe, parameters
 from models.causes import Cause, Unknown
+from models.plausible import impossible, of_parameter
 
 CHOICES: dict[Any, tuple[Any, str]] = {
     float: ((float, int), "a number"),
@@ -149,6 +150,8 @@ def _value(unknown: Unknown, table: Mapping[str, Any], i: int) -> float:
         _refuse(i, unknown.name, found(value), "must be a number")
     if not (math.isfinite(value) and unknown.lower <= value <= unknown.upper):
         _refuse(i, unknown.name, found(value), bounds if math.isfinite(value) else "must be finite")
+    if (accepted := impossible(of_parameter(unknown.name, unknown.unit), value)) is not None:
+        _refuse(i, unknown.name, found(value), accepted)
     return float(value)
 
 

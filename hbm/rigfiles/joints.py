@@ -11,16 +11,20 @@ from hbm.errors import InputError
 from hbm.rigfiles.laws import accepted_laws, find_law
 from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
 from hbm.rigfiles.schema import (
+    MOST_MODES,
     BeamTable,
     ChannelName,
     Complaint,
     DampingTable,
+    Force,
     NonNegative,
     Positive,
+    Shape,
     Table,
     complaints_of,
     found,
     law_table,
+    possible,
     ranked,
 )
 from hbm.textfiles import why
@@ -36,6 +40,7 @@ from models.parts import Quantity
 BODIES = ("beam", "modal", "matrix")
 """Tables that say what vibrates."""
 
+FreeFrequency = Annotated[NonNegative, possible("frequencies_hz")]
 Place = Annotated[str, Field(min_length=1)]
 Places = Place | Annotated[list[Place], Field(min_length=1)]
 
@@ -50,8 +55,8 @@ class HeldBeamTable(BeamTable):
 class PortedModalTable(Table):
     """``[modal]`` with joints, the arguments of :class:`models.bodies.modal.ModalModel`."""
 
-    frequencies_hz: Annotated[list[NonNegative], Field(min_length=1)]
-    ports: dict[str, list[float]]
+    frequencies_hz: Annotated[list[FreeFrequency], Field(min_length=1, max_length=MOST_MODES)]
+    ports: dict[str, list[Shape]]
     flexibility: list[list[float]] | None = None
     damping_matrix: list[list[float]] | None = None
     reactions: dict[str, list[float]] = Field(default_factory=dict)
@@ -73,7 +78,7 @@ class MatrixTable(Table):
 class PlacedExcitationTable(Table):
     """``[excitation]`` of a rig with joints: its place, or its position on a beam."""
 
-    amplitude: Positive
+    amplitude: Force
     at: Place | None = None
     position: NonNegative | None = None
 
@@ -107,8 +112,8 @@ def joint_table(law: type) -> type[Table]:
     entries: dict[str, Any] = {"name": (ChannelName, ...), "at": (Places, ...), "to": (Places | None, None)}
     if law not in JOINT_LAWS.values():
         entries |= {
-            "normal_load": (NonNegative, ...),
-            "normal_stiffness": (Positive | None, None),
+            "normal_load": (Annotated[NonNegative, possible("normal_load")], ...),
+            "normal_stiffness": (Annotated[Positive, possible("N/m")] | None, None),
             "loaded_by": (str, ""),
         }
     return create_model(f"{law.__name__}JointTable", __base__=law_table(law), **entries)

@@ -15,24 +15,54 @@ from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
-from pydantic_core import ErrorDetails
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from hbm.errors import InputError
 from hbm.rigfiles.laws import accepted_laws, find_law
 from models import LAWS, Beam, Contact, Damping, Parameter, describe
 from models.friction import defaults
 from models.parts import Quantity
+from models.plausible import impossible, of_parameter
 
 Key = tuple[str | int, ...]
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
+
+
+def possible(quantity: str) -> AfterValidator:
+    """Refusal of a number that nothing real has, by :data:`models.plausible.RANGES`."""
+
+    def check(value: float) -> float:
+        if (accepted := impossible(quantity, value)) is not None:
+            raise PydanticCustomError("impossible", "{accepted}", {"accepted": accepted})
+        return value
+
+    return AfterValidator(check)
+
+
+Length = Annotated[Positive, possible("length")]
+Width = Annotated[Positive, possible("width")]
+Thickness = Annotated[Positive, possible("thickness")]
+Modulus = Annotated[Positive, possible("youngs_modulus")]
+Density = Annotated[Positive, possible("density")]
+Frequency = Annotated[Positive, possible("frequencies_hz")]
+Shape = Annotated[float, possible("shape")]
+Ratio = Annotated[NonNegative, possible("damping_ratio")]
+Alpha = Annotated[NonNegative, possible("mass_proportional")]
+Beta = Annotated[NonNegative, possible("stiffness_proportional")]
+Load = Annotated[Positive, possible("normal_load")]
+Radius = Annotated[NonNegative, possible("radius")]
+Force = Annotated[Positive, possible("amplitude")]
+
 # names become columns and cells of CSV files
 ChannelName = Annotated[str, Field(pattern=r'^[^\s\p{C},;"](?:[^\p{C}\p{Zl}\p{Zp},;"]*[^\s\p{C},;"])?$')]
 
 
 MOST_ENTRIES = 200
 """Elements of a law, of which each costs a state."""
+
+MOST_MODES = 1000
 
 
 class Table(BaseModel):
@@ -44,44 +74,44 @@ class Table(BaseModel):
 class BeamTable(Table):
     """``[beam]``, the arguments of :class:`models.Beam`."""
 
-    length: Positive
-    width: Positive
-    thickness: Positive
-    youngs_modulus: Positive
-    density: Positive
-    modes: Annotated[int, Field(ge=1, le=1000)] = Beam.modes
+    length: Length
+    width: Width
+    thickness: Thickness
+    youngs_modulus: Modulus
+    density: Density
+    modes: Annotated[int, Field(ge=1, le=MOST_MODES)] = Beam.modes
 
 
 class ModalTable(Table):
     """``[modal]``, the arguments of :class:`models.ModalBody`."""
 
-    frequencies_hz: Annotated[list[Positive], Field(min_length=1)]
-    shapes: list[list[float]]
-    contact_shape: list[float]
-    excitation_shape: list[float]
+    frequencies_hz: Annotated[list[Frequency], Field(min_length=1, max_length=MOST_MODES)]
+    shapes: list[list[Shape]]
+    contact_shape: list[Shape]
+    excitation_shape: list[Shape]
 
 
 class DampingTable(Table):
     """``[damping]``: mass_proportional or modal_ratios, and the high modes."""
 
-    mass_proportional: NonNegative | None = None
-    modal_ratios: Annotated[list[NonNegative], Field(min_length=1)] | None = None
-    stiffness_proportional: NonNegative = Damping.stiffness_proportional
-    high_mode_ratio: NonNegative = Damping.high_mode_ratio
+    mass_proportional: Alpha | None = None
+    modal_ratios: Annotated[list[Ratio], Field(min_length=1)] | None = None
+    stiffness_proportional: Beta = Damping.stiffness_proportional
+    high_mode_ratio: Ratio = Damping.high_mode_ratio
     high_mode_from: Annotated[int, Field(ge=1)] = Damping.high_mode_from
 
 
 class ContactTable(Table):
     """``[contact]`` of a modal rig."""
 
-    normal_load: Positive
+    normal_load: Load
     friction: dict[str, Any]  # checked against the law it names, see law_table
 
 
 class BeamContactTable(ContactTable):
     """``[contact]`` of a beam."""
 
-    radius: NonNegative
+    radius: Radius
     variable_normal_load: bool = bool(Contact.load_variation)
     residual_compliance: bool = Contact.residual_compliance
     foreshortening: bool = Contact.foreshortening
@@ -91,7 +121,7 @@ class BeamContactTable(ContactTable):
 class ExcitationTable(Table):
     """``[excitation]`` of a modal rig."""
 
-    amplitude: Positive
+    amplitude: Force
 
 
 class BeamExcitationTable(ExcitationTable):
@@ -144,15 +174,16 @@ def law_table(law: type) -> type[Table]:
     known, hints, optional = describe(law), get_type_hints(law), defaults(law)
     entries: dict[str, Any] = {"law": (str, ...)}
     for f in fields(law):
-        accepted = _number(known[f.name]) if f.name in known else _choice(hints[f.name])
+        accepted = _number(f.name, known[f.name]) if f.name in known else _choice(hints[f.name])
         default = optional.get(f.name, ...)
         entries[f.name] = (accepted, list(default) if isinstance(default, tuple) else default)
     return create_model(f"{law.__name__}Table", __base__=Table, **entries)
 
 
-def _number(p: Parameter) -> Any:
+def _number(name: str, p: Parameter) -> Any:
     bounds: dict[str, Any] = {"gt" if p.strict else "ge": p.lower, "le": p.upper}
-    return Annotated[float, Field(**{sign: bound for sign, bound in bounds.items() if isfinite(bound)})]
+    within = Field(**{sign: bound for sign, bound in bounds.items() if isfinite(bound)})
+    return Annotated[float, within, possible(of_parameter(name, p.unit))]
 
 
 def _choice(hint: Any) -> Any:

@@ -18,6 +18,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 import casadi as ca
 
 from models.bounds import bounded
+from models.plausible import of_parameter, plausible
 
 Described = TypeVar("Described")
 Value = Any  # a float or a CasADi expression: laws are written once for both
@@ -184,7 +185,9 @@ def check_parameters(law: FrictionLaw) -> None:
         With the number and its bounds.
     """
     for name, known in describe(type(law)).items():
-        bounded(f"{type(law).__name__}: {name}", getattr(law, name), known.lower, known.upper, known.strict)
+        where, value = f"{type(law).__name__}: {name}", getattr(law, name)
+        bounded(where, value, known.lower, known.upper, known.strict)
+        plausible(where, value, of_parameter(name, known.unit))
 
 
 class Checked:
