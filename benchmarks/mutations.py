@@ -41,8 +41,8 @@ MEMORY = 6 * 2**30
 ENDS = ("refused", "not solved", "accepted", "wrong", "traceback", "over time")
 INSIDE = re.compile(
     r"svd|singular|infs or nans|numerical result|division by zero|broadcast|out of bounds for|out of range|"
-    r"object has no|not supported between|unsupported operand|cannot convert|reshape|unpack|subscriptable|overflow|encountered in|"
-    r"casadi|nonetype|keyerror|positive.definite|input should|not contain",
+    r"object has no|not supported between|unsupported operand|cannot convert|reshape|unpack|subscriptable|overflow|"
+    r"encountered in|casadi|nonetype|keyerror|positive.definite|input should|not contain",
     re.IGNORECASE,
 )
 """Words of libraries that say nothing to a user."""
@@ -55,7 +55,7 @@ def of_rig(path: Path) -> dict[str, Any]:
     """What a rig gives, in numbers: modes, a steady state, a short curve, three periods from rest."""
     from hbm import linear_modes, load_rig, simulate, steady_state, trace_frequency
 
-    rig = load_rig(path)
+    rig = load_rig(path, allow_code=True)
     str(rig), repr(rig)
     modes = linear_modes(rig)
     first = float(next((f for f in modes.sliding_hz if f > 0.0), 1.0))

@@ -1,5 +1,6 @@
 """What a rig is made of: modes that are given, damping, contact, excitation, drift and channels."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -97,6 +98,15 @@ class Damping:
             bounded(f"Damping: modal_ratios[{i}]", ratio, 0.0)
             plausible(f"Damping: modal_ratios[{i}]", ratio, "damping_ratio")
         bounded("Damping: high_mode_from", self.high_mode_from, 1)
+
+    @property
+    def quantities(self) -> Iterator[tuple[str, str, Any]]:
+        """Key of the rig file, quantity of :mod:`models.plausible`, value."""
+        for name in ("mass_proportional", "stiffness_proportional"):
+            yield f"damping.{name}", name, getattr(self, name)
+        yield "damping.high_mode_ratio", "damping_ratio", self.high_mode_ratio
+        for i, ratio in enumerate(self.modal_ratios or (), start=1):
+            yield f"damping.modal_ratios[{i}]", "damping_ratio", ratio
 
     def dampers(self, omega_n: Array, numbers: Numbers) -> Dampers:
         """Damping of modes that count as modes `numbers` (n,) of the beam."""

@@ -6,7 +6,7 @@ What is not a plain number passes, as in :mod:`models.bounds`.
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from math import inf
@@ -95,8 +95,8 @@ RANGES: dict[str, Range] = {
 }
 """What is possible and what is usual, by the name of a quantity, or of a number of a law by its name or unit."""
 
-_collected: ContextVar[dict[str, None] | None] = ContextVar("collected", default=None)
-_said: set[tuple[str, str]] = set()
+_quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+_said: set[str] = set()
 
 
 def of_parameter(name: str, unit: str) -> str:
@@ -147,7 +147,7 @@ def doubt(quantity: str, value: Any) -> str | None:
 
 
 def plausible(where: str, value: Any, quantity: str) -> None:
-    """Refuse a number that nothing real has; warn of one that looks like another unit.
+    """Refuse a number that nothing real has.
 
     Parameters
     ----------
@@ -161,33 +161,49 @@ def plausible(where: str, value: Any, quantity: str) -> None:
     ------
     ValueError
         With the number, what is possible, and why.
+    """
+    if (accepted := impossible(quantity, value)) is not None:
+        raise ValueError(f"{where} = {float(value):g}; {accepted}")
+
+
+def doubts(numbers: Iterable[tuple[str, str, Any]]) -> dict[str, str]:
+    """What speaks against some numbers, by their keys.
+
+    Parameters
+    ----------
+    numbers : iterable of (str, str, float)
+        Key, such as ``beam.length``, quantity and value.
+
+    >>> doubts([("beam.length", "length", 800.0), ("contact.radius", "radius", 0.005)])
+    {'beam.length': 'beam.length = 800 m; usual are 0.001 to 100 m; is it meant in mm (0.8 m)?'}
+    """
+    found = ((key, doubt(quantity, value)) for key, quantity, value in numbers)
+    return {key: f"{key} {against}" for key, against in found if against is not None}
+
+
+def warn_of(numbers: Iterable[tuple[str, str, Any]]) -> None:
+    """Warn of numbers that look like another unit, of each key once a process: a search makes many rigs.
 
     Warns
     -----
     PlausibilityWarning
-        Once a process for each place, so that a search does not repeat it; or collected, see :func:`doubts`.
     """
-    if (accepted := impossible(quantity, value)) is not None:
-        raise ValueError(f"{where} = {float(value):g}; {accepted}")
-    if (against := doubt(quantity, value)) is None:
+    if _quiet.get() or parent_process() is not None:  # workers know the rig from their parent
         return
-    collected = _collected.get()
-    if collected is not None:
-        collected[f"{where} {against}"] = None
-    elif (where, quantity) not in _said and parent_process() is None:  # workers know the rig from their parent
-        _said.add((where, quantity))
-        warnings.warn(f"{where} {against}", PlausibilityWarning, stacklevel=4)
+    for key, said in doubts(numbers).items():
+        if key not in _said:
+            _said.add(key)
+            warnings.warn(said, PlausibilityWarning, stacklevel=1)  # no line of a caller is to blame for a number
 
 
 @contextmanager
-def doubts() -> Iterator[dict[str, None]]:
-    """Collect what would be warned of, each once, in order."""
-    collected: dict[str, None] = {}
-    token = _collected.set(collected)
+def quiet() -> Iterator[None]:
+    """Warn of nothing: whoever asks says it with the name of a file."""
+    token = _quiet.set(True)
     try:
-        yield collected
+        yield
     finally:
-        _collected.reset(token)
+        _quiet.reset(token)
 
 
 def _within(value: Any, bounds: tuple[float, float]) -> bool:

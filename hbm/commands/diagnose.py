@@ -10,6 +10,7 @@ import typer
 
 from hbm.commands.inverse import SpectraFile, load, record_numbers, working
 from hbm.commands.options import (
+    AllowCode,
     OutFolder,
     RigFile,
     check_out,
@@ -76,6 +77,7 @@ def diagnose(
             help="What the structure does differently from one mounting to the next, of its response.",
         ),
     ] = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """What the simulation gets wrong, its cause, the extended rig, and what it gains on records held out.
 
@@ -89,7 +91,7 @@ def diagnose(
     held = record_numbers(COMMAND, "--hold-out", hold_out)
     check_out(COMMAND, out, FILES)
     candidates, own = _causes(cause, causes_file)
-    loaded, measured = load(rig, spectra)
+    loaded, measured = load(rig, spectra, allow_code=allow_code)
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
     from hbm.diagnosis.diagnose import diagnose as search
@@ -240,7 +242,7 @@ def _deliver(result: "Diagnosed", rig: Path, out: Path, own: Mapping[type, str])
     from hbm.files.outputs import write_folder
 
     with working("drawing"):
-        contents = diagnosis_contents(result, rig, out, own)
+        contents = diagnosis_contents(result, rig, own)
     written = write_folder(out, contents, FILES)
     print_diagnosis(console(), result)
     print_written(written)

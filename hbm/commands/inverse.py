@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import Formulation, RigFile, check_out, console, named, print_written, quoted, whole
+from hbm.commands.options import (
+    AllowCode,
+    Formulation,
+    RigFile,
+    check_out,
+    console,
+    named,
+    print_written,
+    quoted,
+    whole,
+)
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,6 +53,7 @@ def inverse(
     sensors: Annotated[
         str | None, typer.Option(metavar="COUNT", help="With --design: how many; as many as measured where omitted.")
     ] = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Friction force, reaction, slip and slip velocity with uncertainty, from measured spectra.
 
@@ -61,7 +72,7 @@ def inverse(
         check_out(COMMAND, out, FILES)
     if formulation is not None:
         check_formulation(COMMAND, formulation)
-    loaded, measured = load(rig, spectra, numbers)
+    loaded, measured = load(rig, spectra, numbers, allow_code=allow_code)
     if design:
         _print_design(loaded, measured, count)
     if out is not None:
@@ -128,12 +139,12 @@ def check_formulation(command: str, name: str) -> None:
         raise InputError(f"{command}: --formulation = {quoted(name)}; must be one of {', '.join(FORMULATIONS)}")
 
 
-def load(rig: Path, spectra: Path, records: Sequence[int] = ()) -> tuple["Rig", "MeasuredSpectra"]:
+def load(rig: Path, spectra: Path, records: Sequence[int] = (), *, allow_code: bool) -> tuple["Rig", "MeasuredSpectra"]:
     """The rig and its spectra, of the records named or of all."""
     from hbm.measurement.spectrafile import load_spectra
     from hbm.rigfiles.load import load_contact_rig
 
-    loaded = load_contact_rig(rig, "this command")
+    loaded = load_contact_rig(rig, "this command", allow_code=allow_code or None)
     measured = load_spectra(spectra, loaded)
     return loaded, measured.select(records=records) if records else measured
 

@@ -15,46 +15,35 @@ from math import isfinite
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, create_model
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
+from pydantic_core import ErrorDetails
 
 from hbm.errors import InputError
-from hbm.rigfiles.laws import accepted_laws, find_law
+from hbm.rigfiles.laws import Consent, accepted_laws, find_law
+from hbm.rigfiles.quantities import (
+    Alpha,
+    Beta,
+    Density,
+    Force,
+    Frequency,
+    Length,
+    Load,
+    Modulus,
+    Positive,
+    Radius,
+    Ratio,
+    Shape,
+    Thickness,
+    Width,
+    possible,
+)
 from models import LAWS, Beam, Contact, Damping, Parameter, describe
 from models.friction import defaults
 from models.parts import Quantity
-from models.plausible import impossible, of_parameter
+from models.plausible import of_parameter
 
 Key = tuple[str | int, ...]
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
-
-
-def possible(quantity: str) -> AfterValidator:
-    """Refusal of a number that nothing real has, by :data:`models.plausible.RANGES`."""
-
-    def check(value: float) -> float:
-        if (accepted := impossible(quantity, value)) is not None:
-            raise PydanticCustomError("impossible", "{accepted}", {"accepted": accepted})
-        return value
-
-    return AfterValidator(check)
-
-
-Length = Annotated[Positive, possible("length")]
-Width = Annotated[Positive, possible("width")]
-Thickness = Annotated[Positive, possible("thickness")]
-Modulus = Annotated[Positive, possible("youngs_modulus")]
-Density = Annotated[Positive, possible("density")]
-Frequency = Annotated[Positive, possible("frequencies_hz")]
-Shape = Annotated[float, possible("shape")]
-Ratio = Annotated[NonNegative, possible("damping_ratio")]
-Alpha = Annotated[NonNegative, possible("mass_proportional")]
-Beta = Annotated[NonNegative, possible("stiffness_proportional")]
-Load = Annotated[Positive, possible("normal_load")]
-Radius = Annotated[NonNegative, possible("radius")]
-Force = Annotated[Positive, possible("amplitude")]
-
+PRINTABLE = r"^[^\p{C}\p{Zl}\p{Zp}]*$"
 # names become columns and cells of CSV files
 ChannelName = Annotated[str, Field(pattern=r'^[^\s\p{C},;"](?:[^\p{C}\p{Zl}\p{Zp},;"]*[^\s\p{C},;"])?$')]
 
@@ -226,16 +215,16 @@ def root_schema(table: dict[str, Any]) -> type[BeamRig] | type[ModalRig]:
     return ModalRig if "modal" in table and "beam" not in table else BeamRig
 
 
-def first_complaint(table: dict[str, Any], folder: Path) -> Complaint | None:
+def first_complaint(table: dict[str, Any], folder: Path, consent: Consent) -> Complaint | None:
     """First departure from the schema in the order of the file, a missing key at the end of its table.
 
-    `folder` is where the file of a law of one's own is looked for.
+    `folder` is where the file of a law of one's own is looked for, `consent` whether it may be run.
     """
     contact = table.get("contact")
     friction = contact.get("friction") if isinstance(contact, dict) else None
     complaints = [*complaints_of(root_schema(table), table, ())]
     if isinstance(friction, dict):
-        complaints += _of_friction(friction, folder)
+        complaints += _of_friction(friction, folder, consent)
     if "beam" not in table and "modal" not in table:  # what the other tables may hold depends on it
         complaints = [c for c in complaints if len(c.key) == 1]
     return min(complaints, key=lambda c: ranked(table, c.key), default=None)
@@ -265,7 +254,7 @@ def complaints_of(schema: type[Table], table: Mapping[str, Any], prefix: Key) ->
             yield _complaint(schema, error, prefix)
 
 
-def _of_friction(friction: dict[str, Any], folder: Path) -> Iterator[Complaint]:
+def _of_friction(friction: dict[str, Any], folder: Path, consent: Consent) -> Iterator[Complaint]:
     key, name = ("contact", "friction", "law"), friction.get("law")
     if "law" not in friction:
         yield Complaint(key, "is missing", f"must be {accepted_laws()}")
@@ -273,7 +262,7 @@ def _of_friction(friction: dict[str, Any], folder: Path) -> Iterator[Complaint]:
         yield Complaint(key, found(name), f"must be {accepted_laws()}")
     else:
         try:
-            law = find_law(name, folder)
+            law = find_law(name, folder, consent)
         except InputError as refused:
             yield Complaint(key, found(name), str(refused))
         else:
@@ -336,6 +325,10 @@ def _accepted(schema: type[Table], error: ErrorDetails) -> str:
     kind, context = error["type"], error.get("ctx", {})
     if kind == "list_type" and isinstance(error["input"], dict):
         return f"must be an array of tables, [[{error['loc'][-1]}]]"
+    if kind == "string_pattern_mismatch":
+        if context["pattern"] == PRINTABLE:
+            return "must be a name without control characters"
+        return "must be a name without , ; quotes, control characters or surrounding blanks"
     if kind == "literal_error":
         return one_of(re.findall("'([^']*)'", context["expected"]))
     if kind in _BOUNDS and (bounds := _bounds(schema, error["loc"])):
@@ -368,7 +361,6 @@ _WORDS = {
     "less_than_equal": "must be <= {le:g}",
     "too_short": "must have at least one entry",
     "too_long": "must have at most {max_length} entries",
-    "string_pattern_mismatch": "must be a name without , ; quotes, control characters or surrounding blanks",
 }
 
 

@@ -12,6 +12,7 @@ solve them itself, in closed form (:func:`models.friction.elements.limits`); or 
 (:mod:`hbm.aft.step`).
 """
 
+from collections.abc import Iterator
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
@@ -188,6 +189,12 @@ def check_parameters(law: FrictionLaw) -> None:
         where, value = f"{type(law).__name__}: {name}", getattr(law, name)
         bounded(where, value, known.lower, known.upper, known.strict)
         plausible(where, value, of_parameter(name, known.unit))
+
+
+def quantities_of(law: object, table: str) -> Iterator[tuple[str, str, Any]]:
+    """Key of the rig file, quantity of :mod:`models.plausible`, and value of each parameter of a law."""
+    for name, known in describe(type(law)).items():
+        yield f"{table}.{name}", of_parameter(name, known.unit), getattr(law, name)
 
 
 class Checked:
