@@ -71,6 +71,14 @@ RANGES: dict[str, Range] = {
     # forces
     "normal_load": Range("N", (1e-18, 1e12), (0.0, 1e8), "single bonds carry 1e-12 N, the largest presses 1e9", ()),
     "amplitude": Range("N", (1e-18, 1e12), (0.0, 1e8), "single bonds carry 1e-12 N, the largest presses 1e9", ()),
+    # what is measured, of channels by their quantity
+    "level": Range("N", (1e-18, 1e12), ANY, "single bonds carry 1e-12 N, the largest presses 1e9"),
+    "force": Range("N", (0.0, 1e12), ANY, "the largest presses have 1e9 N"),
+    "acceleration": Range("m/s2", (0.0, 1e15), ANY, "particles in a collider have more, no structure"),
+    "velocity": Range("m/s", (0.0, 3e8), ANY, "faster than light"),
+    "displacement": Range("m", (0.0, 1e5), ANY, "no structure is longer than 100 km"),
+    "reading": Range("in any unit", (0.0, 1e30), ANY, "no sensor reads more"),
+    "time": Range("s", (0.0, 1e10), ANY, "300 years"),
     # numbers of laws and causes by name, then by unit
     "mu": Range("1", (1e-12, 1e6), (1e-4, 10.0), "superlubricity has 1e-5, rubber on rubber 4"),
     "critical_slip": Range("m", (1e-18, 1e5), (0.0, 0.01), "less than a nucleus, or longer than a bridge", MM_OR_UM),

@@ -10,7 +10,6 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -40,6 +39,7 @@ from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.outputs import columns_text, json_text
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.rigfiles.extensions import Extension
+from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.load import rig_from_dict
 from hbm.rigfiles.write import extended_rig_text
 from hbm.version import installed_version
@@ -195,6 +195,7 @@ def _extended_rig(diagnosis: Diagnosis, nominal: Path, named: Mapping[type, str]
     """The extended rig file, read back as a check, and copies of the Python files it names: they must be beside it."""
     text = extended_rig_text(nominal.read_text(encoding="utf-8-sig"), extensions_of(diagnosis, named))
     table = tomllib.loads(text)
+    rig_from_dict(table, str(nominal), Consent.NAMED)
     contents: dict[str, str | bytes] = {}
     for name in dict.fromkeys(
         [table["contact"]["friction"]["law"], *(e["cause"] for e in table.get("extensions", ()))]
@@ -205,10 +206,6 @@ def _extended_rig(diagnosis: Diagnosis, nominal: Path, named: Mapping[type, str]
             contents[copy] = (nominal.parent / file).read_bytes()
             text = text.replace(name, f"{copy}:{kind}")
     contents[EXTENDED_FILE] = text
-    with TemporaryDirectory() as beside:
-        for name, content in contents.items():
-            (Path(beside) / name).write_bytes(content.encode() if isinstance(content, str) else content)
-        rig_from_dict(tomllib.loads(text), str(Path(beside) / EXTENDED_FILE), allow_code=True)
     return contents
 
 

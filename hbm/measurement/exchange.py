@@ -18,7 +18,7 @@ from hbm.fourier import Array
 from hbm.labelled import Variables, dataset
 from hbm.measurement.recording import Recording
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.textfiles import StrPath, write_together
+from hbm.textfiles import StrPath, damage, write_together
 
 PARTS = ("cos", "sin")
 UFF_TYPES = {"N": 13, "m/s2": 12, "m/s": 11, "m": 8}
@@ -77,7 +77,7 @@ def netcdf_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
         with xarray.open_dataset(path, engine="h5netcdf") as found:
             variables = {name: found[name].values for name in found.variables}
     except Exception as refused:  # the libraries let through whatever HDF5 raises
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be NetCDF-4") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be NetCDF-4") from None
     yield from _rows(str(path), variables)
 
 
@@ -88,7 +88,7 @@ def mat_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     try:
         variables = loadmat(path, simplify_cells=False)
     except Exception as refused:  # SciPy lets through whatever a damaged file makes it do
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a MAT file (v5)") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v5)") from None
     yield from _rows(str(path), variables)
 
 

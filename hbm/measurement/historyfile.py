@@ -29,7 +29,7 @@ from hbm.errors import InputError
 from hbm.extras import extra
 from hbm.fourier import Array
 from hbm.measurement.recording import Recording, recording, renamed
-from hbm.textfiles import StrPath, why
+from hbm.textfiles import StrPath, damage, why
 
 TIMES = ("time_s", "time", "t")
 KIND = "a time history"
@@ -138,7 +138,7 @@ def _mat(path: Path) -> Found:
     try:
         content = reader.read_mat(path)
     except Exception as refused:  # pymatreader lets through whatever SciPy and h5py raise
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a MAT file (v5 or v7.3)") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v5 or v7.3)") from None
     units = content.get("units")
     numbers = {name: values for name, values in content.items() if not name.startswith("__") and _numeric(values)}
     vectors = {name: np.squeeze(values) for name, values in numbers.items() if np.size(values) > 1}
@@ -169,7 +169,7 @@ def _uff(path: Path) -> Found:
     try:
         sets = reader.UFF(str(path)).read_sets()
     except Exception as refused:  # pyuff raises bare exceptions
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a UFF file") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a UFF file") from None
     sets = sets if isinstance(sets, list) else [sets]
     responses = [s for s in sets if s.get("type") == 58 and s.get("func_type") == 1]
     if not responses:
@@ -237,7 +237,7 @@ def _tdms(path: Path) -> Found:
             groups = reader.TdmsFile.read(stream).groups()
         found = [(c.group_name, c.name, c[:], dict(c.properties)) for group in groups for c in group.channels()]
     except Exception as refused:  # nptdms lets through whatever struct and NumPy raise
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a TDMS file") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a TDMS file") from None
     if not found:
         raise InputError(f"{path}: no channels; must have at least one")
     alone = [name for _, name, _, _ in found]

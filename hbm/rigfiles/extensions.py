@@ -151,11 +151,21 @@ def _value(unknown: Unknown, table: Mapping[str, Any], i: int) -> float:
     value = table[unknown.name]
     if isinstance(value, bool) or not isinstance(value, int | float):
         _refuse(i, unknown.name, found(value), "must be a number")
+    if isinstance(value, int):
+        value = _real(value)
     if not (math.isfinite(value) and unknown.lower <= value <= unknown.upper):
         _refuse(i, unknown.name, found(value), bounds if math.isfinite(value) else "must be finite")
     if (accepted := impossible(of_parameter(unknown.name, unknown.unit), value)) is not None:
         _refuse(i, unknown.name, found(value), accepted)
     return float(value)
+
+
+def _real(whole: int) -> float:
+    """A whole number of any length as a real one, infinite beyond the largest."""
+    try:
+        return float(whole)
+    except OverflowError:
+        return math.copysign(math.inf, whole)
 
 
 def _check_law(rig: Rig, i: int) -> None:

@@ -117,7 +117,7 @@ def joint_table(law: type) -> type[Table]:
     return create_model(f"{law.__name__}JointTable", __base__=law_table(law), **entries)
 
 
-def jointed_rig(table: Mapping[str, Any], source: str, allow_code: bool | None = None) -> JointedRig:
+def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consent.NONE) -> JointedRig:
     """Make a rig with joints of the tables of a rig file.
 
     Parameters
@@ -126,15 +126,15 @@ def jointed_rig(table: Mapping[str, Any], source: str, allow_code: bool | None =
         What :func:`tomllib.load` returns for a rig file.
     source : str
         Name of the file, for messages; files that it names are looked for beside it.
-    allow_code : bool, optional
-        As :func:`hbm.rigfiles.load.load_rig`.
+    consent : Consent
+        Which Python files that it names may be run.
 
     Raises
     ------
     InputError
         If something in the tables, or in a file that they name, is not accepted.
     """
-    folder, consent = Path(source).parent, Consent.of_data(allow_code)
+    folder = Path(source).parent
     complaint = min(_complaints(table, folder, consent), key=lambda c: ranked(table, c.key), default=None)
     if complaint is not None:
         raise InputError(f"{source}: {complaint}")

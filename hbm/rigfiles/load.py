@@ -72,7 +72,7 @@ def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> An
     table = _parse(_read(Path(path), source), source)
     make = jointed_rig if "joints" in table or "matrix" in table else rig_from_dict
     with quiet():
-        rig = make(table, source, allow_code)
+        rig = make(table, source, Consent.of_data(allow_code))
     for said in doubts(rig.quantities).values():
         warnings.warn(f"{source}: {said}", PlausibilityWarning, stacklevel=2)
     return rig
@@ -92,7 +92,7 @@ def load_contact_rig(path: str | PathLike[str], where: str, *, allow_code: bool 
     return rig
 
 
-def rig_from_dict(table: Mapping[str, Any], source: str, allow_code: bool | None = None) -> Rig:
+def rig_from_dict(table: Mapping[str, Any], source: str, consent: Consent = Consent.NONE) -> Rig:
     """Make a rig of the tables of a rig file.
 
     Parameters
@@ -101,8 +101,8 @@ def rig_from_dict(table: Mapping[str, Any], source: str, allow_code: bool | None
         What :func:`tomllib.load` returns for a rig file.
     source : str
         Name of the file, for messages; the file of a law of one's own is looked for beside it.
-    allow_code : bool, optional
-        As :func:`load_rig`.
+    consent : Consent
+        Which Python files that it names may be run.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def rig_from_dict(table: Mapping[str, Any], source: str, allow_code: bool | None
     table = dict(table)
     if not table:
         raise InputError(f"{source}: is empty; must have name, beam or modal, damping, contact, excitation")
-    folder, consent = Path(source).parent, Consent.of_data(allow_code)
+    folder = Path(source).parent
     if complaint := first_complaint(table, folder, consent):
         raise InputError(f"{source}: {complaint}")
     file = root_schema(table).model_validate(table)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hbm.rigfiles.extensions import Extension
+from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.load import rig_from_dict
 from hbm.textfiles import StrPath
 
@@ -68,6 +69,6 @@ def write_extended_rig(
         As :func:`extended_rig_text`.
     """
     text = extended_rig_text(Path(nominal).read_text(encoding="utf-8-sig"), extensions)
-    rig_from_dict(tomllib.loads(text), str(path), allow_code)
+    rig_from_dict(tomllib.loads(text), str(path), Consent.of_data(allow_code))
     Path(path).write_text(text, encoding="utf-8")
     return Path(path)
