@@ -354,13 +354,29 @@ CSV: TextChanges = (
 )
 
 
+@cache
+def _packed(file: Path, ending: str) -> bytes:
+    """A spectra file in another format."""
+    from hbm.measurement.exchange import mat_bytes, netcdf_bytes
+    from hbm.measurement.spectrafile import load_spectra
+    from hbm.rigfiles.load import load_rig
+
+    read = load_spectra(file, load_rig(file.with_name("rig.toml")))
+    return (mat_bytes if ending == ".mat" else netcdf_bytes)(file.name, read, {})
+
+
 def spectra(seed: int, count: int) -> Iterator[Mutant]:
     """Damaged spectra files, each to be read with the ``rig.toml`` beside its twin."""
     folders = [*ROOT.glob("examples/*/"), *SHARED.glob("*/")]
     files = sorted(folder / "spectra.csv" for folder in folders if (folder / "spectra.csv").exists())
     for i in range(count):
         rng = random.Random(f"spectra {seed} {i}")
-        yield _mutant("spectra", rng.choice(files), rng, (*CSV, rows_kept, rows_kept), comments=False)
+        file = rng.choice(files)
+        if rng.random() < 0.15:
+            ending = rng.choice((".mat", ".nc"))
+            yield Mutant("spectra", str(file), *rng.choice(BYTES)(_packed(file, ending), rng), ending)
+        else:
+            yield _mutant("spectra", file, rng, (*CSV, rows_kept, rows_kept), comments=False)
 
 
 # --------------------------------------------------------------------------------------------------------- histories

@@ -14,12 +14,13 @@ process does it on one core, with a limit of time and memory; it is replaced whe
 """
 
 import argparse
-import contextlib
-import io
+import gc
 import multiprocessing
+import os
 import re
 import resource
 import shutil
+import sys
 import tempfile
 import time
 import traceback
@@ -122,7 +123,7 @@ def end_of(mutant: Mutant, folder: Path, twins: dict[str, Any]) -> tuple[str, st
     path = folder / f"mutant{mutant.ending}"
     path.write_bytes(mutant.content)
     try:
-        with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
+        with warnings.catch_warnings():
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", PlausibilityWarning)
             found = computed(mutant, path)
@@ -176,10 +177,19 @@ def work(pipe: Connection) -> None:
     """Judge mutants that come through a pipe, one after the other."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     twins: dict[str, Any] = {}
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as said:
+        os.dup2(said.fileno(), 2)  # whatever a library prints
         shutil.copy(ROOT / "examples" / "bouc_wen.py", folder)  # one of the rigs names it
         while (mutant := pipe.recv()) is not None:
-            pipe.send(end_of(mutant, Path(folder), twins))
+            end = end_of(mutant, Path(folder), twins)
+            gc.collect()
+            sys.stderr.flush()
+            if said.tell():
+                said.seek(0)
+                end = "traceback", f"printed: {said.read().decode(errors='replace')}"
+                said.seek(0)
+                said.truncate()
+            pipe.send(end)
 
 
 class Worker:

@@ -5,9 +5,12 @@ appears complete or not at all (:func:`hbm.textfiles.write_together`).
 """
 
 import io
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from traceback import clear_frames
 from typing import Any
 
 import numpy as np
@@ -74,11 +77,24 @@ def netcdf_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     try:
         with extra("h5py", str(path)).File(path):  # h5netcdf complains on stderr of what is not HDF5
             pass
-        with xarray.open_dataset(path, engine="h5netcdf") as found:
+        with _quiet_end(), xarray.open_dataset(path, engine="h5netcdf") as found:
             variables = {name: found[name].values for name in found.variables}
     except Exception as refused:  # the libraries let through whatever HDF5 raises
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be NetCDF-4") from None
     yield from _rows(str(path), variables)
+
+
+@contextmanager
+def _quiet_end() -> Iterator[None]:
+    """Let what h5netcdf opened half, of a damaged file, end here and silently."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        yield
+    except Exception as refused:
+        clear_frames(refused.__traceback__)
+        raise
+    finally:
+        sys.unraisablehook = hook
 
 
 def mat_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:

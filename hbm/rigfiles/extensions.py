@@ -165,7 +165,7 @@ def _real(whole: int) -> float:
     try:
         return float(whole)
     except OverflowError:
-        return math.copysign(math.inf, whole)
+        return math.inf if whole > 0 else -math.inf
 
 
 def _check_law(rig: Rig, i: int) -> None:
