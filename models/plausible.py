@@ -171,7 +171,7 @@ def plausible(where: str, value: Any, quantity: str) -> None:
         With the number, what is possible, and why.
     """
     if (accepted := impossible(quantity, value)) is not None:
-        raise ValueError(f"{where} = {float(value):g}; {accepted}")
+        raise ValueError(f"{where} = {float(value)!r}; {accepted}")
 
 
 def doubts(numbers: Iterable[tuple[str, str, Any]]) -> dict[str, str]:

@@ -183,11 +183,11 @@ def _refuse_impossible(row: Row, quantity: str) -> None:
     for name, (column, range_of) in zip(("level", "hz", "cos", "sin", "std"), checked.items(), strict=True):
         value = getattr(row, name)
         if (accepted := impossible(range_of, value)) is not None:
-            raise InputError(f"{row.where}: {column} = {value:g}; {accepted}")
+            raise InputError(f"{row.where}: {column} = {value!r}; {accepted}")
     least = max(SMALLEST_STD, RESOLVED * math.hypot(row.cos, row.sin))
     if row.std < least:
         raise InputError(
-            f"{row.where}: std = {row.std:g}; must be >= {least:.3g} beside cos = {row.cos:g}, sin = {row.sin:g}, "
+            f"{row.where}: std = {row.std!r}; must be >= {least:.3g} beside cos = {row.cos:g}, sin = {row.sin:g}, "
             f"what their digits resolve; {HOW_STD}"
         )
 
