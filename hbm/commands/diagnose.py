@@ -10,6 +10,7 @@ import typer
 
 from hbm.commands.inverse import SpectraFile, load, record_numbers, working
 from hbm.commands.options import (
+    UNSOLVABLE,
     AllowCode,
     OutFolder,
     RigFile,
@@ -206,7 +207,9 @@ def _failing(source: str) -> Iterator[None]:
 
     try:
         yield
-    except (LinAlgError, ConvergenceError) as failed:
+    except LinAlgError:
+        raise ArithmeticError(f"{COMMAND}: {source}: {UNSOLVABLE}; nothing written") from None
+    except ConvergenceError as failed:
         raise ArithmeticError(f"{COMMAND}: {source}: {failed}; nothing written") from None
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hbm.commands.options import (
+    UNSOLVABLE,
     AllowCode,
     Formulation,
     RigFile,
@@ -160,8 +161,8 @@ def reconstructed(command: str, rig: "Rig", spectra: "MeasuredSpectra", formulat
             if formulation is None:
                 return reconstruct(rig, spectra)
             return reconstruct(rig, spectra, formulation=formulation)
-    except LinAlgError as failed:
-        raise ArithmeticError(f"{command}: {spectra.source}: {failed}") from None
+    except LinAlgError:
+        raise ArithmeticError(f"{command}: {spectra.source}: {UNSOLVABLE}") from None
 
 
 @contextmanager

@@ -17,6 +17,9 @@ from hbm.errors import InputError, visible
 FIGURES = (".png", ".pdf", ".svg")
 LARGEST_H = 200
 
+UNSOLVABLE = "no finite solution with these numbers; look for readings, or standard deviations, far from the others"
+"""What is said where linear algebra gives up, in place of a library's words."""
+
 RigFile = Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML).", show_default=False)]
 
 

@@ -236,7 +236,7 @@ def write_recording(path: StrPath, recorded: Recording) -> None:
 
 
 def _uff_header(where: str, name: str, j: int, unit: str, state: str) -> dict[str, Any]:
-    if not name.isascii() or len(name) > UFF_NAME:
+    if not (name.isascii() and name.isprintable()) or len(name) > UFF_NAME:
         raise InputError(f'{where}: channel "{name}"; must be ASCII of at most {UFF_NAME} characters in UFF58')
     return {
         **{"type": 58, "binary": 0, "func_type": 0, "id4": state, "load_case_id": 0},

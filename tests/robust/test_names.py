@@ -1,17 +1,22 @@
 """Names from files are shown as they are: on the terminal, on pages, in figures and in messages."""
 
+import io
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from hbm.cli import app
+from hbm.commands.progress import Work
 from hbm.errors import InputError
 from hbm.figures import plot_curves
 from hbm.figures.page import Page, Section, Table, page_html
+from hbm.measurement.exchange import write_recording
 from hbm.measurement.historyfile import load_history
+from hbm.measurement.recording import recording
 from hbm.response.trace import trace_frequency
 from hbm.rigfiles.load import load_rig
 
@@ -81,6 +86,19 @@ def test_a_message_is_one_visible_line(tmp_path: Path) -> None:
     assert r"channels[2].name = " in str(refused.value)
     stderr = run("modes", path).stderr
     assert stderr.rstrip("\n").isprintable() and stderr.count("\n") == 1
+
+
+def test_progress_takes_no_name_for_markup() -> None:
+    work, shown = Work(), io.StringIO()
+    work.show("trying [/nope]", 0.5)
+    Console(file=shown, width=100).print(work.bar.get_renderable())
+    assert "trying [/nope]" in shown.getvalue()
+
+
+def test_a_uff_file_takes_no_name_that_breaks_its_lines(tmp_path: Path) -> None:
+    recorded = recording("source", np.arange(10) / 10.0, {"a\nb": np.arange(10.0)})
+    with pytest.raises(InputError, match=r'channel "a\\nb"; must be ASCII'):
+        write_recording(tmp_path / "a.uff", recorded)
 
 
 def test_channels_of_a_history_are_shown_as_they_are(tmp_path: Path) -> None:
