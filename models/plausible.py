@@ -82,6 +82,7 @@ RANGES: dict[str, Range] = {
     # numbers of laws and causes by name, then by unit
     "mu": Range("1", (1e-12, 1e6), (1e-4, 10.0), "superlubricity has 1e-5, rubber on rubber 4"),
     "critical_slip": Range("m", (1e-18, 1e5), (0.0, 0.01), "less than a nucleus, or longer than a bridge", MM_OR_UM),
+    "exponent": Range("1", (1e-3, 100.0), (0.05, 20.0), "a step in all but name, which has no derivative"),
     "1": Range("1", (0.0, 1e9), ANY, "a pure number"),
     "m": Range("m", (0.0, 1e5), ANY, "no structure is longer than 100 km"),
     "m/s": Range("m/s", (1e-18, 3e8), (0.0, 1e3), "less than a nucleus a second, or faster than light"),

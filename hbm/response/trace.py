@@ -134,7 +134,7 @@ def first_solution(problem: AnyBalance, lam: float) -> Array:
     """
     for way in (_from_rest, _by_harmonics, partial(_by_force, H=FEW), _by_force, _from_afar):
         x = way(problem, lam)
-        if x is not None:
+        if x is not None and np.isfinite(problem.residual(x, lam)).all():  # a law may have no numbers from its rest
             return x
     where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
     raise ConvergenceError(

@@ -3,14 +3,18 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from continuation import ConvergenceError
 from hbm.cli import app
 from hbm.errors import InputError
+from hbm.response.trace import steady_state
 from hbm.rigfiles.load import load_rig
+from models.plausible import RANGES
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "paper_beam_bouc_wen.toml"
@@ -129,3 +133,13 @@ def test_the_command_and_its_workers_import_nothing_from_the_working_folder(tmp_
     )
     assert (done.stdout, done.returncode) == ("3\n", 0), done.stderr
     assert not list(tmp_path.glob("*.ran"))
+
+
+@pytest.mark.slow
+def test_a_law_that_runs_out_of_numbers_ends_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Powers of 1000 underflow: what one history of the contact gives as numbers, another does not."""
+    monkeypatch.delitem(RANGES, "exponent")  # which refuses it
+    rig = load_rig(EXAMPLE, allow_code=True)
+    law = replace(rig.contact.law, exponent=1000.0)
+    with pytest.raises(ConvergenceError, match=r"first solution: none at 44\.493 Hz"):
+        steady_state(replace(rig, contact=replace(rig.contact, law=law)), 44.493, harmonics=5)

@@ -37,6 +37,7 @@ def rig_file(folder: Path, old: str, new: str) -> Path:
         ("thickness = 0.00478", "thickness = 1e-12", "beam.thickness = 1e-12; must be between 1e-10 and"),
         ("radius = 0.005", "radius = 1e10", "contact.radius = 10000000000.0; must be between 1e-10 and"),
         ("mu = 0.52", "mu = 1e300", "contact.friction.mu = 1e+300; must be between 1e-12 and 1e+06: superlubricity"),
+        ('law = "coulomb-penalty"', 'law = "stribeck"\nexponent = 1000', "contact.friction.exponent = 1000"),
         ("amplitude = 6.5", "amplitude = 1e-320", "excitation.amplitude = 1e-320; must be between 1e-18 and"),
     ],
 )
