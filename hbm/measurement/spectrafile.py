@@ -25,8 +25,8 @@ READ = (".csv", ".nc", ".mat")
 WRITTEN = (*READ, ".uff")
 LARGEST_HARMONIC = 1000
 
-SMALLEST_STD, RESOLVED = 1e-30, 1e-15
-"""Least standard deviation, in any unit and of a coefficient: a number has 16 digits."""
+SMALLEST_STD, RESOLVED = 1e-30, 1e-20
+"""Least standard deviation, in any unit and of a coefficient: a reading has 16 digits, a mean of 1e8 of them 20."""
 
 WHOLE = re.compile(r"[+-]?[0-9]{1,15}")
 HOW_STD = "estimate it from the time history with hbm spectra"
@@ -188,7 +188,7 @@ def _refuse_impossible(row: Row, quantity: str) -> None:
     if row.std < least:
         raise InputError(
             f"{row.where}: std = {row.std!r}; must be >= {least:.3g} beside cos = {row.cos:g}, sin = {row.sin:g}, "
-            f"what their digits resolve; {HOW_STD}"
+            f"what a mean of readings resolves; {HOW_STD}"
         )
 
 

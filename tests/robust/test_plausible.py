@@ -118,8 +118,8 @@ def test_the_usual_is_possible_and_each_range_says_why(quantity: str) -> None:
         (2, 5, "1e308", "cos = 1e+308; must be of magnitude <= 1e+15 m/s2: particles"),
         (1, 1, "1e-320", "level = 1e-320; must be between 1e-18 and 1e+12 N"),
         (1, 2, "1e300", "frequency_hz = 1e+300; must be between 1e-09 and 1e+13 Hz"),
-        (2, 7, "1e-300", "std = 1e-300; must be >= 6.34e-15 beside cos"),
-        (2, 7, "1e-320", "std = 1e-320; must be >= 6.34e-15 beside cos"),
+        (2, 7, "1e-300", "std = 1e-300; must be >= 6.34e-20 beside cos"),
+        (2, 7, "1e-320", "std = 1e-320; must be >= 6.34e-20 beside cos"),
     ],
 )
 def test_what_no_measurement_gives_is_refused(line, column, entry, said, tmp_path) -> None:
