@@ -22,6 +22,7 @@ from hbm.commands.follow import follow
 from hbm.commands.identify import identify
 from hbm.commands.inverse import inverse
 from hbm.commands.options import (
+    AllowCode,
     Harmonics,
     Plot,
     RigFile,
@@ -34,6 +35,7 @@ from hbm.commands.options import (
     quoted,
     say,
     spreading,
+    warnings_in_one_line,
 )
 from hbm.commands.spectra import spectra
 from hbm.commands.stability import Stability, judged
@@ -69,6 +71,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without µ is no reason to fail
+    os.environ.setdefault("PYTHONSAFEPATH", "1")  # else workers import what lies in the working folder by accident
     os.environ.setdefault("MPLBACKEND", "agg")  # figures go to files; no window is opened for them
     app(prog_name="hbm")
 
@@ -76,7 +79,8 @@ def main() -> None:
 def _status(run: Callable[[], Any]) -> int:
     """Exit status of a run; what went wrong goes to stderr."""
     try:
-        status = int(run() or 0)
+        with warnings_in_one_line():
+            status = int(run() or 0)
     except InputError as refused:
         return say(str(refused), 2)
     except (ArithmeticError, MemoryError) as failed:
@@ -118,7 +122,7 @@ def hbm(
 
 
 @app.command()
-def modes(rig: RigFile) -> None:
+def modes(rig: RigFile, allow_code: AllowCode = False) -> None:
     """Natural frequencies, sliding and stuck, damping, and the residual compliance.
 
     Example:  hbm modes examples/paper_beam.toml
@@ -127,7 +131,7 @@ def modes(rig: RigFile) -> None:
     from hbm.modes.linear import linear_modes
     from hbm.rigfiles.load import load_rig
 
-    loaded = load_rig(rig)
+    loaded = load_rig(rig, allow_code=allow_code or None)
     print_modes(console(), loaded, linear_modes(loaded))
 
 
@@ -201,6 +205,7 @@ def frf(
     ] = None,
     plot: Plot = None,
     stability: Stability = True,
+    allow_code: AllowCode = False,
 ) -> None:
     """Frequency response curves, each with its numerical error, its stability and its bifurcations.
 
@@ -214,7 +219,11 @@ def frf(
 
     check_outputs("frf", out, plot)
     hz, levels, H = _range(begin, end), _levels(level), harmonics_or_auto("frf", harmonics)
-    loaded: AnyRig = load_rig(rig) if law is None else load_contact_rig(rig, "frf --law")
+    loaded: AnyRig = (
+        load_rig(rig, allow_code=allow_code or None)
+        if law is None
+        else load_contact_rig(rig, "frf --law", allow_code=allow_code or None)
+    )
     if isinstance(loaded, Rig) and law is not None:
         with named("frf"):
             choice = choose_law(loaded, law)
@@ -242,6 +251,7 @@ def simulate(
     contact: Annotated[
         bool, typer.Option("--contact", help="Also write drive, slip, slip_velocity, friction and normal to --out.")
     ] = False,
+    allow_code: AllowCode = False,
 ) -> None:
     """Time integration from rest.
 
@@ -253,7 +263,7 @@ def simulate(
     _check_duration(hz, seconds)
     from hbm.rigfiles.load import load_rig
 
-    deliver_history(_march(load_rig(rig), hz, seconds), out, plot, contact=contact)
+    deliver_history(_march(load_rig(rig, allow_code=allow_code or None), hz, seconds), out, plot, contact=contact)
 
 
 app.command(cls=spreading("--level"))(backbone)

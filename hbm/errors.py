@@ -1,11 +1,28 @@
 """The error a user can cause."""
 
 
+def visible(text: str) -> str:
+    r"""Text as one line of characters that are seen: whatever else is in it, by its escape.
+
+    A name from a file can hold what clears a terminal or turns the direction of writing.
+
+    >>> visible("a\x1b[31m\nb\u202e")
+    'a\\x1b[31m\\nb\\u202e'
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 class InputError(ValueError):
     """A file, key or option that cannot be accepted; exit status 2.
 
-    The message is one line: ``<where>: <what was found>; <what is accepted>[; <what to try>]``.
+    The message is one line: ``<where>: <what was found>; <what is accepted>[; <what to try>]``. Control characters of
+    names in it are made visible.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(visible(message))
 
 
 def expect_rig(rig: object, where: str, *, joints: bool = False) -> None:

@@ -121,3 +121,8 @@ def _umask() -> int:
 def why(refused: Exception) -> str:
     """Why a file was not read or written, in the words of the system."""
     return (getattr(refused, "strerror", None) or str(refused)).lower()
+
+
+def damage(refused: Exception) -> str:
+    """Why a library could not read a file: the system's words, else none of the library's inside."""
+    return why(refused) if isinstance(refused, OSError) and refused.strerror else "damaged, or of another format"

@@ -1,5 +1,6 @@
 """Clamped-pinned Euler-Bernoulli beam: natural modes in closed form."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
@@ -7,7 +8,10 @@ from typing import Any
 import numpy as np
 
 from models.bounds import bounded
+from models.plausible import plausible
 from models.structure import Array
+
+MEASURES = ("length", "width", "thickness", "youngs_modulus", "density")
 
 
 def wavenumbers(modes: int) -> Array:
@@ -110,8 +114,9 @@ class Beam:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no beam has."""
-        for name in ("length", "width", "thickness", "youngs_modulus", "density"):
+        for name in MEASURES:
             bounded(f"Beam: {name}", getattr(self, name), 0.0, strict=True)
+            plausible(f"Beam: {name}", getattr(self, name), name)
         bounded("Beam: modes", self.modes, 1)
 
     def __str__(self) -> str:
@@ -121,6 +126,11 @@ class Beam:
             f"beam {measures} mm, E {1e-9 * self.youngs_modulus:g} GPa, density {self.density:g} kg/m3, "
             f"{self.modes} modes from {self.natural_frequencies()[0] / (2 * np.pi):.6g} Hz"
         )
+
+    @property
+    def quantities(self) -> Iterator[tuple[str, str, Any]]:
+        """Key of the rig file, quantity of :mod:`models.plausible`, value."""
+        return ((f"beam.{name}", name, getattr(self, name)) for name in MEASURES)
 
     @property
     def area(self) -> float:

@@ -1,6 +1,7 @@
 """A body with any number of joints: everything a simulation of it needs."""
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -12,6 +13,7 @@ from models.joints.joint import Joint, terms
 from models.joints.law import numbers, with_numbers
 from models.joints.rubbing import Friction
 from models.parts import Channel, Damping, Excitation
+from models.plausible import warn_of
 from models.rig import Rig
 from models.structure import Array
 
@@ -116,6 +118,14 @@ class JointedRig:
             self.ported  # noqa: B018  # a place that is none is refused here
         except ValueError as refused:
             raise ValueError(f"{self.name}: {refused}") from None
+        warn_of(self.quantities)
+
+    @property
+    def quantities(self) -> Iterator[tuple[str, str, Any]]:
+        """Numbers with a usual range: key of the rig file, quantity of :mod:`models.plausible`, value."""
+        yield from getattr(self.body, "quantities", ())
+        yield from self.damping.quantities
+        yield "excitation.amplitude", "amplitude", self.excitation.amplitude
 
     def __str__(self) -> str:
         """In words."""

@@ -1,5 +1,6 @@
 """What a rig is made of: modes that are given, damping, contact, excitation, drift and channels."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
@@ -8,6 +9,7 @@ import numpy.typing as npt
 
 from models.bounds import bounded
 from models.friction import FrictionLaw, check_parameters
+from models.plausible import plausible
 from models.reduction import Dampers
 from models.structure import Array, modal_damping
 
@@ -48,12 +50,16 @@ class ModalBody:
         """Refuse frequencies that are none, and shapes of other numbers of modes."""
         for i, hz in enumerate(self.frequencies_hz):
             bounded(f"ModalBody: frequencies_hz[{i}]", hz, 0.0, strict=True)
+            plausible(f"ModalBody: frequencies_hz[{i}]", hz, "frequencies_hz")
         n = len(self.frequencies_hz)
         rows = {"contact_shape": self.contact_shape, "excitation_shape": self.excitation_shape}
         rows |= {f"shapes[{i}]": row for i, row in enumerate(self.shapes)}
         for name, row in rows.items():
             if len(row) != n:
                 raise ValueError(f"ModalBody: {name} has {len(row)} entries; must have {n}, one for each frequency")
+            for i, entry in enumerate(row):
+                bounded(f"ModalBody: {name}[{i}]", entry)
+                plausible(f"ModalBody: {name}[{i}]", entry, "shape")
 
     def __str__(self) -> str:
         """Its modes in a few words."""
@@ -87,9 +93,20 @@ class Damping:
         """Refuse damping that is negative."""
         for name in ("mass_proportional", "stiffness_proportional", "high_mode_ratio"):
             bounded(f"Damping: {name}", getattr(self, name), 0.0)
+            plausible(f"Damping: {name}", getattr(self, name), "damping_ratio" if name == "high_mode_ratio" else name)
         for i, ratio in enumerate(self.modal_ratios or ()):
             bounded(f"Damping: modal_ratios[{i}]", ratio, 0.0)
+            plausible(f"Damping: modal_ratios[{i}]", ratio, "damping_ratio")
         bounded("Damping: high_mode_from", self.high_mode_from, 1)
+
+    @property
+    def quantities(self) -> Iterator[tuple[str, str, Any]]:
+        """Key of the rig file, quantity of :mod:`models.plausible`, value."""
+        for name in ("mass_proportional", "stiffness_proportional"):
+            yield f"damping.{name}", name, getattr(self, name)
+        yield "damping.high_mode_ratio", "damping_ratio", self.high_mode_ratio
+        for i, ratio in enumerate(self.modal_ratios or (), start=1):
+            yield f"damping.modal_ratios[{i}]", "damping_ratio", ratio
 
     def dampers(self, omega_n: Array, numbers: Numbers) -> Dampers:
         """Damping of modes that count as modes `numbers` (n,) of the beam."""
@@ -142,8 +159,9 @@ class Contact:
 
     def __post_init__(self) -> None:
         """Refuse numbers that no contact has."""
-        bounded("Contact: normal_load", self.normal_load, 0.0)
-        bounded("Contact: radius", self.radius, 0.0)
+        for name in ("normal_load", "radius"):
+            bounded(f"Contact: {name}", getattr(self, name), 0.0)
+            plausible(f"Contact: {name}", getattr(self, name), name)
         check_parameters(self.law)
 
 
@@ -169,8 +187,9 @@ class Excitation:
 
     def __post_init__(self) -> None:
         """Refuse a negative force, and numbers of harmonics that are not."""
-        bounded("Excitation: amplitude", self.amplitude, 0.0)
-        bounded("Excitation: position", self.position, 0.0)
+        for name in ("amplitude", "position"):
+            bounded(f"Excitation: {name}", getattr(self, name), 0.0)
+            plausible(f"Excitation: {name}", getattr(self, name), name)
         numbers = [k for k, _, _ in self.harmonics]
         if any(k < 2 for k in numbers) or len(set(numbers)) < len(numbers):
             raise ValueError(f"excitation.harmonics: numbers {numbers}; must be 2 or more, each once")

@@ -1,7 +1,9 @@
 """What a rig file says: structure, damping, contact, excitation and channels."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -10,8 +12,9 @@ from models.attachments import Attachments
 from models.beam import Beam
 from models.bounds import bounded
 from models.elements import Element, ElementRows, LiftOff, Reading, element_rows, gauss_points
-from models.friction import parameters
+from models.friction import parameters, quantities_of
 from models.parts import Channel, Contact, Damping, Drift, Excitation, ModalBody, Numbers
+from models.plausible import warn_of
 from models.reduction import Reduction, Switches
 from models.structure import ModalStructure, SpringPort
 
@@ -64,6 +67,7 @@ class Rig:
             bounded("Excitation: position", self.excitation.position, 0.0, length)
             for c in self.response_channels:
                 bounded(f"Channel {c.name}: position", c.position, 0.0, length)
+        warn_of(self.quantities)
 
     def __str__(self) -> str:
         """In words."""
@@ -82,6 +86,16 @@ class Rig:
         if more or self.attachments:
             lines.append("also: " + ", ".join([*more, *(["attachments"] if self.attachments else [])]))
         return "\n  ".join(lines)
+
+    @property
+    def quantities(self) -> Iterator[tuple[str, str, Any]]:
+        """Numbers with a usual range: key of the rig file, quantity of :mod:`models.plausible`, value."""
+        if isinstance(self.body, Beam):
+            yield from self.body.quantities
+        yield from self.damping.quantities
+        yield from ((f"contact.{name}", name, getattr(self.contact, name)) for name in ("normal_load", "radius"))
+        yield from quantities_of(self.contact.law, "contact.friction")
+        yield "excitation.amplitude", "amplitude", self.excitation.amplitude
 
     @property
     def law_name(self) -> str:

@@ -9,6 +9,7 @@ from typer.testing import CliRunner, Result
 import hbm.inverse.reconstruct
 from continuation import ConvergenceError
 from hbm.cli import app
+from hbm.commands.options import UNSOLVABLE
 from hbm.files import inversefiles
 from hbm.files.identifyreport import FILES as IDENTIFY_FILES
 from hbm.files.inversefiles import read_reconstruction
@@ -179,7 +180,7 @@ def test_what_cannot_be_computed_is_one_line_and_status_1(
 
     monkeypatch.setattr(hbm.inverse.reconstruct, "reconstruct", singular)
     result = run("inverse", RIG, spectra, "--out", str(tmp_path / "out"))
-    assert (result.stderr, result.exit_code) == (f"hbm: inverse: {spectra}: Singular matrix\n", 1)
+    assert (result.stderr, result.exit_code) == (f"hbm: inverse: {spectra}: {UNSOLVABLE}\n", 1)
     assert list(tmp_path.iterdir()) == []
 
 

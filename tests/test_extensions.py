@@ -67,7 +67,7 @@ class HeavySupport:
 def loaded(folder: Path, tables: str, text: str = TEXT) -> Rig:
     path = folder / "rig.toml"
     path.write_text(f"{text}\n{tables}", encoding="utf-8")
-    return load_rig(path)
+    return load_rig(path, allow_code=True)
 
 
 def numbers_of(rig: Rig) -> dict[str, Any]:

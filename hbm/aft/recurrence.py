@@ -20,8 +20,10 @@ def monodromy(A: Array) -> Array:
 
 
 def radius(A: Array) -> float:
-    """Spectral radius of the product of the state transitions."""
+    """Spectral radius of the product of the state transitions; infinite where a law left the numbers."""
     over_period = monodromy(A)
+    if not np.isfinite(over_period).all():
+        return float("inf")
     return float(np.abs(over_period if len(over_period) == 1 else np.linalg.eigvals(over_period)).max(initial=0.0))
 
 

@@ -8,6 +8,7 @@ import typer
 
 from hbm.commands.options import (
     LARGEST_H,
+    AllowCode,
     Plot,
     RigFile,
     both_ends,
@@ -44,6 +45,7 @@ def backbone(
         typer.Option(metavar="F.csv", help="Write the backbones here, and what is known of them to F.json."),
     ] = None,
     plot: Plot = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Frequency, damping ratio and shape of a mode over its amplitude, and phase resonance with its force.
 
@@ -60,7 +62,7 @@ def backbone(
         raise InputError("backbone: --level without --plot; must have both")
     from hbm.rigfiles.load import load_rig
 
-    loaded = load_rig(rig)
+    loaded = load_rig(rig, allow_code=allow_code or None)
     if not 1 <= number <= loaded.structure.n:
         raise InputError(f"backbone: --mode = {number}; must be from 1 to {loaded.structure.n}")
     backbones, failures = _traced(loaded, number, amplitudes, H)

@@ -10,6 +10,8 @@ import typer
 
 from hbm.commands.inverse import SpectraFile, load, record_numbers, working
 from hbm.commands.options import (
+    UNSOLVABLE,
+    AllowCode,
     OutFolder,
     RigFile,
     check_out,
@@ -76,6 +78,7 @@ def diagnose(
             help="What the structure does differently from one mounting to the next, of its response.",
         ),
     ] = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """What the simulation gets wrong, its cause, the extended rig, and what it gains on records held out.
 
@@ -89,7 +92,7 @@ def diagnose(
     held = record_numbers(COMMAND, "--hold-out", hold_out)
     check_out(COMMAND, out, FILES)
     candidates, own = _causes(cause, causes_file)
-    loaded, measured = load(rig, spectra)
+    loaded, measured = load(rig, spectra, allow_code=allow_code)
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
     from hbm.diagnosis.diagnose import diagnose as search
@@ -204,7 +207,9 @@ def _failing(source: str) -> Iterator[None]:
 
     try:
         yield
-    except (LinAlgError, ConvergenceError) as failed:
+    except LinAlgError:
+        raise ArithmeticError(f"{COMMAND}: {source}: {UNSOLVABLE}; nothing written") from None
+    except ConvergenceError as failed:
         raise ArithmeticError(f"{COMMAND}: {source}: {failed}; nothing written") from None
 
 
@@ -240,7 +245,7 @@ def _deliver(result: "Diagnosed", rig: Path, out: Path, own: Mapping[type, str])
     from hbm.files.outputs import write_folder
 
     with working("drawing"):
-        contents = diagnosis_contents(result, rig, out, own)
+        contents = diagnosis_contents(result, rig, own)
     written = write_folder(out, contents, FILES)
     print_diagnosis(console(), result)
     print_written(written)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hbm.commands.options import (
+    AllowCode,
     Harmonics,
     Plot,
     RigFile,
@@ -47,6 +48,7 @@ def follow(
     ] = None,
     plot: Plot = None,
     stability: Stability = True,
+    allow_code: AllowCode = False,
 ) -> None:
     """Response along any number of the rig file at a held frequency and force, through folds, with its stability.
 
@@ -61,7 +63,7 @@ def follow(
     H = harmonics_or_auto(COMMAND, harmonics)
     from hbm.rigfiles.load import load_rig
 
-    curve = _response(load_rig(rig), parameter, values, hz, force, H)
+    curve = _response(load_rig(rig, allow_code=allow_code or None), parameter, values, hz, force, H)
     curve = judged(curve) if stability else curve
     _deliver(curve, out, plot)
     if not curve.complete:

@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hbm.commands.inverse import SpectraFile, check_formulation, load, reconstructed, record_numbers, working
-from hbm.commands.options import Formulation, OutFolder, RigFile, check_out, console, named, print_written, say
+from hbm.commands.options import (
+    AllowCode,
+    Formulation,
+    OutFolder,
+    RigFile,
+    check_out,
+    console,
+    named,
+    print_written,
+    say,
+)
 
 if TYPE_CHECKING:
     from hbm.identification.identify import Identification
@@ -48,6 +58,7 @@ def identify(
         ),
     ] = False,
     formulation: Formulation = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Parameters of friction laws, with uncertainty, from measured spectra; which law is best.
 
@@ -66,7 +77,7 @@ def identify(
     for name in law or ():
         with named(f'{COMMAND}: --law = "{name}"', ";"):
             find_law(name, Path())
-    loaded, measured = load(rig, spectra)
+    loaded, measured = load(rig, spectra, allow_code=allow_code)
     from hbm.commands.progress import Work
     from hbm.identification.identify import LAWS
     from hbm.identification.identify import identify as fit_laws

@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import Formulation, RigFile, check_out, console, named, print_written, quoted, whole
+from hbm.commands.options import (
+    UNSOLVABLE,
+    AllowCode,
+    Formulation,
+    RigFile,
+    check_out,
+    console,
+    named,
+    print_written,
+    quoted,
+    whole,
+)
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -44,6 +55,7 @@ def inverse(
     sensors: Annotated[
         str | None, typer.Option(metavar="COUNT", help="With --design: how many; as many as measured where omitted.")
     ] = None,
+    allow_code: AllowCode = False,
 ) -> None:
     """Friction force, reaction, slip and slip velocity with uncertainty, from measured spectra.
 
@@ -63,7 +75,7 @@ def inverse(
     from hbm.rigfiles.load import load_rig
     from models.jointed import JointedRig
 
-    loaded = load_rig(rig)
+    loaded = load_rig(rig, allow_code=allow_code or None)
     measured = _selected(spectra, loaded, numbers)
     if isinstance(loaded, JointedRig):
         _refuse_of_joints(rig, {"--design": design, "--formulation": formulation})
@@ -149,11 +161,11 @@ def check_formulation(command: str, name: str) -> None:
         raise InputError(f"{command}: --formulation = {quoted(name)}; must be one of {', '.join(FORMULATIONS)}")
 
 
-def load(rig: Path, spectra: Path, records: Sequence[int] = ()) -> tuple["Rig", "MeasuredSpectra"]:
+def load(rig: Path, spectra: Path, records: Sequence[int] = (), *, allow_code: bool) -> tuple["Rig", "MeasuredSpectra"]:
     """The rig and its spectra, of the records named or of all."""
     from hbm.rigfiles.load import load_contact_rig
 
-    loaded = load_contact_rig(rig, "this command")
+    loaded = load_contact_rig(rig, "this command", allow_code=allow_code or None)
     return loaded, _selected(spectra, loaded, records)
 
 
@@ -175,8 +187,8 @@ def reconstructed(command: str, rig: "Rig", spectra: "MeasuredSpectra", formulat
             if formulation is None:
                 return reconstruct(rig, spectra)
             return reconstruct(rig, spectra, formulation=formulation)
-    except LinAlgError as failed:
-        raise ArithmeticError(f"{command}: {spectra.source}: {failed}") from None
+    except LinAlgError:
+        raise ArithmeticError(f"{command}: {spectra.source}: {UNSOLVABLE}") from None
 
 
 @contextmanager

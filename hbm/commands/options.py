@@ -3,6 +3,7 @@
 import json
 import math
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,13 +12,21 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from hbm.errors import InputError
+from hbm.errors import InputError, visible
 
 FIGURES = (".png", ".pdf", ".svg")
 LARGEST_H = 200
 
+UNSOLVABLE = "no finite solution with these numbers; look for readings, or standard deviations, far from the others"
+"""What is said where linear algebra gives up, in place of a library's words."""
+
 RigFile = Annotated[Path, typer.Argument(metavar="RIG", help="Rig file (TOML).", show_default=False)]
 
+
+AllowCode = Annotated[
+    bool,
+    typer.Option("--allow-code", help="Run the Python files that RIG names in its folder (always: HBM_ALLOW_CODE=1)."),
+]
 
 OutFolder = Annotated[
     Path, typer.Option(metavar="DIR", help="Write everything here; made if its parent exists.", show_default=False)
@@ -132,8 +141,26 @@ def quoted(text: str) -> str:
 
 def say(line: str, status: int) -> int:
     """Say one line on stderr, and return the status."""
-    print(" ".join(line.split()), file=sys.stderr)
+    print(visible(" ".join(line.split())), file=sys.stderr)
     return status
+
+
+@contextmanager
+def warnings_in_one_line() -> Iterator[None]:
+    """Say doubts about the numbers of a rig file on stderr; none about those that a search tries."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("always", message=".*; usual are ")
+        warnings.filterwarnings("ignore", message=".*; usual are ", module=r"models\.plausible")
+        plain = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
+            if issubclass(category, UserWarning):
+                say(f"warning: {message}", 0)
+            else:
+                plain(message, category, *where, **more)
+
+        warnings.showwarning = show
+        yield
 
 
 def console() -> Any:

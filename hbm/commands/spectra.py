@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import LARGEST_H, console, is_number, named, positive, print_written, quoted, whole
+from hbm.commands.options import LARGEST_H, AllowCode, console, is_number, named, positive, print_written, quoted, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -56,6 +56,7 @@ def spectra(
     refine: Annotated[
         bool, typer.Option("--refine", help="Refine each fundamental with the force channel (without one: the first).")
     ] = False,
+    allow_code: AllowCode = False,
 ) -> None:
     """Harmonic coefficients with standard deviations from time histories of steady states.
 
@@ -78,7 +79,7 @@ def spectra(
     from hbm.measurement.spectrafile import write_spectra
     from hbm.rigfiles.load import load_contact_rig
 
-    loaded = None if rig is None else load_contact_rig(rig, "spectra")
+    loaded = None if rig is None else load_contact_rig(rig, "spectra", allow_code=allow_code or None)
     recordings = [_recorded(path, columns, loaded) for path in histories]
     force = _force_name(loaded)
     estimates = [

@@ -13,6 +13,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
+from hbm.errors import visible
 from hbm.integration.history import TimeHistory
 from hbm.integration.jointed import JointHistory
 from hbm.measurement.harmonicestimate import HarmonicEstimate
@@ -246,9 +247,9 @@ def print_rows(console: Console, title: str, rows: Iterable[Mapping[str, str]]) 
 
 
 def print_table(console: Console, title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table without lines between its columns, numbers to the right."""
+    """Print a table without lines between its columns, numbers to the right; names in it are shown as they are."""
     table = Table(
-        title=title,
+        title=Text(visible(title)),
         title_justify="left",
         box=box.SIMPLE_HEAD,
         pad_edge=False,
@@ -256,9 +257,9 @@ def print_table(console: Console, title: str, headings: Sequence[str], rows: Ite
         title_style="bold",
     )
     for heading in headings:
-        table.add_column(heading, justify="left" if heading in TEXTS else "right", no_wrap=True)
+        table.add_column(Text(heading), justify="left" if heading in TEXTS else "right", no_wrap=True)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*(Text(visible(cell)) for cell in row))
     console.print(table)
 
 
@@ -270,4 +271,4 @@ def _number(value: float, form: str) -> str:
 def print_lines(console: Console, lines: Iterable[str]) -> None:
     """Print lines as they are; only a terminal wraps them."""
     for line in lines:
-        console.print(line, markup=False, highlight=False, soft_wrap=True)
+        console.print(visible(line), markup=False, highlight=False, soft_wrap=True)

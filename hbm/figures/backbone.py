@@ -4,7 +4,18 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from hbm.figures.style import FAINT, INK, SMALL, AxesArray, align_labels, dressed, level_colors, new_axes, panels
+from hbm.figures.style import (
+    FAINT,
+    INK,
+    SMALL,
+    AxesArray,
+    align_labels,
+    as_written,
+    dressed,
+    level_colors,
+    new_axes,
+    panels,
+)
 from hbm.fourier import Array
 from hbm.modes.amplitudes import StuckMode
 from hbm.modes.backbone import Backbone, NonlinearMode
@@ -48,7 +59,7 @@ def plot_backbones(
     plot_backbone_over_responses(backbones, curves, response)
     frequency.set_xlabel("")
     rig = backbones[0].rig
-    frequency.set_title(f"{rig.name}, {rig.law_name}", fontsize=10, loc="left", color=INK)
+    frequency.set_title(f"{as_written(rig.name)}, {rig.law_name}", fontsize=10, loc="left", color=INK)
     return align_labels(rows)
 
 

@@ -7,7 +7,19 @@ import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from hbm.figures.joints import draw_joints
-from hbm.figures.style import FAINT, INK, SMALL, AxesArray, Color, align_labels, dressed, level_colors, new_axes, panels
+from hbm.figures.style import (
+    FAINT,
+    INK,
+    SMALL,
+    AxesArray,
+    Color,
+    align_labels,
+    as_written,
+    dressed,
+    level_colors,
+    new_axes,
+    panels,
+)
 from hbm.fourier import Array
 from hbm.response.curve import ResponseCurve
 from models.jointed import JointedRig
@@ -53,7 +65,7 @@ def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
     rows[0].set_xlim(min(ends), max(ends))
     rig = curves[0].rig
-    rows[0].set_title(f"{rig.name}, {rig.law_name}", fontsize=10, loc="left", color=INK)
+    rows[0].set_title(f"{as_written(rig.name)}, {rig.law_name}", fontsize=10, loc="left", color=INK)
     return align_labels(rows)
 
 
@@ -68,7 +80,7 @@ def _plot_jointed(curves: Sequence[ResponseCurve], axes: AxesArray | None) -> Ax
     ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
     rows[0].set_xlim(min(ends), max(ends))
     rig = curves[0].rig
-    rows[0].set_title(rig.name, fontsize=10, loc="left", color=INK)
+    rows[0].set_title(as_written(rig.name), fontsize=10, loc="left", color=INK)
     return align_labels(rows)
 
 

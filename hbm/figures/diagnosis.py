@@ -14,7 +14,7 @@ from matplotlib.axis import Axis
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from hbm.figures.style import INK, SMALL, AxesArray, dressed, graded, label_all, legend_above, panels
+from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, graded, label_all, legend_above, panels
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
@@ -238,7 +238,7 @@ def plot_responses(
             ax.set_yscale("log")
             _readable(ax, len(bands))
             dressed(ax, "", "")
-        beside[0].set_ylabel(f"{channels[row]}\n[{units[row]}]", color=INK, fontsize=SMALL + 1)
+        beside[0].set_ylabel(f"{as_written(channels[row])}\n[{units[row]}]", color=INK, fontsize=SMALL + 1)
     label_all(grid, FREQUENCY, "Amplitude of the fundamental")
     handles = [Line2D([], [], color=colors[float(v)], linewidth=3, label=f"{v:g} N") for v in levels]
     handles += [Line2D([], [], color=INK, linestyle=STYLES[name], linewidth=1, label=name) for name in models]
@@ -300,7 +300,7 @@ def plot_deviations(
             ax.set_ylim(bottom=LOST * float(noise[(any_model.channel == row) & (any_model.harmonic == 1)].min()))
             _readable(ax, len(bands))
             dressed(ax, "", "")
-        beside[0].set_ylabel(channels[row], color=INK, fontsize=SMALL + 1)
+        beside[0].set_ylabel(as_written(channels[row]), color=INK, fontsize=SMALL + 1)
     label_all(grid, FREQUENCY, "Deviation of the fundamental [%]")
     handles = [_handle(name) for name in models]
     handles.append(Line2D([], [], linestyle="", marker="_", color="0.35", label="noise, rms"))

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 
-from hbm.figures.style import FAINT, INK, SMALL, AxesArray, align_labels, dressed, panels
+from hbm.figures.style import FAINT, INK, SMALL, AxesArray, align_labels, as_written, dressed, panels
 
 if TYPE_CHECKING:
     from hbm.integration.jointed import JointHistory
@@ -37,7 +37,7 @@ def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) ->
     rig: Any = curves[0].rig
     for i, curve in enumerate(curves):
         for color, f, u in zip(colors_of(rig), rig.forces, rig.motions, strict=True):
-            label = f.replace(".force", "") if i == 0 else "_"
+            label = as_written(f.replace(".force", "")) if i == 0 else "_"
             force.plot(curve.values, curve[f].peak, color=color, linewidth=1.2, label=label)
             motion.plot(curve.values, curve[u].peak * 1e6, color=color, linewidth=1.2)
     for ax in (force, motion):
@@ -79,7 +79,11 @@ def plot_joint_history(history: "JointHistory", axes: AxesArray | None = None, *
             y = history.channels[name].values * scale
             whole.plot(history.time, y, color=color, linewidth=0.5)
             enlarged.plot(
-                history.time[last] * 1e3, y[last], color=color, linewidth=1.2, label=name.replace(".force", "")
+                history.time[last] * 1e3,
+                y[last],
+                color=color,
+                linewidth=1.2,
+                label=as_written(name.replace(".force", "")),
             )
         for ax, text in ((whole, label), (enlarged, "")):
             ax.axhline(0.0, color=FAINT, linewidth=0.6, zorder=0)
@@ -91,6 +95,6 @@ def plot_joint_history(history: "JointHistory", axes: AxesArray | None = None, *
         )
     grid[-1][0].set_xlabel("Time [s]", color=INK)
     grid[-1][1].set_xlabel(f"Time [ms], last {periods} periods", color=INK)
-    title = f"{rig.name}, {history.level:g} N at {history.hz:g} Hz"
+    title = f"{as_written(rig.name)}, {history.level:g} N at {history.hz:g} Hz"
     grid[0][0].set_title(title, fontsize=10, loc="left", color=INK)
     return align_labels(grid)

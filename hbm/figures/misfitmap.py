@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from hbm.figures.diagnosis import FREQUENCY, Compared
-from hbm.figures.style import INK, SMALL, AxesArray, dressed, label_all, panels
+from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, label_all, panels
 from hbm.fourier import Array
 
 
@@ -41,7 +41,7 @@ def plot_misfit_map(
             cells, norm=norm, cmap=shade, aspect="auto", extent=(0.5, H + 0.5, len(channels) - 0.5, -0.5)
         )
         top.set_title(name, fontsize=SMALL + 1, loc="left", color=INK)
-        top.set_yticks(range(len(channels)), channels)
+        top.set_yticks(range(len(channels)), list(map(as_written, channels)))
         top.xaxis.set_major_locator(MaxNLocator(6, integer=True))
         dressed(top, "Harmonic", "")
         _record_map(bottom, c, norm, shade)

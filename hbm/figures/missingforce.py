@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from hbm.figures.diagnosis import BAND, COLORS, MOST_PLACES, few_powers, levels
-from hbm.figures.style import FAINT, INK, SMALL, WIDTH, AxesArray, dressed, graded, panels
+from hbm.figures.style import FAINT, INK, SMALL, WIDTH, AxesArray, as_written, dressed, graded, panels
 
 if TYPE_CHECKING:
     from hbm.diagnosis.discrepancy import Discrepancy
@@ -57,7 +57,7 @@ def _draw_places(ax: Axes, places: Sequence["MissingForce"], before: float) -> N
     ax.set_xlim(low, top * (top / low) ** 0.4)  # room for the numbers
     for value in (1.0, before):
         ax.axvline(value, color=FAINT, linewidth=0.9, zorder=0)
-    ax.set_yticks(y, [p.place.name for p in places])
+    ax.set_yticks(y, [as_written(p.place.name) for p in places])
     ax.invert_yaxis()
     few_powers(ax.xaxis, top / low)
     dressed(ax, "Misfit left [noise variances]; grey lines: noise alone, no force at all", "")

@@ -2,7 +2,7 @@
 
 from hbm.figures.curves import draw_line, explain, least_reaction, mark
 from hbm.figures.joints import draw_joints
-from hbm.figures.style import FAINT, INK, AxesArray, align_labels, dressed, graded, panels
+from hbm.figures.style import FAINT, INK, AxesArray, align_labels, as_written, dressed, graded, panels
 from hbm.tracking.parameterresponse import ParameterCurve
 from models.jointed import JointedRig
 from models.rig import Rig
@@ -79,4 +79,4 @@ def _title(curve: ParameterCurve) -> str:
     held = {"frequency_hz": f"{first.hz:g} Hz", "excitation.amplitude": f"{first.level:g} N"}
     said = [text for key, text in held.items() if key != curve.parameter]
     law = [curve.rig.law_name] if isinstance(curve.rig, Rig) else []
-    return ", ".join([curve.rig.name, *law, *said])
+    return ", ".join([as_written(curve.rig.name), *law, *said])

@@ -144,6 +144,15 @@ def align_labels(axes: AxesArray) -> AxesArray:
     return axes
 
 
+def as_written(name: str) -> str:
+    r"""A name for a figure, which would take what is between two $ for a formula.
+
+    >>> as_written("a $ b $")
+    'a \\$ b \\$'
+    """
+    return name.replace("$", r"\$")
+
+
 def tint(color: Color, share: float = 0.28) -> Color:
     """A colour so thin on white paper; opaque, so that overlaps do not darken it."""
     return tuple(1.0 - share * (1.0 - part) for part in color[:3])

@@ -18,6 +18,7 @@ from hbm.figures.style import (
     SMALL,
     AxesArray,
     align_labels,
+    as_written,
     dressed,
     graded,
     label_all,
@@ -175,7 +176,7 @@ def plot_misfit(reconstruction: "Reconstruction", axes: AxesArray | None = None)
     edges = np.arange(len(order) + 1) + 0.5, np.arange(len(misfit.channels) + 1)
     most = max(10.0, float(shares[np.isfinite(shares)].max(initial=0.0)))
     cells = bottom.pcolormesh(*edges, shares, cmap="cividis_r", norm=LogNorm(0.1, most), rasterized=True)
-    bottom.set_yticks(edges[1][:-1] + 0.5, misfit.channels)
+    bottom.set_yticks(edges[1][:-1] + 0.5, list(map(as_written, misfit.channels)))
     bottom.invert_yaxis()
     bottom.xaxis.set_major_locator(MaxNLocator(integer=True))
     bar = bottom.figure.colorbar(cells, ax=bottom, pad=0.01, aspect=12)

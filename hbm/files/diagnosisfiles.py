@@ -6,7 +6,7 @@
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -39,6 +39,7 @@ from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.outputs import columns_text, json_text
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.rigfiles.extensions import Extension
+from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.load import rig_from_dict
 from hbm.rigfiles.write import extended_rig_text
 from hbm.version import installed_version
@@ -124,7 +125,7 @@ class Diagnosed:
 
 
 def diagnosis_contents(
-    found: Diagnosed, nominal: Path, folder: Path, named: Mapping[type, str] | None = None
+    found: Diagnosed, nominal: Path, named: Mapping[type, str] | None = None
 ) -> dict[str, str | bytes]:
     """Contents of the files of a diagnosis, by their names in the folder.
 
@@ -133,10 +134,8 @@ def diagnosis_contents(
     found : Diagnosed
     nominal : Path
         Rig file, which the extended one repeats.
-    folder : Path
-        Where the files go: causes of one's own are looked for from there.
     named : mapping of type to str, optional
-        Names of causes of one's own, ``file.py:Class``.
+        Names of causes of one's own, ``file.py:Class``; the files are copied beside the extended rig.
 
     Returns
     -------
@@ -149,7 +148,7 @@ def diagnosis_contents(
         RANKING_FILE: columns_text(ranking_columns(found.diagnosis)),
     }
     if found.diagnosis.extended is not None:
-        contents[EXTENDED_FILE] = _extended_text(found.diagnosis, nominal, folder, named or {})
+        contents |= _extended_rig(found.diagnosis, nominal, named or {})
     if found.force is not None and found.force.explainable:
         contents[FORCE_FILE] = columns_text(force_columns(found.force))
     return contents | {PAGE_FILE: page_html(diagnosis_page(found, plates))} | plate_contents(plates)
@@ -192,10 +191,27 @@ def _corrected(key: str, value: float) -> Extension:
     return Extension.of(SensorPosition(channel), {"position": value})
 
 
-def _extended_text(diagnosis: Diagnosis, nominal: Path, folder: Path, named: Mapping[type, str]) -> str:
+def _extended_rig(diagnosis: Diagnosis, nominal: Path, named: Mapping[type, str]) -> dict[str, str | bytes]:
+    """The extended rig file, read back as a check, and copies of the Python files it names: they must be beside it."""
     text = extended_rig_text(nominal.read_text(encoding="utf-8-sig"), extensions_of(diagnosis, named))
-    rig_from_dict(tomllib.loads(text), str(folder / EXTENDED_FILE))
-    return text
+    table = tomllib.loads(text)
+    rig_from_dict(table, str(nominal), Consent.NAMED)
+    contents: dict[str, str | bytes] = {}
+    for name in dict.fromkeys(
+        [table["contact"]["friction"]["law"], *(e["cause"] for e in table.get("extensions", ()))]
+    ):
+        file, _, kind = name.rpartition(":")
+        if file.endswith(".py"):
+            copy = _free(Path(file).name, contents)
+            contents[copy] = (nominal.parent / file).read_bytes()
+            text = text.replace(name, f"{copy}:{kind}")
+    contents[EXTENDED_FILE] = text
+    return contents
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    """A name for a copy of a file, numbered where another has it."""
+    return name if name not in taken else _free(f"another_{name}", taken)
 
 
 # ------------------------------------------------------------------------------------------------------------- tables

@@ -5,9 +5,12 @@ appears complete or not at all (:func:`hbm.textfiles.write_together`).
 """
 
 import io
+import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from traceback import clear_frames
 from typing import Any
 
 import numpy as np
@@ -18,7 +21,7 @@ from hbm.fourier import Array
 from hbm.labelled import Variables, dataset
 from hbm.measurement.recording import Recording
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.textfiles import StrPath, write_together
+from hbm.textfiles import StrPath, damage, write_together
 
 PARTS = ("cos", "sin")
 UFF_TYPES = {"N": 13, "m/s2": 12, "m/s": 11, "m": 8}
@@ -74,11 +77,24 @@ def netcdf_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     try:
         with extra("h5py", str(path)).File(path):  # h5netcdf complains on stderr of what is not HDF5
             pass
-        with xarray.open_dataset(path, engine="h5netcdf") as found:
+        with _quiet_end(), xarray.open_dataset(path, engine="h5netcdf") as found:
             variables = {name: found[name].values for name in found.variables}
     except Exception as refused:  # the libraries let through whatever HDF5 raises
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be NetCDF-4") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be NetCDF-4") from None
     yield from _rows(str(path), variables)
+
+
+@contextmanager
+def _quiet_end() -> Iterator[None]:
+    """Let what h5netcdf opened half, of a damaged file, end here and silently."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        yield
+    except Exception as refused:
+        clear_frames(refused.__traceback__)
+        raise
+    finally:
+        sys.unraisablehook = hook
 
 
 def mat_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
@@ -88,7 +104,7 @@ def mat_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     try:
         variables = loadmat(path, simplify_cells=False)
     except Exception as refused:  # SciPy lets through whatever a damaged file makes it do
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a MAT file (v5)") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v5)") from None
     yield from _rows(str(path), variables)
 
 
@@ -220,7 +236,7 @@ def write_recording(path: StrPath, recorded: Recording) -> None:
 
 
 def _uff_header(where: str, name: str, j: int, unit: str, state: str) -> dict[str, Any]:
-    if not name.isascii() or len(name) > UFF_NAME:
+    if not (name.isascii() and name.isprintable()) or len(name) > UFF_NAME:
         raise InputError(f'{where}: channel "{name}"; must be ASCII of at most {UFF_NAME} characters in UFF58')
     return {
         **{"type": 58, "binary": 0, "func_type": 0, "id4": state, "load_case_id": 0},

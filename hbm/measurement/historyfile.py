@@ -18,7 +18,10 @@ SEP005    ``time`` or ``fs``                                  ``name``          
 import csv
 import io
 import json
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import import_module
 from math import floor, log10
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,7 +32,7 @@ from hbm.errors import InputError
 from hbm.extras import extra
 from hbm.fourier import Array
 from hbm.measurement.recording import Recording, recording, renamed
-from hbm.textfiles import StrPath, why
+from hbm.textfiles import StrPath, damage, why
 
 TIMES = ("time_s", "time", "t")
 KIND = "a time history"
@@ -138,7 +141,7 @@ def _mat(path: Path) -> Found:
     try:
         content = reader.read_mat(path)
     except Exception as refused:  # pymatreader lets through whatever SciPy and h5py raise
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a MAT file (v5 or v7.3)") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v5 or v7.3)") from None
     units = content.get("units")
     numbers = {name: values for name, values in content.items() if not name.startswith("__") and _numeric(values)}
     vectors = {name: np.squeeze(values) for name, values in numbers.items() if np.size(values) > 1}
@@ -169,7 +172,7 @@ def _uff(path: Path) -> Found:
     try:
         sets = reader.UFF(str(path)).read_sets()
     except Exception as refused:  # pyuff raises bare exceptions
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a UFF file") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a UFF file") from None
     sets = sets if isinstance(sets, list) else [sets]
     responses = [s for s in sets if s.get("type") == 58 and s.get("func_type") == 1]
     if not responses:
@@ -233,11 +236,13 @@ def _uff_values(s: dict[str, Any], system: Mapping[str, Any]) -> tuple[Array, st
 def _tdms(path: Path) -> Found:
     reader = extra("nptdms", str(path))
     try:
-        with path.open("rb") as stream:
+        with path.open("rb") as stream, _remarks() as remarks:
             groups = reader.TdmsFile.read(stream).groups()
         found = [(c.group_name, c.name, c[:], dict(c.properties)) for group in groups for c in group.channels()]
     except Exception as refused:  # nptdms lets through whatever struct and NumPy raise
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a TDMS file") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a TDMS file") from None
+    if remarks:
+        raise InputError(f"{path}: is cut short or damaged; must be a whole TDMS file")
     if not found:
         raise InputError(f"{path}: no channels; must have at least one")
     alone = [name for _, name, _, _ in found]
@@ -255,6 +260,23 @@ def _tdms(path: Path) -> Found:
         {name: values for name, values, _ in kept},
         {name: str(said.get("unit_string", "")) for name, _, said in kept},
     )
+
+
+@contextmanager
+def _remarks() -> Iterator[list[str]]:
+    """What nptdms logs of a file, instead of printing it: it reads on where a part is missing."""
+    found: list[str] = []
+
+    def note(record: logging.LogRecord) -> bool:
+        found.append(record.getMessage())
+        return False
+
+    handler = import_module("nptdms.log").log_manager.console_handler
+    handler.addFilter(note)
+    try:
+        yield found
+    finally:
+        handler.removeFilter(note)
 
 
 def _tdms_time(path: Path, name: str, values: Any, said: Mapping[str, Any]) -> Array:

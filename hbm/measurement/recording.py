@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from hbm.errors import InputError
 from hbm.fourier import Array
+from models.plausible import impossible
 
 ACCEPTED_UNITS: dict[str, tuple[float, str]] = {
     **{"N": (1.0, "N"), "kN": (1e3, "N"), "mN": (1e-3, "N"), "lbf": (4.4482216152605, "N")},
@@ -78,9 +79,11 @@ def recording(
     t = _samples(source, "time", time)
     if not channels:
         raise InputError(f"{source}: no channel; must have time and at least one channel")
+    _refuse_impossible(source, "time", t, "time")
     scaled = {name: _scale(source, name, said.get(name, "")) for name in channels}
     values = {name: scaled[name][0] * _samples(source, name, given) for name, given in channels.items()}
     for name, v in values.items():
+        _refuse_impossible(source, name, v, "reading")
         if len(v) != len(t):
             raise InputError(f"{source}: {name} has {len(v)} samples, time has {len(t)}; must have as many")
     if len(t) < 3:
@@ -138,6 +141,14 @@ def _samples(source: str, name: str, values: npt.ArrayLike) -> Array:
         at = int(np.argmin(np.isfinite(numbers)))
         raise InputError(f"{source}: {name} is {numbers[at]} at sample {at + 1}; must be a finite number")
     return numbers
+
+
+def _refuse_impossible(source: str, name: str, values: Array, quantity: str) -> None:
+    if not values.size:
+        return
+    at = int(np.argmax(np.abs(values)))
+    if (accepted := impossible(quantity, values[at])) is not None:
+        raise InputError(f"{source}: {name} is {values[at]:g} at sample {at + 1}; {accepted}")
 
 
 def _scale(source: str, name: str, unit: str) -> tuple[float, str]:

@@ -18,11 +18,15 @@ from hbm.measurement.exchange import mat_bytes, mat_rows, netcdf_bytes, netcdf_r
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.textfiles import StrPath, csv_text, read_rows, write_together
 from models.jointed import AnyRig
+from models.plausible import impossible
 
 COLUMNS = ("record", "level", "frequency_hz", "channel", "harmonic", "cos", "sin", "std")
 READ = (".csv", ".nc", ".mat")
 WRITTEN = (*READ, ".uff")
 LARGEST_HARMONIC = 1000
+
+SMALLEST_STD, RESOLVED = 1e-30, 1e-20
+"""Least standard deviation, in any unit and of a coefficient: a reading has 16 digits, a mean of 1e8 of them 20."""
 
 WHOLE = re.compile(r"[+-]?[0-9]{1,15}")
 HOW_STD = "estimate it from the time history with hbm spectra"
@@ -151,13 +155,15 @@ def _shown(text: str) -> str:
 
 def _assembled(source: str, rows: Iterable[Row], rig: AnyRig) -> MeasuredSpectra:
     """Put rows into arrays; of rows that contradict each other the later is refused."""
-    names = [channel.name for channel in rig.channels]
+    quantities = {channel.name: channel.quantity for channel in rig.channels}
+    names = list(quantities)
     states: dict[int, tuple[float, float]] = {}
     entries: dict[tuple[int, str, int], Row] = {}
     for row in rows:
         if row.channel not in names:
             accepted = f"channels are {', '.join(names)}" if names else "it has none"
             raise InputError(f"{row.where}: channel {_shown(row.channel)} is not in the rig; {accepted}")
+        _refuse_impossible(row, quantities[row.channel])
         _same_state(row, states.setdefault(row.record, (row.level, row.hz)))
         key = row.record, row.channel, row.harmonic
         if key in entries:
@@ -169,6 +175,21 @@ def _assembled(source: str, rows: Iterable[Row], rig: AnyRig) -> MeasuredSpectra
     if not entries:
         raise InputError(f"{source}: no rows; must have at least one coefficient")
     return _arrays(source, states, entries, names)
+
+
+def _refuse_impossible(row: Row, quantity: str) -> None:
+    """Refuse numbers that no measurement gives; one of 0 passes, its standard deviation says how sure it is."""
+    checked = {"level": "level", "frequency_hz": "frequencies_hz", "cos": quantity, "sin": quantity, "std": quantity}
+    for name, (column, range_of) in zip(("level", "hz", "cos", "sin", "std"), checked.items(), strict=True):
+        value = getattr(row, name)
+        if (accepted := impossible(range_of, value)) is not None:
+            raise InputError(f"{row.where}: {column} = {value!r}; {accepted}")
+    least = max(SMALLEST_STD, RESOLVED * math.hypot(row.cos, row.sin))
+    if row.std < least:
+        raise InputError(
+            f"{row.where}: std = {row.std!r}; must be >= {least:.3g} beside cos = {row.cos:g}, sin = {row.sin:g}, "
+            f"what a mean of readings resolves; {HOW_STD}"
+        )
 
 
 def _same_state(row: Row, state: tuple[float, float]) -> None:
@@ -189,6 +210,8 @@ def _arrays(
     records = sorted(states)
     channels = tuple(name for name in names if any(key[1] == name for key in entries))
     H = max(harmonic for _, _, harmonic in entries)
+    if H == 0:
+        raise InputError(f"{source}: has harmonic 0 alone; must have the fundamental, harmonic 1")
     coefficients = np.full((len(records), len(channels), 2 * H + 1), np.nan)
     std = np.full((len(records), len(channels), H + 1), np.nan)
     record_at = {record: i for i, record in enumerate(records)}

@@ -134,7 +134,7 @@ def first_solution(problem: AnyBalance, lam: float) -> Array:
     ways: tuple[Way, ...] = (_from_rest, _by_harmonics, *few, _by_force, _from_afar)
     for way in ways:
         x = way(problem, lam)
-        if x is not None:
+        if x is not None and np.isfinite(problem.residual(x, lam)).all():  # a law may have no numbers from its rest
             return x
     where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
     raise ConvergenceError(

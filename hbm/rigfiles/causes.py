@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from hbm.errors import InputError
-from hbm.rigfiles.laws import class_in_file, classes_in_file, file_and_class, is_frozen_dataclass
+from hbm.rigfiles.laws import Consent, class_in_file, classes_in_file, file_and_class, is_frozen_dataclass
 from models.causes import CAUSES
 
 TEXTS = ("name", "meaning", "looks_like", "confused_with")
@@ -25,7 +25,7 @@ NAMED = tuple(name for name in CAUSES if name != "parameter")
 """Causes that are named as they are."""
 
 
-def find_cause(name: str, folder: Path) -> type:
+def find_cause(name: str, folder: Path, consent: Consent = Consent.NAMED) -> type:
     """Class of a cause.
 
     Parameters
@@ -34,6 +34,8 @@ def find_cause(name: str, folder: Path) -> type:
         Key of :data:`models.causes.CAUSES`, ``parameter:<key>``, or ``file.py:Class``. The file is run.
     folder : Path
         Where a relative file is looked for.
+    consent : Consent
+        Whether the file may be run.
 
     Returns
     -------
@@ -42,13 +44,14 @@ def find_cause(name: str, folder: Path) -> type:
     Raises
     ------
     InputError
-        If there is no such cause, or it is none; the message says what is wrong, not where the name stands.
+        If there is no such cause, it is none, or its file may not be run; the message says what is wrong, not where the
+        name stands.
     """
     if name.startswith(ONE_VALUE):
         return CAUSES["parameter"]
     if name in NAMED:
         return CAUSES[name]
-    path, class_name = file_and_class(name, folder, NAMED, accepted_causes())
+    path, class_name = file_and_class(name, folder, NAMED, accepted_causes(), consent)
     cause = class_in_file(path, class_name)
     for missing in _wrong_with(cause):
         raise InputError(f"{class_name} in {path} is no cause: {missing}")

@@ -11,9 +11,11 @@ from typing import Any, NoReturn, get_type_hints
 
 from hbm.errors import InputError
 from hbm.rigfiles.causes import ONE_VALUE, accepted_causes, find_cause
+from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.schema import MOST_ENTRIES, Complaint, found
 from models import Rig, describe, parameters
 from models.causes import Cause, Unknown
+from models.plausible import impossible, of_parameter
 
 CHOICES: dict[Any, tuple[Any, str]] = {
     float: ((float, int), "a number"),
@@ -67,7 +69,7 @@ def extended(rig: Rig, extensions: Sequence[Extension]) -> Rig:
     return rig
 
 
-def rig_of_tables(rig: Rig, tables: Sequence[Mapping[str, Any]], folder: Path) -> Rig:
+def rig_of_tables(rig: Rig, tables: Sequence[Mapping[str, Any]], folder: Path, consent: Consent = Consent.NAMED) -> Rig:
     """The rig that the ``[[extensions]]`` tables of its file make of a nominal one.
 
     Parameters
@@ -77,6 +79,8 @@ def rig_of_tables(rig: Rig, tables: Sequence[Mapping[str, Any]], folder: Path) -
     tables : sequence of mappings
     folder : Path
         Where the file of a cause of one's own is looked for.
+    consent : Consent
+        Whether it may be run.
 
     Returns
     -------
@@ -88,19 +92,19 @@ def rig_of_tables(rig: Rig, tables: Sequence[Mapping[str, Any]], folder: Path) -
         If a table is not accepted; the message does not say in which file.
     """
     for i, table in enumerate(tables):
-        extension = _read(rig, table, i, folder)
+        extension = _read(rig, table, i, folder, consent)
         rig = extension.cause.extend(rig, extension.values)
         _check_law(rig, i)
     return rig
 
 
-def _read(rig: Rig, table: Mapping[str, Any], i: int, folder: Path) -> Extension:
+def _read(rig: Rig, table: Mapping[str, Any], i: int, folder: Path, consent: Consent) -> Extension:
     """One table as an extension of a rig."""
     named = table.get("cause")
     if not isinstance(named, str):
         _refuse(i, "cause", found(named) if "cause" in table else "is missing", f"must be {accepted_causes()}")
     try:
-        kind = find_cause(named, folder)
+        kind = find_cause(named, folder, consent)
     except InputError as refused:
         _refuse(i, "cause", found(named), str(refused))
     chosen = {"key": named.removeprefix(ONE_VALUE)} if named.startswith(ONE_VALUE) else _chosen(kind, table, i)
@@ -147,9 +151,21 @@ def _value(unknown: Unknown, table: Mapping[str, Any], i: int) -> float:
     value = table[unknown.name]
     if isinstance(value, bool) or not isinstance(value, int | float):
         _refuse(i, unknown.name, found(value), "must be a number")
+    if isinstance(value, int):
+        value = _real(value)
     if not (math.isfinite(value) and unknown.lower <= value <= unknown.upper):
         _refuse(i, unknown.name, found(value), bounds if math.isfinite(value) else "must be finite")
+    if (accepted := impossible(of_parameter(unknown.name, unknown.unit), value)) is not None:
+        _refuse(i, unknown.name, found(value), accepted)
     return float(value)
+
+
+def _real(whole: int) -> float:
+    """A whole number of any length as a real one, infinite beyond the largest."""
+    try:
+        return float(whole)
+    except OverflowError:
+        return math.inf if whole > 0 else -math.inf
 
 
 def _check_law(rig: Rig, i: int) -> None:

@@ -7,16 +7,17 @@ from typing import Annotated, Any
 
 from pydantic import Field, create_model
 
-from hbm.errors import InputError
-from hbm.rigfiles.laws import accepted_laws, find_law
+from hbm.errors import InputError, visible
+from hbm.rigfiles.laws import Consent, accepted_laws, find_law
 from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
+from hbm.rigfiles.quantities import Force, NonNegative, Positive, Shape, possible
 from hbm.rigfiles.schema import (
+    MOST_MODES,
+    PRINTABLE,
     BeamTable,
     ChannelName,
     Complaint,
     DampingTable,
-    NonNegative,
-    Positive,
     Table,
     complaints_of,
     found,
@@ -36,7 +37,9 @@ from models.parts import Quantity
 BODIES = ("beam", "modal", "matrix")
 """Tables that say what vibrates."""
 
-Place = Annotated[str, Field(min_length=1)]
+FreeFrequency = Annotated[NonNegative, possible("frequencies_hz")]
+Shown = Annotated[str, Field(pattern=PRINTABLE)]
+Place = Annotated[str, Field(min_length=1, pattern=PRINTABLE)]
 Places = Place | Annotated[list[Place], Field(min_length=1)]
 
 
@@ -50,21 +53,21 @@ class HeldBeamTable(BeamTable):
 class PortedModalTable(Table):
     """``[modal]`` with joints, the arguments of :class:`models.bodies.modal.ModalModel`."""
 
-    frequencies_hz: Annotated[list[NonNegative], Field(min_length=1)]
-    ports: dict[str, list[float]]
+    frequencies_hz: Annotated[list[FreeFrequency], Field(min_length=1, max_length=MOST_MODES)]
+    ports: dict[Shown, list[Shape]]
     flexibility: list[list[float]] | None = None
     damping_matrix: list[list[float]] | None = None
-    reactions: dict[str, list[float]] = Field(default_factory=dict)
-    shares: dict[str, list[float]] = Field(default_factory=dict)
+    reactions: dict[Shown, list[Shape]] = Field(default_factory=dict)
+    shares: dict[Shown, list[Shape]] = Field(default_factory=dict)
 
 
 class MatrixTable(Table):
     """``[matrix]``: files of matrices, each as ``file`` or ``file:key``."""
 
-    mass: str
-    stiffness: str
-    damping: str | None = None
-    dofs: str | None = None
+    mass: Shown
+    stiffness: Shown
+    damping: Shown | None = None
+    dofs: Shown | None = None
     fixed: list[str] = Field(default_factory=list)
     modes: Annotated[int, Field(ge=1, le=1000)] = 20
     reduction: Method = "modes"
@@ -73,7 +76,7 @@ class MatrixTable(Table):
 class PlacedExcitationTable(Table):
     """``[excitation]`` of a rig with joints: its place, or its position on a beam."""
 
-    amplitude: Positive
+    amplitude: Force
     at: Place | None = None
     position: NonNegative | None = None
 
@@ -107,14 +110,14 @@ def joint_table(law: type) -> type[Table]:
     entries: dict[str, Any] = {"name": (ChannelName, ...), "at": (Places, ...), "to": (Places | None, None)}
     if law not in JOINT_LAWS.values():
         entries |= {
-            "normal_load": (NonNegative, ...),
-            "normal_stiffness": (Positive | None, None),
+            "normal_load": (Annotated[NonNegative, possible("normal_load")], ...),
+            "normal_stiffness": (Annotated[Positive, possible("N/m")] | None, None),
             "loaded_by": (str, ""),
         }
     return create_model(f"{law.__name__}JointTable", __base__=law_table(law), **entries)
 
 
-def jointed_rig(table: Mapping[str, Any], source: str) -> JointedRig:
+def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consent.NONE) -> JointedRig:
     """Make a rig with joints of the tables of a rig file.
 
     Parameters
@@ -123,6 +126,8 @@ def jointed_rig(table: Mapping[str, Any], source: str) -> JointedRig:
         What :func:`tomllib.load` returns for a rig file.
     source : str
         Name of the file, for messages; files that it names are looked for beside it.
+    consent : Consent
+        Which Python files that it names may be run.
 
     Raises
     ------
@@ -130,16 +135,16 @@ def jointed_rig(table: Mapping[str, Any], source: str) -> JointedRig:
         If something in the tables, or in a file that they name, is not accepted.
     """
     folder = Path(source).parent
-    complaint = min(_complaints(table, folder), key=lambda c: ranked(table, c.key), default=None)
+    complaint = min(_complaints(table, folder, consent), key=lambda c: ranked(table, c.key), default=None)
     if complaint is not None:
         raise InputError(f"{source}: {complaint}")
     file = JointedRigTable.model_validate(table)
     try:
         return JointedRig(
-            name=file.name,
+            name=visible(file.name),
             body=_body(file, folder),
             damping=_damping(file.damping),
-            joints=tuple(_joint(entry, folder) for entry in file.joints),
+            joints=tuple(_joint(entry, folder, consent) for entry in file.joints),
             excitation=Excitation(**_placed(file.excitation)),
             channels=tuple(Channel(**_placed(channel)) for channel in file.channels),
         )
@@ -147,7 +152,7 @@ def jointed_rig(table: Mapping[str, Any], source: str) -> JointedRig:
         raise InputError(f"{source}: {refused}") from None
 
 
-def _complaints(table: Mapping[str, Any], folder: Path) -> Iterator[Complaint]:
+def _complaints(table: Mapping[str, Any], folder: Path, consent: Consent) -> Iterator[Complaint]:
     yield from complaints_of(JointedRigTable, table, ())
     given = [name for name in BODIES if name in table]
     if len(given) != 1:
@@ -158,19 +163,19 @@ def _complaints(table: Mapping[str, Any], folder: Path) -> Iterator[Complaint]:
     joints = table.get("joints")
     for i, entry in enumerate(joints if isinstance(joints, list) else []):
         if isinstance(entry, dict):
-            yield from _of_joint(entry, i, folder)
+            yield from _of_joint(entry, i, folder, consent)
     if "matrix" in table or "modal" in table:
         yield from _of_places(table)
 
 
-def _of_joint(entry: dict[str, Any], i: int, folder: Path) -> Iterator[Complaint]:
+def _of_joint(entry: dict[str, Any], i: int, folder: Path, consent: Consent) -> Iterator[Complaint]:
     key, name = ("joints", i, "law"), entry.get("law")
     accepted = f"{accepted_laws()}; or {', '.join(JOINT_LAWS)}"
     if not isinstance(name, str):
         yield Complaint(key, "is missing" if name is None else found(name), f"must be {accepted}")
         return
     try:
-        law = _law_of(name, folder)
+        law = _law_of(name, folder, consent)
     except InputError as refused:
         yield Complaint(key, found(name), f"{refused}; or {', '.join(JOINT_LAWS)}")
         return
@@ -187,12 +192,12 @@ def _of_places(table: Mapping[str, Any]) -> Iterator[Complaint]:
             yield Complaint(("channels", i, "at"), "is missing", "must name a place of the body")
 
 
-def _law_of(name: str, folder: Path) -> type:
-    return JOINT_LAWS[name] if name in JOINT_LAWS else find_law(name, folder)
+def _law_of(name: str, folder: Path, consent: Consent) -> type:
+    return JOINT_LAWS[name] if name in JOINT_LAWS else find_law(name, folder, consent)
 
 
-def _joint(entry: dict[str, Any], folder: Path) -> Joint:
-    kind = _law_of(entry["law"], folder)
+def _joint(entry: dict[str, Any], folder: Path, consent: Consent) -> Joint:
+    kind = _law_of(entry["law"], folder, consent)
     values = joint_table(kind).model_validate(entry).model_dump(exclude={"law"})
     name, at, to = values.pop("name"), _listed(values.pop("at")), _listed(values.pop("to"))
     loaded_by = values.pop("loaded_by", "")

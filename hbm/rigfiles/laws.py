@@ -1,15 +1,18 @@
 """Friction laws by name: those of :data:`models.LAWS`, and one's own from a Python file, ``file.py:Class``.
 
-A file named so is run, as any program is. A law found in it is held against what every solver expects of a law before
-anything is computed with it.
+A file named so is run, as any program is: one that the user names, or, where a rig file names it, with the user's
+:class:`Consent`. A law found in it is held against what every solver expects of a law before anything is computed with
+it.
 """
 
 import difflib
 import hashlib
+import os
 import sys
 import traceback
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import fields
+from enum import Enum
 from functools import lru_cache
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -24,6 +27,24 @@ from models.friction import Parameter, Setting, defaults, describe, settings
 OWN = "own_file_"
 """Beginning of the names of the modules that files are run as."""
 
+ALLOW_CODE = "HBM_ALLOW_CODE"
+"""Environment variable: 1 where Python files that rig files name may be run."""
+
+
+class Consent(Enum):
+    """Which Python files may be run."""
+
+    NAMED = "any that the user names: on the command line, or to a function"
+    IN_FOLDER = "those in the folder of the rig file that names them, as the user allowed"
+    NONE = "none that a rig file names: it may come from anybody"
+
+    @staticmethod
+    def of_data(allow_code: bool | None) -> "Consent":
+        """For names in a rig file: what was said, otherwise what the environment says."""
+        allowed = os.environ.get(ALLOW_CODE) == "1" if allow_code is None else allow_code
+        return Consent.IN_FOLDER if allowed else Consent.NONE
+
+
 PARTS: dict[str, tuple[Any, str]] = {
     "name": (str, 'name: ClassVar[str] = "..."'),
     "states": ((int, property), "states: ClassVar[int] = ..."),
@@ -33,7 +54,7 @@ PARTS: dict[str, tuple[Any, str]] = {
 """What a class must have to be a law: of which type, and in words."""
 
 
-def find_law(name: str, folder: Path) -> type:
+def find_law(name: str, folder: Path, consent: Consent = Consent.NAMED) -> type:
     """Class of a friction law.
 
     Parameters
@@ -42,6 +63,8 @@ def find_law(name: str, folder: Path) -> type:
         Key of :data:`models.LAWS`, or ``file.py:Class``. The file is run.
     folder : Path
         Where a relative file is looked for.
+    consent : Consent
+        Whether the file may be run.
 
     Returns
     -------
@@ -50,14 +73,17 @@ def find_law(name: str, folder: Path) -> type:
     Raises
     ------
     InputError
-        If there is no such law, or it is none; the message says what is wrong, not where the name stands.
+        If there is no such law, it is none, or its file may not be run; the message says what is wrong, not where the
+        name stands.
     """
     if name in LAWS:
         return LAWS[name]
-    return _own_law(*file_and_class(name, folder, LAWS, accepted_laws()))
+    return _own_law(*file_and_class(name, folder, LAWS, accepted_laws(), consent))
 
 
-def file_and_class(name: str, folder: Path, known: Collection[str], accepted: str) -> tuple[Path, str]:
+def file_and_class(
+    name: str, folder: Path, known: Collection[str], accepted: str, consent: Consent = Consent.NAMED
+) -> tuple[Path, str]:
     """Split ``file.py:Class``, for a name that is none of those known.
 
     Parameters
@@ -69,18 +95,19 @@ def file_and_class(name: str, folder: Path, known: Collection[str], accepted: st
         Names that may have been meant.
     accepted : str
         What is accepted, in words.
+    consent : Consent
 
     Returns
     -------
     Path
-        Absolute.
+        Absolute, without symbolic links; it may be run.
     str
         Name of the class.
 
     Raises
     ------
     InputError
-        If it is not written so.
+        If it is not written so, or the file may not be run.
     """
     file, _, class_name = name.rpartition(":")
     if name.endswith(".py"):
@@ -89,7 +116,29 @@ def file_and_class(name: str, folder: Path, known: Collection[str], accepted: st
         close = difflib.get_close_matches(name, known, n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise InputError(f"must be {accepted}{hint}")
-    return (folder / file).resolve(), class_name
+    if not file.isprintable():
+        raise InputError("must name a file without control characters")
+    path = _resolved(folder / file)
+    _refuse_without_consent(path, folder, consent)
+    return path, class_name
+
+
+def _refuse_without_consent(path: Path, folder: Path, consent: Consent) -> None:
+    """Refuse a Python file that a rig file names and the user did not allow, or that is not beside the rig file."""
+    if consent is Consent.NONE:
+        raise InputError(
+            f"would run the Python file {path}; if you trust it, allow it with --allow-code, {ALLOW_CODE}=1 or "
+            "load_rig(path, allow_code=True)"
+        )
+    if consent is Consent.IN_FOLDER and not path.is_relative_to(_resolved(folder)):
+        raise InputError(f"is the Python file {path}; must be in the folder of the rig file, {_resolved(folder)}")
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError):  # a link to itself
+        raise InputError(f"there is no file {path}") from None
 
 
 def accepted_laws() -> str:

@@ -6,16 +6,17 @@ Of everything wrong in a file the first is told: first the departures from the t
 
 import re
 import tomllib
+import warnings
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from hbm.errors import InputError
+from hbm.errors import InputError, visible
 from hbm.rigfiles.extensions import rig_of_tables
 from hbm.rigfiles.joints import jointed_rig
-from hbm.rigfiles.laws import find_law
+from hbm.rigfiles.laws import Consent, find_law
 from hbm.rigfiles.schema import (
     BeamContactTable,
     BeamRig,
@@ -35,17 +36,22 @@ from hbm.rigfiles.schema import (
 from models import Beam, Channel, Contact, Damping, Excitation, FrictionLaw, ModalBody, Rig, describe
 from models.friction import settings
 from models.jointed import AnyRig
+from models.plausible import PlausibilityWarning, doubts, quiet
 
 COMPUTED_CHANNELS = ("drive", "slip", "slip_velocity", "friction", "normal")
 
 
-def load_rig(path: str | PathLike[str]) -> AnyRig:
+def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> AnyRig:
     """Read a rig file.
 
     Parameters
     ----------
     path : str or path
-        TOML file, formats.md section 1. A law of one's own, ``file.py:Class``, is run: read files you trust.
+        TOML file, formats.md section 1.
+    allow_code : bool, optional
+        Whether the Python files that it names, ``file.py:Class``, may be run, of those in its folder. Where omitted,
+        only if the environment variable ``HBM_ALLOW_CODE`` is 1: reading a file that somebody sent must not run
+        what they wrote.
 
     Returns
     -------
@@ -56,13 +62,23 @@ def load_rig(path: str | PathLike[str]) -> AnyRig:
     ------
     InputError
         If the file cannot be read or says something that is not accepted.
+
+    Warns
+    -----
+    models.plausible.PlausibilityWarning
+        Of numbers that look like another unit.
     """
     source = str(path)
     table = _parse(_read(Path(path), source), source)
-    return jointed_rig(table, source) if "joints" in table or "matrix" in table else rig_from_dict(table, source)
+    make = jointed_rig if "joints" in table or "matrix" in table else rig_from_dict
+    with quiet():
+        rig = make(table, source, Consent.of_data(allow_code))
+    for said in doubts(rig.quantities).values():
+        warnings.warn(f"{source}: {said}", PlausibilityWarning, stacklevel=2)
+    return rig
 
 
-def load_contact_rig(path: str | PathLike[str], where: str) -> Rig:
+def load_contact_rig(path: str | PathLike[str], where: str, *, allow_code: bool | None = None) -> Rig:
     """Read a rig file with ``[contact]``, for what knows no other joints.
 
     Raises
@@ -70,13 +86,13 @@ def load_contact_rig(path: str | PathLike[str], where: str) -> Rig:
     InputError
         As :func:`load_rig`, and if the file has ``[[joints]]``.
     """
-    rig = load_rig(path)
+    rig = load_rig(path, allow_code=allow_code)
     if not isinstance(rig, Rig):
         raise InputError(f"{path}: has [[joints]]; {where} needs a rig with [contact]")
     return rig
 
 
-def rig_from_dict(table: Mapping[str, Any], source: str) -> Rig:
+def rig_from_dict(table: Mapping[str, Any], source: str, consent: Consent = Consent.NONE) -> Rig:
     """Make a rig of the tables of a rig file.
 
     Parameters
@@ -85,6 +101,8 @@ def rig_from_dict(table: Mapping[str, Any], source: str) -> Rig:
         What :func:`tomllib.load` returns for a rig file.
     source : str
         Name of the file, for messages; the file of a law of one's own is looked for beside it.
+    consent : Consent
+        Which Python files that it names may be run.
 
     Returns
     -------
@@ -99,15 +117,15 @@ def rig_from_dict(table: Mapping[str, Any], source: str) -> Rig:
     if not table:
         raise InputError(f"{source}: is empty; must have name, beam or modal, damping, contact, excitation")
     folder = Path(source).parent
-    if complaint := first_complaint(table, folder):
+    if complaint := first_complaint(table, folder, consent):
         raise InputError(f"{source}: {complaint}")
     file = root_schema(table).model_validate(table)
-    kind = find_law(file.contact.friction["law"], folder)
+    kind = find_law(file.contact.friction["law"], folder, consent)
     law = law_table(kind).model_validate(file.contact.friction)
     for complaint in _contradictions(file, kind, law):
         raise InputError(f"{source}: {complaint}")
     try:
-        return rig_of_tables(_rig(file, _law(kind, law)), file.extensions, folder)
+        return rig_of_tables(_rig(file, _law(kind, law)), file.extensions, folder, consent)
     except InputError as refused:
         raise InputError(f"{source}: {refused}") from None
 
@@ -234,7 +252,7 @@ def _of_channels(channels: list[Any]) -> Iterator[Complaint]:
 
 def _rig(file: BeamRig | ModalRig, law: FrictionLaw) -> Rig:
     return Rig(
-        name=file.name,
+        name=visible(file.name),
         body=Beam(**file.beam.model_dump()) if isinstance(file, BeamRig) else _modal_body(file.modal),
         damping=_damping(file.damping),
         contact=_contact(file.contact, law),

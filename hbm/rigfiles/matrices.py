@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from hbm.errors import InputError
-from hbm.textfiles import StrPath, why
+from hbm.textfiles import StrPath, damage, why
 
 Matrix = Any  # of scipy.sparse, which has no types
 ENDINGS = (".npz", ".mtx", ".mat")
@@ -167,7 +167,7 @@ def _matrix_market(path: StrPath) -> Any:
     try:
         return mmread(path)
     except Exception as refused:  # SciPy lets through whatever its reader raises
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be Matrix Market") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be Matrix Market") from None
 
 
 def _npz(path: StrPath, key: str | None) -> Matrix:
@@ -182,7 +182,7 @@ def _npz(path: StrPath, key: str | None) -> Matrix:
     except InputError:
         raise
     except Exception as refused:  # NumPy lets through whatever zip, pickle and its own headers raise
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); {accepted}") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); {accepted}") from None
     return _named(path, arrays, key)
 
 
@@ -194,7 +194,7 @@ def _mat(path: StrPath, key: str | None) -> Matrix:
     except NotImplementedError:  # HDF5
         raise InputError(f"{path}: is a MAT file v7.3; must be v5 to v7, save it with -v7") from None
     except Exception as refused:  # SciPy lets through whatever a damaged file makes it do
-        raise InputError(f"{path}: cannot be read ({_first_line(refused)}); must be a MAT file, v5 to v7") from None
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file, v5 to v7") from None
     return _named(path, {name: value for name, value in variables.items() if not name.startswith("__")}, key)
 
 
@@ -215,7 +215,3 @@ def _of(path: StrPath, found: Any, name: str = "") -> Matrix:
         what = {"c": "complex", "O": "not numbers", "U": "text"}.get(kind, "numbers")
         raise InputError(f"{path}:{name} is {what}, {shape} entries; must be a matrix of real numbers")
     return sparse.csc_array(found, dtype=float)
-
-
-def _first_line(refused: Exception) -> str:
-    return next(iter(str(refused).splitlines()), type(refused).__name__).lower()

@@ -19,20 +19,39 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import ErrorDetails
 
 from hbm.errors import InputError
-from hbm.rigfiles.laws import accepted_laws, find_law
+from hbm.rigfiles.laws import Consent, accepted_laws, find_law
+from hbm.rigfiles.quantities import (
+    Alpha,
+    Beta,
+    Density,
+    Force,
+    Frequency,
+    Length,
+    Load,
+    Modulus,
+    Positive,
+    Radius,
+    Ratio,
+    Shape,
+    Thickness,
+    Width,
+    possible,
+)
 from models import LAWS, Beam, Contact, Damping, Parameter, describe
 from models.friction import defaults
 from models.parts import Quantity
+from models.plausible import of_parameter
 
 Key = tuple[str | int, ...]
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
+PRINTABLE = r"^[^\p{C}\p{Zl}\p{Zp}]*$"
 # names become columns and cells of CSV files
 ChannelName = Annotated[str, Field(pattern=r'^[^\s\p{C},;"](?:[^\p{C}\p{Zl}\p{Zp},;"]*[^\s\p{C},;"])?$')]
 
 
 MOST_ENTRIES = 200
 """Elements of a law, of which each costs a state."""
+
+MOST_MODES = 1000
 
 
 class Table(BaseModel):
@@ -44,44 +63,44 @@ class Table(BaseModel):
 class BeamTable(Table):
     """``[beam]``, the arguments of :class:`models.Beam`."""
 
-    length: Positive
-    width: Positive
-    thickness: Positive
-    youngs_modulus: Positive
-    density: Positive
-    modes: Annotated[int, Field(ge=1, le=1000)] = Beam.modes
+    length: Length
+    width: Width
+    thickness: Thickness
+    youngs_modulus: Modulus
+    density: Density
+    modes: Annotated[int, Field(ge=1, le=MOST_MODES)] = Beam.modes
 
 
 class ModalTable(Table):
     """``[modal]``, the arguments of :class:`models.ModalBody`."""
 
-    frequencies_hz: Annotated[list[Positive], Field(min_length=1)]
-    shapes: list[list[float]]
-    contact_shape: list[float]
-    excitation_shape: list[float]
+    frequencies_hz: Annotated[list[Frequency], Field(min_length=1, max_length=MOST_MODES)]
+    shapes: list[list[Shape]]
+    contact_shape: list[Shape]
+    excitation_shape: list[Shape]
 
 
 class DampingTable(Table):
     """``[damping]``: mass_proportional or modal_ratios, and the high modes."""
 
-    mass_proportional: NonNegative | None = None
-    modal_ratios: Annotated[list[NonNegative], Field(min_length=1)] | None = None
-    stiffness_proportional: NonNegative = Damping.stiffness_proportional
-    high_mode_ratio: NonNegative = Damping.high_mode_ratio
+    mass_proportional: Alpha | None = None
+    modal_ratios: Annotated[list[Ratio], Field(min_length=1)] | None = None
+    stiffness_proportional: Beta = Damping.stiffness_proportional
+    high_mode_ratio: Ratio = Damping.high_mode_ratio
     high_mode_from: Annotated[int, Field(ge=1)] = Damping.high_mode_from
 
 
 class ContactTable(Table):
     """``[contact]`` of a modal rig."""
 
-    normal_load: Positive
+    normal_load: Load
     friction: dict[str, Any]  # checked against the law it names, see law_table
 
 
 class BeamContactTable(ContactTable):
     """``[contact]`` of a beam."""
 
-    radius: NonNegative
+    radius: Radius
     variable_normal_load: bool = bool(Contact.load_variation)
     residual_compliance: bool = Contact.residual_compliance
     foreshortening: bool = Contact.foreshortening
@@ -91,7 +110,7 @@ class BeamContactTable(ContactTable):
 class ExcitationTable(Table):
     """``[excitation]`` of a modal rig."""
 
-    amplitude: Positive
+    amplitude: Force
 
 
 class BeamExcitationTable(ExcitationTable):
@@ -144,15 +163,16 @@ def law_table(law: type) -> type[Table]:
     known, hints, optional = describe(law), get_type_hints(law), defaults(law)
     entries: dict[str, Any] = {"law": (str, ...)}
     for f in fields(law):
-        accepted = _number(known[f.name]) if f.name in known else _choice(hints[f.name])
+        accepted = _number(f.name, known[f.name]) if f.name in known else _choice(hints[f.name])
         default = optional.get(f.name, ...)
         entries[f.name] = (accepted, list(default) if isinstance(default, tuple) else default)
     return create_model(f"{law.__name__}Table", __base__=Table, **entries)
 
 
-def _number(p: Parameter) -> Any:
+def _number(name: str, p: Parameter) -> Any:
     bounds: dict[str, Any] = {"gt" if p.strict else "ge": p.lower, "le": p.upper}
-    return Annotated[float, Field(**{sign: bound for sign, bound in bounds.items() if isfinite(bound)})]
+    within = Field(**{sign: bound for sign, bound in bounds.items() if isfinite(bound)})
+    return Annotated[float, within, possible(of_parameter(name, p.unit))]
 
 
 def _choice(hint: Any) -> Any:
@@ -195,16 +215,16 @@ def root_schema(table: dict[str, Any]) -> type[BeamRig] | type[ModalRig]:
     return ModalRig if "modal" in table and "beam" not in table else BeamRig
 
 
-def first_complaint(table: dict[str, Any], folder: Path) -> Complaint | None:
+def first_complaint(table: dict[str, Any], folder: Path, consent: Consent) -> Complaint | None:
     """First departure from the schema in the order of the file, a missing key at the end of its table.
 
-    `folder` is where the file of a law of one's own is looked for.
+    `folder` is where the file of a law of one's own is looked for, `consent` whether it may be run.
     """
     contact = table.get("contact")
     friction = contact.get("friction") if isinstance(contact, dict) else None
     complaints = [*complaints_of(root_schema(table), table, ())]
     if isinstance(friction, dict):
-        complaints += _of_friction(friction, folder)
+        complaints += _of_friction(friction, folder, consent)
     if "beam" not in table and "modal" not in table:  # what the other tables may hold depends on it
         complaints = [c for c in complaints if len(c.key) == 1]
     return min(complaints, key=lambda c: ranked(table, c.key), default=None)
@@ -234,7 +254,7 @@ def complaints_of(schema: type[Table], table: Mapping[str, Any], prefix: Key) ->
             yield _complaint(schema, error, prefix)
 
 
-def _of_friction(friction: dict[str, Any], folder: Path) -> Iterator[Complaint]:
+def _of_friction(friction: dict[str, Any], folder: Path, consent: Consent) -> Iterator[Complaint]:
     key, name = ("contact", "friction", "law"), friction.get("law")
     if "law" not in friction:
         yield Complaint(key, "is missing", f"must be {accepted_laws()}")
@@ -242,7 +262,7 @@ def _of_friction(friction: dict[str, Any], folder: Path) -> Iterator[Complaint]:
         yield Complaint(key, found(name), f"must be {accepted_laws()}")
     else:
         try:
-            law = find_law(name, folder)
+            law = find_law(name, folder, consent)
         except InputError as refused:
             yield Complaint(key, found(name), str(refused))
         else:
@@ -305,6 +325,10 @@ def _accepted(schema: type[Table], error: ErrorDetails) -> str:
     kind, context = error["type"], error.get("ctx", {})
     if kind == "list_type" and isinstance(error["input"], dict):
         return f"must be an array of tables, [[{error['loc'][-1]}]]"
+    if kind == "string_pattern_mismatch":
+        if context["pattern"] == PRINTABLE:
+            return "must be a name without control characters"
+        return "must be a name without , ; quotes, control characters or surrounding blanks"
     if kind == "literal_error":
         return one_of(re.findall("'([^']*)'", context["expected"]))
     if kind in _BOUNDS and (bounds := _bounds(schema, error["loc"])):
@@ -337,7 +361,6 @@ _WORDS = {
     "less_than_equal": "must be <= {le:g}",
     "too_short": "must have at least one entry",
     "too_long": "must have at most {max_length} entries",
-    "string_pattern_mismatch": "must be a name without , ; quotes, control characters or surrounding blanks",
 }
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from hbm.rigfiles.extensions import Extension
+from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.load import rig_from_dict
 from hbm.textfiles import StrPath
 
@@ -41,16 +42,20 @@ def _entry(item: tuple[str, object]) -> str:
     return f"{name} = {text}\n"
 
 
-def write_extended_rig(path: StrPath, nominal: StrPath, extensions: Sequence[Extension]) -> Path:
+def write_extended_rig(
+    path: StrPath, nominal: StrPath, extensions: Sequence[Extension], *, allow_code: bool | None = None
+) -> Path:
     """Write a rig file with extensions, after it was read back.
 
     Parameters
     ----------
     path : str or path
-        Where to; files of laws or causes of one's own are looked for beside it, unless their paths are absolute.
+        Where to; files of laws or causes of one's own are looked for beside it.
     nominal : str or path
         Rig file to extend.
     extensions : sequence of Extension
+    allow_code : bool, optional
+        As :func:`hbm.rigfiles.load.load_rig`, for it is read back.
 
     Returns
     -------
@@ -64,6 +69,6 @@ def write_extended_rig(path: StrPath, nominal: StrPath, extensions: Sequence[Ext
         As :func:`extended_rig_text`.
     """
     text = extended_rig_text(Path(nominal).read_text(encoding="utf-8-sig"), extensions)
-    rig_from_dict(tomllib.loads(text), str(path))
+    rig_from_dict(tomllib.loads(text), str(path), Consent.of_data(allow_code))
     Path(path).write_text(text, encoding="utf-8")
     return Path(path)

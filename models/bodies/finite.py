@@ -1,9 +1,9 @@
 """The beam of a rig file as finite elements, with any supports at its ends: places anywhere, axial motion too."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from scipy import sparse
@@ -55,6 +55,11 @@ class FiniteBeam:
                 raise ValueError(
                     f'FiniteBeam: {name} = "{getattr(self, name)}"; must be one of {", ".join(get_args(End))}'
                 )
+
+    @property
+    def quantities(self) -> Iterator[tuple[str, str, Any]]:
+        """Key of the rig file, quantity of :mod:`models.plausible`, value."""
+        return self.beam.quantities
 
     def __str__(self) -> str:
         """Its measures and how it is held."""

@@ -8,6 +8,7 @@ import numpy as np
 from models.bodies.ported import PortedModes
 from models.bounds import bounded
 from models.parts import Damping
+from models.plausible import plausible
 from models.structure import Array
 
 SYMMETRIC = 1e-9
@@ -46,6 +47,7 @@ class ModalModel:
         """Refuse frequencies that are none, and rows or matrices of another size."""
         for i, hz in enumerate(self.frequencies_hz):
             bounded(f"ModalModel: frequencies_hz[{i}]", hz, 0.0)
+            plausible(f"ModalModel: frequencies_hz[{i}]", hz, "frequencies_hz")
         if list(self.frequencies_hz) != sorted(self.frequencies_hz):
             raise ValueError("ModalModel: frequencies_hz do not ascend; sort them, and the shapes with them")
         n, p = len(self.frequencies_hz), len(self.ports)
@@ -55,12 +57,18 @@ class ModalModel:
         for what, row, size in sizes:
             if len(row) != size:
                 raise ValueError(f"ModalModel: {what} has {len(row)} entries; must have {size}")
+            for i, entry in enumerate(row):
+                bounded(f"ModalModel: {what}[{i}]", entry)
+                plausible(f"ModalModel: {what}[{i}]", entry, "shape")
         for what, matrix, size in (("flexibility", self.flexibility, p), ("damping_matrix", self.damping_matrix, n)):
             if matrix is None:
                 continue
+            if len(matrix) != size or any(len(row) != size for row in matrix):
+                raise ValueError(f"ModalModel: {what} has rows of other lengths; must be {size} x {size}")
             values = np.array(matrix, dtype=float)
-            if values.shape != (size, size):
-                raise ValueError(f"ModalModel: {what} is {' x '.join(map(str, values.shape))}; must be {size} x {size}")
+            for entry in values.ravel():
+                bounded(f"ModalModel: {what}", entry)
+                plausible(f"ModalModel: {what}", entry, "entry")
             if np.abs(values - values.T).max() > SYMMETRIC * np.abs(values).max():
                 raise ValueError(f"ModalModel: {what} is not symmetric")
 

@@ -12,12 +12,14 @@ solve them itself, in closed form (:func:`models.friction.elements.limits`); or 
 (:mod:`hbm.aft.step`).
 """
 
+from collections.abc import Iterator
 from dataclasses import MISSING, Field, dataclass, fields, replace
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import casadi as ca
 
 from models.bounds import bounded
+from models.plausible import of_parameter, plausible
 
 Described = TypeVar("Described")
 Value = Any  # a float or a CasADi expression: laws are written once for both
@@ -184,7 +186,15 @@ def check_parameters(law: FrictionLaw) -> None:
         With the number and its bounds.
     """
     for name, known in describe(type(law)).items():
-        bounded(f"{type(law).__name__}: {name}", getattr(law, name), known.lower, known.upper, known.strict)
+        where, value = f"{type(law).__name__}: {name}", getattr(law, name)
+        bounded(where, value, known.lower, known.upper, known.strict)
+        plausible(where, value, of_parameter(name, known.unit))
+
+
+def quantities_of(law: object, table: str) -> Iterator[tuple[str, str, Any]]:
+    """Key of the rig file, quantity of :mod:`models.plausible`, and value of each parameter of a law."""
+    for name, known in describe(type(law)).items():
+        yield f"{table}.{name}", of_parameter(name, known.unit), getattr(law, name)
 
 
 class Checked:

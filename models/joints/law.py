@@ -12,6 +12,7 @@ import casadi as ca
 
 from models.bounds import bounded
 from models.friction.law import Parameter
+from models.plausible import of_parameter, plausible
 
 Value = Any  # a float or a CasADi expression: laws are written once for both
 
@@ -108,7 +109,9 @@ def check_bounds(law: Any) -> None:
     for f in fields(law):
         known, value = f.metadata.get("parameter"), getattr(law, f.name)
         if isinstance(known, Parameter) and value is not None:
-            bounded(f"{type(law).__name__}: {f.name}", value, known.lower, known.upper, known.strict)
+            where = f"{type(law).__name__}: {f.name}"
+            bounded(where, value, known.lower, known.upper, known.strict)
+            plausible(where, value, of_parameter(f.name, known.unit))
 
 
 def numbers(law: Any) -> dict[str, float]:
