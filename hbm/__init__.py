@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from hbm.response.bifurcations import stability_of, with_stability
     from hbm.response.curve import Assessment, Bifurcation, NumericalError, ResponseCurve
     from hbm.response.loop import FrictionLoop, friction_loop
+    from hbm.response.synthesis import Synthesis, synthesize
     from hbm.response.trace import force_response, steady_state, trace_frequency
     from hbm.rigfiles.lawchoice import choose_law
     from hbm.rigfiles.load import load_rig
@@ -105,6 +106,7 @@ __all__ = [
     "Sensitivities",
     "SpectraFit",
     "Stability",
+    "Synthesis",
     "TimeHistory",
     "choose_law",
     "diagnose",
@@ -134,6 +136,7 @@ __all__ = [
     "simulate",
     "stability_of",
     "steady_state",
+    "synthesize",
     "trace_frequency",
     "with_stability",
     "write_curves",
@@ -173,6 +176,7 @@ _HOMES = {
     "hbm.modes.linear": ("LinearModes", "linear_modes"),
     "hbm.tracking.parameterresponse": ("ParameterCurve", "parameter_response"),
     "hbm.tracking.peaks": ("Peaks", "follow_peak"),
+    "hbm.response.synthesis": ("Synthesis", "synthesize"),
     "hbm.response.trace": ("force_response", "steady_state", "trace_frequency"),
     "hbm.files.curves": ("SavedCurve", "read_curves", "write_curves", "write_history"),
     "hbm.rigfiles.load": ("load_rig",),

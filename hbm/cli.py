@@ -37,6 +37,7 @@ from hbm.commands.options import (
 )
 from hbm.commands.spectra import spectra
 from hbm.commands.stability import Stability, judged
+from hbm.commands.synthesize import synthesize
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -258,6 +259,7 @@ def simulate(
 
 app.command(cls=spreading("--level"))(backbone)
 app.command(cls=spreading("--fundamental", "--level"))(spectra)
+app.command(cls=spreading("--levels", "--frequencies"))(synthesize)
 app.command(cls=spreading("--record"))(inverse)
 app.command(cls=spreading("--held-out"))(identify)
 app.command(cls=spreading("--hold-out"))(diagnose)

@@ -83,7 +83,7 @@ def diagnose(
         search = Search(rig, train, candidates, tolerances, tell, executor)
         return Conclusion(search, search.decide(), unseen, held)
 
-    beside = tuple(_unrepeatable(shares))
+    beside = (*_unrepeatable(shares), *spectra.warnings)
     found = conclude(held)
     if held_out is not None or not found.untold:
         diagnosis = found.diagnosis()

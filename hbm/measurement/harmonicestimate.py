@@ -188,4 +188,5 @@ def spectra_of_records(
         channels=kept,
         coefficients=coefficients,
         std=std,
+        notes=tuple((i, text) for i, e in enumerate(estimates, start=1) for text in e.warnings),
     )

@@ -12,6 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from hbm.channels import COMPUTED_CHANNELS
 from hbm.errors import InputError
 from hbm.rigfiles.extensions import rig_of_tables
 from hbm.rigfiles.joints import jointed_rig
@@ -35,8 +36,6 @@ from hbm.rigfiles.schema import (
 from models import Beam, Channel, Contact, Damping, Excitation, FrictionLaw, ModalBody, Rig, describe
 from models.friction import settings
 from models.jointed import AnyRig
-
-COMPUTED_CHANNELS = ("drive", "slip", "slip_velocity", "friction", "normal")
 
 
 def load_rig(path: str | PathLike[str]) -> AnyRig:
