@@ -34,6 +34,8 @@ Names are imported when they are first used, so that ``import hbm`` costs nothin
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hbm.siblings import install
+
 if TYPE_CHECKING:
     from continuation import ConvergenceError
     from hbm.balance.solution import PeriodicSolution
@@ -145,7 +147,7 @@ __all__ = [
 ]
 
 _HOMES = {
-    "continuation": ("ConvergenceError",),
+    "hbm.continuation": ("ConvergenceError",),
     "hbm.response.accuracy": ("frequency_response",),
     "hbm.modes.backbone": ("NonlinearMode", "PhaseResonance", "nonlinear_mode", "phase_resonance"),
     "hbm.response.bifurcations": ("stability_of", "with_stability"),
@@ -184,6 +186,8 @@ _HOMES = {
     "hbm.balance.solution": ("PeriodicSolution",),
     "hbm.stability.multipliers": ("Stability",),
 }
+install()
+
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 

@@ -18,6 +18,7 @@ from typer.core import TyperGroup
 from hbm.commands.backbone import backbone
 from hbm.commands.deliver import deliver_curves, deliver_history, deliver_loops
 from hbm.commands.diagnose import diagnose
+from hbm.commands.examples import examples
 from hbm.commands.follow import follow
 from hbm.commands.identify import identify
 from hbm.commands.inverse import inverse
@@ -264,6 +265,7 @@ app.command(cls=spreading("--record"))(inverse)
 app.command(cls=spreading("--held-out"))(identify)
 app.command(cls=spreading("--hold-out"))(diagnose)
 app.command("continue")(follow)
+app.command()(examples)
 
 
 # ---------------------------------------------------------------------------------------------------------- options

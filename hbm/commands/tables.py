@@ -25,8 +25,11 @@ from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
 from models.jointed import AnyRig, JointedRig
 
-TEXTS = ("channel", "unit", "law", "values")
+TEXTS = ("channel", "unit", "law", "values", "example", "about")
 """Headings of columns that hold no numbers."""
+
+PROSE = "about"
+"""Heading of the column that may take several lines."""
 
 LISTED = 20
 """Up to so many bifurcations of a curve are listed, more are counted."""
@@ -247,16 +250,10 @@ def print_rows(console: Console, title: str, rows: Iterable[Mapping[str, str]]) 
 
 def print_table(console: Console, title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table without lines between its columns, numbers to the right."""
-    table = Table(
-        title=title,
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        collapse_padding=True,
-        title_style="bold",
-    )
+    console.print(Text(title, "bold"), soft_wrap=True)  # a title of the table would be wrapped to the table's width
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in headings:
-        table.add_column(heading, justify="left" if heading in TEXTS else "right", no_wrap=True)
+        table.add_column(heading, justify="left" if heading in TEXTS else "right", no_wrap=heading != PROSE)
     for row in rows:
         table.add_row(*row)
     console.print(table)
