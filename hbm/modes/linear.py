@@ -85,6 +85,19 @@ def linear_modes(rig: AnyRig) -> LinearModes:
     )
 
 
+BESIDE = (0.85, 1.35, 1.1)
+"""A sweep begins at this part of the first sliding resonance; it ends beyond this part of it, and of the stuck one."""
+
+
+def sliding_to_stuck(rig: AnyRig) -> tuple[float, float]:
+    """Range of frequencies in which the first resonance lies however much the contact slides [Hz]."""
+    found = linear_modes(rig)
+    elastic = found.sliding_hz > 0.0
+    sliding, stuck = float(found.sliding_hz[elastic][0]), found.stuck_hz[elastic][0]
+    begin, end, beyond = BESIDE
+    return begin * sliding, float(np.nanmax([end * sliding, beyond * stuck]))
+
+
 def contact_stiffness(rig: Rig) -> float:
     """Tangential stiffness of the contact at rest, in series with the structure's compliance [N/m].
 
