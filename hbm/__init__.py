@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.errors import InputError
     from hbm.files.curves import SavedCurve, read_curves, write_curves, write_history
+    from hbm.files.extendedrig import write_extended
     from hbm.identification.identify import Identification, identify
     from hbm.identification.lawfit import LawFit
     from hbm.identification.spectra import SpectraFit, fit_spectra
@@ -142,6 +143,7 @@ __all__ = [
     "trace_frequency",
     "with_stability",
     "write_curves",
+    "write_extended",
     "write_history",
     "write_spectra",
 ]
@@ -181,6 +183,7 @@ _HOMES = {
     "hbm.response.synthesis": ("Synthesis", "synthesize"),
     "hbm.response.trace": ("force_response", "steady_state", "trace_frequency"),
     "hbm.files.curves": ("SavedCurve", "read_curves", "write_curves", "write_history"),
+    "hbm.files.extendedrig": ("write_extended",),
     "hbm.rigfiles.load": ("load_rig",),
     "hbm.sensitivity.derivatives": ("Sensitivities", "sensitivities"),
     "hbm.balance.solution": ("PeriodicSolution",),

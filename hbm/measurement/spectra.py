@@ -14,13 +14,14 @@ import numpy.typing as npt
 from hbm.errors import InputError
 from hbm.fourier import Array, complex_of
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
+from models.display import Displayed
 from models.rig import Rig
 
 MOST_WARNINGS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredSpectra:
+class MeasuredSpectra(Displayed):
     """Harmonic coefficients of measured steady states, formats.md section 2.
 
     All channels of a record share one time origin: s(t) = a_0 + sum a_k cos(k Omega t) + b_k sin(k Omega t).

@@ -9,6 +9,7 @@ from scipy.linalg import null_space
 from hbm.aft.jointstep import JointStep, values
 from hbm.aft.step import law_step
 from hbm.errors import expect_rig
+from models.display import Displayed
 from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
@@ -19,7 +20,7 @@ SMALL_SLIP = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class LinearModes:
+class LinearModes(Displayed):
     """Natural modes of a rig.
 
     Attributes
