@@ -79,6 +79,8 @@ def _of_path(path: Path) -> Sequence[Entry]:
         return list(_of_toml(path))
     if path.suffix.lower() == ".csv" and _lists_files(path):
         return list(_of_csv(path))
+    if path.suffix.lower() not in READERS and not path.exists():
+        raise InputError(f"{path}: no such file or folder; must be a time history, a manifest or a folder")
     return [Entry(path)]
 
 

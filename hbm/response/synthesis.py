@@ -109,7 +109,7 @@ def synthesize(
         tell(f"{level:g} N", i / len(levels))
         curve = frequency_response(rig, ((1 - BEYOND) * min(frequencies), (1 + BEYOND) * max(frequencies)), level=level)
         remarks += [f"{level:g} N: {line}" for line in (curve.assessment.warnings if curve.assessment else ())]
-        states += [_settled(curve, hz) for hz in frequencies]
+        states += _settled(curve, frequencies)
         curves.append(curve)
     recordings = _recorded(rig, states, snr, np.random.default_rng(seed), harmonics)
     estimates = tuple(harmonic_spectra(r, s.hz, harmonics) for r, s in zip(recordings, states, strict=True))
@@ -132,14 +132,26 @@ def _check(rig: AnyRig, levels: Sequence[float], frequencies: Sequence[float]) -
         expect_frequency(hz, "synthesize")
 
 
-def _settled(curve: ResponseCurve, hz: float) -> PeriodicSolution:
-    """The steady state to which a slow sweep along the curve comes: the first stable one at a frequency.
+def _settled(curve: ResponseCurve, frequencies: Sequence[float]) -> list[PeriodicSolution]:
+    """The steady states to which a slow sweep along the curve comes.
 
     Raises
     ------
     ConvergenceError
-        If the curve has none there.
+        If the curve has none at a frequency; all such frequencies are named.
     """
+    found = {hz: _first_stable(curve, hz) for hz in frequencies}
+    missing = ", ".join(f"{hz:g}" for hz, state in found.items() if state is None)
+    if missing:
+        raise ConvergenceError(
+            f"synthesize: no stable steady state at {missing} Hz and {curve.level:g} N; a test would show another motion "
+            "there; choose other frequencies or levels"
+        )
+    return [state for state in found.values() if state is not None]
+
+
+def _first_stable(curve: ResponseCurve, hz: float) -> PeriodicSolution | None:
+    """The first stable steady state at a frequency along the curve."""
     past = curve.hz >= hz
     H, N_t = curve.basis.H, curve.basis.N_t
     for i in np.flatnonzero(past[1:] != past[:-1]):
@@ -150,10 +162,7 @@ def _settled(curve: ResponseCurve, hz: float) -> PeriodicSolution:
                 return found
         except ConvergenceError:
             continue
-    raise ConvergenceError(
-        f"synthesize: no stable steady state at {hz:g} Hz and {curve.level:g} N; a test would show another "
-        "motion there; choose another frequency or level"
-    )
+    return None
 
 
 def _of_states(states: Sequence[PeriodicSolution]) -> Iterator[str]:

@@ -167,6 +167,8 @@ def test_an_empty_folder_and_a_file_without_frequency_are_refused(tmp_path: Path
     assert run(str(tmp_path), "--out", str(tmp_path / "s.csv")).stderr.startswith(
         f"{tmp_path}: no recordings; must have"
     )
+    missing = run(str(tmp_path / "runs"), "--out", str(tmp_path / "s.csv")).stderr
+    assert missing == f"{tmp_path / 'runs'}: no such file or folder; must be a time history, a manifest or a folder\n"
     export(tmp_path / "a_50Hz.csv", "Time (s);force;a1")
     export(tmp_path / "b.csv", "Time (s);force;a1")
     result = run(str(tmp_path), "--out", str(tmp_path / "s.csv"))

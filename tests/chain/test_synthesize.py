@@ -89,3 +89,18 @@ def test_a_rig_without_channels_is_refused() -> None:
 
     with pytest.raises(InputError, match=r"has no channels; must have at least one \[\[channels\]\]"):
         synthesize(replace(load_rig(RIG), channels=()), [2.0], [45.0])
+
+
+def test_where_no_steady_state_is_stable_nothing_is_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All frequencies of a level are named at which stability is denied."""
+    from continuation import ConvergenceError
+    from hbm.response import synthesis
+
+    class Unstable:
+        stable = False
+
+    monkeypatch.setattr(synthesis, "stability_of", lambda rig, solution: Unstable())
+    with pytest.raises(
+        ConvergenceError, match="no stable steady state at 45, 48 Hz and 2 N; a test would show another"
+    ):
+        synthesize(load_rig(RIG), [2.0], FREQUENCIES)
