@@ -144,8 +144,8 @@ def _settled(curve: ResponseCurve, frequencies: Sequence[float]) -> list[Periodi
     missing = ", ".join(f"{hz:g}" for hz, state in found.items() if state is None)
     if missing:
         raise ConvergenceError(
-            f"synthesize: no stable steady state at {missing} Hz and {curve.level:g} N; a test would show another motion "
-            "there; choose other frequencies or levels"
+            f"synthesize: no stable steady state at {missing} Hz and {curve.level:g} N; a test would show another "
+            "motion there; choose other frequencies or levels"
         )
     return [state for state in found.values() if state is not None]
 
