@@ -43,8 +43,8 @@ def synthesize(
 ) -> None:
     """Measured-like spectra of a rig: its steady states, sampled, with noise, and estimated as a measurement is.
 
-    The harmonics of the simulation and its error are chosen and estimated as by hbm frf. Where several steady states
-    are stable, the record is that of a slow sweep from the lowest frequency.
+    Curves as of hbm frf say which steady states there are; each record is then solved on a finer discretisation. Where
+    several steady states are stable, the record is that of a slow sweep from the lowest frequency.
 
     Example:  hbm synthesize rig.toml --levels 2 6.5 --frequencies 46 48 50 52 --snr 60 --seed 1 --out spectra.csv
     """
@@ -109,11 +109,6 @@ def _write_histories(folder: Path, made: "Synthesis") -> list[Path]:
 def _print(made: "Synthesis") -> None:
     from hbm.commands.tables import print_lines, print_rows
 
-    lines = []
-    for curve in made.curves:
-        known = curve.assessment
-        if known is not None:
-            lines.append(f"{curve.level:g} N: {known.reason}; error {known.error.at_peak.total:.2%} at the peak")
     print_rows(
         console(),
         f"{made.curves[0].rig.name}: {len(made.recordings)} records",
@@ -127,4 +122,4 @@ def _print(made: "Synthesis") -> None:
             for j, name in enumerate(made.spectra.channels)
         ),
     )
-    print_lines(console(), [*lines, *(f"warning: {line}" for line in made.remarks)])
+    print_lines(console(), [f"warning: {line}" for line in made.remarks])

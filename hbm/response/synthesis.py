@@ -1,8 +1,8 @@
 """What a test of a rig would have recorded: its steady states, sampled, with noise, as recordings and as spectra.
 
-The steady states come from the curves of :func:`hbm.response.accuracy.frequency_response`, which chooses the harmonics
-and estimates the error. Noise is added to the samples, and the spectra are estimated from these recordings in the same
-way as measured ones are, with their standard deviations.
+The curves of :func:`hbm.response.accuracy.frequency_response` say which steady states there are. Each is solved again
+on a finer discretisation: the error of a curve may be above the noise of a good measurement. Noise is added to the
+samples, and the spectra are estimated from these recordings as measured ones are, with their standard deviations.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -22,8 +22,16 @@ from hbm.response.accuracy import frequency_response
 from hbm.response.bifurcations import stability_of
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import steady_state
+from models.beam import Beam
 from models.jointed import AnyRig
 from models.parts import UNITS
+from models.rig import Rig
+
+HARMONICS, SAMPLES, MORE_MODES = 60, 1024, 15
+"""Of the records: harmonics, samples per period, and modes of a beam beyond those of its rig file."""
+
+PASSED = 2
+"""Harmonics up to so many times the highest of the spectra pass the filter before sampling."""
 
 PERIODS = 64
 """Periods of the lowest frequency in each recording."""
@@ -104,18 +112,17 @@ def synthesize(
     """
     _check(rig, levels, frequencies)
     tell = on_progress or (lambda doing, done: None)
-    curves, states, remarks = [], [], []
+    curves, states = [], []
     for i, level in enumerate(levels):
         tell(f"{level:g} N", i / len(levels))
         curve = frequency_response(rig, ((1 - BEYOND) * min(frequencies), (1 + BEYOND) * max(frequencies)), level=level)
-        remarks += [f"{level:g} N: {line}" for line in (curve.assessment.warnings if curve.assessment else ())]
         states += _settled(curve, frequencies)
         curves.append(curve)
     recordings = _recorded(rig, states, snr, np.random.default_rng(seed), harmonics)
     estimates = tuple(harmonic_spectra(r, s.hz, harmonics) for r, s in zip(recordings, states, strict=True))
     names = [c.name for c in rig.channels]
     spectra = spectra_of_records(estimates, [s.level for s in states], names, "synthesized")
-    return Synthesis(recordings, estimates, spectra, tuple(curves), (*remarks, *_of_states(states)))
+    return Synthesis(recordings, estimates, spectra, tuple(curves), tuple(_of_states(states)))
 
 
 def _check(rig: AnyRig, levels: Sequence[float], frequencies: Sequence[float]) -> None:
@@ -153,12 +160,14 @@ def _settled(curve: ResponseCurve, frequencies: Sequence[float]) -> list[Periodi
 def _first_stable(curve: ResponseCurve, hz: float) -> PeriodicSolution | None:
     """The first stable steady state at a frequency along the curve."""
     past = curve.hz >= hz
-    H, N_t = curve.basis.H, curve.basis.N_t
+    body, rig = curve.rig.body, curve.rig
+    if isinstance(rig, Rig) and isinstance(body, Beam):
+        rig = rig.with_modes(body.modes + MORE_MODES)
     for i in np.flatnonzero(past[1:] != past[:-1]):
         near = min(curve.points[i : i + 2], key=lambda p: abs(p.hz - hz))
         try:
-            found = steady_state(curve.rig, hz, level=curve.level, harmonics=H, samples=N_t, start=near)
-            if stability_of(curve.rig, found).stable:
+            found = steady_state(rig, hz, level=curve.level, harmonics=HARMONICS, samples=SAMPLES, start=near)
+            if stability_of(rig, found).stable:
                 return found
         except ConvergenceError:
             continue
@@ -182,7 +191,8 @@ def _recorded(
 ) -> tuple[Recording, ...]:
     """Sample every channel at one rate and for one time, with white noise."""
     hz = [s.hz for s in states]
-    highest = max(harmonics + 1, *(s.basis.H for s in states)) * max(hz)
+    passed = PASSED * harmonics
+    highest = passed * max(hz)
     time = np.arange(round(OVERSAMPLING * highest * PERIODS / min(hz))) / (OVERSAMPLING * highest)
     largest = {c.name: max(float(s[c.name].amplitude[1]) for s in states) for c in rig.channels}
     # noise of samples sigma makes sigma sqrt(2 / N) of a coefficient
@@ -192,7 +202,7 @@ def _recorded(
             source=f"record_{number:03d}.csv",
             time=time,
             channels={
-                c.name: sampled(state[c.name].coefficients, state.hz, time)
+                c.name: sampled(state[c.name].coefficients, passed, state.hz, time)
                 + noise[c.name] * rng.standard_normal(len(time))
                 for c in rig.channels
             },
@@ -202,10 +212,10 @@ def _recorded(
     )
 
 
-def sampled(coefficients: Array, hz: float, time: Array) -> Array:
-    """Values of a Fourier series a_0, a_1..a_H, b_1..b_H at times [s]."""
+def sampled(coefficients: Array, passed: int, hz: float, time: Array) -> Array:
+    """Values of the first harmonics of a Fourier series a_0, a_1..a_H, b_1..b_H at times [s]."""
     H, phase = len(coefficients) // 2, 2 * np.pi * hz * time
     values = np.full(len(time), coefficients[0])
-    for k in range(1, H + 1):
+    for k in range(1, min(passed, H) + 1):
         values += coefficients[k] * np.cos(k * phase) + coefficients[H + k] * np.sin(k * phase)
     return values
