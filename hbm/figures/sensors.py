@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from hbm.errors import InputError
-from hbm.figures.curves import Curves, draw_line, listed, over
+from hbm.figures.curves import DASHES, Curves, draw_line, listed, over
 from hbm.figures.style import (
     INK,
     SMALL,
@@ -223,15 +223,20 @@ def _scaled(ax: Axes, log: bool) -> None:
 
 
 def _handles(curves: Sequence[ResponseCurve], measured: MeasuredSpectra | None) -> list[Any]:
-    """Legend: a line for each level, one for what is unstable, and a point for what was measured."""
+    """Legend: a line for each level, for what is unstable and what is in doubt, and a point for what was measured."""
     colors = level_colors(curves)
     force = curves[0].problem.parameter == "force"
     names = [f"{c.points[0].hz:g} Hz" if force else f"{c.level:g} N" for c in curves]
     handles = [Line2D([], [], linewidth=1.4, label=name) for name in names]
     for handle, color in zip(handles, colors, strict=True):
         handle.set_color((color[0], color[1], color[2]))
-    if any(c.stable is not None and not c.stable.all() for c in curves):
-        handles.append(Line2D([], [], color=INK, linewidth=1.2, linestyle=(0, (3, 1.5)), label="unstable"))
+    judged = [(c.stable, c.doubtful) for c in curves if c.stable is not None and c.doubtful is not None]
+    shown = {
+        "unstable": any((~stable & ~doubtful).any() for stable, doubtful in judged),
+        "in doubt": any(doubtful.any() for _, doubtful in judged),
+    }
+    drawn = [kind for kind, there in shown.items() if there]
+    handles += [Line2D([], [], color=INK, linewidth=1.2, linestyle=DASHES[kind], label=kind) for kind in drawn]
     if measured is not None:
         hollow = Line2D([], [], color=INK, linestyle="none", marker="o", markersize=3.6, markerfacecolor="white")
         hollow.set_label("measured")

@@ -1,12 +1,22 @@
 """Figures of sensors: what is drawn is what was computed and measured, per force and over force too."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hbm import InputError, MeasuredSpectra, ResponseCurve, force_response, load_rig, synthesize, trace_frequency
+from hbm import (
+    InputError,
+    MeasuredSpectra,
+    ResponseCurve,
+    force_response,
+    load_rig,
+    synthesize,
+    trace_frequency,
+    with_stability,
+)
 from hbm.cli import app
 from hbm.figures import plot_channel, plot_frequency_response, plot_sensors
 from hbm.modes.linear import linear_modes, sliding_to_stuck
@@ -54,6 +64,17 @@ def test_levels_per_force_are_amplitudes_over_the_force(curves: list[ResponseCur
     for line, curve in zip(ax.lines, curves, strict=False):
         np.testing.assert_allclose(line.get_ydata(), curve["a1"].amplitude[:, 1] / curve.level)
     assert ax.get_ylabel() == "a1 [m/s² / N]"
+
+
+def test_the_legend_names_what_is_drawn_and_no_more(curves: list[ResponseCurve], measured: MeasuredSpectra) -> None:
+    def named(curve: ResponseCurve, *more: str) -> bool:
+        legend = plot_channel(curve, "a1", measured=measured).get_legend()
+        return legend is not None and [text.get_text() for text in legend.get_texts()] == ["2 N", *more, "measured"]
+
+    curve = with_stability(curves[1])
+    assert curve.doubtful is not None
+    assert named(replace(curve, doubtful=np.zeros(len(curve.points), dtype=bool)))
+    assert named(replace(curve, doubtful=np.ones(len(curve.points), dtype=bool)), "in doubt")
 
 
 def test_a_force_response_is_drawn_over_the_force(measured: MeasuredSpectra) -> None:
