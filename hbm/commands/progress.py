@@ -20,7 +20,7 @@ class _Shown:
             SpinnerColumn(),
             BarColumn(BAR, table_column=Column(width=BAR)),
             TimeElapsedColumn(table_column=Column(width=8)),
-            TextColumn("{task.description} {task.fields[now]}", table_column=cut),
+            TextColumn("{task.description} {task.fields[now]}", markup=False, table_column=cut),
             expand=True,
             console=Console(stderr=True),
             transient=True,
