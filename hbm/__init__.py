@@ -34,6 +34,8 @@ Names are imported when they are first used, so that ``import hbm`` costs nothin
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hbm.siblings import install
+
 if TYPE_CHECKING:
     from continuation import ConvergenceError
     from hbm.balance.solution import PeriodicSolution
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.errors import InputError
     from hbm.files.curves import SavedCurve, read_curves, write_curves, write_history
+    from hbm.files.extendedrig import write_extended
     from hbm.identification.identify import Identification, identify
     from hbm.identification.lawfit import LawFit
     from hbm.identification.spectra import SpectraFit, fit_spectra
@@ -64,6 +67,7 @@ if TYPE_CHECKING:
     from hbm.response.bifurcations import stability_of, with_stability
     from hbm.response.curve import Assessment, Bifurcation, NumericalError, ResponseCurve
     from hbm.response.loop import FrictionLoop, friction_loop
+    from hbm.response.synthesis import Synthesis, synthesize
     from hbm.response.trace import force_response, steady_state, trace_frequency
     from hbm.rigfiles.lawchoice import choose_law
     from hbm.rigfiles.load import load_rig
@@ -106,6 +110,7 @@ __all__ = [
     "Sensitivities",
     "SpectraFit",
     "Stability",
+    "Synthesis",
     "TimeHistory",
     "choose_law",
     "diagnose",
@@ -135,15 +140,17 @@ __all__ = [
     "simulate",
     "stability_of",
     "steady_state",
+    "synthesize",
     "trace_frequency",
     "with_stability",
     "write_curves",
+    "write_extended",
     "write_history",
     "write_spectra",
 ]
 
 _HOMES = {
-    "continuation": ("ConvergenceError",),
+    "hbm.continuation": ("ConvergenceError",),
     "hbm.response.accuracy": ("frequency_response",),
     "hbm.modes.backbone": ("NonlinearMode", "PhaseResonance", "nonlinear_mode", "phase_resonance"),
     "hbm.response.bifurcations": ("stability_of", "with_stability"),
@@ -175,13 +182,17 @@ _HOMES = {
     "hbm.modes.linear": ("LinearModes", "linear_modes"),
     "hbm.tracking.parameterresponse": ("ParameterCurve", "parameter_response"),
     "hbm.tracking.peaks": ("Peaks", "follow_peak"),
+    "hbm.response.synthesis": ("Synthesis", "synthesize"),
     "hbm.response.trace": ("force_response", "steady_state", "trace_frequency"),
     "hbm.files.curves": ("SavedCurve", "read_curves", "write_curves", "write_history"),
+    "hbm.files.extendedrig": ("write_extended",),
     "hbm.rigfiles.load": ("load_rig",),
     "hbm.sensitivity.derivatives": ("Sensitivities", "sensitivities"),
     "hbm.balance.solution": ("PeriodicSolution",),
     "hbm.stability.multipliers": ("Stability",),
 }
+install()
+
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 

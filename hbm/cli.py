@@ -16,8 +16,10 @@ from typer._click.exceptions import NoArgsIsHelpError, UsageError
 from typer.core import TyperGroup
 
 from hbm.commands.backbone import backbone
-from hbm.commands.deliver import deliver_curves, deliver_history, deliver_loops
+from hbm.commands.deliver import Drawing, deliver_curves, deliver_history, deliver_loops
 from hbm.commands.diagnose import diagnose
+from hbm.commands.drawing import Log, Measured, PerForce, Sensors, check_drawing, levels_of, load_points
+from hbm.commands.examples import examples
 from hbm.commands.follow import follow
 from hbm.commands.identify import identify
 from hbm.commands.inverse import inverse
@@ -39,6 +41,7 @@ from hbm.commands.options import (
 )
 from hbm.commands.spectra import spectra
 from hbm.commands.stability import Stability, judged
+from hbm.commands.synthesize import synthesize
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -206,18 +209,25 @@ def frf(
     plot: Plot = None,
     stability: Stability = True,
     allow_code: AllowCode = False,
+    measured: Measured = None,
+    sensors: Sensors = False,
+    log: Log = False,
+    per_force: PerForce = False,
 ) -> None:
     """Frequency response curves, each with its numerical error, its stability and its bifurcations.
 
-    Without --from and --to: 0.85 to 1.35 of the first sliding resonance.
+    Without --from and --to: 0.85 to 1.35 of the first sliding resonance, further where the stuck one lies beyond.
 
     Example:  hbm frf examples/paper_beam.toml --from 45 --to 60 --level 2 4 6.5 --out beam.csv --plot beam.png
+
+    Example:  hbm frf rig.toml --measured spectra.csv --log --plot over_the_points.png
     """
     from hbm.rigfiles.lawchoice import choose_law
     from hbm.rigfiles.load import load_contact_rig, load_rig
     from models.rig import Rig
 
     check_outputs("frf", out, plot)
+    check_drawing("frf", plot, measured, sensors=sensors, flags={"--log": log, "--per-force": per_force})
     hz, levels, H = _range(begin, end), _levels(level), harmonics_or_auto("frf", harmonics)
     loaded: AnyRig = (
         load_rig(rig, allow_code=allow_code or None)
@@ -229,10 +239,12 @@ def frf(
             choice = choose_law(loaded, law)
         loaded = choice.rig
         print(choice)
-    curves, failures = _responses(loaded, hz, levels or [loaded.excitation.amplitude], H, stability=stability)
+    points = load_points(measured, loaded)
+    levels = levels or (levels_of(points) if points else [loaded.excitation.amplitude])
+    curves, failures = _responses(loaded, hz, levels, H, stability=stability)
     failures += [_partial(c) for c in curves if not c.complete]
     if curves:
-        deliver_curves(curves, out, plot)
+        deliver_curves(curves, out, plot, Drawing(points, sensors, log, per_force))
     for failure in failures:
         say(failure, 1)
     if failures:
@@ -268,10 +280,12 @@ def simulate(
 
 app.command(cls=spreading("--level"))(backbone)
 app.command(cls=spreading("--fundamental", "--level"))(spectra)
+app.command(cls=spreading("--levels", "--frequencies"))(synthesize)
 app.command(cls=spreading("--record"))(inverse)
 app.command(cls=spreading("--held-out"))(identify)
 app.command(cls=spreading("--hold-out"))(diagnose)
 app.command("continue")(follow)
+app.command()(examples)
 
 
 # ---------------------------------------------------------------------------------------------------------- options
@@ -333,12 +347,13 @@ def _responses(
     """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
     from continuation import ConvergenceError
     from hbm.commands.progress import Sweep
+    from hbm.modes.linear import sliding_to_stuck
     from hbm.response.accuracy import frequency_response
     from hbm.response.trace import sweep_of
 
     curves: list[ResponseCurve] = []
     failures: list[str] = []
-    sweep = sweep_of(rig, hz, "frf")
+    sweep = sweep_of(rig, hz or sliding_to_stuck(rig), "frf")
     for level in levels:
         try:
             with Sweep(f"{level:g} N", *sweep) as progress:

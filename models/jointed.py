@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from models.bodies.ported import Body, PortedModes
+from models.display import Displayed
 from models.joints.joint import Joint, terms
 from models.joints.law import numbers, with_numbers
 from models.joints.rubbing import Friction
@@ -79,7 +80,7 @@ class JointedStructure:
 
 
 @dataclass(frozen=True, eq=False)
-class JointedRig:
+class JointedRig(Displayed):
     """A body, its joints, its excitation and what is measured of it.
 
     Change it with :func:`dataclasses.replace`; `structure` follows.

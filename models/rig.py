@@ -11,6 +11,7 @@ from models.assembly import MORE_MODES, Assembly, Layout, assembled
 from models.attachments import Attachments
 from models.beam import Beam
 from models.bounds import bounded
+from models.display import Displayed
 from models.elements import Element, ElementRows, LiftOff, Reading, element_rows, gauss_points
 from models.friction import parameters, quantities_of
 from models.parts import Channel, Contact, Damping, Drift, Excitation, ModalBody, Numbers
@@ -23,7 +24,7 @@ RIGID = 1e10
 
 
 @dataclass(frozen=True, eq=False)
-class Rig:
+class Rig(Displayed):
     """A structure on its support: everything a simulation needs.
 
     Change it with :func:`dataclasses.replace`; `structure` follows.

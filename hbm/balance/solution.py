@@ -12,6 +12,7 @@ from hbm.balance.jointed import JointBalance
 from hbm.balance.problem import AnyBalance, HarmonicBalance, Kinematics, State
 from hbm.channels import DISPLACEMENT, read
 from hbm.fourier import Array, FourierBasis
+from models.display import Displayed
 from models.parts import UNITS, Channel
 
 
@@ -64,7 +65,7 @@ def _smooth_peak(samples: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class PeriodicSolution:
+class PeriodicSolution(Displayed):
     """One steady state of a rig.
 
     Attributes

@@ -1,14 +1,17 @@
 """What commands write of curves, loops and histories: files and figures."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hbm.commands.options import console, print_written
 
 if TYPE_CHECKING:
+    from hbm.figures.style import AxesArray
     from hbm.integration.history import TimeHistory
     from hbm.integration.jointed import JointHistory
+    from hbm.measurement.spectra import MeasuredSpectra
     from hbm.response.curve import ResponseCurve
     from hbm.rigfiles.lawchoice import KnownLaw
 
@@ -26,16 +29,39 @@ def deliver_loops(known: Sequence["KnownLaw"], slip: float, hz: float, load: flo
     print_written(written)
 
 
-def deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None) -> None:
+@dataclass(frozen=True)
+class Drawing:
+    """How curves are drawn: the page of the contact, or a panel for each sensor.
+
+    Attributes
+    ----------
+    measured : MeasuredSpectra or None
+        Points to draw over the curves of sensors.
+    sensors, log, per_force : bool
+    """
+
+    measured: "MeasuredSpectra | None" = None
+    sensors: bool = False
+    log: bool = False
+    per_force: bool = False
+
+    def of(self, curves: Sequence["ResponseCurve"]) -> "AxesArray":
+        """Panels with the curves."""
+        from hbm.figures import plot_curves, plot_sensors
+
+        if not self.sensors and self.measured is None:
+            return plot_curves(curves)
+        return plot_sensors(curves, measured=self.measured, log=self.log, per_force=self.per_force)
+
+
+def deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None, drawing: Drawing) -> None:
     """Curves: written to a table, drawn to a file."""
     from hbm.commands.tables import print_curves
     from hbm.files.curves import write_curves, write_figure
 
     written = [] if out is None else write_curves(out, curves)
     if plot is not None:
-        from hbm.figures import plot_curves
-
-        written += write_figure(plot, plot_curves(curves))
+        written += write_figure(plot, drawing.of(curves))
     print_curves(console(), curves)
     print_written(written)
 

@@ -5,18 +5,23 @@ from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+from rich.table import Column
+
+BAR = 24
+"""Width of the bar; words beside it are cut where there is no room."""
 
 
 class _Shown:
     """A bar that is there while the work lasts."""
 
     def __init__(self) -> None:
+        cut = Column(ratio=1, no_wrap=True, overflow="ellipsis")
         self.bar = Progress(
             SpinnerColumn(),
-            TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=24),
-            TextColumn("{task.fields[now]}", markup=False),
-            TimeElapsedColumn(),
+            BarColumn(BAR, table_column=Column(width=BAR)),
+            TimeElapsedColumn(table_column=Column(width=8)),
+            TextColumn("{task.description} {task.fields[now]}", markup=False, table_column=cut),
+            expand=True,
             console=Console(stderr=True),
             transient=True,
             disable=not sys.stderr.isatty(),

@@ -13,8 +13,9 @@ from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.measurement.harmonicestimate import HarmonicEstimate
+    from hbm.measurement.manifest import Entry
     from hbm.measurement.recording import Recording
-    from models.rig import Rig
+    from models.jointed import AnyRig
 
 COMMAND = "spectra"
 FORCE = "force"
@@ -25,23 +26,27 @@ def spectra(
         list[Path],
         typer.Argument(
             metavar="HISTORY",
-            help="Time histories, one steady state each: CSV (time_s and one column per channel), MAT, UFF58 or TDMS.",
+            help="Time histories, one steady state each: CSV (time and one column per channel), MAT, UFF58 or TDMS; "
+            "or a folder of them, or a manifest (CSV or TOML) that lists file, frequency, level, channels and units.",
             show_default=False,
         ),
     ],
-    fundamental: Annotated[
-        list[str],
-        typer.Option(
-            "--fundamental", metavar="HZ ...", help="Excitation frequency: one, or one per file.", show_default=False
-        ),
-    ],
     out: Annotated[Path, typer.Option(metavar="SPECTRA", help="Write here (csv, nc, mat or uff).", show_default=False)],
+    fundamental: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--fundamental",
+            metavar="HZ ...",
+            help="Excitation frequency: one, or one per file; where omitted, what the manifest or the file names say.",
+        ),
+    ] = None,
     level: Annotated[
         list[str] | None,
         typer.Option(
             "--level",
             metavar="N ...",
-            help="Nominal force amplitude: one, or one per file; where omitted, the fundamental of the force channel.",
+            help="Nominal force amplitude: one, or one per file; where omitted, what the manifest or the file names "
+            "say, or the fundamental of the force channel.",
         ),
     ] = None,
     harmonics: Annotated[str, typer.Option(metavar="H", help="Highest harmonic.")] = "9",
@@ -61,41 +66,66 @@ def spectra(
     """Harmonic coefficients with standard deviations from time histories of steady states.
 
     Whole periods are fitted by least squares; standard deviations come from the scatter between blocks of them.
-    Records that are not steady, lines between harmonics, flat-topped and dead channels are warned of.
+    Records that are not steady, lines between harmonics, flat-topped and dead channels are warned of, here and in the
+    spectra file.
 
     Example:  hbm spectra run1.csv run2.csv --fundamental 48 49.5 --settle 2 --rig rig.toml --out spectra.csv
+
+    Example:  hbm spectra recordings/ --settle 2 --rig rig.toml --out spectra.csv
     """
     from hbm.measurement.spectrafile import WRITTEN
     from hbm.textfiles import check_output
 
     with named(COMMAND):
         check_output(out, WRITTEN, "--out")
-    hz = _per_file("--fundamental", fundamental, "Hz", histories)
-    levels = _per_file("--level", level, "N", histories) if level else None
+    entries = _entries(histories)
+    hz = _hz(fundamental, entries)
+    levels = _per_file("--level", level, "N", entries) if level else [entry.level for entry in entries]
     H, seconds, columns = whole(COMMAND, "--harmonics", harmonics, LARGEST_H), _settle(settle), _columns(channel or ())
     from hbm.commands.tables import print_spectra
     from hbm.measurement.harmonicestimate import spectra_of_records
     from hbm.measurement.harmonics import harmonic_spectra
     from hbm.measurement.spectrafile import write_spectra
-    from hbm.rigfiles.load import load_contact_rig
+    from hbm.rigfiles.load import load_rig
 
-    loaded = None if rig is None else load_contact_rig(rig, "spectra", allow_code=allow_code or None)
-    recordings = [_recorded(path, columns, loaded) for path in histories]
+    loaded = None if rig is None else load_rig(rig, allow_code=allow_code or None)
+    recordings = [_recorded(entry, columns, loaded) for entry in entries]
     force = _force_name(loaded)
     estimates = [
         harmonic_spectra(r, f, H, settle=seconds, refine=_reference(r, force) if refine else None)
         for r, f in zip(recordings, hz, strict=True)
     ]
-    levels = levels or [_level(e, force) for e in estimates]
-    write_spectra(out, spectra_of_records(estimates, levels, _names(recordings, loaded), str(out)), _units(estimates))
-    print_spectra(console(), estimates, levels)
+    known = [_level(e, force) if level is None else level for e, level in zip(estimates, levels, strict=True)]
+    write_spectra(out, spectra_of_records(estimates, known, _names(recordings, loaded), str(out)), _units(estimates))
+    print_spectra(console(), estimates, known)
     print_written([out])
 
 
 # ---------------------------------------------------------------------------------------------------------- options
 
 
-def _per_file(option: str, texts: Sequence[str], unit: str, files: Sequence[Path]) -> list[float]:
+def _entries(histories: Sequence[Path]) -> list["Entry"]:
+    from hbm.measurement.manifest import entries_of
+
+    return entries_of(histories)
+
+
+def _hz(texts: Sequence[str] | None, entries: Sequence["Entry"]) -> list[float]:
+    """Excitation frequency of each recording: of the option, of the manifest or of the file's name."""
+    if texts:
+        return _per_file("--fundamental", texts, "Hz", entries)
+    if all(entry.hz is None for entry in entries):
+        raise InputError(f"hbm {COMMAND}: missing option '--fundamental'; see hbm {COMMAND} --help")
+    for entry in entries:
+        if entry.hz is None:
+            raise InputError(
+                f"{COMMAND}: {entry.file} has no frequency; must have it in the manifest, in its name "
+                "(run_48.5Hz.csv), or by --fundamental"
+            )
+    return [entry.hz for entry in entries if entry.hz is not None]
+
+
+def _per_file(option: str, texts: Sequence[str], unit: str, files: Sequence[object]) -> list[float]:
     """One number for all files, or one for each."""
     values = [positive(COMMAND, option, text, unit) for text in texts]
     if len(values) not in (1, len(files)):
@@ -124,12 +154,16 @@ def _columns(texts: Sequence[str]) -> dict[str, str]:
 # --------------------------------------------------------------------------------------------------------- channels
 
 
-def _recorded(path: Path, columns: dict[str, str], rig: "Rig | None") -> "Recording":
-    """A history whose channels are the rig's, in their units."""
+def _recorded(entry: "Entry", columns: dict[str, str], rig: "AnyRig | None") -> "Recording":
+    """A history whose channels are the rig's, in their units; what only a simulation knows is left out."""
+    from hbm.channels import computed_channels
     from hbm.measurement.historyfile import load_history
     from models.parts import UNITS
 
-    recorded = load_history(path, columns)
+    path, computed = entry.file, computed_channels(rig) if rig else ()
+    recorded = load_history(path, columns or entry.channels, entry.units)
+    measured = {name: values for name, values in recorded.channels.items() if name not in computed}
+    recorded = replace(recorded, channels=measured)
     quantities = {} if rig is None else {c.name: c.quantity for c in rig.channels}
     for name in recorded.channels if rig else ():
         if name not in quantities:
@@ -144,7 +178,7 @@ def _recorded(path: Path, columns: dict[str, str], rig: "Rig | None") -> "Record
     return replace(recorded, units=known)
 
 
-def _force_name(rig: "Rig | None") -> str:
+def _force_name(rig: "AnyRig | None") -> str:
     forces = [] if rig is None else [c.name for c in rig.channels if c.quantity == "force"]
     return forces[0] if forces else FORCE
 
@@ -161,7 +195,7 @@ def _level(estimate: "HarmonicEstimate", force: str) -> float:
     return estimate.amplitude(force)
 
 
-def _names(recordings: Sequence["Recording"], rig: "Rig | None") -> list[str]:
+def _names(recordings: Sequence["Recording"], rig: "AnyRig | None") -> list[str]:
     """Channels in the order of the rig, or of their first appearance."""
     if rig is not None:
         return [c.name for c in rig.channels]

@@ -26,8 +26,11 @@ from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
 from models.jointed import AnyRig, JointedRig
 
-TEXTS = ("channel", "unit", "law", "values")
+TEXTS = ("channel", "unit", "law", "values", "example", "about")
 """Headings of columns that hold no numbers."""
+
+PROSE = "about"
+"""Heading of the column that may take several lines."""
 
 LISTED = 20
 """Up to so many bifurcations of a curve are listed, more are counted."""
@@ -248,16 +251,10 @@ def print_rows(console: Console, title: str, rows: Iterable[Mapping[str, str]]) 
 
 def print_table(console: Console, title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table without lines between its columns, numbers to the right; names in it are shown as they are."""
-    table = Table(
-        title=Text(visible(title)),
-        title_justify="left",
-        box=box.SIMPLE_HEAD,
-        pad_edge=False,
-        collapse_padding=True,
-        title_style="bold",
-    )
+    console.print(Text(visible(title), "bold"), soft_wrap=True)  # a title of the table would be wrapped to its width
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in headings:
-        table.add_column(Text(heading), justify="left" if heading in TEXTS else "right", no_wrap=True)
+        table.add_column(Text(heading), justify="left" if heading in TEXTS else "right", no_wrap=heading != PROSE)
     for row in rows:
         table.add_row(*(Text(visible(cell)) for cell in row))
     console.print(table)

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 
-import models.causes
 from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.heldout import check_held_out, choose_held_out
 from hbm.diagnosis.remainder import percent
@@ -17,6 +16,7 @@ from hbm.errors import expect_rig
 from hbm.measurement.repeatability import repeatability_of, unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.parallel import one_thread
+from models import causes as catalogue
 from models.causes.cause import Cause
 from models.rig import Rig
 
@@ -83,7 +83,7 @@ def diagnose(
         search = Search(rig, train, candidates, tolerances, tell, executor)
         return Conclusion(search, search.decide(), unseen, held)
 
-    beside = tuple(_unrepeatable(shares))
+    beside = (*_unrepeatable(shares), *spectra.warnings)
     found = conclude(held)
     if held_out is not None or not found.untold:
         diagnosis = found.diagnosis()
@@ -100,5 +100,5 @@ def _unrepeatable(shares: Mapping[str, float]) -> Iterator[str]:
 
 
 def _candidates(rig: Rig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
-    for cause in models.causes.CAUSES.values() if causes is None else causes:
+    for cause in catalogue.CAUSES.values() if causes is None else causes:
         yield from cause.candidates(rig) if isinstance(cause, type) else (cause,)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 from hbm.diagnosis.remainder import Remainder, percent
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
+from models.display import Displayed
 from models.rig import Rig
 
 Verdict = Literal["consistent", "cause-found", "main-cause", "unexplained"]
@@ -70,7 +71,7 @@ class Ranked:
 
 
 @dataclass(frozen=True, eq=False)
-class Diagnosis:
+class Diagnosis(Displayed):
     """What the simulation gets wrong, the cause, and what the extended model gains.
 
     Attributes

@@ -19,10 +19,12 @@ from hbm.figures.curves import (
 )
 from hbm.figures.histories import plot_history
 from hbm.figures.loops import plot_loop, plot_loops
+from hbm.figures.sensors import plot_channel, plot_sensors
 
 __all__ = [
     "least_reaction",
     "phase_degrees",
+    "plot_channel",
     "plot_contact",
     "plot_curves",
     "plot_frequency_response",
@@ -30,4 +32,5 @@ __all__ = [
     "plot_loop",
     "plot_loops",
     "plot_phase",
+    "plot_sensors",
 ]

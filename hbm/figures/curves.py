@@ -53,7 +53,7 @@ def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     -------
     (5,) array of Axes; (4,) of a rig with joints: amplitude, phase, joint forces, joint motions
     """
-    curves = _listed(curves)
+    curves = listed(curves)
     if isinstance(curves[0].rig, JointedRig):
         return _plot_jointed(curves, axes)
     rows = panels(axes, 5, 1, 8.6, sharex=True, height_ratios=(2.4, 1, 1.2, 1.2, 1.4)).ravel()
@@ -101,7 +101,7 @@ def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bo
     -------
     Axes
     """
-    curves, ax = _listed(curves), new_axes(ax)
+    curves, ax = listed(curves), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):
         y = curve["drive"].peak * 1e3
         draw_line(ax, curve, y, color)
@@ -109,7 +109,7 @@ def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bo
     ax.set_ylim(bottom=0.0)
     if label:
         explain(ax)
-    return dressed(ax, "Excitation frequency [Hz]", "Drive displacement,\npeak [mm]")
+    return dressed(ax, over(curves), "Drive displacement,\npeak [mm]")
 
 
 def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
@@ -124,12 +124,12 @@ def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
     -------
     Axes
     """
-    curves, ax = _listed(curves), new_axes(ax)
+    curves, ax = listed(curves), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):
         draw_line(ax, curve, phase_degrees(curve), color)
     low, high = ax.get_ylim()
     ax.set_yticks([t for t in PHASE_TICKS if low - 45 < t < high + 45])
-    return dressed(ax, "Excitation frequency [Hz]", "Phase to\nthe force [°]")
+    return dressed(ax, over(curves), "Phase to\nthe force [°]")
 
 
 def phase_degrees(curve: ResponseCurve) -> Array:
@@ -153,7 +153,7 @@ def plot_contact(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     (3,) array of Axes
         Slip, friction, reaction.
     """
-    curves = _listed(curves)
+    curves = listed(curves)
     rows = panels(axes, 3, 1, 5.0, sharex=True).ravel()
     slip, friction, normal = rows
     for curve, color in zip(curves, level_colors(curves), strict=True):
@@ -166,7 +166,7 @@ def plot_contact(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     _mark_static_load(normal, curves)
     dressed(slip, "", "Slip,\npeak [µm]")
     dressed(friction, "", "Friction force,\npeak [N]")
-    dressed(normal, "Excitation frequency [Hz]", "Normal reaction,\nmax and min [N]")
+    dressed(normal, over(curves), "Normal reaction,\nmax and min [N]")
     return rows
 
 
@@ -175,8 +175,14 @@ def least_reaction(curve: ResponseCurve) -> Array:
     return np.array([p.channels["normal"].samples.min() for p in curve.points])
 
 
-def _listed(curves: Curves) -> list[ResponseCurve]:
+def listed(curves: Curves) -> list[ResponseCurve]:
+    """One curve or several as a list."""
     return [curves] if isinstance(curves, ResponseCurve) else list(curves)
+
+
+def over(curves: Sequence[ResponseCurve]) -> str:
+    """Label of what is varied along curves: frequency, or force."""
+    return "Force amplitude [N]" if curves[0].problem.parameter == "force" else "Excitation frequency [Hz]"
 
 
 def draw_line(

@@ -212,6 +212,10 @@ def law_table(laws: Sequence[IdentifiedLaw]) -> tuple[list[str], list[list[str]]
     return headings, rows
 
 
+UNDETERMINED = 10.0
+"""A parameter is not determined where its standard deviation is so many times as large as its value."""
+
+
 def value_text(v: Value) -> str:
     """A value with its standard deviation and unit, a power of ten before both where it is large or small.
 
@@ -219,8 +223,12 @@ def value_text(v: Value) -> str:
     '(4.151 ± 0.021)e-6 m'
     >>> value_text(Value("mu", 0.52, 0.0013, "1"))
     '0.5200 ± 0.0013'
+    >>> value_text(Value("critical_slip", 7e-11, 440.0, "m"))
+    '7e-11 ± 4e+02 m, not determined'
     """
     unit = "" if v.unit in ("", "1") else f" {v.unit}"
+    if np.isfinite(v.std) and v.std > UNDETERMINED * abs(v.value):
+        return f"{v.value:.1g} ± {v.std:.1g}{unit}, not determined"
     power = int(np.floor(np.log10(abs(v.value)))) if v.value else 0
     if -3 <= power <= 3:
         return with_std(v.value, v.std) + unit

@@ -12,9 +12,13 @@ import numpy as np
 
 from hbm.fourier import Array
 from models.friction import Parameter
+from models.plausible import RANGES, of_parameter
 
 REACH = np.log(1e4)
 """A positive parameter is looked for within a factor of 1e4 of its physical scale."""
+
+ROUNDING = 1e-12
+"""Of a bound that goes through a logarithm and back."""
 
 LARGEST_RATIO = np.log(20.0)
 """A parameter that is at least another, up to 20 times that."""
@@ -48,15 +52,16 @@ class Coordinate(Protocol):
 
 @dataclass(frozen=True)
 class Logarithmic:
-    """value = scale exp(x), within REACH of the scale and not above `upper`."""
+    """value = scale exp(x), within REACH of the scale and between `lower` and `upper`."""
 
     scale: float
+    lower: float = 0.0
     upper: float = np.inf
 
     @property
     def low(self) -> float:
         """Least coordinate."""
-        return -float(REACH)
+        return float(max(-REACH, np.log(self.lower / self.scale))) if self.lower > 0.0 else -float(REACH)
 
     @property
     def high(self) -> float:
@@ -163,19 +168,25 @@ class Ratio:
         return float(np.log(max(value, 1.0)))
 
 
-def coordinate_of(known: Parameter, scale: float) -> Coordinate:
-    """Coordinate that suits a parameter of a physical scale.
+def coordinate_of(name: str, known: Parameter, scale: float) -> Coordinate:
+    """Coordinate that suits a parameter of a physical scale; of positive ones, to what is possible.
 
     >>> from models import Jenkins
     >>> from models.friction import describe
-    >>> coordinate_of(describe(Jenkins)["mu"], 0.5)
-    Logarithmic(scale=0.5, upper=inf)
+    >>> coordinate_of("mu", describe(Jenkins)["mu"], 0.5)
+    Logarithmic(scale=0.5, lower=1.000000000001e-12, upper=999999.999999)
     """
     if known.at_least is not None:
         return Ratio()
     if np.isinf(known.upper) and known.lower == 0.0:
-        return Logarithmic(scale, known.upper) if known.strict else FromZero(scale)
+        return Logarithmic(scale, *_possible(name, known)) if known.strict else FromZero(scale)
     return Linear(scale, known.lower, known.upper)
+
+
+def _possible(name: str, known: Parameter) -> tuple[float, float]:
+    """Range in which a law accepts a positive parameter, a rounding within its ends."""
+    least, most = RANGES[quantity].possible if (quantity := of_parameter(name, known.unit)) else (0.0, known.upper)
+    return least * (1.0 + ROUNDING), most * (1.0 - ROUNDING)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,7 @@ from hbm.inverse.contactforce import to_samples
 from hbm.inverse.observed import Observed, observe
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.parallel import one_thread
+from models.display import Displayed
 from models.friction import FrictionLaw
 from models.rig import Rig
 
@@ -40,7 +41,7 @@ OnProgress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(Displayed):
     """Friction laws fitted to the same reconstructed records.
 
     Attributes

@@ -175,7 +175,9 @@ def candidate(law: str | type | FrictionLaw, rig_law: FrictionLaw, scales: Scale
     coordinates = Coordinates(
         described,
         {
-            name: coordinate_of(described[name], _size(described[name], first[name], scales.of(name, described[name])))
+            name: coordinate_of(
+                name, described[name], _size(described[name], first[name], scales.of(name, described[name]))
+            )
             for name in free
         },
         {name: first[name] for name in described if name not in free},

@@ -13,6 +13,7 @@ from hbm.fourier import Array, complex_of
 from hbm.inverse.sensing import Complex
 from hbm.labelled import Variables, dataset, frame
 from hbm.measurement.spectra import MeasuredSpectra
+from models.display import Displayed
 from models.rig import Rig
 
 SIGNALS = {"slip": "m", "slip_velocity": "m/s", "friction": "N", "normal": "N"}
@@ -120,7 +121,7 @@ class LawInputs:
 
 
 @dataclass(frozen=True, eq=False)
-class Reconstruction:
+class Reconstruction(Displayed):
     """Contact forces and motion of r measured records.
 
     Attributes

@@ -125,7 +125,16 @@ def _named_arrays(spectra: MeasuredSpectra, units: Mapping[str, str]) -> tuple[V
         "harmonic": (("harmonic",), np.arange(H + 1), "1"),
         "part": (("part",), np.array(PARTS, dtype=object), ""),
     }
+    if spectra.notes:
+        notes = np.array(list(note_lines(spectra)), dtype=object)
+        coordinates = {**coordinates, "note": (("note",), notes, "")}
     return arrays, coordinates
+
+
+def note_lines(spectra: MeasuredSpectra) -> Iterator[str]:
+    """Comment lines of a spectra file: what speaks against a record, one line each."""
+    for record, text in spectra.notes:
+        yield f"# record {record}: {' '.join(text.split())}"
 
 
 def _netcdf(where: str, arrays: Variables, coordinates: Variables) -> bytes:
@@ -164,6 +173,8 @@ def _rows(source: str, variables: Mapping[str, Any]) -> Iterator[tuple[str, list
         where = f"{source} record {state[0]}, {channels[j]}, harmonic {harmonics[k]}"
         numbers = (*pairs[i, j, k].tolist(), float(std[i, j, k]))
         yield where, [*map(repr, state), channels[j], repr(harmonics[k]), *map(repr, numbers)]
+    for note in np.asarray(variables.get("note", ())).ravel():
+        yield source, [str(np.asarray(note).item())]
 
 
 def _plain(values: Any) -> list[Any]:

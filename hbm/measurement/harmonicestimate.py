@@ -8,6 +8,7 @@ import numpy as np
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.measurement.steadiness import Leftover, Steadiness
+from models.display import Displayed
 
 LEAST_SHARE = 0.001
 """Trends and lines below this part of the amplitude are not warned of, however significant."""
@@ -42,7 +43,7 @@ class ChannelQuality:
 
 
 @dataclass(frozen=True, eq=False)
-class HarmonicEstimate:
+class HarmonicEstimate(Displayed):
     """Harmonics of one record.
 
     Attributes
@@ -188,4 +189,5 @@ def spectra_of_records(
         channels=kept,
         coefficients=coefficients,
         std=std,
+        notes=tuple((i, text) for i, e in enumerate(estimates, start=1) for text in e.warnings),
     )

@@ -6,7 +6,7 @@ Without a unit, values must be in SI.
 ========  ==================================================  ============================  =========================
 format    time                                                channel names                 units
 ========  ==================================================  ============================  =========================
-CSV       first column, ``time_s``                            heading                       SI
+CSV       first column, ``time_s`` or ``Time (ms)``           heading                       heading, line 2, or SI
 MAT       ``time_s``, ``time`` or ``t``; or a scalar ``fs``   the other vectors             struct ``units``, or SI
 UFF58     abscissa, in s; the step has 6 digits in the file   response entity, or node and  axis label, or the system
           and is taken for 1/n s where that is all it can be  direction, ``3+Y``            of data set 164, or SI
@@ -15,38 +15,29 @@ SEP005    ``time`` or ``fs``                                  ``name``          
 ========  ==================================================  ============================  =========================
 """
 
-import csv
-import io
-import json
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import import_module
 from math import floor, log10
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from hbm.errors import InputError
 from hbm.extras import extra
 from hbm.fourier import Array
-from hbm.measurement.recording import Recording, recording, renamed
-from hbm.textfiles import StrPath, damage, why
-
-TIMES = ("time_s", "time", "t")
-KIND = "a time history"
+from hbm.measurement.csvhistory import read_csv
+from hbm.measurement.recording import KIND, TIMES, Found, Recording, recording, renamed
+from hbm.textfiles import StrPath, damage
 
 
-class Found(NamedTuple):
-    """What a reader found in a file: time, values by channel, units by channel."""
-
-    time: Any
-    channels: Mapping[str, Any]
-    units: Mapping[str, str]
-
-
-def load_history(source: StrPath | Sequence[Mapping[str, Any]], channels: Mapping[str, str] | None = None) -> Recording:
+def load_history(
+    source: StrPath | Sequence[Mapping[str, Any]],
+    channels: Mapping[str, str] | None = None,
+    units: Mapping[str, str] | None = None,
+) -> Recording:
     """Read a measured time history.
 
     Parameters
@@ -55,6 +46,9 @@ def load_history(source: StrPath | Sequence[Mapping[str, Any]], channels: Mappin
         CSV, MAT, UFF58 (``.uff``, ``.unv``) or TDMS file, by its ending; or SEP005 dictionaries, one per channel.
     channels : mapping of str to str, optional
         Name of a channel to its name in the file; all, under their own names, if omitted.
+    units : mapping of str to str, optional
+        Units of channels, by their names here, where the file does not say them: ``g``, ``mm/s``, ``lbf``, whatever
+        pint knows of force, acceleration, velocity and displacement.
 
     Returns
     -------
@@ -64,15 +58,23 @@ def load_history(source: StrPath | Sequence[Mapping[str, Any]], channels: Mappin
     Raises
     ------
     InputError
-        If it cannot be read, channels do not fit together, or a unit is not known.
+        If it cannot be read, channels do not fit together, a unit is not known, or another one is in the file.
     """
     if isinstance(source, str) or hasattr(source, "__fspath__"):
         where, found = str(source), _read(Path(source))
     else:
         where = "SEP005"
         found = _sep005(where, source)
-    values, units = renamed(where, found.channels, found.units, channels or {})
-    return recording(where, found.time, values, units)
+    values, said = renamed(where, found.channels, found.units, channels or {})
+    return recording(where, found.time, values, _with_units(where, said, units or {}))
+
+
+def _with_units(where: str, said: Mapping[str, str], given: Mapping[str, str]) -> dict[str, str]:
+    """Units of the file, and of what it says nothing of those given."""
+    for name, unit in given.items():
+        if said.get(name, "").strip() not in ("", unit.strip()):
+            raise InputError(f"{where}: {name} is in {said[name]} in the file; must not be given as {unit}")
+    return {**said, **given}
 
 
 def _read(path: Path) -> Found:
@@ -83,54 +85,6 @@ def _read(path: Path) -> Found:
         found = "is a directory" if path.is_dir() else "no such file"
         raise InputError(f"{path}: {found}; must be {KIND}")
     return reader(path)
-
-
-# ---------------------------------------------------------------------------------------------------------------- CSV
-
-
-def _csv(path: Path) -> Found:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as refused:
-        raise InputError(f"{path}: cannot be read ({why(refused)}); must be {KIND} (CSV)") from None
-    heading, _, rest = text.partition("\n")
-    names = [name.strip() for name in next(csv.reader([heading]), [])]
-    if names[:1] != ["time_s"] or len(names) < 2 or not all(names):
-        raise InputError(f'{path} line 1: columns "{heading.strip()[:60]}"; must be time_s and one per channel')
-    for i, name in enumerate(names):
-        if name in names[:i]:
-            raise InputError(f'{path} line 1: column "{name}" a second time; must be once')
-    table = _table(path, rest, names)
-    return Found(table[:, 0], {name: table[:, i] for i, name in enumerate(names) if i}, {})
-
-
-def _table(path: Path, text: str, names: list[str]) -> Array:
-    """Numbers beneath the heading; where that fails, the first line to blame."""
-    if not text.strip():
-        raise InputError(f"{path}: no samples; must have one row per sample")
-    try:
-        table = np.loadtxt(io.StringIO(text), delimiter=",", ndmin=2, comments=None)
-        if table.shape[1] == len(names) and np.isfinite(table).all():
-            return table
-    except ValueError:
-        pass
-    for line, row in enumerate(csv.reader(io.StringIO(text)), start=2):
-        _check_row(f"{path} line {line}", row, names)
-    raise InputError(f"{path}: cannot be read as numbers; must be {KIND} (CSV)")
-
-
-def _check_row(where: str, row: list[str], names: list[str]) -> None:
-    if row and len(row) != len(names):
-        raise InputError(f"{where}: {len(row)} entries; must have {len(names)}")
-    for name, entry in zip(names, row, strict=False):
-        try:
-            finite = np.isfinite(float(entry))
-        except ValueError:
-            finite = False
-        if not finite:
-            raise InputError(
-                f"{where}: {name} = {json.dumps(entry.strip()[:60], ensure_ascii=False)}; must be a finite number"
-            )
 
 
 # ---------------------------------------------------------------------------------------------------------------- MAT
@@ -354,5 +308,5 @@ def _first_line(refused: Exception) -> str:
     return text[:1].lower() + text[1:]
 
 
-READERS = {".csv": _csv, ".mat": _mat, ".uff": _uff, ".unv": _uff, ".tdms": _tdms}
+READERS = {".csv": read_csv, ".mat": _mat, ".uff": _uff, ".unv": _uff, ".tdms": _tdms}
 """Reader by ending."""

@@ -6,21 +6,26 @@ spectra; :func:`recording` makes one of whatever a file holds, or refuses it.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from hbm.errors import InputError
 from hbm.fourier import Array
+from hbm.measurement.units import to_si
 from models.plausible import impossible
 
-ACCEPTED_UNITS: dict[str, tuple[float, str]] = {
-    **{"N": (1.0, "N"), "kN": (1e3, "N"), "mN": (1e-3, "N"), "lbf": (4.4482216152605, "N")},
-    **{"m/s2": (1.0, "m/s2"), "mm/s2": (1e-3, "m/s2"), "g": (9.80665, "m/s2"), "mg": (9.80665e-3, "m/s2")},
-    **{"m/s": (1.0, "m/s"), "mm/s": (1e-3, "m/s"), "in/s": (0.0254, "m/s")},
-    **{"m": (1.0, "m"), "mm": (1e-3, "m"), "um": (1e-6, "m"), "nm": (1e-9, "m"), "in": (0.0254, "m")},
-}
-"""Factor to SI and SI unit; g is the standard gravity, an acceleration."""
+TIMES = ("time_s", "time", "t")
+KIND = "a time history"
+
+
+class Found(NamedTuple):
+    """What a reader found in a file: time [s], values by channel, units by channel."""
+
+    time: Any
+    channels: Mapping[str, Any]
+    units: Mapping[str, str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +85,7 @@ def recording(
     if not channels:
         raise InputError(f"{source}: no channel; must have time and at least one channel")
     _refuse_impossible(source, "time", t, "time")
-    scaled = {name: _scale(source, name, said.get(name, "")) for name in channels}
+    scaled = {name: to_si(source, name, said.get(name, "")) for name in channels}
     values = {name: scaled[name][0] * _samples(source, name, given) for name, given in channels.items()}
     for name, v in values.items():
         _refuse_impossible(source, name, v, "reading")
@@ -149,15 +154,3 @@ def _refuse_impossible(source: str, name: str, values: Array, quantity: str) -> 
     at = int(np.argmax(np.abs(values)))
     if (accepted := impossible(quantity, values[at])) is not None:
         raise InputError(f"{source}: {name} is {values[at]:g} at sample {at + 1}; {accepted}")
-
-
-def _scale(source: str, name: str, unit: str) -> tuple[float, str]:
-    """Factor to SI and SI unit; nothing said means SI."""
-    plain = unit.strip()
-    for written, meant in (("^", ""), ("**", ""), ("²", "2"), ("µ", "u"), ("μ", "u")):
-        plain = plain.replace(written, meant)
-    if not plain:
-        return 1.0, ""
-    if plain not in ACCEPTED_UNITS:
-        raise InputError(f'{source}: unit of {name} is "{unit}"; must be one of {", ".join(ACCEPTED_UNITS)}')
-    return ACCEPTED_UNITS[plain]

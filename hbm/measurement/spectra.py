@@ -14,11 +14,14 @@ import numpy.typing as npt
 from hbm.errors import InputError
 from hbm.fourier import Array, complex_of
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
+from models.display import Displayed
 from models.rig import Rig
+
+MOST_WARNINGS = 12
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredSpectra:
+class MeasuredSpectra(Displayed):
     """Harmonic coefficients of measured steady states, formats.md section 2.
 
     All channels of a record share one time origin: s(t) = a_0 + sum a_k cos(k Omega t) + b_k sin(k Omega t).
@@ -39,6 +42,8 @@ class MeasuredSpectra:
         a_0, a_1..a_H, b_1..b_H in the channel's unit (N, m/s2, m/s, m); nan where not measured.
     std : (r, c, H+1) array
         Standard deviation of each of cos and sin, by harmonic; nan where not measured.
+    notes : tuple of (int, str)
+        What speaks against a record, by its number, one sentence each: it is not steady, a channel is clipped...
     """
 
     source: str
@@ -48,6 +53,7 @@ class MeasuredSpectra:
     channels: tuple[str, ...]
     coefficients: Array
     std: Array
+    notes: tuple[tuple[int, str], ...] = ()
 
     def __repr__(self) -> str:
         """Say what there is."""
@@ -64,6 +70,13 @@ class MeasuredSpectra:
     def H(self) -> int:
         """Highest harmonic listed."""
         return int(self.std.shape[2]) - 1
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against records, one sentence each, the first of many in full."""
+        said = [f"Record {record} of {self.source}: {text.rstrip('?')}." for record, text in self.notes]
+        more = len(said) - MOST_WARNINGS
+        return (*said[:MOST_WARNINGS], *([f"{more} more warnings are in {self.source}."] if more > 0 else []))
 
     def to_xarray(self) -> Any:
         """Coefficients (record, channel, coefficient) and standard deviations, as an xarray.Dataset.
@@ -221,6 +234,7 @@ class MeasuredSpectra:
             hz=self.hz[keep],
             coefficients=self.coefficients[keep],
             std=self.std[keep],
+            notes=tuple((record, text) for record, text in self.notes if record in self.records[keep]),
         )
 
     def _of_channels(self, keep: list[int]) -> "MeasuredSpectra":

@@ -1,20 +1,23 @@
 """Spectra files: measured harmonic coefficients read, checked and written, formats.md section 2.
 
 The CSV file is the contract; NetCDF and MAT files hold the same numbers and are read back through the same checks,
-see :mod:`hbm.measurement.exchange`.
+see :mod:`hbm.measurement.exchange`. Lines that begin with ``#`` are comments; ``# record 3: a1 is not steady`` is what
+``hbm spectra`` warned of, and goes on to whatever is made of the record.
 """
 
 import json
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from hbm.channels import computed_channels
 from hbm.errors import InputError
-from hbm.measurement.exchange import mat_bytes, mat_rows, netcdf_bytes, netcdf_rows, uff_bytes
+from hbm.measurement.exchange import mat_bytes, mat_rows, netcdf_bytes, netcdf_rows, note_lines, uff_bytes
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.textfiles import StrPath, csv_text, read_rows, write_together
 from models.jointed import AnyRig
@@ -29,6 +32,7 @@ SMALLEST_STD, RESOLVED = 1e-30, 1e-20
 """Least standard deviation, in any unit and of a coefficient: a reading has 16 digits, a mean of 1e8 of them 20."""
 
 WHOLE = re.compile(r"[+-]?[0-9]{1,15}")
+NOTE = re.compile(r"#\s*record (?P<record>[0-9]{1,15}): (?P<text>.+)")
 HOW_STD = "estimate it from the time history with hbm spectra"
 
 
@@ -57,7 +61,7 @@ def load_spectra(path: StrPath, rig: AnyRig) -> MeasuredSpectra:
     path : str or path
         CSV, NetCDF or MAT file, by its ending.
     rig : Rig
-        Its channels are accepted, in any order of rows.
+        Its channels are accepted, in any order of rows; what only a simulation knows, such as ``drive``, is left out.
 
     Returns
     -------
@@ -74,7 +78,21 @@ def load_spectra(path: StrPath, rig: AnyRig) -> MeasuredSpectra:
     if not Path(path).exists():
         raise InputError(f"{source}: no such file; must be a spectra file")
     tables = {".csv": _csv_rows, ".nc": netcdf_rows, ".mat": mat_rows}
-    return _assembled(source, (_row(where, cells) for where, cells in tables[ending](path)), rig)
+    rows = list(tables[ending](path))
+    notes = tuple(_note(",".join(cells)) for _, cells in rows if _is_note(cells))
+    numbers = (_row(where, cells) for where, cells in rows if not _is_note(cells))
+    found = _assembled(source, numbers, rig)
+    return replace(found, notes=tuple(n for n in notes if n is not None and n[0] in found.records))
+
+
+def _is_note(cells: list[str]) -> bool:
+    return cells[0].startswith("#")
+
+
+def _note(line: str) -> tuple[int, str] | None:
+    """Record and sentence of a line ``# record 3: a1 is not steady``; other comments are nobody's."""
+    said = NOTE.fullmatch(line.strip())
+    return (int(said["record"]), said["text"]) if said else None
 
 
 def _csv_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
@@ -86,7 +104,7 @@ def _csv_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
         raise InputError(f"{path} line {line}: {_wrong_heading(heading)}; must be {','.join(COLUMNS)}")
     for line, row in rows:
         where = f"{path} line {line}"
-        if len(row) != len(COLUMNS):
+        if len(row) != len(COLUMNS) and not _is_note(row):
             raise InputError(f"{where}: {len(row)} entries; must have {len(COLUMNS)}")
         yield where, row
 
@@ -156,10 +174,12 @@ def _shown(text: str) -> str:
 def _assembled(source: str, rows: Iterable[Row], rig: AnyRig) -> MeasuredSpectra:
     """Put rows into arrays; of rows that contradict each other the later is refused."""
     quantities = {channel.name: channel.quantity for channel in rig.channels}
-    names = list(quantities)
+    names, computed = list(quantities), computed_channels(rig)
     states: dict[int, tuple[float, float]] = {}
     entries: dict[tuple[int, str, int], Row] = {}
     for row in rows:
+        if row.channel in computed:
+            continue
         if row.channel not in names:
             accepted = f"channels are {', '.join(names)}" if names else "it has none"
             raise InputError(f"{row.where}: channel {_shown(row.channel)} is not in the rig; {accepted}")
@@ -251,7 +271,8 @@ def write_spectra(path: StrPath, spectra: MeasuredSpectra, units: Mapping[str, s
     if ending not in WRITTEN:
         raise InputError(f"{path}: not a spectra file; must end in {' or '.join(WRITTEN)}")
     if ending == ".csv":
-        write_together({path: csv_text(_table(spectra))})
+        notes = "".join(f"{line}\n" for line in note_lines(spectra))
+        write_together({path: csv_text(_table(spectra)) + notes})
     else:
         write_together({path: contents[ending](str(path), spectra, units or {})})
 

@@ -9,6 +9,7 @@ from scipy.linalg import null_space
 from hbm.aft.jointstep import JointStep, values
 from hbm.aft.step import law_step
 from hbm.errors import expect_rig
+from models.display import Displayed
 from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
@@ -19,7 +20,7 @@ SMALL_SLIP = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class LinearModes:
+class LinearModes(Displayed):
     """Natural modes of a rig.
 
     Attributes
@@ -83,6 +84,19 @@ def linear_modes(rig: AnyRig) -> LinearModes:
         damping_ratio=s.damping / (2 * s.omega_n),
         stiffness=k,
     )
+
+
+BESIDE = (0.85, 1.35, 1.1)
+"""A sweep begins at this part of the first sliding resonance; it ends beyond this part of it, and of the stuck one."""
+
+
+def sliding_to_stuck(rig: AnyRig) -> tuple[float, float]:
+    """Range of frequencies in which the first resonance lies however much the contact slides [Hz]."""
+    found = linear_modes(rig)
+    elastic = found.sliding_hz > 0.0
+    sliding, stuck = float(found.sliding_hz[elastic][0]), found.stuck_hz[elastic][0]
+    begin, end, beyond = BESIDE
+    return begin * sliding, float(np.nanmax([end * sliding, beyond * stuck]))
 
 
 def contact_stiffness(rig: Rig) -> float:

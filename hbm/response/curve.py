@@ -13,6 +13,7 @@ from hbm.balance.solution import PeriodicSolution, amplitudes, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from hbm.stability.multipliers import Stability
+from models.display import Displayed
 from models.jointed import AnyRig
 
 
@@ -176,7 +177,7 @@ class Bifurcation:
 
 
 @dataclass(frozen=True, eq=False)
-class ResponseCurve:
+class ResponseCurve(Displayed):
     """A branch of periodic solutions in physical terms.
 
     Attributes

@@ -13,6 +13,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from hbm.channels import COMPUTED_CHANNELS
 from hbm.errors import InputError, visible
 from hbm.rigfiles.extensions import rig_of_tables
 from hbm.rigfiles.joints import jointed_rig
@@ -37,8 +38,6 @@ from models import Beam, Channel, Contact, Damping, Excitation, FrictionLaw, Mod
 from models.friction import settings
 from models.jointed import AnyRig
 from models.plausible import PlausibilityWarning, doubts, quiet
-
-COMPUTED_CHANNELS = ("drive", "slip", "slip_velocity", "friction", "normal")
 
 
 def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> AnyRig:

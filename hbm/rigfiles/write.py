@@ -8,7 +8,7 @@ from pathlib import Path
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.load import rig_from_dict
-from hbm.textfiles import StrPath
+from hbm.textfiles import StrPath, write_together
 
 
 def extended_rig_text(nominal: str, extensions: Sequence[Extension]) -> str:
@@ -70,5 +70,5 @@ def write_extended_rig(
     """
     text = extended_rig_text(Path(nominal).read_text(encoding="utf-8-sig"), extensions)
     rig_from_dict(tomllib.loads(text), str(path), Consent.of_data(allow_code))
-    Path(path).write_text(text, encoding="utf-8")
+    write_together({Path(path): text})
     return Path(path)

@@ -28,6 +28,7 @@ from hbm.sensitivity.held import HeldBalance, friction_change, mixed, mixing_of
 from hbm.sensitivity.jointed import JointSensitivities, joint_balance_change, joint_sensitivities
 from hbm.sensitivity.moving import Disturbance, LinearBalance, refined
 from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys, rig_scalars
+from models.display import Displayed
 from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
 
@@ -36,7 +37,7 @@ UNBALANCED = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Sensitivities:
+class Sensitivities(Displayed):
     """How a periodic solution changes with the parameters of its rig, everything else held.
 
     Attributes
@@ -76,7 +77,7 @@ class Sensitivities:
         s = self.solution
         changes = self.logarithmic("drive")
         lines = [
-            f"  {name:32s} {value:12.6g} {unit:8s} {changes[name]:+.4g}"
+            f"  {name:32s} {value:12.6g} {'' if unit == '1' else unit:8s} {changes[name]:+.4g}"
             for name, value, unit in zip(self.parameters, self.values, self.units, strict=True)
         ]
         head = (

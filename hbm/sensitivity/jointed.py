@@ -15,6 +15,7 @@ from hbm.channels import DERIVATIVES, read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import ChannelSensitivity, largest, smooth_peak
+from models.display import Displayed
 from models.friction.law import Parameter
 from models.jointed import JointedRig
 from models.joints.law import described, numbers
@@ -61,7 +62,7 @@ def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array
 
 
 @dataclass(frozen=True, eq=False)
-class JointSensitivities:
+class JointSensitivities(Displayed):
     """How a periodic solution of a rig with joints changes with its numbers, everything else held.
 
     Attributes
@@ -91,7 +92,7 @@ class JointSensitivities:
             f"sensitivities at {s.hz:.6g} Hz, {s.level:g} N; of the drive's peak, relative, to each number, relative:"
         )
         lines = [
-            f"  {name:32s} {value:12.6g} {unit:8s} {changes[name]:+.4g}"
+            f"  {name:32s} {value:12.6g} {'' if unit == '1' else unit:8s} {changes[name]:+.4g}"
             for name, value, unit in zip(self.parameters, self.values, self.units, strict=True)
         ]
         return "\n".join([head, *lines])

@@ -13,6 +13,7 @@ from hbm.balance.equations import Balance, State
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.stability.floquet import Disturbance
+from models.display import Displayed
 
 Complex = npt.NDArray[np.complex128]
 
@@ -24,7 +25,7 @@ SLIPPING = 2.0
 
 
 @dataclass(frozen=True, eq=False)
-class Stability:
+class Stability(Displayed):
     """What becomes of a small disturbance of a periodic solution.
 
     Attributes

@@ -1,0 +1,73 @@
+"""The command ``hbm examples``: lists the examples that come with the package, and copies one out."""
+
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hbm.commands.options import console, print_written, quoted
+from hbm.errors import InputError
+
+COMMAND = "examples"
+ENDINGS = (".toml", ".py")
+RIG = "rig.toml"
+
+
+def examples(
+    name: Annotated[
+        str | None, typer.Argument(metavar="NAME", help="Example to copy; all are listed if omitted.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Copy it to this new file or folder; here, as NAME, if omitted.")
+    ] = None,
+) -> None:
+    """Examples: rig files, measured spectra, a law and a cause of one's own. With a name: copy it.
+
+    Example:  hbm examples paper_beam.toml
+    """
+    from hbm.commands.tables import print_table
+
+    found = _examples()
+    if name is None:
+        if out is not None:
+            raise InputError(f"{COMMAND}: --out without NAME; must have both")
+        rows = [[name, _about(path)] for name, path in found.items()]
+        print_table(console(), "hbm examples NAME copies one here", ["example", "about"], rows)
+        return
+    if name not in found:
+        raise InputError(f"{COMMAND}: {quoted(name)}; must be one of {', '.join(found)}")
+    print_written([_copy(found[name], out or Path(name))])
+
+
+def _examples() -> dict[str, Path]:
+    """Examples by name: those of the package, or of the sources it is run from."""
+    package = Path(__file__).parents[1]
+    folder = next(f for f in (package / "examples", package.parent / "examples") if f.is_dir())
+    files = sorted(f for f in folder.iterdir() if f.suffix in ENDINGS or (f / RIG).is_file())
+    return {file.name: file for file in files}
+
+
+def _about(path: Path) -> str:
+    """Title of an example: the name in its rig file, or the first line of its docstring."""
+    if path.suffix == ".py":
+        return path.read_text(encoding="utf-8").strip('"').partition("\n")[0].strip('"')
+    file = path / RIG if path.is_dir() else path
+    title = tomllib.loads(file.read_text(encoding="utf-8"))["name"]
+    return f"{title}, with measured spectra" if path.is_dir() else str(title)
+
+
+def _copy(path: Path, target: Path) -> Path:
+    if target.exists():
+        raise InputError(f"{COMMAND}: {target} is there already; must be new, try --out")
+    if not target.absolute().parent.is_dir():
+        raise InputError(f"{COMMAND}: there is no directory {quoted(str(target.parent))}, create it first")
+    try:
+        if path.is_dir():
+            shutil.copytree(path, target, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copyfile(path, target)
+    except OSError as refused:
+        raise InputError(f"{COMMAND}: {target} cannot be written ({refused.strerror or refused})") from None
+    return target

@@ -1,0 +1,257 @@
+"""Figures of what sensors read: simulated curves over frequency or force, with measured points on them."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from hbm.errors import InputError
+from hbm.figures.curves import DASHES, Curves, draw_line, listed, over
+from hbm.figures.style import (
+    INK,
+    SMALL,
+    AxesArray,
+    Color,
+    align_labels,
+    dressed,
+    label_all,
+    legend_above,
+    level_colors,
+    new_axes,
+    panels,
+)
+from hbm.fourier import Array
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.response.curve import ResponseCurve
+
+BAND = 1.96
+"""Half the width of a 95 % interval, in standard deviations."""
+
+SAME_LEVEL = 0.05
+"""A record belongs to a curve whose force differs from its own by less than this share."""
+
+MOST = 12
+"""Up to so many channels are drawn where none are named."""
+
+ONE_COLUMN = 3
+"""Up to so many panels stand in one column."""
+
+
+def plot_channel(
+    curves: Curves,
+    channel: str = "drive",
+    ax: Axes | None = None,
+    *,
+    measured: MeasuredSpectra | None = None,
+    harmonic: int = 1,
+    log: bool = False,
+    per_force: bool = False,
+    label: bool = True,
+) -> Axes:
+    """Amplitude of a harmonic of one channel over the frequency, or over the force of a force response.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+        Levels to overlay.
+    channel : str
+        One of the curves: of the rig's, or ``drive``, ``slip``, ``friction``...
+    ax : Axes, optional
+        Where to draw; new axes where omitted.
+    measured : MeasuredSpectra, optional
+        Drawn as points with 95 % intervals, each in the colour of the curve of its level, where it has one.
+    harmonic : int
+        Its number.
+    log : bool
+        Draw amplitudes on a logarithmic axis.
+    per_force : bool
+        Divide by the amplitude of the force, so that levels fall on one line where the structure is linear.
+    label : bool
+        Add a legend.
+
+    Returns
+    -------
+    Axes
+
+    Raises
+    ------
+    InputError
+        If the curves have no such channel or harmonic.
+    """
+    curves, ax = listed(curves), new_axes(ax)
+    _check(curves, [channel], harmonic)
+    _draw(ax, curves, channel, measured, harmonic, per_force)
+    _scaled(ax, log)
+    if label:
+        ax.legend(handles=_handles(curves, measured), frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+    return dressed(ax, over(curves), f"{_named(channel, harmonic)} [{_unit(curves[0], channel, per_force)}]")
+
+
+def plot_sensors(
+    curves: Curves,
+    channels: Sequence[str] | None = None,
+    axes: AxesArray | None = None,
+    *,
+    measured: MeasuredSpectra | None = None,
+    harmonic: int = 1,
+    log: bool = True,
+    per_force: bool = False,
+) -> AxesArray:
+    """Amplitude of a harmonic of the drive and of every sensor, a panel for each.
+
+    Parameters
+    ----------
+    curves : ResponseCurve or sequence of them
+        Levels to overlay.
+    channels : sequence of str, optional
+        Where omitted the drive and the rig's channels of motion; with measurements those that were measured.
+    axes : array of Axes, optional
+        One for each channel; a new figure where omitted.
+    measured, harmonic, log, per_force
+        As for :func:`plot_channel`.
+
+    Returns
+    -------
+    array of Axes
+        As many as there are channels.
+
+    Raises
+    ------
+    InputError
+        If the curves have no such channel or harmonic.
+    """
+    curves = listed(curves)
+    names = list(channels) if channels is not None else _sensors(curves[0], measured)
+    _check(curves, names, harmonic)
+    columns = 1 if len(names) <= ONE_COLUMN else 2
+    rows = -(-len(names) // columns)
+    grid = panels(axes, rows, columns, 0.9 + 1.6 * rows, sharex=True) if axes is None else np.asarray(axes)
+    for ax, above in zip(grid.ravel()[len(names) :], grid.ravel()[len(names) - columns :], strict=False):
+        ax.set_visible(False)
+        above.tick_params(labelbottom=True)
+    for name, ax in zip(names, grid.ravel(), strict=False):
+        _draw(ax, curves, name, measured, harmonic, per_force)
+        _scaled(ax, log)
+        dressed(ax, "", f"{name} [{_unit(curves[0], name, per_force)}]")
+    label_all(
+        grid, over(curves), "Amplitude of the fundamental" if harmonic == 1 else f"Amplitude of harmonic {harmonic}"
+    )
+    handles = _handles(curves, measured)
+    legend_above(grid, handles, ncols=min(len(handles), 5))
+    return align_labels(grid).ravel()[: len(names)]
+
+
+def _sensors(curve: ResponseCurve, measured: MeasuredSpectra | None) -> list[str]:
+    motion = [c.name for c in curve.rig.channels if c.quantity != "force"]
+    if measured is not None:
+        return [name for name in motion if name in measured.channels][:MOST]
+    return ["drive", *motion][:MOST]
+
+
+def _check(curves: Sequence[ResponseCurve], channels: Sequence[str], harmonic: int) -> None:
+    if not channels:
+        raise InputError(f"figure: {curves[0].rig.name} has no channel of motion that was measured; must have one")
+    for name in channels:
+        if name not in curves[0].channels:
+            raise InputError(f'figure: no channel "{name}"; must be one of {", ".join(curves[0].channels)}')
+    least = min(c.basis.H for c in curves)
+    if not 0 <= harmonic <= least:
+        raise InputError(f"figure: harmonic = {harmonic}; must be from 0 to {least}, the harmonics of the curves")
+
+
+def _draw(
+    ax: Axes,
+    curves: Sequence[ResponseCurve],
+    channel: str,
+    measured: MeasuredSpectra | None,
+    harmonic: int,
+    per_force: bool,
+) -> None:
+    scale = 1e3 if _is_displacement(curves[0], channel) else 1.0
+    for curve, color in zip(curves, level_colors(curves), strict=True):
+        amplitude = scale * curve[channel].amplitude[:, harmonic]
+        draw_line(ax, curve, amplitude / curve.force if per_force else amplitude, color)
+        if measured is not None and channel in measured.channels and harmonic <= measured.H:
+            _draw_points(ax, curve, measured, channel, harmonic, scale, per_force, color)
+    ax.set_xlim(min(c.values.min() for c in curves), max(c.values.max() for c in curves))
+
+
+def _draw_points(
+    ax: Axes,
+    curve: ResponseCurve,
+    measured: MeasuredSpectra,
+    channel: str,
+    harmonic: int,
+    scale: float,
+    per_force: bool,
+    color: Color,
+) -> None:
+    """The records of a curve's level, or of its frequency where it is a force response."""
+    over_force = curve.problem.parameter == "force"
+    if over_force:
+        own = np.abs(measured.hz / curve.points[0].hz - 1.0) < 1e-4
+    else:
+        own = np.abs(measured.level / curve.level - 1.0) < SAME_LEVEL
+    x: Array = measured.level if over_force else measured.hz
+    inside = own & (x >= curve.values.min()) & (x <= curve.values.max())
+    divided = measured.level[inside] if per_force else 1.0
+    ax.errorbar(
+        x[inside],
+        scale * np.abs(measured.complex(channel)[inside, harmonic]) / divided,
+        yerr=BAND * scale * measured.std[inside, measured.index(channel), harmonic] / divided,
+        fmt="o",
+        markersize=3.6,
+        color=color,
+        elinewidth=0.8,
+        markerfacecolor="white",
+        markeredgewidth=0.9,
+        zorder=3,
+    )
+
+
+def _scaled(ax: Axes, log: bool) -> None:
+    if log:
+        ax.set_yscale("log")
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        ax.yaxis.set_minor_formatter(NullFormatter())
+    else:
+        ax.set_ylim(bottom=0.0)
+
+
+def _handles(curves: Sequence[ResponseCurve], measured: MeasuredSpectra | None) -> list[Any]:
+    """Legend: a line for each level, for what is unstable and what is in doubt, and a point for what was measured."""
+    colors = level_colors(curves)
+    force = curves[0].problem.parameter == "force"
+    names = [f"{c.points[0].hz:g} Hz" if force else f"{c.level:g} N" for c in curves]
+    handles = [Line2D([], [], linewidth=1.4, label=name) for name in names]
+    for handle, color in zip(handles, colors, strict=True):
+        handle.set_color((color[0], color[1], color[2]))
+    judged = [(c.stable, c.doubtful) for c in curves if c.stable is not None and c.doubtful is not None]
+    shown = {
+        "unstable": any((~stable & ~doubtful).any() for stable, doubtful in judged),
+        "in doubt": any(doubtful.any() for _, doubtful in judged),
+    }
+    drawn = [kind for kind, there in shown.items() if there]
+    handles += [Line2D([], [], color=INK, linewidth=1.2, linestyle=DASHES[kind], label=kind) for kind in drawn]
+    if measured is not None:
+        hollow = Line2D([], [], color=INK, linestyle="none", marker="o", markersize=3.6, markerfacecolor="white")
+        hollow.set_label("measured")
+        handles.append(hollow)
+    return handles
+
+
+def _named(channel: str, harmonic: int) -> str:
+    return channel if harmonic == 1 else f"{channel}, harmonic {harmonic}"
+
+
+def _is_displacement(curve: ResponseCurve, channel: str) -> bool:
+    return curve[channel].unit == "m"
+
+
+def _unit(curve: ResponseCurve, channel: str, per_force: bool) -> str:
+    unit = "mm" if _is_displacement(curve, channel) else curve[channel].unit.replace("s2", "s²")
+    return f"{unit} / N" if per_force else unit

@@ -1,0 +1,158 @@
+"""Time histories in CSV: ours, and what data loggers and spreadsheets export.
+
+Columns are separated by commas, or by semicolons or tabs; with the latter numbers may have decimal commas. The first
+column is the time, ``time_s`` or a name with its unit, ``Time (ms)``. Units stand in brackets behind the names, or in a
+line of their own beneath them. Lines that begin with ``#`` are comments.
+"""
+
+import csv
+import io
+import json
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.measurement.recording import KIND, TIMES, Found
+from hbm.measurement.units import is_unit, seconds
+from hbm.textfiles import why
+
+BRACKETED = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))")
+"""A name with a unit behind it."""
+
+WESTERN = frozenset("²³µ°äöüÄÖÜßéèàç")
+"""Letters in names and units of files that are not in UTF-8 but in the encoding of Windows."""
+
+TIME_NAMES = (*TIMES, "zeit", "temps", "tiempo")
+
+
+class _Line(NamedTuple):
+    """A line that is no comment, and its number."""
+
+    number: int
+    text: str
+
+
+def read_csv(path: Path) -> Found:
+    """Read a CSV file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has no time, or an entry is not a number.
+    """
+    lines = [_Line(i, x) for i, x in enumerate(_text(path).splitlines(), start=1) if x.strip() and x.lstrip()[0] != "#"]
+    first = lines[0] if lines else _Line(1, "")
+    delimiter = "\t" if "\t" in first.text else ";" if ";" in first.text else ","
+    names, units = _heading(first, delimiter)
+    rows = lines[1:]
+    if rows and _are_units(_cells(rows[0].text, delimiter), len(names)):
+        beneath = [_plain_unit(cell) for cell in _cells(rows.pop(0).text, delimiter)]
+        units = [above or below for above, below in zip(units, beneath, strict=True)]
+    scale = _seconds(names[0], units[0]) if names else None
+    if scale is None or len(names) < 2 or not all(names):
+        shown = first.text.strip()[:60]
+        raise InputError(f'{path} line {first.number}: columns "{shown}"; must be time_s and one per channel')
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise InputError(f'{path} line {first.number}: column "{name}" a second time; must be once')
+    table = _table(path, rows, names, delimiter)
+    channels = {name: table[:, i] for i, name in enumerate(names) if i}
+    return Found(scale * table[:, 0], channels, {name: unit for name, unit in zip(names, units, strict=True) if unit})
+
+
+def _text(path: Path) -> str:
+    try:
+        content = path.read_bytes()
+        if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            return content.decode("utf-16")
+        try:
+            return content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            western = content.decode("cp1252", "replace")
+            if {letter for letter in western if not letter.isascii()} <= WESTERN:
+                return western
+            raise
+    except (OSError, UnicodeDecodeError) as refused:
+        raise InputError(f"{path}: cannot be read ({why(refused)}); must be {KIND} (CSV)") from None
+
+
+# ------------------------------------------------------------------------------------------------------------- heading
+
+
+def _cells(text: str, delimiter: str) -> list[str]:
+    """Entries of a line; exports often end each line with a delimiter."""
+    if delimiter != ",":
+        text = text.rstrip("\r\n ").removesuffix(delimiter)
+    return [cell.strip() for cell in next(csv.reader([text], delimiter=delimiter), [])]
+
+
+def _heading(line: _Line, delimiter: str) -> tuple[list[str], list[str]]:
+    """Names of the columns, and their units, empty where none is said."""
+    found = [_named(cell) for cell in _cells(line.text, delimiter)]
+    return [name for name, _ in found], [unit for _, unit in found]
+
+
+def _named(cell: str) -> tuple[str, str]:
+    """Name and unit: ``a1 [g]`` and ``a1 (g)`` have one, ``a1 (top)`` has none."""
+    said = BRACKETED.fullmatch(cell)
+    if said is None or not said["name"]:
+        return cell, ""
+    if said["square"] is not None:
+        return said["name"], said["square"].strip()
+    return (said["name"], said["round"].strip()) if is_unit(said["round"]) else (cell, "")
+
+
+def _are_units(cells: list[str], columns: int) -> bool:
+    """Whether a line has units under the names; the time's at least, and numbers nowhere."""
+    units = [_plain_unit(cell) for cell in cells]
+    return len(cells) == columns and seconds(units[0]) is not None and all(not u or is_unit(u) for u in units)
+
+
+def _plain_unit(cell: str) -> str:
+    return cell.strip("[]() ")
+
+
+def _seconds(name: str, unit: str) -> float | None:
+    """Seconds in the unit of the first column, None if it is not the time."""
+    if name == "time_s":
+        return 1.0
+    return seconds(unit) if unit and name.lower() in TIME_NAMES else None
+
+
+# ------------------------------------------------------------------------------------------------------------- numbers
+
+
+def _table(path: Path, lines: list[_Line], names: list[str], delimiter: str) -> Array:
+    """Numbers beneath the heading; where that fails, the first line to blame."""
+    if not lines:
+        raise InputError(f"{path}: no samples; must have one row per sample")
+    text = "\n".join(line.text for line in lines)
+    if delimiter != ",":
+        text = re.sub(rf"{delimiter}[ \r]*$", "", text, flags=re.MULTILINE).replace(",", ".")
+    try:
+        table = np.loadtxt(io.StringIO(text), delimiter=delimiter, ndmin=2, comments=None)
+        if table.shape[1] == len(names) and np.isfinite(table).all():
+            return table
+    except ValueError:
+        pass
+    for line, row in zip(lines, csv.reader(io.StringIO(text), delimiter=delimiter), strict=False):
+        _check_row(f"{path} line {line.number}", row, names)
+    raise InputError(f"{path}: cannot be read as numbers; must be {KIND} (CSV)")
+
+
+def _check_row(where: str, row: list[str], names: list[str]) -> None:
+    if row and len(row) != len(names):
+        raise InputError(f"{where}: {len(row)} entries; must have {len(names)}")
+    for name, entry in zip(names, row, strict=False):
+        try:
+            finite = np.isfinite(float(entry))
+        except ValueError:
+            finite = False
+        if not finite:
+            raise InputError(
+                f"{where}: {name} = {json.dumps(entry.strip()[:60], ensure_ascii=False)}; must be a finite number"
+            )

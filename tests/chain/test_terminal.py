@@ -1,0 +1,47 @@
+"""What is seen on a terminal: a bar that is one, titles on one line, numbers that say no more than is known."""
+
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from hbm.commands.progress import BAR, Work
+from hbm.commands.tables import print_table
+from hbm.files.identifyreport import Value, value_text
+
+
+def printed(width: int) -> tuple[Console, io.StringIO]:
+    text = io.StringIO()
+    return Console(width=width, file=text, force_terminal=True, color_system=None), text
+
+
+@pytest.mark.parametrize("width", [60, 100])
+def test_the_bar_keeps_its_width_beside_many_words(width: int) -> None:
+    console, text = printed(width)
+    work = Work()
+    work.show("fitting stribeck-weakening beside a wrong normal load and whatever else is to be told of it here", 0.999)
+    console.print(work.bar.get_renderable())
+    (line,) = text.getvalue().rstrip().splitlines()
+    assert line.count("━") >= BAR - 1
+    assert len(line) <= width
+
+
+def test_a_title_is_one_line_above_a_narrow_table() -> None:
+    console, text = printed(100)
+    title = "record 1: recordings/run_48.5Hz_2N.csv, 2 N at 48.5 Hz"
+    print_table(console, title, ["n"], [["1"]])
+    assert text.getvalue().splitlines()[0] == title
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (Value("sigma1", 7e-11, 440.0, "N s/m"), "7e-11 ± 4e+02 N s/m, not determined"),
+        (Value("sigma1", 0.0, 3.0, "1"), "0 ± 3, not determined"),
+        (Value("mu", 0.52, 0.0013, "1"), "0.5200 ± 0.0013"),
+        (Value("mu", 0.52, float(np.nan), "1"), "0.52"),
+    ],
+)
+def test_a_parameter_is_said_as_well_as_it_is_known(value: Value, text: str) -> None:
+    assert value_text(value) == text
