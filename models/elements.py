@@ -49,7 +49,7 @@ class MidplaneStretching:
     reads: ClassVar[Reading] = Reading.STRETCH
 
     axial_stiffness: Value = field(
-        metadata=parameter("N/m", "stiffness against the shortening of the beam", "formats.md section 6", strict=False)
+        metadata=parameter("N/m", "stiffness against the shortening of the beam", "catalogue of causes", strict=False)
     )
 
     def force(self, y: Value, y_t: Value, weight: Value) -> Value:
@@ -65,7 +65,7 @@ class QuadraticDrag:
     reads: ClassVar[Reading] = Reading.SPAN
 
     coefficient: Value = field(
-        metadata=parameter("N s2/m2 per m", "drag per length of beam", "formats.md section 6", strict=False)
+        metadata=parameter("N s2/m2 per m", "drag per length of beam", "catalogue of causes", strict=False)
     )
 
     def force(self, y: Value, y_t: Value, weight: Value) -> Value:
@@ -80,9 +80,9 @@ class ImpactStop:
     name: ClassVar[str] = "impact-stop"
     reads: ClassVar[Reading] = Reading.POINT
 
-    gap: Value = field(metadata=parameter("m", "clearance", "formats.md section 6", lower=-float("inf")))
-    stiffness: Value = field(metadata=parameter("N/m", "stiffness of the stop", "formats.md section 6", strict=False))
-    position: Value = field(metadata=parameter("m", "place on the beam", "formats.md section 6"))
+    gap: Value = field(metadata=parameter("m", "clearance", "catalogue of causes", lower=-float("inf")))
+    stiffness: Value = field(metadata=parameter("N/m", "stiffness of the stop", "catalogue of causes", strict=False))
+    position: Value = field(metadata=parameter("m", "place on the beam", "catalogue of causes"))
 
     def force(self, y: Value, y_t: Value, weight: Value) -> Value:
         """Push back what is beyond the gap."""

@@ -14,7 +14,7 @@ class Reaction:
     """Normal reaction of the support as a linear form of the motion.
 
     ``R = P + inertia.q'' + damping.q' + stiffness.q + T (stretch.q - friction_lever) - force_share F``
-    (physics.md section 2, the weak form tested with the static tip-load shape).
+    (docs/theory/equations.md section 2, the weak form tested with the static tip-load shape).
     All rows are zero where the reaction is held constant.
 
     Attributes

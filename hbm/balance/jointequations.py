@@ -77,7 +77,7 @@ class JointEquations:
             for j, at in zip(rig.joints, self.slices, strict=True)
         ]
         self.flexibility = s.flexibility - np.diag(self.own)
-        # velocities in limits of friction are those of the modes, physics.md section 3
+        # velocities in limits of friction are those of the modes, docs/theory/equations.md section 3
         folds = np.concatenate([np.full(j.law.ports, j.law.folds) for j in rig.joints])
         self.flexibility_of_rate = np.where(folds[:, None], 0.0, s.flexibility)
         self.diagonal = bool(np.count_nonzero(s.damping - np.diag(s.damping.diagonal())) == 0)

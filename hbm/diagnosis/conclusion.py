@@ -62,7 +62,7 @@ RELIABLE = {
 """How often verdicts are right: a cause that leaves noise alone and foretells the records held out, one that leaves
 noise alone, one that leaves a background, a main cause, and so on; `within` where numbers within their tolerances
 explain what is missed. Right ones and one more, of all and two more, in 152 blind cases (seed 20261501, scored with
-2fb1e9d); docs/diagnosis.md says which of these were counted otherwise."""
+2fb1e9d); docs/theory/diagnosis.md says which of these were counted otherwise."""
 
 AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""

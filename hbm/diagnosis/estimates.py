@@ -10,7 +10,7 @@ from models.causes.parameter import WrongParameter
 
 
 def name_of(e: Evaluation) -> str:
-    """Name of the first cause, as formats.md has it."""
+    """Name of the first cause, as docs/reference/causes.md has it."""
     cause = e.model.causes[0]
     return cause.label if isinstance(cause, WrongParameter) else cause.name
 

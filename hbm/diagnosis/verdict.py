@@ -1,4 +1,4 @@
-"""What a diagnosis says: :class:`Diagnosis`, in sentences and as the JSON of formats.md section 4."""
+"""What a diagnosis says: :class:`Diagnosis`, in sentences and as the JSON of docs/reference/data_files.md."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -78,7 +78,7 @@ class Diagnosis:
     verdict : str
         consistent; cause-found; main-cause, which is decisive but leaves much; or unexplained.
     cause : str or None
-        Of formats.md section 6.
+        Of docs/reference/causes.md.
     parameters : dict of str to Estimate
     confidence : float
         Weight of the verdict's model among all that were fitted (Bayesian information criterion).

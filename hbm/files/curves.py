@@ -1,4 +1,4 @@
-"""Result files: curves and time histories written and read back, formats.md sections 3 and 4.
+"""Result files: curves and time histories written and read back, docs/reference/data_files.md.
 
 A curve file (CSV) has a companion of the same name ending in ``.json`` with what a table of points has no
 place for: numerical error, folds, corners, lift-off, why the curve ended. Every file appears complete or not at all.

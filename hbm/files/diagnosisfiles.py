@@ -1,6 +1,6 @@
 """Everything about a diagnosis in one folder: the verdict, the extended rig, figures with their numbers, one HTML page.
 
-``diagnosis.json`` is formats.md section 4; ``extended.toml`` is there where a cause was found.
+``diagnosis.json`` is docs/reference/data_files.md; ``extended.toml`` is there where a cause was found.
 :func:`diagnosis_contents` makes the files; :data:`FILES` names all there can be.
 """
 

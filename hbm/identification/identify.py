@@ -119,7 +119,7 @@ def identify(
 
     References
     ----------
-    physics.md sections 3 and 5; (24).
+    docs/theory/equations.md sections 3 and 5; (24).
     """
     held = None if held_out is None else _held(reconstruction, held_out)
     scales, observed = scales_of(reconstruction), observe(reconstruction)

@@ -130,7 +130,7 @@ class Contact:
 
 
 def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:
-    """Signals at the contact that follow from force and motion; physics.md section 2.
+    """Signals at the contact that follow from force and motion; docs/theory/equations.md section 2.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ class Fault:
     Attributes
     ----------
     cause : str
-        Name of the cause in formats.md section 6, or `sensor-dead`, `sensor-noise`, `sensor-unknown`.
+        Name of the cause in docs/reference/causes.md, or `sensor-dead`, `sensor-noise`, `sensor-unknown`.
     channel : str
     value, std : float
         Gain, delay [s], position [m], or how many times the stated standard deviation it scatters.

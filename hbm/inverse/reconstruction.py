@@ -185,7 +185,7 @@ class Reconstruction:
         return frame("to_dataframe", {**columns, "slips": self.slips})
 
     def arrays(self) -> tuple[Variables, Variables]:
-        """Arrays and coordinates by the names of formats.md section 4, each with its dimensions and unit.
+        """Arrays and coordinates by the names of docs/reference/data_files.md, each with its dimensions and unit.
 
         Returns
         -------

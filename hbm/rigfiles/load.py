@@ -45,7 +45,7 @@ def load_rig(path: str | PathLike[str]) -> AnyRig:
     Parameters
     ----------
     path : str or path
-        TOML file, formats.md section 1. A law of one's own, ``file.py:Class``, is run: read files you trust.
+        TOML file, docs/reference/rig_files.md. A law of one's own, ``file.py:Class``, is run: read files you trust.
 
     Returns
     -------

@@ -15,7 +15,7 @@ class Unknown:
     Attributes
     ----------
     name : str
-        As in a diagnosis, formats.md section 6.
+        As in a diagnosis, docs/reference/causes.md.
     unit : str
         SI unit, "1" for a pure number.
     key : str
@@ -55,7 +55,7 @@ class Cause(Protocol):
     Attributes
     ----------
     name : str
-        Of formats.md section 6.
+        Of docs/reference/causes.md.
     meaning, looks_like, confused_with : str
         In words: what it does, how it shows, and what shows alike.
     check : str

@@ -1,0 +1,91 @@
+"""Sphinx extension: notebooks become pages, markers become tables, formulas become MathML.
+
+A line ``<!-- generated: NAME -->`` in a page is replaced by the table of that name in ``tables.py``.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import latex2mathml.converter
+import nbformat
+from docutils import nodes
+from nbconvert import MarkdownExporter
+from sphinx.application import Sphinx
+from sphinx.errors import ExtensionError
+
+from generated.tables import TABLES
+
+NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+MARKER = re.compile(r"^<!-- generated: (.+) -->$", re.M)
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register what this extension does."""
+    app.connect("builder-inited", write_notebooks)
+    app.connect("source-read", fill_in)
+    app.connect("autodoc-process-docstring", keep_bars)
+    app.add_html_math_renderer("mathml", (inline_formula, None), (shown_formula, None))
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+def write_notebooks(app: Sphinx) -> None:
+    """Write a page for every notebook as it was executed, beside the tutorials that are Markdown already."""
+    folder = Path(app.srcdir) / "tutorials"
+    for path in sorted(NOTEBOOKS.glob("[0-9]*.ipynb")):
+        text, figures = notebook_page(path)
+        write_changed(folder / f"{path.stem}.md", text.encode())
+        for name, png in figures.items():
+            write_changed(folder / name, png)
+
+
+def write_changed(path: Path, content: bytes) -> None:
+    """Leave a file that is the same alone, so that it is not read again."""
+    path.parent.mkdir(exist_ok=True)
+    if not path.exists() or path.read_bytes() != content:
+        path.write_bytes(content)
+
+
+def notebook_page(path: Path) -> tuple[str, dict[str, bytes]]:
+    """Markdown of a notebook, and its figures by file name."""
+    resources: dict[str, Any] = {"unique_key": path.stem, "output_files_dir": path.stem}
+    text, resources = MarkdownExporter().from_notebook_node(nbformat.read(path, as_version=4), resources)
+    text = re.sub(r"`docs/(\S+\.md)`", r"[\1](../\1)", text)
+    note = f"*This is `notebooks/{path.name}` as it was executed. Its source is `notebooks/{path.stem}.py`.*"
+    heading, _, rest = text.lstrip().partition("\n")
+    return f"{heading}\n\n{note}\n{rest}", resources["outputs"]
+
+
+def fill_in(app: Sphinx, page: str, source: list[str]) -> None:
+    """Replace the markers of a page by tables made from the code."""
+
+    def table(marker: re.Match[str]) -> str:
+        if marker[1] not in TABLES:
+            raise ExtensionError(f"{page}: no table {marker[1]!r}; tables are {', '.join(TABLES)}")
+        return TABLES[marker[1]]()
+
+    source[0] = MARKER.sub(table, source[0])
+
+
+def keep_bars(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Keep docutils from taking |v| for one of its substitutions; what is between backticks stays as it is."""
+    for i, line in enumerate(lines):
+        parts = line.split("`")
+        lines[i] = "`".join(part if j % 2 else part.replace("|", r"\|") for j, part in enumerate(parts))
+
+
+def inline_formula(translator: Any, node: nodes.math) -> None:
+    """Write a formula within a line."""
+    translator.body.append(mathml(node, "inline"))
+    raise nodes.SkipNode
+
+
+def shown_formula(translator: Any, node: nodes.math_block) -> None:
+    """Write a formula on lines of its own."""
+    translator.body.append(f'<div class="formula">{mathml(node, "block")}</div>\n')
+    raise nodes.SkipNode
+
+
+def mathml(node: nodes.Element, display: str) -> str:
+    """MathML of a formula, which browsers draw themselves."""
+    return str(latex2mathml.converter.convert(node.astext().strip(), display=display))
