@@ -7,20 +7,30 @@ Build: python -m sphinx -W --keep-going -b html docs build/site
 """
 
 import sys
+from importlib.metadata import distribution
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 project = "casadi-hbm"
 author = "casadi-hbm contributors"
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_copybutton", "generated.pages"]
+MATHJAX = distribution("sphinx-mathjax-offline").locate_file("sphinx-mathjax-offline/static/mathjax/tex-svg.js")
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.mathjax",
+    "sphinx_copybutton",
+    "generated.pages",
+]
 exclude_patterns = ["generated"]
 
 html_theme = "furo"
 html_title = "casadi-hbm"
-html_static_path = ["images/site.css"]
+html_static_path = ["images/site.css", str(MATHJAX)]
 html_css_files = ["site.css"]
-html_math_renderer = "mathml"
+mathjax_path = "tex-svg.js"  # this one file of MathJax holds its fonts
 html_copy_source = False
 html_show_sphinx = False
 

@@ -1,4 +1,4 @@
-"""Sphinx extension: notebooks become pages, markers become tables, formulas become MathML.
+"""Sphinx extension: notebooks become pages, and markers become tables.
 
 A line ``<!-- generated: NAME -->`` in a page is replaced by the table of that name in ``tables.py``.
 """
@@ -7,9 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-import latex2mathml.converter
 import nbformat
-from docutils import nodes
 from nbconvert import MarkdownExporter
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
@@ -25,7 +23,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("builder-inited", write_notebooks)
     app.connect("source-read", fill_in)
     app.connect("autodoc-process-docstring", keep_bars)
-    app.add_html_math_renderer("mathml", (inline_formula, None), (shown_formula, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -72,20 +69,3 @@ def keep_bars(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: 
     for i, line in enumerate(lines):
         parts = line.split("`")
         lines[i] = "`".join(part if j % 2 else part.replace("|", r"\|") for j, part in enumerate(parts))
-
-
-def inline_formula(translator: Any, node: nodes.math) -> None:
-    """Write a formula within a line."""
-    translator.body.append(mathml(node, "inline"))
-    raise nodes.SkipNode
-
-
-def shown_formula(translator: Any, node: nodes.math_block) -> None:
-    """Write a formula on lines of its own."""
-    translator.body.append(f'<div class="formula">{mathml(node, "block")}</div>\n')
-    raise nodes.SkipNode
-
-
-def mathml(node: nodes.Element, display: str) -> str:
-    """MathML of a formula, which browsers draw themselves."""
-    return str(latex2mathml.converter.convert(node.astext().strip(), display=display))
