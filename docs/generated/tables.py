@@ -5,6 +5,7 @@ classes. What a schema does not say, unit and meaning of a key, is in ``keys.tom
 there alone, fails the build.
 """
 
+import re
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import MISSING, fields
@@ -169,15 +170,11 @@ def number(value: float) -> str:
 
 
 def commands() -> str:
-    """Help of every command."""
+    """Help of every command, its example as code."""
     group = typer.main.get_command(app)
     text = get_docs_for_click(obj=group, ctx=group.make_context("hbm", [], resilient_parsing=True), name="hbm")
-    return text.partition("\n")[2].replace("Example:  ", "Example: `").replace("Start with:  ", "Start with: `")
-
-
-def closed(text: str) -> str:
-    """Close the examples that are opened as code, at the end of their line."""
-    return "\n".join(line + "`" if line.count("`") % 2 else line for line in text.splitlines())
+    every = text[text.index("\n## ") :]  # what comes before it lists them, cut short
+    return re.sub(r"^Example:  (.*)$", r"Example: `\1`", every, flags=re.M)
 
 
 TABLES: dict[str, Callable[[], str]] = {f"keys of {name}": partial(keys, name) for name in SCHEMAS}
@@ -185,6 +182,6 @@ TABLES |= {
     "friction laws": partial(laws, LAWS),
     "joint laws": partial(laws, JOINT_LAWS),
     "causes": causes,
-    "commands": lambda: closed(commands()),
+    "commands": commands,
 }
 """What the markers of pages stand for."""

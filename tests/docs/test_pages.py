@@ -102,6 +102,13 @@ def test_bounds_of_a_key_are_those_of_the_schema() -> None:
     assert rows["root"].startswith("text |  | `clamped` | `clamped` or `supported` or `free` |")
 
 
+def test_every_command_has_its_usage_and_example_as_code() -> None:
+    text, commands = tables.TABLES["commands"](), typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert re.findall(r"^## `hbm ([a-z]+)`$", text, re.M) == list(commands)
+    assert re.findall(r"^```console\n\$ hbm ([a-z]+) [^`]*\n```$", text, re.M) == list(commands)
+    assert len(re.findall(r"^Example: `hbm [^`]+`$", text, re.M)) == len(commands)
+
+
 @pytest.mark.parametrize("package", ["hbm", "models", "continuation"])
 def test_every_public_name_is_in_the_reference(package: str) -> None:
     import importlib
