@@ -56,7 +56,7 @@ def late(channel: Channel, values: Array, dt: float) -> Array:
     ----------
     channel : Channel
     values : (N,) array
-        Of its quantity, the derivatives taken.
+        Samples of its quantity, the derivatives taken.
     dt : float
         Between them [s].
     """

@@ -42,7 +42,7 @@ class Resonator(NamedTuple):
 
     @property
     def stiffness(self) -> Value:
-        """Of its spring [N/m]."""
+        """Stiffness of its spring [N/m]."""
         return self.mass * (2 * np.pi * self.frequency_hz) ** 2
 
     def force(self, omega: Array) -> Array:

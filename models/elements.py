@@ -127,9 +127,9 @@ class ElementRows(NamedTuple):
     Attributes
     ----------
     rows : (r, n) array
-        Of deflections on the modes.
+        Rows of deflections on the modes.
     share : (r,) array
-        Of a unit force along each row that goes into the support.
+        Share of a unit force along each row that goes into the support.
     weight : (r,) array
         Length of beam of each row [m]; of a tip that lifts off, the work of its load on what it yields to it [J]; else
         1.
@@ -144,7 +144,7 @@ class ElementRows(NamedTuple):
     static: Array
 
     def under(self, load: float) -> "ElementRows":
-        """Of a tip held on its support by a multiple of the load."""
+        """Rows of a tip held on its support by a multiple of the load."""
         return ElementRows(self.rows / load, self.share / load, self.weight * load**2, self.static / load)
 
 
@@ -156,17 +156,17 @@ class Ports(NamedTuple):
     rows : (e, n) array
         Deflections: at the positions of the elements that read a point, then at Gauss points if one reads the span.
     share : (e,) array
-        Of a unit force at each that goes into the support.
+        Share of a unit force at each that goes into the support.
     shortening : (n, n) array
         G.
     stretch : (n,) array
         Integral of phi_i' s'.
     length : float or (p,) array
-        Of the beam [m].
+        Length of the beam [m].
     channels : int
         Number of response channels.
     support : SpringPort or None
-        Of the support, where the tip can lift off.
+        Port of the support, where the tip can lift off.
     load : float or (p,) array
         That holds the tip on the support [N].
     """
@@ -196,7 +196,7 @@ def element_rows(elements: Sequence[Element], ports: Ports, modes: int) -> list[
     elements : sequence of Element
     ports : Ports
     modes : int
-        Of the beam, as for :func:`gauss_points`.
+        Number of modes of the beam, as for :func:`gauss_points`.
     """
     return [_rows(e, first, ports, modes) for e, first in zip(elements, ports_of(elements), strict=True)]
 
@@ -215,7 +215,7 @@ def _rows(element: Element, first: int, ports: Ports, modes: int) -> ElementRows
 
 
 def _support(ports: Ports) -> SpringPort:
-    """Of the support.
+    """Port of the support.
 
     Raises
     ------

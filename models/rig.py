@@ -85,7 +85,7 @@ class Rig:
 
     @property
     def law_name(self) -> str:
-        """Of its friction law."""
+        """Name of its friction law."""
         return self.contact.law.name
 
     @property

@@ -247,7 +247,7 @@ class JointOverPeriod:
         numbers : (p, c) array
             Changes of the law's parameters.
         compliance : (c,) array
-            Of the compliance that the law takes into account.
+            Change of the compliance that the law takes into account.
         """
         self._show(signals, Omega)
         m, n, basis = self.ports, self.functions.memory, self.basis

@@ -138,7 +138,7 @@ class ElementChange:
     parameters : (parameters, p) array
     Omega : (p,) array
     force : (2H+1, p) array
-        Of the excitation.
+        Coefficients of the excitation.
     """
 
     rows: ElementRows

@@ -56,7 +56,7 @@ class Kinematics:
     elements : (2H+1, r) array or None
         Forces of the nonlinear elements along their rows.
     clamp : ClampMotion or None
-        Of a clamp that slips.
+        Motion of a clamp that slips.
     """
 
     Gq: Array

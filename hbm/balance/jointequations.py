@@ -182,7 +182,7 @@ class JointEquations:
         return np.hstack([f for f, _ in found]), memory, max(closure for _, closure in found)
 
     def dynamic_stiffness(self, Omega: float) -> Complex:
-        """Of the modes: (H+1, n) where the damping does not couple them, else (H+1, n, n) [1/s2]."""
+        """Dynamic stiffness of the modes [1/s2]: (H+1, n) where the damping does not couple them, else (H+1, n, n)."""
         s, k = self.structure, np.arange(self.basis.H + 1) * Omega
         if self.diagonal:
             return np.asarray(s.omega_n**2 - k[:, None] ** 2 + 1j * k[:, None] * s.damping.diagonal())

@@ -125,7 +125,7 @@ def _added(cause: Cause, rig: Rig, values: Start) -> list[Attachment]:
 
 
 def _values(others: Sequence[Unknown]) -> Array:
-    """Of the one unknown that shapes a stiffness beside its place; one of no meaning where there is none."""
+    """Values of the one unknown that shapes a stiffness beside its place; one without meaning where there is none."""
     if not others:
         return np.zeros(1)
     low, high = min(others[0].starts) / BEYOND, max(others[0].starts) * BEYOND

@@ -50,7 +50,7 @@ def alike(white: Whitened, hz: Mapping[int, float], variance: float = 1.0) -> It
     hz : mapping of int to float
         Frequencies of the records [Hz].
     variance : float
-        Of the noise in these standard deviations.
+        Variance of the noise in these standard deviations.
 
     Yields
     ------

@@ -158,7 +158,7 @@ class Conclusion:
     def _shares(self) -> dict[str, float]:
         """Share of the misfit of the rig file beyond noise that the best model explains, fitted and held out.
 
-        Of the rig file that it extends, as it is or calibrated.
+        The rig file is the one that it extends: as it is, or calibrated.
         """
         if self.best is None:
             return {}
@@ -177,7 +177,7 @@ class Conclusion:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Of the decision, on the records fitted and those held out."""
+        """Verdict that follows from the decision, on the records fitted and those held out."""
         if self.best is None:
             return self._without_cause(self.decision.base)
         best, scored = self.best

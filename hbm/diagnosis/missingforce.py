@@ -47,7 +47,7 @@ class MissingForce:
     force : (r, H) complex array
         Amplitudes of harmonics 1..H [place.unit].
     std : (r, H) array
-        Of each of their parts.
+        Standard deviation of each of their parts.
     seen : (r, H) complex array
         Amplitudes of what it is held against [place.against].
     hz : (r,) array

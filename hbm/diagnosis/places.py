@@ -42,7 +42,7 @@ class Place:
     kind : str
         What is missing.
     unit, against : str
-        Of what is missing, and of what it is held against.
+        Units of what is missing, and of what it is compared with.
     seen : function of a solution
         Amplitudes (H+1,) of what it is held against: the motion at the place, for a motion the load there, for a
         reading the reading.

@@ -21,7 +21,7 @@ class Span:
     rank : int
         Combinations that are resolved.
     std : (n,) array
-        Of each amplitude, for rows in standard deviations; nan of a column that is nothing.
+        Standard deviation of each amplitude, for rows in standard deviations; nan for a column of zeros.
     """
 
     def __init__(self, columns: Array) -> None:

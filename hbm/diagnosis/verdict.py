@@ -78,7 +78,7 @@ class Diagnosis:
     verdict : str
         consistent; cause-found; main-cause, which is decisive but leaves much; or unexplained.
     cause : str or None
-        Of docs/reference/causes.md.
+        Name of the cause, docs/reference/causes.md.
     parameters : dict of str to Estimate
     confidence : float
         Weight of the verdict's model among all that were fitted (Bayesian information criterion).

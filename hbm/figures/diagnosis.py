@@ -67,7 +67,7 @@ class Compared:
     measured, simulated : (m,) complex array
         Amplitudes, the force a cosine.
     std : (m,) array
-        Of each part.
+        Standard deviation of each part.
     held_out : (m,) bool array
     """
 
@@ -145,7 +145,7 @@ def noise_error(c: Compared, *, held: bool) -> float:
 
 
 def record_errors(c: Compared) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """Of each record: place of its first entry, relative error over all channels and harmonics, and that of noise."""
+    """For each record: place of its first entry, relative error over all channels and harmonics, and that by noise."""
     _, first, inverse = np.unique(c.record, return_index=True, return_inverse=True)
     size = _typical(c)
     off, noise, whole = (
@@ -205,7 +205,7 @@ def plot_responses(
     ----------
     models : mapping of str to Compared
     channels, units : sequence of str
-        Of those measured; the first six are drawn.
+        Names and units of the channels measured; the first six are drawn.
     axes : array of Axes, optional
         One per channel and band.
 

@@ -51,7 +51,7 @@ class ParameterByLevel:
         Force levels [N].
     value, std : (l,) array
     overall, overall_std : float
-        Of all levels together; nan where not fitted.
+        Value for all levels together and its standard deviation; nan where not fitted.
     """
 
     law: str

@@ -19,7 +19,7 @@ class Plate:
     Attributes
     ----------
     name : str
-        Of its files, ``figures/<name>.png`` and ``figures/<name>.csv``.
+        Name of its files, ``figures/<name>.png`` and ``figures/<name>.csv``.
     heading, caption : str
     axes : array of Axes
         All that the figure shows.

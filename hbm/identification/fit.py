@@ -77,7 +77,7 @@ class Judged:
 
     @property
     def chi2(self) -> Array:
-        """Of each record, its standard deviations as they are, (r,)."""
+        """Misfit of each record, with its standard deviations as they are, (r,)."""
         return np.asarray(np.sum(self.white**2, axis=1) * self.strangeness**2)
 
 

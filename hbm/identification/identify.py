@@ -95,7 +95,7 @@ def identify(
     rig : Rig
         Its law's parameters are not used; a law of its class takes over its settings.
     reconstruction : Reconstruction
-        Of records on this rig.
+        Reconstruction of records on this rig.
     laws : sequence of str, law class, or law
         Names in :data:`models.LAWS` or ``file.py:Class``; a law with parameters is where its fit starts.
     held_out : iterable of int, optional

@@ -136,7 +136,7 @@ class Quality:
 
     @property
     def probability(self) -> float:
-        """Of a chi2 as large by noise alone."""
+        """Probability that noise alone makes so large a chi2."""
         return float(stats.chi2.sf(self.chi2, self.dof))
 
     @property
@@ -182,7 +182,7 @@ class HeldOut:
     records : (m,) int array
         Their numbers.
     chi2, informed : (m,) arrays
-        Of each.
+        Misfit of each record, and the number of its coefficients that the measurement decides.
     relative_error : float
         ||T - predicted|| / ||T|| over all of them, harmonics 1..H.
     how : str
@@ -217,7 +217,7 @@ class Loops:
     slip, friction : (r, 256) arrays
         Reconstructed [m], [N].
     fitted_slip, fitted_friction : (r, 256) arrays
-        Of the law; as many harmonics as were measured, and the law's own mean.
+        Signals by the law; as many harmonics as were measured, and the law's own mean.
     """
 
     slip: Array
@@ -240,7 +240,7 @@ class LawFit:
     quality : Quality
     records : (r,) int array
     chi2 : (r,) array
-        Of each record.
+        Misfit of each record.
     residual : (r, H) complex array
         Reconstructed less predicted friction, harmonics 1..H [N].
     predicted : (r, H+1) complex array

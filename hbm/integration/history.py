@@ -125,7 +125,7 @@ class TimeHistory:
         First time at which the reaction was negative [s], among all steps marched: from there on the tip
         would have left the support and the motion is not to be trusted.
     largest_residual : float
-        Of the implicit relation at the contact [N].
+        Largest residual of the implicit relation at the contact [N].
     """
 
     rig: Rig

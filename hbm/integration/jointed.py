@@ -40,7 +40,7 @@ class JointHistory:
         Modes, their velocities, forces at the ports, memory of the laws.
     samples_per_period : int
     largest_residual : float
-        Of the implicit relation at the joints, in units of the excitation.
+        Largest residual of the implicit relation at the joints, in units of the excitation.
     """
 
     rig: JointedRig

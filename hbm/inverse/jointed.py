@@ -81,7 +81,7 @@ class JointReconstruction:
 
     @property
     def probability(self) -> Array:
-        """Of a misfit as large or larger by noise alone, (r,); 1 where as many forces as sensors leave none."""
+        """Probability that noise alone makes so large a misfit, (r,); 1 where no sensors are left over."""
         return np.where(self.freedom > 0, stats.chi2.sf(self.chi2, np.maximum(self.freedom, 1)), 1.0)
 
     def __repr__(self) -> str:
@@ -102,7 +102,7 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
     ----------
     rig : JointedRig
     spectra : MeasuredSpectra
-        Of response channels and, if measured, the force; else the nominal cosine of its level.
+        Spectra of response channels and, if measured, the force; else the force is the nominal cosine of its level.
 
     Raises
     ------

@@ -36,7 +36,7 @@ class Placement:
     std : float
         Expected standard deviation of friction at any instant, rms over the frequencies [N].
     by_harmonic : (H,) array
-        Of each cosine and sine of friction [N].
+        Standard deviation of each cosine and sine of friction [N].
     condition : (H,) array
         Condition number of telling friction from the excitation by the sensors alone, median over the frequencies.
     noise : float

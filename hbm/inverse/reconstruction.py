@@ -32,11 +32,11 @@ class EstimatedSignal:
     coefficients : (r, 2H+1) array
         Fourier coefficients a_0, a_1..a_H, b_1..b_H.
     coefficient_std : (r, H+1) array
-        Of each of the cosine and sine coefficients.
+        Standard deviation of each of the cosine and sine coefficients.
     samples : (r, N) array
         Values at the phases 0, 1/N... of the period.
     std : (r, N) array
-        Of the samples: noise, and the harmonics above those measured.
+        Standard deviation of the samples: noise, and the harmonics above those measured.
     """
 
     unit: str
@@ -84,7 +84,7 @@ class Misfit:
 
     @property
     def reduced(self) -> Array:
-        """Of each record, 1 where only noise is left, nan without degrees of freedom; (r,)."""
+        """Reduced chi2 of each record, (r,): 1 where only noise is left, nan without degrees of freedom."""
         expected = self.expected.sum(axis=1)
         return np.asarray(
             np.divide(self.chi2.sum(axis=1), expected, out=np.full(len(expected), np.nan), where=expected > 0)
@@ -92,7 +92,7 @@ class Misfit:
 
     @property
     def probability(self) -> Array:
-        """Of a misfit as large or larger by noise alone, (r,)."""
+        """Probability that noise alone makes so large a misfit, (r,)."""
         return np.asarray(stats.chi2.sf(self.chi2.sum(axis=1), np.maximum(self.expected.sum(axis=1), 1e-9)))
 
     @property

@@ -216,9 +216,9 @@ class NumericalChange:
     Attributes
     ----------
     amplitude : float
-        Of the drive [m].
+        Amplitude of the drive [m].
     harmonics, samples, modes : (float, float)
-        Of frequency and damping ratio, with half as many harmonics more, twice the samples, twice the modes.
+        Changes of frequency and damping ratio, with 1.5 times the harmonics, twice the samples, twice the modes.
     """
 
     amplitude: float

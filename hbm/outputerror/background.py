@@ -44,7 +44,7 @@ class Harmonic:
     where : (2, n) int array
         Places of cosines and sines among all coefficients listed.
     turn : (n,) complex array
-        Of modulus 1, phase of what was measured.
+        Numbers of modulus 1, with the phase of what was measured.
     V : (n, n) array
     size : (n,) array
         Eigenvectors and eigenvalues of the covariance of a background of size 1, in noise variances.

@@ -35,7 +35,7 @@ class Record:
     measured : (2, c, H) array
         Real and imaginary part of the amplitudes, nan where not measured.
     std : (c, H) array
-        Of each of them.
+        Standard deviation of each of them.
     start : State
         What the reconstruction says of the motion.
     distortion : (2, H-1) array

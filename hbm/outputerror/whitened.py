@@ -21,7 +21,7 @@ class Whitened:
     residual : (m,) array
         Measured less simulated.
     jacobian : (m, p) array
-        Of the simulated amplitudes.
+        Jacobian of the simulated amplitudes.
     raw : (m,) array
         Measured less simulated in units of the channel, less the likeliest transients where there are any.
     measured : (m,) array
@@ -63,7 +63,7 @@ class Whitened:
 
     @property
     def spread(self) -> float:
-        """Of all records together."""
+        """Spread of all records together."""
         return float(sum(self.spreads.values())) + self.shared
 
     def deviance(self, record: int) -> float:

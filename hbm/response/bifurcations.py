@@ -58,7 +58,7 @@ def stability_of(rig: AnyRig, solution: PeriodicSolution, judge: Judge = by_mono
     ----------
     rig : Rig
     solution : PeriodicSolution
-        Of this rig.
+        A solution of this rig.
     judge : callable
         As for :func:`with_stability`.
 
@@ -104,7 +104,7 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     Returns
     -------
     ResponseCurve
-        Of the same kind.
+        A curve of the same kind.
 
     Raises
     ------

@@ -192,7 +192,7 @@ class ResponseCurve:
     assessment : Assessment or None
         Its numerical error, where it was estimated (:func:`hbm.response.accuracy.frequency_response`).
     stability : tuple of Stability, optional
-        Of every point, where it was worked out (:func:`hbm.response.bifurcations.with_stability`).
+        Stability of every point, where it was worked out (:func:`hbm.response.bifurcations.with_stability`).
     doubtful : (points,) bool array, optional
         Where that is not known: multipliers closer to the unit circle than their error come and go, or more harmonics
         and samples judge otherwise.

@@ -139,7 +139,7 @@ def run_files(paths: Sequence[Path]) -> None:
     Parameters
     ----------
     paths : sequence of Path
-        Of :func:`files_run`.
+        Paths that :func:`files_run` returns.
 
     Raises
     ------

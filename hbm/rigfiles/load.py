@@ -1,6 +1,6 @@
 """Rig files: TOML in, a complete and checked :class:`models.Rig` out.
 
-Of everything wrong in a file the first is told: first the departures from the tables of
+A file may have several faults. The first is told: first the departures from the tables of
 :mod:`hbm.rigfiles.schema`, in the order of the file, then the entries that contradict each other.
 """
 

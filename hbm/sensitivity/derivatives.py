@@ -69,7 +69,7 @@ class Sensitivities:
     disturbed: Mapping[str, Array]
 
     def __repr__(self) -> str:
-        """Of which numbers, at which steady state; how much the drive's peak changes with each."""
+        """Name the numbers and the steady state, and how much the drive's peak changes with each."""
         s = self.solution
         changes = self.logarithmic("drive")
         lines = [
@@ -225,7 +225,7 @@ def balance_change(here: Linearization, keys: Sequence[str]) -> Array:
     here : Linearization
         Any state, solution or not.
     keys : sequence of str, (p,)
-        Of :func:`rig_scalars`.
+        Keys of :func:`rig_scalars`.
 
     Returns
     -------

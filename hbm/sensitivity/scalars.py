@@ -13,7 +13,7 @@ LOAD, FORCE, HZ, ALPHA = "contact.normal_load", "excitation.amplitude", "frequen
 def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
     """Numbers that a solution depends on, with the keys of the rig file; force and frequency are the solution's.
 
-    Of what drifts from record to record a solution is that of record 1, on which rates have no effect.
+    Where a number drifts from record to record, a solution is that of record 1, on which rates have no effect.
     """
     return scalars_at(rig, solution.hz, solution.level)
 

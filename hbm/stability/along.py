@@ -57,9 +57,9 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     Parameters
     ----------
     found : sequence of Stability
-        Of the points, in the order of travel.
+        Stability of the points, in the order of travel.
     arclength, values : (points,) array
-        Of the points, and what is varied along the curve.
+        Arclength of the points, and the number that is varied along the curve.
     """
     count, error = np.array([s.unstable for s in found]), np.array([s.error for s in found])
     ranks = np.arange(-1, count.max() + 1)
@@ -116,7 +116,7 @@ def crossings(found: Sequence[Stability], values: Array, rank: int) -> tuple[lis
     Parameters
     ----------
     found : sequence of Stability
-        Of the points, in the order of travel.
+        Stability of the points, in the order of travel.
     values : (points,) array
         What is varied along the curve.
     rank : int

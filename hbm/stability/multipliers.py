@@ -89,7 +89,7 @@ def of_monodromy(matrix: Array, period: float, undying: int = 0, error: float = 
     undying : int
         How many multipliers nearest to 1 belong to what sticks.
     error : float
-        Of the multipliers.
+        Error of the multipliers.
     """
     values = np.linalg.eigvals(matrix).astype(complex)
     values = values[np.argsort(np.abs(values - 1.0))[undying:]]

@@ -129,7 +129,7 @@ class ParameterBalance:
     rig : Rig
     key : Key
     values : (float, float)
-        Of the number at 0 and at 1.
+        Values of the number at 0 and at 1.
     basis : FourierBasis
     hz, level : float
         Frequency [Hz] and force amplitude [N], where they are not the number.

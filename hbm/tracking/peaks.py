@@ -47,7 +47,7 @@ class Peaks:
     key, channel : str
         What is varied, as in :func:`models.numbers.number`; and the channel whose peak it is.
     values : (p,) array
-        Of the number.
+        Values of the number.
     points : tuple of PeriodicSolution
         The peaks.
     slope : (p,) array
@@ -97,7 +97,7 @@ def follow_peak(
     ----------
     rig : Rig
     values : sequence of float
-        Of the number, in the order of travel; where a step is too long, it is halved.
+        Values of the number, in the order of travel; where a step is too long, it is halved.
     key : str
         What to vary, such as ``excitation.amplitude``, ``contact.normal_load`` or ``contact.friction.mu``.
     channel : str

@@ -55,7 +55,7 @@ class Cause(Protocol):
     Attributes
     ----------
     name : str
-        Of docs/reference/causes.md.
+        Name of the cause, docs/reference/causes.md.
     meaning, looks_like, confused_with : str
         In words: what it does, how it shows, and what shows alike.
     check : str
