@@ -19,7 +19,7 @@ from models.structure import Array, SpringPort
 
 
 class Reading(Enum):
-    """What the rows of an element are."""
+    """Kind of motion that the rows of an element read."""
 
     POINT = "the deflection at its position"
     SPAN = "the deflection at Gauss points along the beam"
@@ -149,7 +149,7 @@ class ElementRows(NamedTuple):
 
 
 class Ports(NamedTuple):
-    """What elements can read of a structure; or the derivatives to p parameters, p first.
+    """Motions of a structure that elements can read; or the derivatives to p parameters, p first.
 
     Attributes
     ----------

@@ -87,7 +87,7 @@ class JointedRig:
     name : str
         Title of plots and reports.
     body : Body
-        What vibrates.
+        Structure that vibrates.
     damping : Damping
         Damping of its modes, unless it brings a damping matrix.
     joints : tuple of Joint

@@ -1,4 +1,4 @@
-"""What a rig is made of: modes that are given, damping, contact, excitation, drift and channels."""
+"""Parts of a rig: modes that are given, damping, contact, excitation, drift and channels."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
@@ -207,7 +207,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class Channel:
-    """What is, or would be, measured.
+    """A quantity that is, or would be, measured.
 
     Attributes
     ----------

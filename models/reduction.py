@@ -49,7 +49,7 @@ class StructureChange(NamedTuple):
     rows : (p, 2 + c + e, n) array
         Rows of slip, drive, channels and points.
     flexibility : (p, 2 + c + e, 2) array
-        What friction and excitation do to them beyond the modes: compliance and residual flexibility.
+        Motion that friction and excitation add beyond the modes: compliance and residual flexibility.
     inertia, reaction_damping, reaction_stiffness, stretch : (p, n) array
         Rows of :class:`Reaction`.
     friction_lever, force_share : (p,) array
@@ -131,7 +131,7 @@ class Reduction:
 
     @property
     def flexibility(self) -> Array:
-        """What friction and excitation do to them beyond the modes kept, (3 + c + e, 2)."""
+        """Motion that friction and excitation add beyond the modes kept, (3 + c + e, 2)."""
         by_rest = self.assembly.rows @ self.rest
         return np.asarray(self.assembly.flexibility + self.switches.residual_compliance * by_rest @ by_rest[:2].T)
 

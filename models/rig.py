@@ -1,4 +1,4 @@
-"""What a rig file says: structure, damping, contact, excitation and channels."""
+"""A rig, as a rig file describes it: structure, damping, contact, excitation and channels."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -30,17 +30,17 @@ class Rig:
     name : str
         Title of plots and reports.
     body : Beam or ModalBody
-        What vibrates.
+        Structure that vibrates.
     damping : Damping
     contact : Contact
     excitation : Excitation
     channels : tuple of Channel
     attachments : Attachments
-        What is attached to a beam.
+        Springs, masses and resonators attached to a beam.
     elements : tuple of Element
         Nonlinear elements along a beam; for all that act, see :attr:`acting`.
     drift : tuple of Drift
-        What changes from record to record; the rig itself is that of record 1, see :func:`models.numbers.at_record`.
+        Numbers that change from record to record; the rig is that of record 1, see :func:`models.numbers.at_record`.
     """
 
     name: str

@@ -131,7 +131,7 @@ class ModalStructure:
     channel_rows : dict of str to (n,) array
         phi_i at the position of each response channel.
     residual : ResidualFlexibility
-        What the modes left out add to the motion.
+        Motion that the modes left out add.
     """
 
     omega_n: Array

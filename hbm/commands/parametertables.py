@@ -1,4 +1,4 @@
-"""What ``hbm continue`` prints of a curve."""
+"""Tables that ``hbm continue`` prints of a curve."""
 
 from collections.abc import Sequence
 

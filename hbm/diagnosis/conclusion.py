@@ -1,4 +1,4 @@
-"""What is concluded from a decision: scored on the records held out, and said in numbers and sentences."""
+"""The conclusion from a decision: scored on the records held out, and said in numbers and sentences."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -148,7 +148,7 @@ class Conclusion:
         return estimates(known, std_within(known, self.search.trust.calibrated, campaign))
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
-        """What the model of the verdict leaves."""
+        """The misfit that the model of the verdict leaves."""
         plain = self.decision.base if self.decision.best is None else self.search.calibrated
         e = self._noise(best or plain)
         shares = {} if best is None else self._shares
@@ -323,7 +323,7 @@ class Conclusion:
                 )
 
     def _background(self) -> Iterator[str]:
-        """What counts beside the noise because no candidate describes it."""
+        """Say what counts beside the noise because no candidate describes it."""
         sizes = {k: size for k, size in self.search.campaign.background.items() if size > 0.0}
         if sizes:
             told = ", ".join(f"{percent(size)} of harmonic {k}" for k, size in sizes.items())

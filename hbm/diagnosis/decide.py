@@ -148,7 +148,7 @@ class Decision:
 
     @property
     def story(self) -> Evaluation:
-        """What was decided for."""
+        """The fit that was decided for: that of the best cause, or of the base."""
         return self.best or self.base
 
 

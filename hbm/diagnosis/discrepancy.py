@@ -104,7 +104,7 @@ class Discrepancy:
         return bool(p.chi2 < dof + CLEAR * np.sqrt(2.0 * dof))
 
     def sentences(self) -> list[str]:
-        """What it says, with numbers."""
+        """Findings in sentences, with numbers."""
         return list(self._sentences())
 
     def _sentences(self) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""What a model says of its cause: name, numbers, and for how long the tip is off its support."""
+"""Results of a model about its cause: name, numbers, and for how long the tip is off its support."""
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass

@@ -40,7 +40,7 @@ class Place:
     name : str
         In words, "the contact".
     kind : str
-        What is missing.
+        Kind of quantity that is missing.
     unit, against : str
         Units of what is missing, and of what it is compared with.
     seen : function of a solution
@@ -217,7 +217,7 @@ def _support(rig: Rig, beam: Beam) -> Place:
 
 
 def sensor(name: str, unit: str) -> Place:
-    """What a sensor reads beside the motion."""
+    """Place that stands for what a sensor reads beside the motion."""
     return Place(
         f"sensor {name}", "reading", unit, unit, lambda s: s.basis.complex(s[name].coefficients), np.zeros((3, 0))
     )

@@ -9,7 +9,7 @@ RESOLVED = 1e-7
 
 
 class Span:
-    """What the columns (m, n) span.
+    """The space that the columns (m, n) span.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Span:
         self.std = np.where(size > 0.0, np.linalg.norm(self.back, axis=1), np.nan)
 
     def across(self, rows: Array) -> Array:
-        """What the columns leave of rows (m, ...)."""
+        """The part of rows (m, ...) that the columns do not span."""
         return np.asarray(rows - self.U @ (self.U.T @ rows))
 
     def amplitudes(self, rows: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What a diagnosis says: :class:`Diagnosis`, in sentences and as the JSON of docs/reference/data_files.md."""
+"""The result of a diagnosis: :class:`Diagnosis`, in sentences and as JSON (docs/reference/data_files.md)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -71,7 +71,7 @@ class Ranked:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What the simulation gets wrong, the cause, and what the extended model gains.
+    """The result of a diagnosis: what the simulation gets wrong, the cause, and the gain of the extended model.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Diagnosis:
     separate_by : str
         The measurement that would.
     remainder : Remainder
-        What the model of the verdict leaves: the extended one, or the calibrated nominal.
+        The misfit that the model of the verdict leaves: the extended one, or the calibrated nominal.
     errors : dict
         nominal, calibrated, extended -> train, held_out -> Errors.
     held_out_records : tuple of int

@@ -247,7 +247,7 @@ def plot_responses(
 
 
 def measured_points(ax: Axes, c: Compared, own: npt.NDArray[np.bool_], colors: Mapping[float, Any]) -> None:
-    """What was measured, by level; hollow where held out."""
+    """Draw the measured points, by level; hollow where held out."""
     for held in (False, True):
         i = own & (c.held_out == held)
         if not i.any():

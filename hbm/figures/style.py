@@ -1,4 +1,4 @@
-"""What the figures have in common: sizes, inks, axes, one colour per level."""
+"""Common style of the figures: sizes, inks, axes, one colour per level."""
 
 from collections.abc import Sequence
 from typing import Any

@@ -76,9 +76,9 @@ class Diagnosed:
         Nominal.
     spectra : MeasuredSpectra
     force : Discrepancy or None
-        What the calibrated model lacks; None where it was not worked out.
+        Force that the calibrated model lacks; None where it was not worked out.
     warnings : tuple of str
-        What to beware of, such as a part of the result that is missing.
+        Warnings, such as a part of the result that is missing.
     """
 
     diagnosis: Diagnosis
@@ -168,7 +168,7 @@ def diagnosis_table(found: Diagnosed) -> dict[str, Any]:
 
 
 def extensions_of(diagnosis: Diagnosis, named: Mapping[type, str]) -> list[Extension]:
-    """What makes the extended rig of the nominal one: calibrated numbers, then causes."""
+    """Extensions that make the extended rig of the nominal one: calibrated numbers, then causes."""
     e = diagnosis.extended_fit
     if e is None:
         return []

@@ -52,11 +52,11 @@ def first_screen(
     ----------
     d : Diagnosis
     force : Discrepancy or None
-        What the calibrated model lacks.
+        Force that the calibrated model lacks.
     added : sequence of Extension
-        What makes the extended rig of the nominal one.
+        Extensions that make the extended rig of the nominal one.
     where : str
-        What shows the misfit best, in words.
+        Name of the signal that shows the misfit best, in words.
     noise : float
         Relative error that noise alone makes, on the records held out if there are any; 0 where it is not known.
 

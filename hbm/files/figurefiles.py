@@ -24,7 +24,7 @@ class Plate:
     axes : array of Axes
         All that the figure shows.
     columns : mapping of str to (n,) array
-        What is drawn, in SI units.
+        Columns that are drawn, in SI units.
     """
 
     name: str

@@ -65,7 +65,7 @@ class Judged:
     jacobian : (r, c, n) array
         Derivatives of `white` to the coordinates, the covariance held.
     strangeness : (r,) array
-        What the standard deviations of a record were multiplied by, where it fits much worse than the others.
+        Factor on the standard deviations of a record that fits much worse than the others.
     """
 
     x: Array

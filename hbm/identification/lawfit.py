@@ -1,4 +1,4 @@
-"""What an identification returns: parameters of laws with uncertainties, how well the laws fit, and which is best."""
+"""Results of an identification: parameters of laws with uncertainties, how well laws fit, and which is best."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -146,7 +146,7 @@ class Quality:
 
     @property
     def inflation(self) -> float:
-        """What standard deviations are multiplied by: more than 1 where the fit fails."""
+        """Factor on standard deviations: more than 1 where the fit fails."""
         return 1.0 if self.fits else float(np.sqrt(self.chi2_reduced))
 
     @property
@@ -233,7 +233,7 @@ class LawFit:
     Attributes
     ----------
     name : str
-        What it was asked for by.
+        Name that it was asked for by.
     law : FrictionLaw
         With the fitted values.
     parameters : FittedParameters
@@ -251,7 +251,7 @@ class LawFit:
     loops : Loops
     held_out : HeldOut or None
     notes : tuple of str
-        What to beware of, a line each.
+        Warnings, a line each.
     """
 
     name: str

@@ -121,7 +121,7 @@ def fit_spectra(
         Its own law is not used.
     spectra : MeasuredSpectra
     law : LawFit or FrictionLaw
-        What :func:`identify` found, or a law with parameters near the truth.
+        Result of :func:`identify`, or a law with parameters near the truth.
     reconstruction : Reconstruction, optional
         Reconstruction of these spectra. Steady states start from it, which decides their branch. Made where omitted.
     harmonics : int, optional

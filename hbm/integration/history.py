@@ -28,7 +28,7 @@ class State:
     friction : float
         T [N].
     z : (memory,) array
-        What the friction law remembers, :meth:`hbm.aft.step.LawStep.memory`.
+        Memory of the friction law, :meth:`hbm.aft.step.LawStep.memory`.
     time : float
         [s]; the fundamental of the force is level cos(2 pi hz time).
     """

@@ -29,7 +29,7 @@ NEWTON_BESIDE_ELEMENTS = (5, 1, 1)
 
 @dataclass(frozen=True)
 class Shape:
-    """What decides the instructions of a step; everything else is a run-time parameter.
+    """Choices that decide the instructions of a step; everything else is a run-time parameter.
 
     Attributes
     ----------

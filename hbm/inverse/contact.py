@@ -122,7 +122,7 @@ class Contact:
 
     @property
     def law_inputs(self) -> LawInputs:
-        """What a friction law is shown."""
+        """Signals that a friction law is shown."""
         shown = ("modal_slip", "rho", "eta")
         factor = np.stack([self._deviations(name) for name in ("friction", *shown)], axis=2)
         u, rho, eta = (self.amplitudes[name] for name in shown)

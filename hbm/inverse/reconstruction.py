@@ -1,4 +1,4 @@
-"""What the inverse harmonic balance returns: contact signals with their uncertainty, and how well the sensors fit."""
+"""Results of the inverse harmonic balance: contact signals with uncertainty, and how well the sensors fit."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -75,7 +75,7 @@ class Misfit:
     chi2 : (r, c) array
         Squared residuals, in units of the standard deviations, summed over harmonics.
     expected : (r, c) array
-        What noise alone leaves of it on the mean; the degrees of freedom.
+        Misfit that noise alone leaves on the mean: the degrees of freedom.
     """
 
     channels: tuple[str, ...]
@@ -103,7 +103,7 @@ class Misfit:
 
 @dataclass(frozen=True, eq=False)
 class LawInputs:
-    """What a friction law is shown in each record, and how uncertain all of it is together.
+    """Signals that a friction law is shown in each record, and their joint uncertainty.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class Reconstruction:
     rig : Rig
         With the number of modes that was used.
     spectra : MeasuredSpectra
-        What was used of the measurement.
+        Spectra that were used.
     formulation : str
     signals : dict of str to EstimatedSignal
         `slip`, `slip_velocity`, `friction`, `normal`.
@@ -144,7 +144,7 @@ class Reconstruction:
         Condition number of telling friction from the excitation, harmonic by harmonic.
     law_inputs : LawInputs
     warnings : tuple of str
-        What to beware of, a line each, with numbers.
+        Warnings, a line each, with numbers.
     """
 
     rig: Rig

@@ -99,7 +99,7 @@ def harmonics(places: Iterable[int]) -> str:
 
 
 def resolution_of(estimate: ForceEstimate) -> Resolution:
-    """What an estimate of the friction force resolves.
+    """Work out what an estimate of the friction force resolves.
 
     Parameters
     ----------

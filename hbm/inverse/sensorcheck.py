@@ -48,7 +48,7 @@ ENOUGH = 4
 
 @dataclass(frozen=True, eq=False)
 class SensorCheck:
-    """What a check of the sensors found.
+    """Result of a check of the sensors.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ class Backbone(ABC):
     branch : continuation.Branch
         The branch in scaled unknowns: tangents, flags, why it ended.
     problem : DriveAmplitude
-        What the branch solves.
+        Problem that the branch solves.
     """
 
     rig: Rig

@@ -173,7 +173,7 @@ class _Followed:
 
     @property
     def values(self) -> Array:
-        """What is varied along the curve, (points,)."""
+        """Parameter of the curve, (points,)."""
         return np.array([self.curve.value_at(p.lam) for p in self.points])
 
     @property

@@ -120,7 +120,7 @@ def jointed_rig(table: Mapping[str, Any], source: str) -> JointedRig:
     Parameters
     ----------
     table : mapping
-        What :func:`tomllib.load` returns for a rig file.
+        Tables of a rig file, as :func:`tomllib.load` returns them.
     source : str
         Name of the file, for messages; files that it names are looked for beside it.
 

@@ -93,7 +93,7 @@ def file_and_class(name: str, folder: Path, known: Collection[str], accepted: st
 
 
 def accepted_laws() -> str:
-    """What a law may be called, in words."""
+    """Names that a law may have, in words."""
     return f"one of {', '.join(LAWS)}, or file.py:Class"
 
 

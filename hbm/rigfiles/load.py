@@ -82,7 +82,7 @@ def rig_from_dict(table: Mapping[str, Any], source: str) -> Rig:
     Parameters
     ----------
     table : mapping
-        What :func:`tomllib.load` returns for a rig file.
+        Tables of a rig file, as :func:`tomllib.load` returns them.
     source : str
         Name of the file, for messages; the file of a law of one's own is looked for beside it.
 

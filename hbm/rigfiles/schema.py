@@ -165,7 +165,7 @@ def _choice(hint: Any) -> Any:
 
 
 def accepted_setting(law: type, name: str) -> str:
-    """What a rig file may hold for a setting of a law, in a few words.
+    """Values that a rig file may hold for a setting of a law, in a few words.
 
     >>> from models import Iwan
     >>> [accepted_setting(Iwan, name) for name in ("elements", "distribution", "limits")]

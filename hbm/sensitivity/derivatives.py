@@ -39,7 +39,7 @@ class Sensitivities:
     Attributes
     ----------
     solution : PeriodicSolution
-        What is differentiated.
+        Solution that is differentiated.
     parameters, units : tuple of str, (p,)
         Keys of the rig file.
     values : (p,) array
@@ -117,7 +117,7 @@ def sensitivities(
         What to differentiate to, of :func:`rig_scalars`; where omitted the friction law's parameters, normal load,
         force, frequency and mass-proportional damping.
     beside : Disturbance, optional
-        What to solve for along with it, at next to no cost.
+        Disturbance to solve for along with it, at next to no cost.
 
     Returns
     -------

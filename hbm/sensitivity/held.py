@@ -1,4 +1,4 @@
-"""What changes in a balance with a number of its rig, the unknowns held."""
+"""Changes of a balance with a number of its rig, the unknowns held."""
 
 import numpy as np
 

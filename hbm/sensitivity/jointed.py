@@ -64,7 +64,7 @@ class JointSensitivities:
     Attributes
     ----------
     solution : PeriodicSolution
-        What is differentiated.
+        Solution that is differentiated.
     parameters, units : tuple of str, (p,)
         Keys of the rig file.
     values : (p,) array

@@ -35,7 +35,7 @@ def scalars_at(rig: Rig, hz: float, level: float) -> dict[str, Scalar]:
 
 
 def sensor_scalars(rig: Rig) -> dict[str, Scalar]:
-    """What channels make of what they measure, with the keys of the rig file."""
+    """Numbers of channels, such as gain and delay, with the keys of the rig file."""
     gains = {f"channels.{c.name}.gain": Scalar(c.gain, "1") for c in rig.response_channels}
     return gains | {f"channels.{c.name}.delay": Scalar(c.delay, "s") for c in rig.response_channels}
 

@@ -1,4 +1,4 @@
-"""What the multipliers of points along a curve tell for certain, and where more points must be asked.
+"""Stability along a curve: what its multipliers tell for certain, and where more points must be asked.
 
 A multiplier is known to an error only, :attr:`Stability.error`. On which side of the unit circle it is is certain only
 further from it than that. So a bubble, in which it crosses the circle and returns, is certain only if it is higher than
@@ -118,7 +118,7 @@ def crossings(found: Sequence[Stability], values: Array, rank: int) -> tuple[lis
     found : sequence of Stability
         Stability of the points, in the order of travel.
     values : (points,) array
-        What is varied along the curve.
+        Parameter of the curve.
     rank : int
 
     Returns

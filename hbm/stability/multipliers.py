@@ -25,7 +25,7 @@ SLIPPING = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Stability:
-    """What becomes of a small disturbance of a periodic solution.
+    """Fate of a small disturbance of a periodic solution.
 
     Attributes
     ----------

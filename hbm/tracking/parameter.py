@@ -38,7 +38,7 @@ class Key(NamedTuple):
     name : str
         Its key in the rig file; ``frequency_hz`` for the excitation frequency.
     value : float
-        What the rig has.
+        Value that the rig has.
     accepted : Parameter
         Its unit and bounds.
     """

@@ -45,7 +45,7 @@ class Peaks:
     Attributes
     ----------
     key, channel : str
-        What is varied, as in :func:`models.numbers.number`; and the channel whose peak it is.
+        Key of the number that is varied, as in :func:`models.numbers.number`; and the channel whose peak it is.
     values : (p,) array
         Values of the number.
     points : tuple of PeriodicSolution
@@ -99,7 +99,7 @@ def follow_peak(
     values : sequence of float
         Values of the number, in the order of travel; where a step is too long, it is halved.
     key : str
-        What to vary, such as ``excitation.amplitude``, ``contact.normal_load`` or ``contact.friction.mu``.
+        Key of the number to vary, such as ``excitation.amplitude`` or ``contact.friction.mu``.
     channel : str
         Whose peak.
     start : PeriodicSolution, optional

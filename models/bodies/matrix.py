@@ -106,11 +106,11 @@ class MatrixBody:
         return f"{self._extent}; the lowest {self.modes} modes, {hz[0]:.6g} to {hz[1]:.6g} Hz, the others at rest"
 
     def __repr__(self) -> str:
-        """What it is, without working out its modes."""
+        """Describe it, without working out its modes."""
         return f"MatrixBody({self._extent}, {self.modes} modes, {self.reduction})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """What it is made of: factors cannot be sent to other processes."""
+        """Leave out factors, which cannot be sent to other processes."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def with_modes(self, modes: int) -> "MatrixBody":

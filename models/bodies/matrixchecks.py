@@ -1,4 +1,4 @@
-"""What no matrix of a body may be."""
+"""Matrices that no body may have, refused."""
 
 from collections.abc import Sequence
 from typing import Any

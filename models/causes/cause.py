@@ -1,4 +1,4 @@
-"""What a cause is: a missing effect as a small change of the rig, its parameters numbers of the changed rig."""
+"""A cause: a missing effect as a small change of the rig, its parameters numbers of the changed rig."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -76,7 +76,7 @@ class Cause(Protocol):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["Cause"]:
-        """What of this kind may be wrong with a rig; nothing where it makes no sense."""
+        """Candidates of this kind for a rig; none where it makes no sense."""
         ...
 
     @property

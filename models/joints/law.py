@@ -1,4 +1,4 @@
-"""What a joint's law is: forces at a few ports from the motion there, one symbolic definition for every solver.
+"""The interface of a joint's law: forces at a few ports from the motion there, symbolic, for every solver.
 
 A law advances its internal state from one sample of the motion to the next and returns the forces on the body along its
 ports. Harmonic balance marches it over a period, time integration over a step; derivatives come from CasADi.
@@ -19,7 +19,7 @@ Law = TypeVar("Law")
 
 
 class JointSample(NamedTuple):
-    """What a law is told about one instant.
+    """The information that a law gets about one instant.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ def numbers(law: Any) -> dict[str, float]:
 
 
 def described(law: Any) -> dict[str, Parameter]:
-    """What is known of the parameters of a law, by their names as :func:`numbers` has them."""
+    """Metadata of the parameters of a law, by their names as :func:`numbers` has them."""
     unknown = Parameter("?", "not described", "", lower=-float("inf"))
     found: dict[str, Parameter] = {}
     for f in fields(law):
