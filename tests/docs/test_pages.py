@@ -12,6 +12,7 @@ import typer
 from generated import tables
 
 from hbm.cli import app
+from hbm.rigfiles import joints, schema
 from hbm.rigfiles.load import load_rig
 
 ROOT = prose.ROOT
@@ -93,6 +94,16 @@ def test_every_table_of_the_schema_is_in_the_reference() -> None:
     ]
     named = [name for page in pages for name in re.findall(r"<!-- generated: keys of (.+) -->", page)]
     assert sorted(named) == sorted(tables.SCHEMAS)
+
+
+def test_every_key_of_a_rig_file_has_a_section() -> None:
+    page = (ROOT / "docs" / "reference" / "rig_files.md").read_text(encoding="utf-8")
+    headings = set(re.findall(r"^## `\[+(\w+)\]+`$", page, re.M)) | {
+        "name",
+        "joints",
+    }  # joints have a page of their own
+    roots = (schema.BeamRig, schema.ModalRig, joints.JointedRigTable)
+    assert {key for root in roots for key in root.model_fields} == headings
 
 
 def test_bounds_of_a_key_are_those_of_the_schema() -> None:
