@@ -19,7 +19,7 @@ MATHJAX = distribution("sphinx-mathjax-offline").locate_file("sphinx-mathjax-off
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.napoleon",
+    "numpydoc",
     "sphinx.ext.mathjax",
     "sphinx_copybutton",
     "generated.pages",
@@ -40,9 +40,7 @@ myst_heading_anchors = 4
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # docstrings have the types, with shapes
-autodoc_default_options = {"members": True, "undoc-members": False}
-napoleon_google_docstring = False
-napoleon_use_rtype = False
-napoleon_use_ivar = True
+autodoc_default_options = {"members": True}
+numpydoc_show_class_members = False
 suppress_warnings = ["ref.python"]  # names that several classes have, such as H
 default_role = "code"

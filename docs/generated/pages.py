@@ -11,10 +11,12 @@ import nbformat
 from nbconvert import MarkdownExporter
 from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
+from sphinx.util.nodes import make_refnode
 
 from generated.tables import TABLES
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+CITED = re.compile(r"docs/([\w/]+)\.md")
 MARKER = re.compile(r"^<!-- generated: (.+) -->$", re.M)
 
 
@@ -22,7 +24,8 @@ def setup(app: Sphinx) -> dict[str, Any]:
     """Register what this extension does."""
     app.connect("builder-inited", write_notebooks)
     app.connect("source-read", fill_in)
-    app.connect("autodoc-process-docstring", keep_bars)
+    app.connect("autodoc-process-docstring", prepare)
+    app.connect("missing-reference", by_public_name)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
@@ -64,8 +67,20 @@ def fill_in(app: Sphinx, page: str, source: list[str]) -> None:
     source[0] = MARKER.sub(table, source[0])
 
 
-def keep_bars(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Keep docutils from taking |v| for one of its substitutions; what is between backticks stays as it is."""
+def prepare(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Link the pages that a docstring cites, and keep docutils from taking |v| for one of its substitutions."""
     for i, line in enumerate(lines):
-        parts = line.split("`")
-        lines[i] = "`".join(part if j % 2 else part.replace("|", r"\|") for j, part in enumerate(parts))
+        parts = line.split("`")  # what is between backticks stays as it is
+        parts[::2] = [CITED.sub(r":doc:`/\1`", part.replace("|", r"\|")) for part in parts[::2]]
+        lines[i] = "`".join(parts)
+
+
+def by_public_name(app: Sphinx, env: Any, node: Any, content: Any) -> Any:
+    """Link ``hbm.response.accuracy.frequency_response``, as docstrings say it, to ``hbm.frequency_response``."""
+    last = node.get("reftarget", "").rpartition(".")[2]
+    known = env.get_domain("py").objects
+    found = [f"{package}.{last}" for package in ("hbm", "models", "continuation") if f"{package}.{last}" in known]
+    if node.get("refdomain") != "py" or len(found) != 1:
+        return None
+    entry = known[found[0]]
+    return make_refnode(app.builder, node["refdoc"], entry.docname, entry.node_id, content, found[0])
