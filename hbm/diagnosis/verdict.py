@@ -81,7 +81,8 @@ class Diagnosis:
         Name of the cause, docs/reference/causes.md.
     parameters : dict of str to Estimate
     confidence : float
-        Weight of the verdict's model among all that were fitted (Bayesian information criterion).
+        How often a repetition of the measurement would end in this verdict, times how often such verdicts were right in
+        blind cases, 0 to 1; docs/theory/diagnosis.md.
     not_separable : tuple of str
         Candidates that these records cannot tell from the cause.
     separate_by : str

@@ -296,7 +296,7 @@ def nonlinear_mode(
         First and last fundamental amplitude of the drive displacement [m]; where omitted, from a contact that sticks to
         one that slides, :func:`hbm.modes.amplitudes.default_amplitudes`.
     harmonics, samples : int
-        H and N_t.
+        Highest harmonic H, and samples per period N_t.
     on_point : callable, optional
         Progress: called with amplitude and point number.
 

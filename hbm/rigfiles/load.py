@@ -50,7 +50,7 @@ def load_rig(path: str | PathLike[str]) -> AnyRig:
     Returns
     -------
     Rig or JointedRig
-        The latter of a file with ``[[joints]]``.
+        JointedRig if the file has ``[[joints]]``.
 
     Raises
     ------

@@ -105,7 +105,7 @@ def follow_peak(
     start : PeriodicSolution, optional
         Near the peak at the first value; the largest point of the frequency response there where omitted.
     harmonics, samples : int
-        H and N_t.
+        Highest harmonic H, and samples per period N_t.
 
     Returns
     -------
