@@ -82,7 +82,7 @@ class StructureChange(NamedTuple):
 
 
 class Switches(NamedTuple):
-    """What of the contact is kept, :class:`models.parts.Contact`."""
+    """Parts of the contact that are kept, :class:`models.parts.Contact`."""
 
     load_variation: float = 1.0
     residual_compliance: bool = True
@@ -174,7 +174,7 @@ class Reduction:
         )
 
     def ports(self, length: float) -> Ports:
-        """What nonlinear elements can read of what is not the support, on a beam of that length."""
+        """Motions other than the support's that nonlinear elements can read, on a beam of that length."""
         assembly, kept, varies = self.assembly, self.kept, self.switches.load_variation
         points = slice(len(assembly.rows) - 1 - len(assembly.share), -1)
         return Ports(

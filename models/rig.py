@@ -147,7 +147,7 @@ class Rig:
         return Layout(beam, radius, excitation, positions, points, fractions, attachments)
 
     def _attached(self, beam: Beam) -> Attachments:
-        """What is attached; with a support all but rigid where it is rigid and the tip can lift off it."""
+        """Attachments; with a support all but rigid where it is rigid and the tip can lift off it."""
         if not self.contact.lift_off or self.attachments.support_stiffness is not None:
             return self.attachments
         return replace(self.attachments, support_stiffness=RIGID * beam.bending_stiffness / beam.length**3)

@@ -200,7 +200,7 @@ class LawOverPeriod:
 
     @property
     def memory(self) -> Array:
-        """What the law knows before the first sample of the last period computed, as a time integration keeps it."""
+        """State of the law before the first sample of the last period computed, as a time integration keeps it."""
         z = self._carried[: self._step.states]
         memory = self._step.memory(z, self._signals[-1], float(self._T[-1]), float(self._environment[1]))
         return np.asarray(memory)

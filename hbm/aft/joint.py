@@ -101,7 +101,7 @@ class JointOverPeriod:
 
     @property
     def memory(self) -> Array:
-        """What the law knows before the first sample of the last period computed, (memory,)."""
+        """State of the law before the first sample of the last period computed, (memory,)."""
         return self._carried[: self.functions.memory].copy()
 
     def at_first(self) -> tuple[Array, Array]:

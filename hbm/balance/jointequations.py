@@ -29,7 +29,7 @@ class JointEquations:
     basis : FourierBasis
         Harmonics and samples.
     parameter : {"frequency", "force"}
-        What the continuation parameter is: the frequency in units of `hz_ref`, or F / amplitude.
+        Continuation parameter: the frequency in units of `hz_ref`, or F / amplitude.
     hz : float
         Excitation frequency where the parameter is the force [Hz].
     level : float, optional
@@ -166,7 +166,7 @@ class JointEquations:
         return np.asarray(f @ self.structure.joints + np.outer(F * self.force_shape, self.structure.excitation))
 
     def signals(self, state: State) -> list[Array]:
-        """What each joint is shown: coefficients (2H+1, 2 ports + 1), as of :class:`hbm.aft.joint.JointOverPeriod`."""
+        """Signals of each joint: coefficients (2H+1, 2 ports + 1), as in :class:`hbm.aft.joint.JointOverPeriod`."""
         s, basis, F = self.structure, self.basis, state.F * self.force_shape
         free = state.Q @ s.joints.T + np.outer(F, s.flexibility_to_force)
         u, w = free + state.T @ self.flexibility, free + state.T @ self.flexibility_of_rate.T

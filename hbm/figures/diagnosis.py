@@ -114,7 +114,7 @@ class View:
 
 
 def clearest(models: Sequence[Compared], *, missed: bool) -> View:
-    """What models miss most, relative to the response of the channel; or what moves most.
+    """Harmonic of a channel that models miss most, relative to its response; or the one that moves most.
 
     Deviations that noise may make do not count. Curves of a few records are passed over where there are longer ones.
     """

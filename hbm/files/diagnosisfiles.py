@@ -100,7 +100,7 @@ class Diagnosed:
 
     @cached_property
     def view(self) -> figures.View | None:
-        """What shows the misfit best; of a rig that is consistent, what moves most."""
+        """Signal that shows the misfit best; if the rig is consistent, the one that moves most."""
         models = self.compared
         if not models:
             return None
@@ -114,7 +114,7 @@ class Diagnosed:
         return () if campaign is None else tuple(campaign.data.channels)
 
     def answers(self) -> dict[str, str]:
-        """What is said first, by what it answers."""
+        """The six answers that are said first, by their question."""
         view, where, noise = self.view, "", 0.0
         if view is not None:
             where = f"harmonic {view.harmonic} of {self.channels[view.channel]} at {view.level:.3g} N"

@@ -68,7 +68,7 @@ class LawOnRecords:
         return self.observed.basis
 
     def environment(self, values: Array) -> Environment:
-        """What the law is told besides signals, for parameters `values` (p,)."""
+        """Inputs of the law besides signals, for parameters `values` (p,)."""
         return Environment(self.observed.compliance, self.observed.load, values)
 
     def start_from(self, other: "LawOnRecords") -> None:

@@ -197,7 +197,7 @@ class _Recorder:
         return float(time[lifted[0]]) if lifted.size else None
 
     def history(self) -> TimeHistory:
-        """What was kept."""
+        """History that was kept."""
         s, n = self.stepper, self.stepper.rig.structure.n
         friction = np.concatenate(self.friction)
         rate, curvature = differences(friction, s.dt)

@@ -85,7 +85,7 @@ class DriveAmplitude(ABC):
 
     @property
     def rig(self) -> Rig:
-        """What vibrates."""
+        """Rig that vibrates."""
         return self.balance.rig
 
     @property

@@ -1,4 +1,4 @@
-"""What no candidate describes: the small difference between any model and a structure, as part of the covariance.
+"""The background: the small difference between any model and a structure, as part of the covariance.
 
 No model of a structure leaves pure noise. What the best ones leave is physics, so that it is alike at neighbouring
 frequencies and levels and moves the whole structure: a Gaussian process beside the noise (Kennedy and O'Hagan, J. R.

@@ -132,7 +132,7 @@ class Campaign:
         return np.asarray(np.hypot(record.std, 0.0 if correction is None else correction.left))
 
     def disturbances(self, record: Record, simulated: Simulated) -> Array:
-        """What one standard deviation of force, frequency, history and each transient does to a record as a whole.
+        """Effect of one standard deviation of force, frequency, history and each transient on a record as a whole.
 
         They are (k, 2, c, H), transients last.
         """

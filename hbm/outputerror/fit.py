@@ -96,7 +96,7 @@ class Evaluation:
 
     @property
     def expected(self) -> Array:
-        """What is expected of the coordinates, as rows beside those of the records: (n, n), in standard deviations."""
+        """Expectations of the coordinates, as rows beside those of the records: (n, n), in standard deviations."""
         return np.diag([1.0 / f.std for f in self.model.free])
 
     @property

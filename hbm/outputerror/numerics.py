@@ -133,7 +133,7 @@ def _solved(rig: Rig, basis: FourierBasis, record: Record, start: PeriodicSoluti
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What is added to the simulation of a record (2, c, H), and the standard deviation of what is left (c, H)."""
+    """Correction of the simulation of a record (2, c, H), and the standard deviation of what is left (c, H)."""
 
     added: Array
     left: Array

@@ -31,9 +31,9 @@ class Whitened:
     spreads : dict of int to float
         Logarithm of the determinant of the covariance beside that of the noise of the responses alone, by record.
     shared : float
-        What a background, which records share, adds to that.
+        Part that a background adds to it, which records share.
     free : float
-        What transients that are free in each record add to it: so much chi2 their freedom costs.
+        Part that transients add to it, free in each record: so much chi2 their freedom costs.
     lasting : (m,) array
         Those transients, in units of the channel.
     """

@@ -326,7 +326,7 @@ class _Unknown(Enum):
 
 
 def _kind(here: Stability, rank: int) -> Kind | None:
-    """What a multiplier on the unit circle means; None at 1, where the equations tell, and for the second of a pair."""
+    """Kind by a multiplier on the unit circle; None at 1, where the equations tell, and for the second of a pair."""
     multiplier = complex(here.multipliers[rank])
     if abs(multiplier.imag) > REAL:
         pair = [np.abs(m - multiplier.conjugate()) < REAL for m in here.multipliers[:rank]]

@@ -178,7 +178,7 @@ def _of_joint(entry: dict[str, Any], i: int, folder: Path) -> Iterator[Complaint
 
 
 def _of_places(table: Mapping[str, Any]) -> Iterator[Complaint]:
-    """What is placed by a position where places have names."""
+    """Complaints about places that are missing, on a body that names its places."""
     excitation, channels = table.get("excitation"), table.get("channels")
     if isinstance(excitation, dict) and "at" not in excitation:
         yield Complaint(("excitation", "at"), "is missing", "must name a place of the body")

@@ -68,7 +68,7 @@ def file_and_class(name: str, folder: Path, known: Collection[str], accepted: st
     known : collection of str
         Names that may have been meant.
     accepted : str
-        What is accepted, in words.
+        Names that are accepted, in words.
 
     Returns
     -------
@@ -159,7 +159,7 @@ def _own_law(path: Path, class_name: str) -> type:
 
 
 def _stamp(path: Path) -> tuple[int, int]:
-    """What changes when a file does."""
+    """Time of change and size of a file."""
     try:
         stat = path.stat()
     except OSError:

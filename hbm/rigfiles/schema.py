@@ -301,7 +301,7 @@ def _table_at(schema: type[Table], key: Key) -> type[Table]:
 
 
 def _accepted(schema: type[Table], error: ErrorDetails) -> str:
-    """What is accepted where pydantic found something else."""
+    """Values that are accepted where pydantic found something else."""
     kind, context = error["type"], error.get("ctx", {})
     if kind == "list_type" and isinstance(error["input"], dict):
         return f"must be an array of tables, [[{error['loc'][-1]}]]"

@@ -97,7 +97,7 @@ class HeldBalance:
         return np.asarray(self.state.Q @ rows.T)
 
     def static(self, flexibility: Array, friction: Array) -> Array:
-        """What friction (2H+1,) and excitation do by flexibilities (p, 2), (2H+1, p)."""
+        """Motion by flexibilities (p, 2) under friction (2H+1,) and excitation, (2H+1, p)."""
         moved = np.outer(friction, flexibility[:, 0])
         moved += np.outer(self.state.F * self.problem.force_shape, flexibility[:, 1])
         return moved

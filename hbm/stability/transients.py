@@ -48,7 +48,7 @@ class Transients:
 
 @one_thread
 def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transients:
-    """What transients leave in the harmonics of a record, for a start from rest :data:`WAITED` periods before.
+    """Work out the harmonics that transients leave, for a start from rest :data:`WAITED` periods before a record.
 
     Parameters
     ----------

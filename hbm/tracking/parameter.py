@@ -245,7 +245,7 @@ def _signs(before: Array, kept: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Undefined:
-    """What is known where there is no balance: a :class:`continuation.Linearization` that solves nothing."""
+    """Placeholder where there is no balance: a :class:`continuation.Linearization` that solves nothing."""
 
     residual: Array
 

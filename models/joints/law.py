@@ -74,7 +74,7 @@ class JointLaw(Protocol):
 
 
 class Memoryless:
-    """What laws that answer the present instant alone share; one that is out of its bounds is refused where it is made.
+    """Base of laws that answer the present instant alone; one that is out of its bounds is refused where it is made.
 
     A law gives its ``force(u, v)`` as a list over its ports.
     """
@@ -164,7 +164,7 @@ Form = tuple[type, tuple[tuple[str, Any], ...]]
 
 
 def form(law: Any) -> Form:
-    """What decides the instructions of a law, its class and settings; parameters are run-time inputs."""
+    """Choices that decide the instructions of a law: its class and settings. Parameters are run-time inputs."""
     parts: list[tuple[str, Any]] = []
     for f in fields(law):
         value = getattr(law, f.name)
