@@ -93,10 +93,16 @@ def accepted(hint: Any, metadata: Sequence[Any] = ()) -> tuple[str, str]:
         return " or ".join(kind for kind, _ in kinds), next((bounds for _, bounds in kinds if bounds), "")
     if origin is list:
         kind, bounds = accepted(args[0])
-        return f"array of {kind}s" if kind != "true or false" else kind, bounds
+        return f"array of {several(kind)}", bounds
     if origin is dict:
-        return (f"table of {accepted(args[1])[0]}s" if args[1] is not Any else "table"), ""
+        return ("table" if args[1] is Any else f"table of {several(accepted(args[1])[0])}"), ""
     return WORDS[hint], ", ".join(limits(metadata))
+
+
+def several(kind: str) -> str:
+    """The plural of a type: arrays of numbers, whole numbers."""
+    first, of, rest = kind.partition(" of ")
+    return f"{first}s{of}{rest}"
 
 
 def limits(metadata: Sequence[Any]) -> Iterator[str]:

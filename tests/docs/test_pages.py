@@ -117,7 +117,14 @@ def test_every_command_has_its_usage_and_example_as_code() -> None:
     text, commands = tables.TABLES["commands"](), typer.main.get_command(app).commands  # type: ignore[attr-defined]
     assert re.findall(r"^## `hbm ([a-z]+)`$", text, re.M) == list(commands)
     assert re.findall(r"^```console\n\$ hbm ([a-z]+) [^`]*\n```$", text, re.M) == list(commands)
-    assert len(re.findall(r"^Example: `hbm [^`]+`$", text, re.M)) == len(commands)
+    assert all(re.search(rf"^Example: `hbm {name} [^`]+`$", text, re.M) for name in commands)
+
+
+def test_types_of_keys_are_in_words() -> None:
+    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*) \|", tables.keys("modal with joints"), re.M))
+    assert rows["frequencies_hz"] == "array of numbers"
+    assert rows["ports"] == "table of arrays of numbers"
+    assert rows["flexibility"] == "array of arrays of numbers"
 
 
 @pytest.mark.parametrize("package", ["hbm", "models", "continuation"])
