@@ -1,4 +1,4 @@
-"""What a trace leaves behind: points in order, and a sentence that says why it ended."""
+"""The result of a trace: points in order, and a sentence that says why it ended."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -84,7 +84,7 @@ class Branch:
     message : str
         One line with the numbers, and what to try next where it failed.
     settings : Settings
-        What produced it.
+        Settings that produced it.
     """
 
     points: tuple[Point, ...]
@@ -160,7 +160,7 @@ class ConvergenceError(RuntimeError):
     message : str
         One line: where, what was found, what to try.
     branch : Branch, optional
-        What was found before, if anything.
+        Points found before, if any.
     """
 
     def __init__(self, message: str, branch: Branch | None = None) -> None:

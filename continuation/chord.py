@@ -163,7 +163,7 @@ class ChordCurve:
         return tuple(self._turning(*turn) for turn in _turns(self.mu, _PROMINENT * float(np.ptp(self.mu))))
 
     def _turning(self, before: int, i: int, behind: int) -> SpecialPoint:
-        """What happens where mu turns at point i, as told by folds well before and behind it."""
+        """Kind of event where mu turns at point i, as told by folds well before and behind it."""
         fold, aside, lam = self.folds[i], self.folds[before], self.folds[i].lam
         if (aside.lam - lam) * (self.folds[behind].lam - lam) > 0.0:
             kind = Kind.CUSP

@@ -130,7 +130,7 @@ def fold_curve(
     Returns
     -------
     FoldCurve
-        What was found, and why it ended.
+        Points found, and why it ended.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the tracer asks of a system F(x, lam) = 0, and a dense one made from plain functions."""
+"""The interface of a system F(x, lam) = 0 to the tracer, and a dense one made from plain functions."""
 
 from collections.abc import Callable
 from typing import Protocol, TypeAlias

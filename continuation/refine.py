@@ -83,7 +83,7 @@ def locate(
     test : callable
         `test(point) -> (k,) array`, continuous along the branch; entries that are not finite count as no sign.
     kind : Enum
-        What to call the points.
+        Name for the points.
     close : float
         To which fraction of the stretch between two points.
 

@@ -10,7 +10,7 @@ from .problem import Array
 
 
 class Kind(Enum):
-    """What a special point is. `SpecialPoint` takes members of any other `Enum` too, a caller's own kinds."""
+    """Kind of a special point. `SpecialPoint` takes members of any other `Enum` too, a caller's own kinds."""
 
     FOLD = "fold"
     BRANCH_POINT = "branch point"
@@ -28,7 +28,7 @@ class SpecialPoint:
     Attributes
     ----------
     kind : Enum
-        What it is.
+        Kind of the point.
     x : (N,) array
         Unknowns.
     lam : float
@@ -38,7 +38,7 @@ class SpecialPoint:
         The first is the tangent of the curve on which the point was found; k = 1, but 2 at a branch point, where the
         second is the tangent of the other curve. At a fold `null_space[0, :-1]` is the null vector of J_x.
     test : float
-        What is left of the test function.
+        Remaining value of the test function.
     arclength : float
         Length of the branch up to here.
     located : bool

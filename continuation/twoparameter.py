@@ -1,4 +1,4 @@
-"""What is asked of a system with two parameters, F(x, lam, mu) = 0, and a dense one made from plain functions."""
+"""The interface of a system with two parameters, F(x, lam, mu) = 0, and a dense one from plain functions."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

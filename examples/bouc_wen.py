@@ -1,4 +1,4 @@
-"""Bouc-Wen friction: a law of one's own for casadi-hbm. See docs/own_law.md."""
+"""Bouc-Wen friction: a law of one's own for casadi-hbm. See docs/howto/own_law.md."""
 
 from dataclasses import dataclass, field
 from typing import ClassVar

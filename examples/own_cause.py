@@ -1,4 +1,4 @@
-"""A cause of one's own for casadi-hbm: a magnet beside the beam. See docs/diagnosis.md."""
+"""A cause of one's own for casadi-hbm: a magnet beside the beam. See docs/howto/own_cause.md."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace

@@ -1,4 +1,4 @@
-"""What a channel reads of a displacement: its derivative, times a gain, a delay later. The one formula for all.
+"""A channel's reading of a displacement: its derivative, times a gain, a delay later. The one formula for all.
 
 A displacement s(t) = exp(p t) at the place of a channel is read as gain p^n exp(-p delay) s(t), with n derivatives.
 """
@@ -57,7 +57,7 @@ def _times(basis: FourierBasis, coefficients: Array, factors: Rates) -> Array:
 
 
 def late(channel: Channel, values: Array, dt: float) -> Array:
-    """What a channel reads of its quantity at equally spaced times: the gain times what was there a delay ago.
+    """Samples that a channel reads of its quantity, equally spaced: the gain times the value a delay ago.
 
     Between samples on straight lines, for what jumps must not swing; before the first sample what is there at it.
 
@@ -65,7 +65,7 @@ def late(channel: Channel, values: Array, dt: float) -> Array:
     ----------
     channel : Channel
     values : (N,) array
-        Of its quantity, the derivatives taken.
+        Samples of its quantity, the derivatives taken.
     dt : float
         Between them [s].
     """

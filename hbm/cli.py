@@ -1,4 +1,4 @@
-"""The command ``hbm``: arguments, progress, printing, exit status; formats.md section 5.
+"""The command ``hbm``: arguments, progress, printing, exit status; docs/reference/commands.md.
 
 Exit status 0: done. 1: a computation failed or was interrupted; what was found is written, and marked. 2: bad
 input, nothing was written. Every failure is one line on stderr. Heavy modules are imported by the command

@@ -36,7 +36,7 @@ class Layout:
     ----------
     beam : Beam
     radius : Value
-        Of the half cylinder [m].
+        Radius of the half cylinder [m].
     excitation : Value
         X_f [m].
     channels : tuple of Value
@@ -110,7 +110,7 @@ class Assembly(NamedTuple):
     flexibility : (3 + c + e, 2) matrix
     inertia, stretch : (1, d) matrices
     share : (e, 1) matrix
-        Of a unit force at each of the e points that goes into the support.
+        Share of a unit force at each of the e points that goes into the support.
     """
 
     mass: Matrix
@@ -129,14 +129,14 @@ def assembled(layout: Layout, *, residual: bool = True) -> Assembly:
     Parameters
     ----------
     layout : Layout
-        Of numbers.
+        A layout of numbers.
     residual : bool
         Whether the static response of the modes left out is kept.
 
     Returns
     -------
     Assembly
-        Of arrays.
+        An assembly of arrays.
     """
     function = _function(layout.form, residual)
     return Assembly(*(part.full() for part in function(list(layout.scalars().values()))))

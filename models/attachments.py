@@ -1,4 +1,4 @@
-"""What is attached to a beam: masses, springs, resonators, and how clamp and support yield."""
+"""Attachments of a beam: masses, springs, resonators, and how clamp and support yield."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -42,7 +42,7 @@ class Resonator(NamedTuple):
 
     @property
     def stiffness(self) -> Value:
-        """Of its spring [N/m]."""
+        """Stiffness of its spring [N/m]."""
         return self.mass * (2 * np.pi * self.frequency_hz) ** 2
 
     def force(self, omega: Array) -> Array:
@@ -53,7 +53,7 @@ class Resonator(NamedTuple):
 
 @dataclass(frozen=True)
 class Attachments:
-    """What is attached to a clamped-supported beam, linearly but for a clamp that slips; nothing by default.
+    """Attachments of a clamped-supported beam, linear but for a clamp that slips; nothing by default.
 
     Attributes
     ----------

@@ -1,6 +1,6 @@
 """Bounds of numbers: what cannot be is refused where it is made.
 
-What is not a plain number passes: laws and bodies are also made of CasADi expressions, to be differentiated.
+Anything but a plain number passes: laws and bodies are also made of CasADi expressions, to be differentiated.
 """
 
 from math import inf, isfinite
@@ -14,7 +14,7 @@ def bounded(where: str, value: Any, lower: float = -inf, upper: float = inf, str
     Parameters
     ----------
     where : str
-        What the message begins with, such as ``Beam: length``.
+        Beginning of the message, such as ``Beam: length``.
     value : float, or anything else, which passes
     lower, upper : float
     strict : bool

@@ -24,7 +24,7 @@ class SlippingClamp:
     states: ClassVar[int] = 1
     set_valued: ClassVar[bool] = False
 
-    limit: Value = field(metadata=parameter("N m", "largest moment", "formats.md section 6"))
+    limit: Value = field(metadata=parameter("N m", "largest moment", "catalogue of causes"))
     stiffness: Value = field(metadata=parameter("N m/rad", "moment that a slid rotation takes back", "this module"))
 
     def advance(self, z: Value, before: ContactSample, now: ContactSample) -> tuple[Value, Value]:

@@ -19,7 +19,7 @@ from models.structure import Array, SpringPort
 
 
 class Reading(Enum):
-    """What the rows of an element are."""
+    """Kind of motion that the rows of an element read."""
 
     POINT = "the deflection at its position"
     SPAN = "the deflection at Gauss points along the beam"
@@ -49,7 +49,7 @@ class MidplaneStretching:
     reads: ClassVar[Reading] = Reading.STRETCH
 
     axial_stiffness: Value = field(
-        metadata=parameter("N/m", "stiffness against the shortening of the beam", "formats.md section 6", strict=False)
+        metadata=parameter("N/m", "stiffness against the shortening of the beam", "catalogue of causes", strict=False)
     )
 
     def force(self, y: Value, y_t: Value, weight: Value) -> Value:
@@ -65,7 +65,7 @@ class QuadraticDrag:
     reads: ClassVar[Reading] = Reading.SPAN
 
     coefficient: Value = field(
-        metadata=parameter("N s2/m2 per m", "drag per length of beam", "formats.md section 6", strict=False)
+        metadata=parameter("N s2/m2 per m", "drag per length of beam", "catalogue of causes", strict=False)
     )
 
     def force(self, y: Value, y_t: Value, weight: Value) -> Value:
@@ -80,9 +80,9 @@ class ImpactStop:
     name: ClassVar[str] = "impact-stop"
     reads: ClassVar[Reading] = Reading.POINT
 
-    gap: Value = field(metadata=parameter("m", "clearance", "formats.md section 6", lower=-float("inf")))
-    stiffness: Value = field(metadata=parameter("N/m", "stiffness of the stop", "formats.md section 6", strict=False))
-    position: Value = field(metadata=parameter("m", "place on the beam", "formats.md section 6"))
+    gap: Value = field(metadata=parameter("m", "clearance", "catalogue of causes", lower=-float("inf")))
+    stiffness: Value = field(metadata=parameter("N/m", "stiffness of the stop", "catalogue of causes", strict=False))
+    position: Value = field(metadata=parameter("m", "place on the beam", "catalogue of causes"))
 
     def force(self, y: Value, y_t: Value, weight: Value) -> Value:
         """Push back what is beyond the gap."""
@@ -127,9 +127,9 @@ class ElementRows(NamedTuple):
     Attributes
     ----------
     rows : (r, n) array
-        Of deflections on the modes.
+        Rows of deflections on the modes.
     share : (r,) array
-        Of a unit force along each row that goes into the support.
+        Share of a unit force along each row that goes into the support.
     weight : (r,) array
         Length of beam of each row [m]; of a tip that lifts off, the work of its load on what it yields to it [J]; else
         1.
@@ -144,29 +144,29 @@ class ElementRows(NamedTuple):
     static: Array
 
     def under(self, load: float) -> "ElementRows":
-        """Of a tip held on its support by a multiple of the load."""
+        """Rows of a tip held on its support by a multiple of the load."""
         return ElementRows(self.rows / load, self.share / load, self.weight * load**2, self.static / load)
 
 
 class Ports(NamedTuple):
-    """What elements can read of a structure; or the derivatives to p parameters, p first.
+    """Motions of a structure that elements can read; or the derivatives to p parameters, p first.
 
     Attributes
     ----------
     rows : (e, n) array
         Deflections: at the positions of the elements that read a point, then at Gauss points if one reads the span.
     share : (e,) array
-        Of a unit force at each that goes into the support.
+        Share of a unit force at each that goes into the support.
     shortening : (n, n) array
         G.
     stretch : (n,) array
         Integral of phi_i' s'.
     length : float or (p,) array
-        Of the beam [m].
+        Length of the beam [m].
     channels : int
         Number of response channels.
     support : SpringPort or None
-        Of the support, where the tip can lift off.
+        Port of the support, where the tip can lift off.
     load : float or (p,) array
         That holds the tip on the support [N].
     """
@@ -196,7 +196,7 @@ def element_rows(elements: Sequence[Element], ports: Ports, modes: int) -> list[
     elements : sequence of Element
     ports : Ports
     modes : int
-        Of the beam, as for :func:`gauss_points`.
+        Number of modes of the beam, as for :func:`gauss_points`.
     """
     return [_rows(e, first, ports, modes) for e, first in zip(elements, ports_of(elements), strict=True)]
 
@@ -215,7 +215,7 @@ def _rows(element: Element, first: int, ports: Ports, modes: int) -> ElementRows
 
 
 def _support(ports: Ports) -> SpringPort:
-    """Of the support.
+    """Port of the support.
 
     Raises
     ------

@@ -90,9 +90,9 @@ class JointedRig(Displayed):
     name : str
         Title of plots and reports.
     body : Body
-        What vibrates.
+        Structure that vibrates.
     damping : Damping
-        Of its modes, unless it brings a damping matrix.
+        Damping of its modes, unless it brings a damping matrix.
     joints : tuple of Joint
     excitation : Excitation
         With its place `at`.
@@ -138,7 +138,7 @@ class JointedRig(Displayed):
 
     @property
     def law_name(self) -> str:
-        """Of the laws of its joints, each once."""
+        """Names of the laws of its joints, each once."""
         names = [law.law.name if isinstance(law, Friction) else law.name for law in (j.law for j in self.joints)]
         return ", ".join(dict.fromkeys(names))
 
@@ -237,7 +237,7 @@ class JointedRig(Displayed):
 
     @property
     def units(self) -> list[tuple[str, str]]:
-        """Of motion and force at every port: rotations and moments where both its ends are rotations."""
+        """Units of motion and force at every port: rotations and moments where both its ends are rotations."""
         ends = [[term for end in pair for term in terms(end)] for j in self.joints for pair in j.ends]
         turns = [all(abs(weight) == 1.0 and ROTATION.search(place) for weight, place in end) for end in ends]
         return [("rad", "N m") if turn else ("m", "N") for turn in turns]

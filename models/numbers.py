@@ -68,7 +68,7 @@ def at_record(rig: Rig, record: int) -> Rig:
 
 
 def _owner(rig: Rig, key: str) -> tuple[Any, str]:
-    """What in a rig holds a number, and the number's name there."""
+    """Part of a rig that holds a number, and the number's name there."""
     table, _, rest = key.partition(".")
     place, _, name = rest.rpartition(".")
     owner: Any = None

@@ -1,4 +1,4 @@
-"""What a rig is made of: modes that are given, damping, contact, excitation, drift and channels."""
+"""Parts of a rig: modes that are given, damping, contact, excitation, drift and channels."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -141,9 +141,9 @@ class Contact:
     radius : float
         Half-cylinder radius r [m]; used by a beam only, like what follows.
     load_variation : float
-        Scale on R(t) - P as the friction sees it: 1 as in physics.md section 2, 0 for a constant load.
+        Scale on R(t) - P as the friction sees it: 1 as in docs/theory/equations.md section 2, 0 for a constant load.
     residual_compliance, foreshortening : bool
-        Keep C_res and the T G q coupling of physics.md section 2.
+        Keep C_res and the T G q coupling of docs/theory/equations.md section 2.
     lift_off : bool
         Whether the tip leaves its support where the reaction would turn negative, :class:`models.elements.LiftOff`; of
         a beam whose reaction varies, with its residual compliance.
@@ -226,7 +226,7 @@ class Drift:
 
 @dataclass(frozen=True)
 class Channel:
-    """What is, or would be, measured.
+    """A quantity that is, or would be, measured.
 
     Attributes
     ----------

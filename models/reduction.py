@@ -47,14 +47,14 @@ class StructureChange(NamedTuple):
     ----------
     mass, damping, stiffness, shortening : (p, n, n) array
     rows : (p, 2 + c + e, n) array
-        Of slip, drive, channels and points.
+        Rows of slip, drive, channels and points.
     flexibility : (p, 2 + c + e, 2) array
-        What friction and excitation do to them beyond the modes: compliance and residual flexibility.
+        Motion that friction and excitation add beyond the modes: compliance and residual flexibility.
     inertia, reaction_damping, reaction_stiffness, stretch : (p, n) array
-        Of the rows of :class:`Reaction`.
+        Rows of :class:`Reaction`.
     friction_lever, force_share : (p,) array
     share : (p, e) array
-        Of a force at each point that goes into the support.
+        Share of a force at each point that goes into the support.
     drawn_in, drawn_stretch : (p, n, n) and (p, n) array
         Shortening and stretch, whether or not the contact sees them.
     """
@@ -82,7 +82,7 @@ class StructureChange(NamedTuple):
 
 
 class Switches(NamedTuple):
-    """What of the contact is kept, :class:`models.parts.Contact`."""
+    """Parts of the contact that are kept, :class:`models.parts.Contact`."""
 
     load_variation: float = 1.0
     residual_compliance: bool = True
@@ -95,7 +95,7 @@ class Reduction:
     Attributes
     ----------
     assembly : Assembly
-        Of arrays.
+        An assembly of arrays.
     squares : (n,) array
         omega_n^2 [1/s2].
     kept : (d, n) array
@@ -126,12 +126,12 @@ class Reduction:
 
     @property
     def rows(self) -> Array:
-        """Of slip, drive, channels, points and reaction, (3 + c + e, n)."""
+        """Rows of slip, drive, channels, points and reaction, (3 + c + e, n)."""
         return np.asarray(self.assembly.rows @ self.kept)
 
     @property
     def flexibility(self) -> Array:
-        """What friction and excitation do to them beyond the modes kept, (3 + c + e, 2)."""
+        """Motion that friction and excitation add beyond the modes kept, (3 + c + e, 2)."""
         by_rest = self.assembly.rows @ self.rest
         return np.asarray(self.assembly.flexibility + self.switches.residual_compliance * by_rest @ by_rest[:2].T)
 
@@ -174,7 +174,7 @@ class Reduction:
         )
 
     def ports(self, length: float) -> Ports:
-        """What nonlinear elements can read of what is not the support, on a beam of that length."""
+        """Motions other than the support's that nonlinear elements can read, on a beam of that length."""
         assembly, kept, varies = self.assembly, self.kept, self.switches.load_variation
         points = slice(len(assembly.rows) - 1 - len(assembly.share), -1)
         return Ports(
@@ -194,7 +194,7 @@ class Reduction:
         at : int
             Coordinate that stretches it: the rotation of the clamp, or the lift of the tip.
         stiffness : float
-            Of the spring [N/m or N m/rad].
+            Stiffness of the spring [N/m or N m/rad].
         """
         row, on = stiffness * self.kept[at], self.switches
         if not on.residual_compliance:

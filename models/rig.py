@@ -1,4 +1,4 @@
-"""What a rig file says: structure, damping, contact, excitation and channels."""
+"""A rig, as a rig file describes it: structure, damping, contact, excitation and channels."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -34,17 +34,17 @@ class Rig(Displayed):
     name : str
         Title of plots and reports.
     body : Beam or ModalBody
-        What vibrates.
+        Structure that vibrates.
     damping : Damping
     contact : Contact
     excitation : Excitation
     channels : tuple of Channel
     attachments : Attachments
-        What is attached to a beam.
+        Springs, masses and resonators attached to a beam.
     elements : tuple of Element
         Nonlinear elements along a beam; for all that act, see :attr:`acting`.
     drift : tuple of Drift
-        What changes from record to record; the rig itself is that of record 1, see :func:`models.numbers.at_record`.
+        Numbers that change from record to record; the rig is that of record 1, see :func:`models.numbers.at_record`.
     """
 
     name: str
@@ -100,7 +100,7 @@ class Rig(Displayed):
 
     @property
     def law_name(self) -> str:
-        """Of its friction law."""
+        """Name of its friction law."""
         return self.contact.law.name
 
     @property
@@ -162,7 +162,7 @@ class Rig(Displayed):
         return Layout(beam, radius, excitation, positions, points, fractions, attachments)
 
     def _attached(self, beam: Beam) -> Attachments:
-        """What is attached; with a support all but rigid where it is rigid and the tip can lift off it."""
+        """Attachments; with a support all but rigid where it is rigid and the tip can lift off it."""
         if not self.contact.lift_off or self.attachments.support_stiffness is not None:
             return self.attachments
         return replace(self.attachments, support_stiffness=RIGID * beam.bending_stiffness / beam.length**3)

@@ -14,7 +14,7 @@ class Reaction:
     """Normal reaction of the support as a linear form of the motion.
 
     ``R = P + inertia.q'' + damping.q' + stiffness.q + T (stretch.q - friction_lever) - force_share F``
-    (physics.md section 2, the weak form tested with the static tip-load shape).
+    (docs/theory/equations.md section 2, the weak form tested with the static tip-load shape).
     All rows are zero where the reaction is held constant.
 
     Attributes
@@ -131,7 +131,7 @@ class ModalStructure:
     channel_rows : dict of str to (n,) array
         phi_i at the position of each response channel.
     residual : ResidualFlexibility
-        What the modes left out add to the motion.
+        Motion that the modes left out add.
     """
 
     omega_n: Array

@@ -200,4 +200,4 @@ assert settled.confidence > 0.9
 # %% [markdown]
 # In the second mode the reaction swings twice as far about the load, and friction follows that swing by the coefficient
 # alone, not by the product: three records settle what six could not. What `diagnose` compares, how it decides and
-# what it cannot know: `docs/diagnosis.md`.
+# what it cannot know: `docs/theory/diagnosis.md`.

@@ -165,7 +165,7 @@ def test_modes_prints_sliding_and_stuck() -> None:
 
 
 def test_stuck_frequencies_of_the_reference() -> None:
-    """physics.md: k_t = 1.04e7 N/m and 5 modes, 57.728 Hz without and 56.004 Hz with the residual compliance."""
+    """k_t = 1.04e7 N/m, 5 modes: 57.728 Hz without, 56.004 Hz with C_res (docs/theory/equations.md)."""
     rig = paper_rig()
     bare = replace(rig, contact=replace(rig.contact, residual_compliance=False))
     assert contact_stiffness(bare) == pytest.approx(1.04e7, rel=1e-6)

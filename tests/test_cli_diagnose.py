@@ -290,7 +290,7 @@ def test_consistent_says_whether_it_may_be_the_structure(structured: bool, told:
 
 
 def test_every_cause_says_how_to_check_it_and_the_page_says_the_same() -> None:
-    page = (Path(__file__).parents[1] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[1] / "docs" / "reference" / "causes.md").read_text(encoding="utf-8")
     told = dict(re.findall(r"^\| `([a-z-]+)(?::<key>)?` \| ([^|]*) \|$", page, re.M))
     assert told == {name: cause.check for name, cause in CAUSES.items()}
     assert all(told.values())

@@ -63,7 +63,7 @@ def test_energy_file_has_a_row_per_record(folder: Path) -> None:
 
 
 def test_harmonics_file_gives_the_samples_back(folder: Path) -> None:
-    """s(t) = sum of cos and sin of the file, with the signs of physics.md section 4."""
+    """s(t) = sum of cos and sin of the file, with the signs of docs/theory/equations.md section 4."""
     r, rows = reconstruction(), table(folder / "harmonics.csv")
     assert len(rows) == len(r) * (r.H + 1)
     phase = 2 * np.pi * r.phase

@@ -1,4 +1,4 @@
-"""The cause of one's own that docs/diagnosis.md shows: as printed, and found in what another program simulated."""
+"""The cause that docs/howto/own_cause.md shows: as printed, and found in what another program simulated."""
 
 import json
 import re
@@ -28,7 +28,8 @@ from tests.truth import (
 )
 
 ROOT = Path(__file__).parents[1]
-PAGE, FILE = ROOT / "docs" / "diagnosis.md", ROOT / "examples" / "own_cause.py"
+PAGE, CATALOGUE = ROOT / "docs" / "howto" / "own_cause.md", ROOT / "docs" / "reference" / "causes.md"
+FILE = ROOT / "examples" / "own_cause.py"
 STIFFNESS, POSITION = 2e10, 0.2
 RECORDS = ((3.0, 46.0), (6.5, 46.0), (6.5, 50.0), (6.5, 58.0))
 QUICK = Settings(ramp=6, hold=2, coarse=64, tolerance=1e-6, iterations=8, retries=1, again=8)
@@ -40,7 +41,7 @@ def test_the_page_shows_the_file_verbatim() -> None:
 
 
 def test_the_page_lists_the_catalogue_in_its_own_words() -> None:
-    rows = re.findall(r"^\| `(\S+?)` \| [^|]* \| (.*) \| (.*) \| (.*) \|$", PAGE.read_text(encoding="utf-8"), re.M)
+    rows = re.findall(r"^\| `(\S+?)` \| [^|]* \| (.*) \| (.*) \| (.*) \|$", CATALOGUE.read_text(encoding="utf-8"), re.M)
     words = [(c.name, c.meaning, c.looks_like, c.confused_with) for c in CAUSES.values()]
     assert [(name.removesuffix(":<key>"), *row) for name, *row in rows] == words
 

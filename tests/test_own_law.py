@@ -58,14 +58,14 @@ def run(*args: str) -> Any:
 
 
 def test_the_page_shows_the_file_verbatim() -> None:
-    page = (ROOT / "docs" / "own_law.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "howto" / "own_law.md").read_text(encoding="utf-8")
     first = re.search(r"```python\n(.*?)```", page, re.DOTALL)
     assert first is not None
     assert first[1] == FILE.read_text(encoding="utf-8")
 
 
 def test_the_check_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (ROOT / "docs" / "own_law.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "howto" / "own_law.md").read_text(encoding="utf-8")
     code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)[1]
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(FILE.parent))

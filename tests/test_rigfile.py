@@ -650,4 +650,4 @@ def test_smallest_example_is_one_damped_mode_at_50_hz() -> None:
 
 
 def test_computed_channels_are_those_of_the_curve_files() -> None:
-    assert COMPUTED_CHANNELS == ("drive", "slip", "slip_velocity", "friction", "normal")  # formats.md section 4
+    assert COMPUTED_CHANNELS == ("drive", "slip", "slip_velocity", "friction", "normal")  # docs/reference/data_files.md

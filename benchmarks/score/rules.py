@@ -41,7 +41,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
         "drift",
     ),
 }
-"""Causes of formats.md section 6; beside these the wrong parameters, what is outside, and nulls."""
+"""Causes of docs/reference/causes.md; beside these the wrong parameters, what is outside, and nulls."""
 
 PARAMETER = "parameter:"
 TELLING = {"drift": "parameter"}

@@ -89,13 +89,13 @@ class InputChange:
     Attributes
     ----------
     signals : (2H+1, 3, p) array
-        Of the coefficients of u (the velocity follows), rho and eta.
+        Changes of the coefficients of u (the velocity follows), rho and eta.
     Omega : (p,) array
-        Of the fundamental frequency.
+        Change of the fundamental frequency.
     law : (parameters + 1, p) array
-        Of the law's parameters, then of the static load (the load within rho not included).
+        Changes of the law's parameters, then of the static load (the load within rho not included).
     compliance : (p,) array, optional
-        Of the series compliance; none where omitted.
+        Change of the series compliance; none where omitted.
     """
 
     signals: Array
@@ -200,7 +200,7 @@ class LawOverPeriod:
 
     @property
     def memory(self) -> Array:
-        """What the law knows before the first sample of the last period computed, as a time integration keeps it."""
+        """State of the law before the first sample of the last period computed, as a time integration keeps it."""
         z = self._carried[: self._step.states]
         memory = self._step.memory(z, self._signals[-1], float(self._T[-1]), float(self._environment[1]))
         return np.asarray(memory)

@@ -101,7 +101,7 @@ class JointOverPeriod:
 
     @property
     def memory(self) -> Array:
-        """What the law knows before the first sample of the last period computed, (memory,)."""
+        """State of the law before the first sample of the last period computed, (memory,)."""
         return self._carried[: self.functions.memory].copy()
 
     def at_first(self) -> tuple[Array, Array]:
@@ -247,7 +247,7 @@ class JointOverPeriod:
         numbers : (p, c) array
             Changes of the law's parameters.
         compliance : (c,) array
-            Of the compliance that the law takes into account.
+            Change of the compliance that the law takes into account.
         """
         self._show(signals, Omega)
         m, n, basis = self.ports, self.functions.memory, self.basis

@@ -64,7 +64,7 @@ class JointStep:
         self.slope = ca.jacobian(self.force, self.f)
 
     def carry(self) -> Any:
-        """What the next sample needs."""
+        """Values that the next sample needs."""
         return ca.vertcat(self.z_new, self.f) if self.carries_force else self.z_new
 
     def at_solution(self, expressions: list[Any], iterations: int) -> list[Any]:

@@ -86,7 +86,7 @@ class _Sample:
         return list(ca.Function("there", [self.T, *rest], expressions, {"cse": True}).call([T, *rest]))
 
     def carry(self) -> Any:
-        """What the next sample needs."""
+        """Values that the next sample needs."""
         return ca.vertcat(self.z_new, self.T) if self.carries_force else self.z_new
 
     def slopes(self, to: Any) -> Any:

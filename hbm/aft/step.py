@@ -51,7 +51,7 @@ class LawStep:
         return self.states + len(self.remembered)
 
     def memory(self, z: Any, signals: Any, T: Any, load: Any) -> Any:
-        """What the law takes from one sample to the next: its state and what it uses of the sample, rho less the load.
+        """Values that the law takes from one sample to the next: its state, and the parts of the sample that it uses.
 
         Zero before anything has moved. A NumPy array, or a CasADi vector of expressions.
         """

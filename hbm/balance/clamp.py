@@ -27,7 +27,7 @@ class ClampMotion:
     moment : (2H+1,) array
         Coefficients of the moment [N m].
     closure : float
-        Of the loop.
+        How far the loop is from closed.
     """
 
     signals: Array
@@ -51,9 +51,9 @@ class ClampChange:
     Attributes
     ----------
     held : (2H+1, p) array
-        Of the moment if nothing had slid.
+        Derivative of the moment if nothing had slid.
     stiffness, limit : (p,) array
-        Of the moment that a slid rotation takes back, and of the largest.
+        Derivatives of the moment that a slid rotation takes back, and of the largest moment.
     """
 
     held: Array

@@ -68,7 +68,7 @@ class ElementSlope:
         return any(entry is not None and entry[0].any() for entry in self._entries)
 
     def strength(self) -> Array:
-        """What the elements add to the dynamic stiffness of each harmonic and mode, at most, (H+1, n)."""
+        """Dynamic stiffness that the elements add to each harmonic and mode, at most, (H+1, n)."""
         e = self._elements
         k_Omega = np.arange(e.basis.H + 1)[:, None] * self._Omega
         found = np.zeros((e.basis.H + 1, e.rows.shape[1]))
@@ -138,7 +138,7 @@ class ElementChange:
     parameters : (parameters, p) array
     Omega : (p,) array
     force : (2H+1, p) array
-        Of the excitation.
+        Coefficients of the excitation.
     """
 
     rows: ElementRows
@@ -157,7 +157,7 @@ Described = tuple[tuple[type, tuple[tuple[str, object], ...], int], ...]
 
 
 def described_elements(rig: Rig) -> Described:
-    """What decides the instructions of the elements of a rig; their numbers are run-time inputs."""
+    """Choices that decide the instructions of the elements of a rig; their numbers are run-time inputs."""
     sizes = [len(part.weight) for part in rig.element_rows]
     return tuple((type(e), tuple(chosen(e).items()), size) for e, size in zip(rig.acting, sizes, strict=True))
 
@@ -188,7 +188,7 @@ class ForcesInTime(NamedTuple):
     on_modes : (N, n) array
     on_support : (N,) array
     moved : (N, 1 + c) array
-        What they move drive and channels by, beyond the modes.
+        Motion that they add to drive and channels, beyond the modes.
     """
 
     on_modes: Array
@@ -231,7 +231,7 @@ class ElementsOverPeriod:
     rig : Rig
     basis : FourierBasis
     load : float
-        What holds a tip that lifts off on its support, in units of the rig's load.
+        Load that holds a tip that lifts off on its support, in units of the rig's load.
 
     Raises
     ------

@@ -43,7 +43,7 @@ class State:
 
 @dataclass(frozen=True)
 class Kinematics:
-    """What the contact sees of a state.
+    """Motion and load of the contact in a state.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Kinematics:
     elements : (2H+1, r) array or None
         Forces of the nonlinear elements along their rows.
     clamp : ClampMotion or None
-        Of a clamp that slips.
+        Motion of a clamp that slips.
     """
 
     Gq: Array
@@ -99,7 +99,7 @@ class DenseBlock:
 
 
 class Units(NamedTuple):
-    """What the scaled unknowns and balances are multiples of.
+    """Units of the scaled unknowns and balances.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Balance:
     basis : FourierBasis
         Harmonics and samples.
     parameter : {"frequency", "force"}
-        What the continuation parameter is: the frequency in units of `hz_ref`, or F / amplitude.
+        Continuation parameter: the frequency in units of `hz_ref`, or F / amplitude.
     hz : float
         Excitation frequency where the parameter is the force [Hz].
     level : float, optional

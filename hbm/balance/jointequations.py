@@ -29,7 +29,7 @@ class JointEquations:
     basis : FourierBasis
         Harmonics and samples.
     parameter : {"frequency", "force"}
-        What the continuation parameter is: the frequency in units of `hz_ref`, or F / amplitude.
+        Continuation parameter: the frequency in units of `hz_ref`, or F / amplitude.
     hz : float
         Excitation frequency where the parameter is the force [Hz].
     level : float, optional
@@ -77,7 +77,7 @@ class JointEquations:
             for j, at in zip(rig.joints, self.slices, strict=True)
         ]
         self.flexibility = s.flexibility - np.diag(self.own)
-        # velocities in limits of friction are those of the modes, physics.md section 3
+        # velocities in limits of friction are those of the modes, docs/theory/equations.md section 3
         folds = np.concatenate([np.full(j.law.ports, j.law.folds) for j in rig.joints])
         self.flexibility_of_rate = np.where(folds[:, None], 0.0, s.flexibility)
         self.diagonal = bool(np.count_nonzero(s.damping - np.diag(s.damping.diagonal())) == 0)
@@ -166,7 +166,7 @@ class JointEquations:
         return np.asarray(f @ self.structure.joints + np.outer(F * self.force_shape, self.structure.excitation))
 
     def signals(self, state: State) -> list[Array]:
-        """What each joint is shown: coefficients (2H+1, 2 ports + 1), as of :class:`hbm.aft.joint.JointOverPeriod`."""
+        """Signals of each joint: coefficients (2H+1, 2 ports + 1), as in :class:`hbm.aft.joint.JointOverPeriod`."""
         s, basis, F = self.structure, self.basis, state.F * self.force_shape
         free = state.Q @ s.joints.T + np.outer(F, s.flexibility_to_force)
         u, w = free + state.T @ self.flexibility, free + state.T @ self.flexibility_of_rate.T
@@ -182,7 +182,7 @@ class JointEquations:
         return np.hstack([f for f, _ in found]), memory, max(closure for _, closure in found)
 
     def dynamic_stiffness(self, Omega: float) -> Complex:
-        """Of the modes: (H+1, n) where the damping does not couple them, else (H+1, n, n) [1/s2]."""
+        """Dynamic stiffness of the modes [1/s2]: (H+1, n) where the damping does not couple them, else (H+1, n, n)."""
         s, k = self.structure, np.arange(self.basis.H + 1) * Omega
         if self.diagonal:
             return np.asarray(s.omega_n**2 - k[:, None] ** 2 + 1j * k[:, None] * s.damping.diagonal())

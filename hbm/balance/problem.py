@@ -101,7 +101,7 @@ class Linearization:
 
     @cached_property
     def rotation(self) -> SlidRotation | None:
-        """What is slid in the clamp; None where it does not slip."""
+        """Rotation slid in the clamp; None where it does not slip."""
         return None if self.problem.clamp is None else SlidRotation(*self._parts)
 
     @cached_property

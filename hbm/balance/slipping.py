@@ -18,21 +18,21 @@ from hbm.fourier import Array
 
 
 class Yielding(Protocol):
-    """What gives way at one place.
+    """A motion that gives way at one place.
 
     Attributes
     ----------
     slid : (2H+1, 2H+1) array
         Derivative of what is slid to the load on the place if nothing had.
     by_slid : (size, 2H+1) array
-        What the scaled balances lose to it.
+        Part of the scaled balances that it takes off.
     """
 
     slid: Array
 
     @property
     def by_slid(self) -> Array:
-        """What the scaled balances lose to what is slid."""
+        """Part of the scaled balances that a slid motion takes off."""
         ...
 
     def load(self, x: Array, force: Array | float = 0.0) -> Array:
@@ -49,7 +49,7 @@ class LiftedTip:
 
     @cached_property
     def by_slid(self) -> Array:
-        """What the scaled balances lose to the force along the row, (size, 2H+1)."""
+        """Part of the scaled balances that the force along the row takes off, (size, 2H+1)."""
         *row, share = self._elements.onto[-1]
         return _lost(self._problem, np.array(row), [(self._contact.by_rho, -share)])
 
@@ -69,7 +69,7 @@ def lifted_tip(problem: Balance, contact: ContactForce, slope: ElementSlope | No
 
 
 class SlidRotation:
-    """What is slid in the clamp, as it follows the unknowns of a balance and changes it.
+    """The rotation slid in the clamp, as it follows the unknowns of a balance and changes it.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class SlidRotation:
 
     @cached_property
     def by_slid(self) -> Array:
-        """What the scaled balances lose to a slid rotation, (size, 2H+1)."""
+        """Part of the scaled balances that a slid rotation takes off, (size, 2H+1)."""
         contact, port = self._contact, self._clamp.port
         seen = [(contact.by_u, port.residual[0]), (contact.by_rho, port.residual[-1])]
         return _lost(self._problem, port.row, seen)
@@ -107,7 +107,7 @@ class SlidRotation:
 
 
 def _lost(problem: Balance, row: Array, seen: list[tuple[Array | None, float]]) -> Array:
-    """What the scaled balances lose to a signal that pushes the modes along a row, (size, 2H+1).
+    """Part of the scaled balances that a signal takes off by pushing the modes along a row, (size, 2H+1).
 
     `seen` are slopes of the law, and the share of the signal in what each is a slope to.
     """

@@ -73,7 +73,7 @@ class PeriodicSolution(Displayed):
     hz, level : float
         Excitation frequency [Hz] and force amplitude [N].
     basis : FourierBasis
-        Of one period of the motion, which may be two of the force (:func:`hbm.response.branching.doubled`).
+        One period of the motion, which may be two of the force (:func:`hbm.response.branching.doubled`).
     state : State
         Modal and friction coefficients.
     channels : dict of str to Signal

@@ -1,4 +1,4 @@
-"""What commands write of curves, loops and histories: files and figures."""
+"""Files and figures that commands write of curves, loops and histories."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

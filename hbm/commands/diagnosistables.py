@@ -1,4 +1,4 @@
-"""What the command line prints of a diagnosis."""
+"""Tables that the command line prints of a diagnosis."""
 
 from rich.console import Console
 from rich.table import Table
@@ -22,7 +22,7 @@ def print_diagnosis(console: Console, found: Diagnosed) -> None:
 
 
 def _answers(found: Diagnosed) -> Table:
-    """What is said first, a row for each question."""
+    """The six answers that are printed first, a row for each question."""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")

@@ -1,4 +1,4 @@
-"""What the command line prints of a reconstruction and of friction laws identified from it."""
+"""Tables that the command line prints of a reconstruction and of friction laws identified from it."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""What the commands share: options read and refused, outputs checked, the console, lines on stderr."""
+"""Shared parts of the commands: options read and refused, outputs checked, the console, lines on stderr."""
 
 import json
 import math

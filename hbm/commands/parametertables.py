@@ -1,4 +1,4 @@
-"""What ``hbm continue`` prints of a curve."""
+"""Tables that ``hbm continue`` prints of a curve."""
 
 from rich.console import Console
 

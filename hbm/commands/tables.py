@@ -1,4 +1,4 @@
-"""What the command line prints of results: tables of at most 80 columns, and lines beneath them."""
+"""Tables that the command line prints of results, of at most 80 columns, and lines beneath them."""
 
 import inspect
 import math

@@ -105,7 +105,7 @@ def _records(base: Evaluation, campaign: Campaign, probed: Rig, points: Sequence
 
 
 def _attached(cause: Cause, rig: Rig, omega: Array) -> _Attached | None:
-    """What a cause attaches at a place, and that alone; None where it does not."""
+    """The one thing that a cause attaches at a place; None if it attaches nothing, or does more."""
     size, *shapes = cause.unknowns(rig) or (None,)
     others = [u for u in shapes if u.name != "position"]
     if size is None or len(shapes) != len(others) + 1 or len(others) > 1 or not all(u.shapes for u in shapes):
@@ -119,13 +119,13 @@ def _attached(cause: Cause, rig: Rig, omega: Array) -> _Attached | None:
 
 
 def _added(cause: Cause, rig: Rig, values: Start) -> list[Attachment]:
-    """What a cause attaches at places that the rig has not."""
+    """Attachments of a cause at places that the rig has not."""
     before, after = rig.attachments, cause.extend(rig, values).attachments
     return [entry for kind in LISTS for entry in getattr(after, kind)[len(getattr(before, kind)) :]]
 
 
 def _values(others: Sequence[Unknown]) -> Array:
-    """Of the one unknown that shapes a stiffness beside its place; one of no meaning where there is none."""
+    """Values of the one unknown that shapes a stiffness beside its place; one without meaning where there is none."""
     if not others:
         return np.zeros(1)
     low, high = min(others[0].starts) / BEYOND, max(others[0].starts) * BEYOND

@@ -69,7 +69,7 @@ def fit_candidates(
         The model on the records.
     campaign : Campaign
     screening : Screening
-        Of the candidates over the same base.
+        Score tests of the candidates over the same base.
     tell : callable
         Progress.
     enough : callable
@@ -78,7 +78,7 @@ def fit_candidates(
     Returns
     -------
     list of Evaluation
-        Of the best candidates on all records, the least chi2 first.
+        Fits of the best candidates to all records, the least chi2 first.
     """
     screening, quick, reached = _started(screening, base, campaign), QuickFits(base, campaign), np.inf
     if small(base):

@@ -1,4 +1,4 @@
-"""What all channels miss alike: an effect moves the whole structure, noise each channel by itself.
+"""Misfits that all channels share: an effect moves the whole structure, noise each channel by itself.
 
 The largest eigenvalue of what they miss beside each other tells that from noise better than a sum of squares. Of 24
 records, six channels and nine harmonics it finds 100 noise variances in one of these 19 times of 20, which the sums by
@@ -28,7 +28,7 @@ SHAPE, SCALE, SHIFT = 46.446, 0.186054, 9.84801
 
 @dataclass(frozen=True)
 class Alike:
-    """What the channels miss alike in a harmonic of a band about a frequency [Hz].
+    """The misfit that the channels share in a harmonic of a band about a frequency [Hz].
 
     `size` is the largest eigenvalue over what noise makes it on the average, of `points` coefficients.
     """
@@ -41,7 +41,7 @@ class Alike:
 
 
 def alike(white: Whitened, hz: Mapping[int, float], variance: float = 1.0) -> Iterator[Alike]:
-    """What the channels miss alike, harmonic by harmonic and band by band.
+    """Find the misfit that the channels share, harmonic by harmonic and band by band.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def alike(white: Whitened, hz: Mapping[int, float], variance: float = 1.0) -> It
     hz : mapping of int to float
         Frequencies of the records [Hz].
     variance : float
-        Of the noise in these standard deviations.
+        Variance of the noise in these standard deviations.
 
     Yields
     ------

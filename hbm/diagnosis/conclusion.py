@@ -1,4 +1,4 @@
-"""What is concluded from a decision: scored on the records held out, and said in numbers and sentences."""
+"""The conclusion from a decision: scored on the records held out, and said in numbers and sentences."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -62,7 +62,7 @@ RELIABLE = {
 """How often verdicts are right: a cause that leaves noise alone and foretells the records held out, one that leaves
 noise alone, one that leaves a background, a main cause, and so on; `within` where numbers within their tolerances
 explain what is missed. Right ones and one more, of all and two more, in 152 blind cases (seed 20261501, scored with
-2fb1e9d); docs/diagnosis.md says which of these were counted otherwise."""
+2fb1e9d); docs/theory/diagnosis.md says which of these were counted otherwise."""
 
 AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
@@ -148,7 +148,7 @@ class Conclusion:
         return estimates(known, std_within(known, self.search.trust.calibrated, campaign))
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
-        """What the model of the verdict leaves."""
+        """The misfit that the model of the verdict leaves."""
         plain = self.decision.base if self.decision.best is None else self.search.calibrated
         e = self._noise(best or plain)
         shares = {} if best is None else self._shares
@@ -158,7 +158,7 @@ class Conclusion:
     def _shares(self) -> dict[str, float]:
         """Share of the misfit of the rig file beyond noise that the best model explains, fitted and held out.
 
-        Of the rig file that it extends, as it is or calibrated.
+        The rig file is the one that it extends: as it is, or calibrated.
         """
         if self.best is None:
             return {}
@@ -177,7 +177,7 @@ class Conclusion:
 
     @cached_property
     def verdict(self) -> Verdict:
-        """Of the decision, on the records fitted and those held out."""
+        """Verdict that follows from the decision, on the records fitted and those held out."""
         if self.best is None:
             return self._without_cause(self.decision.base)
         best, scored = self.best
@@ -323,7 +323,7 @@ class Conclusion:
                 )
 
     def _background(self) -> Iterator[str]:
-        """What counts beside the noise because no candidate describes it."""
+        """Say what counts beside the noise because no candidate describes it."""
         sizes = {k: size for k, size in self.search.campaign.background.items() if size > 0.0}
         if sizes:
             told = ", ".join(f"{percent(size)} of harmonic {k}" for k, size in sizes.items())

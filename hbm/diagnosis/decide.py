@@ -1,4 +1,4 @@
-"""The decision of diagnosis.md section 4: who explains the misfit, who cannot be told from it, and whether it holds.
+"""The decision, docs/theory/diagnosis.md: who explains the misfit, who cannot be told from it, and whether it holds.
 
 Accepted over the calibrated nominal is what lowers BIC by more than :data:`DECISIVE` and chi2 by more than chance over
 all that were tried (Sidak), and what then fits records it has not seen.
@@ -148,7 +148,7 @@ class Decision:
 
     @property
     def story(self) -> Evaluation:
-        """What was decided for."""
+        """The fit that was decided for: that of the best cause, or of the base."""
         return self.best or self.base
 
 

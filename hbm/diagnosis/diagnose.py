@@ -48,7 +48,7 @@ def diagnose(
     causes : iterable of Cause, optional
         Candidates, or classes of them; the whole catalogue and every nominal value where omitted.
     tolerances : mapping of str to float, optional
-        What numbers of the rig file are off by at most, relative standard deviations by their keys; within these
+        Relative standard deviations of numbers of the rig file, by their keys. Within these
         nothing is called wrong. :data:`hbm.outputerror.nominal.TOLERANCES` where omitted.
     repeatability : float
         Share of its response by which the structure differs from one mounting to the next, 0.01 for 1 %. It counts as

@@ -52,7 +52,7 @@ class Discrepancy:
     level, hz : (r,) array
         Force [N] and frequency [Hz].
     chi2, points : float, int
-        Of the model; coefficients measured.
+        Misfit of the model, and the number of coefficients measured.
     places : tuple of MissingForce
         Each alone; the one that explains most first.
     beside : tuple of MissingForce
@@ -104,7 +104,7 @@ class Discrepancy:
         return bool(p.chi2 < dof + CLEAR * np.sqrt(2.0 * dof))
 
     def sentences(self) -> list[str]:
-        """What it says, with numbers."""
+        """Findings in sentences, with numbers."""
         return list(self._sentences())
 
     def _sentences(self) -> Iterator[str]:

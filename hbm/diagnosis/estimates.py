@@ -1,4 +1,4 @@
-"""What a model says of its cause: name, numbers, and for how long the tip is off its support."""
+"""Results of a model about its cause: name, numbers, and for how long the tip is off its support."""
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
@@ -10,7 +10,7 @@ from models.causes.parameter import WrongParameter
 
 
 def name_of(e: Evaluation) -> str:
-    """Name of the first cause, as formats.md has it."""
+    """Name of the first cause, as docs/reference/causes.md has it."""
     cause = e.model.causes[0]
     return cause.label if isinstance(cause, WrongParameter) else cause.name
 

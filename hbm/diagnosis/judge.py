@@ -81,9 +81,9 @@ def std_within(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaig
     Parameters
     ----------
     e : Evaluation
-        Of causes over the rig file as it is.
+        Fit of causes over the rig file as it is.
     tolerances : mapping of str to float
-        Of its numbers, by their keys.
+        Tolerances of its numbers, by their keys.
     campaign : Campaign
         Beside whose background they count.
 

@@ -64,7 +64,7 @@ class Misfit:
 
     @property
     def probability(self) -> float:
-        """Of as bad a misfit, anywhere looked at, by noise alone."""
+        """Probability that noise alone makes as bad a misfit, anywhere it was looked for."""
         return float(min(1.0, len(self.cells) * min(c.probability for c in self.cells)))
 
     @property

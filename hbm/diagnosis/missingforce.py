@@ -31,7 +31,7 @@ class Exponent:
 
 @dataclass(frozen=True, eq=False)
 class MissingForce:
-    """What is missing if it is missing at one place alone.
+    """The force that is missing if it is missing at one place alone.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class MissingForce:
     share : float
         Part of the misfit beyond noise that it explains, 0..1.
     chi2 : float
-        What is left.
+        Misfit that is left.
     left : float
         The same per coefficient beyond the unknowns, in noise variances.
     unknowns : int
@@ -47,7 +47,7 @@ class MissingForce:
     force : (r, H) complex array
         Amplitudes of harmonics 1..H [place.unit].
     std : (r, H) array
-        Of each of their parts.
+        Standard deviation of each of their parts.
     seen : (r, H) complex array
         Amplitudes of what it is held against [place.against].
     hz : (r,) array

@@ -34,7 +34,7 @@ def understated(e: Evaluation, campaign: Campaign) -> float | None:
 
 
 def said(k: float) -> str:
-    """What to do about it."""
+    """Say by how much all standard deviations are too small."""
     return (
         f"chi2 of every model is {k:.3g} times too large on all records, channels and harmonics alike: the standard "
         f"deviations of the spectra file are too small by about {np.sqrt(k):.3g}; the causes below may be noise."

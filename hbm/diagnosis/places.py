@@ -40,9 +40,9 @@ class Place:
     name : str
         In words, "the contact".
     kind : str
-        What is missing.
+        Kind of quantity that is missing.
     unit, against : str
-        Of what is missing, and of what it is held against.
+        Units of what is missing, and of what it is compared with.
     seen : function of a solution
         Amplitudes (H+1,) of what it is held against: the motion at the place, for a motion the load there, for a
         reading the reading.
@@ -217,7 +217,7 @@ def _support(rig: Rig, beam: Beam) -> Place:
 
 
 def sensor(name: str, unit: str) -> Place:
-    """What a sensor reads beside the motion."""
+    """Place that stands for what a sensor reads beside the motion."""
     return Place(
         f"sensor {name}", "reading", unit, unit, lambda s: s.basis.complex(s[name].coefficients), np.zeros((3, 0))
     )

@@ -1,4 +1,4 @@
-"""What a fitted model predicts of records that no fit has seen."""
+"""Predictions of a fitted model for records that no fit has seen."""
 
 from dataclasses import dataclass, replace
 

@@ -9,7 +9,7 @@ RESOLVED = 1e-7
 
 
 class Span:
-    """What the columns (m, n) span.
+    """The space that the columns (m, n) span.
 
     Parameters
     ----------
@@ -21,7 +21,7 @@ class Span:
     rank : int
         Combinations that are resolved.
     std : (n,) array
-        Of each amplitude, for rows in standard deviations; nan of a column that is nothing.
+        Standard deviation of each amplitude, for rows in standard deviations; nan for a column of zeros.
     """
 
     def __init__(self, columns: Array) -> None:
@@ -33,7 +33,7 @@ class Span:
         self.std = np.where(size > 0.0, np.linalg.norm(self.back, axis=1), np.nan)
 
     def across(self, rows: Array) -> Array:
-        """What the columns leave of rows (m, ...)."""
+        """The part of rows (m, ...) that the columns do not span."""
         return np.asarray(rows - self.U @ (self.U.T @ rows))
 
     def amplitudes(self, rows: Array) -> Array:

@@ -83,7 +83,7 @@ class QuickFits:
 
     @cached_property
     def few(self) -> Campaign:
-        """What they run on: records that the base misses far more than the others weigh no more than these.
+        """Campaign of the records that they run on; none that the base misses weighs far more than the others.
 
         A record beside a jump of the response may be missed a thousand times as much as all others together, and be on
         the wrong branch whatever a small step does: least squares would follow it and nothing else.

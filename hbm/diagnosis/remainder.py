@@ -1,4 +1,4 @@
-"""What a model leaves of the misfit: how much was explained, how large the rest is, where it is, what it looks like."""
+"""The misfit that a model leaves: how much was explained, how large the rest is, where it is, how it looks."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ TOGETHER = 0.6
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the model that was chosen leaves.
+    """The misfit that the model chosen leaves.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ def explained(before: Whitened, after: Whitened) -> float:
 
 
 def remainder(white: Whitened, campaign: Campaign, structured: bool, shares: Mapping[str, float]) -> Remainder:
-    """What records leave of a model.
+    """Work out the misfit that a model leaves of records.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ SEEN = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """What a candidate promises.
+    """The fall of chi2 that a candidate promises.
 
     Attributes
     ----------

@@ -363,9 +363,9 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
     Parameters
     ----------
     base : Evaluation
-        Of the model without the causes.
+        Fit of the model without the causes.
     found : Evaluation
-        Of one with them, maybe with others before them and over other calibrated numbers.
+        Fit of a model with them, maybe with others before them and over other calibrated numbers.
     causes : sequence of Cause
         The last ones of its model.
     campaign : Campaign

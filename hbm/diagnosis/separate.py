@@ -67,7 +67,7 @@ def _read(experiments: Iterable[Experiment], measured: int) -> Iterator[Experime
 
 
 def experiments(best: Evaluation, campaign: Campaign) -> Iterator[Experiment]:
-    """What could be measured beside what was."""
+    """Experiments that could be made beside those that were."""
     records = campaign.data.records
     forces, hz = np.array([r.force for r in records]), np.array([r.hz for r in records])
     rig = best.model.rig(best.x)

@@ -1,4 +1,4 @@
-"""What a diagnosis says: :class:`Diagnosis`, in sentences and as the JSON of formats.md section 4."""
+"""The result of a diagnosis: :class:`Diagnosis`, in sentences and as JSON (docs/reference/data_files.md)."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -72,23 +72,24 @@ class Ranked:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis(Displayed):
-    """What the simulation gets wrong, the cause, and what the extended model gains.
+    """The result of a diagnosis: what the simulation gets wrong, the cause, and the gain of the extended model.
 
     Attributes
     ----------
     verdict : str
         consistent; cause-found; main-cause, which is decisive but leaves much; or unexplained.
     cause : str or None
-        Of formats.md section 6.
+        Name of the cause, docs/reference/causes.md.
     parameters : dict of str to Estimate
     confidence : float
-        Weight of the verdict's model among all that were fitted (Bayesian information criterion).
+        How often a repetition of the measurement would end in this verdict, times how often such verdicts were right in
+        blind cases, 0 to 1; docs/theory/diagnosis.md.
     not_separable : tuple of str
         Candidates that these records cannot tell from the cause.
     separate_by : str
         The measurement that would.
     remainder : Remainder
-        What the model of the verdict leaves: the extended one, or the calibrated nominal.
+        The misfit that the model of the verdict leaves: the extended one, or the calibrated nominal.
     errors : dict
         nominal, calibrated, extended -> train, held_out -> Errors.
     held_out_records : tuple of int

@@ -39,12 +39,12 @@ def plot_backbones(
     Parameters
     ----------
     backbones : sequence of Backbone
-        Of one mode of one rig.
+        Backbones of one mode of one rig.
     curves : sequence of ResponseCurve
         Levels to draw beneath them.
     axes : array of three Axes, optional
     number : int
-        Of the mode, for the linear limits.
+        Number of the mode, for the linear limits.
 
     Returns
     -------

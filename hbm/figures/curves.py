@@ -227,7 +227,7 @@ def mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
 
 
 def _places(curve: ResponseCurve, y: Array) -> dict[str, tuple[Array, Array]]:
-    """What is varied, and height, of the markers of each kind; a bifurcation is marked where it was located."""
+    """Parameter and height of the markers of each kind; a bifurcation is marked where it was located."""
     points = curve.branch.points
     at = {
         "corner": [i for i, p in enumerate(points) if p.corner],

@@ -67,7 +67,7 @@ class Compared:
     measured, simulated : (m,) complex array
         Amplitudes, the force a cosine.
     std : (m,) array
-        Of each part.
+        Standard deviation of each part.
     held_out : (m,) bool array
     """
 
@@ -114,7 +114,7 @@ class View:
 
 
 def clearest(models: Sequence[Compared], *, missed: bool) -> View:
-    """What models miss most, relative to the response of the channel; or what moves most.
+    """Harmonic of a channel that models miss most, relative to its response; or the one that moves most.
 
     Deviations that noise may make do not count. Curves of a few records are passed over where there are longer ones.
     """
@@ -145,7 +145,7 @@ def noise_error(c: Compared, *, held: bool) -> float:
 
 
 def record_errors(c: Compared) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """Of each record: place of its first entry, relative error over all channels and harmonics, and that of noise."""
+    """For each record: place of its first entry, relative error over all channels and harmonics, and that by noise."""
     _, first, inverse = np.unique(c.record, return_index=True, return_inverse=True)
     size = _typical(c)
     off, noise, whole = (
@@ -205,7 +205,7 @@ def plot_responses(
     ----------
     models : mapping of str to Compared
     channels, units : sequence of str
-        Of those measured; the first six are drawn.
+        Names and units of the channels measured; the first six are drawn.
     axes : array of Axes, optional
         One per channel and band.
 
@@ -247,7 +247,7 @@ def plot_responses(
 
 
 def measured_points(ax: Axes, c: Compared, own: npt.NDArray[np.bool_], colors: Mapping[float, Any]) -> None:
-    """What was measured, by level; hollow where held out."""
+    """Draw the measured points, by level; hollow where held out."""
     for held in (False, True):
         i = own & (c.held_out == held)
         if not i.any():

@@ -51,7 +51,7 @@ class ParameterByLevel:
         Force levels [N].
     value, std : (l,) array
     overall, overall_std : float
-        Of all levels together; nan where not fitted.
+        Value for all levels together and its standard deviation; nan where not fitted.
     """
 
     law: str
@@ -146,7 +146,7 @@ def _draw_laws(ax: Axes, reconstruction: "Reconstruction", predicted: Predicted,
 def plot_law_residuals(
     reconstruction: "Reconstruction", predicted: Predicted, axes: AxesArray | None = None
 ) -> AxesArray:
-    """What laws leave of each harmonic of friction, beside what the sensors resolve.
+    """Draw the friction that laws leave in each harmonic, beside the resolution of the sensors.
 
     Left: rms over the records [N]. Right: relative to the resolution of the sensors in each record; near 1 where a law
     leaves noise alone, to which that of the slip adds through the law's stiffness.

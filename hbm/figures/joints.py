@@ -27,7 +27,7 @@ def colors_of(rig: "JointedRig") -> list[Any]:
 
 
 def _units(rig: "JointedRig") -> tuple[str, str]:
-    """Of forces, and of motions in millionths."""
+    """Units of forces, and of motions in millionths."""
     motions, forces = (list(dict.fromkeys(units)) for units in zip(*rig.units, strict=True))
     return ", ".join(forces), ", ".join(f"µ{unit}" for unit in motions)
 

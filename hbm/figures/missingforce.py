@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def plot_missing_force(d: "Discrepancy", axes: AxesArray | None = None) -> AxesArray:
-    """What is left with an unknown force at each place, and of the best one harmonics, phase and growth.
+    """Draw the misfit left with an unknown force at each place; of the best place harmonics, phase and growth.
 
     Parameters
     ----------

@@ -29,7 +29,7 @@ from hbm.fourier import Array
 def plot_overview(
     models: Mapping[str, Compared], view: View, quantity: str, unit: str, axes: AxesArray | None = None
 ) -> AxesArray:
-    """What shows the misfit best, before and after; and the error of each record.
+    """Draw the signal that shows the misfit best, before and after, and the error of each record.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class Section:
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """What an HTML page says, from top to bottom.
+    """Content of an HTML page, from top to bottom.
 
     Attributes
     ----------

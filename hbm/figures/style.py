@@ -1,4 +1,4 @@
-"""What the figures have in common: sizes, inks, axes, one colour per level."""
+"""Common style of the figures: sizes, inks, axes, one colour per level."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -57,11 +57,11 @@ def panels(
         So many, in any shape.
     rows, columns : int
     height : float
-        Of a new figure [inches].
+        Height of a new figure [inches].
     layout : str or layout engine
-        Of a new figure.
+        Layout of a new figure.
     **grid
-        Of the panels of a new figure, as in `Figure.subplots`.
+        Arguments for the panels of a new figure, as in `Figure.subplots`.
 
     Returns
     -------
@@ -90,9 +90,9 @@ def wrapped_panels(axes: AxesArray | None, count: int, heading: float, height: f
     axes : array of Axes, optional
     count : int
     heading, height : float
-        Of what stands above the panels of a new figure and of a row of them [inches].
+        Heights of what stands above the panels of a new figure, and of a row of panels [inches].
     **grid
-        Of the panels of a new figure, as in `Figure.subplots`.
+        Arguments for the panels of a new figure, as in `Figure.subplots`.
 
     Returns
     -------

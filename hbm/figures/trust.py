@@ -234,7 +234,7 @@ def _separate_levels(ax: Axes, levels: Array) -> None:
 
 
 def plot_resolution(reconstruction: "Reconstruction", axes: AxesArray | None = None) -> AxesArray:
-    """What the sensors can tell of the friction force, harmonic by harmonic.
+    """Draw how well the sensors resolve the friction force, harmonic by harmonic.
 
     Left: standard deviation by the sensors alone, beside the friction there is. Right: condition number of telling
     friction from the excitation. Lines are medians over the records, bands the range.

@@ -29,7 +29,7 @@ def write_backbones(
         CSV file; the companion is :func:`hbm.files.outputs.companion` of it.
     backbones : sequence of Backbone
     changes : sequence of NumericalChange
-        Of each.
+        Numerical change of each backbone.
     mode : int
         Number of the mode.
 

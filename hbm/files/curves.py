@@ -1,4 +1,4 @@
-"""Result files: curves and time histories written and read back, formats.md sections 3 and 4.
+"""Result files: curves and time histories written and read back, docs/reference/data_files.md.
 
 A curve file (CSV) has a companion of the same name ending in ``.json`` with what a table of points has no
 place for: numerical error, folds, corners, lift-off, why the curve ended. Every file appears complete or not at all.
@@ -155,7 +155,7 @@ def _stability(curve: ResponseCurve) -> list[str]:
 
 
 def curve_summary(curves: Sequence[ResponseCurve]) -> dict[str, Any]:
-    """What the companion says of curves."""
+    """Content of the companion of curves."""
     first = curves[0]
     return {
         "schema": SCHEMA,
@@ -218,7 +218,7 @@ class SavedCurve:
     channels : dict of str to ChannelCurve
         As in :class:`hbm.ResponseCurve`; the unit is empty without the companion.
     summary : dict
-        What the companion says of this level, empty without it.
+        Entries of the companion for this level, empty without it.
     """
 
     level: float
@@ -297,7 +297,7 @@ def _channel(a: Array, unit: str) -> ChannelCurve:
 
 
 def summary_of(path: StrPath) -> dict[str, Any]:
-    """What the companion of a curve file says, nothing without it."""
+    """Content of the companion of a curve file, empty without it."""
     beside = companion(path)
     if not beside.exists():
         return {}

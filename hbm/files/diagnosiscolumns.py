@@ -101,7 +101,7 @@ def deviation_columns(models: Mapping[str, figures.Compared], channels: Sequence
 
 
 def place_columns(d: Discrepancy) -> Columns:
-    """What each place explains, alone and beside the contact."""
+    """Share of the misfit that each place explains, alone and beside the contact."""
     names = ("place", "beside_contact", "share", "chi2", "noise_variances", "dissipative_share", "stiffness")
     placed = [(p, False) for p in d.places] + [(p, True) for p in d.beside]
     rows = [(p.place.name, beside, p.share, p.chi2, p.left, p.dissipative_share, p.stiffness) for p, beside in placed]

@@ -1,6 +1,6 @@
 """Everything about a diagnosis in one folder: the verdict, the extended rig, figures with their numbers, one HTML page.
 
-``diagnosis.json`` is formats.md section 4; ``extended.toml`` is there where a cause was found.
+``diagnosis.json`` is docs/reference/data_files.md; ``extended.toml`` is there where a cause was found.
 :func:`diagnosis_contents` makes the files; :data:`FILES` names all there can be.
 """
 
@@ -77,9 +77,9 @@ class Diagnosed:
         Nominal.
     spectra : MeasuredSpectra
     force : Discrepancy or None
-        What the calibrated model lacks; None where it was not worked out.
+        Force that the calibrated model lacks; None where it was not worked out.
     warnings : tuple of str
-        What to beware of, such as a part of the result that is missing.
+        Warnings, such as a part of the result that is missing.
     """
 
     diagnosis: Diagnosis
@@ -101,7 +101,7 @@ class Diagnosed:
 
     @cached_property
     def view(self) -> figures.View | None:
-        """What shows the misfit best; of a rig that is consistent, what moves most."""
+        """Signal that shows the misfit best; if the rig is consistent, the one that moves most."""
         models = self.compared
         if not models:
             return None
@@ -115,7 +115,7 @@ class Diagnosed:
         return () if campaign is None else tuple(campaign.data.channels)
 
     def answers(self) -> dict[str, str]:
-        """What is said first, by what it answers."""
+        """The six answers that are said first, by their question."""
         view, where, noise = self.view, "", 0.0
         if view is not None:
             where = f"harmonic {view.harmonic} of {self.channels[view.channel]} at {view.level:.3g} N"
@@ -167,7 +167,7 @@ def diagnosis_table(found: Diagnosed) -> dict[str, Any]:
 
 
 def extensions_of(diagnosis: Diagnosis, named: Mapping[type, str]) -> list[Extension]:
-    """What makes the extended rig of the nominal one: calibrated numbers, then causes."""
+    """Extensions that make the extended rig of the nominal one: calibrated numbers, then causes."""
     e = diagnosis.extended_fit
     if e is None:
         return []

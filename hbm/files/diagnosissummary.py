@@ -1,4 +1,4 @@
-"""What a diagnosis says first: six answers for who reads no further, as printed and as on the first screen of the page.
+"""The summary of a diagnosis: six answers for a reader who stops there, as printed and as on the first screen.
 
 What is wrong, why, what was added to the model, what that gains on records no fit has seen, what remains, and what to
 measure next.
@@ -52,11 +52,11 @@ def first_screen(
     ----------
     d : Diagnosis
     force : Discrepancy or None
-        What the calibrated model lacks.
+        Force that the calibrated model lacks.
     added : sequence of Extension
-        What makes the extended rig of the nominal one.
+        Extensions that make the extended rig of the nominal one.
     where : str
-        What shows the misfit best, in words.
+        Name of the signal that shows the misfit best, in words.
     noise : float
         Relative error that noise alone makes, on the records held out if there are any; 0 where it is not known.
 
@@ -127,7 +127,7 @@ def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
 
 
 def _instead_of(neutral: float) -> str:
-    """What the rig file says, where it says anything."""
+    """Value of the rig file in words, where it has one."""
     return f" instead of {neutral:.4g}" if math.isfinite(neutral) and neutral != 0.0 else ""
 
 

@@ -19,12 +19,12 @@ class Plate:
     Attributes
     ----------
     name : str
-        Of its files, ``figures/<name>.png`` and ``figures/<name>.csv``.
+        Name of its files, ``figures/<name>.png`` and ``figures/<name>.csv``.
     heading, caption : str
     axes : array of Axes
         All that the figure shows.
     columns : mapping of str to (n,) array
-        What is drawn, in SI units.
+        Columns that are drawn, in SI units.
     """
 
     name: str

@@ -62,7 +62,7 @@ class IdentifiedLaw:
     range_error : float
         Obj (24) of the paper: mean squared difference of the ranges of the friction force [N^2].
     slip, friction : (r, N) array
-        What it predicts of the reconstruction's records [m], [N]; nan where a record was held out.
+        Signals that it predicts for the reconstruction's records [m], [N]; nan where a record was held out.
     by_level : tuple of ParameterByLevel
     """
 
@@ -112,7 +112,7 @@ def identified_law(
 
 
 def law_warnings(fit: LawFit) -> list[str]:
-    """What to beware of in a fit, a line each."""
+    """Warnings about a fit, a line each."""
     quality, lines = fit.quality, []
     if not quality.fits:
         lines.append(
@@ -145,7 +145,7 @@ def identify_contents(
     Parameters
     ----------
     reconstruction : Reconstruction
-        What the laws were fitted to.
+        Reconstruction that the laws were fitted to.
     laws : sequence of IdentifiedLaw
     verdict : str
         Which law is best, and which cannot be told from it.

@@ -1,4 +1,4 @@
-"""Reconstruction files: written, and the table of signals read back, formats.md section 4.
+"""Reconstruction files: written, and the table of signals read back, docs/reference/data_files.md.
 
 ``reconstruction.csv`` holds the signals over the period, ``energy.csv`` a row per record, ``harmonics.csv`` a row per
 record and harmonic; ``reconstruction.mat`` and ``reconstruction.nc`` hold all of it as arrays.

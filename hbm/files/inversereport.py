@@ -33,7 +33,7 @@ class Drawing:
     name, heading, caption : str
     draw : function of a reconstruction and records
     columns : function of a reconstruction and records
-        What is drawn, in SI units.
+        Columns that are drawn, in SI units.
     """
 
     name: str

@@ -67,7 +67,7 @@ class SavedParameterCurve:
     parameter, unit : str
         Key of the number and its unit, empty without the companion.
     values : (points,) array
-        Of the number.
+        Values of the number followed.
     curve : SavedCurve
         Everything else; its level is that of the first point.
     """

@@ -28,7 +28,7 @@ class Answer:
     T : (2H+1,) array
         Coefficients on the wide basis [N].
     signals : (2H+1, 4) array
-        What the law was shown.
+        Signals that the law was shown.
     slopes : ContactForce
         Derivatives of the law's force to what it was shown.
     matrix : (2H+1, 2H+1) array
@@ -68,7 +68,7 @@ class LawOnRecords:
         return self.observed.basis
 
     def environment(self, values: Array) -> Environment:
-        """What the law is told besides signals, for parameters `values` (p,)."""
+        """Inputs of the law besides signals, for parameters `values` (p,)."""
         return Environment(self.observed.compliance, self.observed.load, values)
 
     def start_from(self, other: "LawOnRecords") -> None:

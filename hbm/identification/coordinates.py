@@ -198,7 +198,7 @@ class Coordinates:
     parameters : dict of str to Parameter
         All of the law's, in its order.
     free : dict of str to Coordinate
-        Of those that are fitted, in the law's order.
+        Coordinates that are fitted, in the law's order.
     held : dict of str to float
         Values of the others.
     """

@@ -65,7 +65,7 @@ class Judged:
     jacobian : (r, c, n) array
         Derivatives of `white` to the coordinates, the covariance held.
     strangeness : (r,) array
-        What the standard deviations of a record were multiplied by, where it fits much worse than the others.
+        Factor on the standard deviations of a record that fits much worse than the others.
     """
 
     x: Array
@@ -77,7 +77,7 @@ class Judged:
 
     @property
     def chi2(self) -> Array:
-        """Of each record, its standard deviations as they are, (r,)."""
+        """Misfit of each record, with its standard deviations as they are, (r,)."""
         return np.asarray(np.sum(self.white**2, axis=1) * self.strangeness**2)
 
 

@@ -96,7 +96,7 @@ def identify(
     rig : Rig
         Its law's parameters are not used; a law of its class takes over its settings.
     reconstruction : Reconstruction
-        Of records on this rig.
+        Reconstruction of records on this rig.
     laws : sequence of str, law class, or law
         Names in :data:`models.LAWS` or ``file.py:Class``; a law with parameters is where its fit starts.
     held_out : iterable of int, optional
@@ -120,7 +120,7 @@ def identify(
 
     References
     ----------
-    physics.md sections 3 and 5; (24).
+    docs/theory/equations.md sections 3 and 5; (24).
     """
     held = None if held_out is None else _held(reconstruction, held_out)
     scales, observed = scales_of(reconstruction), observe(reconstruction)

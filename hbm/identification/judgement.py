@@ -19,7 +19,7 @@ def fitted_parameters(coordinates: Coordinates, x: Array, covariance: Array, sca
     coordinates : Coordinates
     x : (n,) array
     covariance : (n, n) array
-        Of the coordinates.
+        Covariance of the coordinates.
     scales : Scales
         For slip speeds in reasons.
 

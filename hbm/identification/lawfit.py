@@ -1,4 +1,4 @@
-"""What an identification returns: parameters of laws with uncertainties, how well the laws fit, and which is best."""
+"""Results of an identification: parameters of laws with uncertainties, how well laws fit, and which is best."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -136,7 +136,7 @@ class Quality:
 
     @property
     def probability(self) -> float:
-        """Of a chi2 as large by noise alone."""
+        """Probability that noise alone makes so large a chi2."""
         return float(stats.chi2.sf(self.chi2, self.dof))
 
     @property
@@ -146,7 +146,7 @@ class Quality:
 
     @property
     def inflation(self) -> float:
-        """What standard deviations are multiplied by: more than 1 where the fit fails."""
+        """Factor on standard deviations: more than 1 where the fit fails."""
         return 1.0 if self.fits else float(np.sqrt(self.chi2_reduced))
 
     @property
@@ -182,7 +182,7 @@ class HeldOut:
     records : (m,) int array
         Their numbers.
     chi2, informed : (m,) arrays
-        Of each.
+        Misfit of each record, and the number of its coefficients that the measurement decides.
     relative_error : float
         ||T - predicted|| / ||T|| over all of them, harmonics 1..H.
     how : str
@@ -217,7 +217,7 @@ class Loops:
     slip, friction : (r, 256) arrays
         Reconstructed [m], [N].
     fitted_slip, fitted_friction : (r, 256) arrays
-        Of the law; as many harmonics as were measured, and the law's own mean.
+        Signals by the law; as many harmonics as were measured, and the law's own mean.
     """
 
     slip: Array
@@ -233,14 +233,14 @@ class LawFit:
     Attributes
     ----------
     name : str
-        What it was asked for by.
+        Name that it was asked for by.
     law : FrictionLaw
         With the fitted values.
     parameters : FittedParameters
     quality : Quality
     records : (r,) int array
     chi2 : (r,) array
-        Of each record.
+        Misfit of each record.
     residual : (r, H) complex array
         Reconstructed less predicted friction, harmonics 1..H [N].
     predicted : (r, H+1) complex array
@@ -251,7 +251,7 @@ class LawFit:
     loops : Loops
     held_out : HeldOut or None
     notes : tuple of str
-        What to beware of, a line each.
+        Warnings, a line each.
     """
 
     name: str

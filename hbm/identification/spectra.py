@@ -68,7 +68,7 @@ class SpectraFit:
     records : (r,) int array
         Those whose steady state was found.
     chi2 : (r,) array
-        Of each.
+        Misfit of each record.
     residual : (r, c, H) complex array
         Measured less simulated, in the channel's unit; the phase is that of the force. nan where not measured.
     solutions : tuple of PeriodicSolution, (r,)
@@ -120,11 +120,11 @@ def fit_spectra(
         Its own law is not used.
     spectra : MeasuredSpectra
     law : LawFit or FrictionLaw
-        What :func:`identify` found, or a law with parameters near the truth.
+        Result of :func:`identify`, or a law with parameters near the truth.
     reconstruction : Reconstruction, optional
-        Of these spectra: where steady states start, which decides their branch. Made where omitted.
+        Reconstruction of these spectra. Steady states start from it, which decides their branch. Made where omitted.
     harmonics : int, optional
-        Of the simulation; where omitted, as many as it takes for numerics to stay below the noise.
+        Harmonics of the simulation; where omitted, as many as keep the numerical error below the noise.
     hold : iterable of str
         Parameters that are not fitted.
     on_progress : callable, optional

@@ -103,7 +103,7 @@ class Candidate:
     law : FrictionLaw
         With the parameters of the first start.
     label : str
-        What the caller called it.
+        Name that the caller gave it.
     coordinates : Coordinates
     x : (n,) array
         First start.

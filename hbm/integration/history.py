@@ -28,7 +28,7 @@ class State:
     friction : float
         T [N].
     z : (memory,) array
-        What the friction law remembers, :meth:`hbm.aft.step.LawStep.memory`.
+        Memory of the friction law, :meth:`hbm.aft.step.LawStep.memory`.
     time : float
         [s]; the fundamental of the force is level cos(2 pi hz time).
     """
@@ -125,7 +125,7 @@ class TimeHistory:
         First time at which the reaction was negative [s], among all steps marched: from there on the tip
         would have left the support and the motion is not to be trusted.
     largest_residual : float
-        Of the implicit relation at the contact [N].
+        Largest residual of the implicit relation at the contact [N].
     """
 
     rig: Rig
@@ -171,7 +171,7 @@ class TimeHistory:
         return np.asarray(Omega**derivative * excitation.force(Omega * self.time, derivative))
 
     def _beyond(self, place: int, derivative: int = 0) -> Array:
-        """What elements move drive (0) or a response channel (from 1) by beyond the modes, or its derivative, (N,)."""
+        """Motion that elements add to drive (0) or a response channel (from 1) beyond the modes, or its rate, (N,)."""
         moved = self._moved[:, place]
         return (moved, *differences(moved, 1.0 / (self.hz * self.samples_per_period)))[derivative]
 
@@ -180,7 +180,7 @@ class TimeHistory:
         return forces_in_time(self.rig, self.q, self.qdot, self.force).moved
 
     def _there(self, channel: Channel) -> Array:
-        """What there is of the quantity of a channel, (N,): of the modes, and the static response of those left out."""
+        """Quantity at a channel, (N,), by the modes and the static response of those left out."""
         if channel.quantity == "force":
             return self.force
         modes, force, friction = {

@@ -78,25 +78,25 @@ def simulate(
     hz : float
         Frequency [Hz], > 0.
     duration : float, optional
-        [s], rounded to whole steps; 50 periods unless given.
+        Duration [s], rounded to whole steps; 50 periods unless given.
     level : float, optional
         Force amplitude [N]; the rig's unless given.
     steps_per_period : int
         The error falls with its square, or in proportion where friction jumps (set-valued laws without compliance).
     start : State, optional
-        From rest unless given; of a rig with joints (size,) numbers, :func:`hbm.integration.jointed.simulate_joints`.
+        Initial state; at rest unless given. A rig with joints takes (size,) numbers, see
+        :func:`hbm.integration.jointed.simulate_joints`.
     last_periods : int, optional
-        Keep these only; everything unless given.
+        Number of periods at the end to keep; everything unless given.
     every : int
-        Keep every so many steps; a divisor of `steps_per_period`.
+        Keep one of so many steps; a divisor of `steps_per_period`.
     progress : callable, optional
-        Told the time reached [s] after each period.
+        Called with the time reached [s] after each period.
 
     Returns
     -------
     TimeHistory, or JointHistory
-        The latter of a rig with joints, over whole periods and every step.
-        Including the instant it starts from.
+        JointHistory for a rig with joints, over whole periods and every step. The first instant is included.
 
     Raises
     ------

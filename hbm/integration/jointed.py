@@ -40,7 +40,7 @@ class JointHistory:
         Modes, their velocities, forces at the ports, memory of the laws.
     samples_per_period : int
     largest_residual : float
-        Of the implicit relation at the joints, in units of the excitation.
+        Largest residual of the implicit relation at the joints, in units of the excitation.
     """
 
     rig: JointedRig
@@ -101,7 +101,7 @@ class JointHistory:
         return np.asarray(modes @ row + self._rates[derivative] @ by_joints + by_force * self.force(derivative))
 
     def _there(self, name: str) -> Array:
-        """What there is of the quantity of a channel of the rig, (N,)."""
+        """Quantity at a channel of the rig, (N,)."""
         s, seen = self.rig.structure, [c.name for c in self.rig.response_channels]
         if name not in seen:
             return self.force()

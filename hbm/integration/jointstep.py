@@ -26,7 +26,7 @@ class Layout:
     ----------
     modes, ports : int
     memory, signals : tuple of int
-        Of each joint: internal states, and signals of the sample before that its law uses.
+        For each joint: internal states, and signals of the sample before that its law uses.
     """
 
     modes: int

@@ -29,7 +29,7 @@ NEWTON_BESIDE_ELEMENTS = (5, 1, 1)
 
 @dataclass(frozen=True)
 class Shape:
-    """What decides the instructions of a step; everything else is a run-time parameter.
+    """Choices that decide the instructions of a step; everything else is a run-time parameter.
 
     Attributes
     ----------
@@ -180,12 +180,12 @@ class _Elements:
         return forces, by_q, by_v
 
     def started(self, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """What the forces at the start of a step add to q and v at its end."""
+        """Parts of q and v at the end of a step that the forces at its start add."""
         forces = self.at(q, v, self.start)[0][: self.shape.modes]
         return self.p["element_q_old"] * forces, self.p["element_v_old"] * forces
 
     def kept(self, q: ca.SX, v: ca.SX) -> tuple[ca.SX, ca.SX]:
-        """What forces as large at the end add."""
+        """Parts that equal forces at the end add."""
         forces = self.at(q, v, self.end)[0][: self.shape.modes]
         return self.p["element_q_new"] * forces, self.p["element_v_new"] * forces
 

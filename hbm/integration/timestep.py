@@ -211,7 +211,7 @@ def _reaction_rows(structure: ModalStructure) -> dict[str, Array | float]:
 
 
 def _element_rows(rig: Rig, E: Array) -> dict[str, Array | float]:
-    """What the elements read and push, what they add to the reaction, and the weights of their forces."""
+    """Rows of the elements, their shares in the reaction, and the weights of their forces."""
     s = rig.structure
     rows, share, weight, static = stacked(rig.element_rows)
     _, force_weights = weights(E, 0.0, None)

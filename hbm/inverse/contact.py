@@ -122,7 +122,7 @@ class Contact:
 
     @property
     def law_inputs(self) -> LawInputs:
-        """What a friction law is shown."""
+        """Signals that a friction law is shown."""
         shown = ("modal_slip", "rho", "eta")
         factor = np.stack([self._deviations(name) for name in ("friction", *shown)], axis=2)
         u, rho, eta = (self.amplitudes[name] for name in shown)
@@ -130,7 +130,7 @@ class Contact:
 
 
 def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:
-    """Signals at the contact that follow from force and motion; physics.md section 2.
+    """Signals at the contact that follow from force and motion; docs/theory/equations.md section 2.
 
     Parameters
     ----------

@@ -172,7 +172,7 @@ def prior(amplitude: Array, std: Array) -> tuple[Array, Array, Array]:
     order : (r,) array
         One of `ORDERS`.
     size, largest : (r, 2) arrays
-        Of even and of odd harmonics: the most likely, and the largest as likely within the noise [N].
+        Size of even and of odd harmonics: the most likely, and the largest as likely within the noise [N].
     """
     parts = max(1, amplitude.size * SIZES * len(ORDERS) // MOST_NUMBERS)
     rows = zip(np.array_split(amplitude, parts), np.array_split(std, parts), strict=True)

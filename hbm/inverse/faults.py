@@ -1,4 +1,4 @@
-"""What may be wrong with one channel, each a parameter that is fitted to what all others say it must read."""
+"""Faults that one channel may have, each a parameter that is fitted to what all others say it must read."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -26,7 +26,7 @@ class Fault:
     Attributes
     ----------
     cause : str
-        Name of the cause in formats.md section 6, or `sensor-dead`, `sensor-noise`, `sensor-unknown`.
+        Name of the cause in docs/reference/causes.md, or `sensor-dead`, `sensor-noise`, `sensor-unknown`.
     channel : str
     value, std : float
         Gain, delay [s], position [m], or how many times the stated standard deviation it scatters.
@@ -37,7 +37,7 @@ class Fault:
     other : str
         Channel it is exchanged with.
     alternatives : tuple of Fault
-        What else about the channel explains it as well.
+        Other faults of the channel that explain it as well.
     """
 
     cause: str
@@ -84,7 +84,7 @@ def explanations(readings: Readings, channel: str, others: Others) -> Iterator[F
     readings : Readings
     channel : str
     others : Others
-        What the other channels say.
+        Predictions of the other channels.
 
     Yields
     ------

@@ -53,7 +53,7 @@ def _sure(value: float, std: float, scale: float = 1.0) -> str:
 
 
 def disagreement(base: Readings, left_out: bool) -> Iterator[str]:
-    """What is left that is no channel's fault."""
+    """Misfit that is left and is no channel's fault."""
     everyone = base.everyone
     if len(base.seen.channels) < 2 or everyone.dof < 1.0:
         yield (
@@ -97,7 +97,7 @@ def _worst(base: Readings) -> str:
 
 
 def assumed(rig: Rig, spectra: MeasuredSpectra) -> Iterator[str]:
-    """What is assumed of what some channels did not measure; together where they lack the same harmonics."""
+    """Assumptions about signals that some channels did not measure; together where they lack the same harmonics."""
     forces = [c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels]
     if not forces:
         yield (

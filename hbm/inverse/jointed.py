@@ -63,7 +63,7 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
     ----------
     rig : JointedRig
     spectra : MeasuredSpectra
-        Of response channels and, if measured, the force; else the nominal cosine of its level.
+        Spectra of response channels and, if measured, the force; else the force is the nominal cosine of its level.
 
     Raises
     ------

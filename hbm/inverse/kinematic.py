@@ -139,7 +139,7 @@ class _Equations:
     by_z : (r, H+1, t, 2) complex array
     by_error : (r, H+1, t, p) complex array
     known : (r, H+1, t) complex array
-        Of what was measured.
+        Coefficients that were measured.
     whiten : (r, H+1, t, t) complex array
         Makes the errors independent, of unit variance.
     """

@@ -108,7 +108,7 @@ class Observed:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """What the structure does in each record; r records, harmonics 0..H, n modes."""
+    """Motion of the structure in each record; r records, harmonics 0..H, n modes."""
 
     sensing: Sensing
     q: Complex

@@ -36,7 +36,7 @@ class Placement:
     std : float
         Expected standard deviation of friction at any instant, rms over the frequencies [N].
     by_harmonic : (H,) array
-        Of each cosine and sine of friction [N].
+        Standard deviation of each cosine and sine of friction [N].
     condition : (H,) array
         Condition number of telling friction from the excitation by the sensors alone, median over the frequencies.
     noise : float
@@ -113,7 +113,7 @@ def place_sensors(
     noise : float
         Standard deviation of each cosine and sine, equal for all sensors.
     quantity : str
-        What they measure.
+        Quantity that they measure.
     force_noise : float or None
         The same of the force [N]; None where the force is not measured.
     spacing : float
@@ -154,7 +154,7 @@ def place_sensors(
 
 @dataclass(frozen=True, eq=False)
 class _Expected:
-    """What is to be expected of sensors: frequencies f of the range, harmonics 1..H."""
+    """Expected signals and noise of sensors: frequencies f of the range, harmonics 1..H."""
 
     rig: Rig
     hz: tuple[float, float]
@@ -205,7 +205,7 @@ class _Expected:
         return np.asarray(1.0 / (J[..., 0, 0].real - np.abs(J[..., 0, 1]) ** 2 / J[..., 1, 1].real))
 
     def placement(self, positions: Array) -> Placement:
-        """What sensors at these positions are expected to tell."""
+        """Information that sensors at these positions are expected to give."""
         positions = np.sort(positions)
         information = self.information(positions).sum(axis=0)
         variance = self.variance(information)

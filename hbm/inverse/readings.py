@@ -1,4 +1,4 @@
-"""What each channel reads beside what all others say it must: the innovations of sensors.
+"""Innovations of sensors: the reading of each channel less what all others predict for it.
 
 Friction and force are free at every harmonic here, without a prior, so that nothing is assumed of the contact: with c
 channels, the force among them, c - 2 complex numbers per record and harmonic are left to contradict the structure.
@@ -43,7 +43,7 @@ def even(chi2: Array, dof: Array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Others:
-    """What all channels but one say of friction and force: r records, harmonics 1..H.
+    """Friction and force by all channels but one: r records, harmonics 1..H.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Readings:
 
     @cached_property
     def everyone(self) -> Others:
-        """What all channels say together."""
+        """Friction and force by all channels together."""
         return self.others(())
 
     @cached_property
@@ -137,7 +137,7 @@ class Readings:
         return sum(self.count(name) for name in self.channels)
 
     def others(self, without: tuple[str, ...]) -> Others:
-        """What all channels but those named say."""
+        """Friction and force by all channels but those named."""
         keep = [i for i, name in enumerate(self.channels) if name not in without]
         A, known = self.rows[:, :, keep, :2], self.rows[:, :, keep, 2]
         left = self.read[:, :, keep] - known
@@ -156,7 +156,7 @@ class Readings:
         )
 
     def against(self, channel: str, others: Others) -> tuple[Complex, Array]:
-        """What a channel read less what the others predict, and the variance of that, (r, H)."""
+        """Reading of a channel less what the others predict, and the variance of that, (r, H)."""
         j = self.channels.index(channel)
         rows = self.rows[:, :, j]
         unsure = np.einsum("rki,rkij,rkj->rk", rows[..., :2], others.covariance, rows[..., :2].conj()).real

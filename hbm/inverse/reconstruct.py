@@ -28,7 +28,7 @@ FORMULATIONS: dict[str, Callable[[Sensing, Array], ForceEstimate]] = {
     "nnm": nnm,
     "nnm-spline": nnm_spline,
 }
-"""How the force is found, see docs/inverse.md; the first is the default, the others fit the deflection first."""
+"""How the force is found, see docs/theory/inverse.md; the first is the default, the others fit the deflection first."""
 
 MEAN_ROUNDS = 4
 """The mean friction and the motion are found in turns; the motion hardly depends on it."""
@@ -61,7 +61,7 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
 
     References
     ----------
-    physics.md section 5; (6)-(14), (26).
+    docs/theory/equations.md section 5; (6)-(14), (26).
     """
     expect_rig(rig, "reconstruct")
     if formulation not in FORMULATIONS:

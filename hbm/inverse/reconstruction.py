@@ -1,4 +1,4 @@
-"""What the inverse harmonic balance returns: contact signals with their uncertainty, and how well the sensors fit."""
+"""Results of the inverse harmonic balance: contact signals with uncertainty, and how well the sensors fit."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,11 +33,11 @@ class EstimatedSignal:
     coefficients : (r, 2H+1) array
         Fourier coefficients a_0, a_1..a_H, b_1..b_H.
     coefficient_std : (r, H+1) array
-        Of each of the cosine and sine coefficients.
+        Standard deviation of each of the cosine and sine coefficients.
     samples : (r, N) array
         Values at the phases 0, 1/N... of the period.
     std : (r, N) array
-        Of the samples: noise, and the harmonics above those measured.
+        Standard deviation of the samples: noise, and the harmonics above those measured.
     """
 
     unit: str
@@ -76,7 +76,7 @@ class Misfit:
     chi2 : (r, c) array
         Squared residuals, in units of the standard deviations, summed over harmonics.
     expected : (r, c) array
-        What noise alone leaves of it on the mean; the degrees of freedom.
+        Misfit that noise alone leaves on the mean: the degrees of freedom.
     """
 
     channels: tuple[str, ...]
@@ -85,7 +85,7 @@ class Misfit:
 
     @property
     def reduced(self) -> Array:
-        """Of each record, 1 where only noise is left, nan without degrees of freedom; (r,)."""
+        """Reduced chi2 of each record, (r,): 1 where only noise is left, nan without degrees of freedom."""
         expected = self.expected.sum(axis=1)
         return np.asarray(
             np.divide(self.chi2.sum(axis=1), expected, out=np.full(len(expected), np.nan), where=expected > 0)
@@ -93,7 +93,7 @@ class Misfit:
 
     @property
     def probability(self) -> Array:
-        """Of a misfit as large or larger by noise alone, (r,)."""
+        """Probability that noise alone makes so large a misfit, (r,)."""
         return np.asarray(stats.chi2.sf(self.chi2.sum(axis=1), np.maximum(self.expected.sum(axis=1), 1e-9)))
 
     @property
@@ -104,7 +104,7 @@ class Misfit:
 
 @dataclass(frozen=True, eq=False)
 class LawInputs:
-    """What a friction law is shown in each record, and how uncertain all of it is together.
+    """Signals that a friction law is shown in each record, and their joint uncertainty.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ class Reconstruction(Displayed):
     rig : Rig
         With the number of modes that was used.
     spectra : MeasuredSpectra
-        What was used of the measurement.
+        Spectra that were used.
     formulation : str
     signals : dict of str to EstimatedSignal
         `slip`, `slip_velocity`, `friction`, `normal`.
@@ -145,7 +145,7 @@ class Reconstruction(Displayed):
         Condition number of telling friction from the excitation, harmonic by harmonic.
     law_inputs : LawInputs
     warnings : tuple of str
-        What to beware of, a line each, with numbers.
+        Warnings, a line each, with numbers.
     """
 
     rig: Rig
@@ -186,7 +186,7 @@ class Reconstruction(Displayed):
         return frame("to_dataframe", {**columns, "slips": self.slips})
 
     def arrays(self) -> tuple[Variables, Variables]:
-        """Arrays and coordinates by the names of formats.md section 4, each with its dimensions and unit.
+        """Arrays and coordinates by the names of docs/reference/data_files.md, each with its dimensions and unit.
 
         Returns
         -------

@@ -28,7 +28,7 @@ class Resolution:
     Attributes
     ----------
     size : (H,) array
-        Of the estimate; rms of cosine and sine [N].
+        Size of the estimate: rms of cosine and sine [N].
     by_sensors : (H,) array
         Standard deviation by the sensors alone, of each of cosine and sine; inf where nothing was measured [N].
     std : (H,) array
@@ -36,7 +36,7 @@ class Resolution:
     prior_share : (H,) array
         Share of the information that is the prior's, 0..1.
     condition : (H,) array
-        Of telling friction from the excitation.
+        Condition number of telling friction from the excitation.
     unresolved : (H,) array
         Share of the records in which the sensors do not resolve the harmonic.
     records : int
@@ -99,7 +99,7 @@ def harmonics(places: Iterable[int]) -> str:
 
 
 def resolution_of(estimate: ForceEstimate) -> Resolution:
-    """What an estimate of the friction force resolves.
+    """Work out what an estimate of the friction force resolves.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ def _parts(values: Complex) -> Array:
 def _residual_change(at: Readings) -> Complex:
     """Derivatives (r, H, c, p) of the residual to the properties, as the fit of friction and force follows.
 
-    Of the two parts of variable projection the one that vanishes with the residual is left out (Kaufman 1975).
+    Variable projection has two parts. The one that vanishes with the residual is left out (Kaufman 1975).
     """
     seen, s = at.seen, at.seen.structure
     change, (T, F, _) = structure_change(seen.rig, PROPERTIES), np.moveaxis(at.everyone.state, 2, 0)

@@ -1,4 +1,4 @@
-"""What the sensors of a rig see of the contact: responses to friction and force, harmonic by harmonic.
+"""Responses of the sensors of a rig to friction and force, harmonic by harmonic.
 
 :func:`sensing` puts measured spectra beside the linear structure: complex amplitudes, weights, and receptances of all
 records at once. Everything here is linear; the product of friction and motion (foreshortening) enters as one more

@@ -48,7 +48,7 @@ ENOUGH = 4
 
 @dataclass(frozen=True, eq=False)
 class SensorCheck:
-    """What a check of the sensors found.
+    """Result of a check of the sensors.
 
     Attributes
     ----------
@@ -293,7 +293,7 @@ def _significance(base: Readings, channel: str) -> float:
 
 
 def _by_position(base: Readings, j: int, state: Complex, body: Beam) -> Complex:
-    """What a channel would read more per metre along the beam, by the modes kept."""
+    """Change of a channel's reading per metre along the beam, by the modes kept."""
     seen = base.seen
     position = next(c.position for c in seen.rig.channels if c.name == seen.channels[j])
     slope = body.shapes(np.array([position]), 1)[0]

@@ -101,7 +101,7 @@ def fitted_shapes(sensing: Sensing, beam: Beam, functions: Functions) -> Shapes:
     Parameters
     ----------
     sensing : Sensing
-        Of a rig whose body is `beam`.
+        Sensing of a rig whose body is `beam`.
     beam : Beam
     functions : callable
         See :func:`series` and :func:`spline`.

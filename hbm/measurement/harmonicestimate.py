@@ -24,7 +24,7 @@ class ChannelQuality:
     ----------
     name : str
     amplitude, std : float
-        Of the fundamental, |c_1| and standard deviation of each of cos and sin, in the channel's unit.
+        Amplitude |c_1| of the fundamental, and standard deviation of each of cos and sin, in the channel's unit.
     correlation : float
         rho of neighbouring blocks that the standard deviation of the fundamental was raised for, 0 where not.
     steadiness : Steadiness
@@ -162,7 +162,7 @@ def spectra_of_records(
     Parameters
     ----------
     estimates : sequence of HarmonicEstimate
-        Of the same H.
+        Estimates of the same H.
     levels : sequence of float
         Nominal force amplitude of each record [N].
     channels : sequence of str

@@ -1,4 +1,4 @@
-"""What a structure does differently from one mounting to the next: a share of its response that no model can predict.
+"""Repeatability: the share of a response that differs between mountings and that no model can predict.
 
 It is known from experience (a percentage), by channel in the rig file, or from records of the same level and frequency
 that were measured more than once. It counts as noise, coefficient by coefficient.

@@ -22,7 +22,7 @@ MOST_WARNINGS = 12
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSpectra(Displayed):
-    """Harmonic coefficients of measured steady states, formats.md section 2.
+    """Harmonic coefficients of measured steady states, docs/reference/data_files.md.
 
     All channels of a record share one time origin: s(t) = a_0 + sum a_k cos(k Omega t) + b_k sin(k Omega t).
 

@@ -1,4 +1,4 @@
-"""Spectra files: measured harmonic coefficients read, checked and written, formats.md section 2.
+"""Spectra files: measured harmonic coefficients read, checked and written, docs/reference/data_files.md.
 
 The CSV file is the contract; NetCDF and MAT files hold the same numbers and are read back through the same checks,
 see :mod:`hbm.measurement.exchange`. Lines that begin with ``#`` are comments; ``# record 3: a1 is not steady`` is what

@@ -190,7 +190,7 @@ def leftover(residual: Array, rms: float, periods: int, hz: float) -> Leftover:
     residual : (N,) array
         Equally spaced over whole periods.
     rms : float
-        Of the channel about its mean.
+        Root mean square of the channel about its mean.
     periods : int
         Periods in it.
     hz : float

@@ -41,7 +41,7 @@ class Backbone(ABC):
     branch : continuation.Branch
         The branch in scaled unknowns: tangents, flags, why it ended.
     problem : DriveAmplitude
-        What the branch solves.
+        Problem that the branch solves.
     """
 
     rig: AnyRig
@@ -220,9 +220,9 @@ class NumericalChange:
     Attributes
     ----------
     amplitude : float
-        Of the drive [m].
+        Amplitude of the drive [m].
     harmonics, samples, modes : (float, float)
-        Of frequency and damping ratio, with half as many harmonics more, twice the samples, twice the modes.
+        Changes of frequency and damping ratio, with 1.5 times the harmonics, twice the samples, twice the modes.
     """
 
     amplitude: float
@@ -300,7 +300,7 @@ def nonlinear_mode(
         First and last fundamental amplitude of the drive displacement [m]; where omitted, from a contact that sticks to
         one that slides, :func:`hbm.modes.amplitudes.default_amplitudes`.
     harmonics, samples : int
-        H and N_t.
+        Highest harmonic H, and samples per period N_t.
     on_point : callable, optional
         Progress: called with amplitude and point number.
 

@@ -48,7 +48,7 @@ class DriveAmplitude(ABC):
 
     @property
     def rig(self) -> AnyRig:
-        """What vibrates."""
+        """Rig that vibrates."""
         return self.balance.rig
 
     @property

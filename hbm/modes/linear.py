@@ -29,7 +29,7 @@ class LinearModes(Displayed):
         Natural frequencies with the contact sliding freely, and held by its stiffness [Hz].
         A rigidly held contact takes a mode away: the last entry is nan then.
     damping_ratio : (n,) array
-        Of the sliding modes [-].
+        Damping ratios of the sliding modes [-].
     stiffness : float
         Contact stiffness at rest, in series with the compliance [N/m]; inf where the contact is held rigidly, nan of
         several joints.

@@ -1,4 +1,4 @@
-"""What no candidate describes: the small difference between any model and a structure, as part of the covariance.
+"""The background: the small difference between any model and a structure, as part of the covariance.
 
 No model of a structure leaves pure noise. What the best ones leave is physics, so that it is alike at neighbouring
 frequencies and levels and moves the whole structure: a Gaussian process beside the noise (Kennedy and O'Hagan, J. R.
@@ -44,7 +44,7 @@ class Harmonic:
     where : (2, n) int array
         Places of cosines and sines among all coefficients listed.
     turn : (n,) complex array
-        Of modulus 1, phase of what was measured.
+        Numbers of modulus 1, with the phase of what was measured.
     V : (n, n) array
     size : (n,) array
         Eigenvectors and eigenvalues of the covariance of a background of size 1, in noise variances.

@@ -66,7 +66,7 @@ class Campaign:
 
     @property
     def numbers(self) -> list[int]:
-        """Of its records."""
+        """Numbers of its records."""
         return [r.number for r in self.data.records]
 
     @property
@@ -83,7 +83,7 @@ class Campaign:
         ----------
         rig : Rig
         keys : sequence of str
-            Of :func:`hbm.sensitivity.derivatives.rig_scalars`.
+            Keys of :func:`hbm.sensitivity.derivatives.rig_scalars`.
         starts : mapping of int to State
             Where to start; where there is none, from the reconstruction.
         needed : collection of int
@@ -122,17 +122,17 @@ class Campaign:
         return found
 
     def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:
-        """Of the channels in a record, corrected, (2, c, H)."""
+        """Amplitudes of the channels in a record, corrected, (2, c, H)."""
         correction = self.corrections.get(number)
         return amplitudes_of(self.data, solution) + (0.0 if correction is None else correction.added)
 
     def std(self, record: Record) -> Array:
-        """Of each amplitude of a record, noise and what the discretisation leaves, (c, H)."""
+        """Standard deviation of each amplitude of a record: noise and what the discretisation leaves, (c, H)."""
         correction = self.corrections.get(record.number)
         return np.asarray(np.hypot(record.std, 0.0 if correction is None else correction.left))
 
     def disturbances(self, record: Record, simulated: Simulated) -> Array:
-        """What one standard deviation of force, frequency, history and each transient does to a record as a whole.
+        """Effect of one standard deviation of force, frequency, history and each transient on a record as a whole.
 
         They are (k, 2, c, H), transients last.
         """
@@ -142,7 +142,7 @@ class Campaign:
         return np.concatenate([force, [CLOCKS * record.hz * simulated.by_hz, *history, *lasting]])
 
     def listed_std(self, record: Record) -> Array:
-        """Of each coefficient listed, (m,)."""
+        """Standard deviation of each coefficient listed, (m,)."""
         return np.asarray(np.broadcast_to(self.std(record), record.listed.shape)[record.listed])
 
     def missed(self, record: Record, simulated: Simulated) -> Array:

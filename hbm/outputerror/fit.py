@@ -58,7 +58,7 @@ class Evaluation:
     by_x : (p, n) array
         Derivatives of the numbers of the rig that the records are differentiated to.
     corrections : dict of int to Correction
-        Of the discretisation, by record.
+        Corrections of the discretisation, by record.
     """
 
     model: Model
@@ -76,7 +76,7 @@ class Evaluation:
 
     @property
     def chi2(self) -> float:
-        """Of the records and of what is expected of the calibrated numbers."""
+        """Misfit of the records, and of the calibrated numbers from what is expected of them."""
         return self.white.chi2 + float(self.pulls @ self.pulls)
 
     @property
@@ -96,7 +96,7 @@ class Evaluation:
 
     @property
     def expected(self) -> Array:
-        """What is expected of the coordinates, as rows beside those of the records: (n, n), in standard deviations."""
+        """Expectations of the coordinates, as rows beside those of the records: (n, n), in standard deviations."""
         return np.diag([1.0 / f.std for f in self.model.free])
 
     @property
@@ -107,14 +107,14 @@ class Evaluation:
 
     @property
     def covariance(self) -> Array:
-        """Of the coordinates, (n, n); what no record sees is known to within its bounds."""
+        """Covariance of the coordinates, (n, n); what no record sees is known to within its bounds."""
         low, high = self.model.bounds()
         width = np.where(np.isfinite(high - low), high - low, 1e6)
         return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / width**2)))
 
     @property
     def std(self) -> Array:
-        """Of the values, (n,)."""
+        """Standard deviations of the values, (n,)."""
         slopes = np.array([f.slope(v) for f, v in zip(self.model.free, self.x, strict=True)])
         return np.asarray(np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
 
@@ -142,7 +142,7 @@ def evaluate(
     last : mapping of int to PeriodicSolution
         Where steady states start.
     near : Evaluation, optional
-        Of the same model: its records start from there, extrapolated, and must all be found again.
+        A fit of the same model. Its records start from there, extrapolated, and must all be found again.
     needed : collection of int
         Other records that must be found.
 

@@ -38,13 +38,13 @@ class Free:
     ----------
     name, unit : str
     lower, upper, start : float
-        Of the number.
+        Bounds of the number, and where fits start.
     form : str
         The coordinate is the number divided by `scale`, its logarithm, or `scale` divided by it: the last for a
         stiffness whose effect vanishes where it is infinite.
     scale : float
     expected, std : float
-        Of the coordinate, before anything is measured; std may be inf.
+        Mean and standard deviation of the coordinate before anything is measured; std may be inf.
     cause : int
         Which cause it belongs to; -1 for a calibrated number of the rig file.
     """
@@ -84,7 +84,7 @@ class Free:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Of the coordinate."""
+        """Bounds of the coordinate."""
         ends = self.of(self.lower), self.of(self.upper)
         return min(ends), max(ends)
 
@@ -141,7 +141,7 @@ class Model:
 
     @cached_property
     def unknowns(self) -> tuple[tuple[Unknown, ...], ...]:
-        """Of each cause, for the rig that those before have extended."""
+        """Unknowns of each cause, for the rig that those before have extended."""
         rig, out = self.nominal, []
         for cause in self.causes:
             unknowns = cause.unknowns(rig)
@@ -178,7 +178,7 @@ class Model:
         return np.array([f.of(f.start) for f in self.free])
 
     def bounds(self) -> tuple[Array, Array]:
-        """Of the coordinates."""
+        """Bounds of the coordinates."""
         low, high = np.array([f.bounds for f in self.free]).reshape(-1, 2).T
         return low, high
 

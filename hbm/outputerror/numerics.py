@@ -109,7 +109,7 @@ def choose(rig: Rig, data: Measurement, executor: Executor | None = None) -> Num
 
 
 def _length(change: Array, record: Record) -> float:
-    """Of a change of amplitudes (2, c, H), in standard deviations."""
+    """Length of a change of amplitudes (2, c, H), in standard deviations."""
     return float(np.sqrt(np.nansum((change / record.std) ** 2)))
 
 
@@ -118,7 +118,7 @@ def _amplitudes(data: Measurement, solutions: list[PeriodicSolution | None]) -> 
 
 
 def amplitudes_of(data: Measurement, solution: PeriodicSolution) -> Array:
-    """Of the channels, real and imaginary parts of harmonics 1..H, (2, c, H)."""
+    """Amplitudes of the channels: real and imaginary parts of harmonics 1..H, (2, c, H)."""
     columns = [parts(solution.basis, solution[name].coefficients, data.H) for name in data.channels]
     return np.stack(columns, axis=1)
 
@@ -133,7 +133,7 @@ def _solved(rig: Rig, basis: FourierBasis, record: Record, start: PeriodicSoluti
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """What is added to the simulation of a record (2, c, H), and the standard deviation of what is left (c, H)."""
+    """Correction of the simulation of a record (2, c, H), and the standard deviation of what is left (c, H)."""
 
     added: Array
     left: Array

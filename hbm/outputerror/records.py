@@ -35,9 +35,9 @@ class Record:
     measured : (2, c, H) array
         Real and imaginary part of the amplitudes, nan where not measured.
     std : (c, H) array
-        Of each of them.
+        Standard deviation of each of them.
     start : State
-        What the reconstruction says of the motion.
+        Motion by the reconstruction.
     distortion : (2, H-1) array
         Coefficients of cos and sin of harmonics 2..H of the force [N], nan where not measured.
     distortion_std : (H-1,) array
@@ -56,7 +56,7 @@ class Record:
 
     @property
     def listed(self) -> npt.NDArray[np.bool_]:
-        """What was measured, (2, c, H)."""
+        """Whether each amplitude was measured, (2, c, H)."""
         return np.isfinite(self.measured)
 
     @property
@@ -184,7 +184,7 @@ def parts(basis: FourierBasis, coefficients: Array, H: int) -> Array:
 
 
 def force_columns(record: Record, amplitudes: Array, by_force: Array, by_tones: Array | None = None) -> Array:
-    """What one standard deviation of each part of the force does to simulated amplitudes (2, c, H).
+    """Effect of one standard deviation of each part of the force on simulated amplitudes (2, c, H).
 
     Parameters
     ----------

@@ -150,7 +150,7 @@ def sticks(solution: PeriodicSolution) -> bool:
 
 
 def spare_friction(rig: Rig, solution: PeriodicSolution) -> float:
-    """What friction can hold beside what oscillates, where the contact never slips; else 0 [N]."""
+    """Friction that the contact can hold beside what oscillates, where it never slips; else 0 [N]."""
     if not sticks(solution):
         return 0.0
     law = parameters(rig.contact.law)
@@ -179,7 +179,7 @@ def history(spare: float, by_force: Mapping[str, Array], solution: PeriodicSolut
 
 
 def left_by_transients(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array:
-    """What the transients of a start from rest leave in amplitudes, (2, c, H, k): each as large as it may well be."""
+    """Amplitudes that the transients of a start from rest leave, (2, c, H, k): each as large as it may well be."""
     found = transients(rig, solution, data.H)
     coefficients = found.coefficients.reshape(*found.coefficients.shape[:2], -1)
     of_channels = [c.name for c in rig.response_channels]

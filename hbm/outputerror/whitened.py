@@ -21,7 +21,7 @@ class Whitened:
     residual : (m,) array
         Measured less simulated.
     jacobian : (m, p) array
-        Of the simulated amplitudes.
+        Jacobian of the simulated amplitudes.
     raw : (m,) array
         Measured less simulated in units of the channel, less the likeliest transients where there are any.
     measured : (m,) array
@@ -31,9 +31,9 @@ class Whitened:
     spreads : dict of int to float
         Logarithm of the determinant of the covariance beside that of the noise of the responses alone, by record.
     shared : float
-        What a background, which records share, adds to that.
+        Part that a background adds to it, which records share.
     free : float
-        What transients that are free in each record add to it: so much chi2 their freedom costs.
+        Part that transients add to it, free in each record: so much chi2 their freedom costs.
     lasting : (m,) array
         Those transients, in units of the channel.
     """
@@ -63,7 +63,7 @@ class Whitened:
 
     @property
     def spread(self) -> float:
-        """Of all records together."""
+        """Spread of all records together."""
         return float(sum(self.spreads.values())) + self.shared
 
     def deviance(self, record: int) -> float:

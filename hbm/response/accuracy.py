@@ -241,7 +241,7 @@ def _scales(curve: ResponseCurve) -> dict[str, float]:
 
 
 def judged_scales(peaks: dict[str, float]) -> dict[str, float]:
-    """What changes of channels are relative to: their peaks; of a joint's ports, that of the largest of its forces."""
+    """Scales for changes of channels: their peaks; for ports of a joint, that of the largest of its forces."""
     joints = {name: name.partition(".force")[0] for name in peaks}
     return {name: max(peak for other, peak in peaks.items() if joints[other] == joints[name]) for name in peaks}
 

@@ -58,7 +58,7 @@ def stability_of(rig: AnyRig, solution: PeriodicSolution, judge: Judge = by_mono
     ----------
     rig : Rig
     solution : PeriodicSolution
-        Of this rig.
+        A solution of this rig.
     judge : callable
         As for :func:`with_stability`.
 
@@ -104,7 +104,7 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     Returns
     -------
     ResponseCurve
-        Of the same kind.
+        A curve of the same kind.
 
     Raises
     ------
@@ -173,7 +173,7 @@ class _Followed:
 
     @property
     def values(self) -> Array:
-        """What is varied along the curve, (points,)."""
+        """Parameter of the curve, (points,)."""
         return np.array([self.curve.value_at(p.lam) for p in self.points])
 
     @property
@@ -326,7 +326,7 @@ class _Unknown(Enum):
 
 
 def _kind(here: Stability, rank: int) -> Kind | None:
-    """What a multiplier on the unit circle means; None at 1, where the equations tell, and for the second of a pair."""
+    """Kind by a multiplier on the unit circle; None at 1, where the equations tell, and for the second of a pair."""
     multiplier = complex(here.multipliers[rank])
     if abs(multiplier.imag) > REAL:
         pair = [np.abs(m - multiplier.conjugate()) < REAL for m in here.multipliers[:rank]]

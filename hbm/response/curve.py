@@ -77,7 +77,7 @@ class NumericalError:
 
 @dataclass(frozen=True)
 class Assessment:
-    """What is known of the accuracy of a curve.
+    """Accuracy of a curve.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class Assessment:
     reason : str
         Why this number of harmonics and samples.
     warnings : tuple of str
-        What a user should know before trusting the curve.
+        Warnings that a user should know before trusting the curve.
     """
 
     error: NumericalError
@@ -149,7 +149,7 @@ class Bifurcation:
 
     @property
     def kind(self) -> Kind:
-        """What it is."""
+        """Kind of the bifurcation."""
         return Kind(self.special.kind)
 
     @property
@@ -183,17 +183,17 @@ class ResponseCurve(Displayed):
     Attributes
     ----------
     rig : Rig or JointedRig
-        What was computed.
+        Rig that was computed.
     points : tuple of PeriodicSolution
         In the order of travel.
     branch : continuation.Branch
         The branch in scaled unknowns: tangents, flags, why it ended.
     problem : HarmonicBalance or JointBalance
-        What the branch solves.
+        Problem that the branch solves.
     assessment : Assessment or None
         Its numerical error, where it was estimated (:func:`hbm.response.accuracy.frequency_response`).
     stability : tuple of Stability, optional
-        Of every point, where it was worked out (:func:`hbm.response.bifurcations.with_stability`).
+        Stability of every point, where it was worked out (:func:`hbm.response.bifurcations.with_stability`).
     doubtful : (points,) bool array, optional
         Where that is not known: multipliers closer to the unit circle than their error come and go, or more harmonics
         and samples judge otherwise.
@@ -255,7 +255,7 @@ class ResponseCurve(Displayed):
 
     @property
     def traced(self) -> Problem:
-        """What the branch solves, for continuation."""
+        """Problem that the branch solves, for continuation."""
         return self.problem
 
     def solution_at(self, x: Array, lam: float) -> PeriodicSolution:
@@ -267,12 +267,12 @@ class ResponseCurve(Displayed):
         return self.problem, self.problem.unpack(x, lam)
 
     def value_at(self, lam: float) -> float:
-        """What is varied along the curve: frequency [Hz], or force [N] along a force curve."""
+        """Parameter of the curve there: frequency [Hz], or force [N] along a force curve."""
         return self.problem.hz_at(lam) if self.problem.parameter == "frequency" else self.problem.at(lam)[1]
 
     @cached_property
     def values(self) -> Array:
-        """What is varied along the curve at every point, (points,)."""
+        """Parameter of the curve at every point, (points,)."""
         return np.array([self.value_at(p.lam) for p in self.branch.points])
 
     @cached_property

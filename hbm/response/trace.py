@@ -257,7 +257,7 @@ def trace_frequency(
     level : float, optional
         Force amplitude [N].
     harmonics, samples : int
-        H and N_t.
+        Highest harmonic H, and samples per period N_t.
     step_hz : float, optional
         Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/50 of the range where omitted.
     on_point : callable, optional
@@ -310,7 +310,7 @@ def force_response(
     force : (float, float)
         First and last force amplitude [N], > 0.
     harmonics, samples : int
-        H and N_t.
+        Highest harmonic H, and samples per period N_t.
     on_point : callable, optional
         Progress: called with force and point number.
 

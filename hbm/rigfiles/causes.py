@@ -81,7 +81,7 @@ def causes_in_file(path: Path) -> list[type]:
 
 
 def accepted_causes() -> str:
-    """What a cause may be called, in words."""
+    """Names that a cause may have, in words."""
     return f"one of {', '.join(NAMED)}, {ONE_VALUE}<key>, or file.py:Class"
 
 

@@ -35,7 +35,7 @@ class Extension:
     Attributes
     ----------
     named : str
-        The cause as rig files name it: of formats.md section 6, or ``file.py:Class``.
+        The cause as rig files name it: of docs/reference/causes.md, or ``file.py:Class``.
     cause : Cause
     values : mapping of str to float
         By the names of the cause's unknowns.

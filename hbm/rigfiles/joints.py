@@ -123,7 +123,7 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
     Parameters
     ----------
     table : mapping
-        What :func:`tomllib.load` returns for a rig file.
+        Tables of a rig file, as :func:`tomllib.load` returns them.
     source : str
         Name of the file, for messages; files that it names are looked for beside it.
     consent : Consent
@@ -183,7 +183,7 @@ def _of_joint(entry: dict[str, Any], i: int, folder: Path, consent: Consent) -> 
 
 
 def _of_places(table: Mapping[str, Any]) -> Iterator[Complaint]:
-    """What is placed by a position where places have names."""
+    """Complaints about places that are missing, on a body that names its places."""
     excitation, channels = table.get("excitation"), table.get("channels")
     if isinstance(excitation, dict) and "at" not in excitation:
         yield Complaint(("excitation", "at"), "is missing", "must name a place of the body")

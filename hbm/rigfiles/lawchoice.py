@@ -21,7 +21,7 @@ class KnownLaw:
     ----------
     law : FrictionLaw
     name : str
-        Of the set: ``PAPER_DAHL``, ``ASSUMED_VLFM``.
+        Name of the parameter set: ``PAPER_DAHL``, ``ASSUMED_VLFM``.
     source : str
         Where the parameters come from, in words.
     """

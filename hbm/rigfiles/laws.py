@@ -94,7 +94,7 @@ def file_and_class(
     known : collection of str
         Names that may have been meant.
     accepted : str
-        What is accepted, in words.
+        Names that are accepted, in words.
     consent : Consent
 
     Returns
@@ -142,7 +142,7 @@ def _resolved(path: Path) -> Path:
 
 
 def accepted_laws() -> str:
-    """What a law may be called, in words."""
+    """Names that a law may have, in words."""
     return f"one of {', '.join(LAWS)}, or file.py:Class"
 
 
@@ -188,7 +188,7 @@ def run_files(paths: Sequence[Path]) -> None:
     Parameters
     ----------
     paths : sequence of Path
-        Of :func:`files_run`.
+        Paths that :func:`files_run` returns.
 
     Raises
     ------
@@ -208,7 +208,7 @@ def _own_law(path: Path, class_name: str) -> type:
 
 
 def _stamp(path: Path) -> tuple[int, int]:
-    """What changes when a file does."""
+    """Time of change and size of a file."""
     try:
         stat = path.stat()
     except OSError:

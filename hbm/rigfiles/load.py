@@ -1,6 +1,6 @@
 """Rig files: TOML in, a complete and checked :class:`models.Rig` out.
 
-Of everything wrong in a file the first is told: first the departures from the tables of
+A file may have several faults. The first is told: first the departures from the tables of
 :mod:`hbm.rigfiles.schema`, in the order of the file, then the entries that contradict each other.
 """
 
@@ -46,7 +46,7 @@ def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> An
     Parameters
     ----------
     path : str or path
-        TOML file, formats.md section 1.
+        TOML file, docs/reference/rig_files.md.
     allow_code : bool, optional
         Whether the Python files that it names, ``file.py:Class``, may be run, of those in its folder. Where omitted,
         only if the environment variable ``HBM_ALLOW_CODE`` is 1: reading a file that somebody sent must not run
@@ -55,7 +55,7 @@ def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> An
     Returns
     -------
     Rig or JointedRig
-        The latter of a file with ``[[joints]]``.
+        JointedRig if the file has ``[[joints]]``.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def rig_from_dict(table: Mapping[str, Any], source: str, consent: Consent = Cons
     Parameters
     ----------
     table : mapping
-        What :func:`tomllib.load` returns for a rig file.
+        Tables of a rig file, as :func:`tomllib.load` returns them.
     source : str
         Name of the file, for messages; the file of a law of one's own is looked for beside it.
     consent : Consent

@@ -103,7 +103,7 @@ def _abaqus_lines(path: StrPath) -> npt.NDArray[np.float64]:
 
 
 def _fields(path: StrPath) -> int:
-    """Of the first line of numbers: those of another format may begin alike."""
+    """Number of entries in the first line of numbers: lines of another format may begin alike."""
     with open(path, encoding="utf-8-sig") as file:
         return next((len(line.rstrip().rstrip(",").split(",")) for line in file if line.split("*")[0].strip()), 0)
 

@@ -185,7 +185,7 @@ def _choice(hint: Any) -> Any:
 
 
 def accepted_setting(law: type, name: str) -> str:
-    """What a rig file may hold for a setting of a law, in a few words.
+    """Values that a rig file may hold for a setting of a law, in a few words.
 
     >>> from models import Iwan
     >>> [accepted_setting(Iwan, name) for name in ("elements", "distribution", "limits")]
@@ -321,7 +321,7 @@ def _table_at(schema: type[Table], key: Key) -> type[Table]:
 
 
 def _accepted(schema: type[Table], error: ErrorDetails) -> str:
-    """What is accepted where pydantic found something else."""
+    """Values that are accepted where pydantic found something else."""
     kind, context = error["type"], error.get("ctx", {})
     if kind == "list_type" and isinstance(error["input"], dict):
         return f"must be an array of tables, [[{error['loc'][-1]}]]"

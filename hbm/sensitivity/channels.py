@@ -21,11 +21,11 @@ class ChannelSensitivity:
     Attributes
     ----------
     coefficients : (2H+1, p) array
-        Of its Fourier coefficients a_0, a_1..a_H, b_1..b_H.
+        Derivatives of its Fourier coefficients a_0, a_1..a_H, b_1..b_H.
     samples : (N_t, p) array
-        Of its values at the phases of the basis.
+        Derivatives of its values at the phases of the basis.
     peak : (p,) array
-        Of its peak, see :class:`hbm.balance.solution.Signal`: the derivative at the instant of the peak (envelope
+        Derivative of its peak, see :class:`hbm.balance.solution.Signal`, at the instant of the peak (envelope
         theorem).
     """
 
@@ -96,29 +96,29 @@ class Channels(Mapping[str, ChannelSensitivity]):
 
     @cached_property
     def _friction(self) -> Array:
-        """Of the friction force at the samples, (N_t, p)."""
+        """Derivative of the friction force at the samples, (N_t, p)."""
         return friction_change(self.here, replace(self.held.inputs, signals=self.change.signals))
 
     @cached_property
     def _modal_slip(self) -> Array:
-        """Of the slip less its elastic part, (2H+1, p)."""
+        """Derivative of the slip less its elastic part, (2H+1, p)."""
         return np.asarray(self.change.signals[:, 0] + self.problem.dynamic_lagrangian * self.change.T)
 
     @cached_property
     def _slip(self) -> Array:
-        """Of the slip, (2H+1, p)."""
+        """Derivative of the slip, (2H+1, p)."""
         yielding = np.outer(self.solution["friction"].coefficients, self.held.structure.flexibility[:, 0, 0])
         return np.asarray(self._modal_slip + self.problem.structure.compliance * self.change.T + yielding)
 
     @cached_property
     def _slip_samples(self) -> Array:
-        """Of the slip at the samples, (N_t, p)."""
+        """Derivative of the slip at the samples, (N_t, p)."""
         yielding = np.outer(self.solution["friction"].samples, self.held.structure.flexibility[:, 0, 0])
         elastic = self.problem.structure.compliance * self._friction + yielding
         return np.asarray(self.problem.basis.synthesis @ self._modal_slip + elastic)
 
     def _motion(self, name: str, displacement: Array, sensor: Channel) -> ChannelSensitivity:
-        """Of what a channel reads of a displacement that changes, its own numbers and the frequency changing too."""
+        """Derivative of a channel's reading of a displacement; its own numbers and the frequency change too."""
         basis, held, Omega = self.problem.basis, self.held, self.here.state.Omega
         coefficients, seen = read(sensor, basis, displacement, Omega), self.solution[name].coefficients
         times = DERIVATIVES[sensor.quantity]
@@ -140,7 +140,7 @@ class Channels(Mapping[str, ChannelSensitivity]):
         return np.asarray(row @ self.change.Q + by_force * held.force + by_friction * self.change.T + still)
 
     def _normal(self) -> Array:
-        """Of rho + eta T at the samples, (N_t, p)."""
+        """Derivative of rho + eta T at the samples, (N_t, p)."""
         synthesis, signals = self.problem.basis.synthesis, self.change.signals
         eta, T = synthesis @ self.here.kin.signals[:, 3], self.solution["friction"].samples
         normal = synthesis @ signals[:, 1] + T[:, None] * (synthesis @ signals[:, 2]) + eta[:, None] * self._friction

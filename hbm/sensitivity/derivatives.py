@@ -43,7 +43,7 @@ class Sensitivities(Displayed):
     Attributes
     ----------
     solution : PeriodicSolution
-        What is differentiated.
+        Solution that is differentiated.
     parameters, units : tuple of str, (p,)
         Keys of the rig file.
     values : (p,) array
@@ -73,7 +73,7 @@ class Sensitivities(Displayed):
     disturbed: Mapping[str, Array]
 
     def __repr__(self) -> str:
-        """Of which numbers, at which steady state; how much the drive's peak changes with each."""
+        """Name the numbers and the steady state, and how much the drive's peak changes with each."""
         s = self.solution
         changes = self.logarithmic("drive")
         lines = [
@@ -121,7 +121,7 @@ def sensitivities(
         What to differentiate to, of :func:`rig_scalars`; where omitted the friction law's parameters, normal load,
         force, frequency and mass-proportional damping.
     beside : Disturbance, optional
-        What to solve for along with it, at next to no cost.
+        Disturbance to solve for along with it, at next to no cost.
 
     Returns
     -------
@@ -236,7 +236,7 @@ def balance_change(here: AnyLinearization, keys: Sequence[str]) -> Array:
     here : Linearization or JointLinearization
         Any state, solution or not.
     keys : sequence of str, (p,)
-        Of :func:`rig_scalars`, or of :func:`hbm.sensitivity.jointed.joint_scalars`.
+        Keys of :func:`rig_scalars`, or of :func:`hbm.sensitivity.jointed.joint_scalars`.
 
     Returns
     -------

@@ -21,7 +21,7 @@ class HeldElements:
     change : (2H+1, r, p) array
         Theirs.
     rows : ElementRows
-        Of the rows, p first.
+        Changes of the rows, p first.
     """
 
     elements: ElementsOverPeriod
@@ -30,17 +30,17 @@ class HeldElements:
     rows: ElementRows
 
     def onto_modes(self) -> Array:
-        """Of the forces on the modes, (2H+1, n, p)."""
+        """Change of the forces on the modes, (2H+1, n, p)."""
         changed = np.einsum("krp,ri->kip", self.change, self.elements.rows, optimize=True)
         return np.asarray(changed + np.einsum("kr,pri->kip", self.forces, self.rows.rows, optimize=True))
 
     def onto_support(self) -> Array:
-        """Of the forces on the support, (2H+1, p)."""
+        """Change of the forces on the support, (2H+1, p)."""
         changed = np.einsum("krp,r->kp", self.change, self.elements.onto[:, -1])
         return np.asarray(changed + self.forces @ self.rows.share.T)
 
     def beyond(self, place: int, moved: Array) -> Array:
-        """Of what they move drive (0) or a response channel (from 1) by beyond the modes, (2H+1, p).
+        """Change of what they move drive (0) or a response channel (from 1) by beyond the modes, (2H+1, p).
 
         Parameters
         ----------
@@ -52,7 +52,7 @@ class HeldElements:
         return np.asarray(changed + self.forces @ self.rows.static[:, :, place].T)
 
     def tension(self, moved: Array, load: float, d_load: Array) -> Array:
-        """Of what a tip off its support under a load (p changes d_load) does not bear, (2H+1, p)."""
+        """Change of what a tip off its support under a load (p changes d_load) does not bear, (2H+1, p)."""
         weight, d_weight = self.elements.weight[-1], self.rows.weight[:, -1]
         per_force = (d_load - load * d_weight / weight) / weight
         return np.asarray(load / weight * (self.change[:, -1] + moved[:, -1]) + np.outer(self.forces[:, -1], per_force))

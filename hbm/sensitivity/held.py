@@ -1,4 +1,4 @@
-"""What changes in a balance with a number of its rig, the unknowns held."""
+"""Changes of a balance with a number of its rig, the unknowns held."""
 
 import numpy as np
 
@@ -22,15 +22,15 @@ class HeldBalance:
     hz : (p,) array
         1 where the parameter is the frequency, else 0.
     force : (2H+1, p) array
-        Of the excitation.
+        Change of the excitation.
     gain, delay : dict of str to (p,) array
         The same, of each response channel.
     modal : (2H+1, n, p) array
-        Of the modal balance.
+        Change of the modal balance.
     inputs : InputChange
-        Of what the law is shown.
+        Change of what the law is shown.
     slid : (2H+1, p) array
-        Of the rotation slid in the clamp.
+        Change of the rotation slid in the clamp.
     """
 
     def __init__(self, here: Linearization, keys: tuple[str, ...]) -> None:
@@ -53,7 +53,7 @@ class HeldBalance:
         self.modal = self._modal(here.kin.by_T)
 
     def _force(self) -> Array:
-        """Of the excitation, (2H+1, p)."""
+        """Change of the excitation, (2H+1, p)."""
         problem, tones = self.problem, list(tone_scalars(self.problem.rig))
         force = np.outer(problem.force_shape, [float(key == FORCE) for key in self.keys])
         for j, key in enumerate(self.keys):
@@ -65,7 +65,7 @@ class HeldBalance:
         return force
 
     def _elements(self, forces: Array | None) -> HeldElements | None:
-        """Of the forces of the elements, these along their rows (2H+1, r)."""
+        """Change of the forces of the elements, given along their rows (2H+1, r)."""
         problem, state, keys = self.problem, self.state, self.keys
         if problem.elements is None or forces is None:
             return None
@@ -76,7 +76,7 @@ class HeldBalance:
         return HeldElements(problem.elements, forces, change, rows)
 
     def _slid(self) -> Array:
-        """Of the rotation slid in the clamp, (2H+1, p)."""
+        """Change of the rotation slid in the clamp, (2H+1, p)."""
         problem, state, d = self.problem, self.state, self.clamp
         if problem.clamp is None or self.motion is None or d is None:
             return np.zeros((problem.basis.size, len(self.keys)))
@@ -86,7 +86,7 @@ class HeldBalance:
         return problem.clamp.along(self.motion, state.Omega, ClampChange(held, d.stiffness, limit))
 
     def by_slid(self, place: int, slid: Array) -> Array:
-        """Of slip, drive, a channel or the reaction by what is slid beyond the modes, `slid` (2H+1, p) that changes."""
+        """Change of slip, drive, a channel or the reaction by what is slid beyond the modes, `slid` (2H+1, p)."""
         problem, d = self.problem, self.clamp
         if problem.clamp is None or self.motion is None or d is None:
             return np.zeros_like(slid)
@@ -97,13 +97,13 @@ class HeldBalance:
         return np.asarray(self.state.Q @ rows.T)
 
     def static(self, flexibility: Array, friction: Array) -> Array:
-        """What friction (2H+1,) and excitation do by flexibilities (p, 2), (2H+1, p)."""
+        """Motion by flexibilities (p, 2) under friction (2H+1,) and excitation, (2H+1, p)."""
         moved = np.outer(friction, flexibility[:, 0])
         moved += np.outer(self.state.F * self.problem.force_shape, flexibility[:, 1])
         return moved
 
     def _signals(self) -> Array:
-        """Of u, rho, eta, (2H+1, 3, p)."""
+        """Change of u, rho, eta, (2H+1, 3, p)."""
         problem, d, Q = self.problem, self.structure, self.state.Q
         s, basis, Omega = problem.structure, problem.basis, self.state.Omega
         u = self.through(d.rows[:, 0]) + self.static(d.flexibility[:, 0] * [0.0, 1.0], self.state.T)

@@ -68,7 +68,7 @@ class JointSensitivities(Displayed):
     Attributes
     ----------
     solution : PeriodicSolution
-        What is differentiated.
+        Solution that is differentiated.
     parameters, units : tuple of str, (p,)
         Keys of the rig file.
     values : (p,) array
@@ -86,7 +86,7 @@ class JointSensitivities(Displayed):
     channels: Mapping[str, ChannelSensitivity]
 
     def __repr__(self) -> str:
-        """Of which numbers, at which steady state; how much the drive's peak changes with each."""
+        """Name the numbers and the steady state, and how much the drive's peak changes with each."""
         s, changes = self.solution, self.logarithmic("drive")
         head = (
             f"sensitivities at {s.hz:.6g} Hz, {s.level:g} N; of the drive's peak, relative, to each number, relative:"
@@ -195,7 +195,7 @@ class _Channels(Mapping[str, ChannelSensitivity]):
         return self._sampled(name, coefficients + np.outer(faster, self._hz))
 
     def _seen(self, row: Array, by_joints: Array, by_force: float) -> Array:
-        """Of a displacement of the body, (2H+1, p)."""
+        """Change of a displacement of the body, (2H+1, p)."""
         moved = np.einsum("n,knp->kp", row, self._Q) + np.einsum("m,kmp->kp", by_joints, self._T)
         return np.asarray(moved + by_force * self._force)
 

@@ -16,7 +16,7 @@ MOST_REFINEMENTS = 50
 
 @dataclass(frozen=True, eq=False)
 class Disturbance:
-    """What acts on a steady state beside its excitation, p columns of Fourier coefficients a_0, a_1..a_H, b_1..b_H.
+    """Forces on a steady state beside its excitation, p columns of Fourier coefficients a_0, a_1..a_H, b_1..b_H.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class LinearBalance:
         return change
 
     def disturbed(self, by: Disturbance) -> Array:
-        """What acts beside the excitation in the units of the residual, (size, p)."""
+        """Forces beside the excitation in the units of the residual, (size, p)."""
         held = np.stack([by.slip, by.reaction, np.zeros_like(by.slip)], axis=1)
         return self.scaled(by.modes, by.friction + self.law(held))
 

@@ -13,7 +13,7 @@ LOAD, FORCE, HZ, ALPHA = "contact.normal_load", "excitation.amplitude", "frequen
 def rig_scalars(rig: Rig, solution: PeriodicSolution) -> dict[str, Scalar]:
     """Numbers that a solution depends on, with the keys of the rig file; force and frequency are the solution's.
 
-    Of what drifts from record to record a solution is that of record 1, on which rates have no effect.
+    Where a number drifts from record to record, a solution is that of record 1, on which rates have no effect.
     """
     return scalars_at(rig, solution.hz, solution.level)
 
@@ -35,7 +35,7 @@ def scalars_at(rig: Rig, hz: float, level: float) -> dict[str, Scalar]:
 
 
 def sensor_scalars(rig: Rig) -> dict[str, Scalar]:
-    """What channels make of what they measure, with the keys of the rig file."""
+    """Numbers of channels, such as gain and delay, with the keys of the rig file."""
     gains = {f"channels.{c.name}.gain": Scalar(c.gain, "1") for c in rig.response_channels}
     return gains | {f"channels.{c.name}.delay": Scalar(c.delay, "s") for c in rig.response_channels}
 

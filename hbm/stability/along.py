@@ -1,4 +1,4 @@
-"""What the multipliers of points along a curve tell for certain, and where more points must be asked.
+"""Stability along a curve: what its multipliers tell for certain, and where more points must be asked.
 
 A multiplier is known to an error only, :attr:`Stability.error`. On which side of the unit circle it is is certain only
 further from it than that. So a bubble, in which it crosses the circle and returns, is certain only if it is higher than
@@ -57,9 +57,9 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     Parameters
     ----------
     found : sequence of Stability
-        Of the points, in the order of travel.
+        Stability of the points, in the order of travel.
     arclength, values : (points,) array
-        Of the points, and what is varied along the curve.
+        Arclength of the points, and the number that is varied along the curve.
     """
     count, error = np.array([s.unstable for s in found]), np.array([s.error for s in found])
     ranks = np.arange(-1, count.max() + 1)
@@ -116,9 +116,9 @@ def crossings(found: Sequence[Stability], values: Array, rank: int) -> tuple[lis
     Parameters
     ----------
     found : sequence of Stability
-        Of the points, in the order of travel.
+        Stability of the points, in the order of travel.
     values : (points,) array
-        What is varied along the curve.
+        Parameter of the curve.
     rank : int
 
     Returns

@@ -215,7 +215,7 @@ class Disturbance:
         y : (N_t, 2n, m) array
             Disturbances of (q, q'), periodic.
         kept : complex
-            What remains of the sample before: exp(-lambda dt) for disturbances times exp(lambda t).
+            Share that remains of the sample before: exp(-lambda dt) for disturbances times exp(lambda t).
         """
         law, (seen, seen_T) = self.law, self._signals
         signals, before = seen @ y, kept * np.roll(y, 1, axis=0)

@@ -40,7 +40,7 @@ def hill_exponents(A: Array, period: float, harmonics: int) -> Complex:
     period : float
         [s].
     harmonics : int
-        Of the periodic part of a disturbance; fewer than N / 4.
+        Harmonics of the periodic part of a disturbance; fewer than N / 4.
 
     Returns
     -------

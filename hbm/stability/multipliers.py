@@ -26,7 +26,7 @@ SLIPPING = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Stability(Displayed):
-    """What becomes of a small disturbance of a periodic solution.
+    """Fate of a small disturbance of a periodic solution.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ def of_monodromy(matrix: Array, period: float, undying: int = 0, error: float = 
     undying : int
         How many multipliers nearest to 1 belong to what sticks.
     error : float
-        Of the multipliers.
+        Error of the multipliers.
     """
     values = np.linalg.eigvals(matrix).astype(complex)
     values = values[np.argsort(np.abs(values - 1.0))[undying:]]

@@ -1,4 +1,4 @@
-"""What a transient that has not died out leaves in the harmonics of a record: by Floquet's theory, motion by motion.
+"""Harmonics that a transient leaves in a record if it has not died out, by Floquet's theory, motion by motion.
 
 A small disturbance of a steady state is a sum of motions exp(mu t) p(t), p periodic. Over a record of whole periods
 each of them has a part at every harmonic: that at k Omega is the mean of exp(mu t) p(t) exp(-i k Omega t),
@@ -31,7 +31,7 @@ WAITED, FADED = 30, 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Transients:
-    """What a start from rest leaves in the harmonics of a record.
+    """Harmonics that a start from rest leaves in a record.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Transients:
 
 @one_thread
 def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transients:
-    """What transients leave in the harmonics of a record, for a start from rest :data:`WAITED` periods before.
+    """Work out the harmonics that transients leave, for a start from rest :data:`WAITED` periods before a record.
 
     Parameters
     ----------

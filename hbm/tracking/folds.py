@@ -315,7 +315,7 @@ def isolas(
     ----------
     path : FoldPath
     value : float
-        Of the second number.
+        Value of the second number.
     met : sequence of ResponseCurve
         Traced already at this value, on the basis of the path.
     hz : (float, float)

@@ -38,7 +38,7 @@ class Key(NamedTuple):
     name : str
         Its key in the rig file; ``frequency_hz`` for the excitation frequency.
     value : float
-        What the rig has.
+        Value that the rig has.
     accepted : Parameter
         Its unit and bounds.
     """
@@ -140,7 +140,7 @@ class ParameterBalance:
     rig : Rig
     key : Key
     values : (float, float)
-        Of the number at 0 and at 1.
+        Values of the number at 0 and at 1.
     basis : FourierBasis
     hz, level : float
         Frequency [Hz] and force amplitude [N], where they are not the number.
@@ -254,7 +254,7 @@ def _signs(before: Array, kept: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Undefined:
-    """What is known where there is no balance: a :class:`continuation.Linearization` that solves nothing."""
+    """Placeholder where there is no balance: a :class:`continuation.Linearization` that solves nothing."""
 
     residual: Array
 

@@ -34,7 +34,7 @@ class ParameterCurve(ResponseCurve):
     Attributes
     ----------
     along : ParameterBalance
-        What the branch solves; `problem` is that at the first value.
+        Problem that the branch solves; `problem` is that at the first value.
     error : float
         Largest change of drive displacement or friction force over the period, relative to their peaks on the curve,
         when harmonics, samples and modes are refined at the first, the last and the highest point; nan where none was
@@ -64,7 +64,7 @@ class ParameterCurve(ResponseCurve):
 
     @property
     def traced(self) -> Problem:
-        """What the branch solves, for continuation."""
+        """Problem that the branch solves, for continuation."""
         return self.along
 
     def solution_at(self, x: Array, lam: float) -> PeriodicSolution:

@@ -46,9 +46,9 @@ class Peaks:
     Attributes
     ----------
     key, channel : str
-        What is varied, as a key of the rig file; and the channel whose peak it is.
+        Key of the number that is varied, as in :func:`models.numbers.number`; and the channel whose peak it is.
     values : (p,) array
-        Of the number.
+        Values of the number.
     points : tuple of PeriodicSolution
         The peaks.
     slope : (p,) array
@@ -98,15 +98,15 @@ def follow_peak(
     ----------
     rig : Rig or JointedRig
     values : sequence of float
-        Of the number, in the order of travel; where a step is too long, it is halved.
+        Values of the number, in the order of travel; where a step is too long, it is halved.
     key : str
-        What to vary, such as ``excitation.amplitude``, ``contact.friction.mu`` or ``joints.tip.mu``.
+        Key of the number to vary, such as ``excitation.amplitude``, ``contact.friction.mu`` or ``joints.tip.mu``.
     channel : str
         Whose peak.
     start : PeriodicSolution, optional
         Near the peak at the first value; the largest point of the frequency response there where omitted.
     harmonics, samples : int
-        H and N_t.
+        Highest harmonic H, and samples per period N_t.
 
     Returns
     -------

@@ -106,11 +106,11 @@ class MatrixBody:
         return f"{self._extent}; the lowest {self.modes} modes, {hz[0]:.6g} to {hz[1]:.6g} Hz, the others at rest"
 
     def __repr__(self) -> str:
-        """What it is, without working out its modes."""
+        """Describe it, without working out its modes."""
         return f"MatrixBody({self._extent}, {self.modes} modes, {self.reduction})"
 
     def __getstate__(self) -> dict[str, Any]:
-        """What it is made of: factors cannot be sent to other processes."""
+        """Leave out factors, which cannot be sent to other processes."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def with_modes(self, modes: int) -> "MatrixBody":
@@ -124,11 +124,11 @@ class MatrixBody:
         Parameters
         ----------
         places : sequence of str, (p,)
-            Of `dofs`, not fixed.
+            Names in `dofs` that are not fixed.
         damping : Damping
-            Of the modes, counted from 1 with the rigid ones; unused where there is a `damping_matrix`.
+            Damping of the modes, counted from 1 with the rigid ones; unused where there is a `damping_matrix`.
         supports : sequence of str, (r,)
-            Of `fixed`.
+            Names in `fixed`.
 
         Raises
         ------
@@ -278,7 +278,7 @@ class MatrixBody:
     # ---- the full model
 
     def _receptance(self, at: npt.NDArray[np.intp], shapes: Array, damping: Array, omega: float) -> Complex:
-        """Of all degrees of freedom (p, p), at `omega` [rad/s]; `damping` (n, n) of the modes `shapes` (f, n)."""
+        """Receptance of all degrees of freedom (p, p), at `omega` [rad/s]; `damping` (n, n) of `shapes` (f, n)."""
         stiffness, mass = self._pencil.stiffness, self._pencil.mass
         load = unit_loads(len(self._free), at).astype(complex)
         if self.damping_matrix is not None:

@@ -1,4 +1,4 @@
-"""What no matrix of a body may be."""
+"""Matrices that no body may have, refused."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,7 +20,7 @@ def some(names: Sequence[str]) -> str:
 
 
 def size(matrix: Matrix) -> str:
-    """Of a matrix, in words."""
+    """Size of a matrix, in words."""
     return " x ".join(str(n) for n in matrix.shape)
 
 
@@ -71,7 +71,7 @@ def refuse_indefinite(mass: Matrix, dofs: Sequence[str]) -> None:
 
 
 def _lowest_eigenvalue(matrix: Matrix) -> float:
-    """Of a matrix with a unit diagonal; never below it, and close above."""
+    """Lowest eigenvalue of a matrix with a unit diagonal; never below it, and close above."""
     size = matrix.shape[0]
     if size <= DENSE:
         return float(np.linalg.eigvalsh(matrix.toarray())[0])

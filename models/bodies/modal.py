@@ -31,7 +31,7 @@ class ModalModel:
     damping_matrix : (n, n) tuple of tuples or None
         Viscous damping between the modes [1/s], in place of ratios.
     reactions : mapping of str to (n,) tuple of float
-        Of each support: its reaction per modal acceleration [kg per unit of a mass-normalised mode].
+        For each support, its reaction per modal acceleration [kg per unit of a mass-normalised mode].
     shares : mapping of str to (p,) tuple of float
         Displacement of each port per unit displacement of the support, at rest; 0 where omitted.
     """

@@ -132,7 +132,7 @@ def ritz(stiffness: Matrix, mass: Matrix, basis: Array, shift: float) -> tuple[A
 
 
 def factors(matrix: Matrix, pivoting: float) -> Any:
-    """Of a symmetric matrix; the pivots stay on the diagonal where they are not below that share of their column."""
+    """Factors of a symmetric matrix; pivots stay on the diagonal unless below that share of their column."""
     try:
         options = {"SymmetricMode": True}
         return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivoting, options=options)

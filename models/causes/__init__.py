@@ -67,7 +67,7 @@ CAUSES: dict[str, type[Cause]] = {
         WrongParameter,
     )
 }
-"""Every cause by its name, formats.md section 6; ``parameter`` stands for every ``parameter:<key>``."""
+"""Every cause by its name, docs/reference/causes.md; ``parameter`` stands for every ``parameter:<key>``."""
 
 
 def all_candidates(rig: Rig) -> Iterator[Cause]:

@@ -1,4 +1,4 @@
-"""What a cause is: a missing effect as a small change of the rig, its parameters numbers of the changed rig."""
+"""A cause: a missing effect as a small change of the rig, its parameters numbers of the changed rig."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ class Unknown:
     Attributes
     ----------
     name : str
-        As in a diagnosis, formats.md section 6.
+        As in a diagnosis, docs/reference/causes.md.
     unit : str
         SI unit, "1" for a pure number.
     key : str
@@ -55,7 +55,7 @@ class Cause(Protocol):
     Attributes
     ----------
     name : str
-        Of formats.md section 6.
+        Name of the cause, docs/reference/causes.md.
     meaning, looks_like, confused_with : str
         In words: what it does, how it shows, and what shows alike.
     check : str
@@ -76,7 +76,7 @@ class Cause(Protocol):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["Cause"]:
-        """What of this kind may be wrong with a rig; nothing where it makes no sense."""
+        """Candidates of this kind for a rig; none where it makes no sense."""
         ...
 
     @property

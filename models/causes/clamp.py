@@ -37,7 +37,7 @@ class ClampFriction(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ClampFriction"]:
-        """Of a beam whose clamp is rigid; where the tip can lift off it is not known."""
+        """Offer it for a beam whose clamp is rigid; where the tip can lift off it is not known."""
         if isinstance(rig.body, Beam) and rig.attachments.clamp_stiffness is None and not rig.contact.lift_off:
             yield cls()
 

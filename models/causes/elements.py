@@ -37,7 +37,7 @@ class MidplaneStretchingCause(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["MidplaneStretchingCause"]:
-        """Of a beam that is free to shorten."""
+        """Offer it for a beam that is free to shorten."""
         if isinstance(rig.body, Beam) and not _has(rig, MidplaneStretching):
             yield cls()
 
@@ -67,7 +67,7 @@ class QuadraticDragCause(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["QuadraticDragCause"]:
-        """Of a beam that none acts on."""
+        """Offer it for a beam that has none yet."""
         if isinstance(rig.body, Beam) and not _has(rig, QuadraticDrag):
             yield cls()
 

@@ -32,7 +32,7 @@ class StribeckWeakening(Cause):
     Attributes
     ----------
     exponent : float
-        Of the fall; 1 is the decay law.
+        Exponent of the fall; 1 is the decay law.
     """
 
     name: ClassVar[str] = "stribeck-weakening"
@@ -153,7 +153,7 @@ class AsymmetricFriction(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["AsymmetricFriction"]:
-        """Of laws with a limit."""
+        """Offer it for laws with a limit."""
         law = rig.contact.law
         if isinstance(law, ASYMMETRIC) and law.ratio == 1.0 and "ratio" not in parameters(law):
             yield cls()
@@ -181,7 +181,7 @@ class BristleMemory(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["BristleMemory"]:
-        """Of Dahl's law."""
+        """Offer it for Dahl's law."""
         if type(rig.contact.law) is Dahl:
             yield cls()
 
@@ -206,7 +206,7 @@ class VariableNormalLoad(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["VariableNormalLoad"]:
-        """Of a beam on dry friction."""
+        """Offer it for a beam on dry friction."""
         if not isinstance(rig.body, ModalBody) and not isinstance(rig.contact.law, Frictionless | Viscous):
             yield cls()
 

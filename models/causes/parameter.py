@@ -46,7 +46,7 @@ class WrongParameter(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["WrongParameter"]:
-        """Of every value that may have been measured wrongly; those that are zero and positive are not offered."""
+        """Offer every positive value, which may have been measured wrongly."""
         beam = isinstance(rig.body, Beam)
         keys = [*(OF_BEAM if beam else ()), LOAD, *(() if rig.damping.modal_ratios else (ALPHA,))]
         keys += [POSITION] if beam else []

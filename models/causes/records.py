@@ -105,7 +105,7 @@ class ParameterDrift(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ParameterDrift"]:
-        """Of stiffness, damping, load and friction, where they are positive and do not drift yet."""
+        """Offer stiffness, damping, load and friction, where they are positive and do not drift yet."""
         keys = [*([STIFFNESS] if isinstance(rig.body, Beam) else []), *([] if rig.damping.modal_ratios else [ALPHA])]
         keys += [LOAD, *(LAW + name for name in describe(type(rig.contact.law)))]
         drifting = {drift.parameter for drift in rig.drift}

@@ -33,7 +33,7 @@ class SensorGain(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SensorGain"]:
-        """Of each channel of motion."""
+        """Offer one for each channel of motion."""
         yield from (cls(c.name) for c in rig.response_channels)
 
     @property
@@ -74,7 +74,7 @@ class SensorDelay(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SensorDelay"]:
-        """Of each channel of motion."""
+        """Offer one for each channel of motion."""
         yield from (cls(c.name) for c in rig.response_channels)
 
     @property
@@ -112,7 +112,7 @@ class SensorPosition(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SensorPosition"]:
-        """Of each channel of motion of a beam."""
+        """Offer one for each channel of motion of a beam."""
         if isinstance(rig.body, Beam):
             yield from (cls(c.name) for c in rig.response_channels)
 
@@ -156,7 +156,7 @@ class SwappedChannels(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SwappedChannels"]:
-        """Of each pair of channels of one quantity."""
+        """Offer one for each pair of channels of one quantity."""
         for a, b in combinations(rig.response_channels, 2):
             if a.quantity == b.quantity:
                 yield cls(a.name, b.name)

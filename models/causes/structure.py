@@ -43,7 +43,7 @@ class ClampRotation(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ClampRotation"]:
-        """Of a beam whose clamp is rigid."""
+        """Offer it for a beam whose clamp is rigid."""
         if isinstance(rig.body, Beam) and rig.attachments.clamp_stiffness is None:
             yield cls()
 
@@ -71,7 +71,7 @@ class SupportRotationSpring(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SupportRotationSpring"]:
-        """Of a beam whose tip turns freely."""
+        """Offer it for a beam whose tip turns freely."""
         if isinstance(rig.body, Beam) and rig.attachments.tip_stiffness is None:
             yield cls()
 
@@ -98,7 +98,7 @@ class SupportFlexibility(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SupportFlexibility"]:
-        """Of a beam whose support is rigid."""
+        """Offer it for a beam whose support is rigid."""
         if isinstance(rig.body, Beam) and rig.attachments.support_stiffness is None:
             yield cls()
 
@@ -126,7 +126,7 @@ class ContactLoss(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ContactLoss"]:
-        """Of a beam whose reaction varies; with a clamp that slips, or transients, it is not known."""
+        """Offer it for a beam whose reaction varies; with a clamp that slips, or transients, it is not known."""
         contact = rig.contact
         known = contact.residual_compliance and rig.attachments.clamp_limit is None and rig.excitation.settled
         if isinstance(rig.body, Beam) and known and contact.load_variation > 0.0 and not contact.lift_off:
@@ -156,7 +156,7 @@ class StiffnessDamping(Cause):
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["StiffnessDamping"]:
-        """Of any rig."""
+        """Offer it for any rig."""
         yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:

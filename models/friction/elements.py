@@ -1,4 +1,4 @@
-"""What friction laws are made of: limits, stick-slip return mapping, relaxation, bristles."""
+"""Parts of friction laws: limits, stick-slip return mapping, relaxation, bristles."""
 
 import casadi as ca
 

@@ -1,4 +1,4 @@
-"""What a friction law is, and what is known of its parameters.
+"""The interface of a friction law, and the metadata of its parameters.
 
 A law advances its internal state from one sample of the contact's motion to the next and returns the friction
 force (:meth:`FrictionLaw.advance`). The harmonic balance marches it over a period, the time integrator over a
@@ -26,7 +26,7 @@ Value = Any  # a float or a CasADi expression: laws are written once for both
 
 
 class ContactSample(NamedTuple):
-    """What a law is told about one instant.
+    """The information that a law gets about one instant.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class FrictionLaw(Protocol):
 
 @dataclass(frozen=True)
 class Parameter:
-    """What is known of one parameter of a law; kept in the metadata of the law's dataclass field.
+    """Metadata of one parameter of a law, kept in the law's dataclass field.
 
     Attributes
     ----------

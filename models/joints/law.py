@@ -1,4 +1,4 @@
-"""What a joint's law is: forces at a few ports from the motion there, one symbolic definition for every solver.
+"""The interface of a joint's law: forces at a few ports from the motion there, symbolic, for every solver.
 
 A law advances its internal state from one sample of the motion to the next and returns the forces on the body along its
 ports. Harmonic balance marches it over a period, time integration over a step; derivatives come from CasADi.
@@ -20,7 +20,7 @@ Law = TypeVar("Law")
 
 
 class JointSample(NamedTuple):
-    """What a law is told about one instant.
+    """The information that a law gets about one instant.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class JointLaw(Protocol):
 
 
 class Memoryless:
-    """What laws that answer the present instant alone share; one that is out of its bounds is refused where it is made.
+    """Base of laws that answer the present instant alone; one that is out of its bounds is refused where it is made.
 
     A law gives its ``force(u, v)`` as a list over its ports.
     """
@@ -133,7 +133,7 @@ def numbers(law: Any) -> dict[str, float]:
 
 
 def described(law: Any) -> dict[str, Parameter]:
-    """What is known of the parameters of a law, by their names as :func:`numbers` has them."""
+    """Metadata of the parameters of a law, by their names as :func:`numbers` has them."""
     unknown = Parameter("?", "not described", "", lower=-float("inf"))
     found: dict[str, Parameter] = {}
     for f in fields(law):
@@ -167,7 +167,7 @@ Form = tuple[type, tuple[tuple[str, Any], ...]]
 
 
 def form(law: Any) -> Form:
-    """What decides the instructions of a law, its class and settings; parameters are run-time inputs."""
+    """Choices that decide the instructions of a law: its class and settings. Parameters are run-time inputs."""
     parts: list[tuple[str, Any]] = []
     for f in fields(law):
         value = getattr(law, f.name)

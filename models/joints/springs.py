@@ -62,8 +62,8 @@ class Stop(Memoryless):
 
     name: ClassVar[str] = "impact-stop"
 
-    stiffness: Value = field(metadata=parameter("N/m", "stiffness of the stop", "formats.md section 6", strict=False))
-    gap: Value = field(default=0.0, metadata=parameter("m", "clearance", "formats.md section 6", lower=ANY))
+    stiffness: Value = field(metadata=parameter("N/m", "stiffness of the stop", "catalogue of causes", strict=False))
+    gap: Value = field(default=0.0, metadata=parameter("m", "clearance", "catalogue of causes", lower=ANY))
 
     def force(self, u: Value, v: Value) -> list[Value]:
         """Push back what is beyond the gap."""

@@ -11,7 +11,7 @@ from hbm.outputerror.background import SIZES
 from hbm.outputerror.nominal import TOLERANCES
 
 ROOMS = Path(__file__).parents[2] / "hbm"
-PAGE = (Path(__file__).parents[2] / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "theory" / "diagnosis.md").read_text(encoding="utf-8")
 
 
 def test_every_rule_of_the_table_is_a_constant_of_the_code() -> None:

@@ -1,4 +1,4 @@
-"""The friction laws' equations as physics.md prints them, marched over a period with fine steps.
+"""The friction laws' equations as docs/theory/equations.md prints them, marched over a period with fine steps.
 
 No line is shared with the package. Below the limit every law is an ordinary differential equation, advanced by the
 classical Runge-Kutta scheme; what limits a law is applied after each step. Both are of second order or better in a

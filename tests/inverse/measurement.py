@@ -114,7 +114,7 @@ def respond(rig: Rig, hz: float, force: complex, friction: np.ndarray) -> Truth:
 
 
 def moment_shape(x: float, L: float, EI: float) -> float:
-    """Static deflection per unit moment at the pinned end; physics.md section 5."""
+    """Static deflection per unit moment at the pinned end; docs/theory/equations.md section 5."""
     return (x**3 - L * x**2) / (4 * EI * L)
 
 

@@ -28,7 +28,7 @@ def naive_shape(b: float, xi: np.ndarray, order: int) -> np.ndarray:
 
 def test_paper_frequencies_to_five_digits() -> None:
     hz = PAPER_BEAM.natural_frequencies() / (2 * np.pi)
-    printed = [47.842, 155.04, 323.48, 553.16, 844.10]  # physics.md section 2, Table 1
+    printed = [47.842, 155.04, 323.48, 553.16, 844.10]  # docs/theory/equations.md section 2, Table 1
     assert [float(f"{f:.5g}") for f in hz] == printed
 
 

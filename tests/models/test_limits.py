@@ -233,7 +233,7 @@ def test_work_on_the_hybrid_contact_is_stored_or_dissipated(seed: int) -> None:
         s_rate = (v * g - abs(v) * k_ps * (s - p)) / (g + c_s * abs(v))
         p_rate = -(k_p * p + k_ps * (p - s)) / c_p
         f_e = law.stiffness * (p * law.stiffness_elastic_plastic / (law.stiffness + law.stiffness_elastic_plastic))
-        resisting = f_e + c_p * p_rate + c_s * s_rate  # as physics.md adds it up
+        resisting = f_e + c_p * p_rate + c_s * s_rate  # as docs/theory/equations.md adds it up
         lost = c_p * p_rate**2, c_s * s_rate**2, resisting**2 * abs(v) / g  # c_z (v - z_s') is the resisting force
         return p_rate, s_rate, resisting * v, *lost
 

@@ -69,12 +69,12 @@ def test_switches_remove_what_they_name() -> None:
 def test_static_tip_rotation_of_the_modes_tends_to_beam_theory() -> None:
     """The modal sum of phi_i'(L)^2 / omega_i^2 tends to L / (4 E I), from below and like 1/n."""
     full = L / (4 * EI)
-    assert full == pytest.approx(2.0388e-3, rel=3e-5)  # physics.md section 2
+    assert full == pytest.approx(2.0388e-3, rel=3e-5)  # docs/theory/equations.md section 2
     carried = []
     for modes in (5, 20, 80):
         structure = RIG.with_modes(modes).structure
         carried.append(float(np.sum((structure.slip_row / H_ARM / structure.omega_n) ** 2)))
-    assert carried[0] == pytest.approx(1.7521e-3, rel=3e-5)  # physics.md section 2
+    assert carried[0] == pytest.approx(1.7521e-3, rel=3e-5)  # docs/theory/equations.md section 2
     missing = full - np.array(carried)
     assert (missing > 0).all()
     # terms fall like 1/b^2 with b = (i + 1/4) pi, so the rest is 2 L/(EI) / (pi^2 (n + 3/4)) and smaller orders
@@ -111,7 +111,7 @@ def exact_stuck_hz(compliance: float) -> float:
 
 
 def test_stuck_first_frequency_of_the_paper() -> None:
-    """57.73 Hz with 5 modes; exactly 56.780 Hz with all rotation and 56.004 Hz with axial strain too (physics.md)."""
+    """57.73 Hz with 5 modes; 56.780 Hz with all rotation 56.004 Hz with axial strain too; docs/theory/equations.md."""
     structure = RIG.structure
     assert stuck_hz(structure, 0.0) == pytest.approx(57.728, abs=5e-4)
     assert exact_stuck_hz(0.0) == pytest.approx(56.780, abs=5e-4)

@@ -1,7 +1,7 @@
 """An independent simulator of the rig: finite elements, marched in time to the periodic steady state.
 
 It knows the truth beside the spectra it makes, and nothing of `hbm`, `continuation`, `models` and CasADi. Conventions:
-physics.md; files: formats.md.
+docs/theory/equations.md; files: docs/reference/data_files.md.
 
     rig = table_1(Coulomb(mu=0.52, critical_slip=4.15e-6))             # TrueRig: structure, contact, law
     true = replace(rig, effects=(AddedMass(0.005, 0.3),))              # what the nominal model lacks

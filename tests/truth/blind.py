@@ -4,7 +4,7 @@
     case = draw(seed=8, which="E", cause="added-mass", rig_seed=7)      # shares rig and records with the other
     write_case("data/0007", "answers/0007.json", case)
 
-Sets of diagnosis.md: A one level, one sensor, fundamental; C three levels, six sensors, fundamental; D harmonics 1..9
+Sets: A one level, one sensor, fundamental; C three levels, six sensors, fundamental; D harmonics 1..9
 too; E the second mode's band too; F as E, with less than half of the records, at 50 dB. Strength is aimed at a residual
 of length rho (chi2 = rho^2 over the response's coefficients, harmonics 1 and up, against the rig without the cause, of
 the same simulator under the same noise), and the rho that came out, over the records kept, is stated. With `tolerances`

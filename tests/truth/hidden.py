@@ -1,4 +1,4 @@
-"""What may be wrong with an experiment: each cause of formats.md and some that no catalogue holds, of any strength.
+"""What may be wrong with an experiment: causes of docs/reference/causes.md and some of no catalogue, of any strength.
 
 A maker looks at the scene, draws what is not strength (a place, a channel, a sign) and returns a `Hidden`: a strength
 in whose first order the residual grows, the true rig of that strength, and the answer.

@@ -1,4 +1,4 @@
-"""What instruments make of the truth, and the files of formats.md."""
+"""What instruments make of the truth, and the files of docs/reference/data_files.md."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -79,7 +79,7 @@ def with_noise(
 
 
 def write_spectra(path: str | Path, spectra: Spectra, mean: bool = True, numbers: Sequence[int] | None = None) -> None:
-    """CSV of formats.md section 2; records numbered from 1 unless told; without harmonic 0 unless `mean`."""
+    """CSV of docs/reference/data_files.md; records numbered from 1 unless told; without harmonic 0 unless `mean`."""
     numbers = range(1, len(spectra.records) + 1) if numbers is None else numbers
     lines = ["record,level,frequency_hz,channel,harmonic,cos,sin,std"]
     for i, record in enumerate(spectra.records):
@@ -113,7 +113,7 @@ def toml_table(name: str, values: Mapping[str, object]) -> str:
 def write_rig(
     path: str | Path, nominal: TrueRig, name: str = "nominal", amplitude: float = 1.0, modes: int = 5
 ) -> None:
-    """Rig file of formats.md section 1 of a rig without hidden effects: `replace(true, effects=(), law=...)`."""
+    """Rig file of docs/reference/rig_files.md of a rig without hidden effects: `replace(true, effects=(), law=...)`."""
     if nominal.effects or nominal.distortion or any(s.gain != 1.0 or s.delay != 0.0 for s in nominal.sensors):
         raise ValueError("a rig file holds no hidden effects; replace(rig, effects=(), distortion=(), sensors=...)")
     if nominal.variable_normal_load not in (0.0, 1.0):

@@ -36,7 +36,7 @@ class Tone:
 
 @dataclass(frozen=True)
 class TrueRig:
-    """SI units; conventions of physics.md. `variable_normal_load` scales R(t) - P in the law: 1 true, 0 constant P.
+    """SI units, docs/theory/equations.md. `variable_normal_load` scales R(t) - P in the law: 1 true, 0 constant P.
 
     What no rig file holds: `damping_factors` multiply the damping of the modes of the bare beam but beta's part,
     `thickness_terms` are the relative amplitudes of cos(n pi x / L) in the thickness, n = 1, 2, ..., which mass follows

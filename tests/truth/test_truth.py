@@ -55,7 +55,7 @@ def test_it_shares_no_line_with_what_it_judges() -> None:
 
 
 def test_natural_frequencies_of_table_1() -> None:
-    """physics.md: sliding (roots of tan b = tanh b), and stuck with and without axial strain."""
+    """docs/theory/equations.md: sliding (roots of tan b = tanh b), and stuck with and without axial strain."""
     rig = table_1(PAPER)
     expected = [47.842, 155.04, 323.48, 553.16, 844.10]
     np.testing.assert_allclose(rig.natural_frequencies(5), expected, rtol=3e-5)

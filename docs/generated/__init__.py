@@ -1,0 +1,1 @@
+"""What the site has beside its pages: tables made from the code, and notebooks."""
