@@ -1,8 +1,8 @@
 """The command ``hbm``: arguments, progress, printing, exit status; formats.md section 5.
 
-Exit status 0: done. 1: a computation failed or was interrupted; what was found is written, and marked. 2: bad
-input, nothing was written. Every failure is one line on stderr. Heavy modules are imported by the command
-that needs them.
+Exit status 0: done. 1: a computation failed; what was found is written, and marked. 2: bad input, nothing was
+written. 130, 143: ended by SIGINT or SIGTERM; what is complete is kept, or nothing. Every failure is one line on stderr.
+Heavy modules are imported by the command that needs them.
 """
 
 import os
@@ -15,6 +15,7 @@ import typer
 from typer._click.exceptions import NoArgsIsHelpError, UsageError
 from typer.core import TyperGroup
 
+from hbm import interrupts
 from hbm.commands.backbone import backbone
 from hbm.commands.deliver import deliver_curves, deliver_history, deliver_loops
 from hbm.commands.diagnose import diagnose
@@ -69,6 +70,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without µ is no reason to fail
+    interrupts.listen()
     os.environ.setdefault("MPLBACKEND", "agg")  # figures go to files; no window is opened for them
     app(prog_name="hbm")
 
@@ -83,7 +85,7 @@ def _status(run: Callable[[], Any]) -> int:
         return say(f"hbm: {str(failed) or 'out of memory'}", 1)
     except UsageError as misused:
         return say(_usage(misused), misused.exit_code)
-    return say("hbm: interrupted, nothing written", 1) if status == INTERRUPTED else status
+    return say("hbm: interrupted, nothing half written", interrupts.status()) if status == INTERRUPTED else status
 
 
 def _usage(error: UsageError) -> str:
@@ -220,14 +222,14 @@ def frf(
             choice = choose_law(loaded, law)
         loaded = choice.rig
         print(choice)
-    curves, failures = _responses(loaded, hz, levels or [loaded.excitation.amplitude], H, stability=stability)
+    curves, failures, status = _responses(loaded, hz, levels or [loaded.excitation.amplitude], H, stability=stability)
     failures += [_partial(c) for c in curves if not c.complete]
     if curves:
         deliver_curves(curves, out, plot)
     for failure in failures:
-        say(failure, 1)
+        say(failure, status)
     if failures:
-        raise typer.Exit(1)
+        sys.exit(status)
 
 
 @app.command()
@@ -319,8 +321,8 @@ def _check_duration(hz: float, seconds: float) -> None:
 
 def _responses(
     rig: "AnyRig", hz: tuple[float, float] | None, levels: Sequence[float], harmonics: int | None, *, stability: bool
-) -> tuple[list["ResponseCurve"], list[str]]:
-    """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
+) -> tuple[list["ResponseCurve"], list[str], int]:
+    """Curves of the levels, a line for each that failed, the exit status then; an interrupt keeps what was found."""
     from continuation import ConvergenceError
     from hbm.commands.progress import Sweep
     from hbm.response.accuracy import frequency_response
@@ -328,6 +330,7 @@ def _responses(
 
     curves: list[ResponseCurve] = []
     failures: list[str] = []
+    status = 1
     sweep = sweep_of(rig, hz, "frf")
     for level in levels:
         try:
@@ -338,10 +341,11 @@ def _responses(
         except (ConvergenceError, ArithmeticError) as failed:
             failures.append(f"frf: {level:g} N: {failed}")
         except KeyboardInterrupt:
+            status = interrupts.status()
             left = len(levels) - len(curves) - len(failures)
             failures.append(f"frf: interrupted at {level:g} N; {left} of {len(levels)} levels not computed")
             break
-    return curves, failures
+    return curves, failures, status
 
 
 def _partial(curve: "ResponseCurve") -> str:
