@@ -1,8 +1,8 @@
 """The command ``hbm``: arguments, progress, printing, exit status; formats.md section 5.
 
 Exit status 0: done. 1: a computation failed; what was found is written, and marked. 2: bad input, nothing was
-written. 130, 143: ended by SIGINT or SIGTERM; what is complete is kept, or nothing. Every failure is one line on stderr.
-Heavy modules are imported by the command that needs them.
+written. 130, 143: ended by SIGINT or SIGTERM; what is complete is kept, or nothing. Every failure is one line on
+stderr. Heavy modules are imported by the command that needs them.
 """
 
 import os
@@ -35,6 +35,7 @@ from hbm.commands.options import (
     quoted,
     say,
     spreading,
+    whole,
 )
 from hbm.commands.spectra import spectra
 from hbm.commands.stability import Stability, judged
@@ -43,6 +44,7 @@ from hbm.errors import InputError
 if TYPE_CHECKING:
     from hbm.integration.history import TimeHistory
     from hbm.integration.jointed import JointHistory
+    from hbm.response.budget import Budget
     from hbm.response.curve import ResponseCurve
     from hbm.rigfiles.lawchoice import KnownLaw
     from models.jointed import AnyRig
@@ -51,6 +53,7 @@ INTERRUPTED = 130
 """Status that Typer gives to a keyboard interrupt."""
 
 LARGEST_HISTORY = 20_000_000  # samples
+LARGEST_CURVE = 20_000  # points
 
 
 class OneLine(TyperGroup):
@@ -203,6 +206,12 @@ def frf(
     ] = None,
     plot: Plot = None,
     stability: Stability = True,
+    max_points: Annotated[
+        str, typer.Option(metavar="N", help="Most points of a curve; it ends there, and is kept.")
+    ] = "5000",
+    max_seconds: Annotated[
+        str, typer.Option(metavar="S", help="Longest trace of a curve; it ends there, and is kept.")
+    ] = "300",
 ) -> None:
     """Frequency response curves, each with its numerical error, its stability and its bifurcations.
 
@@ -210,19 +219,25 @@ def frf(
 
     Example:  hbm frf examples/paper_beam.toml --from 45 --to 60 --level 2 4 6.5 --out beam.csv --plot beam.png
     """
+    from hbm.response.budget import Budget
     from hbm.rigfiles.lawchoice import choose_law
     from hbm.rigfiles.load import load_contact_rig, load_rig
     from models.rig import Rig
 
     check_outputs("frf", out, plot)
     hz, levels, H = _range(begin, end), _levels(level), harmonics_or_auto("frf", harmonics)
+    budget = Budget(
+        whole("frf", "--max-points", max_points, LARGEST_CURVE), positive("frf", "--max-seconds", max_seconds, "s")
+    )
     loaded: AnyRig = load_rig(rig) if law is None else load_contact_rig(rig, "frf --law")
     if isinstance(loaded, Rig) and law is not None:
         with named("frf"):
             choice = choose_law(loaded, law)
         loaded = choice.rig
         print(choice)
-    curves, failures, status = _responses(loaded, hz, levels or [loaded.excitation.amplitude], H, stability=stability)
+    curves, failures, status = _responses(
+        loaded, hz, levels or [loaded.excitation.amplitude], H, budget, stability=stability
+    )
     failures += [_partial(c) for c in curves if not c.complete]
     if curves:
         deliver_curves(curves, out, plot)
@@ -320,10 +335,16 @@ def _check_duration(hz: float, seconds: float) -> None:
 
 
 def _responses(
-    rig: "AnyRig", hz: tuple[float, float] | None, levels: Sequence[float], harmonics: int | None, *, stability: bool
+    rig: "AnyRig",
+    hz: tuple[float, float] | None,
+    levels: Sequence[float],
+    harmonics: int | None,
+    budget: "Budget",
+    *,
+    stability: bool,
 ) -> tuple[list["ResponseCurve"], list[str], int]:
     """Curves of the levels, a line for each that failed, the exit status then; an interrupt keeps what was found."""
-    from continuation import ConvergenceError
+    from continuation import ConvergenceError, End
     from hbm.commands.progress import Sweep
     from hbm.response.accuracy import frequency_response
     from hbm.response.trace import sweep_of
@@ -335,8 +356,12 @@ def _responses(
     for level in levels:
         try:
             with Sweep(f"{level:g} N", *sweep) as progress:
-                curves.append(frequency_response(rig, sweep, level=level, harmonics=harmonics, on_point=progress.point))
-                if stability:
+                curves.append(
+                    frequency_response(
+                        rig, sweep, level=level, harmonics=harmonics, on_point=progress.point, budget=budget
+                    )
+                )
+                if stability and curves[-1].branch.end is not End.STOPPED_BY_CALLER:  # it has cost enough
                     curves[-1] = judged(curves[-1])
         except (ConvergenceError, ArithmeticError) as failed:
             failures.append(f"frf: {level:g} N: {failed}")
