@@ -1,8 +1,8 @@
 """The command ``hbm``: arguments, progress, printing, exit status; docs/reference/commands.md.
 
-Exit status 0: done. 1: a computation failed or was interrupted; what was found is written, and marked. 2: bad
-input, nothing was written. Every failure is one line on stderr. Heavy modules are imported by the command
-that needs them.
+Exit status 0: done. 1: a computation failed; what was found is written, and marked. 2: bad input, nothing was
+written. 130, 143: ended by SIGINT or SIGTERM; what is complete is kept, or nothing. Every failure is one line on
+stderr. Heavy modules are imported by the command that needs them.
 """
 
 import os
@@ -15,6 +15,7 @@ import typer
 from typer._click.exceptions import NoArgsIsHelpError, UsageError
 from typer.core import TyperGroup
 
+from hbm import interrupts
 from hbm.commands.backbone import backbone
 from hbm.commands.deliver import Drawing, deliver_curves, deliver_history, deliver_loops
 from hbm.commands.diagnose import diagnose
@@ -38,6 +39,7 @@ from hbm.commands.options import (
     say,
     spreading,
     warnings_in_one_line,
+    whole,
 )
 from hbm.commands.spectra import spectra
 from hbm.commands.stability import Stability, judged
@@ -47,6 +49,7 @@ from hbm.errors import InputError
 if TYPE_CHECKING:
     from hbm.integration.history import TimeHistory
     from hbm.integration.jointed import JointHistory
+    from hbm.response.budget import Budget
     from hbm.response.curve import ResponseCurve
     from hbm.rigfiles.lawchoice import KnownLaw
     from models.jointed import AnyRig
@@ -55,6 +58,7 @@ INTERRUPTED = 130
 """Status that Typer gives to a keyboard interrupt."""
 
 LARGEST_HISTORY = 20_000_000  # samples
+LARGEST_CURVE = 20_000  # points
 
 
 class OneLine(TyperGroup):
@@ -75,6 +79,7 @@ def main() -> None:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without µ is no reason to fail
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # else workers import what lies in the working folder by accident
+    interrupts.listen()
     os.environ.setdefault("MPLBACKEND", "agg")  # figures go to files; no window is opened for them
     app(prog_name="hbm")
 
@@ -90,7 +95,7 @@ def _status(run: Callable[[], Any]) -> int:
         return say(f"hbm: {str(failed) or 'out of memory'}", 1)
     except UsageError as misused:
         return say(_usage(misused), misused.exit_code)
-    return say("hbm: interrupted, nothing written", 1) if status == INTERRUPTED else status
+    return say("hbm: interrupted, nothing half written", interrupts.status()) if status == INTERRUPTED else status
 
 
 def _usage(error: UsageError) -> str:
@@ -213,6 +218,12 @@ def frf(
     sensors: Sensors = False,
     log: Log = False,
     per_force: PerForce = False,
+    max_points: Annotated[
+        str, typer.Option(metavar="N", help="Most points of a curve; it ends there, and is kept.")
+    ] = "5000",
+    max_seconds: Annotated[
+        str, typer.Option(metavar="S", help="Longest trace of a curve; it ends there, and is kept.")
+    ] = "300",
 ) -> None:
     """Frequency response curves, each with its numerical error, its stability and its bifurcations.
 
@@ -222,6 +233,7 @@ def frf(
 
     Example:  hbm frf rig.toml --measured spectra.csv --log --plot over_the_points.png
     """
+    from hbm.response.budget import Budget
     from hbm.rigfiles.lawchoice import choose_law
     from hbm.rigfiles.load import load_contact_rig, load_rig
     from models.rig import Rig
@@ -229,6 +241,9 @@ def frf(
     check_outputs("frf", out, plot)
     check_drawing("frf", plot, measured, sensors=sensors, flags={"--log": log, "--per-force": per_force})
     hz, levels, H = _range(begin, end), _levels(level), harmonics_or_auto("frf", harmonics)
+    budget = Budget(
+        whole("frf", "--max-points", max_points, LARGEST_CURVE), positive("frf", "--max-seconds", max_seconds, "s")
+    )
     loaded: AnyRig = (
         load_rig(rig, allow_code=allow_code or None)
         if law is None
@@ -241,14 +256,14 @@ def frf(
         print(choice)
     points = load_points(measured, loaded)
     levels = levels or (levels_of(points) if points else [loaded.excitation.amplitude])
-    curves, failures = _responses(loaded, hz, levels, H, stability=stability)
+    curves, failures, status = _responses(loaded, hz, levels, H, budget, stability=stability)
     failures += [_partial(c) for c in curves if not c.complete]
     if curves:
         deliver_curves(curves, out, plot, Drawing(points, sensors, log, per_force))
     for failure in failures:
-        say(failure, 1)
+        say(failure, status)
     if failures:
-        raise typer.Exit(1)
+        sys.exit(status)
 
 
 @app.command()
@@ -342,10 +357,16 @@ def _check_duration(hz: float, seconds: float) -> None:
 
 
 def _responses(
-    rig: "AnyRig", hz: tuple[float, float] | None, levels: Sequence[float], harmonics: int | None, *, stability: bool
-) -> tuple[list["ResponseCurve"], list[str]]:
-    """Curves of the levels, and a line for each that failed; an interrupt keeps what was found."""
-    from continuation import ConvergenceError
+    rig: "AnyRig",
+    hz: tuple[float, float] | None,
+    levels: Sequence[float],
+    harmonics: int | None,
+    budget: "Budget",
+    *,
+    stability: bool,
+) -> tuple[list["ResponseCurve"], list[str], int]:
+    """Curves of the levels, a line for each that failed, the exit status then; an interrupt keeps what was found."""
+    from continuation import ConvergenceError, End
     from hbm.commands.progress import Sweep
     from hbm.modes.linear import sliding_to_stuck
     from hbm.response.accuracy import frequency_response
@@ -353,20 +374,26 @@ def _responses(
 
     curves: list[ResponseCurve] = []
     failures: list[str] = []
+    status = 1
     sweep = sweep_of(rig, hz or sliding_to_stuck(rig), "frf")
     for level in levels:
         try:
             with Sweep(f"{level:g} N", *sweep) as progress:
-                curves.append(frequency_response(rig, sweep, level=level, harmonics=harmonics, on_point=progress.point))
-                if stability:
+                curves.append(
+                    frequency_response(
+                        rig, sweep, level=level, harmonics=harmonics, on_point=progress.point, budget=budget
+                    )
+                )
+                if stability and curves[-1].branch.end is not End.STOPPED_BY_CALLER:  # it has cost enough
                     curves[-1] = judged(curves[-1])
         except (ConvergenceError, ArithmeticError) as failed:
             failures.append(f"frf: {level:g} N: {failed}")
         except KeyboardInterrupt:
+            status = interrupts.status()
             left = len(levels) - len(curves) - len(failures)
             failures.append(f"frf: interrupted at {level:g} N; {left} of {len(levels)} levels not computed")
             break
-    return curves, failures
+    return curves, failures, status
 
 
 def _partial(curve: "ResponseCurve") -> str:

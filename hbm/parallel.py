@@ -5,13 +5,17 @@ Matrices here have some hundred rows: a second BLAS thread costs time, most of a
 
 import os
 import pickle
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
-from functools import cache, lru_cache, wraps
-from multiprocessing import get_context
+from contextlib import contextmanager
+from functools import cache, lru_cache, partial, wraps
+from multiprocessing import get_context, parent_process
+from threading import Thread
 from typing import Any, ParamSpec, TypeVar, cast
 
 from threadpoolctl import ThreadpoolController
+
+from hbm.interrupts import held, kill_workers
 
 Inputs = ParamSpec("Inputs")
 Result = TypeVar("Result")
@@ -36,13 +40,38 @@ def one_thread(function: Callable[Inputs, Result]) -> Callable[Inputs, Result]:
     return limited
 
 
-def all_cores(prepare: Callable[[], None] | None = None) -> ProcessPoolExecutor:
-    """Executor with a process for each core this one may run on, each prepared first, at once."""
+@contextmanager
+def all_cores(prepare: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
+    """Executor with a process for each core this one may run on, each prepared first, at once.
+
+    Where the work ends early, by an error or an interrupt, its processes are killed and nothing is waited for.
+    """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    executor = ProcessPoolExecutor(cores, get_context("spawn"), prepare)
-    for _ in range(cores):  # a process starts with its first task, which may come late
-        executor.submit(int)
-    return executor
+    executor = ProcessPoolExecutor(cores, get_context("spawn"), partial(_prepared, prepare))
+    try:
+        with held():  # processes inherit it: a terminal signals them too, and ending is for this one to order
+            for _ in range(cores):  # a process starts with its first task, which may come late
+                executor.submit(int)
+        yield executor
+    except BaseException:
+        executor.shutdown(wait=False, cancel_futures=True)
+        kill_workers()
+        raise
+    executor.shutdown()
+
+
+def _prepared(prepare: Callable[[], None] | None) -> None:
+    """Prepare a process, which ends when the one that started it does, however that ends."""
+    parent = parent_process()
+    if parent is not None:
+        Thread(target=_end_with, args=(parent,), daemon=True).start()
+    if prepare is not None:
+        prepare()
+
+
+def _end_with(parent: Any) -> None:
+    parent.join()
+    os._exit(1)
 
 
 def each(executor: Executor | None, task: Callable[..., Result], *items: Sequence[Any]) -> list[Result]:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hbm.errors import InputError
+from hbm.interrupts import held
 
 StrPath = str | os.PathLike[str]
 
@@ -83,9 +84,10 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
     try:
         for path, content in contents.items():
             written[path] = _temporary(path, content)
-        for path, temporary in written.items():
-            os.replace(temporary, path)
-            placed.append(path)
+        with held():
+            for path, temporary in written.items():
+                os.replace(temporary, path)
+                placed.append(path)
     except OSError as refused:
         for path in placed:  # its companion is missing
             path.unlink(missing_ok=True)

@@ -444,27 +444,27 @@ def test_nothing_found_writes_nothing(failing: Any, tmp_path: Path) -> None:
 def test_an_interrupt_keeps_the_levels_that_were_done(failing: Any, tmp_path: Path) -> None:
     failing({4.0: interrupted})
     result = run("frf", PAPER, *QUICK, "--level", "2", "4", "6", "--out", str(tmp_path / "c.csv"))
-    assert (result.exit_code, result.stderr) == (1, "frf: interrupted at 4 N; 2 of 3 levels not computed\n")
+    assert (result.exit_code, result.stderr) == (130, "frf: interrupted at 4 N; 2 of 3 levels not computed\n")
     assert [curve.level for curve in read_curves(tmp_path / "c.csv")] == [2.0]
 
 
 @pytest.mark.parametrize(
-    ("error", "line"),
+    ("error", "line", "status"),
     [
-        (ArithmeticError("step 3 cannot be solved"), "hbm: step 3 cannot be solved"),
-        (KeyboardInterrupt(), "hbm: interrupted, nothing written"),
-        (MemoryError(), "hbm: out of memory"),
+        (ArithmeticError("step 3 cannot be solved"), "hbm: step 3 cannot be solved", 1),
+        (KeyboardInterrupt(), "hbm: interrupted, nothing half written", 130),
+        (MemoryError(), "hbm: out of memory", 1),
     ],
 )
-def test_a_failed_simulation_is_one_line_and_status_1(
-    error: BaseException, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_failed_simulation_is_one_line_and_its_status(
+    error: BaseException, line: str, status: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object, **__: object) -> None:
         raise error
 
     monkeypatch.setattr(hbm.integration.integrate, "simulate", fail)
     result = run("simulate", PAPER, "--frequency", "50", "--out", str(tmp_path / "h.csv"))
-    assert (result.stderr, result.stdout, result.exit_code) == (f"{line}\n", "", 1)
+    assert (result.stderr, result.stdout, result.exit_code) == (f"{line}\n", "", status)
     assert list(tmp_path.iterdir()) == []
 
 

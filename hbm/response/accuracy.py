@@ -13,6 +13,7 @@ from continuation import ConvergenceError
 from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.response.budget import Budget
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
 from hbm.response.trace import OnPoint, scout_frequency, solve_near, sweep_of, trace_frequency
 from models.jointed import AnyRig, JointedRig
@@ -45,6 +46,7 @@ def frequency_response(
     harmonics: int | None = None,
     tolerance: float = TOLERANCE,
     on_point: OnPoint | None = None,
+    budget: Budget | None = None,
 ) -> ResponseCurve:
     """Frequency response curve with its numerical error.
 
@@ -62,6 +64,8 @@ def frequency_response(
         Accepted change relative to the peak.
     on_point : callable, optional
         Progress: called with frequency and point number.
+    budget : Budget, optional
+        Most points and seconds of the trace.
 
     Returns
     -------
@@ -79,7 +83,9 @@ def frequency_response(
     else:
         H, N_t, reason = harmonics, default_samples(harmonics), f"H = {harmonics} as asked for"
     step = abs(sweep[1] - sweep[0]) / STEPS
-    curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, step_hz=step, on_point=on_point)
+    curve = trace_frequency(
+        rig, sweep, level=level, harmonics=H, samples=N_t, step_hz=step, on_point=on_point, budget=budget
+    )
     error = estimate_error(curve)
     return replace(curve, assessment=Assessment(error, reason, tuple(_warnings(curve, error, tolerance))))
 

@@ -27,6 +27,7 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_frequency, expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
+from hbm.response.budget import Budget, Watch, worded
 from hbm.response.curve import ResponseCurve
 from hbm.response.liftoff import solve_lifting
 from models.jointed import AnyRig
@@ -246,6 +247,7 @@ def trace_frequency(
     samples: int | None = None,
     step_hz: float | None = None,
     on_point: OnPoint | None = None,
+    budget: Budget | None = None,
 ) -> ResponseCurve:
     """Frequency response with given harmonics and samples; see :func:`hbm.response.accuracy.frequency_response`.
 
@@ -262,11 +264,13 @@ def trace_frequency(
         Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/50 of the range where omitted.
     on_point : callable, optional
         Progress: called with frequency and point number.
+    budget : Budget, optional
+        Most points and seconds; :class:`hbm.response.budget.Budget` where omitted.
 
     Returns
     -------
     ResponseCurve
-        Partial, and marked so, where a step could not be made.
+        Partial, and marked so, where a step could not be made, the budget was spent, or the curve turns in place.
 
     Raises
     ------
@@ -277,7 +281,7 @@ def trace_frequency(
     problem = balance_of(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
     step = abs(lam1 - lam0) / 50 if step_hz is None else problem.lam_at(step_hz)
-    return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point))
+    return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point, budget))
 
 
 def scout_frequency(rig: AnyRig, hz: tuple[float, float], *, level: float | None = None) -> ResponseCurve:
@@ -332,19 +336,27 @@ def force_response(
 
 
 @one_thread
-def _trace(problem: AnyBalance, lam0: float, settings: Settings, on_point: OnPoint | None) -> ResponseCurve:
-    count = 0
+def _trace(
+    problem: AnyBalance, lam0: float, settings: Settings, on_point: OnPoint | None, budget: Budget | None = None
+) -> ResponseCurve:
+    watch = Watch(budget or Budget(), abs(settings.lam_end - lam0))
 
-    def report(point: Point) -> None:
-        nonlocal count
-        count += 1
+    def report(point: Point) -> bool:
+        ended = watch.spent(point)
         if on_point is not None:
-            by_frequency = problem.parameter == "frequency"
-            on_point(problem.hz_at(point.lam) if by_frequency else problem.at(point.lam)[1], count)
+            on_point(_shown(problem, point.lam), watch.count)
+        return bool(ended)
 
     branch = continue_branch(problem, first_solution(problem, lam0), lam0, settings, report)
+    if watch.ended:
+        branch = worded(branch, _shown(problem, branch.points[-1].lam), problem.parameter, watch.ended)
     points = tuple(describe(problem, p.x, p.lam) for p in branch.points)
     return ResponseCurve(problem.rig, points, branch, problem)
+
+
+def _shown(problem: AnyBalance, lam: float) -> float:
+    """Frequency [Hz] or force [N] at a value of the continuation parameter."""
+    return problem.hz_at(lam) if problem.parameter == "frequency" else problem.at(lam)[1]
 
 
 @one_thread

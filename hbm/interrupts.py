@@ -1,0 +1,74 @@
+"""Signals that end a command: SIGINT and SIGTERM stop it at once, but never between the files of one result.
+
+A command that is told to end raises ``KeyboardInterrupt`` where it is, keeps or drops what it has, and ends by itself.
+One that has not ended after :data:`GRACE` is ended where it stands; files appear by renaming, so none is half there.
+"""
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import active_children
+from types import FrameType
+
+GRACE = 2.5
+"""Seconds that a command has to keep what is complete."""
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+_received: list[int] = []
+_holding: list[bool] = []
+
+
+def listen() -> None:
+    """End this process by either signal, also where its parent had it ignore them, as a shell does behind ``&``."""
+    _received.clear()
+    for number in SIGNALS:
+        signal.signal(number, _interrupt)
+
+
+def _interrupt(number: int, _: FrameType | None) -> None:
+    if _received:
+        return  # it is ending already; a second signal would only cost what it is keeping
+    _received.append(number)
+    last_resort = threading.Timer(GRACE, _end)
+    last_resort.daemon = True
+    last_resort.start()
+    if not _holding:
+        raise KeyboardInterrupt
+
+
+def _end() -> None:
+    kill_workers()
+    print("hbm: interrupted, and ended before all was kept; no file is half written", file=sys.stderr, flush=True)
+    os._exit(status())
+
+
+def kill_workers() -> None:
+    """End the processes that this one started."""
+    for worker in active_children():
+        worker.kill()
+
+
+def status() -> int:
+    """Exit status of an interrupted command: 128 and the number of the signal."""
+    return 128 + (_received[0] if _received else signal.SIGINT)
+
+
+@contextmanager
+def held() -> Iterator[None]:
+    """Hold both signals back until this is done; processes started meanwhile never see them."""
+    masked = hasattr(signal, "pthread_sigmask")
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS) if masked else set()
+    known = len(_received)
+    _holding.append(True)  # a thread of a library may still take a signal for this one
+    try:
+        yield
+    finally:
+        _holding.pop()
+        if masked:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    if len(_received) > known:
+        raise KeyboardInterrupt
