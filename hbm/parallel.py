@@ -5,12 +5,12 @@ Matrices here have some hundred rows: a second BLAS thread costs time, most of a
 
 import os
 import pickle
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, InvalidStateError, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import cache, lru_cache, partial, wraps
 from multiprocessing import get_context, parent_process
-from threading import Thread
 from typing import Any, ParamSpec, TypeVar, cast
 
 from threadpoolctl import ThreadpoolController
@@ -54,17 +54,34 @@ def all_cores(prepare: Callable[[], None] | None = None) -> Iterator[ProcessPool
                 executor.submit(int)
         yield executor
     except BaseException:
-        executor.shutdown(wait=False, cancel_futures=True)
-        kill_workers()
+        with _unconcerned():
+            kill_workers()
+            executor.shutdown(cancel_futures=True)
         raise
     executor.shutdown()
+
+
+@contextmanager
+def _unconcerned() -> Iterator[None]:
+    """Say nothing of a thread that fails a task which was cancelled: that of an executor whose processes are killed."""
+    before = threading.excepthook
+
+    def hook(failed: threading.ExceptHookArgs) -> None:
+        if not issubclass(failed.exc_type, InvalidStateError):
+            before(failed)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = before
 
 
 def _prepared(prepare: Callable[[], None] | None) -> None:
     """Prepare a process, which ends when the one that started it does, however that ends."""
     parent = parent_process()
     if parent is not None:
-        Thread(target=_end_with, args=(parent,), daemon=True).start()
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     if prepare is not None:
         prepare()
 
