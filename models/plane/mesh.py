@@ -4,7 +4,9 @@ The half cylinder is two quarter cylinders, as in Figure 4b of the paper: each i
 the middle of its arc, where two sides of a quadrilateral meet in a straight line.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -74,7 +76,14 @@ class HalfCylinder:
         return np.concatenate([[0.0], np.cumsum(self.across)[:-1], [1.0]])
 
 
-def beam_mesh(length: float, thickness: float, columns: int, rows: int, cylinder: HalfCylinder | None = None) -> Any:
+def beam_mesh(
+    length: float,
+    thickness: float,
+    columns: int,
+    rows: int,
+    cylinder: HalfCylinder | None = None,
+    stations: Sequence[float] = (),
+) -> Any:
     """Mesh of a beam along x from 0 to `length`, its neutral axis at y = 0, with a half cylinder under it.
 
     Parameters
@@ -84,6 +93,8 @@ def beam_mesh(length: float, thickness: float, columns: int, rows: int, cylinder
     columns, rows : int
         Elements along the beam (up to the half cylinder, if there is one) and over its thickness.
     cylinder : HalfCylinder, optional
+    stations : sequence of float
+        Where along the beam nodes must lie [m]; the others are spread evenly between them.
 
     Returns
     -------
@@ -92,11 +103,11 @@ def beam_mesh(length: float, thickness: float, columns: int, rows: int, cylinder
     Raises
     ------
     ValueError
-        If the half cylinder does not fit under the beam.
+        If the half cylinder does not fit under the beam, or a station lies elsewhere than before it.
     """
     levels = np.linspace(-thickness / 2, thickness / 2, rows + 1)
     if cylinder is None:
-        return merged([_grid(*np.meshgrid(np.linspace(0.0, length, columns + 1), levels, indexing="ij"))])
+        return merged([_grid(*np.meshgrid(_spread(length, columns, stations), levels, indexing="ij"))])
     start, end = cylinder.position - cylinder.radius, cylinder.position + cylinder.radius
     if start <= 0.0 or end > length * (1 + 1e-12):
         raise ValueError(
@@ -104,7 +115,7 @@ def beam_mesh(length: float, thickness: float, columns: int, rows: int, cylinder
         )
     s = cylinder.steps
     chord = cylinder.position + cylinder.radius * np.concatenate([-s[:0:-1], s])
-    x = [np.linspace(0.0, start, columns + 1)[:-1], chord]
+    x = [_spread(start, columns, stations)[:-1], chord]
     beyond = round((length - end) / (start / columns))
     if length - end > 1e-12 * length:
         x.append(np.linspace(end, length, max(beyond, 1) + 1)[1:])
@@ -113,6 +124,16 @@ def beam_mesh(length: float, thickness: float, columns: int, rows: int, cylinder
         across, down = _quarter(s, cylinder.radius)
         patches.append(_grid(cylinder.position + side * across, -thickness / 2 - down))
     return merged(patches)
+
+
+def _spread(length: float, columns: int, stations: Sequence[float]) -> Array:
+    """Nodes from 0 to a length: at the stations, and evenly between them."""
+    for x in stations:
+        if not 0.0 < x < length:
+            raise ValueError(f"PlaneBeam: station = {x:g}; must be > 0 and < {length:g} m")
+    ends = sorted({0.0, *stations, length})
+    pieces = [np.linspace(a, b, max(1, round(columns * (b - a) / length)) + 1)[:-1] for a, b in pairwise(ends)]
+    return np.concatenate([*pieces, [length]])
 
 
 def _quarter(s: Array, radius: float) -> tuple[Array, Array]:

@@ -38,6 +38,8 @@ class PlaneBeam:
         ``plane-stress`` or ``plane-strain``.
     columns, rows : int
         Elements along the beam (up to the half cylinder) and over its thickness, an even number.
+    stations : tuple of float
+        Where along the beam nodes must lie, to be shaken or observed there [m].
     """
 
     length: float
@@ -51,6 +53,7 @@ class PlaneBeam:
     state: State = "plane-stress"
     columns: int = 120
     rows: int = 4
+    stations: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what is no beam."""
@@ -70,7 +73,7 @@ class PlaneBeam:
 
     def model(self, modes: int = 20, reduction: Method = "modes") -> "PlaneModel":
         """Mesh and assemble it; `modes` and `reduction` are those of :class:`models.bodies.MatrixBody`."""
-        mesh = beam_mesh(self.length, self.thickness, self.columns, self.rows, self.cylinder)
+        mesh = beam_mesh(self.length, self.thickness, self.columns, self.rows, self.cylinder, self.stations)
         return PlaneModel(self, mesh, ELEMENTS[self.element].assemble(mesh, self.material), modes, reduction)
 
 

@@ -151,7 +151,9 @@ def test_a_contact_open_at_rest_is_a_stop_behind_its_gap_that_rubs() -> None:
     signals, _ = _signals(2, loaded=False)
     signals[:, 1::2] *= 3.0
     mu, nominal = 0.4, 2.0
-    f = JointOverPeriod(Friction(Coulomb(mu), -stiffness * gap, stiffness, nominal), BASIS, 0.1).forces(signals, OMEGA)[0]
+    f = JointOverPeriod(Friction(Coulomb(mu), -stiffness * gap, stiffness, nominal), BASIS, 0.1).forces(signals, OMEGA)[
+        0
+    ]
     stop = JointOverPeriod(Stop(stiffness, gap), BASIS).forces(signals[:, [1, 3, 4]], OMEGA)[0][:, 0]
     assert 0.1 < np.mean(stop < 0.0) < 0.9  # it opens and closes
     np.testing.assert_allclose(f[:, 1], stop, atol=1e-12)

@@ -155,6 +155,16 @@ def test_refused_at_birth(changed, message):
         beam(**changed)
 
 
+def test_nodes_lie_at_the_stations():
+    cylinder = HalfCylinder(LENGTH, RADIUS)
+    model = beam(length=LENGTH + RADIUS, cylinder=cylinder, columns=30, rows=2, stations=(0.555, 0.3)).model(modes=2)
+    x = np.unique(model.mesh.p[0])
+    assert {0.3, 0.555} <= set(x.round(12))
+    assert np.diff(x[x <= LENGTH - RADIUS]).max() < 1.5 * LENGTH / 30
+    with pytest.raises(ValueError, match=r"^PlaneBeam: station = 0\.604; must be > 0 and < 0\.601 m"):
+        beam(length=LENGTH + RADIUS, cylinder=cylinder, stations=(0.604,)).model()
+
+
 def test_half_cylinder_must_lie_under_the_beam():
     with pytest.raises(ValueError, match=r"reaches from 0\.601 to 0\.611 m; must lie under the beam, 0 to 0\.606 m"):
         beam(cylinder=HalfCylinder(LENGTH, RADIUS)).model()
