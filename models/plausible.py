@@ -207,7 +207,7 @@ def warn_of(numbers: Iterable[tuple[str, str, Any]]) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Warn of nothing: whoever asks says it with the name of a file."""
+    """Warn of nothing: whoever asks says it with the name of a file, or tries numbers that nobody has given."""
     token = _quiet.set(True)
     try:
         yield

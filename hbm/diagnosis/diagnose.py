@@ -18,12 +18,14 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.parallel import one_thread
 from models import causes as catalogue
 from models.causes.cause import Cause
+from models.plausible import quiet
 from models.rig import Rig
 
 HALF = "What explains the records first fitted does not hold for those held out: every second of these is fitted too."
 
 
 @one_thread
+@quiet()
 def diagnose(
     rig: Rig,
     spectra: MeasuredSpectra,

@@ -19,6 +19,7 @@ from hbm.inverse.reconstruction import Reconstruction
 from hbm.parallel import one_thread
 from models.display import Displayed
 from models.friction import FrictionLaw
+from models.plausible import quiet
 from models.rig import Rig
 
 LAWS = ("coulomb-penalty", "stribeck", "dahl", "lugre")
@@ -74,6 +75,7 @@ class Identification(Displayed):
 
 
 @one_thread
+@quiet()
 def identify(
     rig: Rig,
     reconstruction: Reconstruction,

@@ -30,6 +30,7 @@ from hbm.parallel import one_thread
 from hbm.sensitivity.derivatives import sensitivities
 from hbm.sensitivity.scalars import FORCE
 from models.friction import FrictionLaw
+from models.plausible import quiet
 from models.rig import Rig
 
 HARMONICS = (15, 25, 35, 51)
@@ -102,6 +103,7 @@ class SpectraFit:
 
 
 @one_thread
+@quiet()
 def fit_spectra(
     rig: Rig,
     spectra: MeasuredSpectra,

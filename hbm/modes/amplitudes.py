@@ -48,7 +48,7 @@ def default_amplitudes(rig: AnyRig, mode: int = 1) -> tuple[float, float]:
     """Drive amplitudes [m] from contacts that all stick to contacts that all slide freely, or nearly so."""
     linear = StuckMode.of(rig, mode)
     per_drive = np.abs(np.atleast_1d(linear.forces) / linear.drive)
-    scales = [load / per_drive[ports].max() for load, ports in _pressed(rig) if load and per_drive[ports].any()]
+    scales = [load / per_drive[ports].max() for load, ports in _pressed(rig) if load > 0.0 and per_drive[ports].any()]
     return (RANGE[0] * min(scales), RANGE[1] * max(scales)) if scales else FRICTIONLESS
 
 

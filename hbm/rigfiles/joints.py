@@ -104,14 +104,19 @@ class JointedRigTable(Table):
     channels: list[PlacedChannelTable] = Field(default_factory=list)
 
 
+PRESSED = ("normal_load", "normal_stiffness", "reference_load")
+"""Keys of what presses a friction law."""
+
+
 @cache
 def joint_table(law: type) -> type[Table]:
     """Schema of an entry of ``[[joints]]`` for one law: a law of joints, or of friction with what presses it."""
     entries: dict[str, Any] = {"name": (ChannelName, ...), "at": (Places, ...), "to": (Places | None, None)}
     if law not in JOINT_LAWS.values():
         entries |= {
-            "normal_load": (Annotated[NonNegative, possible("normal_load")], ...),
+            "normal_load": (Annotated[float, Field(allow_inf_nan=False), possible("normal_load")], ...),
             "normal_stiffness": (Annotated[Positive, possible("N/m")] | None, None),
+            "reference_load": (Annotated[Positive, possible("normal_load")] | None, None),
             "loaded_by": (str, ""),
         }
     return create_model(f"{law.__name__}JointTable", __base__=law_table(law), **entries)
@@ -202,9 +207,16 @@ def _joint(entry: dict[str, Any], folder: Path, consent: Consent) -> Joint:
     name, at, to = values.pop("name"), _listed(values.pop("at")), _listed(values.pop("to"))
     loaded_by = values.pop("loaded_by", "")
     own = kind in JOINT_LAWS.values()
-    pressed = {} if own else {key: values.pop(key) for key in ("normal_load", "normal_stiffness")}
+    pressed = {} if own else {key: values.pop(key) for key in PRESSED}
     law = kind(**{key: tuple(v) if isinstance(v, list) else v for key, v in values.items()})
-    return Joint(name, law if own else Friction(law, **pressed), at, to, loaded_by)
+    return Joint(name, law if own else _friction(name, law, pressed), at, to, loaded_by)
+
+
+def _friction(name: str, law: Any, pressed: Mapping[str, float | None]) -> Friction:
+    try:
+        return Friction(law, **pressed)
+    except ValueError as refused:
+        raise ValueError(f"joint {name}: {refused}") from None
 
 
 def _listed(places: str | list[str] | None) -> tuple[str, ...]:

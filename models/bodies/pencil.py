@@ -49,8 +49,7 @@ class Pencil:
 
     def __init__(self, stiffness: Matrix, mass: Matrix) -> None:
         self.stiffness, self.mass = stiffness, mass
-        with_mass = mass.diagonal() > 0.0
-        self.shift = SHIFT * float(np.median(stiffness.diagonal()[with_mass] / mass.diagonal()[with_mass]))
+        self.shift = SHIFT * _own_square(stiffness.diagonal(), mass.diagonal())
         # whatever has no stiffness at all: springs to nothing
         self.shift = self.shift if self.shift > 0.0 else 1.0
         self._factors = factors(stiffness + self.shift * mass, pivoting=0.0)
@@ -88,6 +87,15 @@ class Pencil:
         start = np.random.default_rng(0).standard_normal(self.mass.shape[0])  # the same modes whenever asked
         inverse = LinearOperator(self.mass.shape, self._factors.solve, dtype=float)
         return np.asarray(eigsh(self.stiffness, n, self.mass, sigma=-self.shift, OPinv=inverse, v0=start)[1])
+
+
+def _own_square(stiffness: Array, mass: Array) -> float:
+    """Square of the mesh's own frequency where half of the mass is: small elements have much higher ones."""
+    with_mass = mass > 0.0
+    squares, weights = stiffness[with_mass] / mass[with_mass], mass[with_mass]
+    order = squares.argsort()
+    below = weights[order].cumsum()
+    return float(squares[order[below.searchsorted(below[-1] / 2)]])
 
 
 def ritz(stiffness: Matrix, mass: Matrix, basis: Array, shift: float) -> tuple[Array, Array, Array]:

@@ -2,16 +2,19 @@
 
 What presses them is a constant load, the reaction of a support, or a normal direction of their own: an elastic contact
 that is pressed where its displacement is positive, may separate, and carries its load at rest (displacements count
-from there).
+from there). One that is open at rest has a negative load: minus its gap times its stiffness.
 """
 
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any, ClassVar
 
 import casadi as ca
 
 from models.friction.law import ContactSample, FrictionLaw, parameter
 from models.joints.law import JointSample, Value, check_bounds
+
+ANY = -float("inf")
 
 TINY = 1e-30
 """Square of a force [N2] far below any that matters: the length of a vector has no derivative at zero."""
@@ -20,6 +23,17 @@ TINY = 1e-30
 def pressure(load: Value, stiffness: Value, w: Value) -> Value:
     """Normal force of an elastic contact with its load at rest and a displacement into it, none once separated."""
     return ca.fmax(load + stiffness * w, 0.0)
+
+
+def at_rest(load: Value) -> Value:
+    """What of a load at rest is borne."""
+    return ca.fmax(load, 0.0)
+
+
+def _loaded(where: str, load: Value, needed: str) -> None:
+    """Refuse a load that says open at rest where nothing says how far."""
+    if isinstance(load, Real) and load < 0.0:
+        raise ValueError(f"{where} = {float(load):g}; must be >= 0; a contact that is open at rest has {needed}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +47,19 @@ class Friction:
     folds: ClassVar[bool] = True
 
     law: FrictionLaw
-    normal_load: Value = field(metadata=parameter("N", "normal load at rest", "section 3", strict=False))
+    normal_load: Value = field(metadata=parameter("N", "at rest; negative where open", "section 3", lower=ANY))
     normal_stiffness: Value | None = field(
         default=None, metadata=parameter("N/m", "stiffness of the contact along its normal", "textbook")
+    )
+    reference_load: Value | None = field(
+        default=None, metadata=parameter("N", "load that stiffnesses of the law refer to; the one at rest", "section 3")
     )
 
     def __post_init__(self) -> None:
         """Refuse numbers out of their bounds."""
         check_bounds(self)
+        if self.normal_stiffness is None or self.reference_load is None:
+            _loaded("Friction: normal_load", self.normal_load, "normal_stiffness and reference_load")
 
     @property
     def ports(self) -> int:
@@ -64,14 +83,12 @@ class Friction:
 
     def advance(self, z: Value, before: JointSample, now: JointSample) -> tuple[Value, list[Value]]:
         """Advance the friction law under the present load."""
-        told = (
-            ContactSample(s.u[0], s.v[0], self._normal(s), 0.0, s.C, self.normal_load, s.dt, s.f[0])
-            for s in (before, now)
-        )
+        nominal = self.normal_load if self.reference_load is None else self.reference_load
+        told = (ContactSample(s.u[0], s.v[0], self._normal(s), 0.0, s.C, nominal, s.dt, s.f[0]) for s in (before, now))
         z, T = self.law.advance(z, *told)
         if self.normal_stiffness is None:
             return z, [T]
-        return z, [T, self.normal_load - self._normal(now)]
+        return z, [T, at_rest(self.normal_load) - self._normal(now)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +108,7 @@ class PlaneFriction:
 
     mu: Value = field(metadata=parameter("1", "friction coefficient", "Coulomb", strict=False))
     tangential_stiffness: Value = field(metadata=parameter("N/m", "of either tangential direction", "textbook"))
-    normal_load: Value = field(metadata=parameter("N", "normal load at rest", "section 3", strict=False))
+    normal_load: Value = field(metadata=parameter("N", "at rest; negative where open", "section 3", lower=ANY))
     normal_stiffness: Value = field(
         metadata=parameter("N/m", "along the normal; 0 for a constant load", "textbook", strict=False)
     )
@@ -99,6 +116,8 @@ class PlaneFriction:
     def __post_init__(self) -> None:
         """Refuse numbers out of their bounds."""
         check_bounds(self)
+        if isinstance(self.normal_stiffness, Real) and self.normal_stiffness == 0.0:
+            _loaded("PlaneFriction: normal_load", self.normal_load, "a normal_stiffness")
 
     def advance(self, z: Value, before: JointSample, now: JointSample) -> tuple[Value, list[Value]]:
         """Return to the circle mu N."""
@@ -108,4 +127,4 @@ class PlaneFriction:
         kept = ca.fmin(self.mu * N / size, 1.0)
         force = [kept * t for t in trial]
         anchor: Any = ca.vertcat(*(now.u[i] + force[i] / k for i in range(2)))
-        return anchor, [*force, self.normal_load - N]
+        return anchor, [*force, at_rest(self.normal_load) - N]

@@ -50,6 +50,8 @@ LAWS = {
     "clearance": (Clearance(3.0, 0.1), 0.0),
     "plane": (PlaneFriction(0.4, 2.0, 1.0, 0.8), 0.0),
     "normal port": (Friction(Jenkins(0.4, 0.3), 2.0, 1.5), 0.1),
+    "open at rest": (Friction(Jenkins(0.4, 0.3), -0.5, 1.5, 2.0), 0.1),
+    "plane, open at rest": (PlaneFriction(0.4, 2.0, -0.5, 0.8), 0.0),
     **{name: (Friction(law, 2.0), 0.2) for name, law in FRICTION.items()},
 }
 
@@ -142,3 +144,26 @@ def test_a_circle_under_a_constant_load_loses_what_it_should() -> None:
 def test_every_listed_law_is_tried() -> None:
     tried = {law.name for law in FRICTION.values()}
     assert set(LISTED) <= tried | {"fbfm", "none"}  # Karnopp's by another name; nothing
+
+
+def test_a_contact_open_at_rest_is_a_stop_behind_its_gap_that_rubs() -> None:
+    stiffness, gap = 1.5, 0.3
+    signals, _ = _signals(2, loaded=False)
+    signals[:, 1::2] *= 3.0
+    mu, nominal = 0.4, 2.0
+    f = JointOverPeriod(Friction(Coulomb(mu), -stiffness * gap, stiffness, nominal), BASIS, 0.1).forces(signals, OMEGA)[
+        0
+    ]
+    stop = JointOverPeriod(Stop(stiffness, gap), BASIS).forces(signals[:, [1, 3, 4]], OMEGA)[0][:, 0]
+    assert 0.1 < np.mean(stop < 0.0) < 0.9  # it opens and closes
+    np.testing.assert_allclose(f[:, 1], stop, atol=1e-12)
+    assert np.all(np.abs(f[:, 0]) <= mu * -stop + 1e-9)
+    assert np.ptp(f[:, 0]) > 0.1
+
+
+def test_open_at_rest_needs_a_gap_and_a_load_to_refer_to() -> None:
+    told = r"^Friction: normal_load = -1; must be >= 0; a contact that is open at rest has normal_stiffness and ref"
+    with pytest.raises(ValueError, match=told):
+        Friction(Jenkins(0.4, 0.3), -1.0, 2.0)
+    with pytest.raises(ValueError, match=r"^PlaneFriction: normal_load = -1; must be >= 0"):
+        PlaneFriction(0.4, 2.0, -1.0, 0.0)
