@@ -163,7 +163,7 @@ assert abs(peak["plane-strain, contact at 601 mm"] - 53.0) < 0.5
 # frequency. With both choices the steady resonance is within half a hertz of what Abaqus says, and with neither within
 # 1.4 Hz of the experiment. The likely reason for the paper's 3 Hz is therefore not friction: it is the plane
 # model. Transients, steps in time, contact stiffness and the clamp explain less, term by term:
-# [the page on the plane model](../docs/validation/plane.md).
+# `docs/validation/plane.md`.
 #
 # ## What the tip does
 #
