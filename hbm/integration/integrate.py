@@ -16,6 +16,7 @@ from hbm.aft.recurrence import monodromy
 from hbm.errors import expect_frequency, expect_rig
 from hbm.integration.history import State, TimeHistory, differences
 from hbm.integration.jointed import JointHistory, simulate_joints
+from hbm.integration.jointmarch import LEAST_STEPS
 from hbm.integration.march import Recorder, march
 from hbm.integration.timestep import Stepper
 from hbm.parallel import one_thread
@@ -34,7 +35,7 @@ def simulate(
     *,
     duration: float | None = None,
     level: float | None = None,
-    steps_per_period: int = 512,
+    steps_per_period: int | None = None,
     start: State | None = None,
     last_periods: int | None = None,
     every: int = 1,
@@ -49,7 +50,7 @@ def simulate(
     *,
     duration: float | None = None,
     level: float | None = None,
-    steps_per_period: int = 512,
+    steps_per_period: int | None = None,
     start: Array | None = None,
     last_periods: int | None = None,
     every: int = 1,
@@ -64,7 +65,7 @@ def simulate(
     *,
     duration: float | None = None,
     level: float | None = None,
-    steps_per_period: int = 512,
+    steps_per_period: int | None = None,
     start: State | Array | None = None,
     last_periods: int | None = None,
     every: int = 1,
@@ -81,8 +82,9 @@ def simulate(
         Duration [s], rounded to whole steps; 50 periods unless given.
     level : float, optional
         Force amplitude [N]; the rig's unless given.
-    steps_per_period : int
-        The error falls with its square, or in proportion where friction jumps (set-valued laws without compliance).
+    steps_per_period : int, optional
+        The error falls with its square, or in proportion where friction jumps (set-valued laws without compliance). 512
+        unless given; with joints as many more as resolve the highest mode.
     start : State, optional
         Initial state; at rest unless given. A rig with joints takes (size,) numbers, see
         :func:`hbm.integration.jointed.simulate_joints`.
@@ -113,6 +115,7 @@ def simulate(
             raise ValueError("simulate: start is a state of a rig with [contact]; must be (size,) numbers")
         over = partial(simulate_joints, periods=periods, steps_per_period=steps_per_period, progress=progress)
         return over(rig, hz, level=level, start=start, last_periods=last_periods)
+    steps_per_period = LEAST_STEPS if steps_per_period is None else steps_per_period
     from_rest = start is None
     start = start if isinstance(start, State) else State.at_rest(rig)
     level = rig.excitation.amplitude if level is None else level

@@ -11,18 +11,14 @@ from functools import cached_property
 import numpy as np
 
 from hbm.aft.jointstep import JointStep
-from hbm.aft.recurrence import monodromy
 from hbm.balance.equations import State
 from hbm.balance.jointed import JointBalance
 from hbm.channels import DERIVATIVES, Rates, late, turn
 from hbm.integration.history import Signal, differences, steadiness
-from hbm.integration.jointstep import JointedStep
+from hbm.integration.jointmarch import LEAST_STEPS, JointMarcher, resolving_steps
 from models.jointed import JointedRig
 from models.parts import UNITS
 from models.structure import Array
-
-RESIDUAL = 1e-7
-"""What joints' forces may be short of their laws after a step, in units of the excitation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,46 +155,6 @@ class JointHistory:
         return steadiness(self.channels["drive"].values, self.samples_per_period)
 
 
-class JointMarcher:
-    """A rig at one frequency, force amplitude and step: marches states period by period."""
-
-    def __init__(self, rig: JointedRig, hz: float, level: float, steps_per_period: int) -> None:
-        self.rig, self.hz, self.level, self.steps = rig, hz, level, steps_per_period
-        self.dt = 1.0 / (hz * steps_per_period)
-        self.step = JointedStep(rig, self.dt, level)
-        excitation, phase = replace(rig.excitation, amplitude=level), 2 * np.pi * np.arange(steps_per_period + 1)
-        phase = phase / steps_per_period
-        force, rate = excitation.force(phase), 2 * np.pi * hz * excitation.force(phase, 1)
-        self.told = np.column_stack([force[:-1], force[1:], rate[1:]])
-        self._period = self.step.function.mapaccum("period", steps_per_period)
-
-    @property
-    def size(self) -> int:
-        """Length of a state."""
-        return self.step.layout.size
-
-    def period(self, x: Array) -> tuple[Array, float]:
-        """States after every step of a period from a state at phase 0, (steps, size), and the largest residual.
-
-        Raises
-        ------
-        ArithmeticError
-            If a step was not solved.
-        """
-        X, residual = self._period(x, self.told.T)
-        largest = float(np.max(residual.full()))
-        if not largest < RESIDUAL:
-            raise ArithmeticError(
-                f"time step: {self.rig.name} at {self.hz:g} Hz: the joints' forces are {largest:.1e} of the excitation "
-                f"short of their laws; must be below {RESIDUAL:g}; try {2 * self.steps} steps per period"
-            )
-        return np.asarray(X.full().T), largest
-
-    def monodromy(self, x: Array, X: Array) -> Array:
-        """Derivative of the state after a period from `x`, marched as `X`, to that before."""
-        return monodromy(self.step.jacobians(np.vstack([x, X[:-1]]), X, self.told))
-
-
 def state_at_phase_zero(problem: JointBalance, state: State) -> Array:
     """State of a time integration (size,) at phase 0 of the force, on a solution of a balance."""
     basis = problem.basis
@@ -220,7 +176,7 @@ def simulate_joints(
     *,
     periods: int,
     level: float | None = None,
-    steps_per_period: int = 512,
+    steps_per_period: int | None = None,
     start: Array | None = None,
     last_periods: int | None = None,
     progress: Callable[[float], None] | None = None,
@@ -236,8 +192,8 @@ def simulate_joints(
         How many are marched.
     level : float, optional
         Force amplitude [N]; the rig's unless given.
-    steps_per_period : int
-        The error falls with its square.
+    steps_per_period : int, optional
+        The error falls with its square; 512, or as many more as resolve the highest mode, unless given.
     start : (size,) array, optional
         A state at phase 0 of the force; from rest unless given.
     last_periods : int, optional
@@ -252,9 +208,11 @@ def simulate_joints(
     Raises
     ------
     ArithmeticError
-        If a step cannot be solved.
+        If a step cannot be solved, or is too long for the joints.
     """
-    marcher = JointMarcher(rig, hz, rig.excitation.amplitude if level is None else level, steps_per_period)
+    steps = resolving_steps(rig, hz, LEAST_STEPS) if steps_per_period is None else steps_per_period
+    marcher = JointMarcher(rig, hz, rig.excitation.amplitude if level is None else level, steps)
+    marcher.refuse_growth()
     x = np.zeros(marcher.size) if start is None else start
     first = 0 if last_periods is None else max(0, periods - last_periods)
     kept, largest = [x[None]], 0.0
@@ -266,7 +224,7 @@ def simulate_joints(
             progress((i + 1) / hz)
     states = np.concatenate(kept)
     time = np.asarray(first / hz + marcher.dt * np.arange(len(states)), dtype=float)
-    return JointHistory(rig, hz, marcher.level, time, states, steps_per_period, largest)
+    return JointHistory(rig, hz, marcher.level, time, states, steps, largest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,21 +300,24 @@ def joint_steady_state(
     hz: float,
     *,
     level: float | None = None,
-    steps_per_period: int = 1024,
+    steps_per_period: int | None = None,
     start: Array | None = None,
     tolerance: float = 1e-9,
     max_iterations: int = 30,
 ) -> JointPeriod:
     """Periodic motion of a rig with joints by Newton on the period map; from 30 periods after rest unless given.
 
-    Arguments as of :func:`simulate_joints`; where a joint never slips the solution nearest to the start is taken.
+    Arguments as of :func:`simulate_joints`, but 1024 steps per period or more unless given; where a joint never slips
+    the solution nearest to the start is taken.
 
     Raises
     ------
     ArithmeticError
         If a step cannot be solved, or the motion does not close to 1e-6.
     """
-    marcher = JointMarcher(rig, hz, rig.excitation.amplitude if level is None else level, steps_per_period)
+    steps = resolving_steps(rig, hz, 2 * LEAST_STEPS) if steps_per_period is None else steps_per_period
+    marcher = JointMarcher(rig, hz, rig.excitation.amplitude if level is None else level, steps)
+    marcher.refuse_growth()
     x = np.zeros(marcher.size) if start is None else start
     for _ in range(30 if start is None else 0):
         x = marcher.period(x)[0][-1]
@@ -373,5 +334,5 @@ def joint_steady_state(
         )
     states = np.vstack([x, X[:-1]])
     time = np.asarray(marcher.dt * np.arange(len(states)), dtype=float)
-    history = JointHistory(rig, hz, marcher.level, time, states, steps_per_period, period.residual)
+    history = JointHistory(rig, hz, marcher.level, time, states, steps, period.residual)
     return JointPeriod(history, marcher.monodromy(x, X), closure, iterations)

@@ -8,9 +8,14 @@ import numpy as np
 
 from hbm.balance.equations import Balance, State
 from hbm.balance.jointed import JointBalance
-from hbm.integration.jointed import JointMarcher, state_at_phase_zero
+from hbm.integration.jointed import state_at_phase_zero
+from hbm.integration.jointmarch import JointMarcher, resolving_steps
 from hbm.parallel import one_thread
 from hbm.stability.multipliers import SLIPPING, Stability, floquet, of_monodromy
+from models.structure import Array
+
+DEPARTS = 0.1
+"""Share of the motion by which a march over a period may miss a solution of the balance, made with other means."""
 
 
 def by_monodromy(problem: Balance | JointBalance, state: State) -> Stability:
@@ -28,20 +33,33 @@ def by_monodromy(problem: Balance | JointBalance, state: State) -> Stability:
 
 @one_thread
 def joint_stability(problem: JointBalance, state: State) -> Stability:
-    """Stability of a solution of a balance of joints, in as many steps a period as the basis has samples.
+    """Stability of a solution of a balance of joints, in as many steps a period as the basis has samples, or more.
 
     Raises
     ------
     ArithmeticError
         If a step along the solution cannot be solved.
     """
-    steps, hz = problem.basis.N_t // problem.periods, state.Omega * problem.periods / (2 * np.pi)
-    marcher = JointMarcher(problem.rig, hz, state.F, steps)
+    hz = state.Omega * problem.periods / (2 * np.pi)
     x, undying = state_at_phase_zero(problem, state), sum(j.undying for j in problem.joints)
-    matrix = np.eye(len(x))
-    for _ in range(problem.periods):
-        X, _ = marcher.period(x)
-        matrix, x = marcher.monodromy(x, X) @ matrix, X[-1]
+    marcher, X = _following(problem, hz, state.F, x)
+    matrix = marcher.monodromy(x, X)
+    for _ in range(problem.periods - 1):
+        x, X = X[-1], marcher.period(X[-1])[0]
+        matrix = marcher.monodromy(x, X) @ matrix
     slips = any(j.functions.memory for j in problem.joints)
     error = SLIPPING / problem.basis.N_t if slips else 1.0 / problem.basis.N_t**2
     return of_monodromy(matrix, 2 * np.pi / state.Omega, undying, error)
+
+
+def _following(problem: JointBalance, hz: float, level: float, x: Array) -> tuple[JointMarcher, Array]:
+    """Marcher in steps short enough for the joints, and the states of the first period from a state on the solution."""
+    steps, n = problem.basis.N_t // problem.periods, problem.rig.structure.n
+    marcher = JointMarcher(problem.rig, hz, level, steps)
+    if marcher.excess <= 0.0:
+        X, _ = marcher.period(x)
+        # stiff where it touches, but not at rest: the march leaves the solution
+        if problem.periods > 1 or np.abs(X[-1, :n] - x[:n]).max() < DEPARTS * np.abs(x[:n]).max():
+            return marcher, X
+    marcher = JointMarcher(problem.rig, hz, level, resolving_steps(problem.rig, hz, steps))
+    return marcher, marcher.period(x)[0]
