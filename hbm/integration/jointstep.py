@@ -78,7 +78,7 @@ class LinearStep:
 
     @staticmethod
     def of(rig: JointedRig, dt: float) -> tuple["LinearStep", list[tuple[float, float]]]:
-        """Step of a rig, and of each joint the compliances of the body and of the step that its law takes into account."""
+        """Step of a rig; and of each joint the compliances of the body and of the step that its law counts in."""
         s, n = rig.structure, rig.structure.n
         E, old, new = _propagated(s.omega_n, s.damping, dt)
         own, folded = _folded(rig, new[:n])
