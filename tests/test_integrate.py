@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from hbm.integration import stepfunction
 from hbm.integration.history import State, TimeHistory
 from hbm.integration.integrate import simulate, steady_state
-from hbm.integration.stepfunction import marcher
+from hbm.integration.stepfunction import lineariser, marcher
 from hbm.integration.timestep import Stepper
 from hbm.response import trace as response
 from models import (
@@ -43,6 +44,7 @@ from models import (
     VelocityLimited,
     Viscous,
 )
+from models.published import paper_rig
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "shared" / "data" / "examples"
 
@@ -455,11 +457,12 @@ def test_arguments_out_of_range_are_refused(options: dict, message: str) -> None
     assert str(refusal.value) == message
 
 
-def test_an_unsolvable_step_is_an_error_that_says_what_to_do() -> None:
+def test_an_unsolvable_step_is_an_error_that_says_what_to_do_and_is_shortened_unless_given() -> None:
     # friction falls so fast with speed that one step has several solutions; with 20 modes the contact is that light
     steep = Stribeck(mu_static=0.5, mu=0.16, stribeck_velocity=6e-4, critical_slip=4e-6)
     with pytest.raises(ArithmeticError, match=r"contact residual .* N at 52 Hz; .* try more than 512 steps per period"):
-        simulate(beam_rig(steep, modes=20), 52.0, duration=1.0)
+        simulate(beam_rig(steep, modes=20), 52.0, duration=1.0, steps_per_period=512)
+    assert simulate(beam_rig(steep, modes=20), 52.0, duration=0.2).samples_per_period > 512
 
 
 # --- steady states
@@ -649,3 +652,22 @@ def test_settings_of_a_law_are_part_of_its_step() -> None:
     equal, unequal = friction(1.0, 1.0), friction(1.0, 9.0)
     assert abs(unequal / equal - 1.0) > 1e-3
     assert friction(1.0, 1.0) == equal
+
+
+def test_derivatives_by_columns_are_those_of_one_expression(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond a few modes the derivative of a step is taken column by column: the same numbers."""
+    rig = paper_rig().with_modes(6)
+    stepper = Stepper(rig, 50.0, 6.5, 64)
+    x = State.at_rest(rig).flat
+    X, T, _ = stepper.march(x, 64)
+    at_once = stepper.linearised(x, X, T)
+    monkeypatch.setattr(stepfunction, "FEW_MODES", 0)
+    lineariser.cache_clear()
+    by_columns = stepper.linearised(x, X, T)
+    lineariser.cache_clear()
+    np.testing.assert_allclose(by_columns, at_once, rtol=1e-12, atol=1e-12)
+
+
+def test_more_modes_than_a_march_of_a_foreshortened_beam_can_hold_are_refused() -> None:
+    with pytest.raises(ValueError, match=r"^simulate: modes = 121; must be <= 120: a beam that is drawn in"):
+        simulate(paper_rig().with_modes(121), 50.0, duration=0.02)

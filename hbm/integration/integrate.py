@@ -6,6 +6,7 @@ for the state that a period maps on itself; both return a :class:`hbm.integratio
 """
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import overload
@@ -13,7 +14,7 @@ from typing import overload
 import numpy as np
 
 from hbm.aft.recurrence import monodromy
-from hbm.errors import expect_frequency, expect_rig
+from hbm.errors import InputError, expect_frequency, expect_rig
 from hbm.integration.history import State, TimeHistory, differences
 from hbm.integration.jointed import JointHistory, simulate_joints
 from hbm.integration.jointmarch import LEAST_STEPS
@@ -25,6 +26,11 @@ from models.jointed import AnyRig, JointedRig
 from models.structure import Array
 
 DEFAULT_PERIODS = 50
+STEPS = (LEAST_STEPS, 2 * LEAST_STEPS, 4 * LEAST_STEPS, 8 * LEAST_STEPS)
+"""Steps per period tried in turn unless they are given."""
+
+MOST_MODES = 120
+"""Modes of a foreshortened beam: 1 GB; what a step takes grows with their square."""
 ANCHOR_MOBILITY = 1e-3  # cost of moving q and q' relative to the states of the friction law
 
 
@@ -84,7 +90,7 @@ def simulate(
         Force amplitude [N]; the rig's unless given.
     steps_per_period : int, optional
         The error falls with its square, or in proportion where friction jumps (set-valued laws without compliance). 512
-        unless given; with joints as many more as resolve the highest mode.
+        unless given, and more where they cannot be solved; with joints as many as resolve the highest mode.
     start : State, optional
         Initial state; at rest unless given. A rig with joints takes (size,) numbers, see
         :func:`hbm.integration.jointed.simulate_joints`.
@@ -115,18 +121,24 @@ def simulate(
             raise ValueError("simulate: start is a state of a rig with [contact]; must be (size,) numbers")
         over = partial(simulate_joints, periods=periods, steps_per_period=steps_per_period, progress=progress)
         return over(rig, hz, level=level, start=start, last_periods=last_periods)
-    steps_per_period = LEAST_STEPS if steps_per_period is None else steps_per_period
-    from_rest = start is None
-    start = start if isinstance(start, State) else State.at_rest(rig)
+    state = start if isinstance(start, State) else State.at_rest(rig)
     level = rig.excitation.amplitude if level is None else level
     duration = DEFAULT_PERIODS / hz if duration is None and hz > 0 else duration
-    _check(rig, duration, steps_per_period, start, every)
-    stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, start.time))
-    if from_rest:
-        start = _pressed(stepper, start)
-    steps = round((duration or 0.0) * hz * steps_per_period)
-    first = 0 if last_periods is None else max(0, steps - last_periods * steps_per_period)
-    return march(stepper, start, steps, first=first, every=every, progress=progress)
+    _check(rig, duration, steps_per_period or LEAST_STEPS, state, every)
+
+    def marched(steps_per_period: int) -> TimeHistory:
+        stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, state.time))
+        from_here = _pressed(stepper, state) if start is None else state
+        steps = round((duration or 0.0) * hz * steps_per_period)
+        first = 0 if last_periods is None else max(0, steps - last_periods * steps_per_period)
+        return march(stepper, from_here, steps, first=first, every=every, progress=progress)
+
+    if steps_per_period is not None:
+        return marched(steps_per_period)
+    for steps in STEPS[:-1]:
+        with suppress(ArithmeticError):  # a step that was not solved asks for a shorter one
+            return marched(steps)
+    return marched(STEPS[-1])
 
 
 def _check(rig: Rig, duration: float | None, steps_per_period: int, start: State, every: int) -> None:
@@ -137,6 +149,11 @@ def _check(rig: Rig, duration: float | None, steps_per_period: int, start: State
         raise ValueError(
             f"simulate: {steps_per_period} steps per period, every {every} kept; "
             "must be at least 8 steps, and a whole number kept per period"
+        )
+    if rig.contact.foreshortening and rig.structure.n > MOST_MODES:
+        raise InputError(
+            f"simulate: modes = {rig.structure.n}; must be <= {MOST_MODES}: a beam drawn in as it bends couples "
+            "each with all others at every step; those left out answer statically"
         )
     if start.flat.size != size:
         raise ValueError(f"simulate: start has {start.flat.size} values; this rig and its friction law need {size}")

@@ -304,6 +304,10 @@ def _step(shape: Shape, iterations: tuple[int, ...]) -> _Step:
     )
 
 
+FEW_MODES = 12
+"""Modes up to which the derivative of a step is one expression, the faster to evaluate and the slower to make."""
+
+
 @lru_cache(maxsize=32)
 def marcher(shape: Shape, steps: int) -> ca.Function:
     """Function (state, drive, parameters) -> (states, T, residual) over `steps` steps."""
@@ -324,11 +328,24 @@ def lineariser(shape: Shape, steps: int) -> ca.Function:
     One Newton iteration from a solution has the derivative of the solution.
     """
     s = _step(shape, (1, 1))
-    jacobian = ca.densify(ca.jacobian(s.state, s.x))
-    step = ca.Function("jacobian", [s.x, s.T, s.end, s.drive, s.p], [jacobian], {"cse": True})
-    inputs = [ca.MX.sym("i", part.shape[0], steps) for part in (s.x, s.T, s.end, s.drive)]
+    arguments = [s.x, s.T, s.end, s.drive, s.p]
+    if shape.modes <= FEW_MODES:
+        jacobian = ca.densify(ca.jacobian(s.state, s.x))
+        step = ca.Function("jacobian", arguments, [jacobian], {"cse": True})
+    else:
+        step = _by_columns(ca.Function("step", arguments, [s.state], {"cse": True}))
+    inputs = [ca.MX.sym("i", part.shape[0], steps) for part in arguments[:-1]]
     values = ca.MX.sym("p", s.p.shape[0])
     return ca.Function("linearise", [*inputs, values], [step.map(steps)(*inputs, ca.repmat(values, 1, steps))])
+
+
+def _by_columns(step: ca.Function) -> ca.Function:
+    """Derivative of a function to its first argument, column by column: its expression does not grow with its size."""
+    given = [ca.MX.sym("i", step.size1_in(i)) for i in range(step.n_in())]
+    size = step.size1_in(0)
+    still = [ca.DM.zeros(part.shape[0], size) for part in given[1:]]
+    told = [ca.repmat(part, 1, size) for part in (*given, step(*given))]
+    return ca.Function("jacobian", given, [step.forward(1).map(size)(*told, ca.DM.eye(size), *still)])
 
 
 def evaluate(function: ca.Function, *arguments: Array) -> list[Array]:
