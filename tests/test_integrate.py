@@ -669,5 +669,5 @@ def test_derivatives_by_columns_are_those_of_one_expression(monkeypatch: pytest.
 
 
 def test_more_modes_than_a_march_of_a_foreshortened_beam_can_hold_are_refused() -> None:
-    with pytest.raises(ValueError, match=r"^simulate: modes = 121; must be <= 120: a beam that is drawn in"):
+    with pytest.raises(ValueError, match=r"^simulate: modes = 121; must be <= 120: a beam drawn in as it bends"):
         simulate(paper_rig().with_modes(121), 50.0, duration=0.02)
