@@ -3,7 +3,8 @@
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,11 @@ import numpy.typing as npt
 
 from hbm.errors import InputError
 from hbm.textfiles import StrPath, csv_text, why, write_together
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 Columns = Mapping[str, npt.NDArray[Any]]
 """A table by its columns, all of one length."""
@@ -81,16 +87,33 @@ def write_folder(path: StrPath, contents: Mapping[str, str | bytes], owned: Iter
             if not folder.is_dir():
                 folder.mkdir()
                 made.append(folder)
-        write_together(files)
+        with _alone(path):
+            write_together(files)
+            for name in set(owned) - set(contents):
+                (path / name).unlink(missing_ok=True)
     except (OSError, InputError) as refused:
         for folder in reversed(made):
-            folder.rmdir()
+            with suppress(OSError):  # another run has put its files there
+                folder.rmdir()
         if isinstance(refused, InputError):
             raise
         raise InputError(f"{refused.filename}: cannot be made ({why(refused)}); must be a directory") from None
-    for name in set(owned) - set(contents):
-        (path / name).unlink(missing_ok=True)
     return list(files)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Keep other runs from writing into a folder meanwhile: its files are those of one run."""
+    if fcntl is None:
+        yield
+        return
+    opened = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # file systems without locks
+            fcntl.flock(opened, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(opened)  # and unlocked
 
 
 def columns_text(columns: Columns) -> str:
