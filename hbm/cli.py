@@ -57,6 +57,9 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 """Status that Typer gives to a keyboard interrupt."""
 
+THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+"""More than one costs time on matrices this small, and the last digits then depend on the machine."""
+
 LARGEST_HISTORY = 20_000_000  # samples
 LARGEST_CURVE = 20_000  # points
 
@@ -78,6 +81,7 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")  # a terminal without µ is no reason to fail
+    os.environ.update(dict.fromkeys(THREADS, "1"))
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # else workers import what lies in the working folder by accident
     interrupts.listen()
     os.environ.setdefault("MPLBACKEND", "agg")  # figures go to files; no window is opened for them
