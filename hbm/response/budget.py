@@ -5,6 +5,8 @@ import time
 from collections import deque
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from continuation import Branch, Point
 
 FOLDS = 200
@@ -12,10 +14,13 @@ FOLDS = 200
 
 TURNING = 0.1
 
-CRAWL = 400
-"""Points that together advance less than :data:`CREEPING` of the sweep."""
+CRAWL = 800
+"""Points that together advance less than :data:`CREEPING` of the sweep, at about the same size of motion."""
 
 CREEPING = 1e-3
+
+ALIKE = 1.5
+"""Ratio of the largest motion to the smallest; on a sharp resonance it is larger, however narrow that is."""
 
 ADVICE = "try another range, fewer harmonics, a smoother law (a larger stribeck_velocity or critical_slip)"
 
@@ -61,6 +66,7 @@ class Watch:
     began: float = field(default_factory=time.monotonic)
     folds: deque[float] = field(default_factory=lambda: deque(maxlen=FOLDS))
     last: deque[float] = field(default_factory=lambda: deque(maxlen=CRAWL))
+    sizes: deque[float] = field(default_factory=lambda: deque(maxlen=CRAWL))
 
     def spent(self, point: Point) -> str:
         """Why the trace ends with this point, or nothing."""
@@ -70,16 +76,21 @@ class Watch:
     def _reason(self, point: Point) -> str:
         self.count += 1
         self.last.append(point.lam)
+        self.sizes.append(float(np.linalg.norm(point.x)))
         if point.fold:
             self.folds.append(point.lam)
         if len(self.folds) == FOLDS and _width(self.folds) < TURNING * self.sweep:
             return f"the curve turns in place: {FOLDS} folds within {_share(self.folds, self.sweep)} of the sweep"
-        if len(self.last) == CRAWL and _width(self.last) < CREEPING * self.sweep:
+        if len(self.last) == CRAWL and _width(self.last) < CREEPING * self.sweep and self._alike:
             return f"the curve creeps: the last {CRAWL} points cover {_share(self.last, self.sweep)} of the sweep"
         if self.count >= self.budget.points:
             return f"{self.budget.points} points are its budget"
         seconds = time.monotonic() - self.began
         return f"{self.budget.seconds:g} s are its budget" if seconds > self.budget.seconds else ""
+
+    @property
+    def _alike(self) -> bool:
+        return max(self.sizes) <= ALIKE * min(self.sizes)
 
 
 def worded(branch: Branch, value: float, parameter: str, ended: str) -> Branch:

@@ -14,8 +14,8 @@ from hbm.response.trace import trace_frequency
 PAPER = Path(__file__).parents[2] / "examples" / "paper_beam.toml"
 
 
-def point(lam: float, *, fold: bool = False) -> Point:
-    return Point(np.zeros(1), lam, np.zeros(1), 1.0, 0.0, 0.1, 3, 0.0, fold=fold)
+def point(lam: float, *, fold: bool = False, size: float = 1.0) -> Point:
+    return Point(np.array([size]), lam, np.zeros(1), 1.0, 0.0, 0.1, 3, 0.0, fold=fold)
 
 
 def first_end(points: list[Point], budget: Budget) -> tuple[int, str]:
@@ -59,3 +59,8 @@ def test_a_curve_that_hardly_advances_creeps(advance: float, ended_at: int) -> N
     number, said = first_end([point(advance * i) for i in range(2 * CRAWL)], Budget(points=10**6))
     assert number == ended_at
     assert said.startswith("the curve creeps") is bool(ended_at)
+
+
+def test_a_resonance_however_sharp_does_not_creep() -> None:
+    sharp = [point(1e-7 * i, size=1.0 / (1e-4 + abs(i - CRAWL) / CRAWL)) for i in range(2 * CRAWL)]
+    assert first_end(sharp, Budget(points=10**6)) == (0, "")
