@@ -88,9 +88,11 @@ def interrupted(arguments: list[str], after: float, number: int) -> str:
             os.killpg(run.pid, signal.SIGKILL)
             return "does not end"
         took = time.monotonic() - begin
-        time.sleep(0.3)
         half = [p.name for p in Path(folder).rglob(".*") if p.is_file()]
-        left = subprocess.run(["pgrep", "-g", str(run.pid)], capture_output=True, text=True, check=False).stdout.split()
+        while left := _of_group(run.pid):
+            if time.monotonic() - begin > GRACE:
+                break
+            time.sleep(0.05)
     if run.returncode not in (128 + number, 0):
         return f"status {run.returncode}"
     if took > GRACE:
@@ -98,12 +100,17 @@ def interrupted(arguments: list[str], after: float, number: int) -> str:
     return "half a file" if half else "a process is left" if left else "as promised"
 
 
+def _of_group(group: int) -> str:
+    """Processes of a group, their numbers."""
+    return subprocess.run(["pgrep", "-g", str(group)], capture_output=True, text=True, check=False).stdout
+
+
 def interruptions(number: int, seed: int) -> None:
     """Print how commands end that are interrupted at random moments."""
     draw, found = random.Random(seed), {name: Counter[str]() for name in LONG}
     for i in range(number):
         name = list(LONG)[i % len(LONG)]
-        found[name][interrupted(LONG[name], draw.uniform(0.3, 8.0), draw.choice([signal.SIGINT, signal.SIGTERM]))] += 1
+        found[name][interrupted(LONG[name], draw.uniform(0.5, 8.0), draw.choice([signal.SIGINT, signal.SIGTERM]))] += 1
     ends = sorted(set().union(*found.values()))
     table = Table("command", *ends)
     for name, counts in found.items():

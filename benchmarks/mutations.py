@@ -40,7 +40,7 @@ LIMIT = 60.0
 MEMORY = 6 * 2**30
 """Bytes of address space of the worker."""
 MOST_MARCHED = 40
-"""Modes up to which motion is integrated in time: the expression of a step grows with the cube of their number."""
+"""Modes up to which motion is integrated in time: what a step takes grows with the square of their number."""
 ENDS = ("refused", "not solved", "accepted", "wrong", "traceback", "over time")
 INSIDE = re.compile(
     r"svd|singular|infs or nans|numerical result|division by zero|broadcast|out of bounds for|out of range|"

@@ -102,7 +102,7 @@ def mat_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     from scipy.io import loadmat
 
     try:
-        variables = loadmat(path, simplify_cells=False)
+        variables = loadmat(path, simplify_cells=False, spmatrix=False)
     except Exception as refused:  # SciPy lets through whatever a damaged file makes it do
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v5)") from None
     yield from _rows(str(path), variables)

@@ -165,7 +165,7 @@ def _matrix_market(path: StrPath) -> Any:
     from scipy.io import mmread
 
     try:
-        return mmread(path)
+        return mmread(path, spmatrix=False)
     except Exception as refused:  # SciPy lets through whatever its reader raises
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be Matrix Market") from None
 
@@ -190,7 +190,7 @@ def _mat(path: StrPath, key: str | None) -> Matrix:
     from scipy.io import loadmat
 
     try:
-        variables = loadmat(path)
+        variables = loadmat(path, spmatrix=False)
     except NotImplementedError:  # HDF5
         raise InputError(f"{path}: is a MAT file v7.3; must be v5 to v7, save it with -v7") from None
     except Exception as refused:  # SciPy lets through whatever a damaged file makes it do

@@ -130,7 +130,8 @@ def _incompatible(mesh: Any, element: Any, order: int, material: Material) -> An
     coupling, own = form.assemble(inner, basis).tocsr(), form.assemble(inner).tocsr()
     dofs = inner.element_dofs.T
     blocks = np.asarray(own[dofs[:, :, None].repeat(4, 2).ravel(), dofs[:, None].repeat(4, 1).ravel()])
-    inverse = sparse.block_diag(np.linalg.inv(blocks.reshape(-1, 4, 4)), format="csr")
+    each = np.arange(len(dofs) + 1)
+    inverse = sparse.bsr_matrix((np.linalg.inv(blocks.reshape(-1, 4, 4)), each[:-1], each))
     by_element = coupling[:, dofs.ravel()]
     return form.assemble(basis) - by_element @ inverse @ by_element.T
 
