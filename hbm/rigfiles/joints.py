@@ -12,6 +12,7 @@ from hbm.rigfiles.laws import Consent, accepted_laws, find_law
 from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
 from hbm.rigfiles.quantities import Force, NonNegative, Positive, Shape, possible
 from hbm.rigfiles.schema import (
+    MOST_CHANNELS,
     MOST_MODES,
     PRINTABLE,
     BeamTable,
@@ -101,7 +102,7 @@ class JointedRigTable(Table):
     damping: DampingTable = DampingTable()
     joints: Annotated[list[dict[str, Any]], Field(min_length=1)]
     excitation: PlacedExcitationTable
-    channels: list[PlacedChannelTable] = Field(default_factory=list)
+    channels: list[PlacedChannelTable] = Field(default_factory=list, max_length=MOST_CHANNELS)
 
 
 PRESSED = ("normal_load", "normal_stiffness", "reference_load")

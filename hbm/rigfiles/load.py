@@ -39,6 +39,9 @@ from models.friction import settings
 from models.jointed import AnyRig
 from models.plausible import PlausibilityWarning, doubts, quiet
 
+MOST_BYTES = 4_000_000
+"""Of a rig file; one of this size has shapes of some hundred modes at some hundred places."""
+
 
 def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> AnyRig:
     """Read a rig file.
@@ -131,6 +134,9 @@ def rig_from_dict(table: Mapping[str, Any], source: str, consent: Consent = Cons
 
 def _read(path: Path, source: str) -> str:
     try:
+        if (size := path.stat().st_size) > MOST_BYTES:
+            accepted = f"must be <= {MOST_BYTES / 1e6:g} MB, a rig file (TOML); matrices stand in files of their own"
+            raise InputError(f"{source}: {size / 1e6:.3g} MB; {accepted}")
         content = path.read_bytes()
     except FileNotFoundError:
         raise InputError(f"{source}: no such file; must be a rig file (TOML)") from None

@@ -53,6 +53,9 @@ MOST_ENTRIES = 200
 
 MOST_MODES = 1000
 
+MOST_CHANNELS = 1000
+"""Of a rig; what their correlations take grows with the square of their number."""
+
 
 class Table(BaseModel):
     """A table of a rig file: exact types, no unknown keys, no infinities."""
@@ -141,7 +144,7 @@ class BeamRig(Table):
     damping: DampingTable
     contact: BeamContactTable
     excitation: BeamExcitationTable
-    channels: list[BeamChannelTable] = []
+    channels: Annotated[list[BeamChannelTable], Field(max_length=MOST_CHANNELS)] = []
     extensions: list[dict[str, Any]] = []  # checked against the causes they name, see hbm.rigfiles.extensions
 
 
@@ -153,7 +156,7 @@ class ModalRig(Table):
     damping: DampingTable
     contact: ContactTable
     excitation: ExcitationTable
-    channels: list[ChannelTable] = []
+    channels: Annotated[list[ChannelTable], Field(max_length=MOST_CHANNELS)] = []
     extensions: list[dict[str, Any]] = []
 
 
