@@ -60,7 +60,7 @@ def test_a_rig_that_is_unstable_at_rest_is_marched_all_the_same() -> None:
 
 
 def test_stability_of_a_stiff_contact_does_not_depend_on_the_samples() -> None:
-    """In 128 steps a period the march itself is unstable: multipliers of 1e50 in place of 1."""
+    """In 128 steps a period the march itself is unstable: multipliers of 1e33 in place of 1."""
     rig = stiff()
     found = []
     for samples in (128, 1024):
