@@ -35,6 +35,8 @@ class JointStep:
         Whether the forces of the sample before matter.
     reads : tuple of int
         Signals of the sample, then of the one before, that matter.
+    told : list of SX
+        All that `force` and `z_new` depend on.
     """
 
     def __init__(self, law: JointLaw) -> None:
@@ -61,6 +63,7 @@ class JointStep:
         self.carried = ca.vertcat(self.z, self.f_before) if self.carries_force else self.z
         self.memory = ca.vertcat(self.z, self.f_before) if self.remembers else self.z
         self.arguments = [self.carried, self.before, self.now, self.environment, self.p]
+        self.told = [self.f, self.z, self.f_before, self.before, self.now, self.environment, self.p]
         self.slope = ca.jacobian(self.force, self.f)
 
     def carry(self) -> Any:
@@ -71,14 +74,12 @@ class JointStep:
         """Return expressions in the forces with f = law(f) solved."""
         if not self.implicit:
             return list(ca.substitute(expressions, [self.f], [self.force]))
-        rest = [self.z, self.f_before, self.before, self.now, self.environment, self.p]
-        improved = self.f + self._closed(self.force - self.f)
-        newton = ca.Function("newton", [self.f, *rest], [improved], {"cse": True})
-        f = self.f_before
+        newton = ca.Function("newton", self.told, [self.f + self._closed(self.force - self.f)], {"cse": True})
+        f, rest = self.f_before, self.told[1:]
         for _ in range(iterations):
             f = newton(f, *rest)
         # not differentiated through: the iterations are no part of the derivative
-        return list(ca.Function("there", [self.f, *rest], expressions, {"cse": True}).call([f, *rest]))
+        return list(ca.Function("there", self.told, expressions, {"cse": True}).call([f, *rest]))
 
     def _closed(self, open_change: Any) -> Any:
         """Change of the forces with their own answer to it."""

@@ -5,8 +5,11 @@ ports, which changes the forces: CasADi's Newton method closes that relation, an
 function theorem, so that the derivative of the step is exact too.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -14,9 +17,31 @@ from scipy.linalg import expm
 
 from hbm.aft.jointstep import JointStep, signals_of, values
 from models.jointed import JointedRig
+from models.joints.law import Form, form, of_form
 from models.structure import Array
 
 NEWTON = {"abstol": 1e-11, "abstolStep": 1e-14, "max_iter": 60, "error_on_fail": False}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where one joint stands.
+
+    Attributes
+    ----------
+    forces, signals : slice
+        Among the forces and the signals of all joints.
+    memory, before : slice
+        In the state: its internal states, and the signals of the sample before that its law uses.
+    used : tuple of int
+        Which signals those are.
+    """
+
+    forces: slice
+    signals: slice
+    memory: slice
+    before: slice
+    used: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -26,31 +51,37 @@ class Layout:
     Attributes
     ----------
     modes, ports : int
-    memory, signals : tuple of int
-        For each joint: internal states, and signals of the sample before that its law uses.
+    size : int
+        Length of the state.
+    joints : tuple of Place
     """
 
     modes: int
     ports: int
-    memory: tuple[int, ...]
-    signals: tuple[tuple[int, ...], ...]
+    size: int
+    joints: tuple[Place, ...]
+
+    @staticmethod
+    def of(modes: int, laws: Sequence[JointStep]) -> "Layout":
+        """Layout of joints one after another."""
+        used = [tuple(i - signals_of(w.ports) for i in w.reads if i >= signals_of(w.ports)) for w in laws]
+        forces = _slices(w.ports for w in laws)
+        signals = _slices(signals_of(w.ports) for w in laws)
+        ports = sum(w.ports for w in laws)
+        memory = _slices((w.states for w in laws), 2 * modes + ports)
+        before = _slices(map(len, used), 2 * modes + ports + sum(w.states for w in laws))
+        places = tuple(map(Place, forces, signals, memory, before, used))
+        return Layout(modes, ports, before[-1].stop, places)
 
     @property
-    def size(self) -> int:
-        """Length of the state."""
-        return 2 * self.modes + self.ports + sum(self.memory) + sum(map(len, self.signals))
+    def y(self) -> slice:
+        """Displacements and velocities of the modes."""
+        return slice(2 * self.modes)
 
     @property
     def f(self) -> slice:
         """The forces."""
         return slice(2 * self.modes, 2 * self.modes + self.ports)
-
-    def split(self, x: ca.MX) -> tuple[ca.MX, ca.MX, ca.MX, list[ca.MX], list[ca.MX]]:
-        """Modes (q, q'), forces, and memory and signals before of each joint."""
-        lengths = [2 * self.modes, self.ports, *self.memory, *map(len, self.signals)]
-        parts = ca.vertsplit(x, np.cumsum([0, *lengths]).tolist())
-        joints = len(self.memory)
-        return parts[0], x[self.modes : 2 * self.modes], parts[1], parts[2 : 2 + joints], parts[2 + joints :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +96,8 @@ class LinearStep:
         By the excitation before, now, and its rate now.
     s_by_y, s_by_old, s_by_new, s_by_excitation : array
         Signals of all joints one after another at the end, by (q, q') at the end and by the same forces.
+    compliances : (joints,) array
+        Of the body and of the step, that each joint's law takes into account.
     """
 
     y_by_y: Array
@@ -75,18 +108,19 @@ class LinearStep:
     s_by_old: Array
     s_by_new: Array
     s_by_excitation: Array
+    compliances: Array
 
     @staticmethod
-    def of(rig: JointedRig, dt: float) -> tuple["LinearStep", list[tuple[float, float]]]:
-        """Step of a rig; and of each joint the compliances of the body and of the step that its law counts in."""
-        s, n = rig.structure, rig.structure.n
+    def of(rig: JointedRig, dt: float, layout: Layout) -> "LinearStep":
+        """Step of a rig."""
+        s, n, m = rig.structure, rig.structure.n, rig.ports
         E, old, new = _propagated(s.omega_n, s.damping, dt)
-        own, folded = _folded(rig, new[:n])
+        of_body, of_step = _counted(rig, new[:n], layout)
         folds = np.concatenate([np.full(j.law.ports, j.law.folds) for j in rig.joints])
         of_rate = np.where(folds[:, None], 0.0, s.flexibility)
-        nothing, m = np.zeros_like(s.joints), rig.ports
+        nothing = np.zeros_like(s.joints)
         # a set-valued law takes what the step itself yields into account, in place of the motion
-        u = (np.hstack([s.joints, nothing]), np.zeros((m, m)), s.flexibility - np.diag(own) - np.diag(folded))
+        u = (np.hstack([s.joints, nothing]), np.zeros((m, m)), s.flexibility - np.diag(of_body) - np.diag(of_step))
         speed = (np.hstack([nothing, s.joints]), -of_rate / dt, of_rate / dt)
         by_motion = np.hstack([-s.loads_inertia * s.omega_n**2, s.loads_damping - s.loads_inertia @ s.damping])
         load = (by_motion, np.zeros((len(by_motion), m)), s.loads_inertia @ s.joints.T + s.loads_by_joints)
@@ -97,13 +131,14 @@ class LinearStep:
             np.column_stack([zero, zero, to_force]),
             np.column_stack([0.0 * load_by_force, load_by_force, 0.0 * load_by_force]),
         )
-        order, at = [], 0
-        for j, joint in enumerate(rig.joints):
-            here = range(at, at + joint.law.ports)
-            order += [*here, *(m + i for i in here), 2 * m + j]
-            at += joint.law.ports
+        # displacements, velocities and loads of all joints, put joint by joint
+        ports = np.arange(m)
+        order = np.concatenate(
+            [[*ports[at.forces], *(m + ports[at.forces]), 2 * m + j] for j, at in enumerate(layout.joints)]
+        )
         by_y, by_old, by_new = (np.vstack(parts)[order] for parts in zip(u, speed, load, strict=True))
-        linear = LinearStep(
+        first = [at.forces.start for at in layout.joints]
+        return LinearStep(
             E,
             old @ s.joints.T,
             new @ s.joints.T,
@@ -112,9 +147,12 @@ class LinearStep:
             by_old,
             by_new,
             np.vstack(told)[order],
+            (of_body + of_step)[first],
         )
-        firsts = np.cumsum([0, *(j.law.ports for j in rig.joints)])[:-1]
-        return linear, [(float(own[i]), float(folded[i])) for i in firsts]
+
+    def signals(self, y: Any, f_old: Any, f: Any, F: Any) -> Any:
+        """Signals at the end of a step; numbers or symbols, one column a step."""
+        return self.s_by_y @ y + self.s_by_old @ f_old + self.s_by_new @ f + self.s_by_excitation @ F
 
 
 class JointedStep:
@@ -130,62 +168,36 @@ class JointedStep:
     """
 
     def __init__(self, rig: JointedRig, dt: float, level: float) -> None:
-        self.rig, self.laws = rig, [JointStep(j.law) for j in rig.joints]
-        used = [tuple(i - signals_of(w.ports) for i in w.reads if i >= signals_of(w.ports)) for w in self.laws]
-        self.layout = Layout(rig.structure.n, rig.ports, tuple(w.states for w in self.laws), tuple(used))
-        self.linear, compliances = LinearStep.of(rig, dt)
-        self.environments = [ca.DM([dt, own + folded]) for own, folded in compliances]
+        self.rig, self.layout = rig, Layout.of(rig.structure.n, [JointStep(j.law) for j in rig.joints])
+        self.linear = LinearStep.of(rig, dt, self.layout)
+        self.environments = [ca.DM([dt, C]) for C in self.linear.compliances]
         self.unit = level or rig.excitation.amplitude  # forces are solved for in it
         self.function = self._function()
 
     def _function(self) -> ca.Function:
         """Solve the relation of one step at the joints, and go there."""
-        of, dm = self.linear, ca.DM
-        x, F = ca.MX.sym("x", self.layout.size), ca.MX.sym("F", 3)
-        y, _, f_old, memory, before = self.layout.split(x)
-        unknown = ca.MX.sym("f", self.layout.ports)
-        f = unknown * self.unit
-        y_new = dm(of.y_by_y) @ y + dm(of.y_by_old) @ f_old + dm(of.y_by_new) @ f + dm(of.y_by_excitation) @ F
-        signals = dm(of.s_by_y) @ y_new + dm(of.s_by_old) @ f_old + dm(of.s_by_new) @ f
-        signals += dm(of.s_by_excitation) @ F
-        forces, memory_new, seen = [], [], []
-        for j, (law, (here, told)) in enumerate(zip(self.laws, self._places(), strict=True)):
-            now, used = signals[told], self.layout.signals[j]
-            earlier = ca.MX.zeros(signals_of(law.ports))
-            for place, i in enumerate(used):
-                earlier[i] = before[j][place]
-            given = [f[here], memory[j], f_old[here], earlier, now, self.environments[j]]
-            force, z_new = self._answer(j)(*given, ca.DM(values(self.rig.joints[j].law)))
+        of, layout = self.linear, self.layout
+        x, F, unknown = ca.MX.sym("x", layout.size), ca.MX.sym("F", 3), ca.MX.sym("f", layout.ports)
+        f, f_old = unknown * self.unit, x[layout.f]
+        y = ca.DM(of.y_by_y) @ x[layout.y] + ca.DM(of.y_by_old) @ f_old
+        y += ca.DM(of.y_by_new) @ f + ca.DM(of.y_by_excitation) @ F
+        signals = of.signals(y, f_old, f, F)
+        forces, memory, seen = [], [], []
+        for joint, at, environment in zip(self.rig.joints, layout.joints, self.environments, strict=True):
+            now = signals[at.signals]
+            earlier = ca.MX.zeros(now.numel())
+            earlier[list(at.used)] = x[at.before]
+            given = [f[at.forces], x[at.memory], f_old[at.forces], earlier, now, environment]
+            force, z = _answer(form(joint.law))(*given, ca.DM(values(joint.law)))
             forces.append(force)
-            memory_new.append(z_new)
-            seen.append(ca.vertcat(*(now[i] for i in used)) if used else ca.MX(0, 1))
+            memory.append(z)
+            seen.append(now[list(at.used)])
         gap = (f - ca.vertcat(*forces)) / self.unit
         close = ca.rootfinder("close", "newton", {"x": unknown, "p": ca.vertcat(x, F), "g": gap}, NEWTON)
-        after = ca.vertcat(y_new, f, *memory_new, *seen)
+        after = ca.vertcat(y, f, *memory, *seen)
         there = ca.Function("there", [unknown, x, F], [after, ca.norm_inf(gap)])
-        solved = close(x0=x[self.layout.f] / self.unit, p=ca.vertcat(x, F))["x"]
+        solved = close(x0=x[layout.f] / self.unit, p=ca.vertcat(x, F))["x"]
         return ca.Function("step", [x, F], list(there(solved, x, F)))
-
-    def _places(self) -> list[tuple[slice, slice]]:
-        """Of each joint, where its forces and its signals stand among those of all."""
-        ports = np.cumsum([0, *(w.ports for w in self.laws)]).tolist()
-        signals = np.cumsum([0, *(signals_of(w.ports) for w in self.laws)]).tolist()
-        pairs = zip(pairwise(ports), pairwise(signals), strict=True)
-        return [(slice(*of_ports), slice(*of_signals)) for of_ports, of_signals in pairs]
-
-    def _answer(self, j: int) -> ca.Function:
-        """Force and memory of a law as it is told."""
-        w = self.laws[j]
-        inputs = [w.f, w.z, w.f_before, w.before, w.now, w.environment, w.p]
-        return ca.Function("law", inputs, [w.force, w.z_new], {"cse": True})
-
-    def _slope(self, j: int) -> ca.Function:
-        """Derivative of (force, memory) to (force, memory, force before, signals before that matter, signals)."""
-        w, used = self.laws[j], list(self.layout.signals[j])
-        to = ca.vertcat(w.f, w.z, w.f_before, w.before[used], w.now)
-        inputs = [w.f, w.z, w.f_before, w.before, w.now, w.environment, w.p]
-        slope = ca.densify(ca.jacobian(ca.vertcat(w.force, w.z_new), to))
-        return ca.Function("slope", inputs, [slope], {"cse": True})
 
     def jacobians(self, X: Array, X_next: Array, F: Array) -> Array:
         """Derivative of every step's state to that before, (steps, size, size).
@@ -197,59 +209,77 @@ class JointedStep:
         F : (steps, 3) array
             As the step is told of the excitation.
         """
-        of, layout, n = self.linear, self.layout, 2 * self.layout.modes
-        N, size, f = len(X), layout.size, layout.f
-        y, f_old, f_new = X_next[:, :n], X[:, f], X_next[:, f]
-        signals = y @ of.s_by_y.T + f_old @ of.s_by_old.T + f_new @ of.s_by_new.T + F @ of.s_by_excitation.T
-        # all that does not go through the forces at the end: motion, signals, and what laws make of both
-        y_x = np.zeros((n, size))
-        y_x[:, :n], y_x[:, f] = of.y_by_y, of.y_by_old
-        s_x, s_f = of.s_by_y @ y_x, of.s_by_y @ of.y_by_new + of.s_by_new
-        s_x[:, f] += of.s_by_old
-        out_x, out_f = np.zeros((N, size, size)), np.zeros((N, size, layout.ports))
-        out_x[:, :n], out_f[:, :n] = y_x, of.y_by_new
-        gap_x, gap_f = np.zeros((N, layout.ports, size)), np.zeros((N, layout.ports, layout.ports))
-        gap_f[:] = np.eye(layout.ports)
-        parts = np.cumsum([f.stop, *layout.memory, *map(len, layout.signals)]).tolist()
-        joints = len(self.laws)
-        for j, (w, (here, told)) in enumerate(zip(self.laws, self._places(), strict=True)):
-            used, z, b = list(layout.signals[j]), slice(*parts[j : j + 2]), slice(*parts[joints + j : joints + j + 2])
-            before = np.zeros((signals_of(w.ports), N))
-            before[used] = X[:, b].T
-            given = (f_new[:, here].T, X[:, z].T, f_old[:, here].T, before, signals[:, told].T)
-            p = np.tile(values(self.rig.joints[j].law)[:, None], N)
-            found = self._slope(j)(*given, self.environments[j], p).full()
-            rows = w.ports + w.states
-            blocks = found.reshape(rows, N, -1).transpose(1, 0, 2)
-            by_f, by_z, by_old, by_before, by_s = np.split(
-                blocks, np.cumsum([w.ports, w.states, w.ports, len(used)]), axis=2
+        layout, (x_by_x, x_by_f) = self.layout, self._with_given_forces(X, X_next, F)
+        # what the forces at the end are by f = law(x, f): those rows hold the law's own derivatives until here
+        gap = np.eye(layout.ports) - x_by_f[:, layout.f]
+        f_by_x = np.linalg.solve(gap, x_by_x[:, layout.f])
+        x_by_x[:, layout.f], x_by_f[:, layout.f] = 0.0, np.eye(layout.ports)
+        return np.asarray(x_by_x + x_by_f @ f_by_x)
+
+    def _with_given_forces(self, X: Array, X_next: Array, F: Array) -> tuple[Array, Array]:
+        """State after each step by that before and by the forces at its end; in their rows, the laws' answers."""
+        of, layout, N = self.linear, self.layout, len(X)
+        signals = of.signals(X_next[:, layout.y].T, X[:, layout.f].T, X_next[:, layout.f].T, F.T)
+        by_x, by_f = np.zeros((N, layout.size, layout.size)), np.zeros((N, layout.size, layout.ports))
+        by_x[:, layout.y, layout.y], by_x[:, layout.y, layout.f] = of.y_by_y, of.y_by_old
+        by_f[:, layout.y] = of.y_by_new
+        s_by_x, s_by_f = of.s_by_y @ by_x[0, layout.y], of.s_by_y @ of.y_by_new + of.s_by_new
+        s_by_x[:, layout.f] += of.s_by_old
+        for joint, at, environment in zip(self.rig.joints, layout.joints, self.environments, strict=True):
+            f, f_old, z = X_next[:, layout.f].T[at.forces], X[:, layout.f].T[at.forces], X[:, at.memory].T
+            before = np.zeros((len(signals[at.signals]), N))
+            before[list(at.used)] = X[:, at.before].T
+            slopes = _slope(form(joint.law), at.used)(
+                f, z, f_old, before, signals[at.signals], environment, np.tile(values(joint.law)[:, None], N)
             )
-            total_f, total_x = by_s @ s_f[told], by_s @ s_x[told]
-            total_f[:, :, here] += by_f
-            total_x[:, :, z] += by_z
-            total_x[:, :, f][:, :, here] += by_old
-            total_x[:, :, b] += by_before
-            gap_f[:, here] -= total_f[:, : w.ports]
-            gap_x[:, here] -= total_x[:, : w.ports]
-            out_f[:, z], out_x[:, z] = total_f[:, w.ports :], total_x[:, w.ports :]
-            out_f[:, b], out_x[:, b] = s_f[told][used], s_x[told][used]
-        f_x = -np.linalg.solve(gap_f, gap_x)
-        out_f[:, f] = np.eye(layout.ports)
-        return np.asarray(out_x + out_f @ f_x)
+            blocks = slopes.full().reshape(len(f) + len(z), N, -1).transpose(1, 0, 2)
+            lengths = np.cumsum([len(f), len(z), len(f), len(at.used)])
+            by_force, by_memory, by_old, by_before, by_signals = np.split(blocks, lengths, axis=2)
+            answer_by_x, answer_by_f = by_signals @ s_by_x[at.signals], by_signals @ s_by_f[at.signals]
+            answer_by_f[:, :, at.forces] += by_force
+            answer_by_x[:, :, at.memory] += by_memory
+            answer_by_x[:, :, layout.f][:, :, at.forces] += by_old
+            answer_by_x[:, :, at.before] += by_before
+            for whole, answer, told in ((by_x, answer_by_x, s_by_x), (by_f, answer_by_f, s_by_f)):
+                whole[:, layout.f][:, at.forces] = answer[:, : len(f)]
+                whole[:, at.memory] = answer[:, len(f) :]
+                whole[:, at.before] = told[at.signals][list(at.used)]
+        return by_x, by_f
 
 
-def _folded(rig: JointedRig, new: Array) -> tuple[Array, Array]:
+@lru_cache(maxsize=64)
+def _answer(made_of: Form) -> ca.Function:
+    """Force and memory of a law as it is told."""
+    w = JointStep(of_form(made_of))
+    return ca.Function("law", w.told, [w.force, w.z_new], {"cse": True})
+
+
+@lru_cache(maxsize=64)
+def _slope(made_of: Form, used: tuple[int, ...]) -> ca.Function:
+    """Derivative of (force, memory) to (force, memory, force before, signals before that matter, signals)."""
+    w = JointStep(of_form(made_of))
+    to = ca.vertcat(w.f, w.z, w.f_before, w.before[list(used)], w.now)
+    slope = ca.densify(ca.jacobian(ca.vertcat(w.force, w.z_new), to))
+    return ca.Function("slope", w.told, [slope], {"cse": True})
+
+
+def _slices(lengths: Iterable[int], first: int = 0) -> list[slice]:
+    """Parts of such lengths, one after another."""
+    return [slice(*ends) for ends in pairwise(np.cumsum([first, *lengths]).tolist())]
+
+
+def _counted(rig: JointedRig, new: Array, layout: Layout) -> tuple[Array, Array]:
     """Compliances of the body, and of the step, that laws take into account at their ports, (m,) each."""
     s = rig.structure
-    own, folded, at = np.zeros(len(s.flexibility)), np.zeros(len(s.flexibility)), 0
-    of_step = np.einsum("pn,nk,pk->p", s.joints, new, s.joints)
-    for j in rig.joints:
+    of_body, of_step = np.zeros(rig.ports), np.zeros(rig.ports)
+    yields = np.einsum("pn,nk,pk->p", s.joints, new, s.joints)
+    for j, at in zip(rig.joints, layout.joints, strict=True):
+        port = at.forces.start
         if j.law.folds:
-            own[at] = max(float(s.flexibility[at, at]), 0.0)
+            of_body[port] = max(float(s.flexibility[port, port]), 0.0)
         if j.law.set_valued:
-            folded[at] = of_step[at]
-        at += j.law.ports
-    return own, folded
+            of_step[port] = yields[port]
+    return of_body, of_step
 
 
 def _propagated(omega_n: Array, damping: Array, dt: float) -> tuple[Array, Array, Array]:
