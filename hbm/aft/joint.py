@@ -204,6 +204,7 @@ class JointOverPeriod:
             if i != 2 * m or self._loaded:
                 by = by if now else np.roll(by, -1, axis=-1)  # the sample before the first is the last
                 found[i] = found[i] + by if i in found else by
+        found = dict(sorted(found.items()))
         by_used = np.array([by @ basis.synthesis for by in found.values()]).reshape(-1, m, basis.size, basis.size)
         by_Omega = np.zeros((m, basis.size))
         for i, by in zip(found, by_used, strict=True):
@@ -255,7 +256,8 @@ class JointOverPeriod:
             z = forwards(by[:, m:, :n], start, driven[:, m:])
             return driven[:, :m] + np.matmul(by[:, :m, :n], z[:-1]), z[-1]
 
-        steady, start = read(), np.zeros((n, numbers.shape[1]))
+        steady = read()
+        start: Array = np.zeros((n, numbers.shape[1]))
         transitions = steady[:, m:, :n]
         if n and radius(transitions) < 1.0 - NEUTRAL:
             start = np.linalg.solve(np.eye(n) - monodromy(transitions), march(steady, start)[1])
