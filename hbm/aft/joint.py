@@ -260,7 +260,7 @@ class JointOverPeriod:
         start: Array = np.zeros((n, numbers.shape[1]))
         transitions = steady[:, m:, :n]
         if n and radius(transitions) < 1.0 - NEUTRAL:
-            start = np.linalg.solve(np.eye(n) - monodromy(transitions), march(steady, start)[1])
+            start[:] = np.linalg.solve(np.eye(n) - monodromy(transitions), march(steady, start)[1])
         elif n:  # a joint that stays stuck remembers the period before, which started from its virgin state
             kept = self._carried.copy()
             self._carried[:] = 0.0

@@ -13,6 +13,7 @@ from scipy.linalg import lapack
 from hbm.aft.force import ContactForce
 from hbm.balance.elements import ElementSlope
 from hbm.balance.equations import Balance, Kinematics, State
+from hbm.balance.jacobian import law_by_modes
 from hbm.fourier import Array
 
 LOW_HARMONICS = 5
@@ -39,6 +40,7 @@ class Elimination:
         state: State,
         kin: Kinematics,
         contact: ContactForce,
+        by_T: Array | None,
         slope: ElementSlope | None,
         column: Array | None = None,
     ) -> None:
@@ -60,13 +62,14 @@ class Elimination:
         if m:
             p = -kin.Gq[:, :m]
             p[0] += s.slip_row[:m]
-            self._p = basis.multiplication(p)  # (2H+1, 2H+1, m)
-            self._factor(real[:, :m] + 1j * imaginary[:, :m], kin.by_T)
-            self._coupled_of = self._solve_coupled(np.ascontiguousarray(self._p.transpose(0, 2, 1)))
+            slip = basis.multiplication(p)  # (2H+1, 2H+1, m)
+            self._law_by_coupled = law_by_modes(problem, state.Omega, contact, slope, slip)
+            self._factor(real[:, :m] + 1j * imaginary[:, :m], by_T)
+            # what maps the modes to the slip takes T to the modes
+            self._coupled_of = self._solve_coupled(np.ascontiguousarray(slip.transpose(0, 2, 1)))
             self._core -= self._law_of_coupled(self._coupled_of)
-        column = problem.by_parameter(state, contact, slope) if column is None else column
-        motion, core = self._reduced(column[:, None])
-        self._motion_lam, self._core_lam = motion[:, :, 0], core[:, 0]
+        self._column = problem.by_parameter(state, contact, slope) if column is None else column
+        self._by_column: tuple[Array, Array] | None = None  # worked out with the first right side
 
     def _reduced(self, forces: Array) -> tuple[Array, Array]:
         """Motion (2H+1, n, r) under scaled forces (size, r) with T held, and what they ask of T, (2H+1, r)."""
@@ -76,7 +79,7 @@ class Elimination:
         motion, core = np.empty((size, n, r)), forces[size * n :] * problem.F_ref
         if m:
             motion[:, :m] = self._solve_coupled(modal[:, :m])
-            core += self._law_of_coupled(np.ascontiguousarray(motion[:, :m]))
+            core += self._law_of_coupled(motion[:, :m])
         if n > m:
             motion[:, m:] = self._receptance_of(modal[:, m:])
             core += self._law_of_field(motion[:, m:])
@@ -108,7 +111,7 @@ class Elimination:
         K[turned, turned] += values.real
         K[turning, turned] += values.imag
         K[turned, turning] -= values.imag
-        self._lu, self._pivots, _ = lapack.dgetrf(K, overwrite_a=1)
+        self._lu, self._pivots, _ = lapack.dgetrf(K.T, overwrite_a=1)  # transposed, as LAPACK stores it: no copy
 
     def _solve_coupled(self, forces: Array) -> Array:
         """Motion (2H+1, m, r) of the coupled modes under modal forces."""
@@ -118,21 +121,12 @@ class Elimination:
             motion = np.empty(forces.shape)
         else:
             motion = basis.real(basis.complex(forces) * self._coupled_receptance[:, :, None])
-        motion.reshape(flat.shape)[self._dense] = lapack.dgetrs(self._lu, self._pivots, flat[self._dense])[0]
+        motion.reshape(flat.shape)[self._dense] = lapack.dgetrs(self._lu, self._pivots, flat[self._dense], trans=1)[0]
         return motion
 
     def _law_of_coupled(self, modes: Array) -> Array:
         """Change (2H+1, r) of the law's force coefficients with the coupled modes (2H+1, m, r)."""
-        basis, m = self.problem.basis, self._m
-        size, r = basis.size, modes.shape[2]
-        seen = [self._p.reshape(size, size * m) @ modes.reshape(size * m, r)]
-        if len(self._seen) > 1:
-            reaction = np.matmul(self._rows[1:, :m], modes)  # (2H+1, 4, r)
-            rho = self.problem.reaction_of(reaction, self.state.Omega)
-            if self.slope is not None:
-                rho -= np.tensordot(self.slope.by_Q[:, -1], modes, axes=2)
-            seen += [rho, reaction[:, 3]]
-        return self._law_of_signals(seen)
+        return np.asarray(self._law_by_coupled @ modes.reshape(-1, modes.shape[2]))
 
     def _law_of_signals(self, seen: Sequence[Array]) -> Array:
         """Change of the law's force coefficients with those of u, rho, eta."""
@@ -176,14 +170,14 @@ class Elimination:
 
     def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
         """Core matrix with the border row; and that row's part on the modes, (2H+1, n)."""
-        problem, m = self.problem, self._m
+        problem, m, (motion, core) = self.problem, self._m, self._border()
         size, n = problem.basis.size, problem.structure.n
         modes = row[: size * n].reshape(size, n) / problem.q_ref
         matrix = np.empty((size + 1, size + 1))
         matrix[:size, :size] = self._core
-        matrix[:size, size] = self._core_lam
+        matrix[:size, size] = core
         matrix[size, :size] = row[size * n :] / problem.F_ref
-        matrix[size, size] = row_lam - np.vdot(modes, self._motion_lam)
+        matrix[size, size] = row_lam - np.vdot(modes, motion)
         if m:
             matrix[size, :size] += modes[:, :m].ravel() @ self._coupled_of.reshape(size * m, size)
         if n > m:
@@ -191,6 +185,21 @@ class Elimination:
             adjoint = basis.real(basis.complex(modes[:, m:]) * self._receptance.conj())
             matrix[size, :size] += adjoint @ problem.structure.slip_row[m:]
         return matrix, modes
+
+    def _border(self) -> tuple[Array, Array]:
+        """What the border column reduces to."""
+        if self._by_column is None:
+            motion, core = self._reduced(self._column[:, None])
+            self._by_column = motion[:, :, 0], core[:, 0]
+        return self._by_column
+
+    def _reduced_beside(self, rhs: Array) -> tuple[Array, Array]:
+        """What right sides (size, r) reduce to, with the border column where that is not known yet."""
+        if self._by_column is not None:
+            return self._reduced(rhs)
+        motion, core = self._reduced(np.hstack([self._column[:, None], rhs]))
+        self._by_column = np.ascontiguousarray(motion[:, :, 0]), core[:, 0]
+        return motion[:, :, 1:], core[:, 1:]
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
@@ -201,8 +210,8 @@ class Elimination:
         """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
         problem, m, r = self.problem, self._m, rhs.shape[1]
         size, n = problem.basis.size, problem.structure.n
+        d_Q, core = self._reduced_beside(rhs)
         matrix, modes = self._bordered(row, row_lam)
-        d_Q, core = self._reduced(rhs)
         right = np.vstack([core, rhs_row - modes.ravel() @ d_Q.reshape(size * n, r)])
         _, _, solution, info = lapack.dgesv(matrix, right)
         if info:
@@ -212,7 +221,7 @@ class Elimination:
             d_Q[:, :m] += self._coupled_of @ d_T
         if n > m:
             d_Q[:, m:] += self._receptance_of(problem.structure.slip_row[m:, None] * d_T[:, None])
-        d_Q -= self._motion_lam[:, :, None] * d_lam
+        d_Q -= self._border()[0][:, :, None] * d_lam
         return np.concatenate([d_Q.reshape(size * n, r) / problem.q_ref, d_T / problem.F_ref]), d_lam
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:

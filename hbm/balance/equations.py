@@ -49,8 +49,8 @@ class Kinematics:
     ----------
     Gq : (2H+1, n) array
         Coefficients of G q; du/dq = c - G q. Zeros where the structure is not drawn in.
-    by_T : (2H+1, 2H+1) array or None
-        Matrix that multiplies a series by T; None where the structure is not drawn in.
+    pull : (2H+1, n) array or None
+        Coefficients of T G q, the part of friction that follows the motion; None where the structure is not drawn in.
     signals : (2H+1, 4) array
         Coefficients of u, v, rho, eta (:data:`hbm.aft.force.SIGNALS`).
     elements : (2H+1, r) array or None
@@ -60,7 +60,7 @@ class Kinematics:
     """
 
     Gq: Array
-    by_T: Array | None
+    pull: Array | None
     signals: Array
     elements: Array | None = None
     clamp: ClampMotion | None = None
@@ -266,11 +266,12 @@ class Balance:
         u = signals[:, 0]
         u[:] = rows[:, 0]
         if self.coupled:
-            Gq, by_T = Q @ s.shortening, basis.multiplication(state.T)
-            fine = basis.exact_products
-            u -= 0.5 * (fine.analysis @ np.einsum("ti,ti->t", fine.synthesis @ Gq, fine.synthesis @ Q))
+            Gq, fine = Q @ s.shortening, basis.exact_products
+            T, q, drawn = np.split(fine.synthesis @ np.hstack([state.T[:, None], Q, Gq]), (1, 1 + s.n), axis=1)
+            u -= 0.5 * (fine.analysis @ np.einsum("ti,ti->t", drawn, q))
+            pull: Array | None = fine.analysis @ (T * drawn)
         else:
-            Gq, by_T = np.zeros_like(Q), None
+            Gq, pull = np.zeros_like(Q), None
         if self.dynamic_lagrangian:
             u -= self.dynamic_lagrangian * state.T
         u += s.residual.slip_by_force * state.F * self.force_shape
@@ -287,10 +288,10 @@ class Balance:
         if self.clamp is not None and clamp is not None:
             signals[:, 2] += self.clamp.port.residual[-1] * clamp.slid
         if self.elements is None:
-            return Kinematics(Gq, by_T, signals, clamp=clamp)
+            return Kinematics(Gq, pull, signals, clamp=clamp)
         forces = self.elements.along_rows(Q, Omega, state.F * self.force_shape)
         signals[:, 2] -= forces @ self.elements.onto[:, -1]
-        return Kinematics(Gq, by_T, signals, forces, clamp)
+        return Kinematics(Gq, pull, signals, forces, clamp)
 
     def reaction_of(self, rows: Array, Omega: float) -> Array:
         """Coefficients (2H+1, ...) of the reaction's part from the modes.
@@ -316,8 +317,8 @@ class Balance:
         s, basis = self.structure, self.basis
         Q, Omega = state.Q, state.Omega
         force = np.outer(state.T, s.slip_row)
-        if kin.by_T is not None:
-            force -= kin.by_T @ kin.Gq
+        if kin.pull is not None:
+            force -= kin.pull
         balance = (s.omega_n**2 - (basis.k * Omega)[:, None] ** 2) * Q
         balance += Omega * s.damping * basis.derivative(Q) - force
         balance -= np.outer(state.F * self.force_shape, s.excitation)

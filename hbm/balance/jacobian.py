@@ -18,9 +18,16 @@ class CompleteBalance:
     """
 
     def __init__(
-        self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce, slope: ElementSlope | None
+        self,
+        problem: Balance,
+        state: State,
+        kin: Kinematics,
+        contact: ContactForce,
+        by_T: Array | None,
+        slope: ElementSlope | None,
     ) -> None:
-        self.problem, self.state, self.kin, self.contact, self.slope = problem, state, kin, contact, slope
+        self.problem, self.state, self.kin, self.contact = problem, state, kin, contact
+        self.by_T, self.slope = by_T, slope
         self.by_unknowns = self._by_unknowns()
 
     def _by_unknowns(self) -> Array:
@@ -29,7 +36,7 @@ class CompleteBalance:
         J, slip = np.empty((problem.size, problem.size)), problem.slip_by_modes(self.kin)  # (2H+1, 2H+1, n)
         J[:split, :split] = self._modes().reshape(split, split)
         J[:split, split:] = -slip.transpose(0, 2, 1).reshape(split, size)  # what maps the modes to u takes T to them
-        J[split:, :split] = -self._law(slip.reshape(size, split))
+        J[split:, :split] = -law_by_modes(problem, self.state.Omega, contact, self.slope, slip)
         J[split:, split:] = np.eye(size)
         if problem.dynamic_lagrangian and contact.by_u is not None:
             J[split:, split:] += problem.dynamic_lagrangian * contact.by_u
@@ -43,8 +50,8 @@ class CompleteBalance:
         """Derivative of the modal balance to the modes, (2H+1, n, 2H+1, n)."""
         problem, basis, n = self.problem, self.problem.basis, self.problem.structure.n
         K = np.zeros((basis.size, n, basis.size, n)) if self.slope is None else -self.slope.by_Q[:, :n]
-        if self.kin.by_T is not None:
-            K += self.kin.by_T[:, None, :, None] * problem.structure.shortening[:, None, :]
+        if self.by_T is not None:
+            K += self.by_T[:, None, :, None] * problem.structure.shortening[:, None, :]
         real, imaginary = problem.dynamic_stiffness(self.state.Omega)
         H, mode = basis.H, np.arange(n)
         cosine, sine = np.arange(H + 1)[:, None], np.arange(H + 1, 2 * H + 1)[:, None]
@@ -54,19 +61,31 @@ class CompleteBalance:
         K[sine, mode, cosine[1:], mode] -= imaginary[1:]
         return np.asarray(K)
 
-    def _law(self, slip: Array) -> Array:
-        """Derivative of the law's force coefficients to the modes, (2H+1, (2H+1) n), with that of the slip."""
-        problem, contact, basis = self.problem, self.contact, self.problem.basis
-        r, n, Omega = problem.structure.reaction, problem.structure.n, self.state.Omega
-        law = np.zeros_like(slip)
-        if contact.by_u is not None:
-            law += contact.by_u @ slip
-        if contact.by_rho is not None:
-            rho = contact.by_rho[:, :, None] * (r.stiffness - (basis.k[:, None] * Omega) ** 2 * r.inertia)
-            rho += Omega * basis.derivative_on_right(contact.by_rho)[:, :, None] * r.damping
-            law += rho.reshape(law.shape)
-            if self.slope is not None:
-                law -= contact.by_rho @ self.slope.by_Q[:, n].reshape(law.shape)
-        if contact.by_eta is not None:
-            law += (contact.by_eta[:, :, None] * r.stretch).reshape(law.shape)
-        return law
+
+def law_by_modes(
+    problem: Balance, Omega: float, contact: ContactForce, slope: ElementSlope | None, slip: Array
+) -> Array:
+    """Derivative of the law's force coefficients to the lowest m modes, (2H+1, (2H+1) m).
+
+    Parameters
+    ----------
+    problem : Balance
+    Omega : float
+        [rad/s].
+    contact : ContactForce
+    slope : ElementSlope or None
+        That of the elements, None where none acts.
+    slip : (2H+1, 2H+1, m) array
+        Derivative of the slip to these modes.
+    """
+    basis, r, (size, _, m) = problem.basis, problem.structure.reaction, slip.shape
+    law = np.zeros((size, size * m)) if contact.by_u is None else contact.by_u @ slip.reshape(size, -1)
+    if contact.by_rho is not None and r.varies:
+        rho = contact.by_rho[:, :, None] * (r.stiffness[:m] - (basis.k[:, None] * Omega) ** 2 * r.inertia[:m])
+        rho += basis.derivative_on_right(contact.by_rho)[:, :, None] * (Omega * r.damping[:m])
+        law += rho.reshape(law.shape)
+    if contact.by_rho is not None and slope is not None:
+        law -= contact.by_rho @ slope.by_Q[:, problem.structure.n, :, :m].reshape(law.shape)
+    if contact.by_eta is not None and r.varies:
+        law += (contact.by_eta[:, :, None] * r.stretch[:m]).reshape(law.shape)
+    return law

@@ -86,6 +86,11 @@ class Linearization:
         """The friction force with its derivatives."""
         return self.problem.law.linearize(self.kin.signals, self.state.Omega, self.problem.environment)
 
+    @cached_property
+    def by_T(self) -> Array | None:
+        """Matrix (2H+1, 2H+1) that multiplies a series by T; None where the structure is not drawn in."""
+        return None if self.kin.pull is None else self.problem.basis.multiplication(self.state.T)
+
     @property
     def _parts(self) -> tuple[Balance, State, Kinematics, ContactForce]:
         return self.problem, self.state, self.kin, self.contact
@@ -114,13 +119,13 @@ class Linearization:
         place = self.rotation or lifted_tip(self.problem, self.contact, self.slope)
         supported = None if self.slope is None else self.slope.supported
         acting = supported if supported is not None and supported.acts else None
-        held = Elimination(*self._parts, acting, column)
+        held = Elimination(*self._parts, self.by_T, acting, column)
         return held if place is None else SlippingBalance(held, place, self.problem, own_column=column is None)
 
     @cached_property
     def complete(self) -> Array:
         """Derivative of the residual to the scaled unknowns, (size, size), with nothing left out."""
-        held = CompleteBalance(*self._parts, self.slope).by_unknowns
+        held = CompleteBalance(*self._parts, self.by_T, self.slope).by_unknowns
         return held if self.rotation is None else self.rotation.complete(held)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:

@@ -50,7 +50,7 @@ class HeldBalance:
         compliance = self.structure.flexibility[:, 0, 0]
         law = np.vstack([law.reshape(-1, len(keys)), self.load])
         self.inputs = InputChange(self._signals(), 2 * np.pi * self.hz, law, compliance)
-        self.modal = self._modal(here.kin.by_T)
+        self.modal = self._modal(here.by_T)
 
     def _force(self) -> Array:
         """Change of the excitation, (2H+1, p)."""

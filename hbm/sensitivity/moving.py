@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hbm.balance.jacobian import law_by_modes
 from hbm.balance.problem import Linearization
 from hbm.fourier import Array
 
@@ -43,7 +44,7 @@ class LinearBalance:
     def __init__(self, here: Linearization) -> None:
         problem, state, kin = here.problem, here.state, here.kin
         self.here = here
-        self.problem, self.state, self.by_T, self.contact = problem, state, kin.by_T, here.contact
+        self.problem, self.state, self.by_T, self.contact = problem, state, here.by_T, here.contact
         self._slid = None if here.rotation is None else here.rotation.slid
         self._elements = None if here.slope is None else here.slope.by_Q
         real, imaginary = problem.dynamic_stiffness(state.Omega)
@@ -53,6 +54,7 @@ class LinearBalance:
         self._modes_to_slip = slip_by_modes.reshape(size, size * n)
         # what maps the modes to u takes T to the modes
         self._friction_to_modes = np.ascontiguousarray(slip_by_modes.transpose(0, 2, 1)).reshape(size * n, size)
+        self._law_by_modes = law_by_modes(problem, state.Omega, here.contact, here.slope, slip_by_modes)
         self._rows = np.ascontiguousarray(problem.rows[:, 1:].T)
 
     def by_elements(self, d_Q: Array) -> Array:
@@ -77,11 +79,13 @@ class LinearBalance:
         rho = problem.reaction_of(rows, self.state.Omega)
         if self._elements is not None:
             rho -= np.tensordot(self._elements[:, -1], d_Q, axes=2)
-        if problem.clamp is not None:
-            slid, residual = self.slid(d_Q, d_T), problem.clamp.port.residual
-            u += residual[0] * slid
-            rho += residual[-1] * slid
-        return np.stack([u, rho, rows[:, 3]], axis=1)
+        signals = np.stack([u, rho, rows[:, 3]], axis=1)
+        return signals if problem.clamp is None else signals + self._by_slid(self.slid(d_Q, d_T))
+
+    def _by_slid(self, slid: Array) -> Array:
+        """Change (2H+1, 3, p) of u, rho, eta with what is slid in the clamp (2H+1, p)."""
+        residual = np.zeros(1) if self.problem.clamp is None else self.problem.clamp.port.residual
+        return np.stack([residual[0] * slid, residual[-1] * slid, np.zeros_like(slid)], axis=1)
 
     def __matmul__(self, x: Array) -> Array:
         """Scaled change (size, p) of the balance with the scaled unknowns (size, p)."""
@@ -95,7 +99,12 @@ class LinearBalance:
             modal -= np.tensordot(self._elements[:, :-1], d_Q, axes=2)
         if self.problem.clamp is not None:
             modal -= np.einsum("kp,i->kip", self.slid(d_Q, d_T), self.problem.clamp.port.row)
-        return self.scaled(modal, d_T - self.law(self.signals(d_Q, d_T)))
+        law = self._law_by_modes @ d_Q.reshape(-1, d_Q.shape[2])
+        if self.problem.dynamic_lagrangian and self.contact.by_u is not None:
+            law -= self.problem.dynamic_lagrangian * (self.contact.by_u @ d_T)
+        if self.problem.clamp is not None:
+            law += self.law(self._by_slid(self.slid(d_Q, d_T)))
+        return self.scaled(modal, d_T - law)
 
     def law(self, signals: Array) -> Array:
         """Change (2H+1, p) of the law's force coefficients with those of u, rho, eta."""

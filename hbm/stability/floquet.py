@@ -68,7 +68,7 @@ class Disturbance:
         """What the forces on modes, and last on the support, lose with (q, q') at held friction, (N_t, n+1, 2n)."""
         s, n = self.problem.structure, self.problem.structure.n
         lost = np.zeros((self.problem.basis.N_t, n + 1, 2 * n))
-        if self.kin.by_T is not None:
+        if self.kin.pull is not None:
             lost[:, :n, :n] += self.law.T[:, None, None] * s.shortening
         if self.problem.elements is not None:
             force = self.state.F * self.problem.force_shape
@@ -85,7 +85,7 @@ class Disturbance:
             on_modes, on_support = self._tangent
             return np.asarray(on_support - np.tensordot(on_modes, s.reaction.inertia, axes=(1, 0)))
         gained = np.zeros((self.problem.basis.N_t, 2 * n))
-        if self.kin.by_T is not None:
+        if self.kin.pull is not None:
             gained[:, :n] = np.outer(-self.law.T, s.reaction.inertia @ s.shortening)
         return gained
 

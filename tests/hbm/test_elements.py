@@ -232,7 +232,7 @@ def test_elimination_solves_the_complete_system(elements, parameter) -> None:
     solution = steady_state(rig, 50.0, harmonics=9, samples=256)
     problem = HarmonicBalance(rig, solution.basis, parameter=parameter, hz=50.0)
     here = problem.linearize(*problem.pack(solution.state))
-    complete = CompleteBalance(problem, here.state, here.kin, here.contact, here.slope)
+    complete = CompleteBalance(problem, here.state, here.kin, here.contact, here.by_T, here.slope)
     np.testing.assert_array_equal(complete.by_unknowns, here.complete)
     dense = DenseLinearization(
         here.residual, complete.by_unknowns, problem.by_parameter(here.state, here.contact, here.slope)
