@@ -38,7 +38,7 @@ from hbm.parallel import one_thread
 from models.plausible import PlausibilityWarning
 
 REPEATS = 5
-FINER = 10
+FINER = 5
 """Steps of the reference, in those of the curve."""
 
 PACKAGES = {"pyharm": "pyHarm", "harmonicbalance_oscillator": "harmonicbalance"}
