@@ -1,187 +1,125 @@
-"""How fast: the parts of this package, and whole curves beside pyHarm and harmonicbalance on the same equations.
+"""How fast: one table of this package beside every peer that pip installs, on the same equations, in one run.
 
-Every curve is traced in a process of its own. The first run, with compilation and caches, is not counted; the times are
-medians of up to five more, fewer where a tool is slow. Comparisons are with a finely traced curve of ours. The peers'
-steps are hand-picked, so a time per curve depends on that choice; a time per point less so.
+    python -m benchmarks.speed              # B1, B2, B3 beside pyHarm and harmonicbalance, the paper's rig, the command
+    python -m benchmarks.speed --ours B3    # a case without peers, in some seconds
 
-pyHarm runs twice: in the environment as it is, and with one BLAS thread, as this package solves. The second is the
-comparison of codes. The first measures threads that wait for one another, and varies tenfold with the load.
-
-Run: pip install '.[peers]'; python benchmarks/speed.py
+All times are CPU times with one BLAS thread. Every tool has a process of its own; they trace in turn, five times, after
+a first time that is not counted, with compilation and caches. Ratios are of neighbours in time: their median, least and
+largest. The peers' steps are hand-picked, so a time per curve depends on that choice; a time per point less so.
 """
 
 import argparse
-import importlib
-import importlib.util
 import os
 import platform
+import resource
 import subprocess
 import sys
 import tempfile
-from pathlib import Path
+import time
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from importlib import import_module
+from importlib.util import find_spec
 from statistics import median
-from time import perf_counter
+from typing import Any
 
 import numpy as np
-from cases import CASES, Row, damped, load, seconds
-from peers.ours import traced
 from rich.console import Console
 from rich.table import Table
-from threadpoolctl import threadpool_info
 
-from hbm.balance.problem import HarmonicBalance
-from hbm.balance.solution import describe
-from hbm.fourier import FourierBasis
+from benchmarks.cases import CASES, PAPER_RIG, Case, Traced, cpu_seconds, top
+from benchmarks.peers import ours
+from benchmarks.workers import process
+from hbm import ConvergenceError, steady_state
 from hbm.parallel import one_thread
-from hbm.response.curve import ResponseCurve
-from hbm.response.trace import solve_near, steady_state, trace_frequency
-from models import Rig
-from models.published import paper_rig
+from models.plausible import PlausibilityWarning
 
-ROOT = Path(__file__).parent.parent
-ONE_THREAD = {name: "1" for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")}
-PEERS = {
-    "beam": (("peers.ours", {}), ("peers.pyharm_beam", {}), ("peers.pyharm_beam", ONE_THREAD)),
-    "oscillator": (("peers.ours", {}), ("peers.harmonicbalance_oscillator", {})),
-}
-PACKAGES = {"peers.pyharm_beam": "pyHarm", "peers.harmonicbalance_oscillator": "harmonicbalance"}
-DIGITS = 4
-"""Digits to which the peaks must agree."""
+REPEATS = 5
+FINER = 5
+"""Steps of the reference, in those of the curve."""
 
-console = Console(width=150)
+PACKAGES = {"pyharm": "pyHarm", "harmonicbalance_oscillator": "harmonicbalance"}
+COMMAND = ["frf", str(PAPER_RIG), "--from", "40", "--to", "65"]
 
+COLUMNS = (
+    "case", "tool", "iteration\nms", "point\nms", "stability\nms a point", "curve\ns", "points\n(rejected)", "peak\nm",
+    "at\nHz", "digits of\nthe peak", "digits at\nsame Hz", "chord\nerror", "times our\ncurve", "times our\npoint",
+)  # fmt: skip
 
-def machine() -> None:
-    """Print what the times depend on."""
-    cpus = os.cpu_count()
-    console.print(f"Python {platform.python_version()}, NumPy {np.__version__}, {cpus} cores, load {load():.2f}")
-    for name in ONE_THREAD:
-        console.print(f"  {name} = {os.environ.get(name, 'not set')}")
-    for library in threadpool_info():
-        console.print(f"  {library['internal_api']} {library['version']}: {library['num_threads']} threads by default")
-    console.print("  this package limits BLAS to one thread while it solves\n")
+NOTES = f"""iteration: residual and derivative, ours with its solution
+digits: of the largest displacement, by a parabola through three points, beside ours with {FINER} times as many
+chord error: of that curve beside the polygon of the points, in units of sweep and peak
+ratios: median (least-largest) of {REPEATS}"""
 
 
-# ---- parts of this package
+@dataclass(frozen=True)
+class Timed:
+    """What a tool took for a case.
+
+    Attributes
+    ----------
+    curve : Traced
+    cpu : (REPEATS,) array
+        Of the curve [s].
+    iteration : float
+        Of a residual with its derivative at the peak [s]; ours with a solution of the bordered system.
+    """
+
+    curve: Traced
+    cpu: np.ndarray
+    iteration: float
+
+    @property
+    def point(self) -> np.ndarray:
+        """CPU seconds for each point, (REPEATS,)."""
+        return self.cpu / len(self.curve.hz)
 
 
-@one_thread
-def pieces(rig: Rig, H: int, N_t: int) -> dict[str, float]:
-    """Seconds of each piece of a Newton iteration at a solution near resonance."""
-    solution = steady_state(rig, 49.0, harmonics=H, samples=N_t)
-    problem = HarmonicBalance(rig, FourierBasis(H, N_t))
-    x, lam = problem.pack(solution.state)
-    state = problem.unpack(x, lam)
-    kinematics = problem.kinematics(state)
-    linear = problem.linearize(x, lam)
-    row = np.ones(problem.size)
+# ---- in the processes of the tools
 
-    def by_law() -> None:
-        problem.law.linearize(kinematics.signals.copy(), state.Omega, problem.environment)
 
-    def iteration() -> None:
-        newton = problem.linearize(x, lam)
-        newton.solve_bordered(row, 1.0, -newton.residual, 0.0)
+def _once(module: str, name: str, iteration: bool) -> tuple[Traced, float, float]:
+    """Trace once: the curve, its CPU seconds, those of an iteration if asked for."""
+    run = import_module(f"benchmarks.peers.{module}").prepared(CASES[name]())
+    used = time.process_time()
+    curve, newton = run()
+    used = time.process_time() - used
+    return curve, used, cpu_seconds(newton) if iteration else np.nan
 
+
+def run_of(tools: dict[str, ProcessPoolExecutor], name: str) -> dict[str, Timed]:
+    """A case by the tools in turn; a tool that fails is left out, and said."""
+    found: dict[str, list[tuple[Traced, float, float]]] = {tool: [] for tool in tools}
+    for repeat in range(1 + REPEATS):
+        for tool in list(found):
+            try:
+                once = tools[tool].submit(_once, tool, name, repeat == REPEATS).result()
+            except Exception as failed:  # whatever a peer raises
+                print(f"{name}: {tool} failed: {failed}", file=sys.stderr)
+                del found[tool]
+            else:
+                found[tool] += [once] if repeat else []
     return {
-        "residual": seconds(lambda: problem.residual(x, lam)),
-        "friction law over a period, with derivatives": seconds(by_law),
-        "Newton iteration: residual, Jacobian, elimination, solve": seconds(iteration),
-        "another solve with the same Jacobian": seconds(lambda: linear.solve_bordered(row, 1.0, -linear.residual, 0.0)),
-        "sign of the determinant": seconds(lambda: linear.determinant_sign(row, 1.0)),
-        "describe a point: channels, energy balance": seconds(lambda: describe(problem, x, lam)),
+        tool: Timed(runs[-1][0], np.array([cpu for _, cpu, _ in runs]), runs[-1][2]) for tool, runs in found.items()
     }
 
 
-def whole_curve(rig: Rig) -> tuple[float, ResponseCurve]:
-    """Median seconds of a curve 40-65 Hz with H = 9, and the curve; the first run is not counted."""
-    spent = []
-    for _ in range(4):
-        t = perf_counter()
-        curve = trace_frequency(rig, (40.0, 65.0), harmonics=9, samples=256)
-        spent.append(perf_counter() - t)
-    return median(spent[1:]), curve
+# ---- how good
 
 
-def cold_start() -> float:
-    """Median seconds of `hbm frf` from the shell to the files, of three."""
-    spent = []
-    with tempfile.TemporaryDirectory() as folder:
-        out = ["--out", f"{folder}/curve.csv", "--plot", f"{folder}/curve.png"]
-        command = [sys.executable, "-m", "hbm.cli", "frf", "examples/paper_beam.toml", "--from", "40", "--to", "65"]
-        for _ in range(3):
-            t = perf_counter()
-            subprocess.run([*command, *out], cwd=ROOT, check=True, capture_output=True)
-            spent.append(perf_counter() - t)
-    return median(spent)
-
-
-def ours() -> None:
-    """Print the times of this package."""
-    rigs = {n: damped(paper_rig()).with_modes(n) for n in (5, 50)}
-    measured = {
-        f"{n} modes, H = {H}": pieces(rig, H, 256)
-        for n, rig, H in ((5, rigs[5], 15), (5, rigs[5], 9), (50, rigs[50], 9))
-    }
-    table = Table("ms, N_t = 256", *measured, title="The paper's beam with all couplings: one call")
-    for piece in next(iter(measured.values())):
-        table.add_row(piece, *(f"{1e3 * times[piece]:.3f}" for times in measured.values()))
-    console.print(table)
-
-    table = Table("modes", "s per curve", "points", "Newton solves", "ms per point", "load", title="40-65 Hz, H = 9")
-    per_point = {}
-    for n, rig in rigs.items():
-        spent, curve = whole_curve(rig)
-        per_point[n] = spent / len(curve.points)
-        solves = sum(p.iterations for p in curve.branch.points)
-        values = (f"{spent:.3f}", len(curve.points), solves, f"{1e3 * per_point[n]:.2f}", f"{load():.2f}")
-        table.add_row(str(n), *map(str, values))
-    console.print(table)
-    console.print(f"50 modes cost {per_point[50] / per_point[5]:.2f} times what 5 modes do, per point")
-    spent = cold_start()
-    console.print(f"hbm frf examples/paper_beam.toml, 40-65 Hz, cold start to CSV and PNG: {spent:.2f} s\n")
-
-
-# ---- beside other tools
-
-
-def measured_apart(module: str, case: str, environment: dict[str, str]) -> Row | None:
-    """Row of a tool from a process of its own, or None where the tool failed; its noise is shown only then."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "row.json"
-        command = [sys.executable, __file__, "--row", module, case, str(file)]
-        done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True)
-        if done.returncode:
-            console.print(f"{module} failed: {done.stderr.strip().splitlines()[-1]}")
-            return None
-        return Row.load_from(file)
-
-
-def distances(row: Row, reference: ResponseCurve, hz: tuple[float, float]) -> np.ndarray:
-    """Distance of every point within the sweep to the reference polyline, in units of the axis ranges."""
-    height = reference["drive"].amplitude[:, 1].max()
-    width = hz[1] - hz[0]
-    corners = np.column_stack([reference.hz / width, reference["drive"].amplitude[:, 1] / height])
+def chord_error(found: Traced, true: Traced, hz: tuple[float, float]) -> float:
+    """Largest distance of a fine curve to the polygon of a tool's points, in units of the sweep and of the peak."""
+    scale = np.array([hz[1] - hz[0], true.height.max()])
+    corners, fine = (np.column_stack([c.hz, c.height]) / scale for c in (found, true))
+    fine = fine[(true.hz >= hz[0]) & (true.hz <= hz[1])]
     start, along = corners[:-1], np.diff(corners, axis=0)
-    out = []
-    for f, a in zip(row.hz, row.first_harmonic, strict=True):
-        if hz[0] <= f <= hz[1]:
-            there = np.array([f / width, a / height]) - start
-            share = np.clip((there * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
-            out.append(np.linalg.norm(there - share[:, None] * along, axis=1).min())
-    return np.array(out)
-
-
-def peak(hz: np.ndarray, amplitude: np.ndarray) -> tuple[float, float]:
-    """Top of the parabola through the largest amplitude and its neighbours: frequency, amplitude."""
-    i = int(np.argmax(amplitude))
-    if not 0 < i < len(hz) - 1:
-        return float(hz[i]), float(amplitude[i])
-    x, y = hz[i - 1 : i + 2] - hz[i], amplitude[i - 1 : i + 2] / amplitude[i]
-    a, b, c = np.polyfit(x, y, 2)
-    if not a < 0.0:
-        return float(hz[i]), float(amplitude[i])
-    return float(hz[i] - b / (2 * a)), float((c - b**2 / (4 * a)) * amplitude[i])
+    squares = np.maximum((along**2).sum(axis=1), 1e-300)
+    there = fine[:, None] - start
+    share = np.clip((there * along).sum(axis=2) / squares, 0.0, 1.0)
+    return float(np.linalg.norm(there - share[..., None] * along, axis=2).min(axis=1).max())
 
 
 def digits(value: float, true: float) -> float:
@@ -189,100 +127,110 @@ def digits(value: float, true: float) -> float:
     return float(-np.log10(max(abs(value / true - 1.0), 1e-16)))
 
 
-def digits_at_its_top(row: Row, reference: ResponseCurve) -> float:
+def digits_at_its_top(case: Case, found: Traced) -> float:
     """Digits of a tool's largest amplitude, beside our solution at the same frequency."""
-    top = int(np.argmax(row.first_harmonic))
-    lam = reference.problem.lam_at(row.hz[top])
-    near = reference.points[int(np.argmin(np.abs(reference.hz - row.hz[top])))]
-    ours_there = describe(reference.problem, solve_near(reference.problem, lam, near), lam)
-    return digits(row.first_harmonic[top], ours_there.channels["drive"].amplitude[1])
+    i = int(np.argmax(found.height))
+    hz, height = float(found.hz[i]), float(found.height[i])
+    curve = ours.curve_of(case)
+    away = np.abs(curve.hz / hz - 1.0) + np.abs(curve["drive"].peak / height - 1.0)
+    near = curve.points[int(np.argmin(away))]
+    try:
+        there = steady_state(case.rig, hz, harmonics=case.H, samples=case.N_t, start=near)
+    except ConvergenceError:
+        return np.nan
+    return digits(height, float(there["drive"].peak))
 
 
-def compared(case_name: str) -> None:
-    """Print the table of a case."""
-    case = CASES[case_name]()
-    unit, scale = ("mm", 1e3) if case_name == "beam" else ("m", 1.0)
-    reference = traced(case, finer=20)
-    true_peak = float(reference["drive"].amplitude[:, 1].max())
-    first, lines = None, []
-    table = Table(
-        "tool",
-        "s per curve\nwall (CPU)",
-        "points\n(rejected)",
-        "ms per\npoint",
-        "ms per\nresidual\n+ Jacobian*",
-        f"peak, first\nharmonic [{unit}]",
-        "at [Hz]",
-        "digits of\nthe peak",
-        "digits at\nsame Hz",
-        "distance\nmedian",
-        "distance\nmax",
-        "load",
-        title=f"{case_name}: H = {case.H}, {case.N_t} samples, {case.rig.structure.n} modes, "
-        f"{case.hz[0]:.4g}-{case.hz[1]:.4g} Hz",
-    )
-    for module, environment in PEERS[case_name]:
-        threads = ", 1 thread" if environment else ""
-        if module in PACKAGES and importlib.util.find_spec(PACKAGES[module]) is None:
-            table.add_row(f"{PACKAGES[module]}: not installed; pip install '.[peers]'")
-            continue
-        row = measured_apart(module, case_name, environment)
-        if row is None:
-            table.add_row(f"{module}{threads}: failed")
-            continue
-        wall, cpu, n = median(row.wall), median(row.cpu), len(row.hz)
-        first = first or row
-        at, top = peak(np.array(row.hz), row.first_harmonic)
-        apart = distances(row, reference, case.hz)
-        table.add_row(
-            f"{row.tool}{threads}",
-            f"{wall:.3f} ({cpu:.3f})",
-            f"{n} ({row.rejected})",
-            f"{1e3 * wall / n:.2f}",
-            f"{1e3 * row.linearize:.3f}",
-            f"{scale * top:.6g}",
+# ---- the table
+
+
+def spread(ratios: np.ndarray) -> str:
+    """Median, least and largest."""
+    return f"{median(ratios):.1f} ({ratios.min():.1f}-{ratios.max():.1f})"
+
+
+def rows(name: str, timed: dict[str, Timed]) -> Iterator[list[str]]:
+    """Lines of a case, ours first."""
+    case, mine = CASES[name](), timed["ours"]
+    references: dict[int, Traced] = {}
+    for found in timed.values():
+        samples = found.curve.samples
+        same = replace(case, N_t=samples)
+        if samples not in references:
+            references[samples] = ours.reference(same, FINER)
+        true = references[samples]
+        (at, height), (_, true_height) = (top(c.hz, c.height) for c in (found.curve, true))
+        ratios = [spread(a / b) for a, b in ((found.cpu, mine.cpu), (found.point, mine.point))]
+        yield [
+            f"{name}: H {case.H}, {case.N_t} samples, {case.hz[0]:.4g}-{case.hz[1]:.4g} Hz" if found is mine else "",
+            found.curve.tool + (f", {samples} samples" if samples != case.N_t else ""),
+            f"{1e3 * found.iteration:.3f}",
+            f"{1e3 * median(found.point):.2f}",
+            f"{1e3 * ours.stability(name):.2f}" if found is mine else "",
+            f"{median(found.cpu):.3f}",
+            f"{len(found.curve.hz)} ({found.curve.rejected})",
+            f"{height:.6g}",
             f"{at:.6g}",
-            f"{digits(top, true_peak):.1f}",
-            f"{digits_at_its_top(row, reference):.1f}",
-            f"{np.median(apart):.1e}",
-            f"{apart.max():.1e}",
-            f"{row.load:.2f}",
-        )
-        if row is not first:
-            ours_wall, ours_n = median(first.wall), len(first.hz)
-            lines.append(
-                f"  {row.tool}{threads}: {wall / ours_wall:.1f} times our time per curve, "
-                f"{wall / n / (ours_wall / ours_n):.1f} times per point"
-            )
-            agreed = digits(top, true_peak)
-            if agreed < DIGITS:
-                lines[-1] += (
-                    f"; its peak has {agreed:.1f} digits, {DIGITS} are asked for: "
-                    f"at its own highest point the two codes agree to {digits_at_its_top(row, reference):.1f}"
-                )
-    console.print(table)
-    for line in lines:
-        console.print(line)
-    console.print(
-        f"  reference: {len(reference.points)} points of ours, peak {scale * true_peak:.6g} {unit}; distances in units "
-        "of the sweep and of the peak\n"
-        "  * ours includes the elimination of the modes and one solution of the linear system, the peers' do not\n"
-    )
+            f"{digits(height, true_height):.1f}",
+            f"{digits_at_its_top(same, found.curve):.1f}" if found is not mine else "",
+            f"{chord_error(found.curve, true, case.hz):.1e}",
+            *(ratios if found is not mine else ["", ""]),
+        ]
 
 
+def command() -> str:
+    """CPU and wall seconds of `hbm frf` from the shell to its files, medians of three."""
+    spent: list[tuple[float, float]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        out = ["--out", f"{folder}/curve.csv", "--plot", f"{folder}/curve.png"]
+        for _ in range(3):
+            before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
+            subprocess.run([sys.executable, "-m", "hbm.cli", *COMMAND, *out], check=True, capture_output=True)
+            after, wall = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter() - begin
+            spent.append((after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall))
+    cpu, wall = (median(values) for values in zip(*spent, strict=True))
+    said = "hbm frf examples/paper_beam.toml --from 40 --to 65 --out curve.csv --plot curve.png"
+    return f"{said}: {cpu:.2f} s cold ({wall:.2f} s by the clock)"
+
+
+@one_thread
 def main() -> None:
-    """Measure and print everything; or, with --row, measure one tool for the parent process."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--row", nargs=3, metavar=("MODULE", "CASE", "FILE"), help=argparse.SUPPRESS)
-    row = parser.parse_args().row
-    if row:
-        module, case, file = row
-        importlib.import_module(module).row(CASES[case]()).save(Path(file).resolve())
-        return
-    machine()
-    ours()
-    for case in PEERS:
-        compared(case)
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; all where left out")
+    parser.add_argument("--ours", action="store_true", help="without peers and without the command")
+    asked = parser.parse_args()
+    for name in asked.cases:
+        if name not in CASES:
+            parser.error(f'case "{name}"; must be one of {", ".join(CASES)}')
+    warnings.simplefilter("ignore", PlausibilityWarning)  # oscillators without units
+    console = Console(width=190)
+    load = f"load {os.getloadavg()[0]:.2f} of {os.cpu_count()} cores"
+    console.print(f"Python {platform.python_version()}, NumPy {np.__version__}, {load}, one BLAS thread, CPU times")
+    missing = [p for p in PACKAGES.values() if find_spec(p) is None]
+    if missing and not asked.ours:
+        console.print(f"not installed: {', '.join(missing)}; pip install '.[peers]'")
+    table = Table(*COLUMNS)
+    with ExitStack() as stack:
+        pools: dict[str, Any] = {
+            tool: stack.enter_context(process())
+            for tool in ("ours", *(() if asked.ours else PACKAGES))
+            if PACKAGES.get(tool) not in missing
+        }
+        for name in asked.cases or CASES:
+            case = CASES[name]()
+            able = {
+                "ours": True,
+                "pyharm": case.pyharm is not None,
+                "harmonicbalance_oscillator": case.march is not None,
+            }
+            for row in rows(name, run_of({tool: pool for tool, pool in pools.items() if able[tool]}, name)):
+                table.add_row(*row)
+            table.add_section()
+    console.print(table)
+    console.print(NOTES)
+    if not asked.ours:
+        console.print(command())
 
 
 if __name__ == "__main__":

@@ -1,44 +1,59 @@
 """A case by this package."""
 
+import time
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
+from typing import Any
 
 import numpy as np
-from cases import Case, Row, load, seconds, timed
 
+from benchmarks.cases import CASES, Case, Traced
+from hbm import ResponseCurve, trace_frequency, with_stability
 from hbm.parallel import one_thread
-from hbm.response.curve import ResponseCurve
-from hbm.response.trace import trace_frequency
 
 
-def traced(case: Case, *, finer: int = 1) -> ResponseCurve:
+def curve_of(case: Case, *, finer: int = 1) -> ResponseCurve:
     """Trace a case; `finer` divides the default step."""
     begin, end = case.hz
-    step = (end - begin) / (50 * finer)
+    step = None if finer == 1 else (end - begin) / (50 * finer)
     return trace_frequency(case.rig, case.hz, harmonics=case.H, samples=case.N_t, step_hz=step)
 
 
-def row(case: Case) -> Row:
-    """Time a case."""
-    curve, wall, cpu = timed(lambda _: traced(case))
-    problem = curve.problem
-    top = curve.branch.points[int(np.argmax(curve["drive"].peak))]
-    ahead = np.ones(problem.size)
-
-    def newton_iteration() -> None:
-        linear = problem.linearize(top.x, top.lam)
-        linear.solve_bordered(ahead, 1.0, -linear.residual, 0.0)
-
+def traced(curve: ResponseCurve) -> Traced:
+    """A curve as it is compared."""
     try:
         name = f"casadi-hbm {version('casadi-hbm')}"
     except PackageNotFoundError:
         name = "casadi-hbm"
-    return Row(
-        tool=name,
-        wall=wall,
-        cpu=cpu,
-        hz=curve.hz.tolist(),
-        drive=curve["drive"].coefficients.tolist(),
-        rejected=0,
-        linearize=one_thread(seconds)(newton_iteration),
-        load=load(),
-    )
+    return Traced(name, curve.hz, curve["drive"].coefficients, curve.problem.basis.N_t)
+
+
+def prepared(case: Case) -> Callable[[], tuple[Traced, Callable[[], Any]]]:
+    """What traces the case once, and returns the curve with one Newton iteration at its top."""
+
+    def run() -> tuple[Traced, Callable[[], Any]]:
+        curve = curve_of(case)
+        problem, peak = curve.problem, curve.branch.points[int(np.argmax(curve["drive"].peak))]
+        border = np.ones(problem.size)
+
+        @one_thread
+        def newton() -> None:
+            linear = problem.linearize(peak.x, peak.lam)
+            linear.solve_bordered(border, 1.0, -linear.residual, 0.0)
+
+        return traced(curve), newton
+
+    return run
+
+
+def reference(case: Case, finer: int) -> Traced:
+    """A fine curve."""
+    return traced(curve_of(case, finer=finer))
+
+
+def stability(name: str) -> float:
+    """CPU seconds of the stability of a curve with its bifurcations, for each of its points."""
+    curve = curve_of(CASES[name]())
+    used = time.process_time()
+    with_stability(curve)
+    return (time.process_time() - used) / len(curve.points)
