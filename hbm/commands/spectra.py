@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import LARGEST_H, AllowCode, console, is_number, named, positive, print_written, quoted, whole
+from hbm.commands.options import AllowCode, console, is_number, named, positive, print_written, quoted, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ def spectra(
             "--level",
             metavar="N ...",
             help="Nominal force amplitude: one, or one per file; where omitted, what the manifest or the file names "
-            "say, or the fundamental of the force channel.",
+            "say, or the fundamental of the force channel, of a multisine its rms.",
         ),
     ] = None,
     harmonics: Annotated[str, typer.Option(metavar="H", help="Highest harmonic.")] = "9",
@@ -73,7 +73,7 @@ def spectra(
 
     Example:  hbm spectra recordings/ --settle 2 --rig rig.toml --out spectra.csv
     """
-    from hbm.measurement.spectrafile import WRITTEN
+    from hbm.measurement.spectrafile import LARGEST_HARMONIC, WRITTEN
     from hbm.textfiles import check_output
 
     with named(COMMAND):
@@ -81,7 +81,11 @@ def spectra(
     entries = _entries(histories)
     hz = _hz(fundamental, entries)
     levels = _per_file("--level", level, "N", entries) if level else [entry.level for entry in entries]
-    H, seconds, columns = whole(COMMAND, "--harmonics", harmonics, LARGEST_H), _settle(settle), _columns(channel or ())
+    H, seconds, columns = (
+        whole(COMMAND, "--harmonics", harmonics, LARGEST_HARMONIC),
+        _settle(settle),
+        _columns(channel or ()),
+    )
     from hbm.commands.tables import print_spectra
     from hbm.measurement.harmonicestimate import spectra_of_records
     from hbm.measurement.harmonics import harmonic_spectra

@@ -118,7 +118,7 @@ class Campaign:
             if result is not None:
                 found[record.number] = result
             elif record.number in needed:
-                raise ConvergenceError(f"diagnose: record {record.number} has lost its steady state")
+                raise ConvergenceError(f"diagnose: record {record.name} has lost its steady state")
         return found
 
     def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:
