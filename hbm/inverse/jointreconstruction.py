@@ -71,7 +71,8 @@ class JointReconstruction:
     @property
     def phase(self) -> Array:
         """Phases of the samples, (N,), 0..1 of a period."""
-        return np.arange(SAMPLES) / SAMPLES
+        N = self.signals[self.rig.forces[0]].samples.shape[1]
+        return np.asarray(np.arange(N) / N)
 
     @property
     def found(self) -> npt.NDArray[np.bool_]:
