@@ -26,8 +26,8 @@ def spectra(
         list[Path],
         typer.Argument(
             metavar="HISTORY",
-            help="Time histories, one steady state each: CSV (time and one column per channel), MAT, UFF58 or TDMS; "
-            "or a folder of them, or a manifest (CSV or TOML) that lists file, frequency, level, channels and units.",
+            help="Time histories, one steady state each: CSV (time and one column per channel), MAT, NPZ, UFF58 or "
+            "TDMS; or a folder of them, or a manifest (CSV or TOML) that lists them with all that is known of each.",
             show_default=False,
         ),
     ],
@@ -165,7 +165,7 @@ def _recorded(entry: "Entry", columns: dict[str, str], rig: "AnyRig | None") -> 
     from models.parts import UNITS
 
     path, computed = entry.file, computed_channels(rig) if rig else ()
-    recorded = load_history(path, columns or entry.channels, entry.units)
+    recorded = load_history(path, columns or entry.channels, entry.units).between(entry.begin, entry.end)
     measured = {name: values for name, values in recorded.channels.items() if name not in computed}
     recorded = replace(recorded, channels=measured)
     quantities = {} if rig is None else {c.name: c.quantity for c in rig.channels}
