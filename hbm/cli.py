@@ -17,6 +17,7 @@ from typer.core import TyperGroup
 
 from hbm import interrupts
 from hbm.commands.backbone import backbone
+from hbm.commands.decay import decay
 from hbm.commands.deliver import Drawing, deliver_curves, deliver_history, deliver_loops
 from hbm.commands.diagnose import diagnose
 from hbm.commands.drawing import Log, Measured, PerForce, Sensors, check_drawing, levels_of, load_points
@@ -299,6 +300,7 @@ def simulate(
 
 app.command(cls=spreading("--level"))(backbone)
 app.command(cls=spreading("--fundamental", "--level"))(spectra)
+app.command()(decay)
 app.command(cls=spreading("--levels", "--frequencies"))(synthesize)
 app.command(cls=spreading("--record"))(inverse)
 app.command(cls=spreading("--held-out"))(identify)
