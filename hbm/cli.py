@@ -25,6 +25,7 @@ from hbm.commands.examples import examples
 from hbm.commands.follow import follow
 from hbm.commands.identify import identify
 from hbm.commands.inverse import inverse
+from hbm.commands.multisine import multisine
 from hbm.commands.options import (
     AllowCode,
     Harmonics,
@@ -301,6 +302,7 @@ def simulate(
 app.command(cls=spreading("--level"))(backbone)
 app.command(cls=spreading("--fundamental", "--level"))(spectra)
 app.command()(decay)
+app.command()(multisine)
 app.command(cls=spreading("--levels", "--frequencies"))(synthesize)
 app.command(cls=spreading("--record"))(inverse)
 app.command(cls=spreading("--held-out"))(identify)

@@ -26,7 +26,7 @@ from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
 from models.jointed import AnyRig, JointedRig
 
-TEXTS = ("channel", "unit", "law", "values", "example", "about")
+TEXTS = ("record", "channel", "unit", "law", "values", "example", "about")
 """Headings of columns that hold no numbers."""
 
 PROSE = "about"

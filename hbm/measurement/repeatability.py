@@ -59,7 +59,7 @@ def unrepeatable(spectra: MeasuredSpectra, shares: Mapping[str, float]) -> Measu
     return replace(spectra, std=std)
 
 
-def with_std(rig: AnyRig, spectra: MeasuredSpectra, share: float = 0.0) -> MeasuredSpectra:
+def with_std(rig: AnyRig | None, spectra: MeasuredSpectra, share: float = 0.0) -> MeasuredSpectra:
     """Spectra in which every coefficient has a standard deviation.
 
     Where none is given it is the scatter of records measured more than once, relative to the size of the coefficient,
@@ -67,7 +67,7 @@ def with_std(rig: AnyRig, spectra: MeasuredSpectra, share: float = 0.0) -> Measu
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or None
         Says which channel is the force.
     spectra : MeasuredSpectra
         nan where a standard deviation is not given.
@@ -112,7 +112,7 @@ def _typical(spectra: MeasuredSpectra, places: list[int]) -> Array:
     return np.stack([typical_size(size[:, :, k]) for k in range(spectra.H + 1)], axis=2)
 
 
-def _scatter(rig: AnyRig, spectra: MeasuredSpectra) -> Array:
+def _scatter(rig: AnyRig | None, spectra: MeasuredSpectra) -> Array:
     """Relative standard deviation of cos and sin by records measured more than once, (c, H+1); nan without any.
 
     That of Student's distribution, as of :mod:`hbm.measurement.harmonics`.
@@ -182,11 +182,11 @@ def _repeated(spectra: MeasuredSpectra) -> Iterator[npt.NDArray[np.int64]]:
             yield place
 
 
-def _forces(rig: AnyRig) -> list[str]:
-    return [c.name for c in rig.channels if c.quantity == "force"]
+def _forces(rig: AnyRig | None) -> list[str]:
+    return [c.name for c in rig.channels if c.quantity == "force"] if rig else []
 
 
-def _force(rig: AnyRig, spectra: MeasuredSpectra) -> npt.NDArray[np.complex128]:
+def _force(rig: AnyRig | None, spectra: MeasuredSpectra) -> npt.NDArray[np.complex128]:
     """Fundamental of the force of each record; its level where it was not measured."""
     forces = [name for name in _forces(rig) if name in spectra.channels]
     measured = spectra.complex(forces[0])[:, 1] if forces else np.full(len(spectra), np.nan + 0j)

@@ -70,15 +70,16 @@ class Row(NamedTuple):
 # ------------------------------------------------------------------------------------------------------------ reading
 
 
-def load_spectra(path: StrPath, rig: AnyRig, *, repeatability: float = 0.0) -> MeasuredSpectra:
+def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: float = 0.0) -> MeasuredSpectra:
     """Read a spectra file.
 
     Parameters
     ----------
     path : str or path
         CSV, NPZ, NetCDF or MAT file, by its ending.
-    rig : Rig
+    rig : Rig, optional
         Its channels are accepted, in any order of rows; what only a simulation knows, such as ``drive``, is left out.
+        Without a rig all channels are, in the order of the file.
     repeatability : float
         Share of a response, 0.01 for 1 %, that stands in for standard deviations that the file does not give and
         records measured more than once do not show.
@@ -197,18 +198,20 @@ def _shown(text: str) -> str:
     return json.dumps(text.strip()[:60], ensure_ascii=False)
 
 
-def _assembled(source: str, rows: Iterable[Row], rig: AnyRig, notes: Iterable[tuple[str, str]]) -> MeasuredSpectra:
+def _assembled(
+    source: str, rows: Iterable[Row], rig: AnyRig | None, notes: Iterable[tuple[str, str]]
+) -> MeasuredSpectra:
     """Put rows into arrays; of rows that contradict each other the later is refused."""
-    quantities = {channel.name: channel.quantity for channel in rig.channels}
-    names, computed = list(quantities), computed_channels(rig)
+    quantities = {channel.name: channel.quantity for channel in rig.channels} if rig else {}
+    names, computed = list(quantities), computed_channels(rig) if rig else ()
     entries: dict[tuple[State, str, int], Row] = {}
     for row in rows:
         if row.channel in computed:
             continue
-        if row.channel not in names:
+        if rig and row.channel not in names:
             accepted = f"channels are {', '.join(names)}" if names else "it has none"
             raise InputError(f"{row.where}: channel {_shown(row.channel)} is not in the rig; {accepted}")
-        _refuse_impossible(row, quantities[row.channel])
+        _refuse_impossible(row, quantities.get(row.channel, "reading"))
         key = (row.record, row.level, row.hz), row.channel, row.harmonic
         if key in entries:
             raise InputError(
@@ -219,6 +222,7 @@ def _assembled(source: str, rows: Iterable[Row], rig: AnyRig, notes: Iterable[tu
     if not entries:
         raise InputError(f"{source}: no rows; must have at least one coefficient")
     states = list(dict.fromkeys(state for state, _, _ in entries))
+    names = names or list(dict.fromkeys(channel for _, channel, _ in entries))
     if all(WHOLE.fullmatch(name) for name, _, _ in states):
         _refuse_several(entries)
         states.sort(key=lambda state: int(state[0]))

@@ -115,7 +115,7 @@ quantity = "velocity"
 
 
 def slider(x0: float, seconds: float, rate: int) -> Recording:
-    """1 kg, 50 Hz, 0.05 %, beside a spring of 1250 N/m that slips at 0.5 N: central differences and a return mapping."""
+    """1 kg, 50 Hz, 0.05 %, beside a spring of 1250 N/m that slips at 0.5 N, by small steps and a return mapping."""
     omega, k, limit, dt = 2 * np.pi * 50.0, 1250.0, 0.5, 1.0 / rate
     x, v, T = x0, 0.0, min(k * x0, limit)
     out = np.empty(int(seconds * rate))
