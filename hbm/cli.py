@@ -17,6 +17,7 @@ from typer.core import TyperGroup
 
 from hbm import interrupts
 from hbm.commands.backbone import backbone
+from hbm.commands.decay import decay
 from hbm.commands.deliver import Drawing, deliver_curves, deliver_history, deliver_loops
 from hbm.commands.diagnose import diagnose
 from hbm.commands.drawing import Log, Measured, PerForce, Sensors, check_drawing, levels_of, load_points
@@ -24,6 +25,7 @@ from hbm.commands.examples import examples
 from hbm.commands.follow import follow
 from hbm.commands.identify import identify
 from hbm.commands.inverse import inverse
+from hbm.commands.multisine import multisine
 from hbm.commands.options import (
     AllowCode,
     Harmonics,
@@ -299,6 +301,8 @@ def simulate(
 
 app.command(cls=spreading("--level"))(backbone)
 app.command(cls=spreading("--fundamental", "--level"))(spectra)
+app.command()(decay)
+app.command()(multisine)
 app.command(cls=spreading("--levels", "--frequencies"))(synthesize)
 app.command(cls=spreading("--record"))(inverse)
 app.command(cls=spreading("--held-out"))(identify)

@@ -166,6 +166,11 @@ def _products(H: int, K: int) -> sparse.csr_array:
     return sparse.csr_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
 
 
+def sampled(H: int, N_t: int) -> FourierBasis:
+    """Basis of H harmonics on N_t samples, or on four a period of the highest where these are more."""
+    return FourierBasis(H, max(N_t, 4 * H))
+
+
 def default_samples(H: int) -> int:
     """Samples per period for H harmonics: 256, or the power of two from 12 H up."""
     return max(256, 1 << int(np.ceil(np.log2(12 * max(H, 1)))))

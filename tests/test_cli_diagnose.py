@@ -452,8 +452,8 @@ def test_spectra_without_standard_deviations_are_refused(folder: Path, tmp_path:
         (("--tolerance", "beam.length=-1"), "diagnose: --tolerance beam.length = -1; must be a number > 0 [relative]"),
         (("--repeatability", "0"), "diagnose: --repeatability = 0; must be a number > 0 [%]"),
         (("--repeatability", "100"), "diagnose: --repeatability = 100; must be below 100 %"),
-        (("--hold-out", "99"), "no record 99 to hold out; records are 1, 2, 3"),
-        (("--hold-out", "x"), 'diagnose: --hold-out = "x"; must be the number of a record'),
+        (("--hold-out", "99"), "no record 99; records are 1, 2, 3"),
+        (("--hold-out", "x"), "no record x; records are 1, 2, 3"),
         (("--causes-file", "no.py"), 'diagnose: --causes-file = "no.py"'),
     ],
 )

@@ -128,11 +128,11 @@ def test_design_prints_where_sensors_belong_and_writes_nothing(
         ),
         (
             ["inverse", RIG, "S", "--out", "o", "--record", "one"],
-            'inverse: --record = "one"; must be the number of a record',
+            "S: no record one; records are 1, 2, 3, 4, 5, 6",
         ),
         (
             ["inverse", RIG, "S", "--out", "o", "--record", "1.5"],
-            "inverse: --record = 1.5; must be the number of a record",
+            "S: no record 1.5; records are 1, 2, 3, 4, 5, 6",
         ),
         (
             ["inverse", RIG, "S", "--out", "o", "--record", "2", "2"],
@@ -220,7 +220,7 @@ def test_a_law_is_identified_written_and_printed(spectra: str, tmp_path: Path) -
         ),
         (
             ["identify", RIG, "S", "--out", "o", "--held-out", "x"],
-            'identify: --held-out = "x"; must be the number of a record',
+            "six: no record x; records are 1, 2, 3, 4, 5, 6",
         ),
         (["identify", RIG, "S", "--out", "o", "--held-out", "9"], "six: no record 9; records are 1, 2, 3, 4, 5, 6"),
         (

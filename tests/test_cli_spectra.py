@@ -128,7 +128,7 @@ def test_a_simulation_run_to_its_steady_state_has_the_harmonics_of_that_state(tm
         (["--fundamental", "50", "--level", "x", "--out", "s.csv"], 'spectra: --level = "x"; must be a number > 0 [N]'),
         (
             ["--fundamental", "50", "--harmonics", "0", "--out", "s.csv"],
-            "spectra: --harmonics = 0; must be a whole number from 1 to 200",
+            "spectra: --harmonics = 0; must be a whole number from 1 to 8192",
         ),
         (
             ["--fundamental", "50", "--settle", "-1", "--out", "s.csv"],
@@ -144,7 +144,7 @@ def test_a_simulation_run_to_its_steady_state_has_the_harmonics_of_that_state(tm
         ),
         (
             ["--fundamental", "50", "--out", "s.txt"],
-            'spectra: --out = "s.txt"; must end in .csv or .nc or .mat or .uff',
+            'spectra: --out = "s.txt"; must end in .csv or .npz or .nc or .mat or .uff',
         ),
         (
             ["--fundamental", "50", "--channel", "a1=top", "--out", "s.csv"],

@@ -1,6 +1,6 @@
 """Figures show the numbers of the results, and change nothing else."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import matplotlib as mpl
@@ -22,6 +22,7 @@ from hbm.figures import (
     plot_phase,
 )
 from hbm.figures.diagnosis import Compared, View, clearest, noise_error, record_errors
+from hbm.figures.misfitmap import by_cell, plot_misfit_map
 from hbm.integration.history import TimeHistory
 from hbm.integration.integrate import simulate
 from hbm.response.curve import ResponseCurve
@@ -304,3 +305,14 @@ def test_error_of_noise_is_that_of_records_without_misfit() -> None:
     _, _, noise = record_errors(c)
     assert noise_error(c, held=True) == pytest.approx(noise[0])  # all records read alike
     assert noise_error(replace(c, held_out=np.zeros_like(c.held_out)), held=True) == 0.0
+
+
+def test_misfit_map_of_odd_harmonics_alone() -> None:
+    """Even ones were not measured: nothing is drawn there, and the shades are of those that were."""
+    c = records_of_two_channels({(0, 3, 6.5): 1.0})
+    odd = Compared(*(getattr(c, f.name)[c.harmonic % 2 == 1] for f in fields(Compared)))
+    grid = plot_misfit_map({"nominal": odd}, ["a1", "a2"])
+    grid[0, 0].figure.canvas.draw()
+    (image,) = grid[0, 0].get_images()
+    assert np.ma.getmaskarray(image.get_array()).tolist() == [[False, True, False]] * 2
+    assert image.get_clim() == (0.5, pytest.approx(by_cell(odd, 2)[0, 2]))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hbm.commands.inverse import SpectraFile, load, record_numbers, working
+from hbm.commands.inverse import Repeatability, SpectraFile, different, load, share, working
 from hbm.commands.options import (
     UNSOLVABLE,
     AllowCode,
@@ -71,13 +71,7 @@ def diagnose(
             help="What a number of the rig file may be off by, relative standard deviation; repeated for each.",
         ),
     ] = None,
-    repeatability: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PERCENT",
-            help="What the structure does differently from one mounting to the next, of its response.",
-        ),
-    ] = None,
+    repeatability: Repeatability = None,
     allow_code: AllowCode = False,
 ) -> None:
     """What the simulation gets wrong, its cause, the extended rig, and what it gains on records held out.
@@ -89,17 +83,17 @@ def diagnose(
     """
     from hbm.files.diagnosisfiles import FILES, Diagnosed
 
-    held = record_numbers(COMMAND, "--hold-out", hold_out)
+    held, floor = different(COMMAND, "--hold-out", hold_out), share(COMMAND, repeatability)
     check_out(COMMAND, out, FILES)
     candidates, own = _causes(cause, causes_file)
-    loaded, measured = load(rig, spectra, allow_code=allow_code)
+    loaded, measured = load(rig, spectra, floor, allow_code=allow_code)
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
     from hbm.diagnosis.diagnose import diagnose as search
     from hbm.parallel import all_cores
     from hbm.rigfiles.laws import files_run, run_files
 
-    tolerances, floor = _tolerances(loaded, _sensors(loaded, measured), tolerance), _share(repeatability)
+    tolerances = _tolerances(loaded, _sensors(loaded, measured), tolerance)
     with _failing(measured.source), all_cores(partial(run_files, files_run())) as executor, Work() as work:
         found = search(
             loaded,
@@ -183,16 +177,6 @@ def _tolerances(rig: "Rig", channels: Sequence[str], texts: Sequence[str] | None
 def _sensors(rig: "Rig", spectra: "MeasuredSpectra") -> list[str]:
     """Channels of motion that were measured."""
     return [c.name for c in rig.response_channels if c.name in spectra.channels]
-
-
-def _share(percent: str | None) -> float:
-    """Repeatability as a share of the response."""
-    if percent is None:
-        return 0.0
-    found = positive(COMMAND, "--repeatability", percent, "%") / 100.0
-    if found >= 1.0:
-        raise InputError(f"{COMMAND}: --repeatability = {percent}; must be below 100 %")
-    return found
 
 
 # -------------------------------------------------------------------------------------------------------- computing

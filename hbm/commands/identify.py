@@ -6,7 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.inverse import SpectraFile, check_formulation, load, reconstructed, record_numbers, working
+from hbm.commands.inverse import (
+    Repeatability,
+    SpectraFile,
+    check_formulation,
+    different,
+    load,
+    noisy,
+    reconstructed,
+    share,
+    working,
+)
 from hbm.commands.options import (
     AllowCode,
     Formulation,
@@ -58,6 +68,7 @@ def identify(
         ),
     ] = False,
     formulation: Formulation = None,
+    repeatability: Repeatability = None,
     allow_code: AllowCode = False,
 ) -> None:
     """Parameters of friction laws, with uncertainty, from measured spectra; which law is best.
@@ -70,14 +81,15 @@ def identify(
     from hbm.files.identifyreport import FILES
     from hbm.rigfiles.laws import find_law
 
-    held = record_numbers(COMMAND, "--held-out", held_out)
+    held, percent = different(COMMAND, "--held-out", held_out), share(COMMAND, repeatability)
     check_out(COMMAND, out, FILES)
     if formulation is not None:
         check_formulation(COMMAND, formulation)
     for name in law or ():
         with named(f'{COMMAND}: --law = "{name}"', ";"):
             find_law(name, Path())
-    loaded, measured = load(rig, spectra, allow_code=allow_code)
+    loaded, read = load(rig, spectra, percent, allow_code=allow_code)
+    measured = noisy(loaded, read, percent)
     from hbm.commands.progress import Work
     from hbm.identification.identify import LAWS
     from hbm.identification.identify import identify as fit_laws
@@ -92,7 +104,7 @@ def identify(
 
 
 def _on_spectra(
-    rig: "Rig", spectra: "MeasuredSpectra", held: Sequence[int], found: "Identification", contact: "Reconstruction"
+    rig: "Rig", spectra: "MeasuredSpectra", held: Sequence[str], found: "Identification", contact: "Reconstruction"
 ) -> tuple["SpectraFit | None", str]:
     """The best law fitted to the spectra of the records that are not held out, or why it failed."""
     from continuation import ConvergenceError

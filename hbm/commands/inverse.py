@@ -16,6 +16,7 @@ from hbm.commands.options import (
     check_out,
     console,
     named,
+    positive,
     print_written,
     quoted,
     whole,
@@ -29,12 +30,21 @@ if TYPE_CHECKING:
     from models.rig import Rig
 
 COMMAND = "inverse"
-LARGEST_RECORD = 10**15
 MOST_SENSORS = 1000
 
 SpectraFile = Annotated[
     Path,
-    typer.Argument(metavar="SPECTRA", help="Spectra file (csv, nc or mat), see hbm spectra.", show_default=False),
+    typer.Argument(metavar="SPECTRA", help="Spectra file (csv, npz, nc or mat), see hbm spectra.", show_default=False),
+]
+
+
+Repeatability = Annotated[
+    str | None,
+    typer.Option(
+        metavar="PERCENT",
+        help="What the structure does differently from one mounting to the next, of its response: part of the noise, "
+        "or all of it where SPECTRA has no std.",
+    ),
 ]
 
 
@@ -55,6 +65,7 @@ def inverse(
     sensors: Annotated[
         str | None, typer.Option(metavar="COUNT", help="With --design: how many; as many as measured where omitted.")
     ] = None,
+    repeatability: Repeatability = None,
     allow_code: AllowCode = False,
 ) -> None:
     """Friction force, reaction, slip and slip velocity with uncertainty, from measured spectra.
@@ -67,7 +78,7 @@ def inverse(
     if out is None and not design:
         raise InputError(f"{COMMAND}: --out is missing; must name a folder, or --design be asked for")
     count = _count(sensors, design)
-    numbers = record_numbers(COMMAND, "--record", record)
+    records, percent = different(COMMAND, "--record", record), share(COMMAND, repeatability)
     if out is not None:
         check_out(COMMAND, out, _files())
     if formulation is not None:
@@ -76,16 +87,17 @@ def inverse(
     from models.jointed import JointedRig
 
     loaded = load_rig(rig, allow_code=allow_code or None)
-    measured = _selected(spectra, loaded, numbers)
+    measured = noisy(loaded, _selected(spectra, loaded, records, percent), percent)
+    numbers = measured.records.tolist() if records else None
     if isinstance(loaded, JointedRig):
         _refuse_of_joints(rig, {"--design": design, "--formulation": formulation})
         if out is not None:
-            _deliver_joints(loaded, measured, numbers or None, out)
+            _deliver_joints(loaded, measured, numbers, out)
         return
     if design:
         _print_design(loaded, measured, count)
     if out is not None:
-        _deliver(reconstructed(COMMAND, loaded, measured, formulation), numbers or None, out)
+        _deliver(reconstructed(COMMAND, loaded, measured, formulation), numbers, out)
 
 
 def _files() -> tuple[str, ...]:
@@ -141,16 +153,12 @@ def _print_design(rig: "Rig", spectra: "MeasuredSpectra", count: int | None) -> 
 # ---------------------------------------------------------------------------------------------------------- shared
 
 
-def record_numbers(command: str, option: str, texts: Sequence[str] | None) -> list[int]:
-    """Numbers of records in an option's texts."""
-    numbers: list[int] = []
-    for text in texts or ():
-        if not (text.isascii() and text.lstrip("+-").isdigit() and abs(int(text[:20])) < LARGEST_RECORD):
-            raise InputError(f"{command}: {option} = {quoted(text)}; must be the number of a record")
-        if int(text) in numbers:
-            raise InputError(f"{command}: {option} = {text} twice; must be different records")
-        numbers.append(int(text))
-    return numbers
+def different(command: str, option: str, records: Sequence[str] | None) -> list[str]:
+    """Records that an option names, each once."""
+    for i, text in enumerate(records or ()):
+        if text in (records or ())[:i]:
+            raise InputError(f"{command}: {option} = {quoted(text)} twice; must be different records")
+    return list(records or ())
 
 
 def check_formulation(command: str, name: str) -> None:
@@ -161,19 +169,39 @@ def check_formulation(command: str, name: str) -> None:
         raise InputError(f"{command}: --formulation = {quoted(name)}; must be one of {', '.join(FORMULATIONS)}")
 
 
-def load(rig: Path, spectra: Path, records: Sequence[int] = (), *, allow_code: bool) -> tuple["Rig", "MeasuredSpectra"]:
-    """The rig and its spectra, of the records named or of all."""
+def share(command: str, percent: str | None) -> float:
+    """Repeatability as a share of the response."""
+    if percent is None:
+        return 0.0
+    found = positive(command, "--repeatability", percent, "%") / 100.0
+    if found >= 1.0:
+        raise InputError(f"{command}: --repeatability = {percent}; must be below 100 %")
+    return found
+
+
+def load(rig: Path, spectra: Path, repeatability: float, *, allow_code: bool) -> tuple["Rig", "MeasuredSpectra"]:
+    """The rig and its spectra; the repeatability stands in for standard deviations where there are none."""
     from hbm.rigfiles.load import load_contact_rig
 
     loaded = load_contact_rig(rig, "this command", allow_code=allow_code or None)
-    return loaded, _selected(spectra, loaded, records)
+    return loaded, _selected(spectra, loaded, (), repeatability)
 
 
-def _selected(spectra: Path, rig: "AnyRig", records: Sequence[int]) -> "MeasuredSpectra":
+def _selected(spectra: Path, rig: "AnyRig", records: Sequence[str], repeatability: float) -> "MeasuredSpectra":
     from hbm.measurement.spectrafile import load_spectra
 
-    measured = load_spectra(spectra, rig)
+    measured = load_spectra(spectra, rig, repeatability=repeatability)
     return measured.select(records=records) if records else measured
+
+
+def noisy(rig: "AnyRig", spectra: "MeasuredSpectra", repeatability: float) -> "MeasuredSpectra":
+    """Spectra whose noise holds a repeatability, once."""
+    from hbm.measurement.repeatability import unrepeatable
+
+    if spectra.assumed:
+        return spectra
+    moves = [c.name for c in rig.channels if c.quantity != "force" and c.name in spectra.channels]
+    return unrepeatable(spectra, dict.fromkeys(moves, repeatability))
 
 
 def reconstructed(command: str, rig: "Rig", spectra: "MeasuredSpectra", formulation: str | None) -> "Reconstruction":

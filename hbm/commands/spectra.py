@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hbm.commands.options import LARGEST_H, AllowCode, console, is_number, named, positive, print_written, quoted, whole
+from hbm.commands.options import AllowCode, console, is_number, named, positive, print_written, quoted, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ def spectra(
         list[Path],
         typer.Argument(
             metavar="HISTORY",
-            help="Time histories, one steady state each: CSV (time and one column per channel), MAT, UFF58 or TDMS; "
-            "or a folder of them, or a manifest (CSV or TOML) that lists file, frequency, level, channels and units.",
+            help="Time histories, one steady state each: CSV (time and one column per channel), MAT, NPZ, UFF58 or "
+            "TDMS; or a folder of them, or a manifest (CSV or TOML) that lists them with all that is known of each.",
             show_default=False,
         ),
     ],
@@ -46,7 +46,7 @@ def spectra(
             "--level",
             metavar="N ...",
             help="Nominal force amplitude: one, or one per file; where omitted, what the manifest or the file names "
-            "say, or the fundamental of the force channel.",
+            "say, or the fundamental of the force channel, of a multisine its rms.",
         ),
     ] = None,
     harmonics: Annotated[str, typer.Option(metavar="H", help="Highest harmonic.")] = "9",
@@ -57,6 +57,14 @@ def spectra(
     channel: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=COLUMN", help="Keep a channel of the files under another name; repeated for each."),
+    ] = None,
+    sweep: Annotated[
+        bool,
+        typer.Option("--sweep", help="Histories are slow sine sweeps: many records each, of 4 cycles."),
+    ] = False,
+    reference: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="With --sweep: channel that gives the phase; the force where omitted."),
     ] = None,
     refine: Annotated[
         bool, typer.Option("--refine", help="Refine each fundamental with the force channel (without one: the first).")
@@ -71,17 +79,31 @@ def spectra(
 
     Example:  hbm spectra run1.csv run2.csv --fundamental 48 49.5 --settle 2 --rig rig.toml --out spectra.csv
 
+    Of slow sweeps (--sweep): harmonics along the phase of the sweep; standard deviations hold what a response lags
+    behind its steady state, and sweeps too fast for their resonances are warned of.
+
     Example:  hbm spectra recordings/ --settle 2 --rig rig.toml --out spectra.csv
+
+    Example:  hbm spectra up.csv down.csv --sweep --harmonics 5 --out spectra.csv
     """
-    from hbm.measurement.spectrafile import WRITTEN
+    from hbm.measurement.spectrafile import LARGEST_HARMONIC, WRITTEN
     from hbm.textfiles import check_output
 
     with named(COMMAND):
         check_output(out, WRITTEN, "--out")
     entries = _entries(histories)
+    if sweep:
+        _sweeps(entries, _columns(channel or ()), rig, reference, harmonics, settle, out, allow_code)
+        return
+    if reference:
+        raise InputError(f"{COMMAND}: --reference without --sweep; must have both")
     hz = _hz(fundamental, entries)
     levels = _per_file("--level", level, "N", entries) if level else [entry.level for entry in entries]
-    H, seconds, columns = whole(COMMAND, "--harmonics", harmonics, LARGEST_H), _settle(settle), _columns(channel or ())
+    H, seconds, columns = (
+        whole(COMMAND, "--harmonics", harmonics, LARGEST_HARMONIC),
+        _settle(settle),
+        _columns(channel or ()),
+    )
     from hbm.commands.tables import print_spectra
     from hbm.measurement.harmonicestimate import spectra_of_records
     from hbm.measurement.harmonics import harmonic_spectra
@@ -98,6 +120,34 @@ def spectra(
     known = [_level(e, force) if level is None else level for e, level in zip(estimates, levels, strict=True)]
     write_spectra(out, spectra_of_records(estimates, known, _names(recordings, loaded), str(out)), _units(estimates))
     print_spectra(console(), estimates, known)
+    print_written([out])
+
+
+def _sweeps(
+    entries: Sequence["Entry"],
+    columns: dict[str, str],
+    rig: Path | None,
+    reference: str | None,
+    harmonics: str,
+    settle: str,
+    out: Path,
+    allow_code: bool,
+) -> None:
+    """Spectra of slow sweeps."""
+    from hbm.commands.options import LARGEST_H
+    from hbm.commands.tables import print_lines
+    from hbm.measurement.spectrafile import write_spectra
+    from hbm.measurement.sweep import sweep_spectra, swept
+    from hbm.rigfiles.load import load_rig
+
+    H, seconds = whole(COMMAND, "--harmonics", harmonics, LARGEST_H), _settle(settle)
+    loaded = None if rig is None else load_rig(rig, allow_code=allow_code or None)
+    recordings = [_recorded(entry, columns, loaded) for entry in entries]
+    force = _force_name(loaded)
+    settled = [r.between(float(r.time[0]) + seconds, math.inf) for r in recordings]
+    found = sweep_spectra([swept(r, reference or force, H) for r in settled], force, str(out))
+    write_spectra(out, found, recordings[0].units)
+    print_lines(console(), [str(found), *(f"warning: {line}" for line in found.warnings)])
     print_written([out])
 
 
@@ -161,7 +211,7 @@ def _recorded(entry: "Entry", columns: dict[str, str], rig: "AnyRig | None") -> 
     from models.parts import UNITS
 
     path, computed = entry.file, computed_channels(rig) if rig else ()
-    recorded = load_history(path, columns or entry.channels, entry.units)
+    recorded = load_history(path, columns or entry.channels, entry.units).between(entry.begin, entry.end)
     measured = {name: values for name, values in recorded.channels.items() if name not in computed}
     recorded = replace(recorded, channels=measured)
     quantities = {} if rig is None else {c.name: c.quantity for c in rig.channels}

@@ -26,7 +26,7 @@ from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
 from models.jointed import AnyRig, JointedRig
 
-TEXTS = ("channel", "unit", "law", "values", "example", "about")
+TEXTS = ("record", "channel", "unit", "law", "values", "example", "about")
 """Headings of columns that hold no numbers."""
 
 PROSE = "about"
@@ -166,10 +166,11 @@ def print_history(console: Console, history: TimeHistory | JointHistory) -> None
 def print_spectra(console: Console, records: Sequence[HarmonicEstimate], levels: Sequence[float]) -> None:
     """Print the fundamental of each channel of each record, how sure and steady it is, and what to beware of."""
     for number, (record, level) in enumerate(zip(records, levels, strict=True), start=1):
+        sine = all(q.harmonic == 1 for q in record.quality)
         rows = [
             {
                 "channel": q.name,
-                "fundamental\n|c1|": f"{q.amplitude:.5g}",
+                "fundamental\n|c1|" if sine else "strongest\n|ck|": f"{q.amplitude:.5g}",
                 "std\n ": f"{q.std:.2g}",
                 "unit": record.units.get(q.name) or "SI",
                 "trend\n%": _number(100 * q.steadiness.change, ".2g"),

@@ -7,8 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 
+import numpy as np
+
 from hbm.diagnosis.conclusion import Conclusion
-from hbm.diagnosis.heldout import check_held_out, choose_held_out
+from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.search import OnProgress, Search
 from hbm.diagnosis.verdict import Diagnosis
@@ -30,7 +32,7 @@ def diagnose(
     rig: Rig,
     spectra: MeasuredSpectra,
     *,
-    held_out: Iterable[int] | None = None,
+    held_out: Iterable[int | str] | None = None,
     causes: Iterable[Cause | type[Cause]] | None = None,
     tolerances: Mapping[str, float] | None = None,
     repeatability: float = 0.0,
@@ -44,7 +46,7 @@ def diagnose(
     rig : Rig
         The nominal rig.
     spectra : MeasuredSpectra
-    held_out : iterable of int, optional
+    held_out : iterable of int or str, optional
         Records that no fit sees; where omitted a level and a frequency band, see :mod:`hbm.diagnosis.heldout`. Where
         what explains the others does not hold for these, every second of them is fitted too.
     causes : iterable of Cause, optional
@@ -73,8 +75,7 @@ def diagnose(
         If the steady state of no record is found.
     """
     expect_rig(rig, "diagnose")
-    held = choose_held_out(spectra) if held_out is None else tuple(held_out)
-    check_held_out(spectra, held)
+    held = choose_held_out(spectra) if held_out is None else tuple(spectra.numbers(held_out))
     tell = on_progress or (lambda doing, done: None)
     candidates = list(_candidates(rig, causes))
     shares = repeatability_of(rig, spectra, repeatability)
@@ -87,12 +88,12 @@ def diagnose(
 
     beside = (*_unrepeatable(shares), *spectra.warnings)
     found = conclude(held)
-    if held_out is not None or not found.untold:
-        diagnosis = found.diagnosis()
-        return replace(diagnosis, evidence=(*beside, *diagnosis.evidence))
-    tell("half as many records held out", 0.0)
-    again = conclude(held[1::2]).diagnosis()
-    return replace(again, evidence=(HALF, *beside, *again.evidence))
+    if held_out is None and found.untold:
+        tell("half as many records held out", 0.0)
+        found, beside = conclude(held[1::2]), (HALF, *beside)
+    diagnosis = found.diagnosis()
+    records = tuple(spectra.labels_of(np.array(diagnosis.held_out_records, dtype=int)).tolist())
+    return replace(diagnosis, held_out_records=records, evidence=(*beside, *diagnosis.evidence))
 
 
 def _unrepeatable(shares: Mapping[str, float]) -> Iterator[str]:

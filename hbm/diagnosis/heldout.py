@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
 
 LEVELS = 3
@@ -48,19 +47,3 @@ def choose_held_out(spectra: MeasuredSpectra) -> tuple[int, ...]:
     if held.all() or not held.any() or (~held).sum() < 2:
         return ()
     return tuple(int(n) for n in spectra.records[held])
-
-
-def check_held_out(spectra: MeasuredSpectra, held_out: tuple[int, ...]) -> None:
-    """Refuse records that are not there.
-
-    Raises
-    ------
-    InputError
-        With those that are.
-    """
-    unknown = [n for n in held_out if n not in spectra.records]
-    if unknown:
-        raise InputError(
-            f"{spectra.source}: no record {unknown[0]} to hold out; records are "
-            f"{', '.join(map(str, spectra.records.tolist()))}"
-        )

@@ -122,17 +122,18 @@ def nrmse(white: Whitened) -> float:
 def _misfit(white: Whitened, residual: Array, used: float, campaign: Campaign) -> Misfit:
     r2, points = residual**2, len(residual)
     hz = {r.number: r.hz for r in campaign.data.records}
-    names = campaign.data.channels
+    label = {r.number: r.name for r in campaign.data.records}
+    names, wide = campaign.data.channels, campaign.data.H + 1
     share = 1.0 - used / points
     cells = [_worst("all", np.zeros(points, dtype=int), r2, share, lambda _: "all coefficients")]
     kinds = (
-        ("record", white.record, lambda n: f"record {n} ({hz[int(n)]:.5g} Hz)"),
+        ("record", white.record, lambda n: f"record {label[int(n)]} ({hz[int(n)]:.5g} Hz)"),
         ("channel", white.channel, lambda c: f"channel {names[int(c)]}"),
         ("harmonic", white.harmonic, lambda k: f"harmonic {k}"),
         (
             "channel and harmonic",
-            white.channel * 1000 + white.harmonic,
-            lambda i: f"harmonic {int(i) % 1000} of {names[int(i) // 1000]}",
+            white.channel * wide + white.harmonic,
+            lambda i: f"harmonic {int(i) % wide} of {names[int(i) // wide]}",
         ),
     )
     cells += [_worst(kind, labels, r2, share, name) for kind, labels, name in kinds]

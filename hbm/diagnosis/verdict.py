@@ -92,7 +92,7 @@ class Diagnosis(Displayed):
         The misfit that the model of the verdict leaves: the extended one, or the calibrated nominal.
     errors : dict
         nominal, calibrated, extended -> train, held_out -> Errors.
-    held_out_records : tuple of int
+    held_out_records : tuple of int or str
     ranking : tuple of Ranked
     evidence : tuple of str
         A sentence per observation.
@@ -116,7 +116,7 @@ class Diagnosis(Displayed):
     separate_by: str
     remainder: Remainder
     errors: Mapping[str, Mapping[str, Errors]]
-    held_out_records: tuple[int, ...]
+    held_out_records: tuple[int | str, ...]
     ranking: tuple[Ranked, ...]
     evidence: tuple[str, ...]
     extended: Rig | None = field(default=None, repr=False)

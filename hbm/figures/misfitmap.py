@@ -31,7 +31,7 @@ def plot_misfit_map(
     (2, models) array of Axes
     """
     grid = panels(axes, 2, len(models), 4.2, sharex="row", sharey="row")
-    largest = max(float(by_cell(c, len(channels)).max(initial=1.0)) for c in models.values())
+    largest = max(float(np.nanmax(by_cell(c, len(channels)))) for c in models.values())
     norm, shade = LogNorm(0.5, max(largest, 4.0)), "magma_r"
     for column, (name, c) in enumerate(models.items()):
         top, bottom = grid[0][column], grid[1][column]

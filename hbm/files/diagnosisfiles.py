@@ -36,7 +36,7 @@ from hbm.files.diagnosiscolumns import (
 )
 from hbm.files.diagnosissummary import WRONG, first_screen, verdict_line
 from hbm.files.figurefiles import Plate, plate_contents, plate_files
-from hbm.files.outputs import columns_text, json_text
+from hbm.files.outputs import Columns, columns_text, json_text
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.laws import Consent
@@ -150,7 +150,7 @@ def diagnosis_contents(
     if found.diagnosis.extended is not None:
         contents |= _extended_rig(found.diagnosis, nominal, named or {})
     if found.force is not None and found.force.explainable:
-        contents[FORCE_FILE] = columns_text(force_columns(found.force))
+        contents[FORCE_FILE] = columns_text(_labelled(found, force_columns(found.force)))
     return contents | {PAGE_FILE: page_html(diagnosis_page(found, plates))} | plate_contents(plates)
 
 
@@ -214,6 +214,11 @@ def _free(name: str, taken: Collection[str]) -> str:
     return name if name not in taken else _free(f"another_{name}", taken)
 
 
+def _labelled(found: Diagnosed, columns: Columns) -> Columns:
+    """Columns with the records as the spectra file calls them."""
+    return {**columns, "record": found.spectra.labels_of(columns["record"])}
+
+
 # ------------------------------------------------------------------------------------------------------------- tables
 
 
@@ -269,7 +274,7 @@ def _overview(found: Diagnosed) -> Iterator[Plate]:
         "relative error of each record over all channels and harmonics, beside what noise makes of it. Hollow: records "
         "held out, which no fit has seen.",
         plot_overview(found.compared, view, channel, unit),
-        overview_columns(found.compared, view),
+        _labelled(found, overview_columns(found.compared, view)),
     )
 
 
@@ -287,7 +292,7 @@ def _model_plates(found: Diagnosed) -> Iterator[Plate]:
     if not models:
         return
     unit = {c.name: UNITS[c.quantity] for c in found.rig.channels}
-    columns = compared_columns(models, channels)
+    columns = _labelled(found, compared_columns(models, channels))
     first = {name: values[columns["harmonic"] == 1] for name, values in columns.items() if name != "deviation"}
     yield Plate(
         "responses",
@@ -303,7 +308,7 @@ def _model_plates(found: Diagnosed) -> Iterator[Plate]:
         "Measured less simulated fundamental relative to the measured one, phase included; beside what noise makes of "
         "it. Hollow: records held out.",
         figures.plot_deviations(models, channels),
-        deviation_columns(models, channels),
+        _labelled(found, deviation_columns(models, channels)),
     )
     yield Plate(
         "misfit_map",

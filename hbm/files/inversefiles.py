@@ -82,14 +82,14 @@ def has_netcdf() -> bool:
 def record_columns(reconstruction: Reconstruction, places: npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:
     """Number, level and frequency of records by their places."""
     spectra, i = reconstruction.spectra, np.asarray(places)
-    return dict(zip(RECORD, (spectra.records[i], spectra.level[i], spectra.hz[i]), strict=True))
+    return dict(zip(RECORD, (spectra.labels[i], spectra.level[i], spectra.hz[i]), strict=True))
 
 
 def _signal_rows(reconstruction: Reconstruction) -> Iterator[list[Any]]:
     yield list(COLUMNS)
     phase = reconstruction.phase.tolist()
     spectra = reconstruction.spectra
-    for i, state in enumerate(zip(spectra.records.tolist(), spectra.level.tolist(), spectra.hz.tolist(), strict=True)):
+    for i, state in enumerate(zip(spectra.labels.tolist(), spectra.level.tolist(), spectra.hz.tolist(), strict=True)):
         signals = (reconstruction[name] for name in SIGNALS)
         columns = [part[i].tolist() for s in signals for part in (s.samples, s.std)]
         yield from ([*state, *row] for row in zip(phase, *columns, strict=True))

@@ -53,7 +53,7 @@ def joint_inverse_contents(found: JointReconstruction, records: Sequence[int] | 
 
 def _of_records(found: JointReconstruction, places: Sequence[int]) -> Columns:
     spectra, i = found.spectra, np.asarray(places)
-    return dict(zip(RECORD, (spectra.records[i], spectra.level[i], spectra.hz[i]), strict=True))
+    return dict(zip(RECORD, (spectra.labels[i], spectra.level[i], spectra.hz[i]), strict=True))
 
 
 def _places(found: JointReconstruction, records: Sequence[int]) -> list[int]:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import least_squares
 
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, sampled
 from hbm.identification.closure import Answer, LawOnRecords
 from hbm.identification.start import Candidate
 from hbm.inverse.observed import Observed
@@ -243,4 +243,4 @@ def _telling(observed: Observed) -> Observed:
 
 
 def _coarse(observed: Observed) -> Observed:
-    return replace(observed, basis=FourierBasis(observed.basis.H, COARSE))
+    return replace(observed, basis=sampled(observed.basis.H, COARSE))

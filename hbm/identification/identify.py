@@ -81,7 +81,7 @@ def identify(
     reconstruction: Reconstruction,
     laws: Sequence[str | type | FrictionLaw] = LAWS,
     *,
-    held_out: Iterable[int] | None = None,
+    held_out: Iterable[int | str] | None = None,
     hold: Iterable[str] = HELD,
     by_level: bool = False,
     on_progress: OnProgress | None = None,
@@ -163,7 +163,7 @@ def _values(fit: LawFit) -> dict[str, float]:
     return {name: entry.value for name, entry in fit.parameters.items()}
 
 
-def _held(reconstruction: Reconstruction, held_out: Iterable[int]) -> npt.NDArray[np.bool_]:
+def _held(reconstruction: Reconstruction, held_out: Iterable[int | str]) -> npt.NDArray[np.bool_]:
     keep = np.zeros(len(reconstruction), dtype=bool)
     keep[[reconstruction.index(record) for record in held_out]] = True
     if keep.all() or not keep.any():
@@ -235,14 +235,14 @@ def _law_fit(problem: LeastSquares, found: Judged, score: HeldOut | None, scales
 
 
 def _notes(problem: LeastSquares, found: Judged) -> Iterable[str]:
-    missed = [str(r.number) for r, a in zip(problem.observed.records, found.answers, strict=True) if not a.balanced]
+    missed = [r.name for r, a in zip(problem.observed.records, found.answers, strict=True) if not a.balanced]
     if missed:
         yield (
             f"records {', '.join(missed)}: the motion above harmonic {problem.observed.measured} that goes with the "
             "law was not found, and is left out there"
         )
     strange = [
-        f"{record.number} ({chi2:.0f})"
+        f"{record.name} ({chi2:.0f})"
         for record, chi2, times in zip(problem.observed.records, found.chi2, found.strangeness, strict=True)
         if times > 1.0
     ]

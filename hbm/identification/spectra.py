@@ -181,6 +181,11 @@ class _Forward:
         self.failed: dict[int, str] = {}
         self.evaluations = 0
 
+    @property
+    def failures(self) -> list[tuple[str, str]]:
+        """Names of the records that failed, and why."""
+        return [(r.name, self.failed[r.number]) for r in self.data.records if r.number in self.failed]
+
     def simulate(self, x: Array) -> list[_Simulated | None]:
         """Every record at coordinates: its steady state, else the last one found; None where there never was one."""
         rig = replace(self.rig, contact=replace(self.rig.contact, law=self.of.at(x)))
@@ -290,7 +295,7 @@ def _simulated(model: _Forward, x: Array) -> list[tuple[Record, _Simulated]]:
     found = zip(model.data.records, model.simulate(x), strict=True)
     pairs = [(record, simulated) for record, simulated in found if simulated is not None]
     if not pairs:
-        reasons = "; ".join(f"record {number}: {reason}" for number, reason in list(model.failed.items())[:3])
+        reasons = "; ".join(f"record {name}: {reason}" for name, reason in model.failures[:3])
         raise ConvergenceError(f"fit_spectra: the steady state of no record was found; {reasons}")
     return pairs
 
@@ -338,6 +343,6 @@ def _result(model: _Forward, of: Candidate, x: Array, jacobian: Array, numerics:
         chi2=chi2,
         residual=np.array([r[0] + 1j * r[1] for r in residual]),
         solutions=tuple(simulated.solution for _, simulated in pairs),
-        failures=tuple(f"record {number}: left out; {reason}" for number, reason in sorted(model.failed.items())),
+        failures=tuple(f"record {name}: left out; {reason}" for name, reason in model.failures),
         numerics=numerics,
     )

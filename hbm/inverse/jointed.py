@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from hbm.channels import factor
 from hbm.errors import InputError
-from hbm.fourier import Array, FourierBasis, coefficients_of
+from hbm.fourier import Array, coefficients_of, sampled
 from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, consistent
 from hbm.inverse.reconstruction import EstimatedSignal, Estimates, Misfit
 from hbm.measurement.spectra import MeasuredSpectra
@@ -214,8 +214,8 @@ def _force(rig: JointedRig, spectra: MeasuredSpectra) -> tuple[Complex, Array]:
 
 def _signal(unit: str, values: Complex, std: Array) -> EstimatedSignal:
     """A signal of its harmonics; those that were not found are left out of its samples."""
-    basis = FourierBasis(values.shape[1] - 1, SAMPLES)
+    basis = sampled(values.shape[1] - 1, SAMPLES)
     coefficients = coefficients_of(values)
     samples = np.nan_to_num(coefficients) @ basis.synthesis.T
-    spread = np.sqrt(np.sum(np.nan_to_num(std) ** 2, axis=1))[:, None] * np.ones(SAMPLES)
+    spread = np.sqrt(np.sum(np.nan_to_num(std) ** 2, axis=1))[:, None] * np.ones(basis.N_t)
     return EstimatedSignal(unit, coefficients, std, samples, spread)

@@ -71,7 +71,8 @@ class JointReconstruction:
     @property
     def phase(self) -> Array:
         """Phases of the samples, (N,), 0..1 of a period."""
-        return np.arange(SAMPLES) / SAMPLES
+        N = self.signals[self.rig.forces[0]].samples.shape[1]
+        return np.asarray(np.arange(N) / N)
 
     @property
     def found(self) -> npt.NDArray[np.bool_]:
@@ -103,7 +104,7 @@ class JointReconstruction:
                 f"{harmonics(missing)} of the joint forces: the sensors do not tell them apart in "
                 f"{np.count_nonzero(~found.all(axis=1))} of {len(self)} records; left out there"
             )
-        wrong = self.spectra.records[~consistent(self.misfit)].tolist()
+        wrong = self.spectra.labels[~consistent(self.misfit)].tolist()
         if wrong:
             said.append(
                 f"records {', '.join(map(str, wrong))}: sensors contradict the body beyond noise, chi2_reduced up to "
@@ -131,7 +132,7 @@ class JointReconstruction:
         InputError
             If pandas is not installed.
         """
-        columns = {"record": self.spectra.records, "level": self.spectra.level, "hz": self.spectra.hz}
+        columns = {"record": self.spectra.labels, "level": self.spectra.level, "hz": self.spectra.hz}
         columns |= {f"{name}_peak": np.abs(s.samples).max(axis=1) for name, s in self.signals.items()}
         for joint, energy in self.energy.items():
             columns |= {f"{joint}.energy_per_cycle": energy.value, f"{joint}.energy_per_cycle_std": energy.std}

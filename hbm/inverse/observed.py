@@ -38,6 +38,7 @@ class ObservedRecord:
     Attributes
     ----------
     number : int
+    name : str
         As in the file.
     level, hz : float
         Nominal force [N] and frequency [Hz].
@@ -57,6 +58,7 @@ class ObservedRecord:
     """
 
     number: int
+    name: str
     level: float
     hz: float
     slips: bool
@@ -154,6 +156,7 @@ def _record(r: Reconstruction, i: int, basis: FourierBasis, by_mean: Complex, in
     inflation = 1.0 if misfit.consistent[i] else float(np.sqrt(max(misfit.reduced[i], 1.0)))
     return ObservedRecord(
         number=int(r.spectra.records[i]),
+        name=r.spectra.label(int(r.spectra.records[i])),
         level=float(r.spectra.level[i]),
         hz=float(r.spectra.hz[i]),
         slips=slips,

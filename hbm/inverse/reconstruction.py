@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from hbm.errors import InputError
 from hbm.fourier import Array, complex_of
 from hbm.inverse.sensing import Complex
 from hbm.labelled import Variables, dataset, frame
@@ -179,7 +178,7 @@ class Reconstruction(Displayed):
         InputError
             If pandas is not installed.
         """
-        columns = {"record": self.spectra.records, "level": self.spectra.level, "hz": self.spectra.hz}
+        columns = {"record": self.spectra.labels, "level": self.spectra.level, "hz": self.spectra.hz}
         columns |= {f"{name}_peak": np.abs(s.samples).max(axis=1) for name, s in self.signals.items()}
         for name, found in (("energy_per_cycle", self.energy_per_cycle), ("work_rate", self.work_rate)):
             columns |= {name: found.value, f"{name}_std": found.std}
@@ -228,8 +227,8 @@ class Reconstruction(Displayed):
         N = self.signals["friction"].samples.shape[1]
         return np.asarray(np.arange(N) / N)
 
-    def index(self, record: int) -> int:
-        """Place of a record by its number.
+    def index(self, record: int | str) -> int:
+        """Place of a record by its number or name.
 
         Raises
         ------
@@ -259,7 +258,7 @@ def record_coordinates(spectra: MeasuredSpectra, phase: Array) -> Variables:
     """Coordinates of arrays over records, phases and harmonics."""
     each = ("record",)
     return {
-        "record": (each, spectra.records, "1"),
+        "record": (each, spectra.labels, "" if spectra.names else "1"),
         "level": (each, spectra.level, "N"),
         "frequency_hz": (each, spectra.hz, "Hz"),
         "phase": (("phase",), phase, "1"),
@@ -267,17 +266,12 @@ def record_coordinates(spectra: MeasuredSpectra, phase: Array) -> Variables:
     }
 
 
-def place_of(spectra: MeasuredSpectra, record: int) -> int:
-    """Place of a record by its number.
+def place_of(spectra: MeasuredSpectra, record: int | str) -> int:
+    """Place of a record by its number or name.
 
     Raises
     ------
     InputError
         If it is not there.
     """
-    found = np.flatnonzero(spectra.records == record)
-    if len(found) == 0:
-        raise InputError(
-            f"{spectra.source}: no record {record}; records are {', '.join(map(str, spectra.records.tolist()))}"
-        )
-    return int(found[0])
+    return int(np.flatnonzero(spectra.records == spectra.numbers([record])[0])[0])

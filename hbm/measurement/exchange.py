@@ -1,4 +1,4 @@
-"""Spectra and recordings for other programs: NetCDF (xarray), MAT (SciPy) and UFF58 (pyuff).
+"""Spectra and recordings for other programs: NPZ (NumPy), NetCDF (xarray), MAT (SciPy) and UFF58 (pyuff).
 
 Each format is made and taken apart by the library its users know. Contents are built as bytes, so that a file
 appears complete or not at all (:func:`hbm.textfiles.write_together`).
@@ -65,6 +65,25 @@ def netcdf_bytes(where: str, spectra: MeasuredSpectra, units: Mapping[str, str])
     return _netcdf(where, *_named_arrays(spectra, units))
 
 
+def npz_bytes(where: str, spectra: MeasuredSpectra, units: Mapping[str, str]) -> bytes:
+    """Spectra as a NumPy archive: the variables of :func:`netcdf_bytes`, texts as arrays of characters."""
+    arrays, coordinates = _named_arrays(spectra, units)
+    file = io.BytesIO()
+    plain: dict[str, Any] = {name: np.asarray(values) for name, (_, values, _) in {**coordinates, **arrays}.items()}
+    np.savez_compressed(file, **{n: v.astype(str) if v.dtype == object else v for n, v in plain.items()})
+    return file.getvalue()
+
+
+def npz_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
+    """Rows of a NumPy archive as a CSV file would have them, and where they stand."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            variables = dict(archive)
+    except Exception as refused:  # NumPy lets through whatever a damaged archive makes zipfile do
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a NumPy archive (npz)") from None
+    yield from _rows(str(path), variables)
+
+
 def mat_bytes(where: str, spectra: MeasuredSpectra, units: Mapping[str, str]) -> bytes:
     """Spectra as a MAT file (v5): the variables of :func:`netcdf_bytes`, texts as cell arrays."""
     return _mat(where, *_named_arrays(spectra, units))
@@ -117,7 +136,7 @@ def _named_arrays(spectra: MeasuredSpectra, units: Mapping[str, str]) -> tuple[V
         "std": (("record", "channel", "harmonic"), spectra.std, "see unit"),
     }
     coordinates: Variables = {
-        "record": (("record",), spectra.records, "1"),
+        "record": (("record",), spectra.labels, "" if spectra.names else "1"),
         "level": (("record",), spectra.level, "N"),
         "frequency_hz": (("record",), spectra.hz, "Hz"),
         "channel": (("channel",), np.array(name_of, dtype=object), ""),
@@ -134,7 +153,7 @@ def _named_arrays(spectra: MeasuredSpectra, units: Mapping[str, str]) -> tuple[V
 def note_lines(spectra: MeasuredSpectra) -> Iterator[str]:
     """Comment lines of a spectra file: what speaks against a record, one line each."""
     for record, text in spectra.notes:
-        yield f"# record {record}: {' '.join(text.split())}"
+        yield f"# record {spectra.label(record)}: {' '.join(text.split())}"
 
 
 def _netcdf(where: str, arrays: Variables, coordinates: Variables) -> bytes:
@@ -159,27 +178,27 @@ def _mat(where: str, arrays: Variables, coordinates: Variables) -> bytes:
 
 def _rows(source: str, variables: Mapping[str, Any]) -> Iterator[tuple[str, list[str]]]:
     """Take the variables of :func:`_named_arrays` apart, numbers by every digit."""
-    for name in ("record", "level", "frequency_hz", "channel", "harmonic", "coefficient", "std"):
+    for name in ("record", "level", "frequency_hz", "channel", "harmonic", "coefficient"):
         if name not in variables:
             raise InputError(f"{source}: no variable {name}; must be a spectra file, as hbm spectra writes it")
     flat = {name: _plain(variables[name]) for name in ("record", "level", "frequency_hz")}
     channels = [str(np.asarray(name).item()) for name in np.asarray(variables["channel"]).ravel()]
     harmonics = _plain(variables["harmonic"])
     shape = len(flat["record"]), len(channels), len(harmonics)
-    std = _shaped(source, "std", variables, shape)
+    std = _shaped(source, "std", variables, shape) if "std" in variables else np.full(shape, np.nan)
     pairs = _shaped(source, "coefficient", variables, (*shape, len(PARTS)))
     for i, j, k in np.argwhere(~(np.isnan(std) & np.isnan(pairs).all(axis=3))).tolist():
-        state = flat["record"][i], flat["level"][i], flat["frequency_hz"][i]
-        where = f"{source} record {state[0]}, {channels[j]}, harmonic {harmonics[k]}"
-        numbers = (*pairs[i, j, k].tolist(), float(std[i, j, k]))
-        yield where, [*map(repr, state), channels[j], repr(harmonics[k]), *map(repr, numbers)]
+        record, *state = (flat[name][i] for name in ("record", "level", "frequency_hz"))
+        where = f"{source} record {record}, {channels[j]}, harmonic {harmonics[k]}"
+        pair, own = pairs[i, j, k].tolist(), "" if np.isnan(std[i, j, k]) else repr(float(std[i, j, k]))
+        yield where, [str(record), *map(repr, state), channels[j], repr(harmonics[k]), *map(repr, pair), own]
     for note in np.asarray(variables.get("note", ())).ravel():
         yield source, [str(np.asarray(note).item())]
 
 
 def _plain(values: Any) -> list[Any]:
-    """Numbers of a vector; MATLAB writes whole ones as floats."""
-    flat = np.asarray(values).ravel().tolist()
+    """Numbers or texts of a vector; MATLAB writes whole numbers as floats and texts in cells."""
+    flat = [v.item() if isinstance(v, np.ndarray) else v for v in np.asarray(values).ravel().tolist()]
     return [int(v) if isinstance(v, float) and v.is_integer() else v for v in flat]
 
 
@@ -202,7 +221,7 @@ def uff_bytes(where: str, spectra: MeasuredSpectra, units: Mapping[str, str]) ->
     line 1 says which of the two it is, ID line 4 record, level and fundamental. A fundamental has 6 digits there.
     """
     sets = []
-    for i, record in enumerate(spectra.records.tolist()):
+    for i, record in enumerate(spectra.labels.tolist()):
         state = f"record {record}, level {spectra.level[i]:.8g} N, fundamental {spectra.hz[i]:.8g} Hz"
         for j, name in enumerate(spectra.channels):
             kept = np.flatnonzero(spectra.measured[i, j])

@@ -23,10 +23,12 @@ class ChannelQuality:
     Attributes
     ----------
     name : str
+    harmonic : int
+        The one that stands for the channel: the fundamental, or the strongest of a multisine.
     amplitude, std : float
-        Amplitude |c_1| of the fundamental, and standard deviation of each of cos and sin, in the channel's unit.
+        Amplitude |c_k| of that harmonic, and standard deviation of each of cos and sin, in the channel's unit.
     correlation : float
-        rho of neighbouring blocks that the standard deviation of the fundamental was raised for, 0 where not.
+        rho of neighbouring blocks that the standard deviation of that harmonic was raised for, 0 where not.
     steadiness : Steadiness
     leftover : Leftover
     clipped : bool
@@ -34,6 +36,7 @@ class ChannelQuality:
     """
 
     name: str
+    harmonic: int
     amplitude: float
     std: float
     correlation: float
@@ -86,8 +89,11 @@ class HarmonicEstimate(Displayed):
         return int(self.std.shape[1]) - 1
 
     def amplitude(self, channel: str) -> float:
-        """Amplitude of the fundamental of a channel."""
-        return self.quality[self.channels.index(channel)].amplitude
+        """Amplitude of the fundamental of a channel; of a multisine its rms."""
+        i = self.channels.index(channel)
+        if self.quality[i].harmonic == 1:
+            return self.quality[i].amplitude
+        return float(np.sqrt(0.5 * np.sum(self.coefficients[i, 1:] ** 2)))
 
     def __repr__(self) -> str:
         """What was done, and what to beware of, in sentences."""
@@ -122,12 +128,13 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
         if not off and not s.steady and np.isfinite(s.decay_rate):
             yield (
                 f"{q.name} is not steady: a transient dies out at {s.decay_rate:.3g} +/- {s.decay_rate_std:.1g} 1/s, "
-                f"{s.beat_hz:+.2g} Hz beside the fundamental; {s.left:.2%} of the amplitude is left of it at the end"
+                f"{s.beat_hz:+.2g} Hz beside the {_harmonic(q.harmonic)}; "
+                f"{s.left:.2%} of the amplitude is left of it at the end"
             )
         elif not off and not s.steady and s.change > LEAST_SHARE:
             yield (
                 f"{q.name} is not steady: "
-                f"its fundamental changes by {s.change:.2%} +/- {s.change_std:.1%} over the record"
+                f"its {_harmonic(q.harmonic)} changes by {s.change:.2%} +/- {s.change_std:.1%} over the record"
             )
         if not off and np.isfinite(q.leftover.line_hz) and q.leftover.line_share > LEAST_SHARE:
             yield (
@@ -138,13 +145,17 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
             yield f"{q.name} is flat-topped: was it clipped?"
 
 
+def _harmonic(k: int) -> str:
+    return "fundamental" if k == 1 else f"harmonic {k}"
+
+
 def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
     """Turn of all phases [rad] and what a frequency that was given is off [Hz], where all channels turn alike."""
     if np.isfinite(e.hz_std):  # a refined one is as right as one frequency can be
         return None
     turns = np.array([q.steadiness.turning for q in e.quality])
     stds = np.array([q.steadiness.change_std for q in e.quality])
-    if not np.isfinite(stds).all():
+    if not np.isfinite(stds).all() or any(q.harmonic != 1 for q in e.quality):
         return None
     surest = int(np.argmin(stds))
     turn, std = float(turns[surest]), float(stds[surest])

@@ -1,7 +1,8 @@
 """Harmonic coefficients of a recording, with standard deviations, and what is wrong with the record.
 
 :func:`harmonic_spectra` fits the harmonics by least squares over whole periods; samples need not fall on equal phases
-of the period. The standard deviations come from the record itself:
+of the period. Of more than `MOST_FITTED` harmonics a period must be a whole number of evenly spaced samples: then the
+same coefficients are those of an FFT of each period. The standard deviations come from the record itself:
 
 - of four periods or more, from the scatter of the same coefficients between blocks of whole periods (at most 63
   blocks), cos and sin pooled. What is correlated from block to block, as drift and transients are, would make it too
@@ -29,6 +30,15 @@ from hbm.measurement.steadiness import clipped, leftover, steadiness
 
 FEWEST_BLOCKS = 4
 BLOCKS = 32
+
+MOST_FITTED = 200
+"""Harmonics from which on least squares would take too long and too much memory."""
+
+SLIP = 0.05
+"""Samples by which whole periods may miss whole samples over a record: less than a given frequency is known to."""
+
+LEADS = 0.1
+"""A fundamental below this part of the strongest harmonic does not stand for the record: it is a multisine."""
 
 
 # --------------------------------------------------------------------------------------------------------- estimation
@@ -66,6 +76,8 @@ def harmonic_spectra(
     _check(recorded, t, hz, harmonics)
     if refine is not None:
         hz, hz_std = _refined(recorded, t, hz, min(harmonics, 3), refine)
+    samples = _samples_of_period(recorded, t, hz) if harmonics > MOST_FITTED else 0
+    hz = 1.0 / (samples * recorded.step) if samples else hz
     periods = int((t[-1] - t[0] + recorded.step) * hz * (1.0 + 1e-9) + 1e-6)
     inside = t < t[0] + periods / hz - 0.5 * recorded.step
     t, Y = t[inside], Y[inside]
@@ -80,7 +92,7 @@ def harmonic_spectra(
         units={names[i]: recorded.units.get(names[i], "") for i in alive},
     )
     return replace(
-        _estimate(measured, hz, harmonics, periods),
+        _estimate(measured, hz, harmonics, periods, samples),
         hz_std=hz_std,
         dead=tuple(name for name, constant in zip(names, dead, strict=True) if constant),
     )
@@ -116,30 +128,48 @@ def _check(recorded: Recording, t: Array, hz: float, harmonics: int) -> None:
         )
 
 
-def _estimate(measured: Recording, hz: float, H: int, periods: int) -> HarmonicEstimate:
-    """Coefficients, standard deviations and quality of channels that are alive, over whole periods."""
+def _samples_of_period(recorded: Recording, t: Array, hz: float) -> int:
+    """Samples of a period, a whole number of evenly spaced ones."""
+    samples, periods = 1.0 / (hz * recorded.step), (t[-1] - t[0]) * hz
+    even = float(np.ptp(np.diff(t))) < 1e-3 * recorded.step
+    if not even or abs(samples - round(samples)) * periods > SLIP:
+        uneven = "" if even else ", not evenly spaced"
+        raise InputError(
+            f"{recorded.source}: a period of {hz:.8g} Hz has {samples:.8g} samples{uneven}; "
+            f"must be a whole number of evenly spaced ones for more than {MOST_FITTED} harmonics"
+        )
+    return round(samples)
+
+
+def _estimate(measured: Recording, hz: float, H: int, periods: int, samples: int) -> HarmonicEstimate:
+    """Coefficients, standard deviations and quality of channels that are alive, over whole periods.
+
+    By an FFT where a period is a whole number of `samples`; of 0 by least squares.
+    """
     t, Y = measured.time, np.column_stack(list(measured.channels.values()))
     length = max(1, periods // BLOCKS)
     blocks = periods // length if periods >= FEWEST_BLOCKS else 0
-    edges = t[0] + np.arange(1, max(blocks, 1)) * length / hz - 0.5 * measured.step
-    sums = list(_normal_equations(t, Y, hz, H, edges))
-    coefficients = np.linalg.solve(sum(G for G, _ in sums), sum(r for _, r in sums)).T
-    residual = np.concatenate([y - _design(x, hz, H) @ coefficients.T for x, y in _chunks(t, Y, edges)])
-    by_block = np.stack([np.linalg.solve(G, r).T for G, r in sums]) if blocks else np.empty((0, *coefficients.shape))
+    starts = np.arange(1, max(blocks, 1)) * length
+    if samples:
+        coefficients, by_block, residual = _transformed(Y, hz * t[0], H, samples, starts)
+    else:
+        coefficients, by_block, residual = _fitted(t, Y, hz, H, t[0] + starts / hz - 0.5 * measured.step)
     if blocks:
         std, rho = _of_blocks(by_block, periods / length)
     else:
         std, rho = _of_residual(residual, periods, H), np.zeros((Y.shape[1], H + 1))
     std = np.maximum(std, np.finfo(float).eps * np.std(Y, axis=0)[:, None])  # what the arithmetic can resolve
-    c = by_block[:, :, 1] - 1j * by_block[:, :, H + 1]
+    size = np.hypot(coefficients[:, 1 : H + 1], coefficients[:, H + 1 :])
+    lead = np.where(size[:, 0] < LEADS * size.max(axis=1), 1 + size.argmax(axis=1), 1).tolist()
     middles = t[0] + (np.arange(blocks) + 0.5) * length / hz
     quality = tuple(
         ChannelQuality(
             name=name,
-            amplitude=float(np.hypot(coefficients[j, 1], coefficients[j, H + 1])),
-            std=float(std[j, 1]),
-            correlation=float(rho[j, 1]),
-            steadiness=steadiness(middles, c[:, j]),
+            harmonic=lead[j],
+            amplitude=float(size[j, lead[j] - 1]),
+            std=float(std[j, lead[j]]),
+            correlation=float(rho[j, lead[j]]),
+            steadiness=steadiness(middles, by_block[:blocks, j, lead[j]] - 1j * by_block[:blocks, j, H + lead[j]]),
             leftover=leftover(_even(t, residual[:, j]), float(np.std(Y[:, j])), periods, hz),
             clipped=clipped(Y[:, j]),
         )
@@ -158,6 +188,33 @@ def _estimate(measured: Recording, hz: float, H: int, periods: int) -> HarmonicE
         quality=quality,
         dead=(),
     )
+
+
+def _fitted(t: Array, Y: Array, hz: float, H: int, edges: Array) -> tuple[Array, Array, Array]:
+    """Coefficients by least squares, (c, 2H+1), those of each block, (B, c, 2H+1), and what is left, (N, c)."""
+    sums = list(_normal_equations(t, Y, hz, H, edges))
+    coefficients = np.asarray(np.linalg.solve(sum(G for G, _ in sums), sum(r for _, r in sums)).T, dtype=float)
+    residual = np.concatenate([y - _design(x, hz, H) @ coefficients.T for x, y in _chunks(t, Y, edges)])
+    return coefficients, np.stack([np.linalg.solve(G, r).T for G, r in sums]), residual
+
+
+def _transformed(
+    Y: Array, turns: float, H: int, samples: int, starts: npt.NDArray[np.int_]
+) -> tuple[Array, Array, Array]:
+    """The same by an FFT of each period; `starts` are the first periods of all blocks but the first.
+
+    `turns` is the time of the first sample in periods.
+    """
+    periods = Y.reshape(-1, samples, Y.shape[1])
+    kept = np.fft.rfft(periods, axis=1)[:, : H + 1] / samples
+    mean = kept.mean(axis=0)
+    residual = periods - samples * np.fft.irfft(mean, samples, axis=0)
+    turned = kept * np.exp(-2j * np.pi * turns * np.arange(H + 1))[:, None]
+    each = np.concatenate([turned[:, :1].real, 2.0 * turned[:, 1:].real, -2.0 * turned[:, 1:].imag], axis=1)
+    each = np.moveaxis(each, 2, 1)
+    first = np.concatenate([[0], starts])
+    count = np.diff(np.append(first, len(each)))
+    return each.mean(axis=0), np.add.reduceat(each, first) / count[:, None, None], residual.reshape(Y.shape)
 
 
 def _design(t: Array, hz: float, H: int) -> Array:

@@ -1,4 +1,4 @@
-"""Time histories of measurements read from files: CSV, MAT (v5 and v7.3), UFF58, TDMS, and SEP005 dictionaries.
+"""Time histories of measurements read from files: CSV, MAT (v5 and v7.3), NPZ, UFF58, TDMS, and SEP005 dictionaries.
 
 Every reader only finds time, channels and units; :func:`hbm.measurement.recording.recording` checks and converts them.
 Without a unit, values must be in SI.
@@ -8,6 +8,7 @@ format    time                                                channel names     
 ========  ==================================================  ============================  =========================
 CSV       first column, ``time_s`` or ``Time (ms)``           heading                       heading, line 2, or SI
 MAT       ``time_s``, ``time`` or ``t``; or a scalar ``fs``   the other vectors             struct ``units``, or SI
+NPZ       the same, or a scalar ``sampling_hz``               the other vectors             SI
 UFF58     abscissa, in s; the step has 6 digits in the file   response entity, or node and  axis label, or the system
           and is taken for 1/n s where that is all it can be  direction, ``3+Y``            of data set 164, or SI
 TDMS      ``wf_increment``, or a channel ``time_s``           channel, or group/channel     ``unit_string``, or SI
@@ -32,6 +33,8 @@ from hbm.measurement.csvhistory import read_csv
 from hbm.measurement.recording import KIND, TIMES, Found, Recording, recording, renamed
 from hbm.textfiles import StrPath, damage
 
+RATES = ("fs", "sampling_hz")
+
 
 def load_history(
     source: StrPath | Sequence[Mapping[str, Any]],
@@ -43,9 +46,10 @@ def load_history(
     Parameters
     ----------
     source : str, path or list of dict
-        CSV, MAT, UFF58 (``.uff``, ``.unv``) or TDMS file, by its ending; or SEP005 dictionaries, one per channel.
+        CSV, MAT, NPZ, UFF58 (``.uff``, ``.unv``) or TDMS file, by its ending; or SEP005 dictionaries, one per channel.
     channels : mapping of str to str, optional
-        Name of a channel to its name in the file; all, under their own names, if omitted.
+        Name of a channel to its name in the file; all, under their own names, if omitted. ``time_s`` names the vector
+        of the times [s] where the file has several.
     units : mapping of str to str, optional
         Units of channels, by their names here, where the file does not say them: ``g``, ``mm/s``, ``lbf``, whatever
         pint knows of force, acceleration, velocity and displacement.
@@ -65,8 +69,18 @@ def load_history(
     else:
         where = "SEP005"
         found = _sep005(where, source)
-    values, said = renamed(where, found.channels, found.units, channels or {})
-    return recording(where, found.time, values, _with_units(where, said, units or {}))
+    columns, values = dict(channels or {}), dict(found.channels)
+    time = found.time
+    if (clock := columns.pop(TIMES[0], None)) is not None:
+        if clock not in values:
+            raise InputError(f'{where}: no vector "{clock}" of times; vectors are {", ".join(values) or "none"}')
+        time = values.pop(clock)
+    if time is None:
+        raise InputError(
+            f"{where}: no time; must have a vector {', '.join(TIMES)}, or a scalar {' or '.join(RATES)} > 0 [Hz]"
+        )
+    values, said = renamed(where, values, found.units, columns)
+    return recording(where, time, values, _with_units(where, said, units or {}))
 
 
 def _with_units(where: str, said: Mapping[str, str], given: Mapping[str, str]) -> dict[str, str]:
@@ -97,25 +111,34 @@ def _mat(path: Path) -> Found:
     except Exception as refused:  # pymatreader lets through whatever SciPy and h5py raise
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v5 or v7.3)") from None
     units = content.get("units")
+    said = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
+    return _of_variables(path, content, said)
+
+
+def _npz(path: Path) -> Found:
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            content = dict(archive)
+    except Exception as refused:  # NumPy lets through whatever a damaged archive makes zipfile do
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a NumPy archive (npz)") from None
+    return _of_variables(path, content, {})
+
+
+def _of_variables(path: Path, content: Mapping[str, Any], units: Mapping[str, str]) -> Found:
+    """Vectors by name, and the time by a vector or a scalar rate; None where neither is there."""
     numbers = {name: values for name, values in content.items() if not name.startswith("__") and _numeric(values)}
     vectors = {name: np.squeeze(values) for name, values in numbers.items() if np.size(values) > 1}
     time = next((vectors.pop(name) for name in TIMES if name in vectors), None)
     if time is None and not vectors:
         raise InputError(f"{path}: no vectors; must have {', '.join(TIMES)} or a scalar fs, and one vector per channel")
-    if time is None:
-        time = _of_rate(path, content.get("fs"), len(next(iter(vectors.values()))))
-    said = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
-    return Found(time, vectors, said)
+    rate = next((float(np.squeeze(numbers[name])) for name in RATES if np.size(numbers.get(name, ())) == 1), 0.0)
+    if time is None and 0.0 < rate < float("inf"):
+        time = np.arange(len(next(iter(vectors.values())))) / rate
+    return Found(time, vectors, units)
 
 
 def _numeric(values: Any) -> bool:
     return isinstance(values, int | float | np.ndarray) and np.asarray(values).dtype.kind in "iufb"
-
-
-def _of_rate(path: StrPath, rate: Any, samples: int) -> Array:
-    if not isinstance(rate, int | float) or not (0.0 < rate < float("inf")):
-        raise InputError(f"{path}: no time; must have a vector {', '.join(TIMES)}, or a scalar fs > 0 [Hz]")
-    return np.arange(samples, dtype=np.float64) / float(rate)
 
 
 # -------------------------------------------------------------------------------------------------------------- UFF58
@@ -308,5 +331,5 @@ def _first_line(refused: Exception) -> str:
     return text[:1].lower() + text[1:]
 
 
-READERS = {".csv": read_csv, ".mat": _mat, ".uff": _uff, ".unv": _uff, ".tdms": _tdms}
+READERS = {".csv": read_csv, ".mat": _mat, ".npz": _npz, ".uff": _uff, ".unv": _uff, ".tdms": _tdms}
 """Reader by ending."""

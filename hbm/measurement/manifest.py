@@ -1,8 +1,9 @@
 """What a campaign consists of: files with the frequency, level, channels and units of each, from a list or a folder.
 
 A manifest is a CSV file with the columns ``file,frequency_hz`` and, where there is something to say, ``level``,
-``channels`` and ``units``; or a TOML file with a ``[[records]]`` table for each file and ``[channels]`` and ``[units]``
-for all of them. Files are looked for beside the manifest.
+``channels``, ``units``, ``begin_s`` and ``end_s``, the part of the file that is one steady state; or a TOML file with a
+``[[records]]`` table for each recording and ``[channels]`` and ``[units]`` for all of them. Files are looked for beside
+the manifest.
 """
 
 import csv
@@ -19,7 +20,7 @@ from hbm.errors import InputError
 from hbm.measurement.historyfile import READERS
 from hbm.textfiles import why
 
-COLUMNS = ("file", "frequency_hz", "level", "channels", "units")
+COLUMNS = ("file", "frequency_hz", "level", "channels", "units", "begin_s", "end_s")
 NAMES = ("manifest.csv", "manifest.toml")
 KIND = "a manifest"
 
@@ -41,6 +42,8 @@ class Entry:
         Name of a channel to its column in the file; empty for all under their own names.
     units : dict of str to str
         Units of channels, where the file does not say them.
+    begin, end : float
+        Part of the file that is the recording [s].
     """
 
     file: Path
@@ -48,6 +51,8 @@ class Entry:
     level: float | None = None
     channels: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
+    begin: float = -math.inf
+    end: float = math.inf
 
 
 def entries_of(paths: Iterable[Path]) -> list[Entry]:
@@ -139,7 +144,7 @@ def _of_csv(path: Path) -> Iterator[Entry]:
         said: dict[str, Any] = {name: cell for name, cell in zip(names, row, strict=True) if cell}
         for name in ("channels", "units"):
             said |= {name: _pairs(where, name, said[name])} if name in said else {}
-        for name in ("frequency_hz", "level"):
+        for name in ("frequency_hz", "level", "begin_s", "end_s"):
             said |= {name: _number(where, name, said[name])} if name in said else {}
         yield _entry(path, where, said, {}, {})
 
@@ -156,7 +161,7 @@ def _number(where: str, name: str, text: str) -> float:
     try:
         return float(text.replace(",", "."))
     except ValueError:
-        raise InputError(f'{where}: {name} = "{text}"; must be a number > 0') from None
+        raise InputError(f'{where}: {name} = "{text}"; must be a number') from None
 
 
 # ----------------------------------------------------------------------------------------------------------------- TOML
@@ -202,7 +207,16 @@ def _entry(
         level=_positive(where, "level", said, "N"),
         channels={**channels, **_texts(where, "channels", said.get("channels", {}))},
         units={**units, **_texts(where, "units", said.get("units", {}))},
+        begin=_time(where, "begin_s", said, -math.inf),
+        end=_time(where, "end_s", said, math.inf),
     )
+
+
+def _time(where: str, name: str, said: Mapping[str, Any], otherwise: float) -> float:
+    value = said.get(name, otherwise)
+    if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+        raise InputError(f"{where}: {name} = {value}; must be a number [s]")
+    return float(value)
 
 
 def _positive(where: str, name: str, said: Mapping[str, Any], unit: str) -> float | None:

@@ -5,7 +5,7 @@ spectra; :func:`recording` makes one of whatever a file holds, or refuses it.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -53,6 +53,23 @@ class Recording:
     def step(self) -> float:
         """Mean time between samples [s]."""
         return float(self.time[-1] - self.time[0]) / (len(self.time) - 1)
+
+    def between(self, begin: float, end: float) -> "Recording":
+        """The part from one time to another, both included [s].
+
+        Raises
+        ------
+        InputError
+            If it has fewer than three samples.
+        """
+        kept = (self.time >= begin) & (self.time <= end)
+        if kept.sum() < 3:
+            raise InputError(
+                f"{self.source}: {kept.sum()} samples from {begin:g} to {end:g} s; must be at least 3, of "
+                f"{self.time[0]:g} to {self.time[-1]:g} s"
+            )
+        channels = {name: values[kept] for name, values in self.channels.items()}
+        return replace(self, time=self.time[kept], channels=channels)
 
 
 def recording(

@@ -17,7 +17,9 @@ from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame,
 from models.display import Displayed
 from models.rig import Rig
 
-MOST_WARNINGS = 12
+MOST_WARNINGS, MOST_LISTED = 12, 50
+AT = "@"
+"""Between the name of records and the frequency of one of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class MeasuredSpectra(Displayed):
     source : str
         Where they come from, for messages.
     records : (r,) int array
-        Numbers of the records, as in the file, ascending.
+        Numbers of the records, ascending: as in the file, or 1..r in its order where it names them by text.
     level : (r,) array
         Nominal force amplitude [N].
     hz : (r,) array
@@ -44,6 +46,10 @@ class MeasuredSpectra(Displayed):
         Standard deviation of each of cos and sin, by harmonic; nan where not measured.
     notes : tuple of (int, str)
         What speaks against a record, by its number, one sentence each: it is not steady, a channel is clipped...
+    names : tuple of str
+        Names of the records where they are no numbers, by number less one; of a selection too, those of all.
+    assumed : float
+        Share of the response that stands in for standard deviations that the source does not give, 0 where it does.
     """
 
     source: str
@@ -54,6 +60,8 @@ class MeasuredSpectra(Displayed):
     coefficients: Array
     std: Array
     notes: tuple[tuple[int, str], ...] = ()
+    names: tuple[str, ...] = ()
+    assumed: float = 0.0
 
     def __repr__(self) -> str:
         """Say what there is."""
@@ -72,9 +80,41 @@ class MeasuredSpectra(Displayed):
         return int(self.std.shape[2]) - 1
 
     @property
+    def labels(self) -> npt.NDArray[Any]:
+        """Records as the file calls them: numbers, or texts, (r,)."""
+        return self.labels_of(self.records)
+
+    def labels_of(self, records: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+        """What the file calls records, by their numbers, in an array of the same shape."""
+        return np.array(self.names, dtype=object)[records - 1] if self.names else records
+
+    def label(self, record: int) -> str:
+        """What the file calls a record, by its number."""
+        return str(self.labels_of(np.array(record)))
+
+    def numbers(self, named: Iterable[int | str]) -> list[int]:
+        """Numbers of records: themselves, or what the file calls them, a text.
+
+        A text may name many, ``sweep1`` those at all frequencies, of which one is ``sweep1@79.2Hz``.
+
+        Raises
+        ------
+        InputError
+            If there is no such record.
+        """
+        known: dict[int | str, list[int]] = {}
+        for label, number in zip(map(str, self.labels), self.records.tolist(), strict=True):
+            for name in {number, label, label.partition(AT)[0]}:
+                known.setdefault(name, []).append(number)
+        for name in (named := list(named)):
+            if name not in known:
+                raise InputError(f"{self.source}: no record {name}; records are {_listed(self.labels)}")
+        return [number for name in named for number in known[name]]
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What speaks against records, one sentence each, the first of many in full."""
-        said = [f"Record {record} of {self.source}: {text.rstrip('?')}." for record, text in self.notes]
+        said = [f"Record {self.label(record)} of {self.source}: {text.rstrip('?')}." for record, text in self.notes]
         more = len(said) - MOST_WARNINGS
         return (*said[:MOST_WARNINGS], *([f"{more} more warnings are in {self.source}."] if more > 0 else []))
 
@@ -91,7 +131,7 @@ class MeasuredSpectra(Displayed):
             "std": (("record", "channel", "harmonic"), self.std, ""),
         }
         coordinates = {
-            "record": (("record",), self.records, ""),
+            "record": (("record",), self.labels, ""),
             "hz": (("record",), self.hz, "Hz"),
             "level": (("record",), self.level, "N"),
             "channel": (("channel",), list(self.channels), ""),
@@ -112,7 +152,7 @@ class MeasuredSpectra(Displayed):
         return frame(
             "to_dataframe",
             {
-                "record": repeated(self.records, c),
+                "record": repeated(self.labels, c),
                 "level": repeated(self.level, c),
                 "hz": repeated(self.hz, c),
                 "channel": np.tile(self.channels, len(self)),
@@ -145,7 +185,7 @@ class MeasuredSpectra(Displayed):
     def select(
         self,
         *,
-        records: Iterable[int] | None = None,
+        records: Iterable[int | str] | None = None,
         levels: Iterable[float] | None = None,
         hz: tuple[float, float] | None = None,
         channels: Iterable[str] | None = None,
@@ -155,8 +195,8 @@ class MeasuredSpectra(Displayed):
 
         Parameters
         ----------
-        records : iterable of int, optional
-            Numbers of records.
+        records : iterable of int or str, optional
+            Records, as the file calls them.
         levels : iterable of float, optional
             Nominal force amplitudes [N].
         hz : (float, float), optional
@@ -177,14 +217,14 @@ class MeasuredSpectra(Displayed):
         """
         keep = np.ones(len(self), dtype=bool)
         if records is not None:
-            keep &= self._among("record", self.records, records)
+            keep &= np.isin(self.records, self.numbers(records))
         if levels is not None:
-            keep &= self._among("level", self.level, levels)
+            keep &= self._of_levels(levels)
         if hz is not None:
             keep &= (min(hz) <= self.hz) & (self.hz <= max(hz))
         if not keep.any():
             raise InputError(
-                f"{self.source}: no record is left of the selection; records are {_listed(self.records)}, "
+                f"{self.source}: no record is left of the selection; records are {_listed(self.labels)}, "
                 f"levels {_listed(np.unique(self.level))} N, from {self.hz.min():g} to {self.hz.max():g} Hz"
             )
         chosen = self._of_records(keep)
@@ -192,7 +232,7 @@ class MeasuredSpectra(Displayed):
             chosen = chosen._of_channels(sorted({self.index(name) for name in channels}))
         return chosen if harmonics is None else chosen._of_harmonics(list(harmonics))
 
-    def split(self, held_out: Iterable[int]) -> tuple["MeasuredSpectra", "MeasuredSpectra"]:
+    def split(self, held_out: Iterable[int | str]) -> tuple["MeasuredSpectra", "MeasuredSpectra"]:
         """Records to fit, and the records named, which are held out.
 
         Raises
@@ -200,10 +240,10 @@ class MeasuredSpectra(Displayed):
         InputError
             If a record is not there, or nothing is left on one of the sides.
         """
-        held = self._among("record", self.records, held_out)
+        held = np.isin(self.records, self.numbers(held_out))
         if held.all() or not held.any():
             found = "all records are" if held.all() else "no record is"
-            raise InputError(f"{self.source}: {found} held out; must be some of {_listed(self.records)}")
+            raise InputError(f"{self.source}: {found} held out; must be some of {_listed(self.labels)}")
         return self._of_records(~held), self._of_records(held)
 
     def without(self, channel: str) -> "MeasuredSpectra":
@@ -217,14 +257,13 @@ class MeasuredSpectra(Displayed):
         gone = self.index(channel)
         return self._of_channels([i for i in range(len(self.channels)) if i != gone])
 
-    def _among(self, what: str, values: npt.NDArray[np.generic], named: Iterable[float]) -> npt.NDArray[np.bool_]:
-        keep = np.zeros(len(self), dtype=bool)
-        for value in named:
-            found = values == value
-            if not found.any():
-                raise InputError(f"{self.source}: no {what} {value:g}; {what}s are {_listed(np.unique(values))}")
-            keep |= found
-        return keep
+    def _of_levels(self, named: Iterable[float]) -> npt.NDArray[np.bool_]:
+        levels = list(named)
+        for level in levels:
+            if level not in self.level:
+                listed = _listed(np.unique(self.level))
+                raise InputError(f"{self.source}: no level {level:g}; levels are {listed}")
+        return np.isin(self.level, levels)
 
     def _of_records(self, keep: npt.NDArray[np.bool_]) -> "MeasuredSpectra":
         return replace(
@@ -304,4 +343,7 @@ def spectra_of(
 
 
 def _listed(values: Iterable[object]) -> str:
-    return ", ".join(f"{v:g}" if isinstance(v, float | np.floating) else str(v) for v in values)
+    every = [f"{v:g}" if isinstance(v, float | np.floating) else str(v) for v in values]
+    return ", ".join(
+        every if len(every) <= MOST_LISTED else [*every[:MOST_LISTED], f"and {len(every) - MOST_LISTED} more"]
+    )

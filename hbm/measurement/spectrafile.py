@@ -1,13 +1,15 @@
 """Spectra files: measured harmonic coefficients read, checked and written, docs/reference/data_files.md.
 
-The CSV file is the contract; NetCDF and MAT files hold the same numbers and are read back through the same checks,
-see :mod:`hbm.measurement.exchange`. Lines that begin with ``#`` are comments; ``# record 3: a1 is not steady`` is what
-``hbm spectra`` warned of, and goes on to whatever is made of the record.
+The CSV file is the contract; NPZ, NetCDF and MAT files hold the same numbers and are read back through the same checks,
+see :mod:`hbm.measurement.exchange`. A record is one steady state: what a file names by text may have many, at other
+levels and frequencies, and each is a record. Lines that begin with ``#`` are comments; ``# record 3: a1 is not
+steady`` is what ``hbm spectra`` warned of, and goes on to whatever is made of the record.
 """
 
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -17,30 +19,45 @@ import numpy as np
 
 from hbm.channels import computed_channels
 from hbm.errors import InputError
-from hbm.measurement.exchange import mat_bytes, mat_rows, netcdf_bytes, netcdf_rows, note_lines, uff_bytes
-from hbm.measurement.spectra import MeasuredSpectra
+from hbm.measurement.exchange import (
+    mat_bytes,
+    mat_rows,
+    netcdf_bytes,
+    netcdf_rows,
+    note_lines,
+    npz_bytes,
+    npz_rows,
+    uff_bytes,
+)
+from hbm.measurement.repeatability import with_std
+from hbm.measurement.spectra import AT, MeasuredSpectra
 from hbm.textfiles import StrPath, csv_text, read_rows, write_together
 from models.jointed import AnyRig
 from models.plausible import impossible
 
 COLUMNS = ("record", "level", "frequency_hz", "channel", "harmonic", "cos", "sin", "std")
-READ = (".csv", ".nc", ".mat")
+READ = (".csv", ".npz", ".nc", ".mat")
 WRITTEN = (*READ, ".uff")
-LARGEST_HARMONIC = 1000
+LARGEST_HARMONIC = 8192
 
 SMALLEST_STD, RESOLVED = 1e-30, 1e-20
 """Least standard deviation, in any unit and of a coefficient: a reading has 16 digits, a mean of 1e8 of them 20."""
 
 WHOLE = re.compile(r"[+-]?[0-9]{1,15}")
-NOTE = re.compile(r"#\s*record (?P<record>[0-9]{1,15}): (?P<text>.+)")
+NOTE = re.compile(r"#\s*record (?P<record>.+?): (?P<text>.+)")
+LONGEST_NAME = 100
 HOW_STD = "estimate it from the time history with hbm spectra"
 
 
+State = tuple[str, float, float]
+"""Name, level and frequency of a steady state."""
+
+
 class Row(NamedTuple):
-    """One coefficient pair and where it stands."""
+    """One coefficient pair and where it stands; its standard deviation is nan where none is given."""
 
     where: str
-    record: int
+    record: str
     level: float
     hz: float
     channel: str
@@ -53,15 +70,19 @@ class Row(NamedTuple):
 # ------------------------------------------------------------------------------------------------------------ reading
 
 
-def load_spectra(path: StrPath, rig: AnyRig) -> MeasuredSpectra:
+def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: float = 0.0) -> MeasuredSpectra:
     """Read a spectra file.
 
     Parameters
     ----------
     path : str or path
-        CSV, NetCDF or MAT file, by its ending.
-    rig : Rig
+        CSV, NPZ, NetCDF or MAT file, by its ending.
+    rig : Rig, optional
         Its channels are accepted, in any order of rows; what only a simulation knows, such as ``drive``, is left out.
+        Without a rig all channels are, in the order of the file.
+    repeatability : float
+        Share of a response, 0.01 for 1 %, that stands in for standard deviations that the file does not give and
+        records measured more than once do not show.
 
     Returns
     -------
@@ -77,22 +98,16 @@ def load_spectra(path: StrPath, rig: AnyRig) -> MeasuredSpectra:
         raise InputError(f"{source}: not a spectra file; must end in {' or '.join(READ)}")
     if not Path(path).exists():
         raise InputError(f"{source}: no such file; must be a spectra file")
-    tables = {".csv": _csv_rows, ".nc": netcdf_rows, ".mat": mat_rows}
+    tables = {".csv": _csv_rows, ".npz": npz_rows, ".nc": netcdf_rows, ".mat": mat_rows}
     rows = list(tables[ending](path))
-    notes = tuple(_note(",".join(cells)) for _, cells in rows if _is_note(cells))
+    said = [NOTE.fullmatch(",".join(cells).strip()) for _, cells in rows if _is_note(cells)]
     numbers = (_row(where, cells) for where, cells in rows if not _is_note(cells))
-    found = _assembled(source, numbers, rig)
-    return replace(found, notes=tuple(n for n in notes if n is not None and n[0] in found.records))
+    notes = [(note["record"], note["text"]) for note in said if note is not None]
+    return with_std(rig, _assembled(source, numbers, rig, notes), repeatability)
 
 
 def _is_note(cells: list[str]) -> bool:
     return cells[0].startswith("#")
-
-
-def _note(line: str) -> tuple[int, str] | None:
-    """Record and sentence of a line ``# record 3: a1 is not steady``; other comments are nobody's."""
-    said = NOTE.fullmatch(line.strip())
-    return (int(said["record"]), said["text"]) if said else None
 
 
 def _csv_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
@@ -100,18 +115,18 @@ def _csv_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     line, heading = next(rows, (1, []))
     if not heading:
         raise InputError(f"{path}: is empty; must have the columns {','.join(COLUMNS)}")
-    if [name.strip() for name in heading] != list(COLUMNS):
-        raise InputError(f"{path} line {line}: {_wrong_heading(heading)}; must be {','.join(COLUMNS)}")
+    columns = [name.strip() for name in heading]
+    if columns not in (list(COLUMNS), list(COLUMNS[:-1])):
+        raise InputError(f"{path} line {line}: {_wrong_heading(columns)}; must be {','.join(COLUMNS)}")
     for line, row in rows:
         where = f"{path} line {line}"
-        if len(row) != len(COLUMNS) and not _is_note(row):
-            raise InputError(f"{where}: {len(row)} entries; must have {len(COLUMNS)}")
-        yield where, row
+        if len(row) != len(columns) and not _is_note(row):
+            raise InputError(f"{where}: {len(row)} entries; must have {len(columns)}")
+        yield where, row + [""] * (len(COLUMNS) - len(columns))
 
 
-def _wrong_heading(heading: list[str]) -> str:
-    names = [name.strip() for name in heading]
-    missing = [name for name in COLUMNS if name not in names]
+def _wrong_heading(names: list[str]) -> str:
+    missing = [name for name in COLUMNS[:-1] if name not in names]
     unknown = [_shown(name) for name in names if name not in COLUMNS]
     if missing:
         return f"no column {', '.join(missing)}"
@@ -122,7 +137,7 @@ def _wrong_heading(heading: list[str]) -> str:
 
 def _row(where: str, cells: list[str]) -> Row:
     """Check the entries of one row, in their order."""
-    record = _whole(where, "record", cells[0])
+    record = _record(where, cells[0].strip())
     level = _positive(where, "level", cells[1], "N")
     hz = _positive(where, "frequency_hz", cells[2], "Hz")
     channel, harmonic = cells[3].strip(), _whole(where, "harmonic", cells[4])
@@ -132,11 +147,23 @@ def _row(where: str, cells: list[str]) -> Row:
     if harmonic == 0 and sin != 0.0:
         raise InputError(f"{where}: sin of harmonic 0 = {sin:g}; must be 0")
     if not cells[7].strip():
-        raise InputError(f"{where}: std is missing; must be > 0, for each of cos and sin; {HOW_STD}")
+        return Row(where, record, level, hz, channel, harmonic, cos, sin, math.nan)
     std = _number(where, "std", cells[7], "must be a number > 0")
     if not 0.0 < std < math.inf:
         raise InputError(f"{where}: std = {std:g}; must be > 0, for each of cos and sin; {HOW_STD}")
     return Row(where, record, level, hz, channel, harmonic, cos, sin, std)
+
+
+def _record(where: str, name: str) -> str:
+    """Name of a record; numbers without signs and zeros in front of them."""
+    if WHOLE.fullmatch(name):
+        return str(int(name))
+    if not 0 < len(name) <= LONGEST_NAME or not name.isprintable() or ": " in name:
+        raise InputError(
+            f"{where}: record = {_shown(name)}; must be a whole number, or a name of at most {LONGEST_NAME} characters "
+            'without ": "'
+        )
+    return name
 
 
 def _number(where: str, name: str, text: str, accepted: str) -> float:
@@ -171,21 +198,21 @@ def _shown(text: str) -> str:
     return json.dumps(text.strip()[:60], ensure_ascii=False)
 
 
-def _assembled(source: str, rows: Iterable[Row], rig: AnyRig) -> MeasuredSpectra:
+def _assembled(
+    source: str, rows: Iterable[Row], rig: AnyRig | None, notes: Iterable[tuple[str, str]]
+) -> MeasuredSpectra:
     """Put rows into arrays; of rows that contradict each other the later is refused."""
-    quantities = {channel.name: channel.quantity for channel in rig.channels}
-    names, computed = list(quantities), computed_channels(rig)
-    states: dict[int, tuple[float, float]] = {}
-    entries: dict[tuple[int, str, int], Row] = {}
+    quantities = {channel.name: channel.quantity for channel in rig.channels} if rig else {}
+    names, computed = list(quantities), computed_channels(rig) if rig else ()
+    entries: dict[tuple[State, str, int], Row] = {}
     for row in rows:
         if row.channel in computed:
             continue
-        if row.channel not in names:
+        if rig and row.channel not in names:
             accepted = f"channels are {', '.join(names)}" if names else "it has none"
             raise InputError(f"{row.where}: channel {_shown(row.channel)} is not in the rig; {accepted}")
-        _refuse_impossible(row, quantities[row.channel])
-        _same_state(row, states.setdefault(row.record, (row.level, row.hz)))
-        key = row.record, row.channel, row.harmonic
+        _refuse_impossible(row, quantities.get(row.channel, "reading"))
+        key = (row.record, row.level, row.hz), row.channel, row.harmonic
         if key in entries:
             raise InputError(
                 f"{row.where}: record {row.record}, {row.channel}, harmonic {row.harmonic} a second time; "
@@ -194,7 +221,43 @@ def _assembled(source: str, rows: Iterable[Row], rig: AnyRig) -> MeasuredSpectra
         entries[key] = row
     if not entries:
         raise InputError(f"{source}: no rows; must have at least one coefficient")
-    return _arrays(source, states, entries, names)
+    states = list(dict.fromkeys(state for state, _, _ in entries))
+    names = names or list(dict.fromkeys(channel for _, channel, _ in entries))
+    if all(WHOLE.fullmatch(name) for name, _, _ in states):
+        _refuse_several(entries)
+        states.sort(key=lambda state: int(state[0]))
+        found = _arrays(source, states, entries, names)
+        found = replace(found, records=np.array([int(name) for name, _, _ in states]))
+    else:
+        found = replace(_arrays(source, states, entries, names), names=_labels(states))
+    number = dict(zip(map(str, found.labels), found.records.tolist(), strict=True))
+    return replace(found, notes=tuple((number[name], text) for name, text in notes if name in number))
+
+
+def _labels(states: list[State]) -> tuple[str, ...]:
+    """Name of each state: that of its record, with the frequency where that has several, and the level if need be."""
+    several = Counter(name for name, _, _ in states)
+    by_hz = Counter((name, hz) for name, _, hz in states)
+    return tuple(
+        name if several[name] == 1 else f"{name}{AT}{hz:.10g}Hz" + (f"{AT}{level:.10g}N" if by_hz[name, hz] > 1 else "")
+        for name, level, hz in states
+    )
+
+
+def _refuse_several(entries: Mapping[tuple[State, str, int], Row]) -> None:
+    """Refuse several levels or frequencies in a record that has a number."""
+    first: dict[str, Row] = {}
+    for row in entries.values():
+        before = first.setdefault(row.record, row)
+        for what, value, other, unit in (
+            ("level", row.level, before.level, "N"),
+            ("frequency", row.hz, before.hz, "Hz"),
+        ):
+            if value != other:
+                raise InputError(
+                    f"{row.where}: record {row.record} has {what} {value:.10g} {unit} and before {other:.10g} {unit}; "
+                    "must be the same in a record"
+                )
 
 
 def _refuse_impossible(row: Row, quantity: str) -> None:
@@ -202,9 +265,9 @@ def _refuse_impossible(row: Row, quantity: str) -> None:
     checked = {"level": "level", "frequency_hz": "frequencies_hz", "cos": quantity, "sin": quantity, "std": quantity}
     for name, (column, range_of) in zip(("level", "hz", "cos", "sin", "std"), checked.items(), strict=True):
         value = getattr(row, name)
-        if (accepted := impossible(range_of, value)) is not None:
+        if not math.isnan(value) and (accepted := impossible(range_of, value)) is not None:
             raise InputError(f"{row.where}: {column} = {value!r}; {accepted}")
-    least = max(SMALLEST_STD, RESOLVED * math.hypot(row.cos, row.sin))
+    least = max(SMALLEST_STD, RESOLVED * math.hypot(row.cos, row.sin))  # nothing is less than a nan
     if row.std < least:
         raise InputError(
             f"{row.where}: std = {row.std!r}; must be >= {least:.3g} beside cos = {row.cos:g}, sin = {row.sin:g}, "
@@ -212,38 +275,27 @@ def _refuse_impossible(row: Row, quantity: str) -> None:
         )
 
 
-def _same_state(row: Row, state: tuple[float, float]) -> None:
-    for what, value, first, unit in zip(("level", "frequency"), (row.level, row.hz), state, ("N", "Hz"), strict=True):
-        if value != first:
-            raise InputError(
-                f"{row.where}: record {row.record} has {what} {value:.10g} {unit} and before {first:.10g} {unit}; "
-                "must be the same in a record"
-            )
-
-
 def _arrays(
-    source: str,
-    states: Mapping[int, tuple[float, float]],
-    entries: Mapping[tuple[int, str, int], Row],
-    names: list[str],
+    source: str, states: list[State], entries: Mapping[tuple[State, str, int], Row], names: list[str]
 ) -> MeasuredSpectra:
-    records = sorted(states)
-    channels = tuple(name for name in names if any(key[1] == name for key in entries))
+    channels = tuple(name for name in names if any(channel == name for _, channel, _ in entries))
     H = max(harmonic for _, _, harmonic in entries)
     if H == 0:
         raise InputError(f"{source}: has harmonic 0 alone; must have the fundamental, harmonic 1")
-    coefficients = np.full((len(records), len(channels), 2 * H + 1), np.nan)
-    std = np.full((len(records), len(channels), H + 1), np.nan)
-    record_at = {record: i for i, record in enumerate(records)}
+    coefficients = np.full((len(states), len(channels), 2 * H + 1), np.nan)
+    std = np.full((len(states), len(channels), H + 1), np.nan)
+    place = {state: i for i, state in enumerate(states)}
     channel_at = {name: j for j, name in enumerate(channels)}
-    for (record, channel, k), row in entries.items():
-        i, j = record_at[record], channel_at[channel]
+    for (state, channel, k), row in entries.items():
+        i, j = place[state], channel_at[channel]
         coefficients[i, j, k] = row.cos
         if k:
             coefficients[i, j, H + k] = row.sin
         std[i, j, k] = row.std
-    level, hz = np.array([states[record] for record in records]).T
-    return MeasuredSpectra(source, np.array(records, dtype=np.int64), level, hz, channels, coefficients, std)
+    _, level, hz = zip(*states, strict=True)
+    return MeasuredSpectra(
+        source, np.arange(1, len(states) + 1), np.array(level), np.array(hz), channels, coefficients, std
+    )
 
 
 # ------------------------------------------------------------------------------------------------------------ writing
@@ -255,7 +307,7 @@ def write_spectra(path: StrPath, spectra: MeasuredSpectra, units: Mapping[str, s
     Parameters
     ----------
     path : str or path
-        CSV (every digit), NetCDF, MAT or UFF58 file, by its ending.
+        CSV (every digit), NPZ, NetCDF, MAT or UFF58 file, by its ending.
     spectra : MeasuredSpectra
     units : mapping of str to str, optional
         Units of channels, for the formats that have a place for them.
@@ -266,7 +318,7 @@ def write_spectra(path: StrPath, spectra: MeasuredSpectra, units: Mapping[str, s
         If the file cannot be written; nothing is written then.
     """
     path = Path(path)
-    contents = {".nc": netcdf_bytes, ".mat": mat_bytes, ".uff": uff_bytes}
+    contents = {".npz": npz_bytes, ".nc": netcdf_bytes, ".mat": mat_bytes, ".uff": uff_bytes}
     ending = path.suffix.lower()
     if ending not in WRITTEN:
         raise InputError(f"{path}: not a spectra file; must end in {' or '.join(WRITTEN)}")
@@ -279,8 +331,8 @@ def write_spectra(path: StrPath, spectra: MeasuredSpectra, units: Mapping[str, s
 
 def _table(spectra: MeasuredSpectra) -> Iterator[list[object]]:
     yield list(COLUMNS)
-    H, level, hz = spectra.H, spectra.level.tolist(), spectra.hz.tolist()
+    H, level, hz, called = spectra.H, spectra.level.tolist(), spectra.hz.tolist(), spectra.labels.tolist()
     coefficients, std = spectra.coefficients.tolist(), spectra.std.tolist()
     for i, j, k in np.argwhere(spectra.measured).tolist():
         pair = (coefficients[i][j][k], coefficients[i][j][H + k] if k else 0.0)
-        yield [int(spectra.records[i]), level[i], hz[i], spectra.channels[j], k, *pair, std[i][j][k]]
+        yield [called[i], level[i], hz[i], spectra.channels[j], k, *pair, std[i][j][k]]

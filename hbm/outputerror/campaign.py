@@ -16,7 +16,7 @@ from scipy.linalg import block_diag
 from continuation import ConvergenceError
 from hbm.balance.problem import State
 from hbm.balance.solution import PeriodicSolution
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, sampled
 from hbm.outputerror.background import Basis, basis_of
 from hbm.outputerror.numerics import Correction, Grid, Numerics, amplitudes_of, corrections
 from hbm.outputerror.records import Measurement, Record, force_columns
@@ -61,7 +61,7 @@ class Campaign:
 
     def coarsely(self, H: int, N_t: int, modes: int) -> "Campaign":
         """The same on another discretisation, without a correction."""
-        working = Grid(FourierBasis(H, N_t), modes)
+        working = Grid(sampled(H, N_t), modes)
         return replace(self, numerics=replace(self.numerics, working=working), corrections={})
 
     @property
@@ -118,7 +118,7 @@ class Campaign:
             if result is not None:
                 found[record.number] = result
             elif record.number in needed:
-                raise ConvergenceError(f"diagnose: record {record.number} has lost its steady state")
+                raise ConvergenceError(f"diagnose: record {record.name} has lost its steady state")
         return found
 
     def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.balance.solution import PeriodicSolution
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, FourierBasis, sampled
 from hbm.outputerror.records import Measurement, Record, parts, solve_record
 from hbm.parallel import each
 from models.beam import Beam
@@ -92,7 +92,7 @@ def choose(rig: Rig, data: Measurement, executor: Executor | None = None) -> Num
     Numerics
     """
     n = rig.structure.n
-    *rungs, fine = [Grid(FourierBasis(max(H, data.H + 6), N_t), n + more) for H, N_t, more in (*LADDER, FINE)]
+    *rungs, fine = [Grid(sampled(max(H, data.H + 6), N_t), n + more) for H, N_t, more in (*LADDER, FINE)]
     probed = [data.records[i] for i in np.argsort(-data.speed)[:: max(1, len(data.records) // 8)][:PROBED]]
     best: list[Array | None] | None = None
     change = np.inf

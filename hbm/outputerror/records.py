@@ -29,6 +29,7 @@ class Record:
     Attributes
     ----------
     number : int
+    name : str
         As in the file.
     hz, force, force_std : float
         Frequency [Hz], amplitude of the force [N] and standard deviation of each of its cos and sin.
@@ -45,6 +46,7 @@ class Record:
     """
 
     number: int
+    name: str
     hz: float
     force: float
     force_std: float
@@ -132,6 +134,7 @@ def _turned(r: Reconstruction, seen: Sensing, q: Complex, i: int) -> Record:
     Q, T = basis.real(q * turn[:, None]), basis.real(r["friction"].complex[i] * turn)
     return Record(
         number=int(r.spectra.records[i]),
+        name=r.spectra.label(int(r.spectra.records[i])),
         hz=float(r.spectra.hz[i]),
         force=abs(force),
         force_std=float(seen.force_std[i, 1]) if known else 0.0,

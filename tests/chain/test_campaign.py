@@ -134,6 +134,21 @@ def test_a_manifest_says_it_all(name: str, tmp_path: Path) -> None:
         assert np.abs(spectra.complex("a1")[:, 1]) == pytest.approx([3.0, 3.0], rel=0.02)
 
 
+def test_steps_of_one_file_are_records_of_their_own(tmp_path: Path) -> None:
+    """Two steps of a stepped sine: without begin and end each would be a mixture."""
+    t = np.arange(4000) / 1000.0
+    first = t < 2.0
+    force = np.where(first, 2.0 * np.cos(2 * np.pi * 50.0 * t), 3.0 * np.cos(2 * np.pi * 60.0 * t))
+    np.savez(tmp_path / "steps.npz", time_s=t, force=force, a1=0.5 * force)
+    (tmp_path / "manifest.csv").write_text("file,frequency_hz,begin_s,end_s\nsteps.npz,50,,1.9995\nsteps.npz,60,2.0,\n")
+    out = tmp_path / "s.csv"
+    result = CliRunner().invoke(app, ["spectra", str(tmp_path / "manifest.csv"), "--harmonics", "5", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    rows = [line.split(",") for line in out.read_text().splitlines() if ",force,1," in line]
+    assert [(row[0], row[2]) for row in rows] == [("1", "50.0"), ("2", "60.0")]
+    assert [float(row[5]) for row in rows] == [pytest.approx(2.0, abs=1e-9), pytest.approx(3.0, abs=1e-9)]
+
+
 def test_file_names_say_frequency_and_level_in_a_folder(tmp_path: Path) -> None:
     for name in ("run10_60Hz_4N.csv", "run2_48,5Hz_2.5N.csv"):
         export(tmp_path / name, "Time (s);force;a1")

@@ -292,7 +292,7 @@ def test_chance_grows_with_the_number_of_candidates():
 
 def test_record_to_hold_out_that_is_not_there_is_refused():
     rig, spectra = example("null", 12)
-    with pytest.raises(InputError, match="no record 999 to hold out; records are 1, 13, 25, 37"):
+    with pytest.raises(InputError, match="no record 999; records are 1, 13, 25, 37"):
         diagnose(rig, spectra, held_out=(999,), causes=())
 
 

@@ -76,6 +76,7 @@ def record(number: int, signals: np.ndarray, force: np.ndarray, std: float, rng=
         shown[:, 0] += noise[1] @ xi
     return ObservedRecord(
         number=number,
+        name=str(number),
         level=float(number),
         hz=OMEGA / (2 * np.pi),
         slips=True,

@@ -292,3 +292,55 @@ def test_records_are_put_together_in_the_order_of_the_rig() -> None:
     )
     np.testing.assert_array_equal(spectra.coefficients[0], first.coefficients[::-1])
     assert not spectra.measured[1, 0].any() and spectra.measured[1, 1].all()
+
+
+# ---------------------------------------------------------------------------------------------------- many harmonics
+
+
+def multisine(H: int, samples: int, periods: int, noise: float, seed: int = 3) -> tuple[Recording, Array]:
+    """Odd lines above the first, of random phase, not from time 0 on; and the amplitudes, (H+1,)."""
+    rng = np.random.default_rng(seed)
+    c = np.zeros(H + 1, dtype=complex)
+    c[3::2] = rng.uniform(0.5, 1.0, len(c[3::2])) * np.exp(2j * np.pi * rng.random(len(c[3::2])))
+    n = np.arange(samples * periods)
+    one = samples / 2 * np.fft.irfft(c, samples)
+    start = 0.37  # s; a phase reference that is no sample of a period
+    signal = np.tile(one, periods) + noise * rng.standard_normal(len(n))
+    turned = c * np.exp(-2j * np.pi * np.arange(H + 1) * start * 1000.0 / samples)
+    return recording("run.csv", start + n / 1000.0, {"force": signal}), turned
+
+
+@pytest.mark.parametrize("H", [60, 250])  # by least squares, and by an FFT
+def test_a_multisine_has_its_lines_and_their_deviations(H: int) -> None:
+    recorded, c = multisine(H, samples=520, periods=12, noise=0.3)
+    e = harmonic_spectra(recorded, 1000.0 / 520, H)
+    found = e.coefficients[0, 1 : H + 1] - 1j * e.coefficients[0, H + 1 :]
+    assert np.abs(found - c[1:]).max() < 6.0 * e.std[0].max()
+    pulls = np.concatenate([(found - c[1:]).real, (found - c[1:]).imag]) / np.tile(e.std[0, 1:], 2)
+    assert pulls.std() == pytest.approx(1.0, abs=4.0 / np.sqrt(4 * H))
+    assert e.hz == pytest.approx(1000.0 / 520, rel=1e-9)
+    assert e.amplitude("force") == pytest.approx(np.sqrt(0.5 * np.sum(np.abs(c) ** 2)), rel=0.02)
+    assert not any("steady" in warning for warning in e.warnings)
+
+
+def test_four_thousand_harmonics_are_those_of_the_signal() -> None:
+    recorded, c = multisine(4096, samples=8200, periods=4, noise=0.0)
+    e = harmonic_spectra(recorded, 0.12195122, 4096)  # 1000 / 8200 Hz by its first digits
+    assert e.coefficients[0, 4097:] == pytest.approx(-c[1:].imag, abs=1e-10)
+    assert e.coefficients[0, 1:4097] == pytest.approx(c[1:].real, abs=1e-10)
+
+
+def test_many_harmonics_need_whole_numbers_of_samples() -> None:
+    recorded, _ = multisine(250, samples=520, periods=4, noise=0.1)
+    with pytest.raises(InputError, match=r"a period of 1.9 Hz has 526.3\d* samples; must be a whole number of evenly"):
+        harmonic_spectra(recorded, 1.9, 250)
+
+
+def test_a_multisine_that_settles_is_not_steady() -> None:
+    """The strongest line is followed where there is no fundamental."""
+    recorded, _ = multisine(250, samples=520, periods=20, noise=0.01)
+    settling = 1.0 + 0.2 * np.exp(-(recorded.time - recorded.time[0]) / 3.0)
+    e = harmonic_spectra(
+        recording("run.csv", recorded.time, {"force": recorded.channels["force"] * settling}), 1000.0 / 520, 250
+    )
+    assert any("force is not steady" in warning and "harmonic" in warning for warning in e.warnings)

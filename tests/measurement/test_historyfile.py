@@ -86,7 +86,7 @@ def test_what_is_no_history_is_refused(tmp_path: Path) -> None:
     assert refusal(tmp_path / "no.csv") == f"{tmp_path / 'no.csv'}: no such file; must be a time history"
     assert refusal(folder) == f"{folder}: is a directory; must be a time history"
     assert refusal(tmp_path / "h.wav") == (
-        f"{tmp_path / 'h.wav'}: not a time history; must end in .csv or .mat or .uff or .unv or .tdms"
+        f"{tmp_path / 'h.wav'}: not a time history; must end in .csv or .mat or .npz or .uff or .unv or .tdms"
     )
     assert refusal(tmp_path / "b.csv") == (
         f"{tmp_path / 'b.csv'}: cannot be read "
@@ -143,8 +143,8 @@ def test_mat_of_version_7_3(tmp_path: Path) -> None:
     ("content", "line"),
     [
         ({"fs": RATE}, "no vectors; must have time_s, time, t or a scalar fs, and one vector per channel"),
-        ({"a1": A1}, "no time; must have a vector time_s, time, t, or a scalar fs > 0 [Hz]"),
-        ({"a1": A1, "fs": -1.0}, "no time; must have a vector time_s, time, t, or a scalar fs > 0 [Hz]"),
+        ({"a1": A1}, "no time; must have a vector time_s, time, t, or a scalar fs or sampling_hz > 0 [Hz]"),
+        ({"a1": A1, "fs": -1.0}, "no time; must have a vector time_s, time, t, or a scalar fs or sampling_hz > 0 [Hz]"),
         ({"time": TIME}, "no channel; must have time and at least one channel"),
         ({"time": TIME, "a1": A1[:-1]}, "a1 has 299 samples, time has 300; must have as many"),
         ({"time": TIME, "a1": np.ones((300, 2))}, "a1 is 300 x 2; must be one number per sample"),
@@ -304,3 +304,20 @@ def test_micrometres_are_written_in_three_ways(unit: str) -> None:
 )
 def test_a_bad_sep005_is_refused(entry: dict[str, Any], line: str) -> None:
     assert refusal([{"name": "force", "data": FORCE, "unit_str": "N", "fs": RATE}, entry]) == line
+
+
+def test_a_numpy_archive_with_several_clocks(tmp_path: Path) -> None:
+    """``time_s`` among the channels names the one of the channels asked for."""
+    t, later = np.linspace(0.0, 1.0, 11), np.linspace(2.0, 4.0, 7)
+    np.savez(tmp_path / "h.npz", up_time_s=t, up_force=np.sin(t), down_time_s=later, down_force=np.cos(later))
+    found = load_history(tmp_path / "h.npz", {"time_s": "down_time_s", "force": "down_force"})
+    assert (found.time.tolist(), found.channels["force"].tolist()) == (later.tolist(), np.cos(later).tolist())
+    with pytest.raises(InputError, match="no time; must have a vector time_s, time, t, or a scalar fs or sampling_hz"):
+        load_history(tmp_path / "h.npz", {"force": "down_force"})
+    with pytest.raises(InputError, match='no vector "when" of times; vectors are up_time_s, up_force, '):
+        load_history(tmp_path / "h.npz", {"time_s": "when", "force": "down_force"})
+
+
+def test_a_numpy_archive_with_a_rate(tmp_path: Path) -> None:
+    np.savez(tmp_path / "h.npz", v1=np.arange(4.0), sampling_hz=np.array(8.0))
+    assert load_history(tmp_path / "h.npz").time.tolist() == [0.0, 0.125, 0.25, 0.375]

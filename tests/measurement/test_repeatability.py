@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.measurement.repeatability import repeatability_of, typical_size, unrepeatable
+from hbm.errors import InputError
+from hbm.measurement.repeatability import repeatability_of, typical_size, unrepeatable, with_std
 from hbm.measurement.spectra import spectra_of
 from models import Beam, Channel, Contact, Coulomb, Damping, Excitation, Rig
 
@@ -64,3 +65,45 @@ def test_a_channel_near_a_node_has_the_size_of_its_harmonic():
     """One record reads next to nothing in one channel: what does not repeat there is as large as elsewhere."""
     size = np.array([[1.0, 2.0], [1.0, 1e-6], [1.0, 2.0]])
     assert typical_size(size)[1, 1] == pytest.approx(np.sqrt(8.0 / 3.0) * np.sqrt(0.5), rel=1e-3)
+
+
+def without_std(spectra):
+    return replace(spectra, std=np.full_like(spectra.std, np.nan))
+
+
+def test_records_measured_more_than_once_say_what_a_standard_deviation_is(rig):
+    """Phases turn with the force from record to record, and responses grow with it: neither is noise."""
+    rng = np.random.default_rng(8)
+    spectra = measured(rig, {"a1": 0.01, "a2": 0.03})
+    turn = np.exp(1j * rng.uniform(0.0, 2 * np.pi, len(spectra)))[:, None] * np.ones(len(spectra.channels))
+    c = turn * (spectra.coefficients[..., 1] - 1j * spectra.coefficients[..., 2])
+    turned = np.stack([spectra.coefficients[..., 0], c.real, -c.imag], axis=2)
+    found = with_std(rig, without_std(replace(spectra, coefficients=turned)))
+    size = {name: np.abs(spectra.complex(name)[:, 1]) for name in spectra.channels}
+    for name, share in {"a1": 0.01, "a2": 0.03, "force": 0.02}.items():  # each of cosine and sine; 80 records
+        assert found.std[:, found.index(name), 1] / size[name] == pytest.approx(share, rel=0.2)
+    assert found.assumed == 0.0
+    assert repeatability_of(rig, found)["a2"] < 0.015  # it is noise already
+
+
+def test_a_stated_repeatability_stands_in_for_standard_deviations_once(rig):
+    spectra = without_std(measured(rig, {"a1": 0.0, "a2": 0.0}).select(records=[1, 41]))
+    with pytest.raises(
+        InputError, match="measure records of its level and frequency more than once, or state --repeat"
+    ):
+        with_std(rig, spectra)
+    found = with_std(rig, spectra, 0.02)
+    size = np.abs(found.complex("a1")[:, 1])
+    assert found.std[:, 1, 1] == pytest.approx(0.02 * size / np.sqrt(2.0), rel=1e-4)
+    again = unrepeatable(found, repeatability_of(rig, found, 0.02))
+    assert np.array_equal(again.std, found.std)
+
+
+def test_standard_deviations_that_are_given_stay(rig):
+    spectra = measured(rig, {"a1": 0.01, "a2": 0.0})
+    assert with_std(rig, spectra, 0.1) is spectra
+    some = spectra.std.copy()
+    some[:, 1] = np.nan
+    found = with_std(rig, replace(spectra, std=some))
+    assert np.array_equal(found.std[:, [0, 2]], spectra.std[:, [0, 2]])
+    assert np.isfinite(found.std).all()

@@ -49,7 +49,7 @@ def assert_same(a: MeasuredSpectra, b: MeasuredSpectra) -> None:
 # ----------------------------------------------------------------------------------------------------------- round trip
 
 
-@pytest.mark.parametrize("ending", ["csv", "nc", "mat"])
+@pytest.mark.parametrize("ending", ["csv", "npz", "nc", "mat"])
 def test_every_bit_comes_back(ending: str, rig: Rig, tmp_path: Path) -> None:
     spectra = drawn(rig)
     write_spectra(tmp_path / f"s.{ending}", spectra)
@@ -78,6 +78,39 @@ def test_order_of_rows_and_numbers_of_records_are_free(rig: Rig, tmp_path: Path)
     assert spectra.measured.sum() == 4
     assert spectra.complex("a1")[[0, 1], [3, 1]].tolist() == [6 + 7j, 3 - 4j]
     assert spectra.coefficients[1, 0, 0] == 5.0
+
+
+@pytest.mark.parametrize("ending", ["csv", "npz", "nc", "mat"])
+def test_records_may_have_names_that_hold_many(ending: str, rig: Rig, tmp_path: Path) -> None:
+    """In the order of the file; one of a sweep is named with its frequency, and its level where that is not enough."""
+    rows = [
+        *("up,2,51,a1,1,3,4,0.1", "up,2,50,a1,1,1,2,0.5", "rest,1,50,a1,1,5,6,0.2", "up,2,51,force,1,2,0,0.1"),
+        *("up,3,51,a1,1,7,8,0.3", "# record rest: a1 is not steady"),
+    ]
+    (tmp_path / "s.csv").write_text("\n".join([HEADING, *rows]))
+    first = load_spectra(tmp_path / "s.csv", rig)
+    write_spectra(tmp_path / f"t.{ending}", first)
+    spectra = load_spectra(tmp_path / f"t.{ending}", rig)
+    assert_same(spectra, first)
+    assert spectra.labels.tolist() == ["up@51Hz@2N", "up@50Hz", "rest", "up@51Hz@3N"]
+    assert (spectra.records.tolist(), spectra.hz.tolist()) == ([1, 2, 3, 4], [51.0, 50.0, 50.0, 51.0])
+    assert spectra.coefficients[:, 1, 1].tolist() == [3.0, 1.0, 5.0, 7.0]
+    train, held = spectra.split(["up"])
+    assert (train.labels.tolist(), held.labels.tolist()) == (["rest"], ["up@51Hz@2N", "up@50Hz", "up@51Hz@3N"])
+    assert spectra.select(records=["up@50Hz"]).coefficients[0, 1, 1] == 1.0
+    assert train.warnings == (f"Record rest of {tmp_path / f't.{ending}'}: a1 is not steady.",)
+    with pytest.raises(InputError, match=r"no record down; records are up@51Hz@2N, up@50Hz, rest, up@51Hz@3N"):
+        spectra.select(records=["down"])
+
+
+def test_four_thousand_harmonics_are_read(rig: Rig, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    H = 4096
+    spectra = spectra_of(
+        rig, np.array([0.05]), np.ones(1), {"a1": rng.standard_normal((1, 2 * H + 1))}, {"a1": np.ones((1, H + 1))}
+    )
+    write_spectra(tmp_path / "s.csv", spectra)
+    assert_same(load_spectra(tmp_path / "s.csv", rig), spectra)
 
 
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the example measurements of ../shared are not here")
@@ -127,7 +160,7 @@ def test_sixty_records_are_read_at_once(tmp_path: Path) -> None:
     [
         ("", f": is empty; must have the columns {HEADING}"),
         (HEADING, ": no rows; must have at least one coefficient"),
-        (HEADING.replace(",std", ""), f" line 1: no column std; must be {HEADING}"),
+        (HEADING.replace(",level", ""), f" line 1: no column level; must be {HEADING}"),
         (f"{HEADING},phase\n", f' line 1: unknown column "phase"; must be {HEADING}'),
         (
             "level,record,frequency_hz,channel,harmonic,cos,sin,std",
@@ -135,7 +168,10 @@ def test_sixty_records_are_read_at_once(tmp_path: Path) -> None:
         ),
         ("3,4.7,54.112,a1,1,-1.5,0.25", " line 3: 7 entries; must have 8"),
         ("3,4.7,54.112,a1,1,-1.5,0.25,1e-3,9", " line 3: 9 entries; must have 8"),
-        ("3.5,4.7,54.112,a1,2,-1.5,0.25,1e-3", ' line 3: record = "3.5"; must be a whole number'),
+        (
+            "3: 5,4.7,54.112,a1,2,-1.5,0.25,1e-3",
+            ' line 3: record = "3: 5"; must be a whole number, or a name of at most 100 characters without ": "',
+        ),
         ("3,0,54.112,a1,2,1,2,1e-3", " line 3: level = 0; must be a number > 0 [N]"),
         ("3,inf,54.112,a1,2,1,2,1e-3", " line 3: level = inf; must be a number > 0 [N]"),
         ("3,x,54.112,a1,2,1,2,1e-3", ' line 3: level = "x"; must be a number > 0 [N]'),
@@ -146,9 +182,9 @@ def test_sixty_records_are_read_at_once(tmp_path: Path) -> None:
             '3,4.7,54.112,"a\n1",2,1,2,1e-3',
             ' line 3: channel "a\\n1" is not in the rig; channels are force, a1, a2',
         ),
-        ("3,4.7,54.112,a1,-1,1,2,1e-3", " line 3: harmonic = -1; must be a whole number from 0 to 1000"),
+        ("3,4.7,54.112,a1,-1,1,2,1e-3", " line 3: harmonic = -1; must be a whole number from 0 to 8192"),
         ("3,4.7,54.112,a1,1.5,1,2,1e-3", ' line 3: harmonic = "1.5"; must be a whole number'),
-        ("3,4.7,54.112,a1,999999999,1,2,1e-3", " line 3: harmonic = 999999999; must be a whole number from 0 to 1000"),
+        ("3,4.7,54.112,a1,999999999,1,2,1e-3", " line 3: harmonic = 999999999; must be a whole number from 0 to 8192"),
         (
             "3,4.7,54.112,a1,2,nan,2,1e-3",
             " line 3: cos = nan; must be finite, harmonics not measured are left out",
@@ -158,8 +194,8 @@ def test_sixty_records_are_read_at_once(tmp_path: Path) -> None:
         ("3,4.7,54.112,a1,0,1,2,1e-3", " line 3: sin of harmonic 0 = 2; must be 0"),
         (
             "3,4.7,54.112,a1,2,1,2,",
-            " line 3: std is missing; must be > 0, for each of cos and sin; "
-            "estimate it from the time history with hbm spectra",
+            ": record 3, a1, harmonic 2 has no std; must be > 0, for each of cos and sin; measure records of its level "
+            "and frequency more than once, or state --repeatability PERCENT",
         ),
         (
             "3,4.7,54.112,a1,2,1,2,0",
@@ -200,7 +236,7 @@ def test_what_is_not_a_spectra_file_is_refused(rig: Rig, tmp_path: Path) -> None
     binary.write_bytes(b"record,\xff\xfe")
     said = {
         tmp_path / "no.csv": "no such file; must be a spectra file",
-        tmp_path / "s.xlsx": "not a spectra file; must end in .csv or .nc or .mat",
+        tmp_path / "s.xlsx": "not a spectra file; must end in .csv or .npz or .nc or .mat",
         binary: "cannot be read ('utf-8' codec can't decode byte 0xff in position 7: invalid start byte); "
         "must be a spectra file (CSV)",
     }
@@ -213,5 +249,8 @@ def test_what_is_not_a_spectra_file_is_refused(rig: Rig, tmp_path: Path) -> None
 def test_a_wrong_ending_writes_nothing(rig: Rig, tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         write_spectra(tmp_path / "s.txt", drawn(rig))
-    assert str(refused.value) == f"{tmp_path / 's.txt'}: not a spectra file; must end in .csv or .nc or .mat or .uff"
+    assert (
+        str(refused.value)
+        == f"{tmp_path / 's.txt'}: not a spectra file; must end in .csv or .npz or .nc or .mat or .uff"
+    )
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,118 @@
+"""The command ``hbm decay``: frequency and damping ratio over amplitude, from free decays."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hbm.commands.options import AllowCode, console, named, positive, print_written, whole
+from hbm.errors import InputError
+
+if TYPE_CHECKING:
+    from hbm.measurement.decay import Decay
+    from hbm.modes.backbone import NonlinearMode
+
+COMMAND = "decay"
+
+
+def decay(
+    histories: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="HISTORY",
+            help="Free decays of one structure after blows alike: time histories, a folder of them, or a manifest.",
+            show_default=False,
+        ),
+    ],
+    channel: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME",
+            help="What moves; repeated where a file has several decays, one a column.",
+            show_default=False,
+        ),
+    ],
+    band: Annotated[
+        tuple[str, str],
+        typer.Option(metavar="HZ HZ", help="Frequencies between which the mode is alone.", show_default=False),
+    ],
+    begin: Annotated[
+        str, typer.Option("--settle", metavar="S", help="Seconds left out at the beginning, the blow among them.")
+    ] = "0",
+    rig: Annotated[
+        Path | None,
+        typer.Option(metavar="RIG", help="Compare with the nonlinear mode of this rig, which has the channel."),
+    ] = None,
+    mode: Annotated[str, typer.Option(metavar="N", help="With --rig: number of its mode, counted from 1.")] = "1",
+    out: Annotated[Path | None, typer.Option(metavar="F.csv", help="Write the table here.")] = None,
+    allow_code: AllowCode = False,
+) -> None:
+    """Frequency and damping ratio of a mode over its amplitude, from free decays.
+
+    Of several decays: means in classes of amplitude, with uncertainties by what they differ by.
+
+    Example:  hbm decay blow1.csv blow2.csv --channel velocity --band 95 150 --settle 0.15 --out decay.csv
+    """
+    from hbm.textfiles import check_output
+
+    ends = positive(COMMAND, "--band", band[0], "Hz"), positive(COMMAND, "--band", band[1], "Hz")
+    settle = 0.0 if begin == "0" else positive(COMMAND, "--settle", begin, "s")
+    number = whole(COMMAND, "--mode", mode, 1000)
+    with named(COMMAND):
+        if out is not None:
+            check_output(out, (".csv",), "--out")
+    found = _decays(histories, channel, ends, settle)
+    predicted = None if rig is None else _mode(rig, number, found, allow_code)
+    _deliver(found, predicted, out)
+
+
+def _decays(histories: list[Path], names: list[str], band: tuple[float, float], settle: float) -> "Decay":
+    from hbm.measurement.decay import free_decay, over_amplitude
+    from hbm.measurement.historyfile import load_history
+    from hbm.measurement.manifest import entries_of
+
+    decays = []
+    for entry in entries_of(histories):
+        recorded = load_history(entry.file, entry.channels, entry.units).between(entry.begin, entry.end)
+        kept = recorded.between(float(recorded.time[0]) + settle, entry.end)
+        decays += [free_decay(kept, name, band) for name in names]
+    return decays[0] if len(decays) == 1 else over_amplitude(decays, source=f"{len(decays)} decays")
+
+
+def _mode(path: Path, number: int, found: "Decay", allow_code: bool) -> "NonlinearMode":
+    """Nonlinear mode over the amplitudes of the decay, and a little more."""
+    from hbm.modes.decaying import over_channel
+    from hbm.rigfiles.load import load_rig
+
+    rig = load_rig(path, allow_code=allow_code or None)
+    if found.channel not in [c.name for c in rig.channels]:
+        raise InputError(f"{COMMAND}: channel {found.channel} is not in {path}; must be one of its channels")
+    if not 1 <= number <= rig.structure.n:
+        raise InputError(f"{COMMAND}: --mode = {number}; must be from 1 to {rig.structure.n}")
+    return over_channel(rig, number, found.channel, (float(found.amplitude.min()), float(found.amplitude.max())))
+
+
+def _deliver(found: "Decay", mode: "NonlinearMode | None", out: Path | None) -> None:
+    from hbm.commands.tables import print_rows
+    from hbm.files.outputs import columns_text
+    from hbm.modes.decaying import predicted
+    from hbm.textfiles import write_together
+
+    columns = found.columns
+    if mode is not None:
+        hz, ratio = predicted(mode, found.channel, found.amplitude)
+        columns = {**columns, "simulated_hz": hz, "simulated_damping_ratio": ratio}
+    if out is not None:
+        write_together({out: columns_text(columns)})
+    rows = []
+    for i in range(len(found)):
+        row = {
+            f"{found.channel}\n{found.unit or 'SI'}": f"{found.amplitude[i]:.4g}",
+            "frequency\nHz": f"{found.hz[i]:.7g} ± {found.hz_std[i]:.1g}",
+            "damping\n%": f"{100 * found.damping_ratio[i]:.4g} ± {100 * found.damping_ratio_std[i]:.1g}",
+        }
+        if mode is not None:
+            row |= {"simulated\nHz": f"{hz[i]:.7g}", "simulated\n%": f"{100 * ratio[i]:.4g}"}
+        rows.append(row)
+    print_rows(console(), found.source, rows)
+    print_written([] if out is None else [out])

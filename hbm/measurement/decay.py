@@ -1,0 +1,245 @@
+"""Free decays: frequency and damping ratio of one mode over its amplitude.
+
+A band of frequencies is cut out and turned to rest (complex demodulation); what is left, A exp(i phi), changes slowly.
+In short windows its logarithm is a straight line over time: the slope is -zeta omega + i (omega - omega_0). Samples are
+taken so far apart that the band's noise is independent from one to the next, so that what they scatter about the line
+says what the slope is known to.
+
+Decays of the same structure are put together by amplitude (:func:`over_amplitude`): what they differ by is the
+uncertainty then.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import firwin, oaconvolve
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.labelled import frame
+from hbm.measurement.recording import Recording
+from models.display import Displayed
+
+CYCLES = 16
+"""Periods of a window."""
+
+FEWEST = 5
+"""Independent samples in a window, at least."""
+
+LEAST = 0.003
+"""Amplitudes below this part of the largest, or below `CLEAR` times the noise, are left out."""
+
+CLEAR = 10.0
+
+BINS = 12
+"""Amplitudes of a table, evenly spaced in their logarithm."""
+
+
+@dataclass(frozen=True, eq=False)
+class Decay(Displayed):
+    """Frequency and damping ratio over amplitude, (m,) arrays.
+
+    Attributes
+    ----------
+    source : str
+    channel, unit : str
+        What the amplitude is of.
+    amplitude : (m,) array
+        Of the mode's motion, falling.
+    hz, hz_std : (m,) array
+        Frequency and its standard deviation [Hz].
+    damping_ratio, damping_ratio_std : (m,) array
+        Rate of decay over angular frequency.
+    decays : int
+        Recordings it is made of.
+    """
+
+    source: str
+    channel: str
+    unit: str
+    amplitude: Array
+    hz: Array
+    hz_std: Array
+    damping_ratio: Array
+    damping_ratio_std: Array
+    decays: int = 1
+
+    def __len__(self) -> int:
+        """Number of amplitudes."""
+        return len(self.amplitude)
+
+    def __repr__(self) -> str:
+        """Say what was found."""
+        unit = self.unit or "SI"
+        return (
+            f"{self.source}: {self.channel} from {self.amplitude[0]:.4g} to {self.amplitude[-1]:.4g} {unit}: "
+            f"{self.hz[0]:.7g} +/- {self.hz_std[0]:.1g} to {self.hz[-1]:.7g} +/- {self.hz_std[-1]:.1g} Hz, "
+            f"damping ratio {self.damping_ratio[0]:.4g} +/- {self.damping_ratio_std[0]:.1g} to "
+            f"{self.damping_ratio[-1]:.4g} +/- {self.damping_ratio_std[-1]:.1g}"
+        )
+
+    @property
+    def columns(self) -> dict[str, Array]:
+        """Columns of a table, by name."""
+        return {
+            "amplitude": self.amplitude,
+            "frequency_hz": self.hz,
+            "frequency_hz_std": self.hz_std,
+            "damping_ratio": self.damping_ratio,
+            "damping_ratio_std": self.damping_ratio_std,
+        }
+
+    def to_dataframe(self) -> Any:
+        """Same table, as a pandas.DataFrame.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
+        return frame("to_dataframe", self.columns)
+
+
+def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> Decay:
+    """Frequency and damping ratio of a mode in one free decay.
+
+    Parameters
+    ----------
+    recorded : Recording
+        Evenly sampled; nothing excites the structure.
+    channel : str
+    band : (float, float)
+        Frequencies between which the mode is alone [Hz].
+
+    Returns
+    -------
+    Decay
+        One amplitude a window, the windows side by side.
+
+    Raises
+    ------
+    InputError
+        If the channel is not there, the band is not within half the sampling rate, or the recording is too short.
+
+    References
+    ----------
+    M. Feldman, Hilbert transform in vibration analysis, MSSP 25 (2011) 735-802, for free vibration.
+    """
+    t, z, hz, apart = _demodulated(recorded, channel, band)
+    size = max(FEWEST, round(CYCLES / hz / apart))
+    noise = _noise(z)
+    clear = np.abs(z) > max(CLEAR * noise, LEAST * np.abs(z).max())
+    end = len(z) if clear.all() else int(np.argmin(clear))
+    rows = [_window(t[i : i + size], z[i : i + size]) for i in range(0, end - size + 1, size)]
+    if not rows:
+        raise InputError(
+            f"{recorded.source}: {channel} stands out of the noise for {end * apart:.3g} s between {band[0]:g} and "
+            f"{band[1]:g} Hz; must be {size * apart:.3g} s at least; try a wider band"
+        )
+    amplitude, slope, std = (np.array(column) for column in zip(*rows, strict=True))
+    omega = 2 * np.pi * hz + slope.imag
+    return Decay(
+        source=recorded.source,
+        channel=channel,
+        unit=recorded.units.get(channel, ""),
+        amplitude=amplitude,
+        hz=omega / (2 * np.pi),
+        hz_std=std / (2 * np.pi),
+        damping_ratio=-slope.real / omega,
+        damping_ratio_std=std / omega,
+    )
+
+
+def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "decays") -> Decay:
+    """Put decays of one structure together: means in classes of amplitude, uncertainty by their scatter.
+
+    Parameters
+    ----------
+    decays : sequence of Decay
+        Of the same channel and mode.
+    bins : int
+        Classes, evenly spaced in the logarithm of the amplitude; those with fewer than two windows are left out.
+    source : str
+
+    Returns
+    -------
+    Decay
+    """
+    A, hz, zeta = (np.concatenate([getattr(d, name) for d in decays]) for name in ("amplitude", "hz", "damping_ratio"))
+    edges = np.geomspace(A.min() * (1 - 1e-9), A.max() * (1 + 1e-9), bins + 1)
+    place = np.digitize(A, edges)
+    rows = []
+    for own in (np.flatnonzero(place == i) for i in range(bins, 0, -1)):
+        if len(own) < 2:
+            continue
+        n, a = len(own), float(np.exp(np.mean(np.log(A[own]))))
+        rows.append(
+            (a, *(x for values in (hz[own], zeta[own]) for x in (values.mean(), values.std(ddof=1) / np.sqrt(n))))
+        )
+    amplitude, f, f_std, z, z_std = np.array(rows).T
+    first = decays[0]
+    return Decay(source, first.channel, first.unit, amplitude, f, f_std, z, z_std, len(decays))
+
+
+# ----------------------------------------------------------------------------------------------------------- the motion
+
+
+def _demodulated(
+    recorded: Recording, channel: str, band: tuple[float, float]
+) -> tuple[Array, npt.NDArray[np.complex128], float, float]:
+    """Times, complex amplitudes, the frequency they are turned to rest by [Hz], and how far apart they are [s]."""
+    if channel not in recorded.channels:
+        raise InputError(f'{recorded.source}: no channel "{channel}"; channels are {", ".join(recorded.channels)}')
+    y, step = recorded.channels[channel], recorded.step
+    low, high = band
+    if not 0.0 < low < high < 0.5 / step:
+        raise InputError(
+            f"{recorded.source}: a band from {low:g} to {high:g} Hz; must be within 0 and {0.5 / step:.6g} Hz, "
+            "half the sampling rate"
+        )
+    half = 0.5 * (high - low)
+    taps = (
+        2 * round(1.65 / (half * step)) + 1
+    )  # a Hamming window: its transition is 3.3/taps of the rate, from half to 0
+    if taps >= len(y):
+        raise InputError(
+            f"{recorded.source}: {len(y) * step:.3g} s; must be more than {taps * step:.3g} s for a band of "
+            f"{high - low:g} Hz"
+        )
+    t = recorded.time[0] + step * np.arange(len(y))
+    hz = _strongest(y, step, band)
+    turned = 2.0 * y * np.exp(-2j * np.pi * hz * t)
+    filtered = oaconvolve(turned, firwin(taps, half, fs=1.0 / step), mode="valid")
+    every = max(1, int(0.5 / (half * step)))
+    middle = t[taps // 2 : taps // 2 + len(filtered)]
+    return middle[::every], filtered[::every], hz, every * step
+
+
+def _strongest(y: Array, step: float, band: tuple[float, float]) -> float:
+    """Frequency of the highest line within a band [Hz]."""
+    hz = np.fft.rfftfreq(len(y), step)
+    inside = (hz >= band[0]) & (hz <= band[1])
+    return float(hz[inside][np.argmax(np.abs(np.fft.rfft(y - y.mean()))[inside])])
+
+
+def _noise(z: npt.NDArray[np.complex128]) -> float:
+    """Rms of noise: what the second difference of neighbours leaves at the end, where little else changes."""
+    last = z[-max(len(z) // 5, 8) :]
+    return float(np.sqrt(np.mean(np.abs(np.diff(last, 2)) ** 2) / 6.0))
+
+
+def _window(t: Array, z: npt.NDArray[np.complex128]) -> tuple[float, complex, float]:
+    """Amplitude in the middle, slope of the logarithm [1/s], and the standard deviation of each of its parts."""
+    x = t - t.mean()
+    log = np.log(np.abs(z)) + 1j * np.unwrap(np.angle(z))
+    weight = np.abs(z) ** 2 / np.mean(np.abs(z) ** 2)  # noise of the logarithm goes with 1/A
+    mean, centre = np.average(log, weights=weight), np.average(x, weights=weight)
+    spread = np.sum(weight * (x - centre) ** 2)
+    slope = complex(np.sum(weight * (x - centre) * (log - mean)) / spread)
+    left = log - mean - slope * (x - centre)
+    variance = float(np.sum(weight * np.abs(left) ** 2)) / (2 * (len(x) - 2) - 2)  # of Student's distribution
+    at_middle = float(np.exp((mean - slope * centre).real))
+    return at_middle, slope, float(np.sqrt(variance / spread))

@@ -1,0 +1,266 @@
+"""Slow sine sweeps as quasi-steady harmonics, each with what it may be off because the sweep does not stand still.
+
+In windows of a few cycles every channel is s(t) = Re sum (c_k + t d_k) exp(i k phi(t)), phi the phase of a reference
+channel. A mode that is swept through lags behind its steady state: in the frame of the reference its amplitude obeys
+dX/dt = (sigma - i omega) X + b F, with sigma = -zeta omega_n + i omega_d. The measured X, dX/dt and F on the flanks of
+the highest peak say what sigma is, however fast the sweep was; |dX/dt / (sigma - i omega)| is how far X is from the
+steady state at this frequency. Half of its square is added to the variance of each of cos and sin.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import hilbert
+
+from hbm.errors import InputError
+from hbm.fourier import Array, coefficients_of
+from hbm.measurement.recording import Recording
+from hbm.measurement.spectra import AT, MeasuredSpectra
+
+Complex = npt.NDArray[np.complex128]
+
+CYCLES = 4
+"""Cycles of a window."""
+
+ENDS = 4 * np.pi
+"""Phase left out at both ends, where the analytic signal of the reference is not known."""
+
+FLANKS = 0.4
+"""Windows belong to a peak down to this part of its height."""
+
+FEWEST = 6
+"""Windows on a peak, at least, to tell how fast a sweep may be; fewer are too fast to tell."""
+
+SLOW = 0.9
+"""A linear sweep is slow that passes less than this times the square of the half-power bandwidth in a second:
+54 (f/Q)^2 a minute, ISO 7626-2; reviewed by G. Gloth, M. Sinapius, MSSP 18 (2004) 1421-1441."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """Harmonics of c channels in w windows of one sweep.
+
+    Attributes
+    ----------
+    source : str
+    channels : tuple of str
+    time, hz, rate : (w,) array
+        Middle of each window [s], frequency there [Hz] and how fast it changes [Hz/s].
+    amplitudes, slopes : (w, c, H+1) complex array
+        c_k, s = Re sum c_k exp(i k phi), phases by the reference, and their rates of change [1/s].
+    std : (w, c, H+1) array
+        Standard deviation of each of cos and sin by what is left in the window.
+    """
+
+    source: str
+    channels: tuple[str, ...]
+    time: Array
+    hz: Array
+    rate: Array
+    amplitudes: Complex
+    slopes: Complex
+    std: Array
+
+
+@dataclass(frozen=True)
+class Passage:
+    """How a response passed its highest peak.
+
+    Attributes
+    ----------
+    channel : str
+    hz, bandwidth : float
+        Resonance and its half-power bandwidth [Hz], by the motion of the amplitude.
+    rate : float
+        How fast the sweep was there [Hz/s].
+    sigma, residual : complex
+        Exponent of the mode [1/s]; what the other modes respond per force.
+    """
+
+    channel: str
+    hz: float
+    bandwidth: float
+    rate: float
+    sigma: complex
+    residual: complex
+
+    @property
+    def slow(self) -> float:
+        """How fast the sweep may be [Hz/s]."""
+        return SLOW * self.bandwidth**2
+
+    @property
+    def warning(self) -> str | None:
+        """What speaks against the sweep."""
+        if self.rate <= self.slow:
+            return None
+        return (
+            f"swept too fast for {self.channel}: {self.rate:.3g} Hz/s at {self.hz:.5g} Hz, where the half-power "
+            f"bandwidth is {self.bandwidth:.3g} Hz; at most {self.slow:.2g} Hz/s (ISO 7626-2)"
+        )
+
+
+def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int = CYCLES) -> Sweep:
+    """Harmonics of a sweep along the phase of a reference channel.
+
+    Parameters
+    ----------
+    recorded : Recording
+        Evenly sampled.
+    reference : str
+        Channel of one frequency at a time, the force or the voltage of the shaker.
+    harmonics : int
+        Highest harmonic H.
+    cycles : int
+        Of a window; windows do not overlap.
+
+    Returns
+    -------
+    Sweep
+
+    Raises
+    ------
+    InputError
+        If there is no such channel, no whole window, or a harmonic is above half the sampling rate.
+    """
+    if reference not in recorded.channels:
+        raise InputError(f'{recorded.source}: no channel "{reference}"; channels are {", ".join(recorded.channels)}')
+    y = recorded.channels[reference]
+    phase = np.unwrap(np.angle(hilbert(y - y.mean())))
+    edges = np.arange(phase[0] + ENDS, phase[-1] - ENDS, 2 * np.pi * cycles)
+    places = np.searchsorted(np.maximum.accumulate(phase), edges)
+    rows = list(_windows(recorded, phase, places.tolist(), harmonics))
+    if not rows:
+        raise InputError(f"{recorded.source}: fewer than {cycles} cycles of {reference}; must have them in a window")
+    time, hz, rate, amplitudes, slopes, std = (np.array(column) for column in zip(*rows, strict=True))
+    return Sweep(recorded.source, tuple(recorded.channels), time, hz, rate, amplitudes, slopes, std)
+
+
+def _windows(
+    recorded: Recording, phase: Array, places: list[int], H: int
+) -> Iterator[tuple[float, float, float, Complex, Complex, Array]]:
+    t, Y = recorded.time, np.column_stack(list(recorded.channels.values()))
+    for first, last in pairwise(places):
+        half = 0.5 * (t[last] - t[first])
+        x = (t[first:last] - t[first] - half) / half
+        along = np.polynomial.Polynomial.fit(x, phase[first:last], 2, domain=(-1.0, 1.0))
+        hz = float(along.deriv()(0.0)) / (2 * np.pi * half)
+        if 2 * H * hz * recorded.step >= 1.0:
+            raise InputError(
+                f"{recorded.source}: harmonic {H} of {hz:.4g} Hz; must be below {0.5 / recorded.step:.6g} Hz, half the "
+                "sampling rate"
+            )
+        rate = float(along.deriv(2)(0.0)) / (2 * np.pi * half**2)
+        waves = np.exp(1j * np.outer(along(x), np.arange(1, H + 1)))
+        A = np.column_stack([np.ones(len(x)), waves.real, -waves.imag])  # Re c exp(i k phi), by real and imaginary part
+        A = np.concatenate([A, x[:, None] * A], axis=1)
+        inverse = np.linalg.pinv(A)
+        found = inverse @ Y[first:last]
+        left = Y[first:last] - A @ found
+        noise = np.sum(left**2, axis=0) / max(len(x) - A.shape[1] - 2, 1)  # of Student's distribution
+        variance = np.outer(noise, np.sum(inverse**2, axis=1)[: 2 * H + 1])
+        both = 0.5 * (variance[:, 1 : H + 1] + variance[:, H + 1 :])
+        amplitudes, slopes = (_complex(part.T, H) for part in (found[: 2 * H + 1], found[2 * H + 1 :] / half))
+        yield t[first] + half, hz, rate, amplitudes, slopes, np.sqrt(np.column_stack([variance[:, 0], both]))
+
+
+def _complex(parts: Array, H: int) -> Complex:
+    """Complex amplitudes (c, H+1) of a mean, real and imaginary parts (c, 2H+1)."""
+    return np.asarray(np.column_stack([parts[:, 0], parts[:, 1 : H + 1] + 1j * parts[:, H + 1 :]]))
+
+
+# -------------------------------------------------------------------------------------------------------------- passing
+
+
+def passage(sweep: Sweep, channel: str, force: str) -> Passage | None:
+    """How a response passed its highest peak per force; None where too few windows lie on it to tell.
+
+    Parameters
+    ----------
+    sweep : Sweep
+    channel, force : str
+
+    Returns
+    -------
+    Passage or None
+    """
+    X, F = (sweep.amplitudes[:, sweep.channels.index(name), 1] for name in (channel, force))
+    dX, dF = (sweep.slopes[:, sweep.channels.index(name), 1] for name in (channel, force))
+    size = np.abs(X / F)
+    top = int(size.argmax())
+    low = np.flatnonzero(size < FLANKS * size[top])
+    first = int(low[low < top].max(initial=-1)) + 1
+    own = slice(first, int(low[low > top].min(initial=len(size))))
+    omega = 2 * np.pi * sweep.hz[own]
+    if len(omega) < FEWEST:
+        return None
+    columns = np.column_stack([X[own], F[own], dF[own] + 1j * omega * F[own]])
+    weight = 1.0 / np.linalg.norm(columns, axis=0)
+    sigma, _, residual = weight * np.linalg.lstsq(columns * weight, dX[own] + 1j * omega * X[own], rcond=None)[0]
+    bandwidth = max(-sigma.real, 0.0) / np.pi
+    rate = abs(float(np.polyfit(sweep.time[own], sweep.hz[own], 1)[0]))
+    return Passage(channel, float(sigma.imag) / (2 * np.pi), float(bandwidth), rate, sigma, residual)
+
+
+def sweep_spectra(sweeps: list[Sweep], force: str, source: str = "sweeps") -> MeasuredSpectra:
+    """Sweeps as records of quasi-steady harmonics, named after the sweep and the frequency.
+
+    Parameters
+    ----------
+    sweeps : list of Sweep
+        Of the same channels.
+    force : str
+        The channel of the force; its median amplitude is the level.
+    source : str
+
+    Returns
+    -------
+    MeasuredSpectra
+        With what speaks against the sweep in the notes of the record at the peak.
+    """
+    names: list[str] = []
+    notes: list[tuple[int, str]] = []
+    std = []
+    stems = [Path(sweep.source).stem for sweep in sweeps]
+    if len(set(stems)) < len(stems):
+        stems = [f"{stem}-{i}" for i, stem in enumerate(stems, start=1)]
+    for stem, sweep in zip(stems, sweeps, strict=True):
+        own = sweep.std.copy()
+        for j, channel in enumerate(sweep.channels):
+            if channel == force:
+                continue
+            passed = passage(sweep, channel, force)
+            if passed is not None:
+                lag = _lag(sweep, passed, force)
+                own[:, j] = np.hypot(own[:, j], lag[:, None] * np.abs(sweep.amplitudes[:, j]) / np.sqrt(2.0))
+            warning = f"{channel} passes its peak in fewer than {FEWEST} windows" if passed is None else passed.warning
+            if warning:
+                at = sweep.hz[np.abs(sweep.amplitudes[:, j, 1]).argmax()] if passed is None else passed.hz
+                notes.append((len(names) + 1 + int(np.argmin(np.abs(sweep.hz - at))), warning))
+        std.append(own)
+        names += [f"{stem}{AT}{hz:.6g}Hz" for hz in sweep.hz]
+    first = sweeps[0]
+    i = first.channels.index(force)
+    level = [np.full(len(s.hz), np.median(np.abs(s.amplitudes[:, i, 1]))) for s in sweeps]
+    return MeasuredSpectra(
+        source=source,
+        records=np.arange(1, len(names) + 1),
+        level=np.concatenate(level),
+        hz=np.concatenate([s.hz for s in sweeps]),
+        channels=first.channels,
+        coefficients=coefficients_of(np.concatenate([s.amplitudes for s in sweeps])),
+        std=np.concatenate(std),
+        notes=tuple(notes),
+        names=tuple(names),
+    )
+
+
+def _lag(sweep: Sweep, passed: Passage, force: str) -> Array:
+    """How far the fundamental of a response is from the steady state, relative, (w,)."""
+    i, j = sweep.channels.index(force), sweep.channels.index(passed.channel)
+    moving = sweep.slopes[:, j, 1] - passed.residual * sweep.slopes[:, i, 1]
+    return np.asarray(np.abs(moving / (passed.sigma - 2j * np.pi * sweep.hz)) / np.abs(sweep.amplitudes[:, j, 1]))

@@ -1,0 +1,69 @@
+"""Nonlinear modes as a free decay shows them: frequency and damping ratio over the amplitude of a channel.
+
+A decay passes slowly through the motions of the damped nonlinear normal mode: at each amplitude it has their frequency,
+and loses what they lose (Krack, Nonlinear modal analysis of nonconservative systems, Computers &
+Structures 154, 2015).
+"""
+
+import numpy as np
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.modes.backbone import NonlinearMode, nonlinear_mode
+from models.jointed import AnyRig
+
+BEYOND = 1.2
+"""Factor by which the mode reaches beyond the amplitudes asked for."""
+
+ROUNDS = 4
+"""A channel's amplitude per drive displacement changes with the amplitude: it is found in turns."""
+
+
+def over_channel(rig: AnyRig, mode: int, channel: str, amplitudes: tuple[float, float]) -> NonlinearMode:
+    """Nonlinear mode whose motions have at least these amplitudes of a channel.
+
+    Parameters
+    ----------
+    rig : Rig or JointedRig
+    mode : int
+        Counted from 1.
+    channel : str
+        A channel of the rig.
+    amplitudes : (float, float)
+        Least and largest amplitude of the channel, in its unit.
+
+    Returns
+    -------
+    NonlinearMode
+
+    Raises
+    ------
+    InputError
+        If the mode does not reach these amplitudes.
+    continuation.ConvergenceError
+        If there is no first motion.
+    """
+    low, high = amplitudes[0] / BEYOND, amplitudes[1] * BEYOND
+    drive = low, high  # 1 m of drive for each unit of the channel, to begin with
+    for _ in range(ROUNDS):
+        found = nonlinear_mode(rig, mode, amplitudes=drive)
+        reached = _channel_amplitude(found, channel)
+        if reached[0] <= amplitudes[0] and reached[-1] >= amplitudes[1]:
+            return found
+        drive = found.amplitude[0] * low / reached[0], found.amplitude[-1] * high / reached[-1]
+    raise InputError(
+        f"{rig.name}: {channel} of mode {mode} reaches {reached[0]:.3g} to {reached[-1]:.3g}; must be "
+        f"{amplitudes[0]:.3g} to {amplitudes[1]:.3g}, the amplitudes of the decay"
+    )
+
+
+def predicted(mode: NonlinearMode, channel: str, amplitude: Array) -> tuple[Array, Array]:
+    """Frequency [Hz] and damping ratio of a mode at amplitudes of a channel, (m,) each."""
+    x = np.log(_channel_amplitude(mode, channel))
+    at = np.log(amplitude)
+    return np.asarray(np.interp(at, x, mode.hz)), np.asarray(np.interp(at, x, mode.damping_ratio))
+
+
+def _channel_amplitude(mode: NonlinearMode, channel: str) -> Array:
+    """Amplitude of the fundamental of a channel, (points,)."""
+    return np.array([np.hypot(c[1], c[len(c) // 2 + 1]) for c in (p[channel].coefficients for p in mode.points)])

@@ -1,0 +1,120 @@
+"""Sweeps through a known resonance, integrated in time: steady states, what they lag by, and how fast is slow."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from typer.testing import CliRunner
+
+from hbm.cli import app
+from hbm.errors import InputError
+from hbm.measurement.recording import Recording, recording
+from hbm.measurement.spectrafile import load_spectra
+from hbm.measurement.sweep import passage, sweep_spectra, swept
+
+RATE, HZ = 1000.0, 50.0
+OMEGA = 2 * np.pi * HZ
+SCALE = 1e4  # responses of order 1
+
+
+def force_at(hz):
+    """Drops at the resonance, as that of a shaker does."""
+    return 1.0 - 0.3 * np.exp(-(((hz - HZ) / 3.0) ** 2))
+
+
+def run(speed: float, ratio: float = 0.01, cubic: float = 0.0, span=(42.0, 58.0), noise: float = 0.0) -> Recording:
+    """x'' + 2 zeta omega x' + omega^2 x + cubic x^3 = F cos phi, phi of a linear sweep."""
+    begin, end = span
+    t = np.arange(0.0, (end - begin) / speed, 1.0 / RATE)
+
+    def force(t):
+        return force_at(begin + speed * t) * np.cos(2 * np.pi * (begin * t + 0.5 * speed * t**2))
+
+    def motion(t, y):
+        return [y[1], force(t) - 2 * ratio * OMEGA * y[1] - OMEGA**2 * y[0] - cubic * y[0] ** 3]
+
+    x = SCALE * solve_ivp(motion, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-12, method="DOP853").y[0]
+    rng = np.random.default_rng(4)
+    dirty = {"force": force(t) + noise * rng.standard_normal(len(t)), "x": x + noise * rng.standard_normal(len(t))}
+    return recording("up.csv", t, dirty)
+
+
+def steady(hz, ratio: float = 0.01):
+    omega = 2 * np.pi * hz
+    return SCALE / (OMEGA**2 - omega**2 + 2j * ratio * OMEGA * omega)
+
+
+@pytest.fixture(scope="module")
+def fast() -> Recording:
+    """Over three times too fast: 0.9 Hz/s would do for a bandwidth of 1 Hz."""
+    return run(3.0, noise=0.02)
+
+
+@pytest.mark.parametrize("speed", [0.7, 3.0])
+def test_a_response_is_off_its_steady_state_by_what_is_stated(speed: float, fast: Recording) -> None:
+    sweep = swept(fast if speed == 3.0 else run(speed, noise=0.02), "force", 3)
+    found = sweep_spectra([sweep], "force")
+    off = found.complex("x")[:, 1] - steady(found.hz) * found.complex("force")[:, 1]
+    pulls = np.concatenate([off.real, off.imag]) / np.tile(found.std[:, 1, 1], 2)
+    assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.15)
+
+
+def test_resonance_and_bandwidth_are_those_of_the_mode_however_fast(fast: Recording) -> None:
+    """The peak itself is low, wide and late."""
+    sweep = swept(fast, "force", 3)
+    passed = passage(sweep, "x", "force")
+    size = np.abs(sweep.amplitudes[:, 1, 1] / sweep.amplitudes[:, 0, 1])
+    assert size.max() < 0.85 * abs(steady(HZ))
+    assert sweep.hz[size.argmax()] > HZ + 0.3
+    assert passed.hz == pytest.approx(HZ, abs=0.03)
+    assert passed.bandwidth == pytest.approx(2 * 0.01 * HZ, rel=0.05)
+    assert passed.rate == pytest.approx(3.0, rel=0.02)
+    assert passed.warning.startswith("swept too fast for x: 3.02 Hz/s at 49.99 Hz")
+    assert passage(swept(run(0.7), "force", 3), "x", "force").warning is None
+
+
+def test_a_nonlinear_resonance_is_followed_to_its_steady_states() -> None:
+    """Hardening by 0.6 Hz at the peak; the steady state by one term of harmonic balance, exact but for its square."""
+    ratio, cubic = 0.02, 0.8e11
+    found = sweep_spectra([swept(run(0.4, ratio, cubic, (46.0, 55.0)), "force", 3)], "force")
+    assert not found.notes
+
+    def amplitude(hz: float) -> float:
+        omega, F = 2 * np.pi * hz, force_at(hz)
+
+        def left(A: float) -> float:
+            return A * abs(OMEGA**2 + 0.75 * cubic * A**2 - omega**2 + 2j * ratio * OMEGA * omega) - F
+
+        return brentq(left, 0.0, 2.0 * F / (2 * ratio * OMEGA**2))
+
+    true = SCALE * np.array([amplitude(hz) for hz in found.hz])
+    assert found.hz[true.argmax()] > HZ + 0.4
+    late = found.hz > 46.5  # the start from rest has died out
+    off = np.abs(found.complex("x")[:, 1])[late] - true[late]
+    assert np.mean(np.abs(off) < 2.5 * found.std[late, 1, 1] + 0.002 * true.max()) > 0.9  # its flanks are steeper
+
+
+def test_sweeps_that_cannot_be_read_are_refused(fast: Recording) -> None:
+    with pytest.raises(InputError, match='no channel "voltage"; channels are force, x'):
+        swept(fast, "voltage")
+    with pytest.raises(InputError, match=r"harmonic 11 of 45.\d* Hz; must be below 500 Hz, half the sampling rate"):
+        swept(fast, "force", 11)
+    with pytest.raises(InputError, match="fewer than 4 cycles of force"):
+        swept(fast.between(0.0, 0.1), "force")
+
+
+def test_the_command_writes_records_of_a_sweep(fast: Recording, tmp_path: Path) -> None:
+    np.savez(tmp_path / "up.npz", time_s=fast.time, **fast.channels)
+    out = tmp_path / "s.csv"
+    result = CliRunner().invoke(
+        app, ["spectra", str(tmp_path / "up.npz"), "--sweep", "--harmonics", "3", "--out", str(out)]
+    )
+    assert result.exit_code == 0, result.output
+    assert "swept too fast for x" in result.stdout
+    found = load_spectra(out)
+    assert found.H == 3
+    assert any("swept too fast" in text for _, text in found.notes)
+    assert found.select(records=["up"]).hz.tolist() == found.hz.tolist()
+    assert np.ptp(found.level) == 0.0
