@@ -4,7 +4,7 @@ Nominal, calibrated and extended models have the same colour and marker in all o
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -180,11 +180,11 @@ def _entries(
 ) -> tuple[npt.NDArray[Any], ...]:
     if e is None or campaign is None:
         return ()
-    rows = []
+    campaign, rows = replace(campaign, corrections=e.corrections), []
     for r in campaign.data.records:
         if r.number not in e.found:
             continue
-        simulated = e.found[r.number].amplitudes + campaign.lasting(r, e.found[r.number])
+        simulated = campaign.amplitudes(r.number, e.solutions[r.number]) + campaign.lasting(r, e.found[r.number])
         channel, k = np.nonzero(r.listed.all(axis=0))
         size = np.ones(len(k))
         complex_of = [a[0, channel, k] + 1j * a[1, channel, k] for a in (r.measured, simulated)]
