@@ -21,7 +21,7 @@ from hbm.figures import (
     plot_loops,
     plot_phase,
 )
-from hbm.figures.diagnosis import Compared, View, clearest, noise_error, record_errors
+from hbm.figures.compared import Compared, View, clearest, noise_error, record_errors
 from hbm.figures.misfitmap import by_cell, plot_misfit_map
 from hbm.integration.history import TimeHistory
 from hbm.integration.integrate import simulate

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from hbm.diagnosis.discrepancy import Discrepancy
     from hbm.diagnosis.verdict import Diagnosis
-    from hbm.files.diagnosisfiles import Diagnosed
+    from hbm.files.diagnosed import Diagnosed
     from hbm.measurement.spectra import MeasuredSpectra
     from models.rig import Rig
 
@@ -81,7 +81,8 @@ def diagnose(
 
     Example:  hbm diagnose rig.toml spectra.csv --hold-out 3 7 --out diagnosis
     """
-    from hbm.files.diagnosisfiles import FILES, Diagnosed
+    from hbm.files.diagnosed import Diagnosed
+    from hbm.files.diagnosisfiles import FILES
 
     held, floor = different(COMMAND, "--hold-out", hold_out), share(COMMAND, repeatability)
     check_out(COMMAND, out, FILES)
@@ -89,6 +90,7 @@ def diagnose(
     loaded, measured = load(rig, spectra, floor, allow_code=allow_code)
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
+    from hbm.diagnosis.curves import traced_responses
     from hbm.diagnosis.diagnose import diagnose as search
     from hbm.parallel import all_cores
     from hbm.rigfiles.laws import files_run, run_files
@@ -107,7 +109,9 @@ def diagnose(
         )
         work.show("the force that is missing", NEARLY_DONE)
         force, failure = _missing_force(found, executor)
-    result = Diagnosed(found, loaded, measured, force, tuple(_warnings(found, failure)))
+        work.show("response curves", NEARLY_DONE)
+        traced = traced_responses(found, measured, executor)
+    result = Diagnosed(found, loaded, measured, force, traced, tuple(_warnings(found, failure)))
     _deliver(result, rig, out, own)
     if failure:
         raise typer.Exit(say(failure, 1))
@@ -226,10 +230,11 @@ def _warnings(found: "Diagnosis", failure: str) -> list[str]:
 def _deliver(result: "Diagnosed", rig: Path, out: Path, own: Mapping[type, str]) -> None:
     from hbm.commands.diagnosistables import print_diagnosis
     from hbm.files.diagnosisfiles import FILES, diagnosis_contents
+    from hbm.files.extendedrig import earlier_candidates
     from hbm.files.outputs import write_folder
 
     with working("drawing"):
         contents = diagnosis_contents(result, rig, own)
-    written = write_folder(out, contents, FILES)
+    written = write_folder(out, contents, (*FILES, *earlier_candidates(out)))
     print_diagnosis(console(), result)
     print_written(written)

@@ -5,7 +5,8 @@ from rich.table import Table
 from rich.text import Text
 
 from hbm.commands.tables import print_lines, print_table
-from hbm.files.diagnosisfiles import Diagnosed, error_table, ranking_table
+from hbm.files.diagnosed import Diagnosed
+from hbm.files.diagnosispage import error_table, ranking_table
 from hbm.files.diagnosissummary import verdict_line
 
 

@@ -8,14 +8,7 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import off
-from hbm.diagnosis.decide import (
-    ALARM,
-    Decision,
-    evidence,
-    inclusion,
-    sidak,
-    tied,
-)
+from hbm.diagnosis.decide import ALARM, Decision, evidence, inclusion, sidak, tied
 from hbm.diagnosis.estimates import estimates, name_of, off_support
 from hbm.diagnosis.judge import possible_background_of, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
@@ -135,6 +128,7 @@ class Conclusion:
             campaign=replace(self.campaign, executor=None),
             held=self._held(best),
             held_campaign=None if self.hidden is None else replace(self.hidden, executor=None),
+            tried=self.decision.fits,
         )
 
     def _estimates(self, best: Evaluation) -> dict[str, Estimate]:

@@ -106,6 +106,8 @@ class Diagnosis(Displayed):
         nominal, calibrated, extended beside the records held out.
     held_campaign : Campaign or None
         The records held out.
+    tried : tuple of Evaluation
+        The fits that `ranking` lists, in its order.
     """
 
     verdict: Verdict
@@ -126,6 +128,7 @@ class Diagnosis(Displayed):
     campaign: Campaign | None = field(default=None, repr=False)
     held: Mapping[str, Evaluation] = field(default_factory=dict, repr=False)
     held_campaign: Campaign | None = field(default=None, repr=False)
+    tried: tuple[Evaluation, ...] = field(default=(), repr=False)
 
     @property
     def gain(self) -> dict[str, float]:

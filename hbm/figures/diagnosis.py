@@ -4,7 +4,6 @@ Nominal, calibrated and extended models have the same colour and marker in all o
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,24 +13,22 @@ from matplotlib.axis import Axis
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from hbm.figures.compared import MODELS, Compared
 from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, graded, label_all, legend_above, panels
 from hbm.fourier import Array
+from hbm.measurement.groups import frequency_bands, levels
 
 if TYPE_CHECKING:
-    from hbm.diagnosis.verdict import Diagnosis
-    from hbm.outputerror.campaign import Campaign
-    from hbm.outputerror.fit import Evaluation
+    from hbm.diagnosis.curves import TracedResponse
 
-MODELS = ("nominal", "calibrated", "extended")
 COLORS = dict(zip(MODELS, ("0.55", "#D55E00", "#0072B2"), strict=True))
 MARKERS = dict(zip(MODELS, ("x", "o", "s"), strict=True))
 STYLES: dict[str, Any] = dict(zip(MODELS, ((0, (1, 1.5)), (0, (4, 1.5)), "-"), strict=True))
 
+WIDTHS = dict(zip(MODELS, (0.8, 0.9, 1.2), strict=True))
+
 BAND = 1.96
 """Standard deviations on either side of a bar: 95 %."""
-
-GAP = 1.4
-"""Neighbouring frequencies this far apart are in bands of their own."""
 
 MOST_CHANNELS, MOST_PLACES = 6, 12
 
@@ -40,164 +37,24 @@ LEAST_HEIGHT = 3.2  # inches, for the label beside the rows
 LOST = 0.2
 """Deviations below this part of the noise are not drawn."""
 
-ALIKE = 1.05
-"""Forces less than this apart are of one level."""
-
 ASIDE = 0.006
 """Share of a band of frequencies by which models stand beside each other, for their points would hide each other."""
-
-CLEAR, CURVE = 3.0, 4
-"""Deviations of so many standard deviations show a misfit; records from which on a level is drawn as a curve."""
 
 FREQUENCY = "Frequency [Hz]"
 
 FIVE_COLUMNS: dict[str, Any] = {"ncols": 5, "columnspacing": 1.4}
 
 
-@dataclass(frozen=True, eq=False)
-class Compared:
-    """Coefficients measured beside those of a model, one entry per record, channel and harmonic.
-
-    Attributes
-    ----------
-    record, channel, harmonic : (m,) int array
-        Number of the record, place of the channel.
-    level, hz : (m,) array
-        [N], [Hz].
-    measured, simulated : (m,) complex array
-        Amplitudes, the force a cosine.
-    std : (m,) array
-        Standard deviation of each part.
-    held_out : (m,) bool array
-    """
-
-    record: npt.NDArray[np.int64]
-    channel: npt.NDArray[np.int64]
-    harmonic: npt.NDArray[np.int64]
-    level: Array
-    hz: Array
-    measured: npt.NDArray[np.complex128]
-    simulated: npt.NDArray[np.complex128]
-    std: Array
-    held_out: npt.NDArray[np.bool_]
-
-    @property
-    def deviation(self) -> Array:
-        """Rms of both parts of measured less simulated, in standard deviations."""
-        return np.asarray(np.abs(self.measured - self.simulated) / self.std / np.sqrt(2.0))
-
-
-@dataclass(frozen=True)
-class View:
-    """One harmonic of one channel, at one level and in one band of frequencies.
-
-    Attributes
-    ----------
-    channel, harmonic : int
-        Place of the channel.
-    level : float
-        Mean of the nominal forces [N].
-    band : (float, float)
-        Its ends [Hz].
-    """
-
-    channel: int
-    harmonic: int
-    level: float
-    band: tuple[float, float]
-
-    def of(self, c: Compared) -> npt.NDArray[np.int64]:
-        """Places of its entries, in the order of their frequencies."""
-        own = (c.channel == self.channel) & (c.harmonic == self.harmonic) & np.isclose(levels(c.level), self.level)
-        i = np.flatnonzero(own & (c.hz >= self.band[0]) & (c.hz <= self.band[1]))
-        return np.asarray(i[np.argsort(c.hz[i])])
-
-
-def clearest(models: Sequence[Compared], *, missed: bool) -> View:
-    """Harmonic of a channel that models miss most, relative to its response; or the one that moves most.
-
-    Deviations that noise may make do not count. Curves of a few records are passed over where there are longer ones.
-    """
-    c = Compared(*(np.concatenate([getattr(m, f.name) for m in models]) for f in fields(Compared)))
-    bands = frequency_bands(c.hz)
-    band = np.array([next(i for i, (low, high) in enumerate(bands) if low <= hz <= high) for hz in c.hz])
-    label = np.stack([c.channel, c.harmonic, levels(c.level), band], axis=1)
-    found, place, count = np.unique(label, axis=0, return_inverse=True, return_counts=True)
-    shown = np.where(c.deviation > CLEAR, np.abs(c.measured - c.simulated), 0.0) if missed else np.abs(c.measured)
-    size = np.bincount(place.ravel(), shown / _typical(c))
-    size[count < min(CURVE * len(models), int(count.max()))] = -np.inf
-    channel, harmonic, level, i = found[int(size.argmax())]
-    return View(int(channel), int(harmonic), float(level), bands[int(i)])
-
-
-def _typical(c: Compared) -> Array:
-    """Rms of all that its channel reads, for each entry."""
-    rms = np.sqrt(np.bincount(c.channel, np.abs(c.measured) ** 2) / np.maximum(np.bincount(c.channel), 1))
-    return np.asarray(np.where(rms > 0.0, rms, 1.0)[c.channel])
-
-
-def noise_error(c: Compared, *, held: bool) -> float:
-    """Relative error that noise alone makes, on the records fitted or on those held out; 0 where there are none."""
-    own = c.held_out == held
-    size = _typical(c)[own]
-    whole = np.linalg.norm(c.measured[own] / size)
-    return float(np.linalg.norm(np.sqrt(2.0) * c.std[own] / size) / whole) if whole > 0.0 else 0.0
-
-
-def record_errors(c: Compared) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """For each record: place of its first entry, relative error over all channels and harmonics, and that by noise."""
-    _, first, inverse = np.unique(c.record, return_index=True, return_inverse=True)
-    size = _typical(c)
-    off, noise, whole = (
-        np.sqrt(np.bincount(inverse.ravel(), (part / size) ** 2))
-        for part in (np.abs(c.measured - c.simulated), np.sqrt(2.0) * c.std, np.abs(c.measured))
-    )
-    return first, off / whole, noise / whole
-
-
-def compared(diagnosis: "Diagnosis", level: Mapping[int, float]) -> dict[str, Compared]:
-    """Models of a diagnosis beside all records, those held out too.
-
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-    level : mapping of int to float
-        Nominal force of each record [N].
-    """
-    fitted = dict(zip(MODELS, (diagnosis.nominal, diagnosis.calibrated, diagnosis.extended_fit), strict=True))
-    out = {}
-    for name, e in fitted.items():
-        parts = [_entries(e, diagnosis.campaign, level, held=False)]
-        parts.append(_entries(diagnosis.held.get(name), diagnosis.held_campaign, level, held=True))
-        known = [part for part in parts if part]
-        if e is not None and known:
-            out[name] = Compared(*(np.concatenate(column) for column in zip(*known, strict=True)))
-    return out
-
-
-def _entries(
-    e: "Evaluation | None", campaign: "Campaign | None", level: Mapping[int, float], *, held: bool
-) -> tuple[npt.NDArray[Any], ...]:
-    if e is None or campaign is None:
-        return ()
-    rows = []
-    for r in campaign.data.records:
-        if r.number not in e.found:
-            continue
-        simulated = e.found[r.number].amplitudes + campaign.lasting(r, e.found[r.number])
-        channel, k = np.nonzero(r.listed.all(axis=0))
-        size = np.ones(len(k))
-        complex_of = [a[0, channel, k] + 1j * a[1, channel, k] for a in (r.measured, simulated)]
-        numbers = np.full(len(k), r.number), channel, k + 1
-        rows.append((*numbers, level[r.number] * size, r.hz * size, *complex_of, r.std[channel, k], size == held))
-    return tuple(np.concatenate(column) for column in zip(*rows, strict=True)) if rows else ()
-
-
 # ---------------------------------------------------------------------------------------------------------- responses
 
 
 def plot_responses(
-    models: Mapping[str, Compared], channels: Sequence[str], units: Sequence[str], axes: AxesArray | None = None
+    models: Mapping[str, Compared],
+    channels: Sequence[str],
+    units: Sequence[str],
+    axes: AxesArray | None = None,
+    *,
+    traced: Sequence["TracedResponse"] = (),
 ) -> AxesArray:
     """Amplitude of the fundamental over the frequency, a row per channel, a column per band of frequencies.
 
@@ -206,6 +63,8 @@ def plot_responses(
     models : mapping of str to Compared
     channels, units : sequence of str
         Names and units of the channels measured; the first six are drawn.
+    traced : sequence of TracedResponse
+        Curves of the models. A model without one is drawn by straight lines between its records.
     axes : array of Axes, optional
         One per channel and band.
 
@@ -214,45 +73,80 @@ def plot_responses(
     (channels, bands) array of Axes
     """
     any_model = next(iter(models.values()))
-    levels = np.unique(any_model.level)
-    colors = dict(zip(levels.tolist(), graded(levels.tolist()), strict=True))
+    level_of = levels(any_model.level)
+    found = np.unique(level_of).tolist()
+    colors = dict(zip(found, graded(found), strict=True))
     bands = frequency_bands(any_model.hz)
     grid = _grid(any_model, channels, bands, axes)
     for row, beside in enumerate(grid):
         for band, ax in zip(bands, beside, strict=True):
-            for level in levels:
+            for level in found:
                 for name, c in models.items():
-                    own = _chosen(c, row, band) & (c.level == level)
-                    order = np.flatnonzero(own)[np.argsort(c.hz[own])]
-                    wide = {"nominal": 0.8, "calibrated": 0.9, "extended": 1.2}[name]
-                    ax.plot(
-                        c.hz[order],
-                        np.abs(c.simulated[order]),
-                        color=colors[float(level)],
-                        linestyle=STYLES[name],
-                        linewidth=wide,
-                        marker="_" if len(order) == 1 else "",
-                        markersize=9,
-                    )
-                measured_points(ax, any_model, _chosen(any_model, row, band) & (any_model.level == level), colors)
+                    own = np.flatnonzero(_chosen(c, row, band) & np.isclose(levels(c.level), level))
+                    line = {"color": colors[level], "linestyle": STYLES[name], "linewidth": WIDTHS[name]}
+                    draw_response(ax, c, own, of_model(traced, name, level, band), (channels[row], 1), **line)
+                shown = _chosen(any_model, row, band) & (level_of == level)
+                measured_points(ax, any_model, shown, colors[level])
             ax.set_yscale("log")
             _readable(ax, len(bands))
             dressed(ax, "", "")
         beside[0].set_ylabel(f"{as_written(channels[row])}\n[{units[row]}]", color=INK, fontsize=SMALL + 1)
     label_all(grid, FREQUENCY, "Amplitude of the fundamental")
-    handles = [Line2D([], [], color=colors[float(v)], linewidth=3, label=f"{v:g} N") for v in levels]
+    handles = [Line2D([], [], color=colors[v], linewidth=3, label=f"{v:.3g} N") for v in found]
     handles += [Line2D([], [], color=INK, linestyle=STYLES[name], linewidth=1, label=name) for name in models]
     legend_above(grid, [*handles, *record_handles(any_model)], **FIVE_COLUMNS)
     return grid
 
 
-def measured_points(ax: Axes, c: Compared, own: npt.NDArray[np.bool_], colors: Mapping[float, Any]) -> None:
-    """Draw the measured points, by level; hollow where held out."""
+def of_model(
+    traced: Sequence["TracedResponse"], model: str, level: float, band: tuple[float, float]
+) -> "TracedResponse | None":
+    """The curve of a model at a level about a band of frequencies, if it was traced."""
+    middle = (band[0] + band[1]) / 2.0
+    own = [t for t in traced if t.model == model and np.isclose(t.level, level) and _within(t, band)]
+    return min(own, key=lambda t: abs(float(np.mean(t.hz)) - middle), default=None)
+
+
+def _within(t: "TracedResponse", band: tuple[float, float]) -> bool:
+    return bool(((t.hz >= band[0]) & (t.hz <= band[1])).any())
+
+
+def draw_response(
+    ax: Axes,
+    c: Compared,
+    own: npt.NDArray[np.int64],
+    traced: "TracedResponse | None",
+    signal: tuple[str, int],
+    **line: Any,
+) -> None:
+    """Draw a model at one level: its curve, or where it was not traced its records, joined.
+
+    Parameters
+    ----------
+    ax : Axes
+    c : Compared
+    own : int array
+        Places of its records.
+    traced : TracedResponse or None
+    signal : (str, int)
+        Channel and harmonic.
+    **line
+        Style.
+    """
+    channel, harmonic = signal
+    if traced is not None and harmonic < traced.amplitudes[channel].shape[1]:
+        ax.plot(traced.hz, traced.amplitudes[channel][:, harmonic], **line)
+        return
+    order = own[np.argsort(c.hz[own])]
+    ax.plot(c.hz[order], np.abs(c.simulated[order]), marker="_" if len(order) == 1 else "", markersize=9, **line)
+
+
+def measured_points(ax: Axes, c: Compared, own: npt.NDArray[np.bool_], color: Any) -> None:
+    """Draw measured points of one level; hollow where held out."""
     for held in (False, True):
         i = own & (c.held_out == held)
         if not i.any():
             continue
-        color = colors[float(c.level[i][0])]
         ax.errorbar(
             c.hz[i],
             np.abs(c.measured[i]),
@@ -314,14 +208,6 @@ def _chosen(c: Compared, channel: int, band: tuple[float, float]) -> npt.NDArray
     return np.asarray((c.channel == channel) & (c.harmonic == 1) & (c.hz >= band[0]) & (c.hz <= band[1]))
 
 
-def frequency_bands(hz: Array) -> list[tuple[float, float]]:
-    """Ends of groups of neighbouring frequencies."""
-    f = np.unique(hz)
-    starts = np.flatnonzero(np.append(True, f[1:] / f[:-1] > GAP))
-    ends = np.append(starts[1:], len(f)) - 1
-    return [(float(f[i]), float(f[j])) for i, j in zip(starts, ends, strict=True)]
-
-
 def _grid(
     c: Compared, channels: Sequence[str], bands: Sequence[tuple[float, float]], axes: AxesArray | None
 ) -> AxesArray:
@@ -365,11 +251,3 @@ def record_handles(c: Compared) -> list[Line2D]:
         hollow: dict[str, Any] = {"markerfacecolor": "white", "markersize": 4}
         shown.append(Line2D([], [], linestyle="", marker="o", color=INK, label="measured, held out", **hollow))
     return shown
-
-
-def levels(force: Array) -> Array:
-    """The mean of forces that are alike, for each of them."""
-    order = np.argsort(force)
-    group = np.empty(len(force), dtype=int)
-    group[order] = np.cumsum(np.append(0.0, force[order][1:] / force[order][:-1] > ALIKE))
-    return np.asarray((np.bincount(group, force) / np.bincount(group))[group])

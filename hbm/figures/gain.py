@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 from matplotlib.lines import Line2D
 
-from hbm.figures.diagnosis import COLORS, FIVE_COLUMNS, MODELS, few_powers
+from hbm.figures.compared import MODELS
+from hbm.figures.diagnosis import COLORS, FIVE_COLUMNS, few_powers
 from hbm.figures.style import FAINT, INK, AxesArray, dressed, legend_above, panels
 
 if TYPE_CHECKING:

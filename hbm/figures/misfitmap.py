@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
-from hbm.figures.diagnosis import FREQUENCY, Compared
+from hbm.figures.compared import Compared
+from hbm.figures.diagnosis import FREQUENCY
 from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, label_all, panels
 from hbm.fourier import Array
 

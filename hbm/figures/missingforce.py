@@ -7,8 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from hbm.figures.diagnosis import BAND, COLORS, MOST_PLACES, few_powers, levels
+from hbm.figures.diagnosis import BAND, COLORS, MOST_PLACES, few_powers
 from hbm.figures.style import FAINT, INK, SMALL, WIDTH, AxesArray, as_written, dressed, graded, panels
+from hbm.measurement.groups import levels
 
 if TYPE_CHECKING:
     from hbm.diagnosis.discrepancy import Discrepancy

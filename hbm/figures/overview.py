@@ -1,33 +1,42 @@
 """First figure of a diagnosis: what is missed most clearly, and the error of each record."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from hbm.figures.compared import Compared, View, record_errors
 from hbm.figures.diagnosis import (
     COLORS,
     FREQUENCY,
     MARKERS,
     STYLES,
-    Compared,
-    View,
+    draw_response,
     few_powers,
-    frequency_bands,
     measured_points,
+    of_model,
     points,
-    record_errors,
     record_handles,
 )
-from hbm.figures.style import INK, SMALL, AxesArray, dressed, legend_above, panels
+from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, legend_above, panels
 from hbm.fourier import Array
+from hbm.measurement.groups import frequency_bands
+
+if TYPE_CHECKING:
+    from hbm.diagnosis.curves import TracedResponse
 
 
 def plot_overview(
-    models: Mapping[str, Compared], view: View, quantity: str, unit: str, axes: AxesArray | None = None
+    models: Mapping[str, Compared],
+    view: View,
+    quantity: str,
+    unit: str,
+    axes: AxesArray | None = None,
+    *,
+    traced: Sequence["TracedResponse"] = (),
 ) -> AxesArray:
     """Draw the signal that shows the misfit best, before and after, and the error of each record.
 
@@ -38,6 +47,8 @@ def plot_overview(
     quantity, unit : str
         Name of the channel, and its unit.
     axes : array of two Axes, optional
+    traced : sequence of TracedResponse
+        Curves of the models. A model without one is drawn by straight lines between its records.
 
     Returns
     -------
@@ -47,14 +58,15 @@ def plot_overview(
     left, right = pair
     any_model = next(iter(models.values()))
     for name, c in models.items():
-        i = view.of(c)
-        left.plot(c.hz[i], np.abs(c.simulated[i]), color=COLORS[name], linestyle=STYLES[name], linewidth=1.2)
+        curve = of_model(traced, name, view.level, view.band)
+        line = {"color": COLORS[name], "linestyle": STYLES[name], "linewidth": 1.2}
+        draw_response(left, c, view.of(c), curve, (quantity, view.harmonic), **line)
     own = np.zeros(len(any_model.hz), dtype=bool)
     own[view.of(any_model)] = True
-    measured_points(left, any_model, own, {float(v): INK for v in np.unique(any_model.level)})
+    measured_points(left, any_model, own, INK)
     left.set_ylim(bottom=0.0)
     left.xaxis.set_major_locator(MaxNLocator(5))
-    dressed(left, FREQUENCY, f"Harmonic {view.harmonic} of {quantity} [{unit}]")
+    dressed(left, FREQUENCY, f"Harmonic {view.harmonic} of {as_written(quantity)} [{unit}]")
     left.set_title(f"at {view.level:.3g} N", fontsize=SMALL + 1, loc="left", color=INK)
     _draw_record_errors(right, models)
     handles = record_handles(any_model)

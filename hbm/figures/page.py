@@ -6,7 +6,7 @@ light and dark, and prints.
 
 import base64
 import io
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import matplotlib as mpl
@@ -50,6 +50,55 @@ class Table:
 
 
 @dataclass(frozen=True, eq=False)
+class Drawing:
+    """Lines in a box, drawn by the page itself in its own colours.
+
+    Attributes
+    ----------
+    heading : str
+    width, height : int
+        Of the box, in units of the points.
+    lines : mapping of str to str
+        Points "x,y x,y ..." by the name of the line, of which :attr:`Choice.lines` is the legend.
+    """
+
+    heading: str
+    width: int
+    height: int
+    lines: Mapping[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Option:
+    """One of the things that a reader can choose to see."""
+
+    label: str
+    drawings: Sequence[Drawing]
+    table: Table
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Things of which a page shows one, and others as a reader chooses; without scripts the first alone.
+
+    Attributes
+    ----------
+    label : str
+        What is chosen.
+    options : sequence of Option
+    first : int
+        Place of the one that is shown until another is chosen.
+    lines : sequence of str
+        Names of the lines in all drawings: measured, nominal, calibrated or extended.
+    """
+
+    label: str
+    options: Sequence[Option]
+    first: int
+    lines: Sequence[str]
+
+
+@dataclass(frozen=True, eq=False)
 class Section:
     """A part of a page; everything but the heading may be left out.
 
@@ -59,19 +108,24 @@ class Section:
     text : sequence of str
         Paragraphs.
     figure : Figure or None
+    file : str
+        File of the figure, relative to the page, where it can be seen larger.
     caption : str
         How to read the figure.
     table : Table or None
     csv : sequence of str
-        Files with the numbers of the figure, relative to the page.
+        Files with the numbers of the section, relative to the page.
+    choice : Choice or None
     """
 
     heading: str
     text: Sequence[str] = ()
     figure: Figure | None = None
+    file: str = ""
     caption: str = ""
     table: Table | None = None
     csv: Sequence[str] = ()
+    choice: Choice | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,8 +138,10 @@ class Page:
     lead : sequence of str
         Paragraphs under the title: what was done, what came out.
     warnings : sequence of str
+    tables : sequence of Table
+        Short ones that stand side by side on the first screen.
     first : Section or None
-        The one figure that says most, before the key numbers; its heading is not shown.
+        The one figure that says most; its heading is not shown.
     summary : sequence of (str, str)
         Key numbers, each with its name.
     sections : sequence of Section
@@ -95,6 +151,7 @@ class Page:
     title: str
     lead: Sequence[str] = ()
     warnings: Sequence[str] = ()
+    tables: Sequence[Table] = ()
     first: Section | None = None
     summary: Sequence[tuple[str, str]] = ()
     sections: Sequence[Section] = field(default=())

@@ -4,10 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from hbm.diagnosis.curves import TracedResponse
 from hbm.diagnosis.discrepancy import Discrepancy
 from hbm.diagnosis.missingforce import MissingForce
 from hbm.diagnosis.verdict import Diagnosis, Ranked
-from hbm.figures import diagnosis as figures
+from hbm.figures.compared import Compared, View, record_errors
 from hbm.files.diagnosissummary import text
 from hbm.files.outputs import Columns, columns_of
 
@@ -24,25 +25,28 @@ def ranking_columns(diagnosis: Diagnosis) -> Columns:
 
 
 def ranked_rows(diagnosis: Diagnosis) -> list[tuple[str, float, float, float, str]]:
-    """Candidates in the order of their BIC, with the calibrated rig file among them."""
-    rows = [_ranked_row(r) for r in diagnosis.ranking]
-    e = diagnosis.calibrated
-    if e is not None:
-        held = diagnosis.errors.get("calibrated", {}).get("held_out")
-        rows.append(("calibrated nominal", e.bic, e.chi2, np.nan if held is None else held.nrmse, ""))
+    """Candidates in the order of their BIC, with the rig file as it is and calibrated among them."""
+    rows = [_ranked_row(diagnosis, r) for r in diagnosis.ranking]
+    for name, e in (("nominal", diagnosis.nominal), ("calibrated", diagnosis.calibrated)):
+        if e is not None:
+            held = diagnosis.errors.get(name, {}).get("held_out")
+            rows.append((name, e.bic, e.chi2, np.nan if held is None else held.nrmse, ""))
     return sorted(rows, key=lambda row: row[1])
 
 
-def _ranked_row(r: Ranked) -> tuple[str, float, float, float, str]:
+def _ranked_row(d: Diagnosis, r: Ranked) -> tuple[str, float, float, float, str]:
+    """A candidate; of the one that was named with the standard deviations of the verdict."""
     held = np.nan if r.held_out_nrmse is None else r.held_out_nrmse
-    return r.label, r.bic, r.chi2, held, "; ".join(f"{name} {text(p)}" for name, p in r.parameters.items())
+    named = d.extended_fit is not None and d.extended_fit.model.label == r.label
+    parameters = d.parameters if named else r.parameters
+    return r.label, r.bic, r.chi2, held, "; ".join(f"{name} {text(p)}" for name, p in parameters.items())
 
 
-def overview_columns(models: Mapping[str, figures.Compared], view: figures.View) -> Columns:
+def overview_columns(models: Mapping[str, Compared], view: View) -> Columns:
     """Relative error of each record and of noise in it, by model; and the amplitudes that the view shows."""
     parts = []
     for name, c in models.items():
-        first, error, noise = figures.record_errors(c)
+        first, error, noise = record_errors(c)
         amplitudes = np.full((2, len(first)), np.nan)
         shown = view.of(c)
         place = np.searchsorted(c.record[first], c.record[shown])
@@ -63,7 +67,7 @@ def overview_columns(models: Mapping[str, figures.Compared], view: figures.View)
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def compared_columns(models: Mapping[str, figures.Compared], channels: Sequence[str]) -> Columns:
+def compared_columns(models: Mapping[str, Compared], channels: Sequence[str]) -> Columns:
     """Every coefficient, a row per model, record, channel and harmonic; real and imaginary part, the force a cosine."""
     parts = []
     for name, c in models.items():
@@ -87,7 +91,27 @@ def compared_columns(models: Mapping[str, figures.Compared], channels: Sequence[
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def deviation_columns(models: Mapping[str, figures.Compared], channels: Sequence[str]) -> Columns:
+def traced_columns(traced: Sequence[TracedResponse]) -> Columns:
+    """Columns of ``response_curves.csv``: a row per curve, point and channel, with the amplitude of each harmonic."""
+    parts = []
+    for t in traced:
+        H = next(iter(t.amplitudes.values())).shape[1] - 1
+        for name, amplitude in t.amplitudes.items():
+            parts.append(
+                {
+                    "model": np.full(len(t.hz), t.model),
+                    "level": np.full(len(t.hz), t.level),
+                    "force": np.full(len(t.hz), t.force),
+                    "point": np.arange(1, len(t.hz) + 1),
+                    "frequency_hz": t.hz,
+                    "channel": np.full(len(t.hz), name),
+                }
+                | {f"h{k}": amplitude[:, k] for k in range(1, H + 1)}
+            )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def deviation_columns(models: Mapping[str, Compared], channels: Sequence[str]) -> Columns:
     """Deviation of fundamentals and what noise makes of it, relative to what was measured."""
     every = compared_columns(models, channels)
     columns = {name: every[name][every["harmonic"] == 1] for name in every}

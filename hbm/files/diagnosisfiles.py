@@ -1,17 +1,14 @@
 """Everything about a diagnosis in one folder: the verdict, the extended rig, figures with their numbers, one HTML page.
 
-``diagnosis.json`` is docs/reference/data_files.md; ``extended.toml`` is there where a cause was found.
-:func:`diagnosis_contents` makes the files; :data:`FILES` names all there can be.
+docs/reference/data_files.md lists the files. :func:`diagnosis_contents` makes them; :data:`FILES` names all that there
+can be, but for the candidates of a verdict `unexplained`.
 """
 
-import math
-import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+<<<<<<< HEAD
 import numpy as np
 
 from hbm.diagnosis.decide import DECISIVE
@@ -47,10 +44,19 @@ from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition
 from models.parts import UNITS
 from models.rig import Rig
+=======
+from hbm.figures.compared import MODELS
+from hbm.figures.page import page_html
+from hbm.files.diagnosed import Diagnosed
+from hbm.files.diagnosiscolumns import error_columns, force_columns, ranking_columns, traced_columns
+from hbm.files.diagnosispage import ERROR_FILE, PARTS, RANKING_FILE, diagnosis_page
+from hbm.files.diagnosisplates import CURVE_FILE, PLATES, diagnosis_plates
+from hbm.files.extendedrig import EXTENDED_FILE, rigs_of
+from hbm.files.figurefiles import plate_contents, plate_files
+from hbm.files.outputs import columns_text, json_text
+>>>>>>> pages
 
-DIAGNOSIS_FILE, EXTENDED_FILE, PAGE_FILE = "diagnosis.json", "extended.toml", "report.html"
-ERROR_FILE, RANKING_FILE, FORCE_FILE = "errors.csv", "ranking.csv", "missing_force.csv"
-PLATES = ("overview", "gain", "responses", "deviations", "misfit_map", "missing_force", "ranking")
+DIAGNOSIS_FILE, PAGE_FILE, FORCE_FILE = "diagnosis.json", "report.html", "missing_force.csv"
 FILES = (
     DIAGNOSIS_FILE,
     EXTENDED_FILE,
@@ -58,70 +64,10 @@ FILES = (
     ERROR_FILE,
     RANKING_FILE,
     FORCE_FILE,
+    CURVE_FILE,
     *(name for plate in PLATES for name in plate_files(plate)),
 )
-"""All files that can be in the folder."""
-
-MODELS, PARTS = figures.MODELS, ("train", "held_out")
-MOST_RANKED = 10
-
-
-@dataclass(frozen=True, eq=False)
-class Diagnosed:
-    """A diagnosis with what it was made of.
-
-    Attributes
-    ----------
-    diagnosis : Diagnosis
-    rig : Rig
-        Nominal.
-    spectra : MeasuredSpectra
-    force : Discrepancy or None
-        Force that the calibrated model lacks; None where it was not worked out.
-    warnings : tuple of str
-        Warnings, such as a part of the result that is missing.
-    """
-
-    diagnosis: Diagnosis
-    rig: Rig
-    spectra: MeasuredSpectra
-    force: Discrepancy | None = None
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def evidence(self) -> tuple[str, ...]:
-        """Sentences: to beware of, of the diagnosis, of the missing force."""
-        return (*self.warnings, *self.diagnosis.evidence, *(self.force.sentences() if self.force else ()))
-
-    @cached_property
-    def compared(self) -> Mapping[str, figures.Compared]:
-        """The models beside all records, by their names; empty where these are not known."""
-        level = dict(zip(self.spectra.records.tolist(), self.spectra.level.tolist(), strict=True))
-        return {} if self.diagnosis.campaign is None else figures.compared(self.diagnosis, level)
-
-    @cached_property
-    def view(self) -> figures.View | None:
-        """Signal that shows the misfit best; if the rig is consistent, the one that moves most."""
-        models = self.compared
-        if not models:
-            return None
-        missed = self.diagnosis.verdict != "consistent"
-        return figures.clearest([c for name, c in models.items() if name != "extended"], missed=missed)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of those that were measured."""
-        campaign = self.diagnosis.campaign
-        return () if campaign is None else tuple(campaign.data.channels)
-
-    def answers(self) -> dict[str, str]:
-        """The six answers that are said first, by their question."""
-        view, where, noise = self.view, "", 0.0
-        if view is not None:
-            where = f"harmonic {view.harmonic} of {self.channels[view.channel]} at {view.level:.3g} N"
-            models = list(self.compared.values())
-            noise = figures.noise_error(models[0], held=bool(self.diagnosis.held_out_records))
-        return first_screen(self.diagnosis, self.force, extensions_of(self.diagnosis, {}), where, noise)
+"""All files that can be in the folder, but for candidates."""
 
 
 def diagnosis_contents(
@@ -147,14 +93,16 @@ def diagnosis_contents(
         ERROR_FILE: columns_text(error_columns(found.diagnosis)),
         RANKING_FILE: columns_text(ranking_columns(found.diagnosis)),
     }
-    if found.diagnosis.extended is not None:
-        contents |= _extended_rig(found.diagnosis, nominal, named or {})
+    contents |= rigs_of(found.diagnosis, nominal, named or {})
     if found.force is not None and found.force.explainable:
+<<<<<<< HEAD
         contents[FORCE_FILE] = columns_text(_labelled(found, force_columns(found.force)))
+=======
+        contents[FORCE_FILE] = columns_text(force_columns(found.force))
+    if found.traced:
+        contents[CURVE_FILE] = columns_text(traced_columns(found.traced))
+>>>>>>> pages
     return contents | {PAGE_FILE: page_html(diagnosis_page(found, plates))} | plate_contents(plates)
-
-
-# ---------------------------------------------------------------------------------------------------- verdict and rig
 
 
 def diagnosis_table(found: Diagnosed) -> dict[str, Any]:
@@ -164,6 +112,7 @@ def diagnosis_table(found: Diagnosed) -> dict[str, Any]:
     if "extended" not in table["errors"]:
         errors["extended"] = {}
     return table | {"errors": errors, "evidence": list(found.evidence)}
+<<<<<<< HEAD
 
 
 def extensions_of(diagnosis: Diagnosis, named: Mapping[type, str]) -> list[Extension]:
@@ -378,3 +327,5 @@ def _table_sections(d: Diagnosis) -> Iterator[Section]:
     if d.ranking:
         note = f"fitted causes, the best first; one must lower BIC by {DECISIVE:g}; ± is one standard deviation"
         yield Section("Causes", table=Table(*ranking_table(d), note), csv=(RANKING_FILE,))
+=======
+>>>>>>> pages

@@ -13,7 +13,6 @@ from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.verdict import Diagnosis, Estimate
 from hbm.files.identifyreport import Value, value_text
 from hbm.outputerror.fit import Evaluation
-from hbm.rigfiles.extensions import Extension
 from models.causes.cause import Cause
 
 VERDICTS = {
@@ -24,8 +23,8 @@ VERDICTS = {
 }
 """Verdicts in words."""
 
-WRONG = "What is wrong"
-"""The first question."""
+WRONG, ADDED, REMAINS, NEXT = "What is wrong", "Added to the model", "What remains", "What to measure next"
+"""Questions."""
 
 NEW_MOUNTING = (
     "Mount the structure anew and repeat some records: only that tells whether what remains is the structure itself. "
@@ -43,9 +42,7 @@ def verdict_line(d: Diagnosis) -> str:
     return f"{VERDICTS[d.verdict]}:{cause} {d.belief} (confidence {d.confidence:.2f}){rest}."
 
 
-def first_screen(
-    d: Diagnosis, force: Discrepancy | None, added: Sequence[Extension], where: str, noise: float
-) -> dict[str, str]:
+def first_screen(d: Diagnosis, force: Discrepancy | None, where: str, noise: float) -> dict[str, str]:
     """The six answers by what they answer.
 
     Parameters
@@ -53,8 +50,6 @@ def first_screen(
     d : Diagnosis
     force : Discrepancy or None
         Force that the calibrated model lacks.
-    added : sequence of Extension
-        Extensions that make the extended rig of the nominal one.
     where : str
         Name of the signal that shows the misfit best, in words.
     noise : float
@@ -67,10 +62,10 @@ def first_screen(
     return {
         WRONG: _wrong(d, where),
         "Why": " ".join(_why(d, force)),
-        "Added to the model": _added(d, added),
+        ADDED: _added(d),
         "Gain": _gain(d, noise),
-        "What remains": d.remainder.sentence,
-        "What to measure next": " ".join(_next(d, force)),
+        REMAINS: d.remainder.sentence,
+        NEXT: " ".join(_next(d, force)),
     }
 
 
@@ -126,35 +121,69 @@ def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
     return f"{cause.label}{told}: {cause.meaning}"
 
 
+def meaning(d: Diagnosis) -> str:
+    """The causes that were found, in one sentence; nothing where none was."""
+    e = d.extended_fit
+    if e is None:
+        return ""
+    return f"This means: {'; beside it '.join(cause.meaning for cause in e.model.causes)}."
+
+
+def numbers(d: Diagnosis) -> list[list[str]]:
+    """Rows of the table of what was added: cause, number, value with standard deviation and unit, and the rig file's.
+
+    Standard deviations are known of the first cause.
+    """
+    e = d.extended_fit
+    if e is None:
+        return []
+    rows = []
+    for i, cause in enumerate(e.model.causes):
+        known, neutral = d.parameters if i == 0 else {}, {u.name: u for u in e.model.unknowns[i]}
+        for name, value in e.model.values(e.x, i).items():
+            u = neutral[name]
+            before = f"{u.neutral:.4g}" if math.isfinite(u.neutral) else "-"
+            rows.append([cause.label, name, text(known.get(name, Estimate(value, unit=u.unit))), before])
+    return rows
+
+
 def _instead_of(neutral: float) -> str:
     """Value of the rig file in words, where it has one."""
     return f" instead of {neutral:.4g}" if math.isfinite(neutral) and neutral != 0.0 else ""
 
 
-def _added(d: Diagnosis, added: Sequence[Extension]) -> str:
-    if d.extended_fit is None:
-        return "Nothing."
-    count = len(d.extended_fit.model.causes)
-    causes = " and ".join(extension.cause.label for extension in added[len(added) - count :])
-    calibrated = len(added) - count
+def _added(d: Diagnosis) -> str:
+    e = d.extended_fit
+    if e is None:
+        nearest = " The candidates that came nearest are in candidates/; do not believe them."
+        return f"Nothing.{nearest if d.verdict == 'unexplained' and d.tried else ''}"
+    calibrated = sum(f.cause < 0 for f in e.model.free)
+    causes = " and ".join(cause.label for cause in e.model.causes)
     rest = f"{calibrated} numbers of the rig file are calibrated beside it" if calibrated else "nothing else is changed"
     return f"extended.toml is the rig file with {causes}; {rest}."
 
 
 def _gain(d: Diagnosis, noise: float) -> str:
-    count = len(d.held_out_records)
-    part, records = "train", "records fitted (none was held out)"
-    if count:
-        part, records = "held_out", f"{count} record{'s' * (count > 1)} held out"
     models = {
         "nominal": "with the rig file as it is",
         "calibrated": "with it calibrated",
         "extended": f"with {d.cause}",
     }
-    known = [(d.errors[name][part].nrmse, said) for name, said in models.items() if part in d.errors.get(name, {})]
-    told = [f"{percent(nrmse)} {said}" for nrmse, said in known]
+    known = {name: said for name, said in models.items() if name in d.errors}
+    parts = {"train": f"{_records(len(d.campaign.numbers))} fitted" if d.campaign is not None else "records fitted"}
+    if d.held_out_records:
+        parts["held_out"] = f"{_records(len(d.held_out_records))} held out"
+    told = [
+        f"{' -> '.join(percent(d.errors[name][part].nrmse) for name in known)} on the {records}"
+        for part, records in parts.items()
+        if all(part in d.errors[name] for name in known)
+    ]
     alone = f"; {percent(noise)} by noise alone" if noise > 0.0 else ""
-    return f"{'' if 'extended' in d.errors else 'None. '}Error on the {records}: {', '.join(told)}{alone}."
+    return f"{'' if 'extended' in known else 'None. '}Error {' -> '.join(known.values())}: {', '.join(told)}{alone}."
+
+
+def _records(count: int) -> str:
+    return f"{count} record{'s' * (count > 1)}"
 
 
 def _next(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:

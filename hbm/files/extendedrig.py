@@ -1,12 +1,33 @@
-"""The extended rig of a diagnosis as a rig file: the nominal file as it is, with an extension for each cause."""
+"""Rig files that a diagnosis makes: the extended rig, and where nothing was named the candidates that came nearest.
 
+Each is the nominal file as it is, with an extension for each number that was calibrated and for each cause.
+"""
+
+import re
+import tomllib
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
-from hbm.diagnosis.verdict import Diagnosis
+from hbm.diagnosis.misfit import nrmse
+from hbm.diagnosis.remainder import percent
+from hbm.diagnosis.verdict import Diagnosis, Ranked
 from hbm.errors import InputError
-from hbm.files.diagnosisfiles import extensions_of
-from hbm.rigfiles.write import write_extended_rig
+from hbm.outputerror.fit import Evaluation
+from hbm.rigfiles.extensions import Extension
+from hbm.rigfiles.laws import Consent
+from hbm.rigfiles.load import rig_from_dict
+from hbm.rigfiles.write import extended_rig_text, write_extended_rig
 from hbm.textfiles import StrPath, why
+from models.causes.parameter import WrongParameter
+from models.causes.sensors import SensorDelay, SensorGain, SensorPosition
+
+EXTENDED_FILE, CANDIDATES = "extended.toml", "candidates"
+
+MOST_CANDIDATES = 3
+"""Candidates that are written where nothing is named, at most."""
+
+Contents = dict[str, str | bytes]
 
 
 def write_extended(path: StrPath, nominal: StrPath, diagnosis: Diagnosis) -> Path:
@@ -34,6 +55,103 @@ def write_extended(path: StrPath, nominal: StrPath, diagnosis: Diagnosis) -> Pat
             f"write_extended: the verdict is {diagnosis.verdict}; must name a cause to have an extended rig"
         )
     try:
-        return write_extended_rig(path, nominal, extensions_of(diagnosis, {}))
+        return write_extended_rig(path, nominal, extensions_of(diagnosis.extended_fit, {}))
     except OSError as refused:
         raise InputError(f"write_extended: {refused.filename}: {why(refused)}; must be a rig file") from None
+
+
+def extensions_of(e: Evaluation | None, named: Mapping[type, str]) -> list[Extension]:
+    """Extensions that make the rig of a fit of the nominal one: calibrated numbers, then causes."""
+    if e is None:
+        return []
+    calibrated = [(f.name, f.value(x)) for f, x in zip(e.model.free, e.x, strict=True) if f.cause < 0]
+    out = [_corrected(key, value) for key, value in calibrated]
+    for i, cause in enumerate(e.model.causes):
+        out.append(Extension.of(cause, e.model.values(e.x, i), named.get(type(cause), "")))
+    return out
+
+
+def _corrected(key: str, value: float) -> Extension:
+    """The extension that sets a calibrated number."""
+    table, _, rest = key.partition(".")
+    if table != "channels":
+        return Extension.of(WrongParameter(key), {"value": value})
+    channel, _, name = rest.rpartition(".")
+    if name == "gain":
+        return Extension.of(SensorGain(channel), {"gain": value})
+    if name == "delay":
+        return Extension.of(SensorDelay(channel), {"delay_s": value})
+    return Extension.of(SensorPosition(channel), {"position": value})
+
+
+def rigs_of(diagnosis: Diagnosis, nominal: Path, named: Mapping[type, str]) -> Contents:
+    """Rig files of a diagnosis by their names in its folder: the extended rig, or candidates where nothing is named.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+    nominal : Path
+        Rig file that was diagnosed.
+    named : mapping of type to str
+        Names of causes of one's own, ``file.py:Class``. The Python files are copied beside the rigs that name them.
+
+    Returns
+    -------
+    dict of str to str or bytes
+    """
+    if diagnosis.extended is not None:
+        return _rig_file(EXTENDED_FILE, nominal, extensions_of(diagnosis.extended_fit, named))
+    contents: Contents = {}
+    for name, ranked, e in candidates(diagnosis):
+        with suppress(ValueError, InputError):  # one that changes nothing, or is none of this rig: not worth a file
+            contents |= _rig_file(name, nominal, extensions_of(e, named), _not_believed(diagnosis, ranked, e))
+    return contents
+
+
+def candidates(diagnosis: Diagnosis) -> Iterator[tuple[str, Ranked, Evaluation]]:
+    """File, place in the ranking and fit of the best candidates of a diagnosis that is `unexplained`."""
+    if diagnosis.verdict != "unexplained":
+        return
+    pairs = zip(diagnosis.ranking, diagnosis.tried, strict=False)
+    for i, (ranked, e) in enumerate(list(pairs)[:MOST_CANDIDATES], start=1):
+        yield f"{CANDIDATES}/{i}-{re.sub(r'[^0-9A-Za-z._-]+', '-', ranked.label)}.toml", ranked, e
+
+
+def earlier_candidates(folder: Path) -> list[str]:
+    """Candidates that an earlier run has written into a folder."""
+    found = (folder / CANDIDATES).glob("[0-9]-*.toml")
+    return [f"{CANDIDATES}/{path.name}" for path in found]
+
+
+def _not_believed(diagnosis: Diagnosis, ranked: Ranked, e: Evaluation) -> str:
+    """Comment at the top of the rig file of a candidate."""
+    fitted = percent(nrmse(e.white))
+    held = "" if ranked.held_out_nrmse is None else f", and by {percent(ranked.held_out_nrmse)} of those held out"
+    return (
+        f"# NOT BELIEVED. The verdict of hbm diagnose is {diagnosis.verdict}; {ranked.label} is only a candidate.\n"
+        f"# This rig misses the records fitted by {fitted} of their response{held}.\n"
+        "# Use it to see what is missed, not to predict: its numbers may mean nothing.\n\n"
+    )
+
+
+def _rig_file(name: str, nominal: Path, extensions: Sequence[Extension], heading: str = "") -> Contents:
+    """A rig file, read back as a check, and copies of the Python files it names, which must be beside it."""
+    text = heading + extended_rig_text(nominal.read_text(encoding="utf-8-sig"), extensions)
+    table = tomllib.loads(text)
+    rig_from_dict(table, str(nominal), Consent.NAMED)
+    folder, contents = name[: name.rfind("/") + 1], Contents()
+    for code in dict.fromkeys(
+        [table["contact"]["friction"]["law"], *(e["cause"] for e in table.get("extensions", ()))]
+    ):
+        file, _, kind = code.rpartition(":")
+        if file.endswith(".py"):
+            copy = _free(Path(file).name, {other.removeprefix(folder) for other in contents})
+            contents[folder + copy] = (nominal.parent / file).read_bytes()
+            text = text.replace(code, f"{copy}:{kind}")
+    contents[name] = text
+    return contents
+
+
+def _free(name: str, taken: Collection[str]) -> str:
+    """A name for a copy of a file, numbered where another has it."""
+    return name if name not in taken else _free(f"another_{name}", taken)

@@ -1,6 +1,6 @@
 """Plates: figures of a page with the files that hold them and the numbers of their curves."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from matplotlib.figure import Figure
@@ -25,6 +25,8 @@ class Plate:
         All that the figure shows.
     columns : mapping of str to (n,) array
         Columns that are drawn, in SI units.
+    more : sequence of str
+        Other files with its numbers, relative to the page.
     """
 
     name: str
@@ -32,6 +34,7 @@ class Plate:
     caption: str
     axes: AxesArray
     columns: Columns
+    more: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         """Lay the figure out, for it is saved several times."""
@@ -46,7 +49,9 @@ class Plate:
     @property
     def section(self) -> Section:
         """The plate as a part of a page."""
-        return Section(self.heading, figure=self.figure, caption=self.caption, csv=(plate_files(self.name)[1],))
+        return Section(
+            self.heading, figure=self.figure, caption=self.caption, csv=(plate_files(self.name)[1], *self.more)
+        )
 
 
 def plate_files(name: str) -> tuple[str, str]:

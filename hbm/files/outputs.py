@@ -89,8 +89,10 @@ def write_folder(path: StrPath, contents: Mapping[str, str | bytes], owned: Iter
                 made.append(folder)
         with _alone(path):
             write_together(files)
-            for name in set(owned) - set(contents):
-                (path / name).unlink(missing_ok=True)
+            for file in (path / name for name in set(owned) - set(contents)):
+                file.unlink(missing_ok=True)
+                with suppress(OSError):  # a folder that holds others, or is not there
+                    file.parent.rmdir()
     except (OSError, InputError) as refused:
         for folder in reversed(made):
             with suppress(OSError):  # another run has put its files there
