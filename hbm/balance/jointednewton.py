@@ -1,5 +1,6 @@
 """Newton's system of a balance of joints: the modes eliminated, the core as large as the joint signals."""
 
+import weakref
 from functools import cached_property
 
 import numpy as np
@@ -189,11 +190,12 @@ class JointLinearization:
     @cached_property
     def newton(self) -> "JointNewton":
         """The derivative, bordered by that to the problem's parameter."""
-        return self.bordered()
+        # it holds this object weakly: matrices in a circle of references stay in memory long after their use
+        return JointNewton(weakref.proxy(self), self.by_parameter)
 
-    def bordered(self, column: Array | None = None) -> "JointNewton":
+    def bordered(self, column: Array) -> "JointNewton":
         """The derivative, with another column (size,) in place of that of the problem's parameter."""
-        return JointNewton(self, self.by_parameter if column is None else column)
+        return JointNewton(self, column)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
