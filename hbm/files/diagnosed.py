@@ -9,6 +9,7 @@ from hbm.diagnosis.discrepancy import Discrepancy
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.figures.compared import Compared, View, clearest, compared, noise_error
 from hbm.files.diagnosissummary import first_screen
+from hbm.files.outputs import Columns
 from hbm.measurement.spectra import MeasuredSpectra
 from models.parts import UNITS
 from models.rig import Rig
@@ -70,6 +71,10 @@ class Diagnosed:
         """Units of the channels that were measured."""
         unit = {c.name: UNITS[c.quantity] for c in self.rig.channels}
         return [unit[name] for name in self.channels]
+
+    def labelled(self, columns: Columns) -> Columns:
+        """Columns with the records as the spectra file calls them."""
+        return {**columns, "record": self.spectra.labels_of(columns["record"])}
 
     def noise(self, *, held: bool) -> float:
         """Relative error that noise alone makes, on the records fitted or held out; 0 where it is not known."""

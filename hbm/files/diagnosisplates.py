@@ -34,8 +34,8 @@ MOST_RANKED = 10
 """Causes of a table or figure, at most."""
 
 RULES = (
-    f"A cause is accepted if its BIC is at least {DECISIVE:g} below that of the rig file that it extends. Of two causes "
-    f"the lower BIC says nothing where chi2 differs by less than {TIED:g}: these records cannot tell them apart."
+    f"A cause is accepted if its BIC is at least {DECISIVE:g} below that of the rig file that it extends. Of two "
+    f"causes the lower BIC says nothing where chi2 differs by less than {TIED:g}: these records cannot tell them apart."
 )
 """The two rules by which causes are judged, which have thresholds of their own."""
 
@@ -67,7 +67,7 @@ def _overview(found: Diagnosed) -> Iterator[Plate]:
         f"{_lines(found)}. Right: relative error of each record over all channels and harmonics, beside what noise "
         "makes of it. Hollow: records held out, which no fit has seen.",
         plot_overview(found.compared, view, channel, unit, traced=found.traced),
-        overview_columns(found.compared, view),
+        found.labelled(overview_columns(found.compared, view)),
     )
 
 
@@ -84,7 +84,7 @@ def _response_plates(found: Diagnosed) -> Iterator[Plate]:
     models, channels = found.compared, found.channels
     if not models:
         return
-    columns = compared_columns(models, channels)
+    columns = found.labelled(compared_columns(models, channels))
     yield Plate(
         "responses",
         "Measured and simulated",
@@ -110,14 +110,14 @@ def _model_plates(found: Diagnosed) -> Iterator[Plate]:
     models, channels = found.compared, found.channels
     if not models:
         return
-    columns = compared_columns(models, channels)
+    columns = found.labelled(compared_columns(models, channels))
     yield Plate(
         "deviations",
         "Deviations",
         "Measured less simulated fundamental relative to the measured one, phase included; beside what noise makes of "
         "it. Hollow: records held out.",
         figures.plot_deviations(models, channels),
-        deviation_columns(models, channels),
+        found.labelled(deviation_columns(models, channels)),
     )
     yield Plate(
         "misfit_map",
