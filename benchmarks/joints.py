@@ -1,7 +1,7 @@
 """Joints on a body beside pyHarm, beside time integration, and what a joint costs.
 
-    python -m benchmarks.joints          # joints on a beam, friction in a plane, the cost of a joint
-    python -m benchmarks.joints lap      # plates in a lap joint, two to eight contacts: examples/lap_joint.py
+    python -m benchmarks.joints              # joints on a beam, friction in a plane, the cost of a joint
+    python -m benchmarks.joints lap 2 4 8    # plates in a lap joint with so many contacts: examples/lap_joint.py
 
 Both codes trace the same modes without residual flexibility, with the same harmonics and samples, warm. Then both solve
 at the same frequencies about the peak: what is compared there is every harmonic of the drive displacement, and its
@@ -207,9 +207,9 @@ def main() -> None:
     """Print the lap joint, or both tables."""
     with process() as worker:
         peer = worker if find_spec("pyHarm") else print("pyHarm is not installed; pip install '.[peers]'")
-        if sys.argv[1:] == ["lap"]:
-            for plane in (False, True):
-                for contacts in (2, 4, 8):
+        if sys.argv[1:2] == ["lap"]:
+            for contacts in map(int, sys.argv[2:]):
+                for plane in (False, True):
                     compare(lap(contacts, plane), peer)
             return
         for joints in (2, 4, 8):
