@@ -85,19 +85,22 @@ def prepared(case: Case) -> Callable[[], tuple[Traced, Callable[[], Any]]]:
     def run() -> tuple[Traced, Callable[[], Any]]:
         maestro.operate()
         curve, x = _traced(case, maestro)
+        _last[:] = maestro.system, x
         peak, system = x[int(np.argmax(curve.height))], maestro.system
         return curve, lambda: (system.Residual(peak), system.Jacobian(peak))
 
     return run
 
 
-def curve_and_solutions(case: Case, hz: np.ndarray) -> tuple[Traced, np.ndarray, float]:
-    """The curve; solutions (f, 2H+1) at frequencies (f,) [Hz] by Newton from its nearest points; what they leave."""
-    maestro = _maestro(case)
-    maestro.operate()
-    curve, x = _traced(case, maestro)
-    found = [_solved(maestro.system, x, 2 * np.pi * f / case.pyharm.omega) for f in hz.tolist()]
-    return curve, _drive(case, maestro.system, np.array([p for p, _ in found])), max(left for _, left in found)
+_last: list[Any] = []
+"""System and points of the last curve."""
+
+
+def solutions(case: Case, hz: np.ndarray) -> tuple[np.ndarray, float]:
+    """Solutions (f, 2H+1) at frequencies (f,) [Hz] by Newton from the last curve's nearest points; what they leave."""
+    system, x = _last
+    found = [_solved(system, x, 2 * np.pi * f / case.pyharm.omega) for f in hz.tolist()]
+    return _drive(case, system, np.array([p for p, _ in found])), max(left for _, left in found)
 
 
 def _maestro(case: Case) -> Any:
