@@ -118,27 +118,28 @@ def lap(contacts: int, plane: bool) -> Case:
     return told(rig, LAP_HZ[contacts], [element], turn, LAP_H)
 
 
-def timed(module: Any, case: Case) -> tuple[Traced, float, float]:
-    """Curve of a case, its CPU seconds (median, warm), and those of a residual with its derivative at the peak."""
-    spent = []
+def timed(module: Any, case: Case) -> tuple[Any, Traced, float, float]:
+    """Last run of a case, its curve, median CPU seconds (warm), and those of a residual with its derivative."""
+    spent: list[float] = []
     while len(spent) < 1 + RUNS and sum(spent) < BUDGET:
         run = module.prepared(case)
         used = time.process_time()
         curve, newton = run()
         spent.append(time.process_time() - used)
-    return curve, median(spent[1:] or spent), cpu_seconds(newton, 10)
+    return run, curve, median(spent[1:] or spent), cpu_seconds(newton, 10)
 
 
 def by_peer(case: Case, at: np.ndarray) -> tuple[tuple[Traced, float, float], tuple[np.ndarray, float]]:
     """What pyHarm takes, and its solutions at frequencies with what they leave."""
-    return timed(pyharm, case), pyharm.solutions(case, at)
+    run, *taken = timed(pyharm, case)
+    return tuple(taken), run.solutions(at)
 
 
 @one_thread
 def compare(case: Case, peer: ProcessPoolExecutor | None) -> None:
     """Lines of a case."""
     rig = case.rig
-    mine = timed(ours, case)
+    _, *mine = timed(ours, case)
     curve = ours.curve_of(case)
     peak = curve.peak
     at = peak.hz * np.array([0.998, 0.999, 1.0, 1.001, 1.002])
