@@ -101,7 +101,7 @@ if __name__ == "__main__":
     print(
         f"{len(rig.body.dofs)} degrees of freedom reduced to {rig.structure.n} modes, receptances right to {error:.1e}"
     )
-    curves = [frequency_response(rig, (146.0, 162.0), level=level, harmonics=15) for level in (0.05, 0.2, 0.5, 2.0)]
+    curves = [frequency_response(rig, (140.0, 160.0), level=level, harmonics=15) for level in (0.05, 0.2, 0.5, 1.0)]
     mode = nonlinear_mode(rig, amplitudes=(1e-5, 2e-3))
     print(mode, f"damping at most {100 * mode.damping_ratio.max():.2f} %", sep="\n")
     plot_backbones([mode], curves)[0].figure.savefig(sys.argv[1] if len(sys.argv) > 1 else "lap_joint.png", dpi=150)

@@ -78,26 +78,39 @@ def _shaken(case: Case) -> int:
     return 0 if len(ports) == case.rig.structure.n else len(ports) // each
 
 
-def prepared(case: Case) -> Callable[[], tuple[Traced, Callable[[], Any]]]:
-    """What traces the case once, and returns the curve with a residual and its derivative at its top."""
-    maestro = _maestro(case)
+class Run:
+    """One run of pyHarm, prepared. Called, it returns the curve, and what evaluates residual and derivative at its top.
 
-    def run() -> tuple[Traced, Callable[[], Any]]:
-        maestro.operate()
-        curve, x = _traced(case, maestro)
-        peak, system = x[int(np.argmax(curve.height))], maestro.system
-        return curve, lambda: (system.Residual(peak), system.Jacobian(peak))
+    Attributes
+    ----------
+    system : pyHarm's system
+    x : (points, unknowns) array
+        Points of the curve, in its units.
+    """
 
-    return run
+    system: Any
+    x: np.ndarray
+
+    def __init__(self, case: Case) -> None:
+        self.case, self._maestro = case, _maestro(case)
+
+    def __call__(self) -> tuple[Traced, Callable[[], Any]]:
+        self._maestro.operate()
+        self.system, found = self._maestro.system, self._maestro.nls["frf"].SolList
+        self.x = np.array([p.x for p in found if p.flag_accepted])
+        hz = self.x[:, -1] * self.case.pyharm.omega / (2 * np.pi)
+        name, rejected = f"pyHarm {version('pyHarm-os')}", len(found) - len(self.x)
+        curve = Traced(name, hz, _drive(self.case, self.system, self.x), self.case.N_t, rejected)
+        top = self.x[int(np.argmax(curve.height))]
+        return curve, lambda: (self.system.Residual(top), self.system.Jacobian(top))
+
+    def solutions(self, hz: np.ndarray) -> tuple[np.ndarray, float]:
+        """Solutions (f, 2H+1) at frequencies (f,) [Hz] by Newton from the nearest points; what they leave."""
+        found = [_solved(self.system, self.x, 2 * np.pi * f / self.case.pyharm.omega) for f in hz.tolist()]
+        return _drive(self.case, self.system, np.array([p for p, _ in found])), max(left for _, left in found)
 
 
-def curve_and_solutions(case: Case, hz: np.ndarray) -> tuple[Traced, np.ndarray, float]:
-    """The curve; solutions (f, 2H+1) at frequencies (f,) [Hz] by Newton from its nearest points; what they leave."""
-    maestro = _maestro(case)
-    maestro.operate()
-    curve, x = _traced(case, maestro)
-    found = [_solved(maestro.system, x, 2 * np.pi * f / case.pyharm.omega) for f in hz.tolist()]
-    return curve, _drive(case, maestro.system, np.array([p for p, _ in found])), max(left for _, left in found)
+prepared = Run
 
 
 def _maestro(case: Case) -> Any:
@@ -107,14 +120,6 @@ def _maestro(case: Case) -> Any:
 
     logging.disable(logging.CRITICAL)
     return pyHarm.Maestro(model(case))
-
-
-def _traced(case: Case, maestro: Any) -> tuple[Traced, np.ndarray]:
-    found = maestro.nls["frf"].SolList
-    x = np.array([p.x for p in found if p.flag_accepted])
-    hz = x[:, -1] * case.pyharm.omega / (2 * np.pi)
-    name = f"pyHarm {version('pyHarm-os')}"
-    return Traced(name, hz, _drive(case, maestro.system, x), case.N_t, len(found) - len(x)), x
 
 
 def _drive(case: Case, system: Any, x: np.ndarray) -> np.ndarray:
