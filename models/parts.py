@@ -1,4 +1,4 @@
-"""Parts of a rig: modes that are given, damping, contact, excitation, drift and channels."""
+"""Parts of a rig: given modes, damping, contact, excitation, drift and channels."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

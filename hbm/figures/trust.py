@@ -140,7 +140,7 @@ def _draw_estimates(ax: Axes, reconstruction: "Reconstruction", estimates: "Esti
 
 
 def plot_misfit(reconstruction: "Reconstruction", axes: AxesArray | None = None) -> AxesArray:
-    """How far the sensors are from the structure: by record, and by channel and record.
+    """Plot the misfit of the sensors: by record, and by channel and record.
 
     Above: misfit per degree of freedom, about 1 where noise alone is left, with the limit that noise passes in one of a
     thousand records. Below: the same of each channel. Records are in the order of level and frequency.

@@ -34,8 +34,8 @@ MOST_RANKED = 10
 """Causes of a table or figure, at most."""
 
 RULES = (
-    f"A cause is accepted if its BIC is at least {DECISIVE:g} below that of the rig file that it extends. Of two causes "
-    f"the lower BIC says nothing where chi2 differs by less than {TIED:g}: these records cannot tell them apart."
+    f"A cause is accepted if its BIC is at least {DECISIVE:g} below that of the rig file that it extends. Of two "
+    f"causes the lower BIC says nothing where chi2 differs by less than {TIED:g}: these records cannot tell them apart."
 )
 """The two rules by which causes are judged, which have thresholds of their own."""
 
@@ -97,7 +97,7 @@ def _response_plates(found: Diagnosed) -> Iterator[Plate]:
 
 
 def _lines(found: Diagnosed) -> str:
-    """What the lines of a model are, in words."""
+    """Meaning of the lines of the models, for a caption."""
     if not found.traced:
         return "; lines join the records"
     names = {t.model for t in found.traced}

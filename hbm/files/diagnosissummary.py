@@ -43,7 +43,7 @@ def verdict_line(d: Diagnosis) -> str:
 
 
 def first_screen(d: Diagnosis, force: Discrepancy | None, where: str, noise: float) -> dict[str, str]:
-    """The six answers by what they answer.
+    """The six answers by their questions.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def _missing(force: Discrepancy | None) -> Iterator[str]:
 
 
 def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
-    """A cause in words, with its numbers and those of the rig file; of the first the standard deviations are known."""
+    """A cause in words, with its numbers and those of the rig file; the first cause has standard deviations."""
     cause, known = e.model.causes[i], d.parameters if i == 0 else {}
     unknowns = {u.name: u for u in e.model.unknowns[i]}
     numbers = []
@@ -164,26 +164,19 @@ def _added(d: Diagnosis) -> str:
 
 
 def _gain(d: Diagnosis, noise: float) -> str:
+    count = len(d.held_out_records)
+    part, records = "train", "records fitted (none was held out)"
+    if count:
+        part, records = "held_out", f"{count} record{'s' * (count > 1)} held out"
     models = {
         "nominal": "with the rig file as it is",
         "calibrated": "with it calibrated",
         "extended": f"with {d.cause}",
     }
-    known = {name: said for name, said in models.items() if name in d.errors}
-    parts = {"train": f"{_records(len(d.campaign.numbers))} fitted" if d.campaign is not None else "records fitted"}
-    if d.held_out_records:
-        parts["held_out"] = f"{_records(len(d.held_out_records))} held out"
-    told = [
-        f"{' -> '.join(percent(d.errors[name][part].nrmse) for name in known)} on the {records}"
-        for part, records in parts.items()
-        if all(part in d.errors[name] for name in known)
-    ]
+    known = [(d.errors[name][part].nrmse, said) for name, said in models.items() if part in d.errors.get(name, {})]
+    told = [f"{percent(nrmse)} {said}" for nrmse, said in known]
     alone = f"; {percent(noise)} by noise alone" if noise > 0.0 else ""
-    return f"{'' if 'extended' in known else 'None. '}Error {' -> '.join(known.values())}: {', '.join(told)}{alone}."
-
-
-def _records(count: int) -> str:
-    return f"{count} record{'s' * (count > 1)}"
+    return f"{'' if 'extended' in d.errors else 'None. '}Error on the {records}: {', '.join(told)}{alone}."
 
 
 def _next(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
@@ -203,7 +196,7 @@ def _next(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
 
 
 def _checks(causes: Sequence[Cause]) -> Iterator[str]:
-    """How to check causes; one of one's own need not say."""
+    """Experiments that would confirm causes; a user's own cause may name none."""
     for cause in causes:
         check = getattr(cause, "check", "")
         if check:

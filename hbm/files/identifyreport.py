@@ -294,7 +294,7 @@ def identify_plates(reconstruction: Reconstruction, laws: Sequence[IdentifiedLaw
 
 
 def drawn_records(reconstruction: Reconstruction, predicted: figures.Predicted) -> list[int]:
-    """Records whose loops are drawn: those that show most, of those that no law was kept from."""
+    """Records whose loops are drawn: those that show most, without records held out of a law."""
     seen = [record for record in figures.loop_records(reconstruction) if _seen(reconstruction, predicted, record)]
     every = reconstruction.spectra.records.tolist()
     return seen or [record for record in every if _seen(reconstruction, predicted, record)][:MOST_DRAWN]

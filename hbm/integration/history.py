@@ -19,7 +19,7 @@ from models.structure import Array
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a rig is at one instant.
+    """State of a rig at one instant.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ def acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Array:
 
 
 def _acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array, elements: ForcesInTime) -> Array:
-    """With the forces of the elements."""
+    """Modal acceleration where the forces of the elements are known."""
     s = rig.structure
     pushed = s.slip_row - q @ s.shortening
     driven = F[:, None] * s.excitation + T[:, None] * pushed + elements.on_modes

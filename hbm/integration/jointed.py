@@ -249,7 +249,7 @@ class JointPeriod:
 
 
 class _Period:
-    """A period marched from a state, and how well it closes."""
+    """A period marched from a state, and its closure error."""
 
     def __init__(self, marcher: JointMarcher, x: Array, scale: Array | None = None) -> None:
         self.marcher, self.x = marcher, x

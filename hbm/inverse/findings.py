@@ -88,7 +88,7 @@ def _alike(base: Readings) -> bool:
 
 
 def _worst(base: Readings) -> str:
-    """Where the misfit is largest."""
+    """Place of the largest misfit."""
     error = np.sum(np.abs(base.residual) ** 2, axis=2)
     r, k = np.unravel_index(int(np.argmax(error)), error.shape)
     spectra = base.seen.spectra

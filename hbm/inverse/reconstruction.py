@@ -68,7 +68,7 @@ class Estimates:
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """How far the sensors are from the fitted motion, per record and response channel.
+    """Misfit of the sensors to the fitted motion, by record and response channel.
 
     Attributes
     ----------

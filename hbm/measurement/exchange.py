@@ -86,7 +86,7 @@ def netcdf_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
 
 @contextmanager
 def _quiet_end() -> Iterator[None]:
-    """Let what h5netcdf opened half, of a damaged file, end here and silently."""
+    """Close silently what h5netcdf has partly opened of a damaged file."""
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         yield
@@ -178,7 +178,7 @@ def _rows(source: str, variables: Mapping[str, Any]) -> Iterator[tuple[str, list
 
 
 def _plain(values: Any) -> list[Any]:
-    """Numbers of a vector; MATLAB writes whole ones as floats."""
+    """Numbers of a vector; MATLAB writes integers as floats."""
     flat = np.asarray(values).ravel().tolist()
     return [int(v) if isinstance(v, float) and v.is_integer() else v for v in flat]
 

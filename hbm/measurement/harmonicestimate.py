@@ -1,4 +1,4 @@
-"""What was found of a record: harmonics with standard deviations, how good the record is, and sentences about it."""
+"""Result for one record: harmonics with standard deviations, quality of the record, and sentences about it."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ LEAST_TURN = 0.005
 
 @dataclass(frozen=True)
 class ChannelQuality:
-    """What is known of one channel of a record.
+    """Estimates for one channel of a record.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class HarmonicEstimate(Displayed):
         return self.quality[self.channels.index(channel)].amplitude
 
     def __repr__(self) -> str:
-        """What was done, and what to beware of, in sentences."""
+        """Sentences about the analysis, followed by warnings."""
         blocks = (
             f"standard deviations from the scatter of {self.blocks} blocks"
             if self.blocks
@@ -102,7 +102,7 @@ class HarmonicEstimate(Displayed):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the record, one sentence each."""
+        """Warnings about the record, one sentence each."""
         return tuple(_warnings(self))
 
 

@@ -21,7 +21,7 @@ KIND = "a time history"
 
 
 class Found(NamedTuple):
-    """What a reader found in a file: time [s], values by channel, units by channel."""
+    """Content of a file as read: time [s], values by channel, units by channel."""
 
     time: Any
     channels: Mapping[str, Any]

@@ -73,7 +73,7 @@ class MeasuredSpectra(Displayed):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against records, one sentence each, the first of many in full."""
+        """Warnings about records, one sentence each; of many alike the first is given in full."""
         said = [f"Record {record} of {self.source}: {text.rstrip('?')}." for record, text in self.notes]
         more = len(said) - MOST_WARNINGS
         return (*said[:MOST_WARNINGS], *([f"{more} more warnings are in {self.source}."] if more > 0 else []))
@@ -123,7 +123,7 @@ class MeasuredSpectra(Displayed):
 
     @property
     def measured(self) -> npt.NDArray[np.bool_]:
-        """Which harmonics of which channels were measured, (r, c, H+1)."""
+        """True where a harmonic of a channel was measured, (r, c, H+1)."""
         return np.isfinite(self.std)
 
     def complex(self, channel: str) -> npt.NDArray[np.complex128]:
@@ -193,7 +193,7 @@ class MeasuredSpectra(Displayed):
         return chosen if harmonics is None else chosen._of_harmonics(list(harmonics))
 
     def split(self, held_out: Iterable[int]) -> tuple["MeasuredSpectra", "MeasuredSpectra"]:
-        """Records to fit, and the records named, which are held out.
+        """Split into the records to fit and the records to hold out.
 
         Raises
         ------

@@ -29,7 +29,7 @@ FEWEST_BLOCKS = 8
 
 @dataclass(frozen=True)
 class Steadiness:
-    """How constant the amplitude of the fundamental is.
+    """Steadiness of the amplitude of the fundamental over a record.
 
     Attributes
     ----------

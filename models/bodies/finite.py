@@ -21,7 +21,7 @@ PER_MODE = 8
 """Fewest Hermite elements, and per mode: they make the frequencies to 1e-5."""
 
 SAME, NEAREST = 1e-9, 2e-4
-"""Of the length: places nearer than the first are one, further apart than the second they are two."""
+"""Shares of the length: places nearer than the first are one, further apart than the second they are two."""
 
 PLACE = re.compile(r"(y|slope|axial)\(([0-9.eE+-]+)\)")
 
@@ -101,7 +101,7 @@ class FiniteBeam:
         return replace(found, places=tuple(places), supports=tuple(supports))
 
     def _nodes(self, positions: Sequence[float]) -> Array:
-        """Where something touches, and both ends, ascending; what rounding sets apart is one place.
+        """Places where something touches, and both ends, ascending; places that only rounding sets apart are one.
 
         Raises
         ------

@@ -12,7 +12,7 @@ from models.plausible import plausible
 from models.structure import Array
 
 SYMMETRIC = 1e-9
-"""Of the largest entry: what a residual flexibility may differ by from its transpose."""
+"""Share of the largest entry by which a residual flexibility may differ from its transpose."""
 
 
 @dataclass(frozen=True, eq=False)
