@@ -22,6 +22,7 @@ from hbm.diagnosis.diagnose import diagnose as search
 from hbm.diagnosis.remainder import Remainder, percent
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.files.diagnosisfiles import FILES
+from hbm.files.diagnosispage import ranking_table
 from hbm.files.diagnosissummary import first_screen, verdict_line
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.response.trace import steady_state
@@ -283,6 +284,23 @@ def test_overview_shows_errors_before_and_after(mass: tuple[Path, Result]) -> No
     assert shown and all(float(r["simulated"]) == pytest.approx(float(r["measured"]), abs=5 * NOISE) for r in shown)
 
 
+def test_figures_show_the_simulations_that_the_errors_are_of(mass: tuple[Path, Result]) -> None:
+    """Corrected for their discretisation, which here is by tens of standard deviations."""
+    with (mass[0] / "figures" / "misfit_map.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    for model, errors in diagnosed(mass[0])["errors"].items():
+        for held, part in (("0", "train"), ("1", "held_out")):
+            own = [row for row in rows if row["model"] == model and row["held_out"] == held]
+            channel = np.array([row["channel"] for row in own])
+            measured, simulated = (
+                np.array([complex(float(row[f"{kind}_real"]), float(row[f"{kind}_imag"])) for row in own])
+                for kind in ("measured", "simulated")
+            )
+            scale = np.array([np.sqrt(np.mean(np.abs(measured[channel == name]) ** 2)) for name in channel])
+            nrmse = np.linalg.norm((measured - simulated) / scale) / np.linalg.norm(measured / scale)
+            assert nrmse == pytest.approx(errors[part]["nrmse"], rel=1e-6)
+
+
 def answers(**changes: Any) -> dict[str, str]:
     """The first screen of what the search found, had it found otherwise."""
     return first_screen(replace(FOUND[0], **changes), None, "harmonic 1 of a3 at 6.5 N", 0.012)
@@ -309,6 +327,20 @@ def test_ties_are_told_apart_before_anything_is_confirmed() -> None:
     assert said["What to measure next"].startswith(
         "To tell added-mass from added-spring: three records at 9 N. To confirm added-mass: weigh"
     )
+
+
+@pytest.mark.usefixtures("mass")
+def test_a_lead_in_bic_does_not_tell_apart_what_chi2_does_not() -> None:
+    (best,) = FOUND[0].ranking
+    near = replace(best, label="added-spring", name="added-spring", bic=best.bic + 1.086, chi2=best.chi2 + 1.086)
+    far = replace(near, label="impact-stop", name="impact-stop", bic=best.bic + 40.0, chi2=best.chi2 + 40.0)
+    tied = replace(FOUND[0], ranking=(best, near, far), not_separable=("added-spring",))
+    headings, rows = ranking_table(tied)
+    said = {row[0]: (row[1], row[headings.index("verdict")]) for row in rows}
+    assert said["added-mass"] == ("0", "named")
+    assert said["added-spring"] == ("1.086", "cannot be told apart")
+    assert said["impact-stop"] == ("40", "less likely")
+    assert {said[name][1] for name in ("rig file as it is", "rig file calibrated")} == {"no cause"}
 
 
 @pytest.mark.usefixtures("mass")
