@@ -156,6 +156,6 @@ def _ranking_plates(found: Diagnosed) -> Iterator[Plate]:
         "Which cause",
         f"Left: Bayesian information criterion (BIC) above that of the best. {RULES} Right: error on the records held "
         "out.",
-        plot_ranking([row[0] for row in rows], bic, held if np.isfinite(held).all() else None, decisive=DECISIVE),
+        plot_ranking([row[0] for row in rows], bic, held if np.isfinite(held).all() else None, clear=DECISIVE),
         ranking_columns(found.diagnosis),
     )
