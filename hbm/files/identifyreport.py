@@ -252,8 +252,8 @@ def identify_plates(reconstruction: Reconstruction, laws: Sequence[IdentifiedLaw
             "ranking",
             "Which law",
             "Left: Bayesian information criterion (BIC) above the best law's. Laws less than "
-            f"{CLEAR:g} apart in BIC or chi2 cannot be told apart, unless by records held out. Right, where records were "
-            "held out: relative error of the friction force there.",
+            f"{CLEAR:g} apart in BIC or chi2 cannot be told apart, unless by records held out. Right, where records "
+            "were held out: relative error of the friction force there.",
             figures.plot_ranking(
                 list(predicted),
                 np.array([law.bic for law in order]),
