@@ -308,7 +308,7 @@ def plot_ranking(
     found[0].invert_yaxis()
     if error is not None:
         _bars(found[1], y, 100.0 * error[order], ".3g")
-        dressed(found[1], "Error on held-out records [%]", "")
+        dressed(found[1], "Held-out error [%]", "")
     return found
 
 

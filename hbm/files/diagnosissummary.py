@@ -87,9 +87,7 @@ def _wrong(d: Diagnosis, where: str) -> str:
 def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
     if d.extended_fit is not None:
         e = d.extended_fit
-        yield "; beside it ".join(_said(d, e, i) for i in range(len(e.model.causes))) + "."
-        if d.not_separable:
-            yield f"These records cannot tell it from {', '.join(d.not_separable)}."
+        yield "; beside it ".join(_said(d, e, i) for i in range(len(e.model.causes))) + f".{_ties(d)}"
     elif d.verdict == "unexplained":
         yield "No cause that was tried takes most of the misfit."
         yield from _missing(force)
@@ -121,12 +119,16 @@ def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
     return f"{cause.label}{told}: {cause.meaning}"
 
 
+def _ties(d: Diagnosis) -> str:
+    return f" These records cannot tell it from {', '.join(d.not_separable)}." if d.not_separable else ""
+
+
 def meaning(d: Diagnosis) -> str:
-    """The causes that were found, in one sentence; nothing where none was."""
+    """Meaning of the causes that were found, and what they cannot be told from; nothing where none was found."""
     e = d.extended_fit
     if e is None:
         return ""
-    return f"This means: {'; beside it '.join(cause.meaning for cause in e.model.causes)}."
+    return f"This means: {'; beside it '.join(cause.meaning for cause in e.model.causes)}.{_ties(d)}"
 
 
 def numbers(d: Diagnosis) -> list[list[str]]:
@@ -143,7 +145,8 @@ def numbers(d: Diagnosis) -> list[list[str]]:
         for name, value in e.model.values(e.x, i).items():
             u = neutral[name]
             before = f"{u.neutral:.4g}" if math.isfinite(u.neutral) else "-"
-            rows.append([cause.label, name, text(known.get(name, Estimate(value, unit=u.unit))), before])
+            said = cause.label.partition("parameter:")[2] or name
+            rows.append([cause.label, said, text(known.get(name, Estimate(value, unit=u.unit))), before])
     return rows
 
 
