@@ -189,7 +189,7 @@ def test_extended_rig_is_the_nominal_one_with_the_mass(mass: tuple[Path, Result]
 def test_page_needs_nothing_but_itself(mass: tuple[Path, Result]) -> None:
     text = (mass[0] / "report.html").read_text(encoding="utf-8")
     without_images = re.sub(r"data:image/[a-z+]+;base64,[A-Za-z0-9+/=]+", "", text)
-    assert not re.search(r"(?:src|href)=\"(?!figures/|#|[a-z_]+\.csv|\")", without_images)
+    assert not re.search(r"(?:src|href)=\"(?!figures/|#|[a-z_]+\.csv|extended\.toml|\")", without_images)
     assert "http" not in without_images and "<script src" not in without_images
     for heading in (
         "What the extended model gains",
@@ -437,6 +437,13 @@ def test_candidates_of_an_earlier_run_are_removed(folder: Path, tmp_path: Path, 
     args = ("--cause", "added-mass", "--out", str(tmp_path))
     assert run("diagnose", str(folder / "rig.toml"), str(folder / "null.csv"), *args).exit_code == 0
     assert not (tmp_path / "candidates").exists()
+
+
+def test_a_folder_that_could_not_hold_candidates_is_refused_at_once(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "candidates").write_text("mine")
+    result = run("diagnose", str(folder / "rig.toml"), str(folder / "null.csv"), "--out", str(tmp_path))
+    assert result.exit_code == 2
+    assert result.stderr.endswith(f"{str(tmp_path / 'candidates')!r} is a file, must be a directory\n")
 
 
 def test_cause_of_ones_own_is_tried_and_named_in_the_extended_rig(folder: Path, tmp_path: Path, plain: None) -> None:

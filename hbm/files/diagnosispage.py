@@ -12,7 +12,7 @@ from hbm.files.diagnosed import Diagnosed
 from hbm.files.diagnosiscolumns import PLAIN, ranked_rows
 from hbm.files.diagnosisplates import MOST_RANKED, RULES
 from hbm.files.diagnosissummary import ADDED, NEXT, REMAINS, WRONG, meaning, numbers, text, verdict_line
-from hbm.files.extendedrig import candidates
+from hbm.files.extendedrig import EXTENDED_FILE, candidates
 from hbm.files.figurefiles import Plate
 from hbm.version import installed_version
 
@@ -153,4 +153,5 @@ def _said(d: Diagnosis, rows: Sequence[tuple[str, float, float, float, str]]) ->
 def _ranking_section(d: Diagnosis) -> Iterator[Section]:
     if d.ranking:
         note = "causes that were fitted, beside the rig file without one; ± is one standard deviation"
-        yield Section("Causes", text=(RULES,), table=Table(*ranking_table(d), note), csv=(RANKING_FILE,))
+        files = (RANKING_FILE, EXTENDED_FILE)[: 1 + (d.extended is not None)]
+        yield Section("Causes", text=(RULES,), table=Table(*ranking_table(d), note), csv=files)
