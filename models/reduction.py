@@ -212,7 +212,7 @@ class Reduction:
         return taken * free, float(taken)
 
     def _seen(self, rows: Array) -> Array:
-        """Those of slip, drive, channels and reaction, without points."""
+        """Rows of slip, drive, channels and reaction, without those of points."""
         return np.delete(rows, slice(len(rows) - 1 - len(self.assembly.share), len(rows) - 1), axis=0)
 
     # ---- derivatives

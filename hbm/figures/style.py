@@ -139,7 +139,7 @@ def legend_above(axes: AxesArray, handles: Sequence[Any], *, where: str = "upper
 
 
 def align_labels(axes: AxesArray) -> AxesArray:
-    """Put the labels of panels above each other in one line; returns the panels."""
+    """Align the labels of panels that stand above each other; return the panels."""
     axes.flat[0].figure.align_ylabels(list(axes.flat))
     return axes
 

@@ -82,7 +82,7 @@ class Judged:
 
 
 class LeastSquares:
-    """Least squares of one law over records."""
+    """Least-squares problem of one law over records."""
 
     def __init__(self, candidate: Candidate, observed: Observed) -> None:
         self.candidate, self.observed = candidate, observed

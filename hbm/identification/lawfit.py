@@ -41,7 +41,7 @@ class FittedParameter:
     undetermined: str = ""
 
     def __repr__(self) -> str:
-        """Say value, standard deviation and unit; what to beware of behind it."""
+        """Value, standard deviation and unit, followed by warnings."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         if self.held:
             return f"{self.value:.6g}{unit} (held)"

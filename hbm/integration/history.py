@@ -41,7 +41,7 @@ class State:
 
     @staticmethod
     def at_rest(rig: Rig) -> "State":
-        """Nothing moves, the contact is in its virgin state."""
+        """State at rest, with the contact in its virgin state."""
         n = rig.structure.n
         return State(np.zeros(n), np.zeros(n), 0.0, np.zeros(law_step(rig.contact.law).memory_size))
 
@@ -143,7 +143,7 @@ class TimeHistory:
     largest_residual: float
 
     def __repr__(self) -> str:
-        """Say what was marched."""
+        """Summary in words."""
         lifts = "" if self.lift_off is None else f"; the tip lifts off at {self.lift_off:.6g} s"
         return (
             f"motion at {self.hz:.6g} Hz, {self.level:g} N, {self.time[0]:.6g} to {self.time[-1]:.6g} s, "

@@ -77,7 +77,7 @@ def _times(spectra: MeasuredSpectra, channel: str, factor: Complex) -> MeasuredS
 
 
 def explanations(readings: Readings, channel: str, others: Others) -> Iterator[Fault]:
-    """All that may be wrong with a channel, fitted; first that nothing is.
+    """Possible faults of a channel, fitted; the first is that it has none.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ DEAD = 0.05
 
 
 def sentence(fault: Fault, rig: Rig, before: Readings, after: Readings) -> str:
-    """One line on a fault, with the misfit of the sensors before and after."""
+    """Sentence about a fault, with the misfit of the sensors before and after."""
     fell = f"misfit of the sensors {before.everyone.reduced:.3g} -> {after.everyone.reduced:.3g} per degree of freedom"
     said = ", or ".join(
         _said(f, rig).removeprefix(f"{fault.channel}: " if i else "")

@@ -124,7 +124,7 @@ class JointReconstruction:
         return dataset("to_xarray", *self.arrays(), rig=self.rig.name)
 
     def to_dataframe(self) -> Any:
-        """One row a record, as a pandas.DataFrame: peaks at every port, and what each joint takes.
+        """A pandas.DataFrame with a row per record: peaks at every port, and what each joint takes.
 
         Raises
         ------

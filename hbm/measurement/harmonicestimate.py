@@ -157,7 +157,7 @@ def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
 def spectra_of_records(
     estimates: Sequence[HarmonicEstimate], levels: Sequence[float], channels: Sequence[str], source: str = "spectra"
 ) -> MeasuredSpectra:
-    """Put records together, numbered from 1 in their order.
+    """Join records, numbered from 1 in their order.
 
     Parameters
     ----------

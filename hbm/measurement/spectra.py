@@ -56,7 +56,7 @@ class MeasuredSpectra(Displayed):
     notes: tuple[tuple[int, str], ...] = ()
 
     def __repr__(self) -> str:
-        """Say what there is."""
+        """Summary in words."""
         return (
             f"{self.source}: {len(self)} records, {self.level.min():g} to {self.level.max():g} N, "
             f"{self.hz.min():g} to {self.hz.max():g} Hz; {', '.join(self.channels)}; harmonics up to {self.H}"
@@ -101,7 +101,7 @@ class MeasuredSpectra(Displayed):
         return dataset("to_xarray", variables, coordinates, source=self.source)
 
     def to_dataframe(self) -> Any:
-        """One row a record and channel, as a pandas.DataFrame: record, level, hz, channel and every coefficient.
+        """A pandas.DataFrame with a row per record and channel: record, level, hz, channel and every coefficient.
 
         Raises
         ------

@@ -37,7 +37,7 @@ HOW_STD = "estimate it from the time history with hbm spectra"
 
 
 class Row(NamedTuple):
-    """One coefficient pair and where it stands."""
+    """One pair of coefficients and its place in the file."""
 
     where: str
     record: int
@@ -172,7 +172,7 @@ def _shown(text: str) -> str:
 
 
 def _assembled(source: str, rows: Iterable[Row], rig: AnyRig) -> MeasuredSpectra:
-    """Put rows into arrays; of rows that contradict each other the later is refused."""
+    """Put rows into arrays; a row that contradicts an earlier one is refused."""
     quantities = {channel.name: channel.quantity for channel in rig.channels}
     names, computed = list(quantities), computed_channels(rig)
     states: dict[int, tuple[float, float]] = {}

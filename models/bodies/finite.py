@@ -62,7 +62,7 @@ class FiniteBeam:
         return self.beam.quantities
 
     def __str__(self) -> str:
-        """Its measures and how it is held."""
+        """Dimensions and supports in words."""
         b = self.beam
         measures = " x ".join(f"{1e3 * size:g}" for size in (b.length, b.width, b.thickness))
         return (
@@ -133,7 +133,7 @@ class FiniteBeam:
         return match[1], x
 
     def matrices(self, positions: Sequence[float] = ()) -> MatrixBody:
-        """Its matrices, with a node at every position [m]; degrees of freedom are named ``y@x`` and so on."""
+        """Matrices with a node at every position [m]; degrees of freedom are named ``y@x`` and so on."""
         b = self.beam
         elements = max(ELEMENTS, PER_MODE * b.modes)
         even = np.linspace(0.0, b.length, elements + 1)

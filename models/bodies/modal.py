@@ -73,7 +73,7 @@ class ModalModel:
                 raise ValueError(f"ModalModel: {what} is not symmetric")
 
     def __str__(self) -> str:
-        """Its modes in a few words."""
+        """Modes in a few words."""
         hz = self.frequencies_hz
         return f"{len(hz)} modes given, {hz[0]:.6g} to {hz[-1]:.6g} Hz, at {len(self.ports)} ports"
 
