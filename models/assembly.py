@@ -25,7 +25,7 @@ MORE_MODES = 20
 """Modes of the bare beam beyond those kept, to build the modes of a beam with attachments from."""
 
 LEAST_MASS = 1e-15
-"""Of the beam's mass, lent to a resonator: one of no mass would not know where it is."""
+"""Share of the beam's mass that is lent to a resonator: one without mass has no definite shape."""
 
 
 @dataclass(frozen=True)

@@ -120,7 +120,7 @@ class Beam:
         bounded("Beam: modes", self.modes, 1)
 
     def __str__(self) -> str:
-        """Its measures in a few words."""
+        """Dimensions in a few words."""
         measures = " x ".join(f"{1e3 * size:g}" for size in (self.length, self.width, self.thickness))
         return (
             f"beam {measures} mm, E {1e-9 * self.youngs_modulus:g} GPa, density {self.density:g} kg/m3, "

@@ -1,11 +1,11 @@
-"""How objects are shown in notebooks: their words, as a heading, a table or lines."""
+"""Display of objects in notebooks: their words as a heading, a table or lines."""
 
 import re
 from html import escape
 from itertools import groupby
 
 COLUMNS = re.compile(r"\s{2,}")
-"""What separates columns in words."""
+"""Separator of columns in words."""
 
 
 class Displayed:

@@ -122,7 +122,7 @@ def gauss_points(modes: int) -> tuple[Array, Array]:
 
 
 class ElementRows(NamedTuple):
-    """Where elements touch the beam, the rows of all elements in turn; or the derivatives to p parameters, p first.
+    """Shapes at the places where elements touch the beam, row by row; or their derivatives to p parameters, p first.
 
     Attributes
     ----------
@@ -266,7 +266,7 @@ def _lifting_change(support: SpringPort, load: float, d: SpringPort, d_load: Arr
 
 
 LEAST_STRETCH = 1e-12
-"""Of the largest: combinations of modes that are stretched less, as a swinging resonator, are not."""
+"""Share of the largest stretch below which a combination of modes, such as a resonator, counts as not stretched."""
 
 
 def _root(shortening: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Parts of a rig: modes that are given, damping, contact, excitation, drift and channels."""
+"""Parts of a rig: given modes, damping, contact, excitation, drift and channels."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -62,7 +62,7 @@ class ModalBody:
                 plausible(f"ModalBody: {name}[{i}]", entry, "shape")
 
     def __str__(self) -> str:
-        """Its modes in a few words."""
+        """Modes in a few words."""
         hz = sorted(self.frequencies_hz)
         return f"{len(hz)} modes given, {hz[0]:.6g} to {hz[-1]:.6g} Hz"
 

@@ -1,4 +1,4 @@
-"""What numbers of a rig can be: refused where nothing real has them, doubted where they look like another unit.
+"""Plausible ranges of the numbers of a rig: impossible values are refused, likely slips of units are warned of.
 
 One table, :data:`RANGES`, for rig files and for rigs made in Python alike. What is possible is drawn wide, from the
 laboratory on a chip to a bridge; what is unusual is more likely a number in millimetres, grams or GPa.
@@ -20,7 +20,7 @@ class PlausibilityWarning(UserWarning):
 
 
 class Range(NamedTuple):
-    """What a quantity can be, by magnitude; zero and signs are left to its other bounds.
+    """Possible and usual magnitudes of a quantity; zero and signs are left to its other bounds.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ RANGES: dict[str, Range] = {
     "N/m4": Range("N/m4", (0.0, 1e36), ANY, "1e18 N/m at a slip of 1 um"),
     "N/m5": Range("N/m5", (0.0, 1e42), ANY, "1e18 N/m at a slip of 1 um"),
 }
-"""What is possible and what is usual, by the name of a quantity, or of a number of a law by its name or unit."""
+"""Possible and usual ranges by the name of a quantity; those of a law go by its name or unit."""
 
 _quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 _said: set[str] = set()
@@ -120,7 +120,7 @@ def of_parameter(name: str, unit: str) -> str:
 
 
 def impossible(quantity: str, value: Any) -> str | None:
-    """What is accepted in place of a value that nothing has, in words.
+    """Accepted range, in words, for a value that is impossible.
 
     >>> impossible("thickness", 1e-12)
     'must be between 1e-10 and 100000 m: an atom is 1e-10 m wide, and no structure longer than 100 km'
@@ -136,7 +136,7 @@ def impossible(quantity: str, value: Any) -> str | None:
 
 
 def doubt(quantity: str, value: Any) -> str | None:
-    """What speaks against a value that is possible, in words.
+    """Doubt about a value that is possible, in words.
 
     >>> doubt("youngs_modulus", 70.0)
     '= 70 Pa; usual are 10000 to 2e+12 Pa; is it meant in GPa (7e+10 Pa)?'
@@ -176,7 +176,7 @@ def plausible(where: str, value: Any, quantity: str) -> None:
 
 
 def doubts(numbers: Iterable[tuple[str, str, Any]]) -> dict[str, str]:
-    """What speaks against some numbers, by their keys.
+    """Doubts about numbers, by their keys.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def doubts(numbers: Iterable[tuple[str, str, Any]]) -> dict[str, str]:
 
 
 def warn_of(numbers: Iterable[tuple[str, str, Any]]) -> None:
-    """Warn of numbers that look like another unit, of each key once a process: a search makes many rigs.
+    """Warn of numbers that look like another unit, once per key and process, since a search makes many rigs.
 
     Warns
     -----

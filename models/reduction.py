@@ -1,4 +1,4 @@
-"""From an assembly to its lowest modes, and the exact derivatives of everything that is kept.
+"""Reduction of an assembly to its lowest modes, with exact derivatives of everything that is kept.
 
 :class:`Reduction` solves the eigenproblem, leaves the higher modes to their static response, and differentiates the
 result in the modes found, without derivatives of normalised modes.
@@ -187,7 +187,7 @@ class Reduction:
         )
 
     def port(self, at: int, stiffness: float) -> SpringPort:
-        """Where a displacement slid within a spring to the ground acts.
+        """Port at which a displacement is imposed within a spring to the ground.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ class Reduction:
         return taken * free, float(taken)
 
     def _seen(self, rows: Array) -> Array:
-        """Those of slip, drive, channels and reaction, without points."""
+        """Rows of slip, drive, channels and reaction, without those of points."""
         return np.delete(rows, slice(len(rows) - 1 - len(self.assembly.share), len(rows) - 1), axis=0)
 
     # ---- derivatives

@@ -115,7 +115,7 @@ class Rig(Displayed):
 
     @cached_property
     def reduction(self) -> Reduction:
-        """Where the structure comes from: mass and stiffness on more shapes than are kept.
+        """Assembly that the structure is reduced from: mass and stiffness on more shapes than are kept.
 
         Raises
         ------
@@ -135,7 +135,7 @@ class Rig(Displayed):
 
     @property
     def mode_numbers(self) -> Numbers:
-        """Which mode of the bare structure each mode counts as where modes are damped by number."""
+        """Number of the mode of the bare structure that each mode counts as where damping goes by mode number."""
         if isinstance(self.body, ModalBody):
             return np.arange(1, len(self.body.frequencies_hz) + 1)
         return _numbers(self.body, self.attachments)
@@ -169,7 +169,7 @@ class Rig(Displayed):
 
     @cached_property
     def element_rows(self) -> list[ElementRows]:
-        """Where each element touches the beam, in its modes."""
+        """Modal shapes at the place where each element touches the beam."""
         if isinstance(self.body, ModalBody) or not self.acting:
             return []
         ports = self.reduction.ports(self.body.length)._replace(support=self.support, load=self.contact.normal_load)
@@ -182,7 +182,7 @@ class Rig(Displayed):
 
     @cached_property
     def support(self) -> SpringPort | None:
-        """Where a gap under the tip acts; None where the tip is kept on its support.
+        """Port of the gap under the tip; None where the tip is kept on its support.
 
         Raises
         ------
@@ -206,7 +206,7 @@ class Rig(Displayed):
 
     @cached_property
     def clamp(self) -> SpringPort | None:
-        """Where friction in the clamp acts; None where the clamp does not slip.
+        """Port of the friction in the clamp; None where the clamp does not slip.
 
         Raises
         ------
@@ -234,7 +234,7 @@ class Rig(Displayed):
 
 
 def _numbers(beam: Beam, attachments: Attachments) -> Numbers:
-    """Which mode of the bare beam each mode kept counts as, so that a resonator of no mass changes nothing.
+    """Number of the bare beam's mode that each mode counts as, so that a resonator of no mass changes nothing.
 
     The mode that a resonator adds among them counts as the first.
     """

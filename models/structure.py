@@ -85,9 +85,10 @@ class ResidualFlexibility:
 
 
 class SpringPort(NamedTuple):
-    """Where a displacement slid within a spring acts on a structure; or the derivatives to p parameters, p first.
+    """Port at which a displacement is imposed within a spring; or its derivatives to p parameters, p first.
 
-    The spring, of a clamp that turns or of a support, is part of the structure; what is slid in it is a load on it.
+    The spring is part of the structure: that of a clamp that turns, or of a support. A displacement imposed in it loads
+    the structure.
 
     Attributes
     ----------

@@ -33,6 +33,7 @@ from hbm import load_rig, load_spectra, trace_frequency
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.discrepancy import discrepancy
 from hbm.figures import diagnosis as figures
+from hbm.figures.compared import compared
 from hbm.figures.gain import plot_gain
 from hbm.figures.misfitmap import plot_misfit_map
 from hbm.figures.missingforce import plot_missing_force
@@ -58,7 +59,7 @@ print(f"{len(spectra)} records, three force levels; held out: {len(found.held_ou
 
 # %%
 levels = dict(zip(spectra.records.tolist(), spectra.level.tolist(), strict=True))
-models = figures.compared(found, levels)
+models = compared(found, levels)
 axes = plot_misfit_map(models, found.campaign.data.channels)
 
 # %% [markdown]

@@ -405,7 +405,9 @@ def test_parameters_have_a_panel_each_with_the_value_of_all_levels() -> None:
 
 
 def test_ranking_has_the_best_law_on_top() -> None:
-    left, right = plot_ranking(["dahl", "lugre", "iwan"], np.array([30.0, 10.0, 20.0]), np.array([0.3, 0.1, 0.2]))
+    left, right = plot_ranking(
+        ["dahl", "lugre", "iwan"], np.array([30.0, 10.0, 20.0]), np.array([0.3, 0.1, 0.2]), clear=6.0
+    )
     assert [label.get_text() for label in left.get_yticklabels()] == ["lugre", "iwan", "dahl"]
     assert [bar.get_width() for bar in left.patches] == [0.0, 10.0, 20.0]
     assert np.allclose([bar.get_width() for bar in right.patches], [10.0, 20.0, 30.0])

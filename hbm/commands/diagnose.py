@@ -77,15 +77,16 @@ def diagnose(
     """What the simulation gets wrong, its cause, the extended rig, and what it gains on records held out.
 
     Writes the verdict, diagnosis.json, the extended rig, extended.toml, figures with the numbers of each curve, and one
-    page that opens offline, report.html.
+    page that opens offline, report.html. Where nothing is named, candidates/ has the rigs that came nearest.
 
     Example:  hbm diagnose rig.toml spectra.csv --hold-out 3 7 --out diagnosis
     """
     from hbm.files.diagnosed import Diagnosed
     from hbm.files.diagnosisfiles import FILES
+    from hbm.files.extendedrig import CANDIDATES
 
     held, floor = different(COMMAND, "--hold-out", hold_out), share(COMMAND, repeatability)
-    check_out(COMMAND, out, FILES)
+    check_out(COMMAND, out, (*FILES, f"{CANDIDATES}/1.toml"))
     candidates, own = _causes(cause, causes_file)
     loaded, measured = load(rig, spectra, floor, allow_code=allow_code)
     _check_apply(loaded, candidates if cause else ())

@@ -85,7 +85,7 @@ class View:
 
 
 def clearest(models: Sequence[Compared], *, missed: bool) -> View:
-    """Harmonic of a channel that models miss most, relative to its response; or the one that moves most.
+    """Choose the harmonic of a channel that the models miss most relative to its response, or the one that moves most.
 
     Deviations that noise may make do not count. Curves of a few records are passed over where there are longer ones.
     """
@@ -102,7 +102,7 @@ def clearest(models: Sequence[Compared], *, missed: bool) -> View:
 
 
 def _typical(c: Compared) -> Array:
-    """Rms of all that its channel reads, for each entry."""
+    """Rms reading of the channel of each entry."""
     rms = np.sqrt(np.bincount(c.channel, np.abs(c.measured) ** 2) / np.maximum(np.bincount(c.channel), 1))
     return np.asarray(np.where(rms > 0.0, rms, 1.0)[c.channel])
 
@@ -116,7 +116,7 @@ def noise_error(c: Compared, *, held: bool) -> float:
 
 
 def record_errors(c: Compared) -> tuple[npt.NDArray[np.int64], Array, Array]:
-    """For each record: place of its first entry, relative error over all channels and harmonics, and that by noise."""
+    """Place of the first entry of each record, its relative error over channels and harmonics, and that by noise."""
     _, first, inverse = np.unique(c.record, return_index=True, return_inverse=True)
     size = _typical(c)
     off, noise, whole = (
@@ -127,7 +127,7 @@ def record_errors(c: Compared) -> tuple[npt.NDArray[np.int64], Array, Array]:
 
 
 def compared(diagnosis: "Diagnosis", level: Mapping[int, float]) -> dict[str, Compared]:
-    """Models of a diagnosis beside all records, those held out too.
+    """Compare the models of a diagnosis with all records, including those held out.
 
     Parameters
     ----------

@@ -140,7 +140,7 @@ def phase_degrees(curve: ResponseCurve) -> Array:
 def plot_contact(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     """Slip, friction force and normal reaction over the excitation frequency.
 
-    Slip and friction are peaks over the period; of the reaction the largest and the least are drawn, with the
+    Slip and friction are peaks over the period; the largest and the least reaction are drawn, with the
     static load and, where the reaction comes near it, the zero at which the tip lifts off.
 
     Parameters

@@ -278,7 +278,7 @@ def plot_ranking(
     error: Array | None = None,
     axes: AxesArray | None = None,
     *,
-    decisive: float = 10.0,
+    clear: float,
 ) -> AxesArray:
     """Laws in the order of their BIC, the best on top, and the error of each on records it was not fitted to.
 
@@ -290,8 +290,8 @@ def plot_ranking(
         On held-out records, relative.
     axes : array of Axes, optional
         One, or two with errors.
-    decisive : float
-        Difference of BIC that decides, marked.
+    clear : float
+        Difference of BIC that a rule asks for, marked by a line.
 
     Returns
     -------
@@ -302,13 +302,13 @@ def plot_ranking(
     y = np.arange(len(laws))
     _bars(found[0], y, (bic - bic.min())[order], ".4g")
     found[0].set_xscale("symlog", linthresh=10.0)
-    dressed(found[0], f"BIC above the best; {decisive:g} is decisive", "")
-    found[0].axvline(decisive, color=FAINT, linewidth=0.8, zorder=0)
+    dressed(found[0], f"BIC above the best; line: {clear:g}", "")
+    found[0].axvline(clear, color=FAINT, linewidth=0.8, zorder=0)
     found[0].set_yticks(y, [laws[i] for i in order])
     found[0].invert_yaxis()
     if error is not None:
         _bars(found[1], y, 100.0 * error[order], ".3g")
-        dressed(found[1], "Error on held-out records [%]", "")
+        dressed(found[1], "Held-out error [%]", "")
     return found
 
 

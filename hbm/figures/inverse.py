@@ -84,7 +84,7 @@ def representative(reconstruction: "Reconstruction", per_level: int = PANELS) ->
 
 
 def _spread(count: int, most: int) -> npt.NDArray[np.intp]:
-    """At most so many of 0..count-1, evenly, the last always."""
+    """At most so many of 0..count-1, evenly spaced and including the last."""
     steps = count - 1 - np.round(np.arange(min(most, count)) * count / min(most, count))
     return np.asarray(np.sort(steps), dtype=np.intp)
 

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from models.jointed import JointedRig
 
 SHOWN = 1e-4
-"""Of the largest: what is smaller is off the panel."""
+"""Share of the largest value below which a value is left off the panel."""
 
 LEGEND = 12
-"""Up to so many ports are named in a legend."""
+"""Largest number of ports that are named in a legend."""
 
 
 def colors_of(rig: "JointedRig") -> list[Any]:

@@ -198,7 +198,7 @@ def embedded(figure: Figure, dpi: int = RESOLUTIONS[0]) -> str:
 
 
 def settle(figure: Figure) -> Figure:
-    """Lay a figure out once and for all, so that saving it several times is quick; returns it, out of `pyplot`."""
+    """Fix the layout of a figure, so that saving it several times is quick; return it, detached from `pyplot`."""
     import matplotlib.pyplot as plt
 
     plt.close(figure)

@@ -48,8 +48,7 @@ def _option(models: Mapping[str, Compared], channels: Sequence[str], units: Sequ
     held = ", held out" if bool(any_model.held_out[own][0]) else ""
     label = f"{number}: {any_model.level[own][0]:.3g} N, {any_model.hz[own][0]:.5g} Hz{held}"
     drawings, rows = [], []
-    for place, (name, written) in enumerate(zip(channels, units, strict=True)):
-        unit = written.replace("s2", "s²")
+    for place, (name, unit) in enumerate(zip(channels, units, strict=True)):
         entries = {model: c.where((c.record == number) & (c.channel == place)) for model, c in models.items()}
         first = next(iter(entries.values()))
         if len(first.harmonic):

@@ -34,10 +34,10 @@ SAME_LEVEL = 0.05
 """A record belongs to a curve whose force differs from its own by less than this share."""
 
 MOST = 12
-"""Up to so many channels are drawn where none are named."""
+"""Largest number of channels that are drawn where none are named."""
 
 ONE_COLUMN = 3
-"""Up to so many panels stand in one column."""
+"""Largest number of panels that stand in one column."""
 
 
 def plot_channel(

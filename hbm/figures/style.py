@@ -116,7 +116,7 @@ def whole_figure(axes: AxesArray) -> Figure | SubFigure | None:
 
 
 def label_all(axes: AxesArray, x: str, y: str = "") -> None:
-    """Labels that all panels share: the figure's, where it shows no others, else those of the lowest and the first."""
+    """Label what all panels share: on the figure where it shows no others, else on the lowest and the first panels."""
     figure = whole_figure(axes)
     if figure is not None:
         figure.supxlabel(x, color=INK, fontsize=10)
@@ -139,7 +139,7 @@ def legend_above(axes: AxesArray, handles: Sequence[Any], *, where: str = "upper
 
 
 def align_labels(axes: AxesArray) -> AxesArray:
-    """Put the labels of panels above each other in one line; returns the panels."""
+    """Align the labels of panels that stand above each other; return the panels."""
     axes.flat[0].figure.align_ylabels(list(axes.flat))
     return axes
 
@@ -154,12 +154,12 @@ def as_written(name: str) -> str:
 
 
 def tint(color: Color, share: float = 0.28) -> Color:
-    """A colour so thin on white paper; opaque, so that overlaps do not darken it."""
+    """A colour diluted with white; opaque, so that overlaps do not darken it."""
     return tuple(1.0 - share * (1.0 - part) for part in color[:3])
 
 
 def closed(samples: Array) -> Array:
-    """Samples of a period with the first once more at the end."""
+    """Samples of a period with the first one repeated at the end."""
     return np.append(samples, samples[0])
 
 

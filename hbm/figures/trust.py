@@ -28,6 +28,7 @@ from hbm.figures.style import (
     wrapped_panels,
 )
 from hbm.fourier import Array
+from hbm.measurement.groups import frequency_bands
 
 if TYPE_CHECKING:
     from hbm.inverse.reconstruction import Estimates, Reconstruction
@@ -132,7 +133,9 @@ def _draw_estimates(ax: Axes, reconstruction: "Reconstruction", estimates: "Esti
         own = own[np.argsort(spectra.hz[own], kind="stable")]
         color, marker = level_color(reconstruction, level), "osD^v"[n % 5]
         hz, value, bar = spectra.hz[own], estimates.value[own] * scale, BAND * estimates.std[own] * scale
-        ax.plot(hz, value, color=color, linewidth=0.7, zorder=1, label="_line")
+        for low, high in frequency_bands(hz):
+            band = (hz >= low) & (hz <= high)
+            ax.plot(hz[band], value[band], color=color, linewidth=0.7, zorder=1, label="_line")
         ax.vlines(hz, value - bar, value + bar, color=color, linewidth=1.2, zorder=2)
         ax.plot(hz, value, marker, color=color, markersize=4, markerfacecolor="white", zorder=3, label="_all")
         slipping = np.where(reconstruction.slips[own], value, np.nan)
@@ -140,7 +143,7 @@ def _draw_estimates(ax: Axes, reconstruction: "Reconstruction", estimates: "Esti
 
 
 def plot_misfit(reconstruction: "Reconstruction", axes: AxesArray | None = None) -> AxesArray:
-    """How far the sensors are from the structure: by record, and by channel and record.
+    """Plot the misfit of the sensors: by record, and by channel and record.
 
     Above: misfit per degree of freedom, about 1 where noise alone is left, with the limit that noise passes in one of a
     thousand records. Below: the same of each channel. Records are in the order of level and frequency.

@@ -68,8 +68,8 @@ class Diagnosed:
 
     @property
     def units(self) -> list[str]:
-        """Units of the channels that were measured."""
-        unit = {c.name: UNITS[c.quantity] for c in self.rig.channels}
+        """Units of the channels that were measured, as figures write them."""
+        unit = {c.name: UNITS[c.quantity].replace("s2", "s²") for c in self.rig.channels}
         return [unit[name] for name in self.channels]
 
     def labelled(self, columns: Columns) -> Columns:

@@ -12,6 +12,9 @@ from hbm.figures.compared import Compared, View, record_errors
 from hbm.files.diagnosissummary import text
 from hbm.files.outputs import Columns, columns_of
 
+PLAIN = {"nominal": "rig file as it is", "calibrated": "rig file calibrated"}
+"""Names of the models without a cause among the causes."""
+
 
 def error_columns(diagnosis: Diagnosis) -> Columns:
     """Columns of ``errors.csv``: a row per model and part."""
@@ -20,22 +23,22 @@ def error_columns(diagnosis: Diagnosis) -> Columns:
 
 
 def ranking_columns(diagnosis: Diagnosis) -> Columns:
-    """Columns of ``ranking.csv``: a row per candidate that was fitted, the calibrated nominal among them."""
+    """Columns of ``ranking.csv``: a row per candidate that was fitted, and for the rig file as it is and calibrated."""
     return columns_of(("cause", "bic", "chi2", "held_out_nrmse", "parameters"), ranked_rows(diagnosis))
 
 
 def ranked_rows(diagnosis: Diagnosis) -> list[tuple[str, float, float, float, str]]:
     """Candidates in the order of their BIC, with the rig file as it is and calibrated among them."""
     rows = [_ranked_row(diagnosis, r) for r in diagnosis.ranking]
-    for name, e in (("nominal", diagnosis.nominal), ("calibrated", diagnosis.calibrated)):
+    for (model, name), e in zip(PLAIN.items(), (diagnosis.nominal, diagnosis.calibrated), strict=True):
         if e is not None:
-            held = diagnosis.errors.get(name, {}).get("held_out")
+            held = diagnosis.errors.get(model, {}).get("held_out")
             rows.append((name, e.bic, e.chi2, np.nan if held is None else held.nrmse, ""))
     return sorted(rows, key=lambda row: row[1])
 
 
 def _ranked_row(d: Diagnosis, r: Ranked) -> tuple[str, float, float, float, str]:
-    """A candidate; of the one that was named with the standard deviations of the verdict."""
+    """A candidate; the one that was named has the standard deviations of the verdict."""
     held = np.nan if r.held_out_nrmse is None else r.held_out_nrmse
     named = d.extended_fit is not None and d.extended_fit.model.label == r.label
     parameters = d.parameters if named else r.parameters

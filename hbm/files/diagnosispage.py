@@ -9,10 +9,10 @@ from hbm.figures.compared import MODELS
 from hbm.figures.page import Page, Section, Table
 from hbm.figures.records import record_choice
 from hbm.files.diagnosed import Diagnosed
-from hbm.files.diagnosiscolumns import ranked_rows
+from hbm.files.diagnosiscolumns import PLAIN, ranked_rows
 from hbm.files.diagnosisplates import MOST_RANKED, RULES
 from hbm.files.diagnosissummary import ADDED, NEXT, REMAINS, WRONG, meaning, numbers, text, verdict_line
-from hbm.files.extendedrig import candidates
+from hbm.files.extendedrig import EXTENDED_FILE, candidates
 from hbm.files.figurefiles import Plate
 from hbm.version import installed_version
 
@@ -135,12 +135,12 @@ def ranking_table(diagnosis: Diagnosis) -> tuple[list[str], list[list[str]]]:
 
 
 def _said(d: Diagnosis, rows: Sequence[tuple[str, float, float, float, str]]) -> Iterator[str]:
-    """What the verdict says of each cause of the ranking."""
+    """Place of each cause of the ranking in the verdict."""
     named = "" if d.extended_fit is None else d.extended_fit.model.label
     chi2 = {cause: chi2 for cause, _, chi2, _, _ in rows}
     tied = {r.label for r in d.ranking if {r.name, r.label} & set(d.not_separable)}
     for cause, *_ in rows:
-        if cause in MODELS or not d.ranking:
+        if cause in PLAIN.values():
             yield "no cause"
         elif cause == named:
             yield "named"
@@ -153,4 +153,5 @@ def _said(d: Diagnosis, rows: Sequence[tuple[str, float, float, float, str]]) ->
 def _ranking_section(d: Diagnosis) -> Iterator[Section]:
     if d.ranking:
         note = "causes that were fitted, beside the rig file without one; ± is one standard deviation"
-        yield Section("Causes", text=(RULES,), table=Table(*ranking_table(d), note), csv=(RANKING_FILE,))
+        files = (RANKING_FILE, EXTENDED_FILE)[: 1 + (d.extended is not None)]
+        yield Section("Causes", text=(RULES,), table=Table(*ranking_table(d), note), csv=files)

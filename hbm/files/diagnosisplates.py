@@ -97,7 +97,7 @@ def _response_plates(found: Diagnosed) -> Iterator[Plate]:
 
 
 def _lines(found: Diagnosed) -> str:
-    """What the lines of a model are, in words."""
+    """Meaning of the lines of the models, for a caption."""
     if not found.traced:
         return "; lines join the records"
     names = {t.model for t in found.traced}
@@ -156,6 +156,6 @@ def _ranking_plates(found: Diagnosed) -> Iterator[Plate]:
         "Which cause",
         f"Left: Bayesian information criterion (BIC) above that of the best. {RULES} Right: error on the records held "
         "out.",
-        plot_ranking([row[0] for row in rows], bic, held if np.isfinite(held).all() else None, decisive=DECISIVE),
+        plot_ranking([row[0] for row in rows], bic, held if np.isfinite(held).all() else None, clear=DECISIVE),
         ranking_columns(found.diagnosis),
     )

@@ -43,7 +43,7 @@ def verdict_line(d: Diagnosis) -> str:
 
 
 def first_screen(d: Diagnosis, force: Discrepancy | None, where: str, noise: float) -> dict[str, str]:
-    """The six answers by what they answer.
+    """The six answers by their questions.
 
     Parameters
     ----------
@@ -87,9 +87,7 @@ def _wrong(d: Diagnosis, where: str) -> str:
 def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
     if d.extended_fit is not None:
         e = d.extended_fit
-        yield "; beside it ".join(_said(d, e, i) for i in range(len(e.model.causes))) + "."
-        if d.not_separable:
-            yield f"These records cannot tell it from {', '.join(d.not_separable)}."
+        yield "; beside it ".join(_said(d, e, i) for i in range(len(e.model.causes))) + f".{_ties(d)}"
     elif d.verdict == "unexplained":
         yield "No cause that was tried takes most of the misfit."
         yield from _missing(force)
@@ -110,7 +108,7 @@ def _missing(force: Discrepancy | None) -> Iterator[str]:
 
 
 def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
-    """A cause in words, with its numbers and those of the rig file; of the first the standard deviations are known."""
+    """A cause in words, with its numbers and those of the rig file; the first cause has standard deviations."""
     cause, known = e.model.causes[i], d.parameters if i == 0 else {}
     unknowns = {u.name: u for u in e.model.unknowns[i]}
     numbers = []
@@ -121,12 +119,16 @@ def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
     return f"{cause.label}{told}: {cause.meaning}"
 
 
+def _ties(d: Diagnosis) -> str:
+    return f" These records cannot tell it from {', '.join(d.not_separable)}." if d.not_separable else ""
+
+
 def meaning(d: Diagnosis) -> str:
-    """The causes that were found, in one sentence; nothing where none was."""
+    """Meaning of the causes that were found, and what they cannot be told from; nothing where none was found."""
     e = d.extended_fit
     if e is None:
         return ""
-    return f"This means: {'; beside it '.join(cause.meaning for cause in e.model.causes)}."
+    return f"This means: {'; beside it '.join(cause.meaning for cause in e.model.causes)}.{_ties(d)}"
 
 
 def numbers(d: Diagnosis) -> list[list[str]]:
@@ -143,7 +145,8 @@ def numbers(d: Diagnosis) -> list[list[str]]:
         for name, value in e.model.values(e.x, i).items():
             u = neutral[name]
             before = f"{u.neutral:.4g}" if math.isfinite(u.neutral) else "-"
-            rows.append([cause.label, name, text(known.get(name, Estimate(value, unit=u.unit))), before])
+            said = cause.label.partition("parameter:")[2] or name
+            rows.append([cause.label, said, text(known.get(name, Estimate(value, unit=u.unit))), before])
     return rows
 
 
@@ -164,26 +167,19 @@ def _added(d: Diagnosis) -> str:
 
 
 def _gain(d: Diagnosis, noise: float) -> str:
+    count = len(d.held_out_records)
+    part, records = "train", "records fitted (none was held out)"
+    if count:
+        part, records = "held_out", f"{count} record{'s' * (count > 1)} held out"
     models = {
         "nominal": "with the rig file as it is",
         "calibrated": "with it calibrated",
         "extended": f"with {d.cause}",
     }
-    known = {name: said for name, said in models.items() if name in d.errors}
-    parts = {"train": f"{_records(len(d.campaign.numbers))} fitted" if d.campaign is not None else "records fitted"}
-    if d.held_out_records:
-        parts["held_out"] = f"{_records(len(d.held_out_records))} held out"
-    told = [
-        f"{' -> '.join(percent(d.errors[name][part].nrmse) for name in known)} on the {records}"
-        for part, records in parts.items()
-        if all(part in d.errors[name] for name in known)
-    ]
+    known = [(d.errors[name][part].nrmse, said) for name, said in models.items() if part in d.errors.get(name, {})]
+    told = [f"{percent(nrmse)} {said}" for nrmse, said in known]
     alone = f"; {percent(noise)} by noise alone" if noise > 0.0 else ""
-    return f"{'' if 'extended' in known else 'None. '}Error {' -> '.join(known.values())}: {', '.join(told)}{alone}."
-
-
-def _records(count: int) -> str:
-    return f"{count} record{'s' * (count > 1)}"
+    return f"{'' if 'extended' in d.errors else 'None. '}Error on the {records}: {', '.join(told)}{alone}."
 
 
 def _next(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
@@ -203,7 +199,7 @@ def _next(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
 
 
 def _checks(causes: Sequence[Cause]) -> Iterator[str]:
-    """How to check causes; one of one's own need not say."""
+    """Experiments that would confirm causes; a user's own cause may name none."""
     for cause in causes:
         check = getattr(cause, "check", "")
         if check:

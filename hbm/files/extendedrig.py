@@ -27,6 +27,9 @@ EXTENDED_FILE, CANDIDATES = "extended.toml", "candidates"
 MOST_CANDIDATES = 3
 """Candidates that are written where nothing is named, at most."""
 
+LONGEST = 80
+"""Characters of a label, which may hold the name of a channel, in the name of a file."""
+
 Contents = dict[str, str | bytes]
 
 
@@ -114,7 +117,8 @@ def candidates(diagnosis: Diagnosis) -> Iterator[tuple[str, Ranked, Evaluation]]
         return
     pairs = zip(diagnosis.ranking, diagnosis.tried, strict=False)
     for i, (ranked, e) in enumerate(list(pairs)[:MOST_CANDIDATES], start=1):
-        yield f"{CANDIDATES}/{i}-{re.sub(r'[^0-9A-Za-z._-]+', '-', ranked.label)}.toml", ranked, e
+        label = re.sub(r"[^0-9A-Za-z._-]+", "-", ranked.label)[:LONGEST]
+        yield f"{CANDIDATES}/{i}-{label}.toml", ranked, e
 
 
 def earlier_candidates(folder: Path) -> list[str]:

@@ -18,6 +18,7 @@ from hbm.files.inversefiles import record_columns
 from hbm.files.inversereport import with_std
 from hbm.files.outputs import Columns, columns_of, columns_text
 from hbm.fourier import Array
+from hbm.identification.comparison import CLEAR
 from hbm.identification.lawfit import LawFit
 from hbm.identification.spectra import SpectraFit
 from hbm.inverse.reconstruction import Reconstruction
@@ -250,10 +251,14 @@ def identify_plates(reconstruction: Reconstruction, laws: Sequence[IdentifiedLaw
         Plate(
             "ranking",
             "Which law",
-            "Left: Bayesian information criterion above the best law's; a difference above 10 is decisive. Right, "
-            "where records were held out: relative error of the friction force there.",
+            "Left: Bayesian information criterion (BIC) above the best law's. Laws less than "
+            f"{CLEAR:g} apart in BIC or chi2 cannot be told apart, unless by records held out. Right, where records "
+            "were held out: relative error of the friction force there.",
             figures.plot_ranking(
-                list(predicted), np.array([law.bic for law in order]), held if np.isfinite(held).all() else None
+                list(predicted),
+                np.array([law.bic for law in order]),
+                held if np.isfinite(held).all() else None,
+                clear=CLEAR,
             ),
             law_columns(laws),
         ),
@@ -294,7 +299,7 @@ def identify_plates(reconstruction: Reconstruction, laws: Sequence[IdentifiedLaw
 
 
 def drawn_records(reconstruction: Reconstruction, predicted: figures.Predicted) -> list[int]:
-    """Records whose loops are drawn: those that show most, of those that no law was kept from."""
+    """Records whose loops are drawn: those that show most, without records held out of a law."""
     seen = [record for record in figures.loop_records(reconstruction) if _seen(reconstruction, predicted, record)]
     every = reconstruction.spectra.records.tolist()
     return seen or [record for record in every if _seen(reconstruction, predicted, record)][:MOST_DRAWN]

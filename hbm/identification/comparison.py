@@ -1,4 +1,4 @@
-"""Which of several fitted laws is best, and which of the others cannot be told from it."""
+"""Comparison of fitted laws: the best one, and those that cannot be told from it."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -18,7 +18,7 @@ REACH = np.log(1e4)
 """A positive parameter is looked for within a factor of 1e4 of its physical scale."""
 
 ROUNDING = 1e-12
-"""Of a bound that goes through a logarithm and back."""
+"""Relative tolerance of a bound that goes through a logarithm and back."""
 
 LARGEST_RATIO = np.log(20.0)
 """A parameter that is at least another, up to 20 times that."""

@@ -82,7 +82,7 @@ class Judged:
 
 
 class LeastSquares:
-    """Least squares of one law over records."""
+    """Least-squares problem of one law over records."""
 
     def __init__(self, candidate: Candidate, observed: Observed) -> None:
         self.candidate, self.observed = candidate, observed
@@ -117,7 +117,7 @@ class LeastSquares:
         return np.linalg.cholesky(np.array([self.model.covariance(record, answer) for record, answer in pairs]))
 
     def weights(self, x: Array) -> tuple[Array, Array]:
-        """Factors of the covariances, strange records' multiplied; and by what, (r,)."""
+        """Factors of the covariances, enlarged for strange records; and the factor of each record, (r,)."""
         roots = self.roots(x)
         chi2 = np.sum(whitened(roots, self.residuals(x)[..., None]) ** 2, axis=(1, 2))
         strangeness = self._strangeness(chi2)

@@ -1,4 +1,4 @@
-"""From coordinates and their covariance to parameters: values, standard deviations, and which are not determined."""
+"""Parameters from coordinates and their covariance: values, standard deviations, and those not determined."""
 
 import numpy as np
 
@@ -49,7 +49,7 @@ def fitted_parameters(coordinates: Coordinates, x: Array, covariance: Array, sca
 
 
 def _reasons(coordinates: Coordinates, x: Array, std_x: Array, std: dict[str, float]) -> dict[str, str]:
-    """Why parameters are not determined, by name."""
+    """Reasons why parameters are not determined, by name."""
     values = dict(zip(coordinates.parameters, coordinates.values(x), strict=True))
     low, high = coordinates.bounds
     reasons = {}

@@ -41,7 +41,7 @@ class FittedParameter:
     undetermined: str = ""
 
     def __repr__(self) -> str:
-        """Say value, standard deviation and unit; what to beware of behind it."""
+        """Value, standard deviation and unit, followed by warnings."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         if self.held:
             return f"{self.value:.6g}{unit} (held)"
@@ -105,7 +105,7 @@ class FittedParameters(Mapping[str, FittedParameter]):
 
 @dataclass(frozen=True)
 class Quality:
-    """How well a fit explains what it was fitted to.
+    """Quality of a fit on the data it was fitted to.
 
     Attributes
     ----------
@@ -201,7 +201,7 @@ class HeldOut:
         return float(self.chi2.sum() / max(self.informed.sum(), 1.0))
 
     def __repr__(self) -> str:
-        """Say it in a line."""
+        """Summary in one line."""
         return (
             f"held out ({self.how}): chi2 {self.chi2.sum():.5g}, {self.chi2_reduced:.4g} per coefficient; "
             f"error {self.relative_error:.2%}"

@@ -1,4 +1,4 @@
-"""Where to start: physical scales of the contact, read off the reconstruction, and starts spread around them."""
+"""Starting points of fits: physical scales of the contact from the reconstruction, and starts spread around them."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
@@ -132,7 +132,7 @@ class Candidate:
 
 
 def _spread(known: Parameter, coordinate: Coordinate) -> float:
-    """How far around the first start others lie."""
+    """Spread of the other starts around the first."""
     if isinstance(coordinate, Ratio):
         return 0.5
     if isinstance(coordinate, Linear):
@@ -202,7 +202,7 @@ def _known(law_type: type) -> FrictionLaw | None:
 def _first(
     name: str, p: Parameter, scales: Scales, given: FrictionLaw | None, known: FrictionLaw | None, law_type: Any
 ) -> float:
-    """First value of a parameter: as given, by its unit, else as is known of it."""
+    """First value of a parameter: as given, else by its unit, else by what is known about it."""
     if given is not None:
         return float(parameters(given)[name])
     scale = scales.of(name, p)

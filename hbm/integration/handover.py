@@ -1,4 +1,4 @@
-"""From the harmonic balance to the time integration: where to start a march on a periodic solution."""
+"""Initial state of a time integration on a periodic solution of the harmonic balance."""
 
 from hbm.balance.solution import PeriodicSolution
 from hbm.integration.history import State

@@ -19,7 +19,7 @@ from models.structure import Array
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where a rig is at one instant.
+    """State of a rig at one instant.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class State:
 
     @staticmethod
     def at_rest(rig: Rig) -> "State":
-        """Nothing moves, the contact is in its virgin state."""
+        """State at rest, with the contact in its virgin state."""
         n = rig.structure.n
         return State(np.zeros(n), np.zeros(n), 0.0, np.zeros(law_step(rig.contact.law).memory_size))
 
@@ -86,7 +86,7 @@ def acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Array:
 
 
 def _acceleration(rig: Rig, q: Array, qdot: Array, T: Array, F: Array, elements: ForcesInTime) -> Array:
-    """With the forces of the elements."""
+    """Modal acceleration where the forces of the elements are known."""
     s = rig.structure
     pushed = s.slip_row - q @ s.shortening
     driven = F[:, None] * s.excitation + T[:, None] * pushed + elements.on_modes
@@ -143,7 +143,7 @@ class TimeHistory:
     largest_residual: float
 
     def __repr__(self) -> str:
-        """Say what was marched."""
+        """Summary in words."""
         lifts = "" if self.lift_off is None else f"; the tip lifts off at {self.lift_off:.6g} s"
         return (
             f"motion at {self.hz:.6g} Hz, {self.level:g} N, {self.time[0]:.6g} to {self.time[-1]:.6g} s, "

@@ -267,7 +267,7 @@ def steady_state(
 
 
 class _Period:
-    """One period marched from a state, and how well it closes in units of `scale` (size,)."""
+    """One period marched from a state, with its closure error in units of `scale` (size,)."""
 
     def __init__(self, stepper: Stepper, x: Array, scale: Array | None = None) -> None:
         self.stepper, self.x = stepper, x

@@ -48,7 +48,7 @@ class JointHistory:
     largest_residual: float
 
     def __repr__(self) -> str:
-        """Say what was marched."""
+        """Summary in words."""
         return (
             f"motion at {self.hz:.6g} Hz, {self.level:g} N, {self.time[0]:.6g} to {self.time[-1]:.6g} s, "
             f"{len(self.time)} samples, {self.samples_per_period} a period"
@@ -249,7 +249,7 @@ class JointPeriod:
 
 
 class _Period:
-    """A period marched from a state, and how well it closes."""
+    """A period marched from a state, and its closure error."""
 
     def __init__(self, marcher: JointMarcher, x: Array, scale: Array | None = None) -> None:
         self.marcher, self.x = marcher, x

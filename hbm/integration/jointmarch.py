@@ -1,4 +1,4 @@
-"""Steps of a body with joints over a period of the force: how many it takes, and the march."""
+"""March of a body with joints over a period of the force, and the number of steps it needs."""
 
 from dataclasses import replace
 
@@ -14,10 +14,10 @@ MOST_STEPS = 32768
 """Steps per period up to which they are chosen to resolve the highest mode."""
 
 GROWTH_TOLERANCE = 1e-3
-"""Of a period about rest; rigid motion is a double root, which rounding splits by less."""
+"""Tolerance of the growth in a period about rest; rounding splits the double root of a rigid motion by less."""
 
 RESIDUAL = 1e-7
-"""What joints' forces may be short of their laws after a step, in units of the excitation."""
+"""Largest difference between joint forces and their laws after a step, in units of the excitation."""
 
 
 def resolving_steps(rig: JointedRig, hz: float, least: int) -> int:
@@ -62,7 +62,7 @@ class JointMarcher:
 
     @property
     def excess(self) -> float:
-        """How much more motions about rest, joints stuck, grow in a period than in steps that resolve every mode.
+        """Excess growth of motions about rest, joints stuck, in a period, over steps that resolve every mode.
 
         As a logarithm; what a rig that is unstable at rest does by itself is not counted.
 

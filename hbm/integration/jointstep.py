@@ -25,7 +25,7 @@ NEWTON = {"abstol": 1e-11, "abstolStep": 1e-14, "max_iter": 60, "error_on_fail":
 
 @dataclass(frozen=True)
 class Place:
-    """Where one joint stands.
+    """Position of one joint in the vectors of a step.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class Place:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the parts of a state (q, q', f, memory, signals) stand in it.
+    """Slices of the parts of a state: q, q', f, memory, signals.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class LinearStep:
-    """What of a step is linear: the motion at its end, and what the joints see there.
+    """Linear part of a step: the motion at its end, and the inputs of the joints there.
 
     Attributes
     ----------

@@ -66,7 +66,7 @@ class Recorder:
         return float(time[lifted[0]]) if lifted.size else None
 
     def history(self) -> TimeHistory:
-        """What was kept."""
+        """Samples that were kept."""
         s, n = self.stepper, self.stepper.rig.structure.n
         friction = np.concatenate(self.friction)
         rate, curvature = differences(friction, s.dt)

@@ -129,7 +129,7 @@ class _Mechanics:
         return ca.dot(row, v) + self.p["slip_by_force"] * self.F_rate
 
     def reaction(self, q: ca.SX, v: ca.SX) -> ca.SX:
-        """R without the part that T brings by itself."""
+        """R without the part due to T itself."""
         p = self.p
         if not self.shape.reaction_varies:
             return p["load"]

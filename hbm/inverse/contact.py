@@ -1,4 +1,4 @@
-"""From the friction force to everything at the contact: slip, reaction, energy, and their uncertainty."""
+"""All signals at the contact from the friction force: slip, reaction, energy, and their uncertainty."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -73,7 +73,7 @@ class Contact:
 
     @cached_property
     def unseen(self) -> dict[str, Array]:
-        """Standard deviation of each signal by the harmonics above those measured, (r,)."""
+        """Standard deviation of each signal from the harmonics above those measured, (r,)."""
         H = self.sensing.H
         k = np.arange(H + 1, min(8 * H, H + MOST_UNSEEN) + 1)
         i_omega = self.sensing.i_omega[:, 1:2] * k

@@ -208,7 +208,7 @@ def _of_kind(terms: Array, seen: npt.NDArray[np.bool_], kind: npt.NDArray[np.boo
 
 
 def _solve(sensing: Sensing, mean: Array, expected: Array) -> Solution:
-    """Least squares for friction and for what the measured force is off by, each of an expected size."""
+    """Least squares for friction and for the error of the measured force, each with an expected size."""
     s = sensing.structure
     size = np.stack([expected, sensing.force_std], axis=2)
     columns = np.stack([sensing.by_friction, sensing.by_force], axis=3)

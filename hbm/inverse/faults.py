@@ -77,7 +77,7 @@ def _times(spectra: MeasuredSpectra, channel: str, factor: Complex) -> MeasuredS
 
 
 def explanations(readings: Readings, channel: str, others: Others) -> Iterator[Fault]:
-    """All that may be wrong with a channel, fitted; first that nothing is.
+    """Possible faults of a channel, fitted; the first is that it has none.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def _regression(readings: Readings, channel: str, others: Others, rows: Complex)
 
 
 def _least(objective: Objective, grid: Array) -> tuple[float, float]:
-    """Where a misfit is least, and the misfit there; the grid tells minima apart, Brent's method refines."""
+    """Place and value of the least misfit: a grid tells minima apart, and Brent's method refines the lowest."""
     values = objective(grid)
     best = int(values.argmin())
     low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])

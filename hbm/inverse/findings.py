@@ -18,7 +18,7 @@ DEAD = 0.05
 
 
 def sentence(fault: Fault, rig: Rig, before: Readings, after: Readings) -> str:
-    """One line on a fault, with the misfit of the sensors before and after."""
+    """Sentence about a fault, with the misfit of the sensors before and after."""
     fell = f"misfit of the sensors {before.everyone.reduced:.3g} -> {after.everyone.reduced:.3g} per degree of freedom"
     said = ", or ".join(
         _said(f, rig).removeprefix(f"{fault.channel}: " if i else "")
@@ -88,7 +88,7 @@ def _alike(base: Readings) -> bool:
 
 
 def _worst(base: Readings) -> str:
-    """Where the misfit is largest."""
+    """Place of the largest misfit."""
     error = np.sum(np.abs(base.residual) ** 2, axis=2)
     r, k = np.unravel_index(int(np.argmax(error)), error.shape)
     spectra = base.seen.spectra

@@ -144,7 +144,7 @@ class _Solved:
 
 @dataclass(frozen=True, eq=False)
 class _Sensors:
-    """What was measured of a rig, and what its channels read of joint forces and excitation."""
+    """Measured amplitudes of a rig, and the response of its channels to joint forces and excitation."""
 
     rig: JointedRig
     spectra: MeasuredSpectra

@@ -1,4 +1,4 @@
-"""What was found of joint forces and motions: signals, energies, how well the sensors agree, and what to beware of."""
+"""Reconstructed joint forces and motions: signals, energies, agreement of the sensors, and warnings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -91,12 +91,12 @@ class JointReconstruction:
 
     @property
     def probability(self) -> Array:
-        """Of a misfit as large or larger by noise alone, (r,); 1 where as many forces as sensors leave none."""
+        """Probability that noise alone makes a misfit as large, (r,); 1 where there are as many forces as sensors."""
         return _probability(self.misfit)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What to beware of, a line each, with numbers."""
+        """Warnings with numbers, a line each."""
         said, found = [], self.found[:, 1:]
         missing = np.flatnonzero(~found.all(axis=0)).tolist()
         if missing:
@@ -125,7 +125,7 @@ class JointReconstruction:
         return dataset("to_xarray", *self.arrays(), rig=self.rig.name)
 
     def to_dataframe(self) -> Any:
-        """One row a record, as a pandas.DataFrame: peaks at every port, and what each joint takes.
+        """A pandas.DataFrame with a row per record: peaks at every port, and what each joint takes.
 
         Raises
         ------
@@ -156,7 +156,7 @@ class JointReconstruction:
         return arrays, record_coordinates(self.spectra, self.phase)
 
     def __repr__(self) -> str:
-        """How large each force was found, how sure that is, and what to beware of."""
+        """Sentences: the size of each force, its uncertainty, and warnings."""
         lines = [f"joint forces of {self.rig.name}, {len(self)} records, peak ± standard deviation there:"]
         for name in self.rig.forces:
             s = self.signals[name]

@@ -152,7 +152,7 @@ class _Equations:
 
 @dataclass(frozen=True, eq=False)
 class _Solution(Solution):
-    """With the coefficients of all shapes (r, H+1, p+2), the last two friction and force."""
+    """A solution with the coefficients of all shapes, (r, H+1, p+2); the last two are friction and force."""
 
     coefficients: Complex
 

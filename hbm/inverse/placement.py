@@ -1,4 +1,4 @@
-"""Where to put sensors so that the friction force is known best."""
+"""Placement of sensors that leaves the friction force least uncertain."""
 
 from dataclasses import dataclass, replace
 
@@ -256,7 +256,7 @@ def _cost(expected: _Expected, information: Complex, chosen: list[int], candidat
 
 
 def _allowed(grid: Array, chosen: list[int], spacing: float, missing: int) -> Indices:
-    """Places far enough from those chosen that all that are missing still fit."""
+    """Places far enough from those chosen to leave room for all sensors that are still to be placed."""
     free = np.all(np.abs(grid[:, None] - grid[chosen]) > spacing - 1e-9, axis=1)
     places = np.flatnonzero(free)
     if missing == 1:

@@ -28,7 +28,7 @@ FORMULATIONS: dict[str, Callable[[Sensing, Array], ForceEstimate]] = {
     "nnm": nnm,
     "nnm-spline": nnm_spline,
 }
-"""How the force is found, see docs/theory/inverse.md; the first is the default, the others fit the deflection first."""
+"""Formulations, docs/theory/inverse.md. The first is the default; the others fit the deflection first."""
 
 MEAN_ROUNDS = 4
 """The mean friction and the motion are found in turns; the motion hardly depends on it."""

@@ -67,7 +67,7 @@ class Estimates:
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """How far the sensors are from the fitted motion, per record and response channel.
+    """Misfit of the sensors to the fitted motion, by record and response channel.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ class Reconstruction(Displayed):
         return dataset("to_xarray", *self.arrays(), rig=self.rig.name, formulation=self.formulation)
 
     def to_dataframe(self) -> Any:
-        """One row a record, as a pandas.DataFrame: what friction does there, with standard deviations.
+        """A pandas.DataFrame with a row per record: quantities of the contact with standard deviations.
 
         Raises
         ------
@@ -204,7 +204,7 @@ class Reconstruction(Displayed):
         return arrays, record_coordinates(self.spectra, self.phase)
 
     def __repr__(self) -> str:
-        """Say what was reconstructed, and what to beware of."""
+        """Summary in words, with warnings."""
         head = f"{self.formulation} reconstruction of {', '.join(self.signals)} from {self.spectra}"
         return "\n".join([head, *self.warnings])
 

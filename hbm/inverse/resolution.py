@@ -1,4 +1,4 @@
-"""Which harmonics of friction the sensors resolve, over all records, and what the prior adds."""
+"""Resolution of the harmonics of friction by the sensors, over all records, and the share that the prior adds."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ RELEVANT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """How well harmonics 1..H of friction are known, medians over records.
+    """Uncertainty of harmonics 1..H of friction, medians over records.
 
     Attributes
     ----------

@@ -80,7 +80,7 @@ class Sensing:
 
     @cached_property
     def factor(self) -> Complex:
-        """From displacement to what each channel reads of its quantity, (r, H+1, c)."""
+        """Factors from displacement to the reading of each channel, (r, H+1, c)."""
         named = {channel.name: channel for channel in self.rig.channels}
         return np.stack([factor(named[name], self.i_omega) for name in self.channels], axis=-1)
 

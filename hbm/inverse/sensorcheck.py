@@ -28,7 +28,7 @@ SUSPECT = 15.0
 """Squared significance from which a channel is looked into though all agree within the noise."""
 
 FALL = 30.0
-"""Where something is left that is no channel's fault: the misfit must fall to this share of what it was."""
+"""Factor by which the misfit must fall where something is left that is no fault of a channel."""
 
 APART = 10.0
 """Twice the logarithm by which a fault is more likely than any fault of another channel."""
@@ -121,7 +121,7 @@ def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:
 
 
 def _straight(rig: Rig) -> Rig:
-    """Without what depends on the motion other than linearly."""
+    """The rig without what depends on the motion nonlinearly."""
     return replace(rig, contact=replace(rig.contact, foreshortening=False), elements=())
 
 

@@ -127,7 +127,7 @@ def _seconds(name: str, unit: str) -> float | None:
 
 
 def _table(path: Path, lines: list[_Line], names: list[str], delimiter: str) -> Array:
-    """Numbers beneath the heading; where that fails, the first line to blame."""
+    """Numbers beneath the heading; if they cannot be read, the first faulty line is named."""
     if not lines:
         raise InputError(f"{path}: no samples; must have one row per sample")
     text = "\n".join(line.text for line in lines)

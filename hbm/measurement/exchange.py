@@ -105,7 +105,7 @@ def netcdf_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
 
 @contextmanager
 def _quiet_end() -> Iterator[None]:
-    """Let what h5netcdf opened half, of a damaged file, end here and silently."""
+    """Close silently what h5netcdf has partly opened of a damaged file."""
     hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
     try:
         yield

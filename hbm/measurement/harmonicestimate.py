@@ -1,4 +1,4 @@
-"""What was found of a record: harmonics with standard deviations, how good the record is, and sentences about it."""
+"""Result for one record: harmonics with standard deviations, quality of the record, and sentences about it."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ LEAST_TURN = 0.005
 
 @dataclass(frozen=True)
 class ChannelQuality:
-    """What is known of one channel of a record.
+    """Estimates for one channel of a record.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class HarmonicEstimate(Displayed):
         return float(np.sqrt(0.5 * np.sum(self.coefficients[i, 1:] ** 2)))
 
     def __repr__(self) -> str:
-        """What was done, and what to beware of, in sentences."""
+        """Sentences about the analysis, followed by warnings."""
         blocks = (
             f"standard deviations from the scatter of {self.blocks} blocks"
             if self.blocks
@@ -108,7 +108,7 @@ class HarmonicEstimate(Displayed):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against the record, one sentence each."""
+        """Warnings about the record, one sentence each."""
         return tuple(_warnings(self))
 
 
@@ -168,7 +168,7 @@ def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
 def spectra_of_records(
     estimates: Sequence[HarmonicEstimate], levels: Sequence[float], channels: Sequence[str], source: str = "spectra"
 ) -> MeasuredSpectra:
-    """Put records together, numbered from 1 in their order.
+    """Join records, numbered from 1 in their order.
 
     Parameters
     ----------

@@ -241,7 +241,7 @@ def _tdms(path: Path) -> Found:
 
 @contextmanager
 def _remarks() -> Iterator[list[str]]:
-    """What nptdms logs of a file, instead of printing it: it reads on where a part is missing."""
+    """Collect the messages that nptdms logs about a file; it reads on where a part is missing."""
     found: list[str] = []
 
     def note(record: logging.LogRecord) -> bool:

@@ -1,4 +1,4 @@
-"""What a campaign consists of: files with the frequency, level, channels and units of each, from a list or a folder.
+"""Files of a campaign with the frequency, level, channels and units of each, from a list or a folder.
 
 A manifest is a CSV file with the columns ``file,frequency_hz`` and, where there is something to say, ``level``,
 ``channels``, ``units``, ``begin_s`` and ``end_s``, the part of the file that is one steady state; or a TOML file with a
@@ -26,7 +26,7 @@ KIND = "a manifest"
 
 FREQUENCY = re.compile(r"(?<![0-9.])([0-9]+(?:[.,][0-9]+)?)[ _-]?Hz(?![A-Za-z])", re.IGNORECASE)
 LEVEL = re.compile(r"(?<![0-9.])([0-9]+(?:[.,][0-9]+)?)[ _-]?N(?![A-Za-z])")
-"""How file names say frequency and level: ``sweep_48.5Hz_2N.csv``."""
+"""Pattern of frequency and level in file names: ``sweep_48.5Hz_2N.csv``."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Recordings: what was measured over time, in SI units on one time axis.
+"""Recordings: channels measured over time, in SI units on one time axis.
 
 :class:`Recording` is what :mod:`hbm.measurement.historyfile` reads and :mod:`hbm.measurement.harmonics` turns into
 spectra; :func:`recording` makes one of whatever a file holds, or refuses it.
@@ -21,7 +21,7 @@ KIND = "a time history"
 
 
 class Found(NamedTuple):
-    """What a reader found in a file: time [s], values by channel, units by channel."""
+    """Content of a file as read: time [s], values by channel, units by channel."""
 
     time: Any
     channels: Mapping[str, Any]

@@ -142,7 +142,7 @@ def _scatter(rig: AnyRig | None, spectra: MeasuredSpectra) -> Array:
 
 
 def typical_size(size: Array) -> Array:
-    """How large amplitudes (r, c) of records and channels are: the channel's own size, in records as large as these.
+    """Typical size of the amplitudes of each record and channel, (r, c): the size of the channel in records as large.
 
     Near a node a channel hardly moves, and there a share of what it reads would be nothing.
     """

@@ -64,7 +64,7 @@ class MeasuredSpectra(Displayed):
     assumed: float = 0.0
 
     def __repr__(self) -> str:
-        """Say what there is."""
+        """Summary in words."""
         return (
             f"{self.source}: {len(self)} records, {self.level.min():g} to {self.level.max():g} N, "
             f"{self.hz.min():g} to {self.hz.max():g} Hz; {', '.join(self.channels)}; harmonics up to {self.H}"
@@ -113,7 +113,7 @@ class MeasuredSpectra(Displayed):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What speaks against records, one sentence each, the first of many in full."""
+        """Warnings about records, one sentence each; of many alike the first is given in full."""
         said = [f"Record {self.label(record)} of {self.source}: {text.rstrip('?')}." for record, text in self.notes]
         more = len(said) - MOST_WARNINGS
         return (*said[:MOST_WARNINGS], *([f"{more} more warnings are in {self.source}."] if more > 0 else []))
@@ -141,7 +141,7 @@ class MeasuredSpectra(Displayed):
         return dataset("to_xarray", variables, coordinates, source=self.source)
 
     def to_dataframe(self) -> Any:
-        """One row a record and channel, as a pandas.DataFrame: record, level, hz, channel and every coefficient.
+        """A pandas.DataFrame with a row per record and channel: record, level, hz, channel and every coefficient.
 
         Raises
         ------
@@ -163,7 +163,7 @@ class MeasuredSpectra(Displayed):
 
     @property
     def measured(self) -> npt.NDArray[np.bool_]:
-        """Which harmonics of which channels were measured, (r, c, H+1)."""
+        """True where a harmonic of a channel was measured, (r, c, H+1)."""
         return np.isfinite(self.std)
 
     def complex(self, channel: str) -> npt.NDArray[np.complex128]:
@@ -233,7 +233,7 @@ class MeasuredSpectra(Displayed):
         return chosen if harmonics is None else chosen._of_harmonics(list(harmonics))
 
     def split(self, held_out: Iterable[int | str]) -> tuple["MeasuredSpectra", "MeasuredSpectra"]:
-        """Records to fit, and the records named, which are held out.
+        """Split into the records to fit and the records to hold out.
 
         Raises
         ------

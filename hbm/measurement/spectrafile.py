@@ -54,7 +54,7 @@ State = tuple[str, float, float]
 
 
 class Row(NamedTuple):
-    """One coefficient pair and where it stands; its standard deviation is nan where none is given."""
+    """One pair of coefficients and its place in the file; its standard deviation is nan where none is given."""
 
     where: str
     record: str
@@ -201,7 +201,7 @@ def _shown(text: str) -> str:
 def _assembled(
     source: str, rows: Iterable[Row], rig: AnyRig | None, notes: Iterable[tuple[str, str]]
 ) -> MeasuredSpectra:
-    """Put rows into arrays; of rows that contradict each other the later is refused."""
+    """Put rows into arrays; a row that contradicts an earlier one is refused."""
     quantities = {channel.name: channel.quantity for channel in rig.channels} if rig else {}
     names, computed = list(quantities), computed_channels(rig) if rig else ()
     entries: dict[tuple[State, str, int], Row] = {}

@@ -24,12 +24,12 @@ FEWEST_FOR_LINES = 12
 UNPROMISING = 0.1
 """Probability, at the best of a coarse search, from which a transient is not looked for further."""
 FEWEST_BLOCKS = 8
-"""Below these a transient has more parameters than is reasonable for so few amplitudes."""
+"""Fewest blocks to whose amplitudes a transient is fitted: it has too many parameters for fewer."""
 
 
 @dataclass(frozen=True)
 class Steadiness:
-    """How constant the amplitude of the fundamental is.
+    """Steadiness of the amplitude of the fundamental over a record.
 
     Attributes
     ----------

@@ -13,14 +13,14 @@ COMMON = ("N", "kN", "mN", "lbf", "m/s2", "mm/s2", "g", "mg", "m/s", "mm/s", "in
 """Units named in messages; pint knows more."""
 
 SI = ("N", "m/s2", "m/s", "m")
-"""What a channel may be in."""
+"""Units that are accepted for a channel."""
 
 GRAVITY = re.compile(r"([mu]?)g(?:_?n)?")
 """In a recording g is the standard gravity, never the gram."""
 
 
 def to_si(source: str, name: str, unit: str) -> tuple[float, str]:
-    """Factor to SI and SI unit of a channel; nothing said means SI.
+    """Factor to SI and SI unit of a channel; without a unit the values are in SI.
 
     Raises
     ------

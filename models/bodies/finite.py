@@ -21,7 +21,7 @@ PER_MODE = 8
 """Fewest Hermite elements, and per mode: they make the frequencies to 1e-5."""
 
 SAME, NEAREST = 1e-9, 2e-4
-"""Of the length: places nearer than the first are one, further apart than the second they are two."""
+"""Shares of the length: places nearer than the first are one, further apart than the second they are two."""
 
 PLACE = re.compile(r"(y|slope|axial)\(([0-9.eE+-]+)\)")
 
@@ -62,7 +62,7 @@ class FiniteBeam:
         return self.beam.quantities
 
     def __str__(self) -> str:
-        """Its measures and how it is held."""
+        """Dimensions and supports in words."""
         b = self.beam
         measures = " x ".join(f"{1e3 * size:g}" for size in (b.length, b.width, b.thickness))
         return (
@@ -101,7 +101,7 @@ class FiniteBeam:
         return replace(found, places=tuple(places), supports=tuple(supports))
 
     def _nodes(self, positions: Sequence[float]) -> Array:
-        """Where something touches, and both ends, ascending; what rounding sets apart is one place.
+        """Places where something touches, and both ends, ascending; places that only rounding sets apart are one.
 
         Raises
         ------
@@ -133,7 +133,7 @@ class FiniteBeam:
         return match[1], x
 
     def matrices(self, positions: Sequence[float] = ()) -> MatrixBody:
-        """Its matrices, with a node at every position [m]; degrees of freedom are named ``y@x`` and so on."""
+        """Matrices with a node at every position [m]; degrees of freedom are named ``y@x`` and so on."""
         b = self.beam
         elements = max(ELEMENTS, PER_MODE * b.modes)
         even = np.linspace(0.0, b.length, elements + 1)

@@ -99,7 +99,7 @@ class MatrixBody:
             raise ValueError(f"MatrixBody: modes = {self.modes}; {most}")
 
     def __str__(self) -> str:
-        """Its size, supports and modes in a few words."""
+        """Size, supports and modes in a few words."""
         if self.reduction == "craig-bampton":
             return f"{self._extent}; {self.modes} modes with the ports held, and the static shapes of the ports"
         hz = np.sqrt(self._lowest.squares[[0, -1]]) / (2 * np.pi)
@@ -174,7 +174,7 @@ class MatrixBody:
         return np.setdiff1d(np.arange(len(self.dofs)), self._held)
 
     def _places(self, places: Sequence[str]) -> npt.NDArray[np.intp]:
-        """Their numbers among the free degrees of freedom."""
+        """Numbers of places among the free degrees of freedom."""
         for name in places:
             if name not in self._numbers:
                 raise ValueError(f'MatrixBody: place "{name}"; must be of dofs, {some(self.dofs)}')
@@ -183,7 +183,7 @@ class MatrixBody:
         return np.searchsorted(self._free, [self._numbers[name] for name in places]).astype(np.intp)
 
     def _supports(self, supports: Sequence[str]) -> npt.NDArray[np.intp]:
-        """Their numbers among all degrees of freedom."""
+        """Numbers of supports among all degrees of freedom."""
         for name in supports:
             if name not in self.fixed:
                 raise ValueError(

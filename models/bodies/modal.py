@@ -12,7 +12,7 @@ from models.plausible import plausible
 from models.structure import Array
 
 SYMMETRIC = 1e-9
-"""Of the largest entry: what a residual flexibility may differ by from its transpose."""
+"""Share of the largest entry by which a residual flexibility may differ from its transpose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class ModalModel:
                 raise ValueError(f"ModalModel: {what} is not symmetric")
 
     def __str__(self) -> str:
-        """Its modes in a few words."""
+        """Modes in a few words."""
         hz = self.frequencies_hz
         return f"{len(hz)} modes given, {hz[0]:.6g} to {hz[-1]:.6g} Hz, at {len(self.ports)} ports"
 
