@@ -6,8 +6,9 @@ a play of width B (lost motion) and before a slider whose limit differs by direc
     T = k e where e > 0,  0 where -B < e < 0,  k (e + B) where e < -B;
     e follows x up to T = F_+ and down to T = -F_-, and slips beyond.
 
-Where the slider breaks away its limit is larger, F (1 + a exp(-s/d)) with s the way slipped since it stuck. The laws
-here are that one with fewer or more of its numbers free. CasADi marches them over the samples and differentiates.
+Where the slider breaks away its limit is larger, F (1 + a exp(-s/d)) with s the way slipped since it stuck. What moves
+with the device adds its mass times the acceleration. The laws here are that one with fewer or more of its numbers free.
+CasADi marches them over the samples and differentiates.
 """
 
 from collections.abc import Sequence
@@ -22,19 +23,24 @@ from hbm.fourier import Array
 from hbm.measurement.loopsfile import MeasuredLoop
 from models.display import Displayed
 
-NAMES = ("stiffness", "forward", "backward", "backlash", "breakaway", "distance")
-UNITS = ("N/m", "N", "N", "m", "1", "m")
+NAMES = ("stiffness", "forward", "backward", "backlash", "breakaway", "distance", "mass")
+UNITS = ("N/m", "N", "N", "m", "1", "m", "kg")
 
 LAWS: dict[str, tuple[str, ...]] = {
     "coulomb": ("stiffness", "forward"),
     "asymmetric": ("stiffness", "forward", "backward"),
     "backlash": ("stiffness", "forward", "backward", "backlash"),
-    "backlash and breakaway": NAMES,
+    "backlash and breakaway": NAMES[:6],
+    "backlash and mass": (*NAMES[:4], "mass"),
+    "all of it": NAMES,
 }
 """Numbers that are free in each law; limits are alike where the backward one is not."""
 
 PLAYS = (0.02, 0.08, 0.2)
 """Parts of the whole way at which a play is looked for."""
+
+CLEAR = 1e-3
+"""Lines of the displacement below this part of its largest are noise: they do not count in the acceleration."""
 
 CYCLES = 2
 """Times that the loop is marched: the first forgets where it began."""
@@ -108,28 +114,38 @@ def _fitted(loop: MeasuredLoop, free: tuple[str, ...], size: float, way: float) 
     value, slope = _marched(free, len(loop.time))
     steps = np.diff(np.append(loop.displacement, loop.displacement[0]))
     steps = np.roll(steps, 1)[None]  # to reach each sample from the one before
+    acceleration = _acceleration(loop)
     starts = {
         "stiffness": 20.0 * size / way,
         "forward": size,
         "backward": size,
         "breakaway": 0.1,
         "distance": 0.05 * way,
+        "mass": 0.1 * size / float(np.sqrt(np.mean(acceleration**2))),
     }
 
     def force(x: Array) -> Array:
-        return np.asarray(value(x, steps).full().ravel())
+        return np.asarray(value(x, steps, acceleration).full().ravel())
 
     def jacobian(x: Array) -> Array:
-        return np.asarray(slope(x, steps).full())
+        return np.asarray(slope(x, steps, acceleration).full())
 
     best = None
     for play in PLAYS if "backlash" in free else PLAYS[:1]:
         x = np.log([{**starts, "backlash": play * way}[name] for name in free])
-        fit = least_squares(lambda x: (force(x) - loop.force) / size, x, jac=lambda x: jacobian(x) / size, max_nfev=100)
+        fit = least_squares(lambda x: (force(x) - loop.force) / size, x, jac=lambda x: jacobian(x) / size, method="lm")
         if best is None or fit.cost < best.cost:
             best = fit
     assert best is not None
     return best.x, jacobian(best.x), force(best.x)
+
+
+def _acceleration(loop: MeasuredLoop) -> Array:
+    """Acceleration of the displacement, by its clear lines over the recording [m/s2]."""
+    n, step = len(loop.time), float(np.mean(np.diff(loop.time)))
+    lines = np.fft.rfft(loop.displacement - loop.displacement.mean())
+    lines[np.abs(lines) < CLEAR * np.abs(lines).max()] = 0.0
+    return np.asarray(np.fft.irfft(-((2 * np.pi * np.fft.rfftfreq(n, step)) ** 2) * lines, n))
 
 
 @cache
@@ -149,9 +165,12 @@ def _marched(free: tuple[str, ...], samples: int) -> tuple[ca.Function, ca.Funct
     step = ca.Function("step", [state, dx, x], [after, force])
     march = step.mapaccum(samples * CYCLES)
     X, steps = ca.MX.sym("X", len(free)), ca.MX.sym("steps", 1, samples)
+    acceleration = ca.MX.sym("acceleration", samples)
     _, forces = march(ca.DM.zeros(2), ca.repmat(steps, 1, CYCLES), ca.repmat(X, 1, samples * CYCLES))
-    last = forces[:, samples * (CYCLES - 1) :].T
-    return ca.Function("force", [X, steps], [last]), ca.Function("slope", [X, steps], [ca.jacobian(last, X)])
+    last, given = forces[:, samples * (CYCLES - 1) :].T, [X, steps, acceleration]
+    if "mass" in free:
+        last += ca.exp(X[free.index("mass")]) * acceleration
+    return ca.Function("force", given, [last]), ca.Function("slope", given, [ca.jacobian(last, X)])
 
 
 def _described(loop: MeasuredLoop, name: str, x: Array, J: Array, force: Array, points: float) -> LoopFit:
