@@ -25,6 +25,8 @@ from hbm.commands.examples import examples
 from hbm.commands.follow import follow
 from hbm.commands.identify import identify
 from hbm.commands.inverse import inverse
+from hbm.commands.loops import loops
+from hbm.commands.modal import modal
 from hbm.commands.multisine import multisine
 from hbm.commands.options import (
     AllowCode,
@@ -303,6 +305,8 @@ app.command(cls=spreading("--level"))(backbone)
 app.command(cls=spreading("--fundamental", "--level"))(spectra)
 app.command()(decay)
 app.command()(multisine)
+app.command(cls=spreading("--record"))(modal)
+app.command()(loops)
 app.command(cls=spreading("--levels", "--frequencies"))(synthesize)
 app.command(cls=spreading("--record"))(inverse)
 app.command(cls=spreading("--held-out"))(identify)

@@ -196,12 +196,10 @@ def _selected(spectra: Path, rig: "AnyRig", records: Sequence[str], repeatabilit
 
 def noisy(rig: "AnyRig", spectra: "MeasuredSpectra", repeatability: float) -> "MeasuredSpectra":
     """Spectra whose noise holds a repeatability, once."""
-    from hbm.measurement.repeatability import unrepeatable
+    from hbm.measurement.repeatability import with_floor
 
-    if spectra.assumed:
-        return spectra
     moves = [c.name for c in rig.channels if c.quantity != "force" and c.name in spectra.channels]
-    return unrepeatable(spectra, dict.fromkeys(moves, repeatability))
+    return with_floor(spectra, moves, repeatability)
 
 
 def reconstructed(command: str, rig: "Rig", spectra: "MeasuredSpectra", formulation: str | None) -> "Reconstruction":

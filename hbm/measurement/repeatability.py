@@ -5,7 +5,7 @@ that were measured more than once. It counts as noise, coefficient by coefficien
 that are not given (:func:`with_std`).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +22,11 @@ SAME = 1e-4
 
 LEAST = 1e-9
 """Least standard deviation that a share makes, of the largest amplitude of its channel."""
+
+
+def with_floor(spectra: MeasuredSpectra, channels: Iterable[str], share: float) -> MeasuredSpectra:
+    """Spectra whose standard deviations hold a share of the response of channels, once."""
+    return spectra if spectra.assumed else unrepeatable(spectra, dict.fromkeys(channels, share))
 
 
 def repeatability_of(rig: Rig, spectra: MeasuredSpectra, least: float = 0.0) -> dict[str, float]:

@@ -1,0 +1,98 @@
+"""Rig files of modes that were fitted to measurements."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from hbm.fourier import Array
+from hbm.identification.modes import Modes
+
+DRIVE = "excitation"
+"""Port of the force where no channel is at its place."""
+
+CLEAR = 5.0
+"""Modes below the band are written as one of 0 Hz where they stand out by so many standard deviations."""
+
+
+def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str | None = None) -> str:
+    """Text of a rig file with ``[modal]``: ports named as the channels, residuals, deviations as comments.
+
+    Parameters
+    ----------
+    modes : Modes
+    name : str
+        Of the rig.
+    force : str
+        Channel of the force.
+    level : float
+        Amplitude of the force [N].
+    drive : str, optional
+        Channel at the place of the force, see :meth:`hbm.identification.modes.Modes.shapes`.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        As :meth:`hbm.identification.modes.Modes.shapes`.
+    """
+    shapes, std, root = modes.shapes(drive)
+    channels = list(modes.responses.channels)
+    hz, ratio = modes.hz, modes.ratio
+    own = 1.0 if drive is None else float(modes.below[channels.index(drive)])
+    clear = modes.below_std * CLEAR < np.abs(modes.below)
+    rigid = own > 0.0 and (clear.any() if drive is None else clear[channels.index(drive)])
+    if rigid:  # phi_j phi_drive = L_j
+        hz, ratio = np.append(0.0, hz), np.append(0.0, ratio)
+        first = modes.below / np.sqrt(own)
+        shapes, std = np.column_stack([first, shapes]), np.column_stack([modes.below_std / np.sqrt(own), std])
+        root = np.append(np.sqrt(own), root)
+    ports = {channel: (row, spread) for channel, row, spread in zip(channels, shapes, std, strict=True)}
+    if drive is None:
+        ports[DRIVE] = root, np.zeros(len(root))
+    at = drive or DRIVE
+    lines = [
+        f"# {len(modes)} modes fitted from {modes.responses.hz[0]:.6g} to {modes.responses.hz[-1]:.6g} Hz, misfit "
+        f"{modes.chi2_reduced:.3g} noise variances; ± is one standard deviation",
+        f'name = "{name}"',
+        "",
+        "[modal]",
+        f"frequencies_hz = {_row(hz)}  # ± {_row(modes.hz_std, 2)}"
+        + ("; 0: all modes below the band" if rigid else ""),
+        f"flexibility = {_matrix(_flexibility(modes, list(ports), at))}  # of modes above the band, where it was seen",
+        "",
+        "[modal.ports]" + ("" if drive else "  # the force acts on 1 of each mode: shapes carry the scale"),
+        *(f'"{port}" = {_row(row)}  # ± {_row(spread, 2)}' for port, (row, spread) in ports.items()),
+        "",
+        "[damping]",
+        f"modal_ratios = {_row(ratio)}  # ± {_row(modes.ratio_std, 2)}",
+        "",
+        "[excitation]",
+        f'at = "{at}"',
+        f"amplitude = {level:.6g}",
+        "",
+        "[[channels]]",
+        f'name = "{force}"',
+        'quantity = "force"',
+    ]
+    for channel, quantity in modes.responses.channels.items():
+        lines += ["", "[[channels]]", f'name = "{channel}"', f'quantity = "{quantity}"', f'at = "{channel}"']
+    return "\n".join(lines) + "\n"
+
+
+def _flexibility(modes: Modes, ports: list[str], at: str) -> Array:
+    """Flexibility between the ports; only that to the place of the force was seen."""
+    out = np.zeros((len(ports), len(ports)))
+    seen = [ports.index(channel) for channel in modes.responses.channels]
+    out[seen, ports.index(at)] = out[ports.index(at), seen] = modes.above
+    return out
+
+
+def _row(values: Iterable[float], digits: int = 9) -> str:
+    return "[" + ", ".join(f"{value:#.{digits}g}" for value in values) + "]"
+
+
+def _matrix(values: Array) -> str:
+    return "[" + ", ".join(_row(row) for row in values) + "]"

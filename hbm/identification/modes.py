@@ -1,0 +1,370 @@
+"""Modes of a structure from its frequency responses: frequencies, damping ratios, shapes, residuals, each with its std.
+
+The response of channel j per force is (i omega)^d (sum_r A_jr / (omega_r^2 - omega^2 + 2 i zeta_r omega_r omega) + U_j
++ V_j omega^2 - L_j / omega^2): normal modes, what modes above the band answer at rest and next to it, and what modes
+below it do as masses; d is 0, 1 or 2 for displacement, velocity and acceleration. All of it is fitted by weighted least
+squares, which is the most likely answer for the noise stated; derivatives are CasADi's. Modes are added one at a time,
+where what is left asks for one most, as long as the Bayesian information criterion falls; that needs no stabilisation
+diagram and no pole picked by hand.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.measurement.multisine import excited_lines
+from hbm.measurement.spectra import MeasuredSpectra
+from models.display import Displayed
+
+Complex = npt.NDArray[np.complex128]
+
+ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
+MOST_MODES = 30
+GRID, RATIOS = 400, (5e-4, 2e-3, 8e-3, 0.03)
+"""Frequencies and damping ratios at which a further mode is looked for."""
+
+REST = 3
+"""Residual terms of a channel."""
+
+OUTSIDE = 1.05
+"""A pole beyond the band by this factor is no mode of it: what is left is that of modes outside."""
+
+SHARP = 0.2
+"""A response is used whose force is known to this part of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyResponses:
+    """Responses per force of c channels at n frequencies.
+
+    Attributes
+    ----------
+    hz : (n,) array
+        Ascending [Hz].
+    channels : mapping of str to str
+        Quantity by channel: displacement, velocity or acceleration.
+    H : (n, c) complex array
+        nan where not measured.
+    std : (n, c) array
+        Standard deviation of each of real and imaginary part.
+    """
+
+    hz: Array
+    channels: Mapping[str, str]
+    H: Complex
+    std: Array
+
+    def between(self, low: float, high: float) -> "FrequencyResponses":
+        """Those in a band of frequencies."""
+        kept = (self.hz >= low) & (self.hz <= high)
+        return FrequencyResponses(self.hz[kept], self.channels, self.H[kept], self.std[kept])
+
+
+@dataclass(frozen=True, eq=False)
+class Modes(Displayed):
+    """Modes fitted to frequency responses.
+
+    Attributes
+    ----------
+    responses : FrequencyResponses
+    hz, hz_std, ratio, ratio_std : (r,) array
+        Natural frequencies [Hz], ascending, and damping ratios.
+    A, A_std : (c, r) array
+        Product of a channel's shape and that of the drive [1/kg].
+    above, above_std, below, below_std : (c,) array
+        U [m/N] and L [1/kg].
+    chi2_reduced : float
+        Misfit; deviations are multiplied by its root where it is above 1.
+    """
+
+    responses: FrequencyResponses
+    hz: Array
+    hz_std: Array
+    ratio: Array
+    ratio_std: Array
+    A: Array
+    A_std: Array
+    above: Array
+    above_std: Array
+    below: Array
+    below_std: Array
+    chi2_reduced: float
+
+    def __len__(self) -> int:
+        """Number of modes."""
+        return len(self.hz)
+
+    def __repr__(self) -> str:
+        """List the modes."""
+        lines = [
+            f"{f:.6g} ± {sf:.2g} Hz, damping ratio {z:.4g} ± {sz:.2g}"
+            for f, sf, z, sz in zip(self.hz, self.hz_std, self.ratio, self.ratio_std, strict=True)
+        ]
+        return "\n".join([f"{len(self)} modes, misfit {self.chi2_reduced:.3g} noise variances", *lines])
+
+    def shapes(self, drive: str | None) -> tuple[Array, Array, Array]:
+        """Mass-normalised shapes of the channels (c, r), their standard deviations, and the shape at the drive (r,).
+
+        Parameters
+        ----------
+        drive : str or None
+            Channel at the point that is driven, along the force. Without one the drive's shapes are 1, and those of
+            the channels carry their scale.
+
+        Raises
+        ------
+        InputError
+            If the channel is none, or does not move with the force in a mode.
+        """
+        if drive is None:
+            return self.A, self.A_std, np.ones(len(self))
+        names = list(self.responses.channels)
+        if drive not in names:
+            raise InputError(f"modal: --drive = {drive}; must be one of {', '.join(names)}")
+        own, std = self.A[names.index(drive)], self.A_std[names.index(drive)]
+        for f, a, s in zip(self.hz, own, std, strict=True):
+            if a <= 0.0:
+                raise InputError(
+                    f"modal: mode at {f:.6g} Hz: {drive} moves against the force ({a:.2g} ± {s:.2g} 1/kg); must be the "
+                    "channel at the point driven, along the force"
+                )
+        root = np.sqrt(own)
+        relative = np.hypot(self.A_std / np.abs(self.A), 0.5 * std / own)
+        relative[names.index(drive)] = 0.5 * std / own
+        return self.A / root, np.abs(self.A / root) * relative, root
+
+
+def frequency_responses(spectra: MeasuredSpectra, force: str, channels: Mapping[str, str]) -> FrequencyResponses:
+    """Responses per force at every harmonic that the force excites, of all records.
+
+    Parameters
+    ----------
+    spectra : MeasuredSpectra
+        Stepped sines, sweeps or multisines at a low level.
+    force : str
+    channels : mapping of str to str
+        Quantity of each response.
+
+    Raises
+    ------
+    InputError
+        If a channel was not measured.
+    """
+    U, U_std = spectra.complex(force), spectra.std[:, spectra.index(force)]
+    there = np.array([excited_lines(u) for u in U])
+    with np.errstate(invalid="ignore"):
+        there &= U_std < SHARP * np.abs(U)
+    i, k = np.nonzero(there)
+    order = np.argsort(spectra.hz[i] * k, kind="stable")
+    i, k = i[order], k[order]
+    H, std = np.empty((len(i), len(channels)), dtype=complex), np.empty((len(i), len(channels)))
+    for j, name in enumerate(channels):
+        H[:, j] = spectra.complex(name)[i, k] / U[i, k]
+        own = spectra.std[i, spectra.index(name), k]
+        std[:, j] = np.hypot(own, np.abs(H[:, j]) * U_std[i, k]) / np.abs(U[i, k])
+    return FrequencyResponses(spectra.hz[i] * k, dict(channels), H, std)
+
+
+def fit_modes(responses: FrequencyResponses, modes: int | None = None) -> Modes:
+    """Fit modes to frequency responses.
+
+    Parameters
+    ----------
+    responses : FrequencyResponses
+    modes : int, optional
+        How many in the band; as many as the data ask for where omitted.
+
+    Returns
+    -------
+    Modes
+
+    Raises
+    ------
+    InputError
+        If there are too few frequencies for one mode.
+    """
+    problem = _Problem(responses)
+    n = len(responses.hz)
+    if n < 8:
+        raise InputError(f"modal: {n} frequencies at which the force excites; must be at least 8")
+    poles = np.empty((0, 2))
+    best = problem.fitted(poles)
+    for _ in range(modes or MOST_MODES):
+        tried = problem.fitted(np.vstack([problem.poles(best, len(poles)), problem.further(poles, best)]))
+        if modes is None and not problem.asks_for(tried, best, len(poles) + 1):
+            break
+        best = tried
+        poles = problem.poles(best, len(poles) + 1)
+    if not len(poles):
+        raise InputError("modal: no mode stands out of the noise; must be measured around one")
+    return problem.described(best, len(poles))
+
+
+class _Problem:
+    """Weighted residuals of channels beside a number of modes; x holds log f, log zeta, then all that is linear."""
+
+    def __init__(self, responses: FrequencyResponses) -> None:
+        self.responses = responses
+        listed = np.isfinite(responses.H)
+        self.weight = np.where(listed, 1.0 / np.where(listed, responses.std, 1.0), 0.0)
+        self.measured = np.where(listed, responses.H, 0.0)
+        self.omega = 2 * np.pi * responses.hz
+        order = np.array([ORDER[quantity] for quantity in responses.channels.values()])
+        self.by_motion = (1j * self.omega[:, None]) ** order
+        self.middle = float(np.median(self.omega))
+        self.points = 2 * int(listed.sum())
+
+    # ---- linear in the residues
+
+    @cached_property
+    def _residuals(self) -> Complex:
+        """Columns of U, V and L, (n, 3), with frequencies in units of the middle one: all are flexibilities."""
+        squared = (self.omega / self.middle) ** 2
+        return np.column_stack([np.ones_like(squared), squared, -1.0 / squared]).astype(complex)
+
+    def _columns(self, poles: Array) -> Complex:
+        """Responses of modes with a flexibility of 1 each, and of the residuals, (n, r + 3)."""
+        w = 2 * np.pi * poles[:, 0]
+        x = self.omega[:, None] / w
+        return np.column_stack([1.0 / (1.0 - x**2 + 2j * poles[:, 1] * x), self._residuals])
+
+    def _linear(self, poles: Array) -> Array:
+        """Flexibilities (c, r + 3) that fit best beside poles."""
+        columns = self._columns(poles)
+        out = []
+        for j in range(self.measured.shape[1]):
+            rows = (self.weight[:, j] * self.by_motion[:, j])[:, None] * columns
+            rhs = self.weight[:, j] * self.measured[:, j]
+            A, b = np.concatenate([rows.real, rows.imag]), np.concatenate([rhs.real, rhs.imag])
+            size = np.linalg.norm(A, axis=0)
+            out.append(np.linalg.lstsq(A / size, b, rcond=None)[0] / size)
+        return np.array(out)
+
+    def further(self, poles: Array, x: Array) -> Array:
+        """Frequency and damping ratio of the mode that takes most from what is left, (1, 2)."""
+        left = self.weight * (self.measured - self._answer(x, len(poles)))
+        hz = np.geomspace(self.responses.hz[0], self.responses.hz[-1], GRID)
+        best, gain = np.array([[hz[0], RATIOS[0]]]), -1.0
+        for ratio in RATIOS:
+            for f in hz:
+                column = self._columns(np.array([[f, ratio]]))[:, :1]
+                rows = self.weight * self.by_motion * column
+                taken = np.sum((rows.conj() * left).real.sum(axis=0) ** 2 / np.sum(np.abs(rows) ** 2, axis=0))
+                if taken > gain:
+                    best, gain = np.array([[f, ratio]]), float(taken)
+        return best
+
+    # ---- all of it
+
+    def _answer(self, x: Array, modes: int) -> Complex:
+        flexibility = x[2 * modes :].reshape(self.measured.shape[1], modes + REST)
+        return np.asarray(self.by_motion * (self._columns(self.poles(x, modes)) @ flexibility.T))
+
+    @staticmethod
+    def poles(x: Array, modes: int) -> Array:
+        """Frequencies and damping ratios, (r, 2)."""
+        return np.exp(x[: 2 * modes]).reshape(2, modes).T
+
+    def fitted(self, start: Array) -> Array:
+        """Most likely x from poles to start from."""
+        x = np.concatenate([np.log(start).T.ravel(), self._linear(start).ravel()])
+        if not len(start):
+            return x
+        residual = self._residual(len(start))
+        found = least_squares(lambda x: residual(x)[0], x, jac=lambda x: residual(x)[1], x_scale="jac", max_nfev=200)
+        return np.asarray(found.x)
+
+    def _residual(self, modes: int) -> Callable[[Array], tuple[Array, Array]]:
+        """Weighted real and imaginary parts, of each frequency in turn, and their derivatives to x."""
+        n, c = self.measured.shape
+        value, slope = (f.map(n) for f in _misfit_at_a_frequency(modes, c))
+        motion, measured = self.by_motion.T, self.measured.T
+        data = self.omega[None], motion.real, motion.imag, measured.real, measured.imag, self.weight.T, self.middle
+
+        def residual(x: Array) -> tuple[Array, Array]:
+            every = np.repeat(x[:, None], n, axis=1)
+            left = value(every, *data).full()
+            slopes = slope(every, *data).full().reshape(2 * c, n, len(x))
+            return left.T.ravel(), slopes.transpose(1, 0, 2).reshape(-1, len(x))
+
+        return residual
+
+    def asks_for(self, more: Array, less: Array, modes: int) -> bool:
+        """Whether a fit is better by BIC, for noise of unknown size, and its poles lie apart and in the band.
+
+        Two within half their bandwidths, seen from one drive, are one that is not linear.
+        """
+        poles, band = self.poles(more, modes), self.responses.hz
+        hz, ratio = poles[np.argsort(poles[:, 0])].T
+        together = np.diff(hz) < 0.5 * (hz[1:] * ratio[1:] + hz[:-1] * ratio[:-1])
+        if hz[0] < band[0] / OUTSIDE or hz[-1] > band[-1] * OUTSIDE or together.any():
+            return False
+        return self._bic(more, modes) < self._bic(less, modes - 1)
+
+    def _bic(self, x: Array, modes: int) -> float:
+        chi2 = float(np.sum(np.abs(self.weight * (self.measured - self._answer(x, modes))) ** 2))
+        return float(self.points * np.log(chi2 / self.points) + len(x) * np.log(self.points))
+
+    def described(self, x: Array, modes: int) -> Modes:
+        """Modes in the order of their frequencies, with standard deviations."""
+        left, J = self._residual(modes)(x)
+        chi2 = float(left @ left) / max(self.points - len(x), 1)
+        covariance = np.linalg.pinv(J.T @ J) * max(chi2, 1.0)
+        poles, c = self.poles(x, modes), self.measured.shape[1]
+        w = 2 * np.pi * poles[:, 0]
+        flexibility = x[2 * modes :].reshape(c, modes + REST)
+        place = 2 * modes + np.arange(c * (modes + REST)).reshape(c, modes + REST)
+
+        def std(rows: Array) -> Array:
+            return np.asarray(np.sqrt(np.maximum(np.einsum("...i,ij,...j->...", rows, covariance, rows), 0.0)))
+
+        of_A = np.zeros((c, modes, len(x)))  # A = flexibility omega_r^2
+        for j, r in np.ndindex(c, modes):
+            of_A[j, r, place[j, r]] = w[r] ** 2
+            of_A[j, r, r] = 2 * w[r] ** 2 * flexibility[j, r]
+        spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        order = np.argsort(poles[:, 0])
+        return Modes(
+            responses=self.responses,
+            hz=poles[order, 0],
+            hz_std=(poles[:, 0] * spread[:modes])[order],
+            ratio=poles[order, 1],
+            ratio_std=(poles[:, 1] * spread[modes : 2 * modes])[order],
+            A=(flexibility[:, :modes] * w**2)[:, order],
+            A_std=std(of_A)[:, order],
+            above=flexibility[:, modes],
+            above_std=spread[place[:, modes]],
+            below=flexibility[:, modes + 2] * self.middle**2,
+            below_std=spread[place[:, modes + 2]] * self.middle**2,
+            chi2_reduced=chi2,
+        )
+
+
+def _misfit_at_a_frequency(modes: int, c: int) -> tuple[ca.Function, ca.Function]:
+    """Weighted misfit of c channels at one frequency, (2c,), and its Jacobian."""
+    x = ca.SX.sym("x", 2 * modes + c * (modes + REST))
+    omega, middle = ca.SX.sym("omega"), ca.SX.sym("middle")
+    motion, measured = (tuple(ca.SX.sym(f"{name}_{part}", c) for part in "ri") for name in ("motion", "measured"))
+    weight = ca.SX.sym("weight", c)
+    ratio = omega / (2 * np.pi * ca.exp(x[:modes]))
+    zeta = ca.exp(x[modes : 2 * modes])
+    stiffness, damping = 1 - ratio**2, 2 * zeta * ratio
+    size = stiffness**2 + damping**2
+    squared = (omega / middle) ** 2
+    real = ca.vertcat(stiffness / size, 1, squared, -1 / squared)
+    imaginary = ca.vertcat(-damping / size, ca.SX.zeros(REST))
+    flexibility = ca.reshape(x[2 * modes :], modes + REST, c).T  # by channel in x
+    re, im = flexibility @ real, flexibility @ imaginary
+    left = ca.vertcat(
+        weight * (motion[0] * re - motion[1] * im - measured[0]),
+        weight * (motion[0] * im + motion[1] * re - measured[1]),
+    )
+    given = [x, omega, *motion, *measured, weight, middle]
+    return ca.Function("misfit", given, [left]), ca.Function("slope", given, [ca.jacobian(left, x)])

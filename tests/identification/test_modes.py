@@ -1,0 +1,117 @@
+"""Modes fitted to frequency responses of a modal model that is known: deviations as stated, and the rig file back."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hbm import load_rig, steady_state
+from hbm.cli import app
+from hbm.errors import InputError
+from hbm.identification.modes import FrequencyResponses, fit_modes
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.measurement.spectrafile import write_spectra
+
+HZ = np.array([20.0, 31.0, 33.0, 55.0, 300.0])
+RATIO = np.array([0.01, 0.004, 0.006, 0.008, 0.01])
+SHAPES = np.array([[0.9, 0.5, 0.7, 1.1, 0.8], [0.4, -0.9, 0.6, -0.3, 1.0], [-0.2, 0.8, 0.5, 0.9, -0.7]])
+AT = np.arange(15.0, 70.0, 0.15)
+CHANNELS = {"a1": "acceleration", "v2": "velocity", "x3": "displacement"}
+NOISE = np.array([0.02, 1e-4, 6e-7])  # about 0.2 % of the peaks
+
+
+def responses(hz: np.ndarray) -> np.ndarray:
+    """Per force at the place of a1; the fifth mode lies far above the band."""
+    w, wr = 2 * np.pi * hz[:, None], 2 * np.pi * HZ
+    q = SHAPES[0] / (wr**2 - w**2 + 2j * RATIO * wr * w)
+    return (1j * w) ** np.array([2, 1, 0]) * (q @ SHAPES.T)
+
+
+def noisy(seed: int, noise: np.ndarray = NOISE) -> FrequencyResponses:
+    rng = np.random.default_rng(seed)
+    both = rng.standard_normal((2, len(AT), 3))
+    return FrequencyResponses(
+        AT, CHANNELS, responses(AT) + noise * (both[0] + 1j * both[1]), np.broadcast_to(noise, (len(AT), 3))
+    )
+
+
+@pytest.fixture(scope="module")
+def fits():
+    return [fit_modes(noisy(seed)) for seed in range(6)]
+
+
+def test_as_many_modes_as_there_are_in_the_band(fits) -> None:
+    assert [len(m) for m in fits] == [4] * 6
+    assert all(m.chi2_reduced == pytest.approx(1.0, abs=0.12) for m in fits)
+
+
+def test_numbers_are_right_within_their_deviations(fits) -> None:
+    """Pulls of 6 x 20 numbers."""
+    true = SHAPES * SHAPES[0]
+    pulls = [((m.hz - HZ[:4]) / m.hz_std, (m.ratio - RATIO[:4]) / m.ratio_std) for m in fits]
+    of_A = [(m.A - true[:, :4]) / m.A_std for m in fits]
+    for found in (np.ravel(pulls), np.ravel(of_A)):
+        assert found.std() == pytest.approx(1.0, abs=0.25)
+        assert abs(found.mean()) < 4.0 / np.sqrt(len(found))
+
+
+def test_residuals_are_what_the_mode_above_answers_at_rest(fits) -> None:
+    expected = SHAPES[:, 4] * SHAPES[0, 4] / (2 * np.pi * HZ[4]) ** 2
+    for m in fits:
+        assert np.abs((m.above - expected) / m.above_std).max() < 4.5
+        assert np.abs(m.below / m.below_std).max() < 4.5
+
+
+def test_shapes_are_mass_normalised_by_the_channel_at_the_drive(fits) -> None:
+    shapes, std, root = fits[0].shapes("a1")
+    assert np.abs((shapes - SHAPES[:, :4]) / std).max() < 4.5
+    assert root == pytest.approx(SHAPES[0, :4], rel=0.01)
+    with pytest.raises(InputError, match=r"v2 moves against the force .*must be the channel at the point driven"):
+        fits[0].shapes("v2")
+
+
+def spectra(seed: int) -> MeasuredSpectra:
+    """A stepped sine of 2 N with any phase, and what the channels read of it."""
+    rng = np.random.default_rng(seed)
+    force = 2.0 * np.exp(2j * np.pi * rng.random(len(AT)))
+    c = np.column_stack([force, noisy(seed).H * force[:, None]])
+    pairs = np.stack([np.zeros(c.shape), c.real, -c.imag], axis=2)
+    std = np.broadcast_to(np.concatenate([[1e-6], 2.0 * NOISE])[:, None], (len(AT), 4, 2))
+    names = ("force", *CHANNELS)
+    return MeasuredSpectra("steps", np.arange(1, len(AT) + 1), np.full(len(AT), 2.0), AT, names, pairs, std.copy())
+
+
+def test_the_rig_file_answers_as_the_structure(tmp_path: Path) -> None:
+    """A joint that does next to nothing makes it a rig; its steady states are the frequency responses."""
+    write_spectra(tmp_path / "low.csv", spectra(1))
+    args = ["modal", str(tmp_path / "low.csv"), "--drive", "a1", "--out", str(tmp_path / "rig.toml")]
+    result = CliRunner().invoke(app, [*args, "--quantity", "v2=velocity", "--quantity", "x3=displacement"])
+    assert result.exit_code == 0, result.output
+    text = (tmp_path / "rig.toml").read_text()
+    assert len(tomllib.loads(text)["modal"]["frequencies_hz"]) == 4
+    joint = '\n[[joints]]\nname = "nothing"\nlaw = "dashpot"\nat = "a1"\nlinear = 1e-9\nquadratic = 0.0\n'
+    (tmp_path / "joined.toml").write_text(text + joint)
+    rig = load_rig(tmp_path / "joined.toml")
+    for hz in (18.0, 31.02, 45.0, 55.3):
+        state = steady_state(rig, hz, level=2.0, harmonics=1)
+        true = 2.0 * responses(np.array([hz]))[0]
+        for name, expected in zip(CHANNELS, true, strict=True):
+            c = state[name].coefficients
+            assert c[1] - 1j * c[2] == pytest.approx(expected, abs=0.02 * abs(expected))
+
+
+def test_bad_input_is_one_line(tmp_path: Path) -> None:
+    write_spectra(tmp_path / "low.csv", spectra(1))
+    file, out = str(tmp_path / "low.csv"), str(tmp_path / "rig.toml")
+    for args, line in (
+        (["--quantity", "v2=speed"], 'modal: --quantity = "v2=speed"; must be NAME=QUANTITY, of a1, v2, x3 and '),
+        (["--force", "shaker"], f'{file}: channel "shaker" is not in it; channels are force, a1, v2, x3'),
+        (["--from", "20", "--to", "20.5"], "modal: 3 frequencies at which the force excites; must be at least 8"),
+        (["--drive", "a9", "--from", "15", "--to", "25"], "modal: --drive = a9; must be one of a1, v2, x3"),
+    ):
+        result = CliRunner().invoke(app, ["modal", file, "--out", out, *args])
+        assert result.exit_code == 2
+        assert result.stderr.startswith(line)
+        assert not Path(out).exists()
