@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.inverse import SpectraFile, load, record_numbers, working
 from hbm.commands.options import (
     UNSOLVABLE,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from models.rig import Rig
 
 COMMAND = "diagnose"
+ADVICE = "a verdict needs all causes; try fewer records, the causes in question with --cause, or a larger --max-seconds"
 
 NEARLY_DONE = 0.97
 """Fraction of the work that is done when the verdict is known."""
@@ -78,6 +80,7 @@ def diagnose(
             help="What the structure does differently from one mounting to the next, of its response.",
         ),
     ] = None,
+    max_seconds: RunSeconds = "1800",
     allow_code: AllowCode = False,
 ) -> None:
     """What the simulation gets wrong, its cause, the extended rig, and what it gains on records held out.
@@ -89,7 +92,7 @@ def diagnose(
     """
     from hbm.files.diagnosisfiles import FILES, Diagnosed
 
-    held = record_numbers(COMMAND, "--hold-out", hold_out)
+    held, limit = record_numbers(COMMAND, "--hold-out", hold_out), seconds_of(COMMAND, max_seconds)
     check_out(COMMAND, out, FILES)
     candidates, own = _causes(cause, causes_file)
     loaded, measured = load(rig, spectra, allow_code=allow_code)
@@ -100,7 +103,12 @@ def diagnose(
     from hbm.rigfiles.laws import files_run, run_files
 
     tolerances, floor = _tolerances(loaded, _sensors(loaded, measured), tolerance), _share(repeatability)
-    with _failing(measured.source), all_cores(partial(run_files, files_run())) as executor, Work() as work:
+    with (
+        _failing(measured.source),
+        Work() as work,
+        within(COMMAND, limit, work.doing, ADVICE),
+        all_cores(partial(run_files, files_run())) as executor,
+    ):
         found = search(
             loaded,
             measured,
