@@ -26,7 +26,7 @@ STEP = 0.1
 
 BUDGET = Budget(points=2000)
 
-FOLDS, ADVICE = 40, "another mode answers at a harmonic there; try a smaller range, or fewer harmonics"
+FOLDS, ADVICE = 40, "try a smaller range or fewer harmonics; the branch turns where another mode answers at one of them"
 """Few backbones fold more than twenty times in all; more in a tenth of the range are internal resonances of a motion
 that strikes or sticks, and each harmonic that meets a mode adds some."""
 
