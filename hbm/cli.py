@@ -17,6 +17,7 @@ from typer.core import TyperGroup
 
 from hbm import interrupts
 from hbm.commands.backbone import backbone
+from hbm.commands.budgets import MaxPoints, RunSeconds, TraceSeconds, budget_of, seconds_of, within
 from hbm.commands.decay import decay
 from hbm.commands.deliver import Drawing, deliver_curves, deliver_history, deliver_loops
 from hbm.commands.diagnose import diagnose
@@ -43,7 +44,6 @@ from hbm.commands.options import (
     say,
     spreading,
     warnings_in_one_line,
-    whole,
 )
 from hbm.commands.spectra import spectra
 from hbm.commands.stability import Stability, judged
@@ -65,7 +65,6 @@ THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 """More than one costs time on matrices this small, and the last digits then depend on the machine."""
 
 LARGEST_HISTORY = 20_000_000  # samples
-LARGEST_CURVE = 20_000  # points
 
 
 class OneLine(TyperGroup):
@@ -103,7 +102,7 @@ def _status(run: Callable[[], Any]) -> int:
         return say(f"hbm: {str(failed) or 'out of memory'}", 1)
     except UsageError as misused:
         return say(_usage(misused), misused.exit_code)
-    return say("hbm: interrupted, nothing half written", interrupts.status()) if status == INTERRUPTED else status
+    return say(interrupts.said(), interrupts.status()) if status == INTERRUPTED else status
 
 
 def _usage(error: UsageError) -> str:
@@ -226,12 +225,8 @@ def frf(
     sensors: Sensors = False,
     log: Log = False,
     per_force: PerForce = False,
-    max_points: Annotated[
-        str, typer.Option(metavar="N", help="Most points of a curve; it ends there, and is kept.")
-    ] = "5000",
-    max_seconds: Annotated[
-        str, typer.Option(metavar="S", help="Longest trace of a curve; it ends there, and is kept.")
-    ] = "300",
+    max_points: MaxPoints = "5000",
+    max_seconds: TraceSeconds = "300",
 ) -> None:
     """Frequency response curves, each with its numerical error, its stability and its bifurcations.
 
@@ -241,7 +236,6 @@ def frf(
 
     Example:  hbm frf rig.toml --measured spectra.csv --log --plot over_the_points.png
     """
-    from hbm.response.budget import Budget
     from hbm.rigfiles.lawchoice import choose_law
     from hbm.rigfiles.load import load_contact_rig, load_rig
     from models.rig import Rig
@@ -249,9 +243,7 @@ def frf(
     check_outputs("frf", out, plot)
     check_drawing("frf", plot, measured, sensors=sensors, flags={"--log": log, "--per-force": per_force})
     hz, levels, H = _range(begin, end), _levels(level), harmonics_or_auto("frf", harmonics)
-    budget = Budget(
-        whole("frf", "--max-points", max_points, LARGEST_CURVE), positive("frf", "--max-seconds", max_seconds, "s")
-    )
+    budget = budget_of("frf", max_points, max_seconds)
     loaded: AnyRig = (
         load_rig(rig, allow_code=allow_code or None)
         if law is None
@@ -286,6 +278,7 @@ def simulate(
     contact: Annotated[
         bool, typer.Option("--contact", help="Also write drive, slip, slip_velocity, friction and normal to --out.")
     ] = False,
+    max_seconds: RunSeconds = "600",
     allow_code: AllowCode = False,
 ) -> None:
     """Time integration from rest.
@@ -295,10 +288,12 @@ def simulate(
     check_outputs("simulate", out, plot)
     hz = positive("simulate", "--frequency", frequency, "Hz")
     seconds = 50.0 / hz if duration is None else positive("simulate", "--duration", duration, "s")
+    limit = seconds_of("simulate", max_seconds)
     _check_duration(hz, seconds)
     from hbm.rigfiles.load import load_rig
 
-    deliver_history(_march(load_rig(rig, allow_code=allow_code or None), hz, seconds), out, plot, contact=contact)
+    history = _march(load_rig(rig, allow_code=allow_code or None), hz, seconds, limit)
+    deliver_history(history, out, plot, contact=contact)
 
 
 app.command(cls=spreading("--level"))(backbone)
@@ -412,11 +407,12 @@ def _partial(curve: "ResponseCurve") -> str:
     return f"frf: {curve.level:g} N: partial curve, {curve.hz[0]:.5g} to {curve.hz[-1]:.5g} Hz; {curve.branch.message}"
 
 
-def _march(rig: "AnyRig", hz: float, seconds: float) -> "TimeHistory | JointHistory":
+def _march(rig: "AnyRig", hz: float, seconds: float, limit: float) -> "TimeHistory | JointHistory":
     from hbm.commands.progress import Sweep
     from hbm.integration.integrate import simulate as march
 
-    with Sweep("time", 0.0, seconds, unit="s") as progress:
+    advice = "try a shorter --duration, or a larger --max-seconds"
+    with Sweep("time", 0.0, seconds, unit="s") as progress, within("simulate", limit, progress.doing, advice):
         return march(rig, hz, duration=seconds, progress=progress.time)
 
 

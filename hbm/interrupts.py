@@ -1,5 +1,7 @@
 """Signals that end a command: SIGINT and SIGTERM stop it at once, but never between the files of one result.
 
+A command that has spent its time is ended in the same way, by itself (:func:`within`).
+
 A command that is told to end raises ``KeyboardInterrupt`` where it is, keeps or drops what it has, and ends by itself.
 One that has not ended after :data:`GRACE` is ended where it stands; files appear by renaming, so none is half there.
 """
@@ -8,7 +10,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from _thread import interrupt_main
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import active_children
 from types import FrameType
@@ -19,6 +22,7 @@ GRACE = 2.5
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 _received: list[int] = []
+_spent: list[str] = []
 _holding: list[bool] = []
 
 
@@ -42,7 +46,8 @@ def _interrupt(number: int, _: FrameType | None) -> None:
 
 def _end() -> None:
     kill_workers()
-    print("hbm: interrupted, and ended before all was kept; no file is half written", file=sys.stderr, flush=True)
+    ended = _spent[0] if _spent else "hbm: interrupted, and ended before all was kept; no file is half written"
+    print(ended, file=sys.stderr, flush=True)
     os._exit(status())
 
 
@@ -53,8 +58,33 @@ def kill_workers() -> None:
 
 
 def status() -> int:
-    """Exit status of an interrupted command: 128 and the number of the signal."""
-    return 128 + (_received[0] if _received else signal.SIGINT)
+    """Exit status of an interrupted command: 128 and the number of the signal; 1 where it has spent its time."""
+    return 1 if _spent else 128 + (_received[0] if _received else signal.SIGINT)
+
+
+def said() -> str:
+    """What an interrupted command says."""
+    return _spent[0] if _spent else "hbm: interrupted, nothing half written"
+
+
+@contextmanager
+def within(seconds: float, spent: Callable[[], str]) -> Iterator[None]:
+    """Interrupt the command where what is done here takes longer; `spent` gives what it then says."""
+
+    def spend() -> None:
+        _spent.append(spent())
+        if hasattr(signal, "pthread_kill"):
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)  # wakes it where it waits
+        else:
+            interrupt_main()
+
+    timer = threading.Timer(seconds, spend)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @contextmanager

@@ -45,6 +45,7 @@ MM_OR_UM = (("mm", 1e-3), ("um", 1e-6))
 ATOM = "an atom is 1e-10 m wide, and no structure longer than 100 km"
 
 RANGES: dict[str, Range] = {
+    "weight": Range("1", (1e-12, 1e5), ANY, "a lever is between 1e-12 m and 100 km long"),
     # geometry and material of a beam
     "length": Range("m", (1e-9, 1e5), (1e-3, 100.0), ATOM, MM_OR_UM),
     "width": Range("m", (1e-10, 1e5), (1e-4, 20.0), ATOM, MM_OR_UM),

@@ -503,10 +503,11 @@ def test_help_and_version_load_nothing_heavy(args: list[str]) -> None:
     assert python(code).splitlines()[-1] == "[]"
 
 
-def test_only_figures_load_matplotlib() -> None:
-    modules = "sys, hbm, hbm.files.curves, hbm.commands.tables, hbm.commands.progress"
-    code = f"import {modules}\nhbm.simulate\nprint('matplotlib' in sys.modules)"
-    assert python(code) == "False\n"
+def test_only_figures_load_matplotlib_and_curves_no_statistics() -> None:
+    modules = "sys, hbm, hbm.files.curves, hbm.commands.tables, hbm.commands.progress, hbm.response.bifurcations"
+    unwanted = "('matplotlib', 'scipy.stats', 'scipy.signal', 'scipy.optimize')"
+    code = f"import {modules}\nhbm.simulate\nprint([m for m in {unwanted} if m in sys.modules])"
+    assert python(code) == "[]\n"
 
 
 def test_version() -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hbm.commands.budgets import MaxPoints, TraceSeconds, budget_of
 from hbm.commands.options import (
     LARGEST_H,
     AllowCode,
@@ -23,6 +24,7 @@ from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.modes.backbone import Backbone, NumericalChange
+    from hbm.response.budget import Budget
     from hbm.response.curve import ResponseCurve
     from models.jointed import AnyRig
 
@@ -45,6 +47,8 @@ def backbone(
         typer.Option(metavar="F.csv", help="Write the backbones here, and what is known of them to F.json."),
     ] = None,
     plot: Plot = None,
+    max_points: MaxPoints = "2000",
+    max_seconds: TraceSeconds = "300",
     allow_code: AllowCode = False,
 ) -> None:
     """Frequency, damping ratio and shape of a mode over its amplitude, and phase resonance with its force.
@@ -56,7 +60,7 @@ def backbone(
     """
     check_outputs("backbone", out, plot)
     number, H = whole("backbone", "--mode", mode, 1000), whole("backbone", "--harmonics", harmonics, LARGEST_H)
-    amplitudes = _range(begin, end)
+    amplitudes, budget = _range(begin, end), budget_of("backbone", max_points, max_seconds)
     levels = [positive("backbone", "--level", text, "N") for text in level or ()]
     if levels and plot is None:
         raise InputError("backbone: --level without --plot; must have both")
@@ -65,9 +69,9 @@ def backbone(
     loaded = load_rig(rig, allow_code=allow_code or None)
     if not 1 <= number <= loaded.structure.n:
         raise InputError(f"backbone: --mode = {number}; must be from 1 to {loaded.structure.n}")
-    backbones, failures = _traced(loaded, number, amplitudes, H)
+    backbones, failures = _traced(loaded, number, amplitudes, H, budget)
     if backbones:
-        _deliver(backbones, number, _responses(loaded, levels, failures), out, plot)
+        _deliver(backbones, number, _responses(loaded, levels, failures, budget), out, plot)
     for failure in failures:
         say(failure, 1)
     if failures:
@@ -88,7 +92,7 @@ def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
 
 
 def _traced(
-    rig: "AnyRig", mode: int, amplitudes: tuple[float, float] | None, H: int
+    rig: "AnyRig", mode: int, amplitudes: tuple[float, float] | None, H: int, budget: "Budget"
 ) -> tuple[list["Backbone"], list[str]]:
     """Nonlinear mode and phase resonance, and a line for each that failed."""
     from continuation import ConvergenceError
@@ -103,7 +107,7 @@ def _traced(
     for name, trace in kinds.items():
         try:
             with Sweep(name, *ends, unit="m") as progress:
-                traced = trace(rig, mode, amplitudes=ends, harmonics=H, on_point=progress.point)
+                traced = trace(rig, mode, amplitudes=ends, harmonics=H, on_point=progress.point, budget=budget)
         except (ConvergenceError, ArithmeticError) as failed:
             failures.append(f"backbone: {name}: {failed}")
             continue
@@ -114,16 +118,19 @@ def _traced(
     return found, failures
 
 
-def _responses(rig: "AnyRig", levels: Sequence[float], failures: list[str]) -> list["ResponseCurve"]:
+def _responses(rig: "AnyRig", levels: Sequence[float], failures: list[str], budget: "Budget") -> list["ResponseCurve"]:
     from continuation import ConvergenceError
     from hbm.response.trace import trace_frequency
 
     curves = []
     for level in levels:
         try:
-            curves.append(trace_frequency(rig, level=level))
+            curves.append(trace_frequency(rig, level=level, budget=budget))
         except (ConvergenceError, ArithmeticError) as failed:
             failures.append(f"backbone: {level:g} N: {failed}")
+            continue
+        if not curves[-1].complete:
+            failures.append(f"backbone: {level:g} N: partial curve; {curves[-1].branch.message}")
     return curves
 
 

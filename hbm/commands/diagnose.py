@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.inverse import Repeatability, SpectraFile, different, load, share, working
 from hbm.commands.options import (
     UNSOLVABLE,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from models.rig import Rig
 
 COMMAND = "diagnose"
+ADVICE = "a verdict needs all causes; try fewer records, the causes in question with --cause, or a larger --max-seconds"
 
 NEARLY_DONE = 0.97
 """Fraction of the work that is done when the verdict is known."""
@@ -72,6 +74,7 @@ def diagnose(
         ),
     ] = None,
     repeatability: Repeatability = None,
+    max_seconds: RunSeconds = "1800",
     allow_code: AllowCode = False,
 ) -> None:
     """What the simulation gets wrong, its cause, the extended rig, and what it gains on records held out.
@@ -86,6 +89,7 @@ def diagnose(
     from hbm.files.extendedrig import CANDIDATES
 
     held, floor = different(COMMAND, "--hold-out", hold_out), share(COMMAND, repeatability)
+    limit = seconds_of(COMMAND, max_seconds)
     check_out(COMMAND, out, (*FILES, f"{CANDIDATES}/1.toml"))
     candidates, own = _causes(cause, causes_file)
     loaded, measured = load(rig, spectra, floor, allow_code=allow_code)
@@ -97,7 +101,12 @@ def diagnose(
     from hbm.rigfiles.laws import files_run, run_files
 
     tolerances = _tolerances(loaded, _sensors(loaded, measured), tolerance)
-    with _failing(measured.source), all_cores(partial(run_files, files_run())) as executor, Work() as work:
+    with (
+        _failing(measured.source),
+        Work() as work,
+        within(COMMAND, limit, work.doing, ADVICE),
+        all_cores(partial(run_files, files_run())) as executor,
+    ):
         found = search(
             loaded,
             measured,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hbm.commands.budgets import MaxPoints, TraceSeconds, budget_of
 from hbm.commands.options import (
     AllowCode,
     Harmonics,
@@ -24,6 +25,7 @@ from hbm.commands.stability import Stability, judged
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
+    from hbm.response.budget import Budget
     from hbm.tracking.parameterresponse import ParameterCurve
     from models.jointed import AnyRig
 
@@ -48,6 +50,8 @@ def follow(
     ] = None,
     plot: Plot = None,
     stability: Stability = True,
+    max_points: MaxPoints = "5000",
+    max_seconds: TraceSeconds = "300",
     allow_code: AllowCode = False,
 ) -> None:
     """Response along any number of the rig file at a held frequency and force, through folds, with its stability.
@@ -60,11 +64,13 @@ def follow(
     values = _number("--from", begin), _number("--to", end)
     hz = None if frequency is None else positive(COMMAND, "--frequency", frequency, "Hz")
     force = None if level is None else positive(COMMAND, "--level", level, "N")
-    H = harmonics_or_auto(COMMAND, harmonics)
+    H, budget = harmonics_or_auto(COMMAND, harmonics), budget_of(COMMAND, max_points, max_seconds)
+    from continuation import End
     from hbm.rigfiles.load import load_rig
 
-    curve = _response(load_rig(rig, allow_code=allow_code or None), parameter, values, hz, force, H)
-    curve = judged(curve) if stability else curve
+    curve = _response(load_rig(rig, allow_code=allow_code or None), parameter, values, hz, force, H, budget)
+    if stability and curve.branch.end is not End.STOPPED_BY_CALLER:  # it has cost enough
+        curve = judged(curve)
     _deliver(curve, out, plot)
     if not curve.complete:
         reached = f"{curve.values[0]:.5g} to {curve.values[-1]:.5g}"
@@ -78,7 +84,13 @@ def _number(option: str, text: str) -> float:
 
 
 def _response(
-    rig: "AnyRig", key: str, values: tuple[float, float], hz: float | None, level: float | None, harmonics: int | None
+    rig: "AnyRig",
+    key: str,
+    values: tuple[float, float],
+    hz: float | None,
+    level: float | None,
+    harmonics: int | None,
+    budget: "Budget",
 ) -> "ParameterCurve":
     from continuation import ConvergenceError
     from hbm.commands.progress import Sweep
@@ -91,7 +103,7 @@ def _response(
     with Sweep(key, *values, unit="") as progress:
         try:
             return parameter_response(
-                rig, key, values, hz=hz, level=level, harmonics=harmonics, on_point=progress.point
+                rig, key, values, hz=hz, level=level, harmonics=harmonics, on_point=progress.point, budget=budget
             )
         except (ConvergenceError, ArithmeticError) as failed:
             raise ArithmeticError(f"{COMMAND}: {failed}") from None

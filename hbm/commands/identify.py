@@ -1,11 +1,12 @@
 """The command ``hbm identify``: parameters of friction laws from measured spectra, compared."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.inverse import (
     Repeatability,
     SpectraFile,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from models.rig import Rig
 
 COMMAND = "identify"
+ADVICE = "a comparison needs all laws; try fewer of them with --law, or a larger --max-seconds"
 
 
 def identify(
@@ -69,6 +71,7 @@ def identify(
     ] = False,
     formulation: Formulation = None,
     repeatability: Repeatability = None,
+    max_seconds: RunSeconds = "600",
     allow_code: AllowCode = False,
 ) -> None:
     """Parameters of friction laws, with uncertainty, from measured spectra; which law is best.
@@ -82,6 +85,7 @@ def identify(
     from hbm.rigfiles.laws import find_law
 
     held, percent = different(COMMAND, "--held-out", held_out), share(COMMAND, repeatability)
+    limit = seconds_of(COMMAND, max_seconds)
     check_out(COMMAND, out, FILES)
     if formulation is not None:
         check_formulation(COMMAND, formulation)
@@ -95,26 +99,31 @@ def identify(
     from hbm.identification.identify import identify as fit_laws
 
     contact = reconstructed(COMMAND, loaded, measured, formulation)
-    with Work() as work:
+    again, failure = None, ""
+    with Work() as work, within(COMMAND, limit, work.doing, ADVICE):
         found = fit_laws(loaded, contact, law or LAWS, held_out=held or None, by_level=by_level, on_progress=work.show)
-    again, failure = _on_spectra(loaded, measured, held, found, contact) if output_error else (None, "")
+        if output_error:
+            again, failure = _on_spectra(loaded, measured, held, found, contact, work.show)
     _deliver(found, contact, again, out)
     if failure:
         raise typer.Exit(say(failure, 1))
 
 
 def _on_spectra(
-    rig: "Rig", spectra: "MeasuredSpectra", held: Sequence[str], found: "Identification", contact: "Reconstruction"
+    rig: "Rig",
+    spectra: "MeasuredSpectra",
+    held: Sequence[str],
+    found: "Identification",
+    contact: "Reconstruction",
+    tell: Callable[[str, float], None],
 ) -> tuple["SpectraFit | None", str]:
     """The best law fitted to the spectra of the records that are not held out, or why it failed."""
     from continuation import ConvergenceError
-    from hbm.commands.progress import Work
     from hbm.identification.spectra import fit_spectra
 
+    used, known = (spectra.split(held)[0], None) if held else (spectra, contact)
     try:
-        with Work() as work:
-            used, known = (spectra.split(held)[0], None) if held else (spectra, contact)
-            return fit_spectra(rig, used, found.best, reconstruction=known, on_progress=work.show), ""
+        return fit_spectra(rig, used, found.best, reconstruction=known, on_progress=tell), ""
     except ConvergenceError as failed:
         return None, f"{COMMAND}: --output-error: {failed}"
 

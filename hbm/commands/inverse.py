@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.options import (
     UNSOLVABLE,
     AllowCode,
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     from models.rig import Rig
 
 COMMAND = "inverse"
+ADVICE = "try fewer records (--record), fewer harmonics in SPECTRA, or a larger --max-seconds"
+Made = tuple[Mapping[str, str | bytes], Callable[[], None]]
+"""What goes into a folder, and what prints what was found."""
 MOST_SENSORS = 1000
 
 SpectraFile = Annotated[
@@ -66,6 +70,7 @@ def inverse(
         str | None, typer.Option(metavar="COUNT", help="With --design: how many; as many as measured where omitted.")
     ] = None,
     repeatability: Repeatability = None,
+    max_seconds: RunSeconds = "600",
     allow_code: AllowCode = False,
 ) -> None:
     """Friction force, reaction, slip and slip velocity with uncertainty, from measured spectra.
@@ -77,7 +82,7 @@ def inverse(
     """
     if out is None and not design:
         raise InputError(f"{COMMAND}: --out is missing; must name a folder, or --design be asked for")
-    count = _count(sensors, design)
+    count, limit = _count(sensors, design), seconds_of(COMMAND, max_seconds)
     records, percent = different(COMMAND, "--record", record), share(COMMAND, repeatability)
     if out is not None:
         check_out(COMMAND, out, _files())
@@ -89,15 +94,18 @@ def inverse(
     loaded = load_rig(rig, allow_code=allow_code or None)
     measured = noisy(loaded, _selected(spectra, loaded, records, percent), percent)
     numbers = measured.records.tolist() if records else None
-    if isinstance(loaded, JointedRig):
-        _refuse_of_joints(rig, {"--design": design, "--formulation": formulation})
-        if out is not None:
-            _deliver_joints(loaded, measured, numbers, out)
-        return
-    if design:
-        _print_design(loaded, measured, count)
-    if out is not None:
-        _deliver(reconstructed(COMMAND, loaded, measured, formulation), numbers, out)
+    made = None
+    with within(COMMAND, limit, lambda: f"at {len(measured)} records", ADVICE):
+        if isinstance(loaded, JointedRig):
+            _refuse_of_joints(rig, {"--design": design, "--formulation": formulation})
+            made = _made_of_joints(loaded, measured, numbers)
+        else:
+            if design:
+                _print_design(loaded, measured, count)
+            if out is not None:
+                made = _made(reconstructed(COMMAND, loaded, measured, formulation), numbers)
+    if made is not None and out is not None:
+        _write(*made, out)
 
 
 def _files() -> tuple[str, ...]:
@@ -230,16 +238,16 @@ def working(doing: str) -> Iterator[None]:
         yield
 
 
-def _deliver(found: "Reconstruction", records: Sequence[int] | None, out: Path) -> None:
+def _made(found: "Reconstruction", records: Sequence[int] | None) -> Made:
     from hbm.commands.inversetables import print_reconstruction
     from hbm.files.inversereport import inverse_contents
 
     with working("drawing"):
         contents = inverse_contents(found, records)
-    _write(contents, out, lambda: print_reconstruction(console(), found))
+    return contents, lambda: print_reconstruction(console(), found)
 
 
-def _deliver_joints(rig: "JointedRig", spectra: "MeasuredSpectra", records: Sequence[int] | None, out: Path) -> None:
+def _made_of_joints(rig: "JointedRig", spectra: "MeasuredSpectra", records: Sequence[int] | None) -> Made:
     from hbm.commands.inversetables import print_joint_reconstruction
     from hbm.files.jointinverse import joint_inverse_contents
     from hbm.inverse.jointed import reconstruct_joints
@@ -248,10 +256,10 @@ def _deliver_joints(rig: "JointedRig", spectra: "MeasuredSpectra", records: Sequ
         found = reconstruct_joints(rig, spectra)
     with working("drawing"):
         contents = joint_inverse_contents(found, records)
-    _write(contents, out, lambda: print_joint_reconstruction(console(), found))
+    return contents, lambda: print_joint_reconstruction(console(), found)
 
 
-def _write(contents: Mapping[str, str | bytes], out: Path, tell: Callable[[], None]) -> None:
+def _write(contents: Mapping[str, str | bytes], tell: Callable[[], None], out: Path) -> None:
     """Write a folder, tell what was found, and what was written."""
     from hbm.files.inversefiles import NEEDED_FOR_NETCDF, NETCDF_FILE, has_netcdf
     from hbm.files.outputs import write_folder

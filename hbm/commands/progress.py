@@ -34,6 +34,11 @@ class _Shown:
     def __exit__(self, *failure: object) -> None:
         self.bar.stop()
 
+    def doing(self) -> str:
+        """What is being done, in words."""
+        task = self.bar.tasks[0]
+        return f"at {task.description} {task.fields['now']}".rstrip()
+
 
 class Sweep(_Shown):
     """A bar from a first to a last value, with the present value and the points found.

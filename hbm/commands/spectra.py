@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.options import AllowCode, console, is_number, named, positive, print_written, quoted, whole
 from hbm.errors import InputError
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from models.jointed import AnyRig
 
 COMMAND = "spectra"
+ADVICE = "try fewer or shorter recordings, or a larger --max-seconds"
 FORCE = "force"
 
 
@@ -69,6 +71,7 @@ def spectra(
     refine: Annotated[
         bool, typer.Option("--refine", help="Refine each fundamental with the force channel (without one: the first).")
     ] = False,
+    max_seconds: RunSeconds = "600",
     allow_code: AllowCode = False,
 ) -> None:
     """Harmonic coefficients with standard deviations from time histories of steady states.
@@ -91,7 +94,7 @@ def spectra(
 
     with named(COMMAND):
         check_output(out, WRITTEN, "--out")
-    entries = _entries(histories)
+    limit, entries = seconds_of(COMMAND, max_seconds), _entries(histories)
     if sweep:
         _sweeps(entries, _columns(channel or ()), rig, reference, harmonics, settle, out, allow_code)
         return
@@ -111,12 +114,13 @@ def spectra(
     from hbm.rigfiles.load import load_rig
 
     loaded = None if rig is None else load_rig(rig, allow_code=allow_code or None)
-    recordings = [_recorded(entry, columns, loaded) for entry in entries]
     force = _force_name(loaded)
-    estimates = [
-        harmonic_spectra(r, f, H, settle=seconds, refine=_reference(r, force) if refine else None)
-        for r, f in zip(recordings, hz, strict=True)
-    ]
+    with within(COMMAND, limit, lambda: f"at {len(entries)} recordings", ADVICE):
+        recordings = [_recorded(entry, columns, loaded) for entry in entries]
+        estimates = [
+            harmonic_spectra(r, f, H, settle=seconds, refine=_reference(r, force) if refine else None)
+            for r, f in zip(recordings, hz, strict=True)
+        ]
     known = [_level(e, force) if level is None else level for e, level in zip(estimates, levels, strict=True)]
     write_spectra(out, spectra_of_records(estimates, known, _names(recordings, loaded), str(out)), _units(estimates))
     print_spectra(console(), estimates, known)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.options import (
     LARGEST_H,
     AllowCode,
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from hbm.response.synthesis import Synthesis
 
 COMMAND = "synthesize"
+ADVICE = "try fewer levels, a narrower range of frequencies, or a larger --max-seconds"
 MANIFEST = "manifest.csv"
 LARGEST_SEED = 10**9
 
@@ -50,6 +52,7 @@ def synthesize(
             "--histories", metavar="DIR", help="Write the recordings here too, with a manifest for hbm spectra."
         ),
     ] = None,
+    max_seconds: RunSeconds = "600",
     allow_code: AllowCode = False,
 ) -> None:
     """Measured-like spectra of a rig: its steady states, sampled, with noise, and estimated as a measurement is.
@@ -66,6 +69,7 @@ def synthesize(
     with named(COMMAND):
         check_output(out, WRITTEN, "--out")
     forces, hz = _numbers("--levels", levels, "N"), _numbers("--frequencies", frequencies, "Hz")
+    limit = seconds_of(COMMAND, max_seconds)
     decibels, H = _decibels(snr), whole(COMMAND, "--harmonics", harmonics, LARGEST_H)
     number = whole(COMMAND, "--seed", seed, LARGEST_SEED)
     if histories is not None:
@@ -78,7 +82,7 @@ def synthesize(
 
     loaded = load_rig(rig, allow_code=allow_code or None)
     try:
-        with Work() as work:
+        with Work() as work, within(COMMAND, limit, work.doing, ADVICE):
             made = simulate(loaded, forces, hz, snr=decibels, seed=number, harmonics=H, on_progress=work.show)
     except ConvergenceError as failed:
         raise ArithmeticError(f"{COMMAND}: {str(failed).removeprefix('synthesize: ')}; nothing written") from None

@@ -5,7 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
@@ -16,7 +16,6 @@ from rich.text import Text
 from hbm.errors import visible
 from hbm.integration.history import TimeHistory
 from hbm.integration.jointed import JointHistory
-from hbm.measurement.harmonicestimate import HarmonicEstimate
 from hbm.modes.linear import LinearModes
 from hbm.response.accuracy import joint_forces
 from hbm.response.curve import Assessment, ResponseCurve
@@ -25,6 +24,9 @@ from hbm.rigfiles.lawchoice import KnownLaw, known_law, plain
 from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
 from models.jointed import AnyRig, JointedRig
+
+if TYPE_CHECKING:
+    from hbm.measurement.harmonicestimate import HarmonicEstimate
 
 TEXTS = ("record", "channel", "unit", "law", "values", "example", "about")
 """Headings of columns that hold no numbers."""
@@ -163,7 +165,7 @@ def print_history(console: Console, history: TimeHistory | JointHistory) -> None
     print_lines(console, lines)
 
 
-def print_spectra(console: Console, records: Sequence[HarmonicEstimate], levels: Sequence[float]) -> None:
+def print_spectra(console: Console, records: Sequence["HarmonicEstimate"], levels: Sequence[float]) -> None:
     """Print the fundamental of each channel of each record, how sure and steady it is, and what to beware of."""
     for number, (record, level) in enumerate(zip(records, levels, strict=True), start=1):
         sine = all(q.harmonic == 1 for q in record.quality)

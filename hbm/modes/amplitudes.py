@@ -1,16 +1,16 @@
 """How a motion at given amplitudes of the drive is started and followed: from a linear mode with the contact stuck."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from continuation import Branch, ConvergenceError, NewtonSettings, Point, Predictor, Settings, continue_branch, solve_at
+from continuation import Branch, ConvergenceError, NewtonSettings, Predictor, Settings, solve_at
 from hbm.balance.equations import State
 from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
 from hbm.modes.linear import joint_stiffness, stuck_modes
+from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from models.jointed import AnyRig, JointedRig
 from models.joints.law import numbers
 from models.rig import Rig
@@ -24,7 +24,11 @@ RANGE = (1e-2, 1e2)
 STEP = 0.1
 """Largest step in decades of the amplitude; a tenth of the frequency, or of damping, counts as one."""
 
-MOST_POINTS = 4000
+BUDGET = Budget(points=2000)
+
+FOLDS, ADVICE = 40, "try a smaller range or fewer harmonics; the branch turns where another mode answers at one of them"
+"""Few backbones fold more than twenty times in all; more in a tenth of the range are internal resonances of a motion
+that strikes or sticks, and each harmonic that meets a mode adds some."""
 
 EXCURSION = 0.5
 """How far a branch is followed beyond its ends, in decades."""
@@ -39,9 +43,6 @@ FRICTIONLESS = (1e-6, 1e-2)
 """Default amplitudes where friction sets no scale [m]."""
 
 NEWTON = NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
-
-OnPoint = Callable[[float, int], None]
-"""Called with the amplitude [m] and the number of every point found."""
 
 
 def default_amplitudes(rig: AnyRig, mode: int = 1) -> tuple[float, float]:
@@ -143,7 +144,11 @@ def _of_joints(rig: JointedRig, omega: float, shape: Array) -> StuckMode:
 
 
 def traced(
-    problem: DriveAmplitude, mode: int, amplitudes: tuple[float, float] | None, on_point: OnPoint | None
+    problem: DriveAmplitude,
+    mode: int,
+    amplitudes: tuple[float, float] | None,
+    on_point: OnPoint | None,
+    budget: Budget | None,
 ) -> Branch:
     """Branch of a mode between two amplitudes [m].
 
@@ -158,7 +163,7 @@ def traced(
     if not 0.0 < first < last:
         raise ValueError(f"backbone: amplitudes {first:g} to {last:g} m; must be > 0 and grow")
     lam, linear = (float(np.log10(first)), float(np.log10(last))), StuckMode.of(problem.rig, mode)
-    return _continued(problem, linear, _first_motion(problem, linear, lam[0]), lam, on_point)
+    return _continued(problem, linear, _first_motion(problem, linear, lam[0]), lam, budget or BUDGET, on_point)
 
 
 def _first_motion(problem: DriveAmplitude, linear: StuckMode, lam: float) -> Array:
@@ -167,22 +172,20 @@ def _first_motion(problem: DriveAmplitude, linear: StuckMode, lam: float) -> Arr
     if result.converged:
         return result.x
     low = lam - DOWN
-    branch = _continued(problem, linear, solved(problem, linear.motion(problem, low), low), (low, lam), None)
+    branch = _continued(problem, linear, solved(problem, linear.motion(problem, low), low), (low, lam), BUDGET)
     return branch.require_complete().points[-1].x
 
 
 def _continued(
-    problem: DriveAmplitude, linear: StuckMode, x: Array, lam: tuple[float, float], on_point: OnPoint | None
+    problem: DriveAmplitude,
+    linear: StuckMode,
+    x: Array,
+    lam: tuple[float, float],
+    budget: Budget,
+    on_point: OnPoint | None = None,
 ) -> Branch:
-    count = 0
-
-    def report(point: Point) -> None:
-        nonlocal count
-        count += 1
-        if on_point is not None:
-            on_point(float(10.0**point.lam), count)
-
-    return continue_branch(problem, x, lam[0], _settings(linear.weights(problem, lam[0]), lam), report)
+    along = Along(lambda at: float(10.0**at), "m", FOLDS, ADVICE)
+    return continue_within(budget, along, problem, x, lam[0], _settings(linear.weights(problem, lam[0]), lam), on_point)
 
 
 def _settings(weights: Array, lam: tuple[float, float]) -> Settings:
@@ -195,7 +198,7 @@ def _settings(weights: Array, lam: tuple[float, float]) -> Settings:
         step_max=STEP,
         tolerance=TOLERANCE,
         weights=weights,
-        max_points=MOST_POINTS,
+        max_points=20000,
         max_angle=1.0,
         corner_angle=0.5,
         tangent_slack=0.01,

@@ -21,9 +21,10 @@ from hbm.balance.padding import pad
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
-from hbm.modes.amplitudes import OnPoint, solved, traced
+from hbm.modes.amplitudes import solved, traced
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.parallel import one_thread
+from hbm.response.budget import Budget, OnPoint
 from models.jointed import AnyRig
 
 Complex = npt.NDArray[np.complex128]
@@ -287,6 +288,7 @@ def nonlinear_mode(
     harmonics: int = 15,
     samples: int | None = None,
     on_point: OnPoint | None = None,
+    budget: Budget | None = None,
 ) -> NonlinearMode:
     """Damped nonlinear normal mode of a rig, by the extended periodic motion concept.
 
@@ -303,11 +305,13 @@ def nonlinear_mode(
         Highest harmonic H, and samples per period N_t.
     on_point : callable, optional
         Progress: called with amplitude and point number.
+    budget : Budget, optional
+        Most points and seconds of the trace; :data:`hbm.modes.amplitudes.BUDGET` where omitted.
 
     Returns
     -------
     NonlinearMode
-        Partial where a step could not be made; see `complete`.
+        Partial where a step could not be made, the budget was spent, or the branch turns in place; see `complete`.
 
     Raises
     ------
@@ -325,7 +329,7 @@ def nonlinear_mode(
     """
     expect_rig(rig, "nonlinear_mode", joints=True)
     motion = FreeMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
-    branch = traced(motion, mode, amplitudes, on_point)
+    branch = traced(motion, mode, amplitudes, on_point, budget)
     return NonlinearMode(rig, _described(motion, branch.points), branch, motion)
 
 
@@ -338,6 +342,7 @@ def phase_resonance(
     harmonics: int = 15,
     samples: int | None = None,
     on_point: OnPoint | None = None,
+    budget: Budget | None = None,
 ) -> PhaseResonance:
     """Motions whose drive displacement lags the force by 90 degrees; parameters and errors as :func:`nonlinear_mode`.
 
@@ -347,7 +352,7 @@ def phase_resonance(
     """
     expect_rig(rig, "phase_resonance", joints=True)
     motion = ForcedMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
-    branch = traced(motion, mode, amplitudes, on_point)
+    branch = traced(motion, mode, amplitudes, on_point, budget)
     return PhaseResonance(rig, _described(motion, branch.points), branch, motion)
 
 

@@ -13,9 +13,9 @@ from continuation import ConvergenceError
 from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis, default_samples
-from hbm.response.budget import Budget
+from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
-from hbm.response.trace import OnPoint, scout_frequency, solve_near, sweep_of, trace_frequency
+from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
 from models.jointed import AnyRig, JointedRig
 
 TOLERANCE = 5e-3

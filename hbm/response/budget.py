@@ -3,11 +3,13 @@
 import math
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from continuation import Branch, Point
+from continuation import Branch, Point, Problem, Settings, continue_branch
+from hbm.fourier import Array
 
 FOLDS = 200
 """Folds within :data:`TURNING` of the sweep make a curve one that turns in place; ordinary ones have a few in all."""
@@ -23,6 +25,9 @@ ALIKE = 1.5
 """Ratio of the largest motion to the smallest; on a sharp resonance it is larger, however narrow that is."""
 
 ADVICE = "try another range, fewer harmonics, a smoother law (a larger stribeck_velocity or critical_slip)"
+
+OnPoint = Callable[[float, int], None]
+"""Called with the value that a curve is traced along and the number of every point found."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,28 @@ class Budget:
     seconds: float = 300.0
 
 
+@dataclass(frozen=True)
+class Along:
+    """What a curve is traced along.
+
+    Attributes
+    ----------
+    value : callable
+        From the continuation parameter to what a user knows it by.
+    unit : str
+        Unit of that.
+    folds : int
+        So many folds within :data:`TURNING` of the sweep are too many.
+    advice : str
+        What to try where a trace was ended.
+    """
+
+    value: Callable[[float], float]
+    unit: str
+    folds: int = FOLDS
+    advice: str = ADVICE
+
+
 @dataclass(eq=False)
 class Watch:
     """What a trace has spent of its budget.
@@ -50,6 +77,8 @@ class Watch:
     budget : Budget
     sweep : float
         Length of the sweep in the parameter, > 0.
+    most_folds : int
+        As of :class:`Along`.
 
     Attributes
     ----------
@@ -61,10 +90,11 @@ class Watch:
 
     budget: Budget
     sweep: float
+    most_folds: int = FOLDS
     count: int = 0
     ended: str = ""
     began: float = field(default_factory=time.monotonic)
-    folds: deque[float] = field(default_factory=lambda: deque(maxlen=FOLDS))
+    folds: deque[float] = field(default_factory=deque)
     last: deque[float] = field(default_factory=lambda: deque(maxlen=CRAWL))
     sizes: deque[float] = field(default_factory=lambda: deque(maxlen=CRAWL))
 
@@ -79,8 +109,11 @@ class Watch:
         self.sizes.append(float(np.linalg.norm(point.x)))
         if point.fold:
             self.folds.append(point.lam)
-        if len(self.folds) == FOLDS and _width(self.folds) < TURNING * self.sweep:
-            return f"the curve turns in place: {FOLDS} folds within {_share(self.folds, self.sweep)} of the sweep"
+        if len(self.folds) > self.most_folds:
+            self.folds.popleft()
+        if len(self.folds) == self.most_folds and _width(self.folds) < TURNING * self.sweep:
+            within = _share(self.folds, self.sweep)
+            return f"the curve turns in place: {self.most_folds} folds within {within} of the sweep"
         if len(self.last) == CRAWL and _width(self.last) < CREEPING * self.sweep and self._alike:
             return f"the curve creeps: the last {CRAWL} points cover {_share(self.last, self.sweep)} of the sweep"
         if self.count >= self.budget.points:
@@ -93,11 +126,41 @@ class Watch:
         return max(self.sizes) <= ALIKE * min(self.sizes)
 
 
-def worded(branch: Branch, value: float, parameter: str, ended: str) -> Branch:
-    """A branch that its budget ended, with where and why in words."""
-    unit = "Hz" if parameter == "frequency" else "N"
+def continue_within(
+    budget: Budget | None,
+    along: Along,
+    problem: Problem,
+    x: Array,
+    lam: float,
+    settings: Settings,
+    on_point: OnPoint | None = None,
+) -> Branch:
+    """Trace a branch within a budget; where that ends it, the branch says in words where and why.
+
+    Parameters
+    ----------
+    budget : Budget or None
+        :class:`Budget` with its defaults where None.
+    along : Along
+    problem, x, lam, settings
+        As of :func:`continuation.continue_branch`.
+    on_point : callable, optional
+        Progress.
+    """
+    watch = Watch(budget or Budget(), abs(settings.lam_end - lam), along.folds)
+
+    def report(point: Point) -> bool:
+        ended = watch.spent(point)
+        if on_point is not None:
+            on_point(along.value(point.lam), watch.count)
+        return bool(ended)
+
+    branch = continue_branch(problem, x, lam, settings, report)
+    if not watch.ended:
+        return branch
+    where = f"stopped at {along.value(branch.points[-1].lam):.6g} {along.unit}".rstrip()
     counts = f"point {len(branch.points)}, {len(branch.folds)} folds, {len(branch.corners)} corners"
-    return replace(branch, message=f"stopped at {value:.6g} {unit} ({counts}): {ended}; {ADVICE}")
+    return replace(branch, message=f"{where} ({counts}): {watch.ended}; {along.advice}")
 
 
 def _width(values: deque[float]) -> float:

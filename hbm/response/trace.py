@@ -14,7 +14,6 @@ from continuation import (
     Border,
     ConvergenceError,
     NewtonSettings,
-    Point,
     Predictor,
     Settings,
     continue_branch,
@@ -27,7 +26,7 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_frequency, expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
-from hbm.response.budget import Budget, Watch, worded
+from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
 from hbm.response.liftoff import solve_lifting
 from models.jointed import AnyRig
@@ -52,9 +51,6 @@ FEW = (3, 5, 7, 9)
 
 Way = Callable[[AnyBalance, float], Array | None]
 """From nothing to a solution at a value of the parameter, or to none."""
-
-OnPoint = Callable[[float, int], None]
-"""Called with the frequency [Hz] (or force [N]) and the number of every point found."""
 
 
 @one_thread
@@ -339,17 +335,8 @@ def force_response(
 def _trace(
     problem: AnyBalance, lam0: float, settings: Settings, on_point: OnPoint | None, budget: Budget | None = None
 ) -> ResponseCurve:
-    watch = Watch(budget or Budget(), abs(settings.lam_end - lam0))
-
-    def report(point: Point) -> bool:
-        ended = watch.spent(point)
-        if on_point is not None:
-            on_point(_shown(problem, point.lam), watch.count)
-        return bool(ended)
-
-    branch = continue_branch(problem, first_solution(problem, lam0), lam0, settings, report)
-    if watch.ended:
-        branch = worded(branch, _shown(problem, branch.points[-1].lam), problem.parameter, watch.ended)
+    along = Along(partial(_shown, problem), "Hz" if problem.parameter == "frequency" else "N")
+    branch = continue_within(budget, along, problem, first_solution(problem, lam0), lam0, settings, on_point)
     points = tuple(describe(problem, p.x, p.lam) for p in branch.points)
     return ResponseCurve(problem.rig, points, branch, problem)
 

@@ -10,15 +10,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from continuation import Branch, ConvergenceError, Point, Problem, Settings, continue_branch
+from continuation import Branch, ConvergenceError, Problem, Settings
 from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
 from hbm.response.accuracy import JUDGED, LADDER, TOLERANCE, finer, judged_scales, relative_change
+from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
-from hbm.response.trace import EXCURSION, OnPoint, first_solution, solve_near, trace_settings
+from hbm.response.trace import EXCURSION, first_solution, solve_near, trace_settings
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import Key, ParameterBalance, check_value, parameter_key
 from models.jointed import AnyRig
@@ -102,6 +103,7 @@ def parameter_response(
     level: float | None = None,
     harmonics: int | None = None,
     on_point: OnPoint | None = None,
+    budget: Budget | None = None,
 ) -> ParameterCurve:
     """Response along one number of a rig.
 
@@ -122,11 +124,13 @@ def parameter_response(
         point change less than half a per cent.
     on_point : callable, optional
         Progress: called with the value and the number of every point found.
+    budget : Budget, optional
+        Most points and seconds of the trace; :class:`hbm.response.budget.Budget` where omitted.
 
     Returns
     -------
     ParameterCurve
-        Partial, and marked so, where a step could not be made.
+        Partial, and marked so, where a step could not be made, the budget was spent, or the curve turns in place.
 
     Raises
     ------
@@ -153,11 +157,11 @@ def parameter_response(
         )
 
     if harmonics is None:
-        harmonics, reason = _choose_harmonics(along)
+        harmonics, reason = _choose_harmonics(along, budget)
     else:
         reason = f"H = {harmonics} as asked for"
     problem = along(harmonics)
-    branch = _trace(problem, 1.0 / STEPS, on_point)
+    branch = _trace(problem, 1.0 / STEPS, budget, on_point)
     points = tuple(problem.describe(p.x, p.lam) for p in branch.points)
     curve = ParameterCurve(rig, points, branch, problem.first, along=problem, error=np.nan, reason=reason)
     return replace(curve, error=_error(curve))
@@ -189,18 +193,11 @@ def checked(
     return number
 
 
-def _trace(problem: ParameterBalance, step: float, on_point: OnPoint | None = None) -> Branch:
-    count = 0
-
-    def report(point: Point) -> None:
-        nonlocal count
-        count += 1
-        if on_point is not None:
-            on_point(problem.value_at(point.lam), count)
-
-    first = problem.first
+def _trace(problem: ParameterBalance, step: float, budget: Budget | None, on_point: OnPoint | None = None) -> Branch:
+    first, unit = problem.first, problem.key.accepted.unit
+    along = Along(problem.value_at, "" if unit == "1" else unit)
     x = first_solution(first, first.lam_at(problem.hz_at(0.0)))
-    return continue_branch(problem, x, 0.0, _settings(problem, step), report)
+    return continue_within(budget, along, problem, x, 0.0, _settings(problem, step), on_point)
 
 
 def _settings(problem: ParameterBalance, step: float) -> Settings:
@@ -230,10 +227,10 @@ def _again(problem: ParameterBalance, lam: float, start: PeriodicSolution) -> Pe
         return None
 
 
-def _choose_harmonics(along: Callable[[int, int | None], ParameterBalance]) -> tuple[int, str]:
+def _choose_harmonics(along: Callable[[int, int | None], ParameterBalance], budget: Budget | None) -> tuple[int, str]:
     """Fewest harmonics of the ladder that keep the telling points of a coarse curve within the tolerance."""
     pilot = along(7, 128)
-    branch = _trace(pilot, 1.0 / 20)
+    branch = _trace(pilot, 1.0 / 20, budget)
     points = [pilot.describe(p.x, p.lam) for p in branch.points]
     scales = _scales(points)
     found = [(branch.points[i].lam, points[i]) for i in _telling(points)]

@@ -1,9 +1,11 @@
 """A joint: a law, and where it acts on a body."""
 
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 from models.joints.law import JointLaw, numbers
+from models.plausible import impossible
 
 GROUND = ""
 """In place of a name: the ground."""
@@ -18,7 +20,7 @@ def terms(end: str) -> list[tuple[float, str]]:
     Raises
     ------
     ValueError
-        If a weight is no number.
+        If a weight is no number, or one that no lever has.
     """
     found = []
     for term in end.split(" + ") if end else []:
@@ -27,6 +29,8 @@ def terms(end: str) -> list[tuple[float, str]]:
             found.append((float(weight) if star else 1.0, place))
         except ValueError:
             raise ValueError(f'place "{end}": "{weight}" is no number; must be like 0.5*PLACE + PLACE') from None
+        if accepted := "must be finite" if not isfinite(found[-1][0]) else impossible("weight", found[-1][0]):
+            raise ValueError(f'place "{end}": weight {weight}; {accepted}')
     return found
 
 

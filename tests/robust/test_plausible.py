@@ -1,5 +1,6 @@
 """Numbers that nothing real has are refused; numbers that look like another unit are warned of."""
 
+import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -142,3 +143,18 @@ def test_spectra_of_harmonic_0_alone_are_refused(tmp_path: Path) -> None:
     path.write_text("\n".join(map(",".join, [heading, *rows])))
     with pytest.raises(InputError, match=r"has harmonic 0 alone; must have the fundamental, harmonic 1$"):
         load_spectra(path, load_rig(FOLDER / "rig.toml"))
+
+
+LEVERS = "must be between 1e-12 and 100000: a lever is between"
+
+
+@pytest.mark.parametrize(
+    ("weight", "accepted"),
+    [("1e400", "must be finite"), ("nan", "must be finite"), ("1e300", LEVERS), ("1e-300", LEVERS)],
+)
+def test_weights_of_places_are_levers(weight: str, accepted: str, tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    text = (ROOT / "examples" / "jointed_beam.toml").read_text()
+    path.write_text(text.replace('at = "y(0.3)"', f'at = "{weight}*y(0.3)"'))
+    with pytest.raises(InputError, match=re.escape(f'place "{weight}*y(0.3)": weight {weight}; {accepted}')):
+        load_rig(path)

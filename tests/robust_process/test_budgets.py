@@ -1,6 +1,11 @@
 """A curve that costs too much, or leads nowhere, ends with the reason, and what was found of it is kept."""
 
+import csv
+import json
 import math
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,19 +13,26 @@ import pytest
 
 from continuation import End, Point
 from hbm import load_rig
+from hbm.modes.backbone import nonlinear_mode
 from hbm.response.budget import CRAWL, FOLDS, Budget, Watch
 from hbm.response.trace import trace_frequency
+from hbm.tracking.parameterresponse import parameter_response
 
-PAPER = Path(__file__).parents[2] / "examples" / "paper_beam.toml"
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PAPER = EXAMPLES / "paper_beam.toml"
+MEASURED, DIAGNOSED = (
+    [str(EXAMPLES / folder / name) for name in ("rig.toml", "spectra.csv")]
+    for folder in ("measured_beam", "diagnosed_beam")
+)
 
 
 def point(lam: float, *, fold: bool = False, size: float = 1.0) -> Point:
     return Point(np.array([size]), lam, np.zeros(1), 1.0, 0.0, 0.1, 3, 0.0, fold=fold)
 
 
-def first_end(points: list[Point], budget: Budget) -> tuple[int, str]:
+def first_end(points: list[Point], budget: Budget, most_folds: int = FOLDS) -> tuple[int, str]:
     """Number of the point that ends a trace over a sweep of length 1, and why; 0 where none does."""
-    watch = Watch(budget, 1.0)
+    watch = Watch(budget, 1.0, most_folds)
     for number, p in enumerate(points, start=1):
         if said := watch.spent(p):
             return number, said
@@ -49,6 +61,11 @@ def test_hundreds_of_folds_in_a_tenth_of_the_sweep_turn_in_place() -> None:
     assert said.startswith(f"the curve turns in place: {FOLDS} folds within 0.08 of the sweep")
 
 
+def test_what_is_traced_says_how_many_folds_are_too_many() -> None:
+    winding = [point(0.5 + 0.04 * math.sin(i), fold=True) for i in range(3 * FOLDS)]
+    assert first_end(winding, Budget(points=10**6), 40)[0] == 40
+
+
 def test_as_many_folds_over_the_whole_sweep_do_not() -> None:
     spread = [point(i / (3 * FOLDS), fold=i % 3 == 0) for i in range(3 * FOLDS)]
     assert first_end(spread, Budget(points=10**6)) == (0, "")
@@ -64,3 +81,65 @@ def test_a_curve_that_hardly_advances_creeps(advance: float, ended_at: int) -> N
 def test_a_resonance_however_sharp_does_not_creep() -> None:
     sharp = [point(1e-7 * i, size=1.0 / (1e-4 + abs(i - CRAWL) / CRAWL)) for i in range(2 * CRAWL)]
     assert first_end(sharp, Budget(points=10**6)) == (0, "")
+
+
+def test_budgets_end_responses_along_a_number_and_backbones() -> None:
+    rig, few = load_rig(PAPER), Budget(points=4)
+    along = parameter_response(rig, "contact.friction.mu", (0.3, 0.6), hz=50.0, harmonics=1, budget=few)
+    mode = nonlinear_mode(rig, amplitudes=(1e-6, 1e-4), harmonics=1, budget=few)
+    for found, value, unit in ((along, along.values[-1], ""), (mode, mode.amplitude[-1], " m")):
+        assert (len(found.points), found.complete) == (4, False)
+        assert found.branch.message.startswith(f"stopped at {value:.6g}{unit} (point 4, ")
+        assert "): 4 points are its budget; " in found.branch.message
+
+
+# ---------------------------------------------------------------------------------------------------------- commands
+
+
+def ended(folder: Path, *arguments: str) -> tuple[int, str]:
+    """Exit status and last line on stderr of a command that runs in a folder."""
+    done = subprocess.run(
+        [sys.executable, "-m", "hbm.cli", *arguments], cwd=folder, capture_output=True, text=True, timeout=120
+    )
+    return done.returncode, done.stderr.strip().splitlines()[-1] if done.stderr else ""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("continue", str(PAPER), "--parameter", "contact.friction.mu", "--from", "0.3", "--to", "0.6",
+         "--frequency", "50", "--harmonics", "1", "--no-stability"),
+        ("backbone", str(PAPER), "--harmonics", "1"),
+    ],
+    ids=lambda a: a[0],
+)  # fmt: skip
+def test_what_a_curve_s_budget_leaves_is_kept_and_marked(arguments: tuple[str, ...], tmp_path: Path) -> None:
+    status, said = ended(tmp_path, *arguments, "--max-points", "5", "--out", "a.csv")
+    assert status == 1
+    assert re.match(rf"{arguments[0]}: .*partial.*5 points are its budget; ", said)
+    known = json.dumps(json.loads((tmp_path / "a.json").read_text()))
+    assert "5 points are its budget" in known
+    with open(tmp_path / "a.csv") as file:
+        assert max(int(row["point"]) for row in csv.DictReader(file)) == 5
+
+
+@pytest.mark.parametrize(
+    ("seconds", "arguments"),
+    [
+        ("1", ("simulate", str(PAPER), "--frequency", "50", "--duration", "600", "--out", "a.csv")),
+        ("1", ("synthesize", str(PAPER), "--levels", "6.5", "--frequencies", "48", "--out", "a.csv")),
+        ("1", ("identify", *MEASURED, "--out", "a")),
+        ("3", ("diagnose", *DIAGNOSED, "--out", "a")),
+        ("0.01", ("inverse", *MEASURED, "--out", "a")),
+    ],
+    ids=lambda a: a[0] if isinstance(a, tuple) else "",
+)
+def test_what_makes_no_sense_by_half_ends_without_a_file(
+    seconds: str, arguments: tuple[str, ...], tmp_path: Path
+) -> None:
+    status, said = ended(tmp_path, *arguments, "--max-seconds", seconds)
+    assert status == 1
+    assert said.startswith(f"{arguments[0]}: stopped after {seconds} s, its budget, at ")
+    assert "; nothing written; " in said
+    assert said.endswith(", or a larger --max-seconds")
+    assert list(tmp_path.iterdir()) == []
