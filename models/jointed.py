@@ -1,7 +1,7 @@
 """A body with any number of joints: everything a simulation of it needs."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -10,8 +10,9 @@ import numpy as np
 
 from models.bodies.ported import Body, PortedModes
 from models.display import Displayed
+from models.friction.law import Parameter
+from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, terms
-from models.joints.law import numbers, with_numbers
 from models.joints.rubbing import Friction
 from models.parts import Channel, Damping, Excitation
 from models.plausible import warn_of
@@ -108,9 +109,7 @@ class JointedRig(Displayed):
     channels: tuple[Channel, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Refuse what has no joint, and names that are given twice."""
-        if not self.joints:
-            raise ValueError(f"{self.name}: has no joint; must have at least one")
+        """Refuse names that are given twice, and places that are none."""
         for what, names in (("channel", [c.name for c in self.channels]), ("joint", [j.name for j in self.joints])):
             twice = next((name for name in names if names.count(name) > 1), None)
             if twice is not None:
@@ -167,7 +166,15 @@ class JointedRig(Displayed):
     @cached_property
     def structure(self) -> JointedStructure:
         """The body as its joints, its excitation and its channels see it."""
-        p, index = self.ported, {place: i for i, place in enumerate(self.places)}
+        return self._seen(self.ported)
+
+    def structure_change(self, key: str) -> JointedStructure:
+        """Exact derivatives of the structure to one of its numbers, zero to those that it does not depend on."""
+        return self._seen(modes_change(self, key))
+
+    def _seen(self, p: PortedModes) -> JointedStructure:
+        """Modes as joints, excitation and channels see them; linear in these."""
+        index = {place: i for i, place in enumerate(self.places)}
         at = np.zeros((self.ports, len(index)))
         for row, (one, other) in zip(at, (pair for j in self.joints for pair in j.ends), strict=True):
             for sign, end in ((1.0, one), (-1.0, other)):
@@ -219,21 +226,30 @@ class JointedRig(Displayed):
             raise ValueError(f'{self.name}: no joint "{name}"; there are {", ".join(names)}')
         return replace(self, joints=tuple(replace(j, law=law) if j.name == name else j for j in self.joints))
 
-    def with_number(self, key: str, value: float) -> "JointedRig":
-        """Return the same rig with another value of a number of a joint, such as ``joints.tip.mu``, or of the force.
+    @property
+    def numbers(self) -> dict[str, tuple[float, Parameter]]:
+        """All its numbers by the keys of its rig file, with unit and bounds."""
+        return scalars(self)
+
+    def with_numbers(self, values: Mapping[str, float]) -> "JointedRig":
+        """Return the same rig with other values of some of its numbers.
 
         Raises
         ------
         KeyError
             If there is no such number.
         """
-        if key == "excitation.amplitude":
-            return replace(self, excitation=replace(self.excitation, amplitude=value))
-        for j in self.joints:
-            name = key.removeprefix(f"joints.{j.name}.")
-            if name != key and name in (known := numbers(j.law)):
-                return self.with_joint(j.name, with_numbers(j.law, iter((known | {name: value}).values())))
-        raise KeyError(f"{key} is not a number of the rig {self.name}")
+        return with_scalars(self, values)
+
+    def with_number(self, key: str, value: float) -> "JointedRig":
+        """Return the same rig with another value of one of its numbers, such as ``joints.tip.mu``.
+
+        Raises
+        ------
+        KeyError
+            If there is no such number.
+        """
+        return self.with_numbers({key: value})
 
     @property
     def units(self) -> list[tuple[str, str]]:

@@ -119,7 +119,7 @@ def simulated(
         return None
     here, solution = solved
     own, by_keys = in_record(rig, keys, record.number)
-    tones = tuple(tone_scalars(here)) if here.excitation.measured_harmonics else ()
+    tones = tuple(tone_scalars(here.excitation)) if here.excitation.measured_harmonics else ()
     spare = spare_friction(here, solution)
     try:
         by = sensitivities(here, solution, (*own, FORCE, HZ, *tones), held_beside(solution) if spare > 0.0 else None)
