@@ -9,6 +9,7 @@ import numpy as np
 from models.assembly import Assembly, assembled_change
 from models.elements import ElementRows, Ports, Reading, element_rows_change
 from models.friction.law import describe, parameters
+from models.jointed import AnyRig
 from models.parts import Excitation, ModalBody
 from models.reduction import StructureChange
 from models.rig import Rig
@@ -81,7 +82,7 @@ def element_scalars(rig: Rig) -> dict[str, Scalar]:
     return scalars
 
 
-def drift_scalars(rig: Rig) -> dict[str, Scalar]:
+def drift_scalars(rig: AnyRig) -> dict[str, Scalar]:
     """Rates of what drifts, with keys like ``drift[0].rate``."""
     return {f"drift[{i}].rate": Scalar(drift.rate, "1") for i, drift in enumerate(rig.drift)}
 

@@ -14,7 +14,7 @@ from models.friction.law import Parameter
 from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, terms
 from models.joints.rubbing import Friction
-from models.parts import Channel, Damping, Excitation
+from models.parts import Channel, Damping, Drift, Excitation
 from models.plausible import warn_of
 from models.rig import Rig
 from models.structure import Array
@@ -99,6 +99,8 @@ class JointedRig(Displayed):
         With its place `at`.
     channels : tuple of Channel
         Each with its place `at`.
+    drift : tuple of Drift
+        What changes from record to record; minded by the diagnosis alone.
     """
 
     name: str
@@ -107,6 +109,7 @@ class JointedRig(Displayed):
     joints: tuple[Joint, ...]
     excitation: Excitation
     channels: tuple[Channel, ...] = field(default=())
+    drift: tuple[Drift, ...] = field(default=())
 
     def __post_init__(self) -> None:
         """Refuse names that are given twice, and places that are none."""
@@ -145,6 +148,21 @@ class JointedRig(Displayed):
     def response_channels(self) -> tuple[Channel, ...]:
         """Channels that measure motion (all but force)."""
         return tuple(c for c in self.channels if c.quantity != "force")
+
+    @property
+    def lift_off(self) -> bool:
+        """Whether a tip leaves its support by an equation of its own: joints that separate do so in their law."""
+        return False
+
+    @property
+    def laws(self) -> tuple[type, ...]:
+        """Kinds of the laws of its joints, in turn."""
+        return tuple(type(j.law) for j in self.joints)
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """What it has that takes long to simulate or may have no steady state."""
+        return (bool(self.joints),)
 
     @property
     def ports(self) -> int:
@@ -230,6 +248,18 @@ class JointedRig(Displayed):
     def numbers(self) -> dict[str, tuple[float, Parameter]]:
         """All its numbers by the keys of its rig file, with unit and bounds."""
         return scalars(self)
+
+    def number(self, key: str) -> float:
+        """Value of one of its numbers.
+
+        Raises
+        ------
+        KeyError
+            If there is no such number.
+        """
+        if key not in (known := self.numbers):
+            raise KeyError(f"{key} is not a number of the rig {self.name}")
+        return known[key][0]
 
     def with_numbers(self, values: Mapping[str, float]) -> "JointedRig":
         """Return the same rig with other values of some of its numbers.

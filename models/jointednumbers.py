@@ -35,6 +35,8 @@ def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
     found |= rig.body.numbers
     if rig.body.damped_by_modes:
         found |= _of_damping(rig)
+    for i, drift in enumerate(rig.drift):
+        found[f"drift[{i}].rate"] = drift.rate, Parameter("1", "change per record", "", lower=ANY)
     for c in rig.response_channels:
         found[f"channels.{c.name}.gain"] = c.gain, Parameter("1", "gain", "", lower=ANY)
         found[f"channels.{c.name}.delay"] = c.delay, Parameter("s", "delay", "", lower=ANY)
@@ -74,6 +76,7 @@ def with_scalars(rig: "JointedRig", values: Mapping[str, float]) -> "JointedRig"
         joints=tuple(_joint(j, values) for j in rig.joints),
         excitation=replace(rig.excitation, amplitude=values.get(FORCE, rig.excitation.amplitude)),
         channels=tuple(_channel(c, values) for c in rig.channels),
+        drift=tuple(replace(d, rate=values.get(f"drift[{i}].rate", d.rate)) for i, d in enumerate(rig.drift)),
     )
 
 

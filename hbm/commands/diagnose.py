@@ -153,9 +153,11 @@ def _cause(name: str) -> Any:
 
 def _check_apply(rig: "Rig", candidates: Sequence[Any] | None) -> None:
     """Refuse causes that a rig cannot have."""
+    from models.causes.cause import candidates_of
+
     for cause in candidates or ():
         one = not isinstance(cause, type)
-        possible = [other.label for other in (type(cause) if one else cause).candidates(rig)]
+        possible = [other.label for other in candidates_of(type(cause) if one else cause, rig)]
         if one and cause.label not in possible:
             raise InputError(f"{COMMAND}: --cause = {quoted(cause.label)}; must be one of {', '.join(possible)}")
         if not possible:

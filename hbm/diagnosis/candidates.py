@@ -15,7 +15,7 @@ from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause
-from models.rig import Rig
+from models.jointed import AnyRig
 
 SCANNED = 10
 """Records that are scanned for what may be attached."""
@@ -133,7 +133,7 @@ def _place(e: Evaluation) -> dict[str, float]:
 def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Screening:
     """The same with starts of what may be attached to the beam."""
     starts = attached_starts(base, campaign.of(telling(base, campaign, SCANNED)), [s.cause for s in screening.scores])
-    scores = tuple(replace(s, starts=starts.get(s.cause.label, ())) for s in screening.scores)
+    scores = tuple(replace(s, starts=starts.get(s.cause.label, s.starts)) for s in screening.scores)
     return replace(screening, scores=scores)
 
 
@@ -284,7 +284,7 @@ def _unseen(score: Score) -> bool:
     return bool(getattr(score.cause, "abrupt", False) or score.starts)
 
 
-def _stuck(fitted: Sequence[Candidate], explained: float, rig: Rig, screening: Screening) -> list[Candidate]:
+def _stuck(fitted: Sequence[Candidate], explained: float, rig: AnyRig, screening: Screening) -> list[Candidate]:
     """Candidates that may have stopped in a wrong valley: the best where none explains.
 
     Else the best if it has a place, and what is simpler and alike.

@@ -344,7 +344,7 @@ class Conclusion:
     def _lifted(self) -> Iterator[str]:
         """Where the simulation has left what it can say."""
         base = self.decision.best or self.decision.base
-        if base.model.rig(base.x).contact.lift_off:
+        if base.model.rig(base.x).lift_off:
             yield from off_support(base)
             return
         lifted = [number for number, solution in base.solutions.items() if solution.lift_off]

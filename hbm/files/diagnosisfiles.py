@@ -40,13 +40,13 @@ from hbm.files.outputs import columns_text, json_text
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.laws import Consent
-from hbm.rigfiles.load import rig_from_dict
+from hbm.rigfiles.load import rig_of_table
 from hbm.rigfiles.write import extended_rig_text
 from hbm.version import installed_version
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition
 from models.parts import UNITS
-from models.rig import Rig
+from models.jointed import AnyRig
 
 DIAGNOSIS_FILE, EXTENDED_FILE, PAGE_FILE = "diagnosis.json", "extended.toml", "report.html"
 ERROR_FILE, RANKING_FILE, FORCE_FILE = "errors.csv", "ranking.csv", "missing_force.csv"
@@ -73,7 +73,7 @@ class Diagnosed:
     Attributes
     ----------
     diagnosis : Diagnosis
-    rig : Rig
+    rig : Rig or JointedRig
         Nominal.
     spectra : MeasuredSpectra
     force : Discrepancy or None
@@ -83,7 +83,7 @@ class Diagnosed:
     """
 
     diagnosis: Diagnosis
-    rig: Rig
+    rig: AnyRig
     spectra: MeasuredSpectra
     force: Discrepancy | None = None
     warnings: tuple[str, ...] = ()
@@ -195,11 +195,12 @@ def _extended_rig(diagnosis: Diagnosis, nominal: Path, named: Mapping[type, str]
     """The extended rig file, read back as a check, and copies of the Python files it names: they must be beside it."""
     text = extended_rig_text(nominal.read_text(encoding="utf-8-sig"), extensions_of(diagnosis, named))
     table = tomllib.loads(text)
-    rig_from_dict(table, str(nominal), Consent.NAMED)
+    rig_of_table(table, str(nominal), Consent.NAMED)
     contents: dict[str, str | bytes] = {}
-    for name in dict.fromkeys(
-        [table["contact"]["friction"]["law"], *(e["cause"] for e in table.get("extensions", ()))]
-    ):
+    laws = [joint["law"] for joint in table.get("joints", ())]
+    if "contact" in table:
+        laws.append(table["contact"]["friction"]["law"])
+    for name in dict.fromkeys([*laws, *(e["cause"] for e in table.get("extensions", ()))]):
         file, _, kind = name.rpartition(":")
         if file.endswith(".py"):
             copy = _free(Path(file).name, contents)

@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
-from models.rig import Rig
+from models.jointed import AnyRig
 
 SAME = 1e-4
 """Records of one level are of one frequency which differ in it by less than this share."""
 
 
-def repeatability_of(rig: Rig, spectra: MeasuredSpectra, least: float = 0.0) -> dict[str, float]:
+def repeatability_of(rig: AnyRig, spectra: MeasuredSpectra, least: float = 0.0) -> dict[str, float]:
     """Share of its response by which each channel of motion does not repeat: the largest of what is known of it.
 
     Parameters
@@ -67,7 +67,7 @@ def typical_size(size: Array) -> Array:
     return np.asarray(of_record[:, None] * own)
 
 
-def _of_repetitions(rig: Rig, spectra: MeasuredSpectra, names: list[str]) -> dict[str, float]:
+def _of_repetitions(rig: AnyRig, spectra: MeasuredSpectra, names: list[str]) -> dict[str, float]:
     """Relative scatter of the fundamentals of records measured more than once, noise taken off."""
     groups = list(_repeated(spectra))
     if not groups or spectra.H < 1:
@@ -95,7 +95,7 @@ def _repeated(spectra: MeasuredSpectra) -> Iterator[npt.NDArray[np.int64]]:
             yield place
 
 
-def _force(rig: Rig, spectra: MeasuredSpectra) -> npt.NDArray[np.complex128]:
+def _force(rig: AnyRig, spectra: MeasuredSpectra) -> npt.NDArray[np.complex128]:
     """Fundamental of the force of each record; its level where it was not measured."""
     forces = [c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels]
     measured = spectra.complex(forces[0])[:, 1] if forces else np.full(len(spectra), np.nan + 0j)

@@ -15,7 +15,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array, complex_of
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from models.display import Displayed
-from models.rig import Rig
+from models.jointed import AnyRig
 
 MOST_WARNINGS = 12
 
@@ -256,7 +256,7 @@ class MeasuredSpectra(Displayed):
 
 
 def spectra_of(
-    rig: Rig,
+    rig: AnyRig,
     hz: Array,
     level: Array,
     coefficients: dict[str, Array],
@@ -267,7 +267,7 @@ def spectra_of(
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
     hz, level : (r,) array
         Fundamental frequency [Hz] and nominal force amplitude [N] of each record.
     coefficients : dict of str to (r, 2H+1) array

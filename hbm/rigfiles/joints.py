@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, create_model
 
 from hbm.errors import InputError, visible
+from hbm.rigfiles.extensions import rig_of_tables
 from hbm.rigfiles.laws import Consent, accepted_laws, find_law
 from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
 from hbm.rigfiles.quantities import Force, NonNegative, Positive, Shape, possible
@@ -105,6 +106,7 @@ class JointedRigTable(Table):
     joints: list[dict[str, Any]] = Field(default_factory=list)
     excitation: PlacedExcitationTable
     channels: list[PlacedChannelTable] = Field(default_factory=list, max_length=MOST_CHANNELS)
+    extensions: list[dict[str, Any]] = Field(default_factory=list)
 
 
 DRIVE = "excitation"
@@ -156,7 +158,7 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
         raise InputError(f"{source}: {complaint}")
     file = _at_ports(JointedRigTable.model_validate(table))
     try:
-        return JointedRig(
+        rig = JointedRig(
             name=visible(file.name),
             body=_body(file, folder),
             damping=_damping(file.damping),
@@ -164,6 +166,7 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
             excitation=Excitation(**_placed(file.excitation)),
             channels=tuple(Channel(**_placed(channel)) for channel in file.channels),
         )
+        return rig_of_tables(rig, file.extensions, folder, consent)
     except ValueError as refused:
         raise InputError(f"{source}: {refused}") from None
 

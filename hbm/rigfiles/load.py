@@ -72,12 +72,16 @@ def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> An
     """
     source = str(path)
     table = _parse(_read(Path(path), source), source)
-    make = jointed_rig if is_jointed(table) else rig_from_dict
     with quiet():
-        rig = make(table, source, Consent.of_data(allow_code))
+        rig = rig_of_table(table, source, Consent.of_data(allow_code))
     for said in doubts(rig.quantities).values():
         warnings.warn(f"{source}: {said}", PlausibilityWarning, stacklevel=2)
     return rig
+
+
+def rig_of_table(table: Mapping[str, Any], source: str, consent: Consent = Consent.NONE) -> AnyRig:
+    """Make a rig of either kind of the tables of a rig file; arguments and errors as of :func:`rig_from_dict`."""
+    return (jointed_rig if is_jointed(table) else rig_from_dict)(table, source, consent)
 
 
 def load_contact_rig(path: str | PathLike[str], where: str, *, allow_code: bool | None = None) -> Rig:

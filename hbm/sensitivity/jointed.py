@@ -10,6 +10,7 @@ import numpy as np
 
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointednewton import JointLinearization
+from hbm.balance.jointequations import JointEquations
 from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, read
 from hbm.fourier import Array
@@ -53,9 +54,9 @@ def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array
             by = problem.joints[j].along(here.signals[j], here.state.Omega, change, np.zeros(len(columns)))
             rows = out[split:].reshape(basis.size, len(problem.own), -1)
             rows[:, at, columns] -= by / problem.f_ref[at, None]
-    for i, change in enumerate(structure_changes(problem.rig, keys)):
-        if change is not None:
-            out[:, i] = _structure_change(here, change)
+    for i, moved in enumerate(structure_changes(problem.rig, keys)):
+        if moved is not None:
+            out[:, i] = _structure_change(here, moved)
     tones = tone_changes(problem, keys)
     if tones.any():
         out += forces_change(here, here.state.F * tones, problem.structure)
@@ -104,7 +105,7 @@ def _scaled(here: JointLinearization, modal: Array, signals: Sequence[Array]) ->
     )
 
 
-def tone_changes(problem: JointBalance, keys: Sequence[str]) -> Array:
+def tone_changes(problem: JointEquations, keys: Sequence[str]) -> Array:
     """Derivatives (2H+1, p) of the shape of the force to numbers: the coefficients of its harmonics."""
     out, H = np.zeros((problem.basis.size, len(keys))), problem.basis.H
     places = [(k, part) for k, *_ in problem.rig.excitation.harmonics for part in (0, H)]
@@ -153,6 +154,16 @@ class JointSensitivities(Displayed):
     def __getitem__(self, name: str) -> ChannelSensitivity:
         """Channel by name."""
         return self.channels[name]
+
+    @property
+    def own_Q(self) -> Array:
+        """Derivatives of Q in the modes that the changed rig has: they are the same."""
+        return self.Q
+
+    @property
+    def disturbed(self) -> Mapping[str, Array]:
+        """No disturbance goes beside."""
+        return {}
 
     def logarithmic(self, channel: str) -> dict[str, float]:
         """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent."""
@@ -235,7 +246,7 @@ class _Channels(Mapping[str, ChannelSensitivity]):
     """Derivatives of the channels, each worked out when it is asked for."""
 
     def __init__(
-        self, problem: JointBalance, solution: PeriodicSolution, keys: Sequence[str], Q: Array, T: Array
+        self, problem: JointEquations, solution: PeriodicSolution, keys: Sequence[str], Q: Array, T: Array
     ) -> None:
         self._problem, self._solution, self._Q, self._T, self._keys = problem, solution, Q, T, tuple(keys)
         self._structure = structure_changes(problem.rig, keys)

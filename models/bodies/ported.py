@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
@@ -60,8 +60,8 @@ class PortedModes:
     @property
     def nothing(self) -> "PortedModes":
         """Zeros in place of its numbers: the derivative to what changes nothing."""
-        arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        zeros = {name: np.zeros_like(value) for name, value in arrays.items() if isinstance(value, np.ndarray)}
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        zeros: dict[str, Any] = {name: np.zeros_like(v) for name, v in own.items() if isinstance(v, np.ndarray)}
         return replace(self, **zeros)
 
     def receptance(self, omega: float) -> np.ndarray[tuple[int, int], np.dtype[np.complex128]]:

@@ -1,0 +1,404 @@
+"""Causes that are a joint which was not modelled: one law between two places of a body, or a place and the ground.
+
+Each is a law and its numbers, :class:`Number`; where it may act, and how large its effect is, all have in common.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import nan
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from models.causes.cause import Cause, Unknown
+from models.friction import Dahl, Iwan, Jenkins, LuGre
+from models.jointed import JointedRig
+from models.joints import Clearance, CubicSpring, Dashpot, Friction, Joint, JointLaw, PolynomialSpring, Stop
+from models.structure import Array
+
+SMALL = 1e-6
+"""Of the excitation: a force that changes hardly anything."""
+
+WIDEST = 1e9
+"""Numbers stay within this factor of the unit that force and motion give them."""
+
+SHARES = (0.01, 0.1, 1.0)
+"""Starts of the force of a joint, in units of the excitation."""
+
+ONSETS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
+"""Starts of displacements at which something sets in, in units of the largest motion there."""
+
+STIFF = tuple(1.0 / share for share in reversed(ONSETS))
+"""The same of a stiffness that reaches a given force at that displacement."""
+
+SAME = 1e-9
+"""Of the larger: rows of places that differ by less are of one place."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a law; with a force f [N], an amplitude A [m] and a frequency w [rad/s] its unit is f^p A^q w^r.
+
+    Attributes
+    ----------
+    name, unit : str
+    key : str
+        The number of the law that it is.
+    powers : (int, int, int)
+        p, q and r: 1, -3, 0 of a cubic stiffness. The force of the law is in proportion to numbers with p = 1 together.
+    shapes : tuple of float
+        Starts in that unit where it is no strength: it may not do without another number.
+    signed : bool
+        Whether it may be negative.
+    """
+
+    name: str
+    unit: str
+    key: str
+    powers: tuple[int, int, int]
+    shapes: tuple[float, ...] = ()
+    signed: bool = False
+
+    def of(self, force: float, motion: float, omega: float) -> float:
+        """Its unit."""
+        p, q, r = self.powers
+        return float(force**p * motion**q * omega**r)
+
+
+@dataclass(frozen=True)
+class AddedJoint(Cause):
+    """A joint with one law.
+
+    Attributes
+    ----------
+    at : str
+        Place of the body.
+    to : str
+        The place it is joined to; the ground where empty.
+    numbers : tuple of Number
+        Strengths first.
+    """
+
+    numbers: ClassVar[tuple[Number, ...]]
+    rigs: ClassVar[tuple[type, ...]] = (JointedRig,)
+
+    at: str
+    to: str = ""
+
+    @classmethod
+    def candidates(cls, rig: JointedRig) -> Iterator[Self]:
+        """Offer it between the places of a rig, and to the ground, where there is none of its law yet."""
+        there = {(type(j.law), *pair) for j in rig.joints for pair in j.ends}
+        kind = type(cls.law({n.key: 1.0 for n in cls.numbers}))
+        yield from (cls(at, to) for at, to in ends_of(rig) if (kind, at, to) not in there)
+
+    @property
+    def label(self) -> str:
+        """Name and place."""
+        return f"{self.name} {self.at}" + f" to {self.to}" * bool(self.to)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """The law with values of its numbers, by their keys."""
+        raise NotImplementedError
+
+    def unknowns(self, rig: JointedRig) -> tuple[Unknown, ...]:
+        """Numbers of the law, of the size that the linear rig's motion at its resonances gives them."""
+        motion, omega = reach(rig, self)
+        unit = [n.of(rig.excitation.amplitude, motion, omega) for n in self.numbers]
+        return tuple(self._unknown(rig, n, size) for n, size in zip(self.numbers, unit, strict=True))
+
+    def _unknown(self, rig: JointedRig, n: Number, size: float) -> Unknown:
+        key = f"joints.{self._joint(rig)}.{n.key}"
+        if n.shapes:
+            lower = -WIDEST * size if n.signed else size / WIDEST
+            return Unknown(n.name, n.unit, key, lower, WIDEST * size, nan, tuple(s * size for s in n.shapes))
+        starts = (SMALL, *SHARES, *(-s for s in SHARES if n.signed))
+        lower = -WIDEST * size if n.signed else 0.0
+        return Unknown(n.name, n.unit, key, lower, WIDEST * size, 0.0, tuple(s * size for s in starts))
+
+    def extend(self, rig: JointedRig, values: Mapping[str, float]) -> JointedRig:
+        """Put the joint there."""
+        law = self.law({n.key: values[n.name] for n in self.numbers})
+        joint = Joint(self._joint(rig), law, (self.at,), (self.to,) if self.to else ())
+        return replace(rig, joints=(*rig.joints, joint))
+
+    def _joint(self, rig: JointedRig) -> str:
+        """Name of the joint: that of the cause, numbered where there are several."""
+        taken = [j.name for j in rig.joints if j.name == self.name or j.name.startswith(f"{self.name}-")]
+        return f"{self.name}-{len(taken) + 1}" if taken else self.name
+
+
+def ends_of(rig: JointedRig) -> list[tuple[str, str]]:
+    """Where a joint may be: between each place that the rig names and the ground, and between each two of them.
+
+    Places that move alike are one.
+    """
+    named = dict.fromkeys([*(p for p in rig.places if p), *getattr(rig.body, "ports", ())])
+    rows = rig.body.ported(tuple(named), rig.damping).rows
+    apart: list[int] = []
+    for i, row in enumerate(rows):
+        if row.any() and not any(_alike(row, rows[j]) for j in apart):
+            apart.append(i)
+    places = [list(named)[i] for i in apart]
+    return [(place, "") for place in places] + list(combinations(places, 2))
+
+
+def _alike(one: Array, other: Array) -> bool:
+    size = max(np.abs(one).max(), np.abs(other).max())
+    return bool(np.abs(one - other).max() <= SAME * size)
+
+
+def reach(rig: JointedRig, cause: AddedJoint) -> tuple[float, float]:
+    """Largest motion [m] that the excitation makes where a joint would be, at a resonance, and its frequency [rad/s]."""
+    places = tuple(place for place in (cause.at, cause.to) if place)
+    p, s = rig.body.ported(places, rig.damping), rig.structure
+    row = p.rows[0] - (p.rows[1] if cause.to else 0.0)
+    omega = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
+    loss = np.maximum(s.damping.diagonal(), 1e-6 * np.where(s.omega_n > 0.0, s.omega_n, 1.0))
+    size = np.abs(row * s.excitation) * rig.excitation.amplitude / (omega * loss)
+    static = np.abs(row) @ np.abs(s.excitation / omega**2) * rig.excitation.amplitude
+    i = int(size.argmax())
+    found = max(float(size[i]), float(static))
+    return (found if found > 0.0 else 1e-6), float(s.omega_n[i]) or 1.0
+
+
+class LocalSpring(AddedJoint):
+    """A linear spring."""
+
+    name = "local-spring"
+    meaning = "a linear spring acts between two places, or a place and the ground"
+    looks_like = "linear, in phase; shifts the frequencies of modes unequally, alike at all levels"
+    confused_with = "parameter:modal.frequencies_hz[i]"
+    check = "look for what touches the structure there, free it and repeat the records missed most"
+    numbers = (Number("stiffness", "N/m", "linear", (1, -1, 0), signed=True),)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A spring."""
+        return PolynomialSpring(**values)
+
+
+class LocalDamper(AddedJoint):
+    """A linear dashpot."""
+
+    name = "local-damper"
+    meaning = "a viscous damper acts between two places, or a place and the ground"
+    looks_like = "linear, in quadrature; damps modes unequally, alike at all levels"
+    confused_with = "parameter:damping.modal_ratios[i]"
+    check = "look for what rubs or shears there, take it away and let the structure ring down"
+    numbers = (Number("coefficient", "N s/m", "linear", (1, -1, -1)),)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A dashpot."""
+        return Dashpot(**values)
+
+
+class QuadraticDamping(AddedJoint):
+    """A dashpot whose force grows with the square of the velocity."""
+
+    name = "quadratic-damping"
+    meaning = "a force against the motion grows with the square of the velocity"
+    looks_like = "in quadrature; loss with the cube of the amplitude, frequencies stay; odd harmonics"
+    confused_with = "local-damper at one level, local-microslip"
+    check = "let the structure ring down from a high level: the damping ratio must fall with the amplitude"
+    numbers = (Number("coefficient", "N s2/m2", "quadratic", (1, -2, -2)),)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A dashpot."""
+        return Dashpot(**values)
+
+
+class CubicStiffness(AddedJoint):
+    """A cubic spring."""
+
+    name = "cubic-stiffness"
+    meaning = "a spring whose force grows with the cube of the displacement"
+    looks_like = "in phase; frequencies rise (or fall) with the square of the amplitude; a third harmonic"
+    confused_with = "two-sided-stop, quintic-stiffness"
+    check = "measure the resonance at three levels: its frequency must move with the square of the amplitude"
+    numbers = (Number("cubic", "N/m3", "cubic", (1, -3, 0), signed=True),)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A spring."""
+        return CubicSpring(**values)
+
+
+class PolynomialStiffness(AddedJoint):
+    """A quadratic and cubic spring."""
+
+    name = "polynomial-stiffness"
+    meaning = "a spring with a quadratic and a cubic term: it is stiffer one way than the other"
+    looks_like = "in phase; even and odd harmonics, the second first; frequencies move with the amplitude squared"
+    confused_with = "cubic-stiffness, one-sided-stop"
+    check = "read the second harmonic: it must grow with the square of the amplitude"
+    contains = ("cubic-stiffness",)
+    numbers = (
+        Number("quadratic", "N/m2", "quadratic", (1, -2, 0), signed=True),
+        Number("cubic", "N/m3", "cubic", (1, -3, 0), signed=True),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A spring."""
+        return PolynomialSpring(**values)
+
+
+class QuinticStiffness(AddedJoint):
+    """A cubic and quintic spring."""
+
+    name = "quintic-stiffness"
+    meaning = "a spring with a cubic and a quintic term"
+    looks_like = "as cubic-stiffness at low level, stronger or weaker than that at high level; a fifth harmonic"
+    confused_with = "cubic-stiffness, two-sided-stop"
+    check = "measure the resonance at five levels: its shift over the amplitude squared must bend"
+    contains = ("cubic-stiffness",)
+    numbers = (
+        Number("cubic", "N/m3", "cubic", (1, -3, 0), signed=True),
+        Number("quintic", "N/m5", "quintic", (1, -5, 0), signed=True),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A spring."""
+        return PolynomialSpring(**values)
+
+
+class OneSidedStop(AddedJoint):
+    """A stop on one side, behind a gap; pressed at rest where that is negative."""
+
+    name = "one-sided-stop"
+    meaning = "a place strikes a stop on one side"
+    looks_like = "nothing below a threshold of the amplitude; then even and odd harmonics, frequencies rise"
+    confused_with = "two-sided-stop, polynomial-stiffness"
+    check = "look for what can be struck there, move it away, or measure just below and above where it sets in"
+    numbers = (
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("gap", "m", "gap", (0, 1, 0), (*ONSETS, *(-s for s in ONSETS), 0.0), signed=True),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A stop."""
+        return Stop(**values)
+
+
+class TwoSidedStop(AddedJoint):
+    """Stops on both sides, behind equal gaps."""
+
+    name = "two-sided-stop"
+    meaning = "a place strikes stops on both sides, or a joint has play"
+    looks_like = "nothing below a threshold of the amplitude; then odd harmonics, frequencies rise"
+    confused_with = "cubic-stiffness, quintic-stiffness"
+    check = "measure at five levels about where it sets in: below, nothing changes with the level"
+    numbers = (
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("gap", "m", "gap", (0, 1, 0), ONSETS),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Stops."""
+        return Clearance(**values)
+
+
+class LocalFriction(AddedJoint):
+    """A Jenkins element."""
+
+    name = "local-friction"
+    meaning = "one Jenkins element: a spring that slides once its force reaches a limit"
+    looks_like = "a spring up to a level, then a loss that grows with the amplitude and frequencies that fall; odd harmonics"
+    confused_with = "local-microslip, local-dahl"
+    check = "measure three levels below its onset: there it must be a spring without a loss"
+    numbers = (
+        Number("limit", "N", "normal_load", (1, 0, 0)),
+        Number("critical_slip", "m", "critical_slip", (0, 1, 0), ONSETS),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Friction whose limit is its load: the coefficient is one."""
+        return Friction(Jenkins(1.0, values["critical_slip"]), values["normal_load"])
+
+
+class LocalMicroslip(AddedJoint):
+    """An Iwan element with limits from zero to twice their mean."""
+
+    name = "local-microslip"
+    meaning = "an Iwan element: a joint whose parts slip one after the other"
+    looks_like = "loss with the cube of the amplitude from the lowest level on, frequencies fall with it; odd harmonics"
+    confused_with = "local-friction, local-dahl, quadratic-damping"
+    check = "let the structure ring down: damping ratio and frequency must change in proportion to the amplitude"
+    numbers = (
+        Number("limit", "N", "normal_load", (1, 0, 0)),
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0), STIFF),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Friction whose limit is its load."""
+        return Friction(Iwan(1.0, values["stiffness"]), values["normal_load"])
+
+
+class LocalDahl(AddedJoint):
+    """Dahl's bristles."""
+
+    name = "local-dahl"
+    meaning = "a bristle that bends and slides gradually (Dahl)"
+    looks_like = "as local-friction, its onset smooth"
+    confused_with = "local-friction, local-microslip"
+    check = "measure the loop at the onset: it must be smooth, and open from the lowest level on"
+    numbers = (
+        Number("limit", "N", "normal_load", (1, 0, 0)),
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0), STIFF),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Friction whose limit is its load."""
+        return Friction(Dahl(1.0, values["stiffness"]), values["normal_load"])
+
+
+class LocalLuGre(AddedJoint):
+    """LuGre's bristles: as Dahl's, with friction that falls with the speed."""
+
+    name = "local-lugre"
+    meaning = "a bristle whose friction falls with the speed (LuGre)"
+    looks_like = "as local-dahl, with less loss the faster it slides"
+    confused_with = "local-dahl, local-friction"
+    check = "slide it by the same amount at two frequencies: the loss per cycle must fall with the frequency"
+    contains = ("local-dahl",)
+    numbers = (
+        Number("limit", "N", "normal_load", (1, 0, 0)),
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0), STIFF[::2]),
+        Number("static_ratio", "1", "mu_static", (0, 0, 0), (1.5,)),
+        Number("stribeck_velocity", "m/s", "stribeck_velocity", (0, 1, 1), (0.05, 0.3)),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Friction whose limit is its load."""
+        v = dict(values)
+        load = v.pop("normal_load")
+        return Friction(LuGre(mu=1.0, **v, bristle_damping=0.0, viscous=0.0), load)
+
+
+JOINT_CAUSES: tuple[type[AddedJoint], ...] = (
+    LocalSpring,
+    LocalDamper,
+    QuadraticDamping,
+    CubicStiffness,
+    PolynomialStiffness,
+    QuinticStiffness,
+    OneSidedStop,
+    TwoSidedStop,
+    LocalFriction,
+    LocalMicroslip,
+    LocalDahl,
+    LocalLuGre,
+)
+"""Joints that may not have been modelled."""
