@@ -15,7 +15,7 @@ from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause
-from models.jointed import AnyRig
+from models.jointed import AnyRig, JointedRig
 
 SCANNED = 10
 """Records that are scanned for what may be attached."""
@@ -247,12 +247,14 @@ def _first_quick_fits(
 def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     """Candidates in the order of the score test: what it favours first, what takes long last.
 
-    A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause.
+    A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause, and
+    for joints, which were scanned at the size that they have.
     """
     first = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
     others = [s for s in screening.scores if s not in first]
     forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
-    tried = [] if small(base) or base.model.causes else [s for s in forces if not _unseen(s)]
+    known = small(base) or base.model.causes or isinstance(base.model.nominal, JointedRig)
+    tried = [] if known else [s for s in forces if not _unseen(s)]
     return [*first, *tried, *(s for s in others if _unseen(s))]
 
 

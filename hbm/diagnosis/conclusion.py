@@ -16,7 +16,7 @@ from hbm.diagnosis.decide import (
     sidak,
     tied,
 )
-from hbm.diagnosis.estimates import estimates, name_of, off_support
+from hbm.diagnosis.estimates import estimates, name_of, off_support, told_of
 from hbm.diagnosis.judge import possible_background_of, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.predict import Predicted, predicted
@@ -121,7 +121,7 @@ class Conclusion:
             cause=None if best is None else name_of(best),
             parameters={} if best is None else self._estimates(best),
             confidence=self._confidence(verdict, best),
-            not_separable=tuple(dict.fromkeys(name_of(e) for e in ties)),
+            not_separable=tuple(dict.fromkeys(told_of(e) for e in ties)),
             separate_by=self._advice(best, ties),
             remainder=self._remainder(best),
             errors=self._errors(best),

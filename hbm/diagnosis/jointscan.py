@@ -130,7 +130,8 @@ class _Place:
         drop = float(self.residual @ (v @ size))
         by = dict(zip((n.name for n in strengths), size.tolist(), strict=True))
         start = {
-            n.name: (by[n.name] if n.name in by else shape[n.name] * (size[0] if n.name in scaled else 1.0)) * of[n.name]
+            n.name: (by[n.name] if n.name in by else shape[n.name] * (size[0] if n.name in scaled else 1.0))
+            * of[n.name]
             for n in cause.numbers
         }
         along = (v @ size)[: self.points]
@@ -138,12 +139,12 @@ class _Place:
 
     def _felt(self, cause: AddedJoint, values: dict[str, float]) -> Array:
         """What the records read of the force of a law, in standard deviations."""
-        law, rows = JointOverPeriod(cause.law(values), self.basis, loaded=False), []
+        law, held, rows = JointOverPeriod(cause.law(values), self.basis, loaded=False), cause.held(values), []
         for r in self.records:
             u = self.basis.real(np.pad(r.motion[self.i], (1, self.basis.H - r.H)))
             signals = np.column_stack([u, u, np.zeros_like(u)])
             samples, _ = law.forces(signals, r.omega)
-            force = self.basis.complex(self.basis.analysis @ samples[:, 0])[1 : r.H + 1]
+            force = self.basis.complex(self.basis.analysis @ samples[:, 0] + held * u)[1 : r.H + 1]
             rows.append(r.white.columns[self.i] @ np.concatenate([force.real, -force.imag]))
         return np.concatenate(rows)
 
@@ -161,4 +162,6 @@ class _Tried:
 def _shapes(cause: AddedJoint) -> list[dict[str, float]]:
     """Values of what shapes a cause, in units of the motion."""
     shaping = [n for n in cause.numbers if n.shapes]
-    return [dict(zip((n.name for n in shaping), values, strict=True)) for values in product(*(n.shapes for n in shaping))]
+    return [
+        dict(zip((n.name for n in shaping), values, strict=True)) for values in product(*(n.shapes for n in shaping))
+    ]

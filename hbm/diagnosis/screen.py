@@ -183,8 +183,11 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
         best.setdefault(cause.label, Score(cause, 0.0, 0.0, np.zeros(int(seen.sum())), {}))
     scanned = [s for s in scan(base, campaign.of(few.numbers), joints) if s.starts]
     likely = HOPELESS * max((s.drop for s in scanned), default=0.0)
-    best |= {s.cause.label: Score(s.cause, s.drop, s.z, s.signature, s.starts[0], starts=s.starts)
-             for s in scanned if s.drop >= likely}
+    best |= {
+        s.cause.label: Score(s.cause, s.drop, s.z, s.signature, s.starts[0], starts=s.starts)
+        for s in scanned
+        if s.drop >= likely
+    }
     tried += len(joints)
     price = float(np.log(len(base.white)))  # of a number, in BIC
     scores = [replace(s, gain=s.drop - price * len(s.cause.unknowns(base.model.nominal))) for s in best.values()]

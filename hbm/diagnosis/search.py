@@ -38,7 +38,7 @@ from models.causes.cause import Cause, candidates_of
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady
 from models.causes.structure import ContactLoss
-from models.jointed import AnyRig
+from models.jointed import AnyRig, JointedRig
 
 MOST_RANKED = 10
 """Fits that are kept for the ranking."""
@@ -112,8 +112,11 @@ class Search:
         rough = evaluate(bare, self.campaign, bare.start, {})
         self.campaign = self.campaign.corrected(rig, rough.solutions)
         self.nominal = evaluate(bare, self.campaign, bare.start, rough.solutions)
+        self.first = self.nominal
+        if isinstance(rig, JointedRig):  # what is identified of modes is never exact: it moves along from the beginning
+            self.first = evaluate(self.trust, self.campaign, self.trust.start, self.nominal.solutions)
         tell("screening", 0.1)
-        self.screening: Screening = self._screened(self.nominal)
+        self.screening: Screening = self._screened(self.first)
         tell("calibration", 0.2)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
         self.fitted: list[Evaluation] = []
@@ -160,7 +163,7 @@ class Search:
             return Decision(self.nominal, None, ())
         if self._within() and beyond_noise(self.nominal.white) <= TOLERATED:
             return Decision(self.calibrated, None, ())
-        exact = self._race(self.nominal, self.screening, 0.3)
+        exact = self._race(self.first, self.screening, 0.3)
         if self._explains(exact) and exact.best is not None:
             if simpler(exact.best, self.calibrated, self.tried) or not self._within():
                 return exact
@@ -262,11 +265,12 @@ class Search:
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
         lifted = self._lifted(base, done)
         self.fitted += lifted
+        over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
-            return _decided(base, lifted, self.tried)
+            return _decided(over, lifted, self.tried)
         fits = fit_candidates(base, self.campaign, screening, lambda doing: self.tell(doing, done), self._enough)
         self.fitted += fits
-        return _decided(base, [*lifted, *fits], self.tried)
+        return _decided(over, [*lifted, *fits], self.tried)
 
     def _lifted(self, base: Evaluation, done: float) -> list[Evaluation]:
         """A model whose tip lifts off, where its reaction turns negative; else nothing.

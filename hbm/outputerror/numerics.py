@@ -125,7 +125,9 @@ def amplitudes_of(data: Measurement, solution: PeriodicSolution) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _solved(rig: AnyRig, basis: FourierBasis, record: Record, start: PeriodicSolution | None) -> PeriodicSolution | None:
+def _solved(
+    rig: AnyRig, basis: FourierBasis, record: Record, start: PeriodicSolution | None
+) -> PeriodicSolution | None:
     """Steady state of a record; None where it is not found."""
     try:
         return solve_record(record.rig(rig), basis, record, None if start is None else start.state)

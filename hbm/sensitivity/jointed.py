@@ -271,9 +271,7 @@ class _Channels(Mapping[str, ChannelSensitivity]):
             moved = self._seen(lambda s: (s.joints[i], s.flexibility[i], float(s.flexibility_to_force[i])))
             return self._sampled(name, moved, largest)
         if name == "drive":
-            return self._sampled(
-                name, self._seen(lambda s: (s.excitation, s.flexibility_to_force, s.drive_by_force))
-            )
+            return self._sampled(name, self._seen(lambda s: (s.excitation, s.flexibility_to_force, s.drive_by_force)))
         channel = next(c for c in rig.channels if c.name == name)
         if channel.quantity == "force":
             return self._sampled(name, self._force)

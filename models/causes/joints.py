@@ -103,6 +103,11 @@ class AddedJoint(Cause):
         """The law with values of its numbers, by their keys."""
         raise NotImplementedError
 
+    @staticmethod
+    def held(values: Mapping[str, float]) -> float:
+        """Stiffness of the joint that the modes hold already, having been identified with it at rest [N/m]."""
+        return 0.0
+
     def unknowns(self, rig: JointedRig) -> tuple[Unknown, ...]:
         """Numbers of the law, of the size that the linear rig's motion at its resonances gives them."""
         motion, omega = reach(rig, self)
@@ -120,13 +125,20 @@ class AddedJoint(Cause):
 
     def extend(self, rig: JointedRig, values: Mapping[str, float]) -> JointedRig:
         """Put the joint there."""
-        law = self.law({n.key: values[n.name] for n in self.numbers})
-        joint = Joint(self._joint(rig), law, (self.at,), (self.to,) if self.to else ())
-        return replace(rig, joints=(*rig.joints, joint))
+        of_law, name, to = (
+            {n.key: values[n.name] for n in self.numbers},
+            self._joint(rig),
+            (self.to,) if self.to else (),
+        )
+        added = [Joint(name, self.law(of_law), (self.at,), to)]
+        if held := self.held(of_law):
+            added.append(Joint(f"{name}-held", PolynomialSpring(linear=-held), (self.at,), to))
+        return replace(rig, joints=(*rig.joints, *added))
 
     def _joint(self, rig: JointedRig) -> str:
         """Name of the joint: that of the cause, numbered where there are several."""
         taken = [j.name for j in rig.joints if j.name == self.name or j.name.startswith(f"{self.name}-")]
+        taken = [name for name in taken if not name.endswith("-held")]
         return f"{self.name}-{len(taken) + 1}" if taken else self.name
 
 
@@ -311,7 +323,9 @@ class LocalFriction(AddedJoint):
 
     name = "local-friction"
     meaning = "one Jenkins element: a spring that slides once its force reaches a limit"
-    looks_like = "a spring up to a level, then a loss that grows with the amplitude and frequencies that fall; odd harmonics"
+    looks_like = (
+        "a spring up to a level, then a loss that grows with the amplitude and frequencies that fall; odd harmonics"
+    )
     confused_with = "local-microslip, local-dahl"
     check = "measure three levels below its onset: there it must be a spring without a loss"
     numbers = (
@@ -342,6 +356,36 @@ class LocalMicroslip(AddedJoint):
     def law(values: Mapping[str, float]) -> JointLaw:
         """Friction whose limit is its load."""
         return Friction(Iwan(1.0, values["stiffness"]), values["normal_load"])
+
+
+class JointSlip(LocalFriction):
+    """A Jenkins element that the modes hold, and that slips."""
+
+    name = "joint-slip"
+    meaning = "a joint that holds in the modes as they were identified slips: one Jenkins element"
+    looks_like = "frequencies fall with the level and the loss rises, from an onset on; odd harmonics"
+    confused_with = "joint-microslip, local-friction"
+    check = "measure three levels below its onset: there frequency and damping must not change with the level"
+
+    @staticmethod
+    def held(values: Mapping[str, float]) -> float:
+        """Its stiffness while it sticks."""
+        return values["normal_load"] / values["critical_slip"]
+
+
+class JointMicroslip(LocalMicroslip):
+    """An Iwan element that the modes hold, and whose parts slip one after the other."""
+
+    name = "joint-microslip"
+    meaning = "a joint that holds in the modes as they were identified slips in parts: an Iwan element"
+    looks_like = "frequencies fall and damping ratios rise in proportion to the amplitude from the lowest level on"
+    confused_with = "joint-slip, local-microslip"
+    check = "let the structure ring down: frequency and damping ratio must change in proportion to the amplitude"
+
+    @staticmethod
+    def held(values: Mapping[str, float]) -> float:
+        """Its stiffness while it sticks."""
+        return values["stiffness"]
 
 
 class LocalDahl(AddedJoint):
@@ -400,5 +444,7 @@ JOINT_CAUSES: tuple[type[AddedJoint], ...] = (
     LocalMicroslip,
     LocalDahl,
     LocalLuGre,
+    JointSlip,
+    JointMicroslip,
 )
 """Joints that may not have been modelled."""
