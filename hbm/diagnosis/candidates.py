@@ -247,8 +247,8 @@ def _first_quick_fits(
 def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     """Candidates in the order of the score test: what it favours first, what takes long last.
 
-    A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause, and
-    for joints, which were scanned at the size that they have.
+    A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause,
+    and for joints, which were scanned at the size that they have.
     """
     first = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
     others = [s for s in screening.scores if s not in first]

@@ -18,8 +18,8 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.parallel import one_thread
 from models import causes as catalogue
 from models.causes.cause import Cause, candidates_of
-from models.plausible import quiet
 from models.jointed import AnyRig
+from models.plausible import quiet
 
 HALF = "What explains the records first fitted does not hold for those held out: every second of these is fitted too."
 

@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.balance.solution import PeriodicSolution
-from hbm.diagnosis.missingforce import CLEAR, MissingForce
 from hbm.diagnosis.jointplaces import joint_places_of
+from hbm.diagnosis.missingforce import CLEAR, MissingForce
 from hbm.diagnosis.places import CONTACT, AnyPlace, Complex, all_at_once, places_of, sensor
 from hbm.diagnosis.projection import Span
 from hbm.fourier import Array
@@ -26,8 +26,8 @@ from hbm.outputerror.whitened import uncorrelated
 from hbm.parallel import each
 from hbm.sensitivity.derivatives import disturbed
 from hbm.sensitivity.jointforces import pushed
-from models.parts import UNITS
 from models.jointed import AnyRig, JointedRig
+from models.parts import UNITS
 
 LEFT_OVER = 0.1
 """Share of the coefficients that must be left beyond the unknowns, for a place to be told."""

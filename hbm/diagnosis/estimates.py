@@ -6,7 +6,7 @@ from dataclasses import fields, is_dataclass
 from hbm.diagnosis.verdict import Estimate
 from hbm.fourier import Array
 from hbm.outputerror.fit import Evaluation
-from models.causes.joints import AddedJoint
+from models.causes.addedjoint import AddedJoint
 from models.causes.parameter import WrongParameter
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from hbm.balance.solution import PeriodicSolution
 from hbm.diagnosis.places import Complex, Kind
 from hbm.sensitivity.jointforces import Ends, motion_between
-from models.causes.joints import ends_of
+from models.causes.addedjoint import ends_of
 from models.jointed import JointedRig
 
 

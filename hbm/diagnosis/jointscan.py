@@ -1,9 +1,9 @@
 """Joints that may not have been modelled, scored by the force that is missing: no steady state is solved for.
 
-At a place the misfit asks for a force, harmonic by harmonic and whatever its law, and with it the motion there is known.
-A law makes a force of that motion. Its strength is linear; what shapes it (a gap, a slip at which it slides) is scanned.
-What the records then still miss says how well each law at each place would do, and where its fit starts: a force-state
-map, fitted by one law after the other.
+At a place the misfit asks for a force, harmonic by harmonic and whatever its law, and with it the motion there is
+known. A law makes a force of that motion. Its strength is linear; what shapes it (a gap, a slip at which it slides) is
+scanned. What the records then still miss says how well each law at each place would do, and where its fit starts: a
+force-state map, fitted by one law after the other.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,7 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.records import Record
 from hbm.sensitivity.jointforces import pushed
-from models.causes.joints import AddedJoint, ends_of
+from models.causes.addedjoint import AddedJoint, ends_of
 from models.jointed import JointedRig
 
 HARMONICS, SAMPLES = 9, 128
@@ -69,7 +69,7 @@ def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint]) -> Itera
 
 
 class _Pushed:
-    """A record with forces at places: what they are read by, and the motion there with those that the misfit asks for."""
+    """A record with forces at places: what reads them, and the motion there with those that the misfit asks for."""
 
     def __init__(
         self, record: Record, base: Evaluation, few: Campaign, rig: JointedRig, ends: Sequence[tuple[str, str]]

@@ -21,8 +21,8 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.outputerror.numerics import LEFT, Correction, size
 from hbm.outputerror.simulated import FAILURES
+from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause, Unknown
-from models.causes.joints import AddedJoint
 from models.causes.parameter import WrongParameter
 from models.jointed import AnyRig
 

@@ -30,9 +30,9 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate, fit_model, refine
+from hbm.outputerror.measured import measured
 from hbm.outputerror.model import SENSORS, Model
 from hbm.outputerror.numerics import Numerics, choose
-from hbm.outputerror.measured import measured
 from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause, candidates_of
 from models.causes.parameter import WrongParameter

@@ -18,8 +18,8 @@ from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import uncorrelated
 from hbm.response.trace import first_solution
 from hbm.sensitivity.derivatives import changes
-from models.parts import Channel
 from models.jointed import AnyRig
+from models.parts import Channel
 
 HARMONICS = (15, 256)
 READABLE = 9

@@ -45,8 +45,8 @@ from hbm.rigfiles.write import extended_rig_text
 from hbm.version import installed_version
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition
-from models.parts import UNITS
 from models.jointed import AnyRig
+from models.parts import UNITS
 
 DIAGNOSIS_FILE, EXTENDED_FILE, PAGE_FILE = "diagnosis.json", "extended.toml", "report.html"
 ERROR_FILE, RANKING_FILE, FORCE_FILE = "errors.csv", "ranking.csv", "missing_force.csv"

@@ -9,7 +9,6 @@ from models.change import Scalar, drift_scalars, element_scalars, structure_scal
 from models.friction import describe, parameters
 from models.jointed import AnyRig, JointedRig
 from models.numbers import with_number
-from models.rig import Rig
 
 TOLERANCES = {
     "beam.youngs_modulus": 0.01,
@@ -30,8 +29,8 @@ channel and of the excitation, absolute.
 
 
 FREQUENCY, RATIO, SHAPE = 0.005, 0.2, 0.03
-"""Tolerances of what is identified of modes: frequencies and damping ratios, relative; and entries of shapes, relative to
-the largest of their mode."""
+"""Tolerances of what is identified of modes: frequencies and damping ratios, relative; and entries of shapes, relative
+to the largest of their mode."""
 
 SHAPES = "modal.ports."
 """Beginning of the keys of entries of shapes."""

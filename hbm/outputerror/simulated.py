@@ -17,8 +17,8 @@ from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.stability.transients import transients
 from models.change import drift_scalars, tone_scalars
 from models.friction import parameters
-from models.numbers import number
 from models.jointed import AnyRig, JointedRig
+from models.numbers import number
 from models.rig import Rig
 
 Solutions = Mapping[int, PeriodicSolution]
@@ -44,7 +44,8 @@ class Simulated:
     Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients;
     where the contact never slips, `by_history` (2, c, H) what one standard deviation of its mean friction does; and
     where transients may not have died out, `by_transients` (2, c, H, k) what each motion of a start from rest leaves.
-    `Q_by_keys` (2H'+1, n, p) and `T_by_keys` (2H'+1, p), of joints (2H'+1, m, p), are the derivatives of the unknowns of the balance.
+    `Q_by_keys` (2H'+1, n, p) and `T_by_keys` (2H'+1, p), of joints (2H'+1, m, p), are the derivatives of the unknowns
+    of the balance.
     """
 
     solution: PeriodicSolution

@@ -172,7 +172,7 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
 
 
 def _at_ports(file: JointedRigTable) -> JointedRigTable:
-    """The same where shapes by channel, and that of the excitation, are ports named as the channel, and "excitation"."""
+    """The same where rows of shapes are ports: each of its channel's name, that of the force of "excitation"."""
     if file.modal is None:
         return file
     ports, excitation, channels = dict(file.modal.ports), file.excitation, list(file.channels)

@@ -10,7 +10,6 @@ from models.change import structure_scalars
 from models.friction import describe, parameters
 from models.jointed import AnyRig, JointedRig
 from models.numbers import number, with_number
-from models.rig import Rig
 
 NEAREST = 0.999
 """A force on the support itself moves nothing: so near, in lengths of the beam, it may come."""

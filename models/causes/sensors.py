@@ -7,9 +7,9 @@ from typing import ClassVar
 
 from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
+from models.jointed import AnyRig, JointedRig
 from models.numbers import number, with_number
 from models.parts import ModalBody
-from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
 
 

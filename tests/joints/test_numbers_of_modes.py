@@ -54,8 +54,11 @@ def solved(rig: JointedRig, start: PeriodicSolution | None = None) -> PeriodicSo
 
 @pytest.mark.parametrize(
     ("rig", "key"),
-    [*((RIG, key) for key in KEYS), (RIG, "excitation.harmonics[0].cos"), (RIG, "excitation.harmonics[0].sin")]
-    + [(ALPHA, "damping.mass_proportional"), (ALPHA, "modal.frequencies_hz[3]")],
+    [
+        *((RIG, key) for key in KEYS),
+        *((RIG, f"excitation.harmonics[0].{part}") for part in ("cos", "sin")),
+        *((ALPHA, key) for key in ("damping.mass_proportional", "modal.frequencies_hz[3]")),
+    ],
     ids=str,
 )
 def test_derivatives_are_those_of_solutions_nearby(rig: JointedRig, key: str) -> None:
