@@ -188,7 +188,15 @@ class JointedRig(Displayed):
 
     def structure_change(self, key: str) -> JointedStructure:
         """Exact derivatives of the structure to one of its numbers, zero to those that it does not depend on."""
-        return self._seen(modes_change(self, key))
+        known = self._changes
+        if key not in known:
+            known[key] = self._seen(modes_change(self, key))
+        return known[key]
+
+    @cached_property
+    def _changes(self) -> dict[str, JointedStructure]:
+        """Those asked for before: every record asks again."""
+        return {}
 
     def _seen(self, p: PortedModes) -> JointedStructure:
         """Modes as joints, excitation and channels see them; linear in these."""
