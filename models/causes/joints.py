@@ -7,10 +7,8 @@ from models.friction import Dahl, Iwan, Jenkins, LuGre
 from models.joints import Clearance, CubicSpring, Dashpot, Friction, JointLaw, PolynomialSpring, Stop
 
 ONSETS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
-"""Starts of displacements at which something sets in, in units of the largest motion there."""
-
-STIFF = tuple(1.0 / share for share in reversed(ONSETS))
-"""The same of a stiffness that reaches a given force at that displacement."""
+"""Starts of displacements at which something sets in, in units of the largest motion there; and of the limits at which
+springs slide, in units of their force at that."""
 
 
 class LocalSpring(AddedJoint):
@@ -185,8 +183,8 @@ class LocalMicroslip(AddedJoint):
     confused_with = "local-friction, local-dahl, quadratic-damping"
     check = "let the structure ring down: damping ratio and frequency must change in proportion to the amplitude"
     numbers = (
-        Number("limit", "N", "normal_load", (1, 0, 0)),
-        Number("stiffness", "N/m", "stiffness", (1, -1, 0), STIFF),
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("limit", "N", "normal_load", (1, 0, 0), ONSETS),
     )
 
     @staticmethod
@@ -234,8 +232,8 @@ class LocalDahl(AddedJoint):
     confused_with = "local-friction, local-microslip"
     check = "measure the loop at the onset: it must be smooth, and open from the lowest level on"
     numbers = (
-        Number("limit", "N", "normal_load", (1, 0, 0)),
-        Number("stiffness", "N/m", "stiffness", (1, -1, 0), STIFF),
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("limit", "N", "normal_load", (1, 0, 0), ONSETS),
     )
 
     @staticmethod
@@ -254,8 +252,8 @@ class LocalLuGre(AddedJoint):
     check = "slide it by the same amount at two frequencies: the loss per cycle must fall with the frequency"
     contains = ("local-dahl",)
     numbers = (
-        Number("limit", "N", "normal_load", (1, 0, 0)),
-        Number("stiffness", "N/m", "stiffness", (1, -1, 0), STIFF[::2]),
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("limit", "N", "normal_load", (1, 0, 0), ONSETS[::2]),
         Number("static_ratio", "1", "mu_static", (0, 0, 0), (1.5,)),
         Number("stribeck_velocity", "m/s", "stribeck_velocity", (0, 1, 1), (0.05, 0.3)),
     )
