@@ -175,9 +175,9 @@ def _tolerances(rig: "Rig", channels: Sequence[str], texts: Sequence[str] | None
         key, equals, value = text.partition("=")
         if not equals:
             raise InputError(f"{COMMAND}: --tolerance = {quoted(text)}; must be KEY=VALUE")
-        if not known.get(key, 0.0) > 0.0 and not key.endswith(".delay"):
-            accepted = ", ".join(name for name, number in known.items() if number > 0.0)
-            raise InputError(f"{COMMAND}: --tolerance {key}; must be a number > 0 of the rig file: {accepted}")
+        if not (known.get(key) or (key in known and key.endswith(".delay"))):
+            accepted = ", ".join(name for name, number in known.items() if number)
+            raise InputError(f"{COMMAND}: --tolerance {key}; must be a number of the rig file, not 0: {accepted}")
         chosen[key] = positive(COMMAND, f"--tolerance {key}", value, "relative")
     return chosen
 

@@ -4,8 +4,10 @@ Each of :mod:`models.causes.joints` is a law and its numbers, :class:`Number`; w
 effect is, all have in common.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations
 from math import nan
 from typing import ClassVar, Self
@@ -25,6 +27,8 @@ WIDEST = 1e9
 
 SHARES = (0.01, 0.1, 1.0)
 """Starts of the force of a joint, in units of the excitation."""
+
+DIRECTION = re.compile(r"^(\w+)\(|\.(\w+)$")
 
 SAME = 1e-9
 """Of the larger: rows of places that differ by less are of one place."""
@@ -139,16 +143,27 @@ class AddedJoint(Cause):
 def ends_of(rig: JointedRig) -> list[tuple[str, str]]:
     """Where a joint may be: between each place that the rig names and the ground, and between each two of them.
 
-    Places that move alike are one.
+    Places that move alike are one. Only what moves the same way is joined.
     """
-    named = dict.fromkeys([*(p for p in rig.places if p), *getattr(rig.body, "ports", ())])
-    rows = rig.body.ported(tuple(named), rig.damping).rows
-    apart: list[int] = []
-    for i, row in enumerate(rows):
-        if row.any() and not any(_alike(row, rows[j]) for j in apart):
-            apart.append(i)
-    places = [list(named)[i] for i in apart]
-    return [(place, "") for place in places] + list(combinations(places, 2))
+    rows, places = _rows(rig), list[str]()
+    for place, row in rows.items():
+        if row.any() and not any(_alike(row, rows[other]) for other in places):
+            places.append(place)
+    pairs = [pair for pair in combinations(places, 2) if _direction(pair[0]) == _direction(pair[1])]
+    return [(place, "") for place in places] + pairs
+
+
+@lru_cache(maxsize=16)
+def _rows(rig: JointedRig) -> dict[str, Array]:
+    """Displacement per mode at each place that a rig names."""
+    named = tuple(dict.fromkeys([*rig.places, *getattr(rig.body, "ports", ())]))
+    return dict(zip(named, rig.body.ported(named, rig.damping).rows, strict=True))
+
+
+def _direction(place: str) -> str:
+    """Which way a place moves, as far as its name says: ``y`` of ``y(0.3)``, ``uz`` of ``12.uz``."""
+    found = DIRECTION.search(place)
+    return "" if found is None else found[1] or found[2]
 
 
 def _alike(one: Array, other: Array) -> bool:
@@ -158,9 +173,8 @@ def _alike(one: Array, other: Array) -> bool:
 
 def reach(rig: JointedRig, cause: AddedJoint) -> tuple[float, float]:
     """Largest motion [m] that the excitation makes where a joint would be, and the frequency of it [rad/s]."""
-    places = tuple(place for place in (cause.at, cause.to) if place)
-    p, s = rig.body.ported(places, rig.damping), rig.structure
-    row = p.rows[0] - (p.rows[1] if cause.to else 0.0)
+    rows, s = _rows(rig), rig.structure
+    row = rows[cause.at] - (rows[cause.to] if cause.to else 0.0)
     omega = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
     loss = np.maximum(s.damping.diagonal(), 1e-6 * np.where(s.omega_n > 0.0, s.omega_n, 1.0))
     size = np.abs(row * s.excitation) * rig.excitation.amplitude / (omega * loss)

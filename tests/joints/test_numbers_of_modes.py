@@ -12,6 +12,7 @@ from hbm.modes.linear import linear_modes
 from hbm.response.trace import steady_state
 from hbm.rigfiles.load import load_rig
 from hbm.sensitivity.jointed import joint_sensitivities
+from hbm.sensitivity.jointforces import motion_between, pushed
 from hbm.tracking.parameterresponse import parameter_response
 from models.jointed import JointedRig
 from models.parts import Channel, Damping, Excitation
@@ -116,3 +117,22 @@ def test_shapes_must_be_as_many_as_channels(tmp_path: Path) -> None:
     file.write_text(FILE.replace(", [0.0, 0.0, 0.0]]", "]"))
     with pytest.raises(InputError, match=r"modal.shapes has 1 rows; must have 2, one per \[\[channels\]\] entry"):
         load_rig(file)
+
+
+@pytest.mark.parametrize("k", [1, 3])
+def test_a_force_where_the_excitation_is_does_what_a_change_of_that_does(k: int) -> None:
+    here, H = solved(RIG), 3
+    found = pushed(RIG, here, [("d", ""), ("a", "c")], H)
+    key = "excitation.amplitude" if k == 1 else "excitation.harmonics[0].cos"
+    by = joint_sensitivities(RIG, here, [key])
+    steady = RIG.excitation.harmonics[0][1:]
+    for name in ("x",):
+        change = by[name].coefficients[:, 0] / (1.0 if k == 1 else here.level)
+        cosine, third, sine_of_third = (found.channels[name][:, i] for i in (0, 2, H + 2))
+        own = cosine + steady[0] * third + steady[1] * sine_of_third if k == 1 else third  # its harmonics grow with it
+        assert np.abs(own - change).max() < 1e-9 * np.abs(change).max()
+    # reciprocal only where linear; but what is moved is what a probe there would read
+    probe = replace(RIG, channels=(*RIG.channels, Channel("probe", "displacement", at="d")))
+    seen = pushed(probe, here, [("d", ""), ("a", "c")], H)
+    assert np.allclose(seen.channels["probe"].reshape(-1, 2, 2 * H)[:, 1], found.moved[0, :, 1], rtol=0, atol=1e-12)
+    assert np.allclose(motion_between(RIG, here, [("d", "")])[0], here["drive"].coefficients, rtol=0, atol=1e-12)
