@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hbm.commands.inverse import SpectraFile, load, record_numbers, working
+from hbm.commands.inverse import SpectraFile, record_numbers, working
 from hbm.commands.options import (
     UNSOLVABLE,
     AllowCode,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.files.diagnosisfiles import Diagnosed
     from hbm.measurement.spectra import MeasuredSpectra
-    from models.rig import Rig
+    from models.jointed import AnyRig
 
 COMMAND = "diagnose"
 
@@ -92,7 +92,11 @@ def diagnose(
     held = record_numbers(COMMAND, "--hold-out", hold_out)
     check_out(COMMAND, out, FILES)
     candidates, own = _causes(cause, causes_file)
-    loaded, measured = load(rig, spectra, allow_code=allow_code)
+    from hbm.measurement.spectrafile import load_spectra
+    from hbm.rigfiles.load import load_rig
+
+    loaded = load_rig(rig, allow_code=allow_code or None)
+    measured = load_spectra(spectra, loaded)
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
     from hbm.diagnosis.diagnose import diagnose as search
@@ -151,7 +155,7 @@ def _cause(name: str) -> Any:
     return kind(name.removeprefix(ONE_VALUE)) if name.startswith(ONE_VALUE) else kind
 
 
-def _check_apply(rig: "Rig", candidates: Sequence[Any] | None) -> None:
+def _check_apply(rig: "AnyRig", candidates: Sequence[Any] | None) -> None:
     """Refuse causes that a rig cannot have."""
     from models.causes.cause import candidates_of
 
@@ -164,7 +168,7 @@ def _check_apply(rig: "Rig", candidates: Sequence[Any] | None) -> None:
             raise InputError(f"{COMMAND}: --cause = {quoted(cause.name)}; there is nothing in this rig it can act on")
 
 
-def _tolerances(rig: "Rig", channels: Sequence[str], texts: Sequence[str] | None) -> Mapping[str, float] | None:
+def _tolerances(rig: "AnyRig", channels: Sequence[str], texts: Sequence[str] | None) -> Mapping[str, float] | None:
     """Tolerances of the numbers of a rig, with those of the options."""
     if not texts:
         return None
@@ -182,7 +186,7 @@ def _tolerances(rig: "Rig", channels: Sequence[str], texts: Sequence[str] | None
     return chosen
 
 
-def _sensors(rig: "Rig", spectra: "MeasuredSpectra") -> list[str]:
+def _sensors(rig: "AnyRig", spectra: "MeasuredSpectra") -> list[str]:
     """Channels of motion that were measured."""
     return [c.name for c in rig.response_channels if c.name in spectra.channels]
 

@@ -4,21 +4,27 @@ Every structure differs a little from the rig file in all that is identified of 
 """
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from hbm.cli import app
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.search import campaign_of
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectrafile import write_spectra
 from hbm.outputerror.fit import evaluate
 from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state
+from hbm.rigfiles.load import load_rig
 from models.bodies import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint, ends_of
@@ -86,20 +92,27 @@ def faster(modes: Modes) -> Modes:
     return replace(modes, hz=modes.hz * np.array([1.0, 1.007, 1.0]))
 
 
+CASES = {
+    "cubic": (cubic(K3), "c"),
+    "jenkins": (jenkins(STIFFNESS, LIMIT), "b"),
+    "gap": (gap(STOP, CLEARANCE), "c"),
+    "null": (nothing, "a"),
+    "frequency": (nothing, "a", faster),
+}
+
+
+@cache
+def records(name: str) -> MeasuredSpectra:
+    return measured(*CASES[name])
+
+
 @cache
 def found(name: str) -> Diagnosis:
-    cases = {
-        "cubic": (cubic(K3), "c"),
-        "jenkins": (jenkins(STIFFNESS, LIMIT), "b"),
-        "gap": (gap(STOP, CLEARANCE), "c"),
-        "null": (nothing, "a"),
-        "frequency": (nothing, "a", faster),
-    }
     rig = rig_of(NOMINAL)
     known = None
     if name == "frequency":  # known to 0.1 %
         known = tolerances(rig, SENSORS) | {f"modal.frequencies_hz[{i}]": 1e-3 for i in (1, 2, 3)}
-    return diagnose(rig, measured(*cases[name]), tolerances=known)
+    return diagnose(rig, records(name), tolerances=known)
 
 
 def value(d: Diagnosis, name: str) -> tuple[float, float]:
@@ -156,6 +169,36 @@ def test_a_wrong_frequency_is_told_from_physics() -> None:
     hz, std = value(d, "value")
     truth = faster(NOMINAL.disturbed(np.random.default_rng(1), **OFF)).hz[1]
     assert abs(hz - truth) < 3.0 * std + 1e-3 * truth
+
+
+def rig_file() -> str:
+    """The rig as a file."""
+    rows = "".join(f"{name} = {row.tolist()}\n" for name, row in ROWS.items())
+    sensors = "".join(f'[[channels]]\nname = "{name}"\nquantity = "acceleration"\nat = "{name}"\n' for name in SENSORS)
+    return (
+        f'name = "three modes"\n[modal]\nfrequencies_hz = {NOMINAL.hz.tolist()}\n[modal.ports]\n{rows}'
+        f"[damping]\nmodal_ratios = {NOMINAL.ratio.tolist()}\n[excitation]\namplitude = 1.0\nat = 'drive'\n"
+        f'[[channels]]\nname = "force"\nquantity = "force"\n{sensors}'
+    )
+
+
+def test_the_command_writes_an_extended_rig_that_is_read_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hbm.parallel.all_cores", lambda prepare: nullcontext())
+    (tmp_path / "rig.toml").write_text(rig_file())
+    write_spectra(tmp_path / "spectra.csv", records("cubic"))
+    names = [str(tmp_path / name) for name in ("rig.toml", "spectra.csv")]
+    tolerance = ("--tolerance", "modal.ports.c[2]=0.03", "--tolerance", "modal.frequencies_hz[1]=0.005")
+    done = CliRunner().invoke(
+        app, ["diagnose", *names, "--cause", "cubic-stiffness", *tolerance, "--out", str(tmp_path / "out")]
+    )
+    assert done.exit_code == 0, done.output
+    assert "cubic-stiffness" in done.output
+    extended = load_rig(tmp_path / "out" / "extended.toml")
+    assert isinstance(extended, JointedRig)
+    (joint,) = extended.joints
+    assert isinstance(joint.law, CubicSpring) and joint.at == ("c",)
+    assert float(joint.law.cubic) == pytest.approx(K3, rel=0.1)
+    assert (tmp_path / "out" / "missing_force.csv").exists() and (tmp_path / "out" / "report.html").exists()
 
 
 # ---- what is offered, and that it changes nothing without a size
