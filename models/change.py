@@ -9,7 +9,8 @@ import numpy as np
 from models.assembly import Assembly, assembled_change
 from models.elements import ElementRows, Ports, Reading, element_rows_change
 from models.friction.law import describe, parameters
-from models.parts import ModalBody
+from models.jointed import AnyRig
+from models.parts import Excitation, ModalBody
 from models.reduction import StructureChange
 from models.rig import Rig
 from models.structure import SpringPort
@@ -81,14 +82,14 @@ def element_scalars(rig: Rig) -> dict[str, Scalar]:
     return scalars
 
 
-def drift_scalars(rig: Rig) -> dict[str, Scalar]:
+def drift_scalars(rig: AnyRig) -> dict[str, Scalar]:
     """Rates of what drifts, with keys like ``drift[0].rate``."""
     return {f"drift[{i}].rate": Scalar(drift.rate, "1") for i, drift in enumerate(rig.drift)}
 
 
-def tone_scalars(rig: Rig) -> dict[str, Scalar]:
+def tone_scalars(excitation: Excitation) -> dict[str, Scalar]:
     """Coefficients of the harmonics of the force over its amplitude, with keys like ``excitation.harmonics[0].cos``."""
-    tones = enumerate(rig.excitation.harmonics)
+    tones = enumerate(excitation.harmonics)
     return {
         f"excitation.harmonics[{i}].{name}": Scalar(value, "1")
         for i, (_, *values) in tones

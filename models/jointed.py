@@ -1,7 +1,7 @@
 """A body with any number of joints: everything a simulation of it needs."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, TypeAlias
@@ -10,10 +10,11 @@ import numpy as np
 
 from models.bodies.ported import Body, PortedModes
 from models.display import Displayed
+from models.friction.law import Parameter
+from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, terms
-from models.joints.law import numbers, with_numbers
 from models.joints.rubbing import Friction
-from models.parts import Channel, Damping, Excitation
+from models.parts import Channel, Damping, Drift, Excitation
 from models.plausible import warn_of
 from models.rig import Rig
 from models.structure import Array
@@ -98,6 +99,8 @@ class JointedRig(Displayed):
         With its place `at`.
     channels : tuple of Channel
         Each with its place `at`.
+    drift : tuple of Drift
+        What changes from record to record; minded by the diagnosis alone.
     """
 
     name: str
@@ -106,11 +109,10 @@ class JointedRig(Displayed):
     joints: tuple[Joint, ...]
     excitation: Excitation
     channels: tuple[Channel, ...] = field(default=())
+    drift: tuple[Drift, ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Refuse what has no joint, and names that are given twice."""
-        if not self.joints:
-            raise ValueError(f"{self.name}: has no joint; must have at least one")
+        """Refuse names that are given twice, and places that are none."""
         for what, names in (("channel", [c.name for c in self.channels]), ("joint", [j.name for j in self.joints])):
             twice = next((name for name in names if names.count(name) > 1), None)
             if twice is not None:
@@ -148,6 +150,21 @@ class JointedRig(Displayed):
         return tuple(c for c in self.channels if c.quantity != "force")
 
     @property
+    def lift_off(self) -> bool:
+        """Whether a tip leaves its support by an equation of its own: joints that separate do so in their law."""
+        return False
+
+    @property
+    def laws(self) -> tuple[type, ...]:
+        """Kinds of the laws of its joints, in turn."""
+        return tuple(type(j.law) for j in self.joints)
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """What it has that takes long to simulate or may have no steady state."""
+        return (bool(self.joints),)
+
+    @property
     def ports(self) -> int:
         """Ports of all joints."""
         return sum(j.law.ports for j in self.joints)
@@ -167,7 +184,23 @@ class JointedRig(Displayed):
     @cached_property
     def structure(self) -> JointedStructure:
         """The body as its joints, its excitation and its channels see it."""
-        p, index = self.ported, {place: i for i, place in enumerate(self.places)}
+        return self._seen(self.ported)
+
+    def structure_change(self, key: str) -> JointedStructure:
+        """Exact derivatives of the structure to one of its numbers, zero to those that it does not depend on."""
+        known = self._changes
+        if key not in known:
+            known[key] = self._seen(modes_change(self, key))
+        return known[key]
+
+    @cached_property
+    def _changes(self) -> dict[str, JointedStructure]:
+        """Those asked for before: every record asks again."""
+        return {}
+
+    def _seen(self, p: PortedModes) -> JointedStructure:
+        """Modes as joints, excitation and channels see them; linear in these."""
+        index = {place: i for i, place in enumerate(self.places)}
         at = np.zeros((self.ports, len(index)))
         for row, (one, other) in zip(at, (pair for j in self.joints for pair in j.ends), strict=True):
             for sign, end in ((1.0, one), (-1.0, other)):
@@ -219,21 +252,42 @@ class JointedRig(Displayed):
             raise ValueError(f'{self.name}: no joint "{name}"; there are {", ".join(names)}')
         return replace(self, joints=tuple(replace(j, law=law) if j.name == name else j for j in self.joints))
 
-    def with_number(self, key: str, value: float) -> "JointedRig":
-        """Return the same rig with another value of a number of a joint, such as ``joints.tip.mu``, or of the force.
+    @property
+    def numbers(self) -> dict[str, tuple[float, Parameter]]:
+        """All its numbers by the keys of its rig file, with unit and bounds."""
+        return scalars(self)
+
+    def number(self, key: str) -> float:
+        """Value of one of its numbers.
 
         Raises
         ------
         KeyError
             If there is no such number.
         """
-        if key == "excitation.amplitude":
-            return replace(self, excitation=replace(self.excitation, amplitude=value))
-        for j in self.joints:
-            name = key.removeprefix(f"joints.{j.name}.")
-            if name != key and name in (known := numbers(j.law)):
-                return self.with_joint(j.name, with_numbers(j.law, iter((known | {name: value}).values())))
-        raise KeyError(f"{key} is not a number of the rig {self.name}")
+        if key not in (known := self.numbers):
+            raise KeyError(f"{key} is not a number of the rig {self.name}")
+        return known[key][0]
+
+    def with_numbers(self, values: Mapping[str, float]) -> "JointedRig":
+        """Return the same rig with other values of some of its numbers.
+
+        Raises
+        ------
+        KeyError
+            If there is no such number.
+        """
+        return with_scalars(self, values)
+
+    def with_number(self, key: str, value: float) -> "JointedRig":
+        """Return the same rig with another value of one of its numbers, such as ``joints.tip.mu``.
+
+        Raises
+        ------
+        KeyError
+            If there is no such number.
+        """
+        return self.with_numbers({key: value})
 
     @property
     def units(self) -> list[tuple[str, str]]:

@@ -2,8 +2,9 @@
 
 import re
 from dataclasses import replace
-from typing import Any
+from typing import Any, overload
 
+from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
 
 ENTRY = re.compile(r"(\w+)\[(\d+)\]\.(\w+)")
@@ -11,18 +12,26 @@ LISTS = ("elements", "drift")
 """Lists of a rig whose entries have numbers."""
 
 
-def number(rig: Rig, key: str) -> float:
+def number(rig: AnyRig, key: str) -> float:
     """Value of one of a rig's numbers.
 
     >>> from models.published import paper_rig
     >>> number(paper_rig(), "contact.friction.mu"), number(paper_rig(), "channels.a3.position")
     (0.52, 0.3)
     """
+    if isinstance(rig, JointedRig):
+        return rig.number(key)
     owner, name = _owner(rig, key)
     return float(getattr(owner, name))
 
 
-def with_number(rig: Rig, key: str, value: float) -> Rig:
+@overload
+def with_number(rig: Rig, key: str, value: float) -> Rig: ...
+@overload
+def with_number(rig: JointedRig, key: str, value: float) -> JointedRig: ...
+@overload
+def with_number(rig: AnyRig, key: str, value: float) -> AnyRig: ...
+def with_number(rig: AnyRig, key: str, value: float) -> AnyRig:
     """The rig with another value of one of its numbers.
 
     Parameters
@@ -31,7 +40,7 @@ def with_number(rig: Rig, key: str, value: float) -> Rig:
     key : str
         A key of :func:`models.change.structure_scalars`, of the friction law, or of the contact, such as
         ``channels.a3.gain``, ``attachments.masses[0].position``, ``elements[0].gap``, ``drift[0].rate`` or
-        ``contact.friction.mu``.
+        ``contact.friction.mu``; of a rig with joints one of :attr:`models.jointed.JointedRig.numbers`.
     value : float
 
     Returns
@@ -43,12 +52,16 @@ def with_number(rig: Rig, key: str, value: float) -> Rig:
     KeyError
         If the rig has no such number.
     """
+    return rig.with_number(key, value) if isinstance(rig, JointedRig) else _with_number(rig, key, value)
+
+
+def _with_number(rig: Rig, key: str, value: float) -> Rig:
     owner, name = _owner(rig, key)
     changed = owner._replace(**{name: value}) if hasattr(owner, "_replace") else replace(owner, **{name: value})
     return _with_owner(rig, key, changed)
 
 
-def at_record(rig: Rig, record: int) -> Rig:
+def at_record(rig: AnyRig, record: int) -> AnyRig:
     """The rig as it is in a record, 1 the first; it drifts no more.
 
     Raises

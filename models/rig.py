@@ -104,6 +104,26 @@ class Rig(Displayed):
         return self.contact.law.name
 
     @property
+    def lift_off(self) -> bool:
+        """Whether its tip leaves the support."""
+        return self.contact.lift_off
+
+    @property
+    def laws(self) -> tuple[type, ...]:
+        """Kind of its friction law."""
+        return (type(self.contact.law),)
+
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """What it has that takes long to simulate or may have no steady state: resonators, elements, transients."""
+        return len(self.attachments.resonators), len(self.elements), self.excitation.settled
+
+    @property
+    def ports(self) -> int:
+        """Where a force follows a law: the contact."""
+        return 1
+
+    @property
     def response_channels(self) -> tuple[Channel, ...]:
         """Channels that measure motion (all but force)."""
         return tuple(c for c in self.channels if c.quantity != "force")

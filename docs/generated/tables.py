@@ -21,7 +21,7 @@ from typer.cli import get_docs_for_click
 from hbm.cli import app
 from hbm.rigfiles import joints, schema
 from models import LAWS, describe
-from models.causes import CAUSES
+from models.causes import CAUSES, candidates_of
 from models.friction import defaults, settings
 from models.joints import JOINT_LAWS
 from models.published import paper_rig
@@ -159,7 +159,7 @@ def causes() -> str:
     """Parameters of every cause, with bounds and the value that changes nothing, on the paper's beam."""
     rig, rows = paper_rig(), []
     for name, kind in CAUSES.items():
-        candidate = next(iter(kind.candidates(rig)), None)
+        candidate = next(iter(candidates_of(kind, rig)), None)
         for unknown in () if candidate is None else candidate.unknowns(rig):
             neutral = "shapes the effect" if isnan(unknown.neutral) else number(unknown.neutral)
             span = f"{number(unknown.lower)} to {number(unknown.upper)}"

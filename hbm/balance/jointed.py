@@ -22,18 +22,24 @@ class JointBalance(JointEquations):
         )
 
     def padded(self, state: State) -> Array:
-        """Scaled unknowns of a state on other harmonics and modes; new modes start from their linear response."""
+        """Scaled unknowns of a state on other harmonics, modes and joints.
+
+        New modes start from their linear response, new joints (which come last) from the motion there.
+        """
         H_old, n_old = state.Q.shape[0] // 2, state.Q.shape[1]
         size, n, H = self.basis.size, self.structure.n, self.basis.H
         keep, m = min(H, H_old), min(n, n_old)
         source = np.r_[0 : keep + 1, H_old + 1 : H_old + 1 + keep]
         target = np.r_[0 : keep + 1, H + 1 : H + 1 + keep]
-        Q, f = np.zeros((size, n)), np.zeros((size, len(self.own)))
-        f[target] = state.T[source]
+        Q, f, known = np.zeros((size, n)), np.zeros((size, len(self.own))), min(state.T.shape[1], len(self.own))
+        f[target, :known] = state.T[source, :known]
         Q[target, :m] = state.Q[source, :m]
         if n > m:
             Q[:, m:] = Modes(self, state.Omega).moved(self.modal_forces(f, state.F))[:, m:]
-        return self.pack(State(Q, f, state.Omega, state.F))[0]
+        padded = State(Q, f, state.Omega, state.F)
+        if known < len(self.own):
+            f[:, known:] = (self.basis.analysis @ self.forces(padded)[0])[:, known:]
+        return self.pack(padded)[0]
 
     def residual(self, x: Array, lam: float) -> Array:
         """Scaled balance of every mode and harmonic, then of the joints, (size,)."""
@@ -43,7 +49,8 @@ class JointBalance(JointEquations):
         """Residual with its linearisation, which is worked out when first solved with."""
         state = self.unpack(x, lam)
         signals = self.signals(state)
-        f = np.hstack([j.forces(s, state.Omega)[0] for j, s in zip(self.joints, signals, strict=True)])
+        none = np.zeros((self.basis.N_t, 0))
+        f = np.hstack([none, *(j.forces(s, state.Omega)[0] for j, s in zip(self.joints, signals, strict=True))])
         joints = state.T - self.basis.analysis @ f
         residual = np.concatenate(
             [(self.modal_balance(state) / self.modal_force_ref).ravel(), (joints / self.f_ref).ravel()]

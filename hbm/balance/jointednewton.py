@@ -239,8 +239,8 @@ class JointNewton:
         pushed[:, 0] = -problem.structure.joints[:, rigid].T
         return np.block(
             [
-                [self.here.core, -self.here.law_of(unit).reshape(size * m, -1)],
-                [pushed.reshape(len(rigid), -1), problem.adrift],
+                [self.here.core, -self.here.law_of(unit).reshape(size * m, len(rigid))],
+                [pushed.reshape(len(rigid), size * m), problem.adrift],
             ]
         )
 

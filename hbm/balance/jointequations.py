@@ -15,7 +15,7 @@ import numpy.typing as npt
 from hbm.aft.joint import JointOverPeriod
 from hbm.balance.equations import Parameter, State, force_shape
 from hbm.fourier import Array, FourierBasis
-from models.jointed import JointedRig
+from models.jointed import JointedRig, JointedStructure
 
 Complex = npt.NDArray[np.complex128]
 
@@ -78,7 +78,7 @@ class JointEquations:
         ]
         self.flexibility = s.flexibility - np.diag(self.own)
         # velocities in limits of friction are those of the modes, docs/theory/equations.md section 3
-        folds = np.concatenate([np.full(j.law.ports, j.law.folds) for j in rig.joints])
+        folds = np.array([j.law.folds for j in rig.joints for _ in range(j.law.ports)], dtype=bool)
         self.flexibility_of_rate = np.where(folds[:, None], 0.0, s.flexibility)
         self.diagonal = bool(np.count_nonzero(s.damping - np.diag(s.damping.diagonal())) == 0)
         self.rigid = np.flatnonzero(s.omega_n == 0.0)
@@ -165,11 +165,15 @@ class JointEquations:
         """On the modes, (2H+1, n)."""
         return np.asarray(f @ self.structure.joints + np.outer(F * self.force_shape, self.structure.excitation))
 
-    def signals(self, state: State) -> list[Array]:
-        """Signals of each joint: coefficients (2H+1, 2 ports + 1), as in :class:`hbm.aft.joint.JointOverPeriod`."""
-        s, basis, F = self.structure, self.basis, state.F * self.force_shape
-        free = state.Q @ s.joints.T + np.outer(F, s.flexibility_to_force)
-        u, w = free + state.T @ self.flexibility, free + state.T @ self.flexibility_of_rate.T
+    def signals(self, state: State, change: JointedStructure | None = None) -> list[Array]:
+        """Signals of each joint: coefficients (2H+1, 2 ports + 1), as in :class:`hbm.aft.joint.JointOverPeriod`.
+
+        With a change of the structure's modes, what that changes of them: they are linear in it.
+        """
+        s, basis, F = self.structure if change is None else change, self.basis, state.F * self.force_shape
+        u = w = state.Q @ s.joints.T + np.outer(F, s.flexibility_to_force)
+        if change is None:
+            u, w = u + state.T @ self.flexibility, w + state.T @ self.flexibility_of_rate.T
         k2 = (basis.k * state.Omega)[:, None] ** 2
         loads = -k2 * (state.Q @ s.loads_inertia.T) + state.Omega * basis.derivative(state.Q @ s.loads_damping.T)
         loads += state.T @ s.loads_by_joints.T + np.outer(F, s.loads_by_force)
@@ -178,8 +182,9 @@ class JointEquations:
     def forces(self, state: State) -> tuple[Array, Array, float]:
         """Forces at the ports at the samples (N_t, m) [N], memory before the first, closure of the loops."""
         found = [j.forces(s, state.Omega) for j, s in zip(self.joints, self.signals(state), strict=True)]
-        memory = np.concatenate([j.memory for j in self.joints])
-        return np.hstack([f for f, _ in found]), memory, max(closure for _, closure in found)
+        memory = np.concatenate([[], *(j.memory for j in self.joints)])
+        none = np.zeros((self.basis.N_t, 0))
+        return np.hstack([none, *(f for f, _ in found)]), memory, max((closure for _, closure in found), default=0.0)
 
     def dynamic_stiffness(self, Omega: float) -> Complex:
         """Dynamic stiffness of the modes [1/s2]: (H+1, n) where the damping does not couple them, else (H+1, n, n)."""

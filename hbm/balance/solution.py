@@ -284,15 +284,14 @@ def _of_joints(problem: JointBalance, state: State, lam: float) -> PeriodicSolut
         for c in rig.channels
     }
     channels["drive"] = series("m", state.Q @ s.excitation + f @ s.flexibility_to_force + s.drive_by_force * F)
-    shown = np.hstack(
-        [signals[:, : j.ports] for j, signals in zip(problem.joints, problem.signals(state), strict=True)]
-    )
+    shown = [signals[:, : j.ports] for j, signals in zip(problem.joints, problem.signals(state), strict=True)]
+    shown = [column for signals in shown for column in signals.T]
     kept = np.where(problem.own > 0.0, np.minimum(problem.own, s.flexibility.diagonal()), 0.0)
     for i, (name, force, (unit, unit_of_force)) in enumerate(zip(rig.motions, rig.forces, rig.units, strict=True)):
         # a compliance of the body that its law takes into account follows the force beyond the harmonics kept; one that
         # was lent does not
-        samples = basis.synthesis @ (shown[:, i] + (problem.own[i] - kept[i]) * state.T[:, i]) + kept[i] * found[:, i]
-        moved_by = shown[:, i] + problem.own[i] * state.T[:, i]
+        samples = basis.synthesis @ (shown[i] + (problem.own[i] - kept[i]) * state.T[:, i]) + kept[i] * found[:, i]
+        moved_by = shown[i] + problem.own[i] * state.T[:, i]
         channels[name] = Signal(unit, moved_by, samples, float(np.abs(samples).max()))
         channels[force] = Signal(unit_of_force, f[:, i], found[:, i], float(np.abs(found[:, i]).max()))
     energy = _joint_energy_error(problem, state, channels)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hbm.commands.budgets import RunSeconds, seconds_of, within
-from hbm.commands.inverse import Repeatability, SpectraFile, different, load, share, working
+from hbm.commands.inverse import Repeatability, SpectraFile, different, share, working
 from hbm.commands.options import (
     UNSOLVABLE,
     AllowCode,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.files.diagnosed import Diagnosed
     from hbm.measurement.spectra import MeasuredSpectra
-    from models.rig import Rig
+    from models.jointed import AnyRig
 
 COMMAND = "diagnose"
 ADVICE = "a verdict needs all causes; try fewer records, the causes in question with --cause, or a larger --max-seconds"
@@ -92,7 +92,11 @@ def diagnose(
     limit = seconds_of(COMMAND, max_seconds)
     check_out(COMMAND, out, (*FILES, f"{CANDIDATES}/1.toml"))
     candidates, own = _causes(cause, causes_file)
-    loaded, measured = load(rig, spectra, floor, allow_code=allow_code)
+    from hbm.measurement.spectrafile import load_spectra
+    from hbm.rigfiles.load import load_rig
+
+    loaded = load_rig(rig, allow_code=allow_code or None)
+    measured = load_spectra(spectra, loaded, repeatability=floor)
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
     from hbm.diagnosis.curves import traced_responses
@@ -159,18 +163,20 @@ def _cause(name: str) -> Any:
     return kind(name.removeprefix(ONE_VALUE)) if name.startswith(ONE_VALUE) else kind
 
 
-def _check_apply(rig: "Rig", candidates: Sequence[Any] | None) -> None:
+def _check_apply(rig: "AnyRig", candidates: Sequence[Any] | None) -> None:
     """Refuse causes that a rig cannot have."""
+    from models.causes.cause import candidates_of
+
     for cause in candidates or ():
         one = not isinstance(cause, type)
-        possible = [other.label for other in (type(cause) if one else cause).candidates(rig)]
+        possible = [other.label for other in candidates_of(type(cause) if one else cause, rig)]
         if one and cause.label not in possible:
             raise InputError(f"{COMMAND}: --cause = {quoted(cause.label)}; must be one of {', '.join(possible)}")
         if not possible:
             raise InputError(f"{COMMAND}: --cause = {quoted(cause.name)}; there is nothing in this rig it can act on")
 
 
-def _tolerances(rig: "Rig", channels: Sequence[str], texts: Sequence[str] | None) -> Mapping[str, float] | None:
+def _tolerances(rig: "AnyRig", channels: Sequence[str], texts: Sequence[str] | None) -> Mapping[str, float] | None:
     """Tolerances of the numbers of a rig, with those of the options."""
     if not texts:
         return None
@@ -181,14 +187,14 @@ def _tolerances(rig: "Rig", channels: Sequence[str], texts: Sequence[str] | None
         key, equals, value = text.partition("=")
         if not equals:
             raise InputError(f"{COMMAND}: --tolerance = {quoted(text)}; must be KEY=VALUE")
-        if not known.get(key, 0.0) > 0.0:
-            accepted = ", ".join(name for name, number in known.items() if number > 0.0)
-            raise InputError(f"{COMMAND}: --tolerance {key}; must be a number > 0 of the rig file: {accepted}")
+        if not (known.get(key) or (key in known and key.endswith(".delay"))):
+            accepted = ", ".join(name for name, number in known.items() if number)
+            raise InputError(f"{COMMAND}: --tolerance {key}; must be a number of the rig file, not 0: {accepted}")
         chosen[key] = positive(COMMAND, f"--tolerance {key}", value, "relative")
     return chosen
 
 
-def _sensors(rig: "Rig", spectra: "MeasuredSpectra") -> list[str]:
+def _sensors(rig: "AnyRig", spectra: "MeasuredSpectra") -> list[str]:
     """Channels of motion that were measured."""
     return [c.name for c in rig.response_channels if c.name in spectra.channels]
 

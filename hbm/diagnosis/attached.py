@@ -21,6 +21,7 @@ from hbm.sensitivity.derivatives import disturbed
 from models.attachments import LISTS, PointMass, PointSpring, Resonator
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
+from models.jointed import JointedRig
 from models.rig import Rig
 
 PLACES, CLOSE = 12, 3
@@ -69,12 +70,14 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
         Values of their unknowns by the labels of causes. Empty where there are too few sensors to tell a force.
     """
     rig = campaign.numerics.working.rig(base.model.rig(base.x))
+    if isinstance(rig, JointedRig) or not isinstance(rig.body, Beam):
+        return {}
     numbers = [r.number for r in campaign.data.records if r.number in base.found]
     few = campaign.of(numbers)
     omega = 2 * np.pi * np.array([[r.hz] for r in few.data.records]) * np.arange(1, few.data.H + 1)
     each = {c.label: _attached(c, rig, omega) for c in causes}
     found = {label: attached for label, attached in each.items() if attached is not None}
-    if not found or not isinstance(rig.body, Beam) or few.points <= 2 * few.data.H * len(numbers):
+    if not found or few.points <= 2 * few.data.H * len(numbers):
         return {}
     along = rig.body.length * np.arange(1, PLACES + 1) / (PLACES + 1)
     beside = few.points > (1.0 + LEFT_OVER) * 4 * few.data.H * len(numbers)

@@ -14,10 +14,10 @@ from hbm.diagnosis.screen import coarse, spread
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, fit_model
 from hbm.outputerror.model import SENSORS, Model
-from hbm.outputerror.nominal import tolerances, with_values
+from hbm.outputerror.nominal import SHAPES, tolerances, with_values
 from hbm.outputerror.simulated import Solutions
 from hbm.sensitivity.scalars import LOAD
-from models.rig import Rig
+from models.jointed import AnyRig
 
 FEW = 8
 LAST_STEPS = 4
@@ -27,14 +27,14 @@ FAR = 3.5
 """A calibrated number so many tolerances from the rig file is no longer within tolerance."""
 
 
-def trusted(rig: Rig, channels: Collection[str] = (), given: Mapping[str, float] | None = None) -> Model:
+def trusted(rig: AnyRig, channels: Collection[str] = (), given: Mapping[str, float] | None = None) -> Model:
     """The nominal rig within tolerances, of the sensors of some channels too; `given` replaces the default ones."""
     return Model(rig, tolerances(rig, channels) if given is None else dict(given))
 
 
 def profiled(model: Model) -> Model:
     """The same with its calibrated numbers free, those of the load and the places and sensors excepted."""
-    held = (LOAD, SENSORS, "excitation.")
+    held = (LOAD, SENSORS, SHAPES, "excitation.")
     return Model(model.nominal, {key: std if key.startswith(held) else np.inf for key, std in model.calibrated.items()})
 
 

@@ -14,8 +14,9 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
+from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
-from models.rig import Rig
+from models.jointed import AnyRig, JointedRig
 
 SCANNED = 10
 """Records that are scanned for what may be attached."""
@@ -28,6 +29,9 @@ RUNNING, HOPELESS = 20, 0.15
 
 FAVOURED = AT_ONCE
 """After so many in the order of the score test the others run in that of what their best start leaves."""
+
+COMPARED = 8
+"""Where joints were scanned and one explains the records, so many of those that promised most are compared with it."""
 
 FITTED, LEAST, HOPE = 5, 3, 3.0
 """Candidates that are fitted to all records, at most; and so many where none explains the few but the mean square
@@ -133,7 +137,7 @@ def _place(e: Evaluation) -> dict[str, float]:
 def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Screening:
     """The same with starts of what may be attached to the beam."""
     starts = attached_starts(base, campaign.of(telling(base, campaign, SCANNED)), [s.cause for s in screening.scores])
-    scores = tuple(replace(s, starts=starts.get(s.cause.label, ())) for s in screening.scores)
+    scores = tuple(replace(s, starts=starts.get(s.cause.label, s.starts)) for s in screening.scores)
     return replace(screening, scores=scores)
 
 
@@ -232,6 +236,8 @@ def _first_quick_fits(
         if started == FAVOURED and all(r.chi2 > explained for r in fitted):
             tell("starts of all others")
             waiting = quick.ordered(waiting)
+        if started >= COMPARED and _scanned(quick.base) and any(r.chi2 <= explained for r in fitted):
+            break
         batch, waiting = waiting[: quick.at_once], waiting[quick.at_once :]
         started += len(batch)
         tell(", ".join(s.cause.label for s in batch) + f" ({started} of {len(listed)})")
@@ -244,15 +250,22 @@ def _first_quick_fits(
     return sorted(fitted, key=lambda r: r.chi2), tried
 
 
+def _scanned(base: Evaluation) -> bool:
+    """Whether candidates were scored at the size that they have, as joints are."""
+    return isinstance(base.model.nominal, JointedRig)
+
+
 def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     """Candidates in the order of the score test: what it favours first, what takes long last.
 
-    A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause.
+    A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause,
+    and for joints, which were scanned at the size that they have.
     """
     first = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
     others = [s for s in screening.scores if s not in first]
     forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
-    tried = [] if small(base) or base.model.causes else [s for s in forces if not _unseen(s)]
+    known = small(base) or base.model.causes or _scanned(base)
+    tried = [] if known else [s for s in forces if not _unseen(s)]
     return [*first, *tried, *(s for s in others if _unseen(s))]
 
 
@@ -280,11 +293,14 @@ def _chosen(fitted: Sequence[Candidate], few: Campaign, hopeless: bool, scale: f
 
 
 def _unseen(score: Score) -> bool:
-    """Whether the first small effect of a cause says little: it sets in at a threshold, or is seen by its force."""
-    return bool(getattr(score.cause, "abrupt", False) or score.starts)
+    """Whether the first small effect of a cause says little: it sets in at a threshold, or is seen by its force.
+
+    A joint was scored by that force, at the size that it has.
+    """
+    return not isinstance(score.cause, AddedJoint) and bool(getattr(score.cause, "abrupt", False) or score.starts)
 
 
-def _stuck(fitted: Sequence[Candidate], explained: float, rig: Rig, screening: Screening) -> list[Candidate]:
+def _stuck(fitted: Sequence[Candidate], explained: float, rig: AnyRig, screening: Screening) -> list[Candidate]:
     """Candidates that may have stopped in a wrong valley: the best where none explains.
 
     Else the best if it has a place, and what is simpler and alike.

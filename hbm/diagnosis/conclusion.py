@@ -9,7 +9,7 @@ import numpy as np
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import off
 from hbm.diagnosis.decide import ALARM, Decision, evidence, inclusion, sidak, tied
-from hbm.diagnosis.estimates import estimates, name_of, off_support
+from hbm.diagnosis.estimates import estimates, name_of, off_support, told_of
 from hbm.diagnosis.judge import possible_background_of, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.predict import Predicted, predicted
@@ -114,7 +114,7 @@ class Conclusion:
             cause=None if best is None else name_of(best),
             parameters={} if best is None else self._estimates(best),
             confidence=self._confidence(verdict, best),
-            not_separable=tuple(dict.fromkeys(name_of(e) for e in ties)),
+            not_separable=tuple(dict.fromkeys(told_of(e) for e in ties)),
             separate_by=self._advice(best, ties),
             remainder=self._remainder(best),
             errors=self._errors(best),
@@ -338,7 +338,7 @@ class Conclusion:
     def _lifted(self) -> Iterator[str]:
         """Where the simulation has left what it can say."""
         base = self.decision.best or self.decision.base
-        if base.model.rig(base.x).contact.lift_off:
+        if base.model.rig(base.x).lift_off:
             yield from off_support(base)
             return
         lifted = [number for number, solution in base.solutions.items() if solution.lift_off]

@@ -14,7 +14,7 @@ from hbm.outputerror.simulated import FAILURES
 from hbm.parallel import each
 from hbm.response.budget import Budget
 from hbm.response.trace import trace_frequency
-from models.rig import Rig
+from models.jointed import AnyRig
 
 MARGIN = 0.015
 """Share of its frequencies by which a curve goes beyond the records of its band."""
@@ -89,14 +89,14 @@ def traced_responses(
     return tuple(response for response in found if response is not None)
 
 
-def _models(d: Diagnosis) -> dict[str, Rig]:
+def _models(d: Diagnosis) -> dict[str, AnyRig]:
     """Rigs of the models that have a response over the frequency."""
     fitted = {"nominal": d.nominal, "calibrated": d.calibrated, "extended": d.extended_fit}
     rigs = {name: e.model.rig(e.x) for name, e in fitted.items() if e is not None}
     return {name: rig for name, rig in rigs.items() if _alike_in_all_records(rig)}
 
 
-def _alike_in_all_records(rig: Rig) -> bool:
+def _alike_in_all_records(rig: AnyRig) -> bool:
     """Whether nothing but force and frequency tells the records of a rig apart."""
     return not rig.drift and rig.excitation.settled and not rig.excitation.measured_harmonics
 
@@ -127,7 +127,7 @@ def _spread(found: Array) -> Array:
 
 def _traced(
     model: str,
-    rig: Rig,
+    rig: AnyRig,
     level: float,
     force: float,
     band: tuple[float, float],

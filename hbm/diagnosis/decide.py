@@ -13,7 +13,7 @@ from scipy import stats
 from hbm.diagnosis.projection import Span
 from hbm.diagnosis.screen import Screening
 from hbm.outputerror.fit import Evaluation
-from models.rig import Rig
+from models.jointed import AnyRig
 
 ALARM = 0.003
 """Probability of a false alarm by chance over all that was tried."""
@@ -41,7 +41,7 @@ def sidak(tried: int, parameters: int = 1) -> float:
     return float(stats.chi2.isf(each, parameters))
 
 
-def suspicious(screening: Screening, rig: Rig) -> bool:
+def suspicious(screening: Screening, rig: AnyRig) -> bool:
     """Whether the score test finds a cause that would be accepted."""
     return any(
         s.gain > DECISIVE and s.drop > sidak(screening.tried, max(len(s.cause.unknowns(rig)), 1))

@@ -19,9 +19,9 @@ from hbm.measurement.repeatability import repeatability_of, unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.parallel import one_thread
 from models import causes as catalogue
-from models.causes.cause import Cause
+from models.causes.cause import Cause, candidates_of
+from models.jointed import AnyRig
 from models.plausible import quiet
-from models.rig import Rig
 
 HALF = "What explains the records first fitted does not hold for those held out: every second of these is fitted too."
 
@@ -29,7 +29,7 @@ HALF = "What explains the records first fitted does not hold for those held out:
 @one_thread
 @quiet()
 def diagnose(
-    rig: Rig,
+    rig: AnyRig,
     spectra: MeasuredSpectra,
     *,
     held_out: Iterable[int | str] | None = None,
@@ -43,7 +43,7 @@ def diagnose(
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
         The nominal rig.
     spectra : MeasuredSpectra
     held_out : iterable of int or str, optional
@@ -74,7 +74,7 @@ def diagnose(
     ConvergenceError
         If the steady state of no record is found.
     """
-    expect_rig(rig, "diagnose")
+    expect_rig(rig, "diagnose", joints=True)
     held = choose_held_out(spectra) if held_out is None else tuple(spectra.numbers(held_out))
     tell = on_progress or (lambda doing, done: None)
     candidates = list(_candidates(rig, causes))
@@ -102,6 +102,6 @@ def _unrepeatable(shares: Mapping[str, float]) -> Iterator[str]:
         yield f"What does not repeat from one mounting to the next counts as noise, of the response of {told}."
 
 
-def _candidates(rig: Rig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
+def _candidates(rig: AnyRig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
     for cause in catalogue.CAUSES.values() if causes is None else causes:
-        yield from cause.candidates(rig) if isinstance(cause, type) else (cause,)
+        yield from candidates_of(cause, rig) if isinstance(cause, type) else (cause,)

@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.balance.solution import PeriodicSolution
+from hbm.diagnosis.jointplaces import joint_places_of
 from hbm.diagnosis.missingforce import CLEAR, MissingForce
-from hbm.diagnosis.places import CONTACT, Complex, Place, all_at_once, places_of, sensor
+from hbm.diagnosis.places import CONTACT, AnyPlace, Complex, all_at_once, places_of, sensor
 from hbm.diagnosis.projection import Span
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
@@ -24,8 +25,9 @@ from hbm.outputerror.records import Measurement, Record, parts
 from hbm.outputerror.whitened import uncorrelated
 from hbm.parallel import each
 from hbm.sensitivity.derivatives import disturbed
+from hbm.sensitivity.jointforces import pushed
+from models.jointed import AnyRig, JointedRig
 from models.parts import UNITS
-from models.rig import Rig
 
 LEFT_OVER = 0.1
 """Share of the coefficients that must be left beyond the unknowns, for a place to be told."""
@@ -202,7 +204,8 @@ def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = N
     """
     rig = campaign.numerics.working.rig(e.model.rig(e.x))
     unit = {c.name: UNITS[c.quantity] for c in rig.channels}
-    places = [*places_of(rig), *(sensor(name, unit[name]) for name in campaign.data.channels)]
+    forces = joint_places_of(rig) if isinstance(rig, JointedRig) else places_of(rig)
+    places: list[AnyPlace] = [*forces, *(sensor(name, unit[name]) for name in campaign.data.channels)]
     found = [r for r in campaign.data.records if r.number in e.found]
     solutions = [e.found[r.number].solution for r in found]
     columns = each(executor, partial(_columns, rig, campaign.data), solutions)
@@ -212,7 +215,7 @@ def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = N
     beside = [
         _at(place, [Span(np.hstack([w.columns[i], w.columns[0]])) for w in white], white, e, i)
         for i, place in enumerate(places)
-        if i and points - 2 * numbers > LEFT_OVER * points
+        if i and places[0].name == CONTACT and points - 2 * numbers > LEFT_OVER * points
     ]
     records, level, hz = ([getattr(w.record, name) for w in white] for name in ("number", "force", "hz"))
     return Discrepancy(
@@ -239,7 +242,7 @@ class WhiteRecord:
     """
 
     def __init__(
-        self, record: Record, e: Evaluation, campaign: Campaign, places: Sequence[Place], columns: Array
+        self, record: Record, e: Evaluation, campaign: Campaign, places: Sequence[AnyPlace], columns: Array
     ) -> None:
         self.record, simulated = record, e.found[record.number]
         own = e.white.record == record.number
@@ -250,9 +253,13 @@ class WhiteRecord:
         self.seen = [p.seen(simulated.solution)[1 : campaign.data.H + 1] for p in places]
 
 
-def _columns(rig: Rig, data: Measurement, solution: PeriodicSolution) -> Array:
+def _columns(rig: AnyRig, data: Measurement, solution: PeriodicSolution) -> Array:
     """Change of the amplitudes of the channels with cosines, then sines of each harmonic at each place."""
-    moved = read_by(data, solution, disturbed(rig, solution, all_at_once(places_of(rig), solution, data.H)))
+    if isinstance(rig, JointedRig):
+        change = pushed(rig, solution, [place.ends for place in joint_places_of(rig)], data.H).channels
+    else:
+        change = disturbed(rig, solution, all_at_once(places_of(rig), solution, data.H))
+    moved = read_by(data, solution, change)
     readings = [_of_reading(i, len(data.channels), data.H) for i in range(len(data.channels))]
     return np.concatenate([moved, *readings], axis=3)
 
@@ -270,7 +277,7 @@ def _of_reading(channel: int, channels: int, H: int) -> Array:
     return out
 
 
-def _at(place: Place, spans: Sequence[Span], white: Sequence[WhiteRecord], e: Evaluation, i: int) -> MissingForce:
+def _at(place: AnyPlace, spans: Sequence[Span], white: Sequence[WhiteRecord], e: Evaluation, i: int) -> MissingForce:
     """The missing force at the i-th place; calibrated numbers move by `step` along with it."""
     left = np.concatenate([s.across(w.residual) for s, w in zip(spans, white, strict=True)])
     slopes = np.concatenate([s.across(w.jacobian) for s, w in zip(spans, white, strict=True)])

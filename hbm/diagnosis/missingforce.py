@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.diagnosis.places import Complex, Place
+from hbm.diagnosis.places import AnyPlace, Complex
 from hbm.fourier import Array
 
 CLEAR = 3.0
@@ -53,7 +53,7 @@ class MissingForce:
     hz : (r,) array
     """
 
-    place: Place
+    place: AnyPlace
     share: float
     chi2: float
     left: float

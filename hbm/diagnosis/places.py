@@ -7,7 +7,7 @@ clamp or the support is what it is held against.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,35 @@ LIFT_BY_TURN, LIFT_BY_LIFT = 11.0 / 280.0, 33.0 / 140.0
 
 Complex = npt.NDArray[np.complex128]
 Kind = Literal["force", "motion", "reading"]
+
+
+class AnyPlace(Protocol):
+    """What is told of a place, of a rig of any kind."""
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        ...
+
+    @property
+    def kind(self) -> Kind:
+        """Kind of quantity that is missing."""
+        ...
+
+    @property
+    def unit(self) -> str:
+        """Unit of what is missing."""
+        ...
+
+    @property
+    def against(self) -> str:
+        """Unit of what it is held against."""
+        ...
+
+    @property
+    def seen(self) -> Callable[[PeriodicSolution], Complex]:
+        """Amplitudes (H+1,) of what it is held against."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)

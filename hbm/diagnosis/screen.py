@@ -7,10 +7,12 @@ less what the calibrated numbers can do as well. A number that only shapes an ef
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.projection import Span
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
@@ -19,9 +21,10 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.outputerror.numerics import LEFT, Correction, size
 from hbm.outputerror.simulated import FAILURES
+from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause, Unknown
 from models.causes.parameter import WrongParameter
-from models.rig import Rig
+from models.jointed import AnyRig
 
 Mask = npt.NDArray[np.bool_]
 
@@ -37,6 +40,12 @@ PROBED = 6
 
 COARSE = (15, 256)
 """Harmonics and samples for the derivatives; the misfit itself is that of the fine simulation."""
+
+HOPELESS = 0.15
+"""Joints whose scan promises a smaller share of the best one's fall of chi2 are left out."""
+
+MOST_PORTS = 8
+"""Joints of candidates that are put into one rig have so many ports, at most: its system grows with them."""
 
 VISIBLE = 0.05
 """Beside the first number of a cause those count whose range moves the records by this share of what its range does."""
@@ -159,6 +168,8 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
     """
     few = coarse(campaign, telling(base, campaign, RECORDS if small(base) else FEW))
     seen = np.isin(base.white.record, few.numbers)
+    joints = [c for c in candidates if isinstance(c, AddedJoint)]
+    candidates = [c for c in candidates if not isinstance(c, AddedJoint)]
     sized = [c for c in candidates if c.unknowns(base.model.nominal)]
     best = {s.cause.label: s for s in _tried(base, campaign, [c for c in candidates if c not in sized], seen)}
     tried = len(best)
@@ -170,6 +181,14 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
                 best[score.cause.label] = score
     for cause in candidates:
         best.setdefault(cause.label, Score(cause, 0.0, 0.0, np.zeros(int(seen.sum())), {}))
+    scanned = [s for s in scan(base, campaign.of(few.numbers), joints) if s.starts]
+    likely = HOPELESS * max((s.drop for s in scanned), default=0.0)
+    best |= {
+        s.cause.label: Score(s.cause, s.drop, s.z, s.signature, s.starts[0], starts=s.starts)
+        for s in scanned
+        if s.drop >= likely
+    }
+    tried += len(joints)
     price = float(np.log(len(base.white)))  # of a number, in BIC
     scores = [replace(s, gain=s.drop - price * len(s.cause.unknowns(base.model.nominal))) for s in best.values()]
     return Screening(tuple(sorted(scores, key=lambda s: -s.gain)), len(few.numbers), tried)
@@ -207,16 +226,15 @@ def _groups(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[
         own = [_Entry(c, {}, -1) for c in wrong if c.key not in taken]
         groups.append((Model(base.nominal, {**calibrated, **freed}, base.causes), own))
     rest = [c for c in candidates if not isinstance(c, WrongParameter)]
-    kinds: dict[tuple[int, int, bool], list[Cause]] = {}
+    kinds: dict[tuple[Any, ...], list[Cause]] = {}
     for cause in rest:
         kinds.setdefault(_kind(base.extended_by(cause)), []).append(cause)
     return [*groups, *(group for causes in kinds.values() for group in _grouped(base, causes))]
 
 
-def _kind(model: Model) -> tuple[int, int, bool]:
+def _kind(model: Model) -> tuple[Any, ...]:
     """Resonators, which may have no steady state, elements, which are slow, and transients: alone of their kind."""
-    rig = _neutral(model)
-    return len(rig.attachments.resonators), len(rig.elements), rig.excitation.settled
+    return _neutral(model).kind
 
 
 def _grouped(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list[_Entry]]]:
@@ -229,22 +247,25 @@ def _grouped(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list
             if _meets(together, rig, more, cause):
                 alone.append((base.extended_by(cause), [_Entry(cause, start, len(base.causes))]))
                 continue
+            if more.ports > MOST_PORTS:
+                alone.append((together, entries))
+                together, entries, more = base, [], cause.extend(_neutral(base), start)
             entries.append(_Entry(cause, start, len(together.causes)))
             together, rig = together.extended_by(cause), more
     return [*alone, (together, entries)] if entries else alone
 
 
-def _neutral(model: Model) -> Rig:
+def _neutral(model: Model) -> AnyRig:
     return model.rig(model.start)
 
 
-def _meets(together: Model, rig: Rig, more: Rig, cause: Cause) -> bool:
+def _meets(together: Model, rig: AnyRig, more: AnyRig, cause: Cause) -> bool:
     """Whether a cause decides or changes numbers that are there, or of what law there is: then it is scored alone."""
     before, after = nominal_scalars(rig), nominal_scalars(more)
     taken = {u.key for unknowns in together.unknowns for u in unknowns}
     if any(u.key in taken for u in together.extended_by(cause).unknowns[-1]):
         return True
-    return type(rig.contact.law) is not type(more.contact.law) or any(after.get(k) != v for k, v in before.items())
+    return rig.laws != more.laws[: len(rig.laws)] or any(after.get(k) != v for k, v in before.items())
 
 
 def _scores(

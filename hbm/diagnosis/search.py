@@ -26,21 +26,19 @@ from hbm.diagnosis.order import ordered
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError
-from hbm.inverse.reconstruct import reconstruct
-from hbm.inverse.sensing import sensing
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate, fit_model, refine
+from hbm.outputerror.measured import measured
 from hbm.outputerror.model import SENSORS, Model
 from hbm.outputerror.numerics import Numerics, choose
-from hbm.outputerror.records import measurement_of
 from hbm.outputerror.simulated import FAILURES
-from models.causes.cause import Cause
+from models.causes.cause import Cause, candidates_of
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady
 from models.causes.structure import ContactLoss
-from models.rig import Rig
+from models.jointed import AnyRig, JointedRig
 
 MOST_RANKED = 10
 """Fits that are kept for the ranking."""
@@ -70,7 +68,7 @@ OnProgress = Callable[[str, float], None]
 
 
 def campaign_of(
-    rig: Rig, spectra: MeasuredSpectra, numerics: Numerics | None = None, executor: Executor | None = None
+    rig: AnyRig, spectra: MeasuredSpectra, numerics: Numerics | None = None, executor: Executor | None = None
 ) -> tuple[Campaign, tuple[str, ...]]:
     """Records of spectra, with the discretisation that resolves them; and what the sensors say of each other.
 
@@ -79,12 +77,11 @@ def campaign_of(
     InputError
         If no response was measured.
     """
-    seen = reconstruct(rig, spectra)
-    data = measurement_of(seen, sensing(seen.rig, spectra))
+    rig, data, warnings = measured(rig, spectra)
     if not any(r.listed.any() for r in data.records):
         raise InputError(f"{spectra.source}: no harmonic of any response was measured; must have one")
-    numerics = choose(seen.rig, data, executor) if numerics is None else numerics
-    return Campaign(data, numerics, executor=executor), seen.warnings
+    numerics = choose(rig, data, executor) if numerics is None else numerics
+    return Campaign(data, numerics, executor=executor), warnings
 
 
 class Search:
@@ -92,7 +89,7 @@ class Search:
 
     def __init__(
         self,
-        rig: Rig,
+        rig: AnyRig,
         spectra: MeasuredSpectra,
         candidates: Sequence[Cause],
         tolerances: Mapping[str, float] | None,
@@ -115,8 +112,11 @@ class Search:
         rough = evaluate(bare, self.campaign, bare.start, {})
         self.campaign = self.campaign.corrected(rig, rough.solutions)
         self.nominal = evaluate(bare, self.campaign, bare.start, rough.solutions)
+        self.first = self.nominal
+        if isinstance(rig, JointedRig):  # what is identified of modes is never exact: it moves along from the beginning
+            self.first = evaluate(self.trust, self.campaign, self.trust.start, self.nominal.solutions)
         tell("screening", 0.1)
-        self.screening: Screening = self._screened(self.nominal)
+        self.screening: Screening = self._screened(self.first)
         tell("calibration", 0.2)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
         self.fitted: list[Evaluation] = []
@@ -163,7 +163,7 @@ class Search:
             return Decision(self.nominal, None, ())
         if self._within() and beyond_noise(self.nominal.white) <= TOLERATED:
             return Decision(self.calibrated, None, ())
-        exact = self._race(self.nominal, self.screening, 0.3)
+        exact = self._race(self.first, self.screening, 0.3)
         if self._explains(exact) and exact.best is not None:
             if simpler(exact.best, self.calibrated, self.tried) or not self._within():
                 return exact
@@ -265,11 +265,12 @@ class Search:
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
         lifted = self._lifted(base, done)
         self.fitted += lifted
+        over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
-            return _decided(base, lifted, self.tried)
+            return _decided(over, lifted, self.tried)
         fits = fit_candidates(base, self.campaign, screening, lambda doing: self.tell(doing, done), self._enough)
         self.fitted += fits
-        return _decided(base, [*lifted, *fits], self.tried)
+        return _decided(over, [*lifted, *fits], self.tried)
 
     def _lifted(self, base: Evaluation, done: float) -> list[Evaluation]:
         """A model whose tip lifts off, where its reaction turns negative; else nothing.
@@ -310,9 +311,9 @@ class Search:
         if not self._enough(base) or not wrong:
             return None
         model = Model(self.rig, self.trust.calibrated, tuple(WrongParameter(key) for key in wrong))
-        x = {f.name: v for f, v in zip(base.model.free, base.x, strict=True)}
+        values = {f.name: f.value(v) for f, v in zip(base.model.free, base.x, strict=True)}
         names = [f.name if f.cause < 0 else wrong[f.cause] for f in model.free]
-        start = np.array([f.of(np.exp(x[name])) for f, name in zip(model.free, names, strict=True)])
+        start = np.array([f.of(values[name]) for f, name in zip(model.free, names, strict=True)])
         best = fit_model(model, self.campaign, start, base.solutions)
         self.fitted.append(best)
         return Decision(self.calibrated, best, (best,))
@@ -390,6 +391,6 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
         return []
 
 
-def _suits(cause: Cause, rig: Rig) -> bool:
+def _suits(cause: Cause, rig: AnyRig) -> bool:
     """Whether an extended rig can be extended by a cause too."""
-    return any(offered == cause for offered in type(cause).candidates(rig))
+    return any(offered == cause for offered in candidates_of(type(cause), rig))

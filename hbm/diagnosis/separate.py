@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hbm.balance.problem import HarmonicBalance
+from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import FourierBasis
 from hbm.outputerror.campaign import Campaign
@@ -17,9 +17,9 @@ from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import uncorrelated
 from hbm.response.trace import first_solution
-from hbm.sensitivity.derivatives import sensitivities
+from hbm.sensitivity.derivatives import changes
+from models.jointed import AnyRig
 from models.parts import Channel
-from models.rig import Rig
 
 HARMONICS = (15, 256)
 READABLE = 9
@@ -79,8 +79,9 @@ def experiments(best: Evaluation, campaign: Campaign) -> Iterator[Experiment]:
             f"three records at {level:.3g} N, {low:.4g}, {middle:.4g} and {high:.4g} Hz",
             tuple((level, f) for f in (low, middle, high)),
         )
-    second = float(rig.structure.omega_n[1] / 2 / np.pi)
-    if not np.any(np.abs(hz / second - 1) < 0.1):
+    elastic = rig.structure.omega_n[rig.structure.omega_n > 0.0] / (2 * np.pi)
+    second = float(elastic[1]) if len(elastic) > 1 else middle
+    if len(elastic) > 1 and not np.any(np.abs(hz / second - 1) < 0.1):
         near = tuple(second * f for f in (0.97, 1.03, 1.08))
         yield Experiment(
             f"three records at {top:.3g} N about the second mode, {near[0]:.4g}, {near[1]:.4g} and {near[2]:.4g} Hz",
@@ -111,7 +112,7 @@ def _predicted(best: Evaluation, rival: Evaluation, campaign: Campaign, experime
     for force, hz in experiment.points:
         try:
             found = [_solved(e, campaign, experiment, force, hz) for e in (best, rival)]
-            by = sensitivities(found[1][1], found[1][0], (*keys, "excitation.amplitude"))
+            by = changes(found[1][1], found[1][0], (*keys, "excitation.amplitude"))
         except FAILURES:
             continue
         names = [*campaign.data.channels, *(["_added"] if experiment.sensor is not None else [])]
@@ -133,11 +134,11 @@ def _predicted(best: Evaluation, rival: Evaluation, campaign: Campaign, experime
 
 def _solved(
     e: Evaluation, campaign: Campaign, experiment: Experiment, force: float, hz: float
-) -> tuple[PeriodicSolution, Rig]:
+) -> tuple[PeriodicSolution, AnyRig]:
     rig = campaign.numerics.working.rig(e.model.rig(e.x))
     if experiment.sensor is not None:
         rig = replace(rig, channels=(*rig.channels, Channel("_added", "acceleration", experiment.sensor)))
     basis = FourierBasis(*HARMONICS)
-    problem = HarmonicBalance(rig, basis, level=force)
+    problem = balance_of(rig, basis, level=force)
     lam = problem.lam_at(hz)
     return describe(problem, first_solution(problem, lam), lam), rig

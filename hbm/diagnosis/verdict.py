@@ -8,7 +8,7 @@ from hbm.diagnosis.remainder import Remainder, percent
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from models.display import Displayed
-from models.rig import Rig
+from models.jointed import AnyRig
 
 Verdict = Literal["consistent", "cause-found", "main-cause", "unexplained"]
 NAMED: tuple[Verdict, ...] = ("cause-found", "main-cause")
@@ -96,7 +96,7 @@ class Diagnosis(Displayed):
     ranking : tuple of Ranked
     evidence : tuple of str
         A sentence per observation.
-    extended : Rig or None
+    extended : Rig, JointedRig or None
         The rig with the cause.
     nominal, calibrated, extended_fit : Evaluation or None
         The models beside the records fitted; the last without a cause is None.
@@ -121,7 +121,7 @@ class Diagnosis(Displayed):
     held_out_records: tuple[int | str, ...]
     ranking: tuple[Ranked, ...]
     evidence: tuple[str, ...]
-    extended: Rig | None = field(default=None, repr=False)
+    extended: AnyRig | None = field(default=None, repr=False)
     nominal: Evaluation | None = field(default=None, repr=False)
     calibrated: Evaluation | None = field(default=None, repr=False)
     extended_fit: Evaluation | None = field(default=None, repr=False)

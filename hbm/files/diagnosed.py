@@ -11,8 +11,8 @@ from hbm.figures.compared import Compared, View, clearest, compared, noise_error
 from hbm.files.diagnosissummary import first_screen
 from hbm.files.outputs import Columns
 from hbm.measurement.spectra import MeasuredSpectra
+from models.jointed import AnyRig
 from models.parts import UNITS
-from models.rig import Rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +22,7 @@ class Diagnosed:
     Attributes
     ----------
     diagnosis : Diagnosis
-    rig : Rig
+    rig : Rig or JointedRig
         Nominal.
     spectra : MeasuredSpectra
     force : Discrepancy or None
@@ -34,7 +34,7 @@ class Diagnosed:
     """
 
     diagnosis: Diagnosis
-    rig: Rig
+    rig: AnyRig
     spectra: MeasuredSpectra
     force: Discrepancy | None = None
     traced: tuple[TracedResponse, ...] = ()

@@ -16,7 +16,7 @@ from hbm.errors import InputError
 from hbm.outputerror.fit import Evaluation
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.laws import Consent
-from hbm.rigfiles.load import rig_from_dict
+from hbm.rigfiles.load import rig_of_table
 from hbm.rigfiles.write import extended_rig_text, write_extended_rig
 from hbm.textfiles import StrPath, why
 from models.causes.parameter import WrongParameter
@@ -142,11 +142,12 @@ def _rig_file(name: str, nominal: Path, extensions: Sequence[Extension], heading
     """A rig file, read back as a check, and copies of the Python files it names, which must be beside it."""
     text = heading + extended_rig_text(nominal.read_text(encoding="utf-8-sig"), extensions)
     table = tomllib.loads(text)
-    rig_from_dict(table, str(nominal), Consent.NAMED)
+    rig_of_table(table, str(nominal), Consent.NAMED)
     folder, contents = name[: name.rfind("/") + 1], Contents()
-    for code in dict.fromkeys(
-        [table["contact"]["friction"]["law"], *(e["cause"] for e in table.get("extensions", ()))]
-    ):
+    laws = [joint["law"] for joint in table.get("joints", ())]
+    if "contact" in table:
+        laws.append(table["contact"]["friction"]["law"])
+    for code in dict.fromkeys([*laws, *(e["cause"] for e in table.get("extensions", ()))]):
         file, _, kind = code.rpartition(":")
         if file.endswith(".py"):
             copy = _free(Path(file).name, {other.removeprefix(folder) for other in contents})

@@ -5,7 +5,7 @@ records at once. Everything here is linear; the product of friction and motion (
 excitation of the modes.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +16,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from models.beam import Beam
+from models.jointed import AnyRig
 from models.rig import Rig
 from models.structure import ModalStructure
 
@@ -31,20 +32,16 @@ UNKNOWN_FORCE = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Sensing:
-    """Measured spectra and the linear structure they were measured on; r records, harmonics 0..H, c channels, n modes.
+class Readings:
+    """What was measured of a rig; r records, harmonics 0..H, c channels.
 
     Attributes
     ----------
-    rig : Rig
-        With as many modes as the highest harmonic needs.
     spectra : MeasuredSpectra
     channels : tuple of str, (c,)
         Response channels measured.
     i_omega : (r, H+1) complex array
         i k Omega [rad/s].
-    stiffness : (r, H+1, n) complex array
-        Modal dynamic stiffness, omega_n^2 - (k Omega)^2 + i k Omega d [1/s2].
     measured : (r, H+1, c) complex array
         Amplitudes, 0 where not measured.
     weight : (r, H+1, c) array
@@ -53,25 +50,39 @@ class Sensing:
         Measured excitation and its standard deviation, of each of cos and sin [N].
     """
 
-    rig: Rig
     spectra: MeasuredSpectra
     channels: tuple[str, ...]
     i_omega: Complex
-    stiffness: Complex
     measured: Complex
     weight: Array
     force: Complex
     force_std: Array
 
     @property
-    def structure(self) -> ModalStructure:
-        """The linear structure."""
-        return self.rig.structure
-
-    @property
     def H(self) -> int:
         """Highest harmonic."""
         return int(self.i_omega.shape[1]) - 1
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sensing(Readings):
+    """Measured spectra and the linear structure they were measured on; n modes.
+
+    Attributes
+    ----------
+    rig : Rig
+        With as many modes as the highest harmonic needs.
+    stiffness : (r, H+1, n) complex array
+        Modal dynamic stiffness, omega_n^2 - (k Omega)^2 + i k Omega d [1/s2].
+    """
+
+    rig: Rig
+    stiffness: Complex
+
+    @property
+    def structure(self) -> ModalStructure:
+        """The linear structure."""
+        return self.rig.structure
 
     @cached_property
     def rows(self) -> Array:
@@ -140,6 +151,22 @@ def sensing(rig: Rig, spectra: MeasuredSpectra) -> Sensing:
     """
     # what is measured is explained with the tip on its support; the reaction turns negative where it is off
     rig = replace(rig, contact=replace(rig.contact, lift_off=False))
+    seen, fine = readings(rig, spectra), _fine(rig, spectra)
+    return Sensing(
+        **{f.name: getattr(seen, f.name) for f in fields(seen)},
+        rig=fine,
+        stiffness=dynamic_stiffness(fine.structure, seen.i_omega),
+    )
+
+
+def readings(rig: AnyRig, spectra: MeasuredSpectra) -> Readings:
+    """What was measured of a rig.
+
+    Raises
+    ------
+    InputError
+        If no response was measured.
+    """
     forces = [c.name for c in rig.channels if c.quantity == "force" and c.name in spectra.channels]
     channels = tuple(c.name for c in rig.response_channels if c.name in spectra.channels)
     if not channels:
@@ -147,19 +174,16 @@ def sensing(rig: Rig, spectra: MeasuredSpectra) -> Sensing:
             f"{spectra.source}: holds no response channel; must hold at least one of "
             f"{', '.join(c.name for c in rig.response_channels)}"
         )
-    fine = _fine(rig, spectra)
     i_omega = np.asarray(2j * np.pi * spectra.hz[:, None] * np.arange(spectra.H + 1), dtype=np.complex128)
     measured = np.stack([spectra.complex(name) for name in channels], axis=2)
     std = np.stack([spectra.std[:, spectra.index(name)] for name in channels], axis=2)
     usable = np.isfinite(std)
     usable[:, 0] = False  # accelerometers and vibrometers see no mean
     force, force_std = _force(spectra, forces[0] if forces else None)
-    return Sensing(
-        rig=fine,
+    return Readings(
         spectra=spectra,
         channels=channels,
         i_omega=i_omega,
-        stiffness=dynamic_stiffness(fine.structure, i_omega),
         measured=np.where(usable, measured, 0.0),
         weight=np.where(usable, 1.0 / np.where(usable, std, 1.0), 0.0),
         force=force,

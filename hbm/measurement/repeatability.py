@@ -15,7 +15,6 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import AnyRig
-from models.rig import Rig
 
 SAME = 1e-4
 """Records of one level are of one frequency which differ in it by less than this share."""
@@ -29,7 +28,7 @@ def with_floor(spectra: MeasuredSpectra, channels: Iterable[str], share: float) 
     return spectra if spectra.assumed else unrepeatable(spectra, dict.fromkeys(channels, share))
 
 
-def repeatability_of(rig: Rig, spectra: MeasuredSpectra, least: float = 0.0) -> dict[str, float]:
+def repeatability_of(rig: AnyRig, spectra: MeasuredSpectra, least: float = 0.0) -> dict[str, float]:
     """Share of its response by which each channel of motion does not repeat: the largest of what is known of it.
 
     Parameters
@@ -159,7 +158,7 @@ def typical_size(size: Array) -> Array:
     return np.asarray(of_record[:, None] * own)
 
 
-def _of_repetitions(rig: Rig, spectra: MeasuredSpectra, names: list[str]) -> dict[str, float]:
+def _of_repetitions(rig: AnyRig, spectra: MeasuredSpectra, names: list[str]) -> dict[str, float]:
     """Relative scatter of the fundamentals of records measured more than once, noise taken off."""
     groups = list(_repeated(spectra))
     if not groups or spectra.H < 1:

@@ -15,7 +15,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array, complex_of
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from models.display import Displayed
-from models.rig import Rig
+from models.jointed import AnyRig
 
 MOST_WARNINGS, MOST_LISTED = 12, 50
 AT = "@"
@@ -295,7 +295,7 @@ class MeasuredSpectra(Displayed):
 
 
 def spectra_of(
-    rig: Rig,
+    rig: AnyRig,
     hz: Array,
     level: Array,
     coefficients: dict[str, Array],
@@ -306,7 +306,7 @@ def spectra_of(
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
     hz, level : (r,) array
         Fundamental frequency [Hz] and nominal force amplitude [N] of each record.
     coefficients : dict of str to (r, 2H+1) array

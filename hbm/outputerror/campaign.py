@@ -23,7 +23,7 @@ from hbm.outputerror.records import Measurement, Record, force_columns
 from hbm.outputerror.simulated import Simulated, Solutions, States, simulated, states, steady
 from hbm.outputerror.whitened import Whitened, log_determinant, uncorrelated, uncorrelated_many
 from hbm.parallel import each
-from models.rig import Rig
+from models.jointed import AnyRig
 
 Result = TypeVar("Result")
 
@@ -55,7 +55,7 @@ class Campaign:
         chosen = tuple(self.data.records[i] for i in keep)
         return replace(self, data=Measurement(chosen, self.data.channels, self.data.H, self.data.speed[keep]))
 
-    def corrected(self, rig: Rig, solutions: Solutions) -> "Campaign":
+    def corrected(self, rig: AnyRig, solutions: Solutions) -> "Campaign":
         """The same, with the discretisation corrected where it is now."""
         return replace(self, corrections=corrections(rig, self.data, self.numerics, solutions, self.executor))
 
@@ -75,13 +75,13 @@ class Campaign:
         return sum(int(r.listed.sum()) for r in self.data.records)
 
     def simulate(
-        self, rig: Rig, keys: Sequence[str], starts: States, needed: Collection[int] = ()
+        self, rig: AnyRig, keys: Sequence[str], starts: States, needed: Collection[int] = ()
     ) -> dict[int, Simulated]:
         """Steady states of a rig with derivatives to keys; records whose steady state is not found are left out.
 
         Parameters
         ----------
-        rig : Rig
+        rig : Rig or JointedRig
         keys : sequence of str
             Keys of :func:`hbm.sensitivity.derivatives.rig_scalars`.
         starts : mapping of int to State
@@ -101,7 +101,7 @@ class Campaign:
         task = partial(simulated, self.numerics.working.rig(rig), self.numerics.working.basis, self.data, tuple(keys))
         return self._each(task, starts, needed)
 
-    def solve(self, rig: Rig, last: Solutions) -> dict[int, PeriodicSolution]:
+    def solve(self, rig: AnyRig, last: Solutions) -> dict[int, PeriodicSolution]:
         """Steady states alone, from the last ones."""
         task = partial(steady, self.numerics.working.rig(rig), self.numerics.working.basis)
         return self._each(task, states(last))

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 
 from hbm.fourier import Array
-from hbm.outputerror.nominal import nominal_scalars, tolerances, unit_of, with_values
+from hbm.outputerror.nominal import SHAPES, nominal_scalars, tolerances, unit_of, with_values
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
-from models.rig import Rig
+from models.jointed import AnyRig
 
 WIDE = 20.0
 """A number between positive bounds this factor apart is not fitted as it is."""
@@ -102,11 +102,14 @@ def free_of(unknown: Unknown, cause: int, tolerance: float = np.inf) -> Free:
     return replace(free, expected=expected, std=tolerance * (1.0 if form == "logarithmic" else expected))
 
 
-def calibrated_of(rig: Rig, key: str, value: float, std: float) -> Free:
+def calibrated_of(rig: AnyRig, key: str, value: float, std: float) -> Free:
     """Free number that is expected to be what the rig file says, within a standard deviation."""
     unit, far = unit_of(rig, key), SENSOR_FAR if key.startswith(SENSORS) else FAR
     if value == 0.0:
         return Free(key, unit, -far * std, far * std, 0.0, "linear", std, std=1.0)
+    if value < 0.0 or key.startswith(SHAPES):  # entries of a shape differ by shares of its largest
+        reach = abs(value) * min(far * std, BOUND)
+        return Free(key, unit, value - reach, value + reach, value, "linear", value, expected=1.0, std=std)
     factor = min(BOUND, float(np.exp(far * std)))
     upper = value * factor
     if key.endswith(".position") and isinstance(rig.body, Beam):
@@ -120,13 +123,13 @@ class Model:
 
     Attributes
     ----------
-    nominal : Rig
+    nominal : Rig or JointedRig
     calibrated : dict of str to float
         Standard deviation of each calibrated number, relative where it is not 0; inf where it is free.
     causes : tuple of Cause
     """
 
-    nominal: Rig
+    nominal: AnyRig
     calibrated: Mapping[str, float]
     causes: tuple[Cause, ...] = ()
 
@@ -182,7 +185,7 @@ class Model:
         low, high = np.array([f.bounds for f in self.free]).reshape(-1, 2).T
         return low, high
 
-    def rig(self, x: Array) -> Rig:
+    def rig(self, x: Array) -> AnyRig:
         """The rig at coordinates."""
         values = [f.value(v) for f, v in zip(self.free, x, strict=True)]
         named = list(zip(self.free, values, strict=True))

@@ -2,11 +2,13 @@
 
 from collections.abc import Collection, Mapping
 
+import numpy as np
+
 from hbm.sensitivity.scalars import ALPHA, FRICTION, LOAD, sensor_scalars
 from models.change import Scalar, drift_scalars, element_scalars, structure_scalars
 from models.friction import describe, parameters
+from models.jointed import AnyRig, JointedRig
 from models.numbers import with_number
-from models.rig import Rig
 
 TOLERANCES = {
     "beam.youngs_modulus": 0.01,
@@ -26,7 +28,15 @@ channel and of the excitation, absolute.
 """
 
 
-def tolerances(rig: Rig, channels: Collection[str] = ()) -> dict[str, float]:
+FREQUENCY, RATIO, SHAPE = 0.005, 0.2, 0.03
+"""Tolerances of what is identified of modes: frequencies and damping ratios, relative; and entries of shapes, relative
+to the largest of their mode."""
+
+SHAPES = "modal.ports."
+"""Beginning of the keys of entries of shapes."""
+
+
+def tolerances(rig: AnyRig, channels: Collection[str] = ()) -> dict[str, float]:
     """Numbers of a rig that are calibrated, and the standard deviation of each: relative, but of a delay in seconds.
 
     Parameters
@@ -35,6 +45,8 @@ def tolerances(rig: Rig, channels: Collection[str] = ()) -> dict[str, float]:
     channels : collection of str
         Channels of motion that were measured.
     """
+    if isinstance(rig, JointedRig):
+        return _of_joints(rig, channels)
     known = nominal_scalars(rig)
     law = {key: TOLERANCES.get(key, TOLERANCES["friction"]) for key in known if key.startswith(FRICTION)}
     others = {key: std for key, std in TOLERANCES.items() if key in known}
@@ -43,22 +55,49 @@ def tolerances(rig: Rig, channels: Collection[str] = ()) -> dict[str, float]:
     numbers = {key: std for key, std in (law | others).items() if known[key] > 0.0}
     places = [key for key in ("excitation.position", *(f"channels.{c}.position" for c in channels)) if key in known]
     numbers |= {key: TOLERANCES["position"] / known[key] for key in places if known[key] > 0.0}
+    return numbers | _of_channels(channels)
+
+
+def _of_channels(channels: Collection[str]) -> dict[str, float]:
+    found: dict[str, float] = {}
     for c in channels:
-        numbers |= {f"channels.{c}.gain": TOLERANCES["gain"], f"channels.{c}.delay": TOLERANCES["delay"]}
-    return numbers
+        found |= {f"channels.{c}.gain": TOLERANCES["gain"], f"channels.{c}.delay": TOLERANCES["delay"]}
+    return found
 
 
-def nominal_scalars(rig: Rig) -> dict[str, float]:
+def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
+    """Tolerances of a rig with joints: of modes as far as anything touches them, and of the laws of the joints."""
+    found: dict[str, float] = {}
+    largest = np.abs(rig.ported.rows).max(axis=0)
+    places = {f"{SHAPES}{place}[{i}]": size for place in rig.places for i, size in enumerate(largest, 1)}
+    for key, value in nominal_scalars(rig).items():
+        if key.startswith(SHAPES):
+            if places.get(key, 0.0) > 0.0:
+                found[key] = SHAPE * float(places[key]) / (abs(value) or 1.0)
+        elif key.startswith("modal."):
+            found[key] = FREQUENCY
+        elif key.startswith("joints.") and value > 0.0:
+            found[key] = TOLERANCES.get(FRICTION + key.rpartition(".")[2], TOLERANCES["friction"])
+        elif key.startswith("damping.modal_ratios") and value > 0.0:
+            found[key] = RATIO
+        elif key == ALPHA and value > 0.0:
+            found[key] = TOLERANCES[ALPHA]
+    return found | _of_channels(channels)
+
+
+def nominal_scalars(rig: AnyRig) -> dict[str, float]:
     """Numbers of a rig by their keys."""
     return {key: float(scalar.value) for key, scalar in _scalars(rig).items()}
 
 
-def unit_of(rig: Rig, key: str) -> str:
+def unit_of(rig: AnyRig, key: str) -> str:
     """SI unit of a number of a rig."""
     return _scalars(rig)[key].unit
 
 
-def _scalars(rig: Rig) -> dict[str, Scalar]:
+def _scalars(rig: AnyRig) -> dict[str, Scalar]:
+    if isinstance(rig, JointedRig):
+        return {key: Scalar(value, p.unit) for key, (value, p) in rig.numbers.items()}
     law = zip(describe(type(rig.contact.law)).items(), parameters(rig.contact.law).values(), strict=True)
     return {
         **{FRICTION + name: Scalar(value, p.unit) for (name, p), value in law},
@@ -70,8 +109,10 @@ def _scalars(rig: Rig) -> dict[str, Scalar]:
     }
 
 
-def with_values(rig: Rig, values: Mapping[str, float]) -> Rig:
+def with_values(rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
     """The rig with other values of some of its numbers."""
+    if isinstance(rig, JointedRig):
+        return rig.with_numbers(values)
     for key, value in values.items():
         rig = with_number(rig, key, value)
     return rig

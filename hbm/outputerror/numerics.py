@@ -17,7 +17,7 @@ from hbm.fourier import Array, FourierBasis, sampled
 from hbm.outputerror.records import Measurement, Record, parts, solve_record
 from hbm.parallel import each
 from models.beam import Beam
-from models.rig import Rig
+from models.jointed import AnyRig, JointedRig
 
 RESOLVED = 8.0
 """A working discretisation will do that is corrected by less than this, in standard deviations of a record in all."""
@@ -46,9 +46,11 @@ class Grid:
     basis: FourierBasis
     modes: int
 
-    def rig(self, rig: Rig) -> Rig:
-        """The rig on so many modes."""
-        return rig.with_modes(self.modes) if isinstance(rig.body, Beam) and rig.body.modes != self.modes else rig
+    def rig(self, rig: AnyRig) -> AnyRig:
+        """The rig on so many modes; one with joints keeps its own, beside which it has the others at rest."""
+        if isinstance(rig, JointedRig) or not isinstance(rig.body, Beam) or rig.body.modes == self.modes:
+            return rig
+        return rig.with_modes(self.modes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,7 @@ class Numerics:
         )
 
 
-def choose(rig: Rig, data: Measurement, executor: Executor | None = None) -> Numerics:
+def choose(rig: AnyRig, data: Measurement, executor: Executor | None = None) -> Numerics:
     """Coarsest working discretisation that will do.
 
     Parameters
@@ -123,7 +125,9 @@ def amplitudes_of(data: Measurement, solution: PeriodicSolution) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _solved(rig: Rig, basis: FourierBasis, record: Record, start: PeriodicSolution | None) -> PeriodicSolution | None:
+def _solved(
+    rig: AnyRig, basis: FourierBasis, record: Record, start: PeriodicSolution | None
+) -> PeriodicSolution | None:
     """Steady state of a record; None where it is not found."""
     try:
         return solve_record(record.rig(rig), basis, record, None if start is None else start.state)
@@ -140,7 +144,7 @@ class Correction:
 
 
 def corrections(
-    rig: Rig,
+    rig: AnyRig,
     data: Measurement,
     numerics: Numerics,
     solutions: Mapping[int, PeriodicSolution],
@@ -169,14 +173,14 @@ def corrections(
 
 
 def correction(
-    rig: Rig, data: Measurement, numerics: Numerics, record: Record, solution: PeriodicSolution
+    rig: AnyRig, data: Measurement, numerics: Numerics, record: Record, solution: PeriodicSolution
 ) -> Correction | None:
     """Correction of one record."""
     between = _solved(numerics.finer.rig(rig), numerics.finer.basis, record, solution)
     if between is None:
         return None
     coarse, finer = amplitudes_of(data, solution), amplitudes_of(data, between)
-    share = LEFT_OFF if rig.contact.lift_off and solution.off else LEFT
+    share = LEFT_OFF if rig.lift_off and solution.off else LEFT
     if _length(finer - coarse, record) < NEGLIGIBLE:
         return Correction(finer - coarse, share * size(finer - coarse))
     last = _solved(numerics.fine.rig(rig), numerics.fine.basis, record, between)

@@ -10,16 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from continuation import ConvergenceError, NewtonSettings
-from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.problem import State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.inverse.observed import motion_of
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.inverse.sensing import Complex, Sensing
+from hbm.inverse.sensing import Complex, Readings, Sensing
 from hbm.response.liftoff import solve_lifting
 from hbm.response.trace import TOLERANCE, first_solution
+from models.jointed import AnyRig
 from models.numbers import at_record
-from models.rig import Rig
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Record:
         ratios = (self.distortion[:, found] / self.force).T.tolist()
         return tuple((int(i) + 2, cosine, sine) for i, (cosine, sine) in zip(found, ratios, strict=True))
 
-    def rig(self, rig: Rig) -> Rig:
+    def rig(self, rig: AnyRig) -> AnyRig:
         """A rig as it is in this record: what drifts, and the harmonics of the force where the rig minds them.
 
         Raises
@@ -84,7 +84,10 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """Records of the same channels and harmonics; `speed` (r,) is the largest slip velocity of each [m/s]."""
+    """Records of the same channels and harmonics; `speed` (r,) is the largest slip velocity of each [m/s].
+
+    Of a rig with joints it is any measure of how fast they move, the fastest the largest.
+    """
 
     records: tuple[Record, ...]
     channels: tuple[str, ...]
@@ -113,14 +116,15 @@ def measurement_of(r: Reconstruction, seen: Sensing | None = None) -> Measuremen
     """
     motion = motion_of(r)
     seen = motion.sensing if seen is None else seen
-    records = tuple(_turned(r, seen, motion.q[i], i) for i in range(len(r)))
+    records = tuple(turned(seen, motion.q[i], r["friction"].complex[i], i) for i in range(len(r)))
     speed = np.abs(r["slip_velocity"].samples).max(axis=1)
     return Measurement(records, seen.channels, r.H, speed)
 
 
-def _turned(r: Reconstruction, seen: Sensing, q: Complex, i: int) -> Record:
-    H = r.H
-    level = float(r.spectra.level[i])
+def turned(seen: Readings, q: Complex, T: Complex, i: int) -> Record:
+    """A record turned so that its force is a cosine; amplitudes q (H+1, n) and T (H+1, ...) are where Newton starts."""
+    spectra, H = seen.spectra, seen.H
+    level = float(spectra.level[i])
     known = bool(seen.force[i].any())  # without a force channel the level with phase 0 stands for it
     force = complex(seen.force[i, 1]) if known else complex(level)
     turn = np.exp(-1j * np.angle(force) * np.arange(H + 1))
@@ -131,22 +135,27 @@ def _turned(r: Reconstruction, seen: Sensing, q: Complex, i: int) -> Record:
     force_std = np.where(seen.force_std[i, 2:] > 0.0, seen.force_std[i, 2:], np.nan)
     harmonics = np.where(np.isfinite(force_std), (seen.force[i] * turn)[2:], nothing)
     basis = FourierBasis(H, 3 * H + 2)
-    Q, T = basis.real(q * turn[:, None]), basis.real(r["friction"].complex[i] * turn)
+    start = State(
+        basis.real(q * turn[:, None]),
+        basis.real(T * turn.reshape(-1, *[1] * (T.ndim - 1))),
+        2 * np.pi * float(spectra.hz[i]),
+        abs(force),
+    )
     return Record(
-        number=int(r.spectra.records[i]),
-        name=r.spectra.label(int(r.spectra.records[i])),
-        hz=float(r.spectra.hz[i]),
+        number=int(spectra.records[i]),
+        name=spectra.label(int(spectra.records[i])),
+        hz=float(spectra.hz[i]),
         force=abs(force),
         force_std=float(seen.force_std[i, 1]) if known else 0.0,
         measured=np.array([amplitudes.real, amplitudes.imag]),
         std=std,
-        start=State(Q, T, 2 * np.pi * float(r.spectra.hz[i]), abs(force)),
+        start=start,
         distortion=np.array([harmonics.real, -harmonics.imag]),
         distortion_std=force_std,
     )
 
 
-def solve_record(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution:
+def solve_record(rig: AnyRig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution:
     """Steady state of a record, from its last one or from the reconstruction, else from nothing.
 
     Raises
@@ -159,12 +168,12 @@ def solve_record(rig: Rig, basis: FourierBasis, record: Record, last: State | No
     except ConvergenceError:
         if last is not None:
             raise
-    problem = HarmonicBalance(rig, basis, level=record.force)
+    problem = balance_of(rig, basis, level=record.force)
     lam = problem.lam_at(record.hz)
     return describe(problem, first_solution(problem, lam), lam)
 
 
-def solve_from(rig: Rig, basis: FourierBasis, record: Record, start: State, steps: int = 40) -> PeriodicSolution:
+def solve_from(rig: AnyRig, basis: FourierBasis, record: Record, start: State, steps: int = 40) -> PeriodicSolution:
     """Steady state of a record by Newton's method from a state.
 
     Raises
@@ -172,7 +181,7 @@ def solve_from(rig: Rig, basis: FourierBasis, record: Record, start: State, step
     ConvergenceError
         If it does not get there.
     """
-    problem = HarmonicBalance(rig, basis, level=record.force)
+    problem = balance_of(rig, basis, level=record.force)
     lam = problem.lam_at(record.hz)
     result = solve_lifting(problem, start, lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=steps))
     if not result.converged:

@@ -11,12 +11,13 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
 from hbm.outputerror.numerics import amplitudes_of
 from hbm.outputerror.records import Measurement, Record, parts, solve_from, solve_record
-from hbm.sensitivity.derivatives import sensitivities
+from hbm.sensitivity.derivatives import changes
 from hbm.sensitivity.moving import Disturbance
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.stability.transients import transients
 from models.change import drift_scalars, tone_scalars
 from models.friction import parameters
+from models.jointed import AnyRig, JointedRig
 from models.numbers import number
 from models.rig import Rig
 
@@ -43,7 +44,8 @@ class Simulated:
     Where the harmonics of the force were simulated, `by_tones` (2, c, H, 2t) has the derivatives to their coefficients;
     where the contact never slips, `by_history` (2, c, H) what one standard deviation of its mean friction does; and
     where transients may not have died out, `by_transients` (2, c, H, k) what each motion of a start from rest leaves.
-    `Q_by_keys` (2H'+1, n, p) and `T_by_keys` (2H'+1, p) are the derivatives of the unknowns of the balance.
+    `Q_by_keys` (2H'+1, n, p) and `T_by_keys` (2H'+1, p), of joints (2H'+1, m, p), are the derivatives of the unknowns
+    of the balance.
     """
 
     solution: PeriodicSolution
@@ -73,13 +75,15 @@ def states(solutions: Solutions) -> dict[int, State]:
     return {number: solution.state for number, solution in solutions.items()}
 
 
-def steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution | None:
+def steady(rig: AnyRig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution | None:
     """Steady state of a record, from the last one or from the reconstruction; None where it is not found."""
     solved = _steady(rig, basis, record, last)
     return None if solved is None else solved[1]
 
 
-def _steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -> tuple[Rig, PeriodicSolution] | None:
+def _steady(
+    rig: AnyRig, basis: FourierBasis, record: Record, last: State | None
+) -> tuple[AnyRig, PeriodicSolution] | None:
     """The rig of a record, and its steady state."""
     try:
         rig = record.rig(rig)
@@ -98,12 +102,12 @@ def _steady(rig: Rig, basis: FourierBasis, record: Record, last: State | None) -
     return None
 
 
-def _starts(rig: Rig, last: State, reconstructed: State) -> list[State]:
+def _starts(rig: AnyRig, last: State, reconstructed: State) -> list[State]:
     """States to start from, whole and by their friction alone; that first where something was attached that swings.
 
     Its modes share a resonance with others; what the friction is there is nearer than how they move.
     """
-    if rig.contact.lift_off:  # which is marched to where Newton's method does not get
+    if rig.lift_off:  # which is marched to where Newton's method does not get
         return [last]
     given = [last, reconstructed]
     forced = [replace(state, Q=state.Q[:, :0]) for state in given]
@@ -111,7 +115,7 @@ def _starts(rig: Rig, last: State, reconstructed: State) -> list[State]:
 
 
 def simulated(
-    rig: Rig, basis: FourierBasis, data: Measurement, keys: tuple[str, ...], record: Record, last: State | None
+    rig: AnyRig, basis: FourierBasis, data: Measurement, keys: tuple[str, ...], record: Record, last: State | None
 ) -> Simulated | None:
     """One record at a rig on a basis, with derivatives to keys; None where no steady state is found."""
     solved = _steady(rig, basis, record, last)
@@ -119,11 +123,11 @@ def simulated(
         return None
     here, solution = solved
     own, by_keys = in_record(rig, keys, record.number)
-    tones = tuple(tone_scalars(here)) if here.excitation.measured_harmonics else ()
+    tones = tuple(tone_scalars(here.excitation)) if here.excitation.measured_harmonics else ()
     spare = spare_friction(here, solution)
     try:
-        by = sensitivities(here, solution, (*own, FORCE, HZ, *tones), held_beside(solution) if spare > 0.0 else None)
-        left = None if here.excitation.settled else left_by_transients(here, solution, data)
+        by = changes(here, solution, (*own, FORCE, HZ, *tones), held_beside(solution) if spare > 0.0 else None)
+        left = left_by_transients(here, solution, data) if isinstance(here, Rig) else None
     except FAILURES:
         return None
     p = len(own)
@@ -149,9 +153,12 @@ def sticks(solution: PeriodicSolution) -> bool:
     return abs(solution.friction_loss) <= LOSSLESS * float(np.ptp(T) * np.ptp(slip))
 
 
-def spare_friction(rig: Rig, solution: PeriodicSolution) -> float:
-    """Friction that the contact can hold beside what oscillates, where it never slips; else 0 [N]."""
-    if not sticks(solution):
+def spare_friction(rig: AnyRig, solution: PeriodicSolution) -> float:
+    """Friction that the contact can hold beside what oscillates, where it never slips; else 0 [N].
+
+    The mean force of a joint that sticks leaves a linear body as it is: no channel sees it.
+    """
+    if isinstance(rig, JointedRig) or not sticks(solution):
         return 0.0
     law = parameters(rig.contact.law)
     held = max((float(law[name]) for name in ("mu", "mu_static") if name in law), default=0.0) * rig.contact.normal_load
@@ -178,8 +185,13 @@ def history(spare: float, by_force: Mapping[str, Array], solution: PeriodicSolut
     return np.asarray(size * np.stack(change, axis=1))
 
 
-def left_by_transients(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array:
-    """Amplitudes that the transients of a start from rest leave, (2, c, H, k): each as large as it may well be."""
+def left_by_transients(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array | None:
+    """Amplitudes that the transients of a start from rest leave, (2, c, H, k): each as large as it may well be.
+
+    None where all have died out.
+    """
+    if rig.excitation.settled:
+        return None
     found = transients(rig, solution, data.H)
     coefficients = found.coefficients.reshape(*found.coefficients.shape[:2], -1)
     of_channels = [c.name for c in rig.response_channels]
@@ -188,7 +200,7 @@ def left_by_transients(rig: Rig, solution: PeriodicSolution, data: Measurement) 
     return np.asarray(np.moveaxis(parts(basis, picked, data.H), 1, 2))
 
 
-def in_record(rig: Rig, keys: Sequence[str], record: int) -> tuple[tuple[str, ...], Array]:
+def in_record(rig: AnyRig, keys: Sequence[str], record: int) -> tuple[tuple[str, ...], Array]:
     """Numbers of the rig of a record that numbers of a rig that drifts decide, and their derivatives to them.
 
     Parameters

@@ -7,14 +7,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
-from typing import Any, NoReturn, get_type_hints
+from typing import Any, NoReturn, TypeVar, get_type_hints
 
 from hbm.errors import InputError
 from hbm.rigfiles.causes import ONE_VALUE, accepted_causes, find_cause
 from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.schema import MOST_ENTRIES, Complaint, found
-from models import Rig, describe, parameters
-from models.causes import Cause, Unknown
+from models import describe, parameters
+from models.causes import Cause, Unknown, candidates_of
+from models.jointed import AnyRig, JointedRig
 from models.plausible import impossible, of_parameter
 
 CHOICES: dict[Any, tuple[Any, str]] = {
@@ -23,6 +24,8 @@ CHOICES: dict[Any, tuple[Any, str]] = {
     str: (str, "a text in quotes"),
 }
 """Types that a field of a cause may have."""
+
+RigT = TypeVar("RigT", bound=AnyRig)
 
 MOST_NAMED = 40
 """So many candidates are listed in a message."""
@@ -62,14 +65,16 @@ def _choices(cause: Cause) -> dict[str, Any]:
     return {name: value for name, (value, default) in every.items() if value != default}
 
 
-def extended(rig: Rig, extensions: Sequence[Extension]) -> Rig:
+def extended(rig: AnyRig, extensions: Sequence[Extension]) -> AnyRig:
     """A rig with extensions, one after the other."""
     for extension in extensions:
         rig = extension.cause.extend(rig, extension.values)
     return rig
 
 
-def rig_of_tables(rig: Rig, tables: Sequence[Mapping[str, Any]], folder: Path, consent: Consent = Consent.NAMED) -> Rig:
+def rig_of_tables(
+    rig: RigT, tables: Sequence[Mapping[str, Any]], folder: Path, consent: Consent = Consent.NAMED
+) -> RigT:
     """The rig that the ``[[extensions]]`` tables of its file make of a nominal one.
 
     Parameters
@@ -98,7 +103,7 @@ def rig_of_tables(rig: Rig, tables: Sequence[Mapping[str, Any]], folder: Path, c
     return rig
 
 
-def _read(rig: Rig, table: Mapping[str, Any], i: int, folder: Path, consent: Consent) -> Extension:
+def _read(rig: AnyRig, table: Mapping[str, Any], i: int, folder: Path, consent: Consent) -> Extension:
     """One table as an extension of a rig."""
     named = table.get("cause")
     if not isinstance(named, str):
@@ -134,9 +139,9 @@ def _chosen(kind: type, table: Mapping[str, Any], i: int) -> dict[str, Any]:
     return chosen
 
 
-def _check_candidate(rig: Rig, cause: Cause, i: int, named: str) -> None:
+def _check_candidate(rig: AnyRig, cause: Cause, i: int, named: str) -> None:
     """Whether a cause can be one of a rig."""
-    possible = [other.label for other in type(cause).candidates(rig)]
+    possible = [other.label for other in candidates_of(type(cause), rig)]
     if cause.label not in possible:
         listed = ", ".join(possible[:MOST_NAMED]) + ", ..." * (len(possible) > MOST_NAMED)
         accepted = f"must be one of {listed}" if possible else "there is nothing in this rig that it can act on"
@@ -168,8 +173,10 @@ def _real(whole: int) -> float:
         return math.inf if whole > 0 else -math.inf
 
 
-def _check_law(rig: Rig, i: int) -> None:
-    """Whether the parameters of the law still go together."""
+def _check_law(rig: AnyRig, i: int) -> None:
+    """Whether the parameters of the law still go together; laws of joints see to it themselves."""
+    if isinstance(rig, JointedRig):
+        return
     values = parameters(rig.contact.law)
     for name, p in describe(type(rig.contact.law)).items():
         if p.at_least and values[name] < values[p.at_least]:

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, create_model
 
 from hbm.errors import InputError, visible
+from hbm.rigfiles.extensions import rig_of_tables
 from hbm.rigfiles.laws import Consent, accepted_laws, find_law
 from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
 from hbm.rigfiles.quantities import Force, NonNegative, Positive, Shape, possible
@@ -55,7 +56,9 @@ class PortedModalTable(Table):
     """``[modal]`` with joints, the arguments of :class:`models.bodies.modal.ModalModel`."""
 
     frequencies_hz: Annotated[list[FreeFrequency], Field(min_length=1, max_length=MOST_MODES)]
-    ports: dict[Shown, list[Shape]]
+    ports: dict[Shown, list[Shape]] = Field(default_factory=dict)
+    shapes: list[list[Shape]] = Field(default_factory=list)
+    excitation_shape: list[Shape] | None = None
     flexibility: list[list[float]] | None = None
     damping_matrix: list[list[float]] | None = None
     reactions: dict[Shown, list[Shape]] = Field(default_factory=dict)
@@ -100,10 +103,14 @@ class JointedRigTable(Table):
     modal: PortedModalTable | None = None
     matrix: MatrixTable | None = None
     damping: DampingTable = DampingTable()
-    joints: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    joints: list[dict[str, Any]] = Field(default_factory=list)
     excitation: PlacedExcitationTable
     channels: list[PlacedChannelTable] = Field(default_factory=list, max_length=MOST_CHANNELS)
+    extensions: list[dict[str, Any]] = Field(default_factory=list)
 
+
+DRIVE = "excitation"
+"""Port of the excitation where its shape is given beside those of the channels."""
 
 PRESSED = ("normal_load", "normal_stiffness", "reference_load")
 """Keys of what presses a friction law."""
@@ -121,6 +128,11 @@ def joint_table(law: type) -> type[Table]:
             "loaded_by": (str, ""),
         }
     return create_model(f"{law.__name__}JointTable", __base__=law_table(law), **entries)
+
+
+def is_jointed(table: Mapping[str, Any]) -> bool:
+    """Whether a rig file is of a rig with joints, of any number of them, rather than with one contact."""
+    return "joints" in table or "matrix" in table or ("modal" in table and not {"contact", "beam"} & table.keys())
 
 
 def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consent.NONE) -> JointedRig:
@@ -144,9 +156,9 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
     complaint = min(_complaints(table, folder, consent), key=lambda c: ranked(table, c.key), default=None)
     if complaint is not None:
         raise InputError(f"{source}: {complaint}")
-    file = JointedRigTable.model_validate(table)
+    file = _at_ports(JointedRigTable.model_validate(table))
     try:
-        return JointedRig(
+        rig = JointedRig(
             name=visible(file.name),
             body=_body(file, folder),
             damping=_damping(file.damping),
@@ -154,8 +166,26 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
             excitation=Excitation(**_placed(file.excitation)),
             channels=tuple(Channel(**_placed(channel)) for channel in file.channels),
         )
+        return rig_of_tables(rig, file.extensions, folder, consent)
     except ValueError as refused:
         raise InputError(f"{source}: {refused}") from None
+
+
+def _at_ports(file: JointedRigTable) -> JointedRigTable:
+    """The same where rows of shapes are ports: each of its channel's name, that of the force of "excitation"."""
+    if file.modal is None:
+        return file
+    ports, excitation, channels = dict(file.modal.ports), file.excitation, list(file.channels)
+    for i, row in enumerate(file.modal.shapes):
+        channel = channels[i]
+        if channel.at is None and channel.quantity != "force":
+            ports.setdefault(channel.name, row)
+            channels[i] = channel.model_copy(update={"at": channel.name})
+    if file.modal.excitation_shape is not None and excitation.at is None:
+        ports.setdefault(DRIVE, file.modal.excitation_shape)
+        excitation = excitation.model_copy(update={"at": DRIVE})
+    modal = file.modal.model_copy(update={"ports": ports})
+    return file.model_copy(update={"modal": modal, "excitation": excitation, "channels": channels})
 
 
 def _complaints(table: Mapping[str, Any], folder: Path, consent: Consent) -> Iterator[Complaint]:
@@ -172,6 +202,8 @@ def _complaints(table: Mapping[str, Any], folder: Path, consent: Consent) -> Ite
             yield from _of_joint(entry, i, folder, consent)
     if "matrix" in table or "modal" in table:
         yield from _of_places(table)
+    if isinstance(modal := table.get("modal"), dict) and "shapes" in modal:
+        yield from _of_shapes(modal, table.get("channels"))
 
 
 def _of_joint(entry: dict[str, Any], i: int, folder: Path, consent: Consent) -> Iterator[Complaint]:
@@ -190,12 +222,20 @@ def _of_joint(entry: dict[str, Any], i: int, folder: Path, consent: Consent) -> 
 
 def _of_places(table: Mapping[str, Any]) -> Iterator[Complaint]:
     """Complaints about places that are missing, on a body that names its places."""
-    excitation, channels = table.get("excitation"), table.get("channels")
-    if isinstance(excitation, dict) and "at" not in excitation:
+    excitation, channels, modal = table.get("excitation"), table.get("channels"), table.get("modal", {})
+    own = modal if isinstance(modal, dict) else {}
+    if isinstance(excitation, dict) and "at" not in excitation and "excitation_shape" not in own:
         yield Complaint(("excitation", "at"), "is missing", "must name a place of the body")
-    for i, channel in enumerate(channels if isinstance(channels, list) else []):
+    for i, channel in enumerate(channels if isinstance(channels, list) and "shapes" not in own else []):
         if isinstance(channel, dict) and channel.get("quantity") != "force" and "at" not in channel:
             yield Complaint(("channels", i, "at"), "is missing", "must name a place of the body")
+
+
+def _of_shapes(modal: dict[str, Any], channels: Any) -> Iterator[Complaint]:
+    """Complaints about rows of shapes that are not one per channel."""
+    shapes, n = modal["shapes"], len(channels) if isinstance(channels, list) else 0
+    if isinstance(shapes, list) and len(shapes) != n:
+        yield Complaint(("modal", "shapes"), f"has {len(shapes)} rows", f"must have {n}, one per [[channels]] entry")
 
 
 def _law_of(name: str, folder: Path, consent: Consent) -> type:

@@ -16,7 +16,7 @@ from typing import Any
 from hbm.channels import COMPUTED_CHANNELS
 from hbm.errors import InputError, visible
 from hbm.rigfiles.extensions import rig_of_tables
-from hbm.rigfiles.joints import jointed_rig
+from hbm.rigfiles.joints import is_jointed, jointed_rig
 from hbm.rigfiles.laws import Consent, find_law
 from hbm.rigfiles.schema import (
     BeamContactTable,
@@ -58,7 +58,7 @@ def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> An
     Returns
     -------
     Rig or JointedRig
-        JointedRig if the file has ``[[joints]]``.
+        JointedRig if the file has ``[[joints]]``, ``[matrix]``, or ``[modal]`` without ``[contact]``.
 
     Raises
     ------
@@ -72,12 +72,16 @@ def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> An
     """
     source = str(path)
     table = _parse(_read(Path(path), source), source)
-    make = jointed_rig if "joints" in table or "matrix" in table else rig_from_dict
     with quiet():
-        rig = make(table, source, Consent.of_data(allow_code))
+        rig = rig_of_table(table, source, Consent.of_data(allow_code))
     for said in doubts(rig.quantities).values():
         warnings.warn(f"{source}: {said}", PlausibilityWarning, stacklevel=2)
     return rig
+
+
+def rig_of_table(table: Mapping[str, Any], source: str, consent: Consent = Consent.NONE) -> AnyRig:
+    """Make a rig of either kind of the tables of a rig file; arguments and errors as of :func:`rig_from_dict`."""
+    return (jointed_rig if is_jointed(table) else rig_from_dict)(table, source, consent)
 
 
 def load_contact_rig(path: str | PathLike[str], where: str, *, allow_code: bool | None = None) -> Rig:

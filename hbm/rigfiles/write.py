@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.laws import Consent
-from hbm.rigfiles.load import rig_from_dict
+from hbm.rigfiles.load import rig_of_table
 from hbm.textfiles import StrPath, write_together
 
 
@@ -69,6 +69,6 @@ def write_extended_rig(
         As :func:`extended_rig_text`.
     """
     text = extended_rig_text(Path(nominal).read_text(encoding="utf-8-sig"), extensions)
-    rig_from_dict(tomllib.loads(text), str(path), Consent.of_data(allow_code))
+    rig_of_table(tomllib.loads(text), str(path), Consent.of_data(allow_code))
     write_together({Path(path): text})
     return Path(path)

@@ -174,11 +174,13 @@ def sensitivities(
     return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, mixing, moved)
 
 
-def changes(rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str]) -> Sensitivities | JointSensitivities:
-    """As :func:`sensitivities`, of a rig with one contact or with joints."""
+def changes(
+    rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str], beside: "Disturbance | None" = None
+) -> Sensitivities | JointSensitivities:
+    """As :func:`sensitivities`, of a rig with one contact or with joints; a disturbance is of the contact alone."""
     if isinstance(rig, JointedRig):
         return joint_sensitivities(rig, solution, keys)
-    return sensitivities(rig, solution, keys)
+    return sensitivities(rig, solution, keys, beside)
 
 
 @one_thread

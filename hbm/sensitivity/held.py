@@ -54,7 +54,7 @@ class HeldBalance:
 
     def _force(self) -> Array:
         """Change of the excitation, (2H+1, p)."""
-        problem, tones = self.problem, list(tone_scalars(self.problem.rig))
+        problem, tones = self.problem, list(tone_scalars(self.problem.rig.excitation))
         force = np.outer(problem.force_shape, [float(key == FORCE) for key in self.keys])
         for j, key in enumerate(self.keys):
             if key in tones:

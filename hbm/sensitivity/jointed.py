@@ -10,15 +10,17 @@ import numpy as np
 
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointednewton import JointLinearization
+from hbm.balance.jointequations import JointEquations
 from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import ChannelSensitivity, largest, smooth_peak
+from models.change import tone_scalars
 from models.display import Displayed
 from models.friction.law import Parameter
-from models.jointed import JointedRig
-from models.joints.law import described, numbers
+from models.jointed import JointedRig, JointedStructure
+from models.joints.law import numbers
 
 Peak = Callable[[Array, Array], Array]
 """Derivatives (p,) of the peak of a sampled signal, from its samples and theirs."""
@@ -30,12 +32,10 @@ UNBALANCED = 1e-6
 
 def joint_scalars(rig: JointedRig, hz: float, level: float) -> dict[str, tuple[float, Parameter]]:
     """Numbers that a solution depends on and their bounds, with keys such as ``joints.tip.mu``."""
-    found = {
-        f"joints.{j.name}.{name}": (float(value), described(j.law)[name])
-        for j in rig.joints
-        for name, value in numbers(j.law).items()
-    }
-    found[FORCE] = level, Parameter("N", "force amplitude", "")
+    found = rig.numbers
+    for key, (value, _) in tone_scalars(rig.excitation).items():
+        found[key] = value, Parameter("1", "coefficient of a harmonic of the force", "", lower=-float("inf"))
+    found[FORCE] = level, found[FORCE][1]
     found[HZ] = hz, Parameter("Hz", "excitation frequency", "")
     return found
 
@@ -54,10 +54,64 @@ def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array
             by = problem.joints[j].along(here.signals[j], here.state.Omega, change, np.zeros(len(columns)))
             rows = out[split:].reshape(basis.size, len(problem.own), -1)
             rows[:, at, columns] -= by / problem.f_ref[at, None]
+    for i, moved in enumerate(structure_changes(problem.rig, keys)):
+        if moved is not None:
+            out[:, i] = _structure_change(here, moved)
+    tones = tone_changes(problem, keys)
+    if tones.any():
+        out += forces_change(here, here.state.F * tones, problem.structure)
     if FORCE in keys:
         out[:, keys.index(FORCE)] = here.along("force") / problem.F_ref
     if HZ in keys:
         out[:, keys.index(HZ)] = here.along("frequency") / problem.hz_ref
+    return out
+
+
+def structure_changes(rig: JointedRig, keys: Sequence[str]) -> list[JointedStructure | None]:
+    """Derivatives of a rig's structure to each of some numbers, None for those that it does not depend on."""
+    of_body = rig.body.numbers
+    return [rig.structure_change(key) if key in of_body or key.startswith("damping.") else None for key in keys]
+
+
+def _structure_change(here: JointLinearization, change: JointedStructure) -> Array:
+    """Derivative (size,) of the scaled balance along a change of the structure, the unknowns held."""
+    problem, basis, state = here.problem, here.problem.basis, here.state
+    modal = 2 * problem.structure.omega_n * change.omega_n * state.Q
+    modal += state.Omega * basis.derivative(state.Q) @ change.damping.T
+    modal -= state.T @ change.joints + np.outer(state.F * problem.force_shape, change.excitation)
+    signals = [seen[:, :, None] for seen in problem.signals(state, change)]
+    return _scaled(here, modal[:, :, None], signals)[:, 0]
+
+
+def forces_change(here: JointLinearization, forces: Array, s: JointedStructure) -> Array:
+    """Derivatives (size, p) of the scaled balance to forces (2H+1, p) where a structure has its excitation."""
+    problem = here.problem
+    signals = []
+    for j, at in enumerate(problem.slices):
+        moved = np.einsum("kp,s->ksp", forces, s.flexibility_to_force[at])
+        load = s.loads_by_force[j] * forces[:, None]
+        signals.append(np.concatenate([moved, moved, load], axis=1))
+    return _scaled(here, -np.einsum("kp,n->knp", forces, s.excitation), signals)
+
+
+def _scaled(here: JointLinearization, modal: Array, signals: Sequence[Array]) -> Array:
+    """Changes (2H+1, n, p) of the modal balances, and of the joints' through signals (2H+1, s, p), scaled."""
+    problem, p = here.problem, modal.shape[2]
+    law = np.zeros((problem.basis.size, len(problem.own), p))
+    for at, force, seen in zip(problem.slices, here.forces, signals, strict=True):
+        law[:, at] = -np.tensordot(force.by_signals, seen, axes=2)
+    return np.concatenate(
+        [(modal / problem.modal_force_ref).reshape(-1, p), (law / problem.f_ref[:, None]).reshape(-1, p)]
+    )
+
+
+def tone_changes(problem: JointEquations, keys: Sequence[str]) -> Array:
+    """Derivatives (2H+1, p) of the shape of the force to numbers: the coefficients of its harmonics."""
+    out, H = np.zeros((problem.basis.size, len(keys))), problem.basis.H
+    places = [(k, part) for k, *_ in problem.rig.excitation.harmonics for part in (0, H)]
+    for key, (k, part) in zip(tone_scalars(problem.rig.excitation), places, strict=True):
+        if key in keys and k <= H:
+            out[k + part, keys.index(key)] = 1.0
     return out
 
 
@@ -101,6 +155,16 @@ class JointSensitivities(Displayed):
         """Channel by name."""
         return self.channels[name]
 
+    @property
+    def own_Q(self) -> Array:
+        """Derivatives of Q in the modes that the changed rig has: they are the same."""
+        return self.Q
+
+    @property
+    def disturbed(self) -> Mapping[str, Array]:
+        """No disturbance goes beside."""
+        return {}
+
     def logarithmic(self, channel: str) -> dict[str, float]:
         """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent."""
         relative = self.values * self[channel].peak / self.solution[channel].peak
@@ -120,27 +184,14 @@ def joint_sensitivities(
     ArithmeticError
         At a fold, where the solution has no derivative at held frequency and force.
     """
-    problem = JointBalance(rig, solution.basis, level=solution.level)
-    here = problem.linearize(*problem.pack(solution.state))
-    missed = float(np.abs(here.residual).max())
-    if not missed < UNBALANCED:
-        raise ValueError(
-            f"sensitivities: the state misses the rig's balance by {missed:.2g} of the excitation; "
-            "must be a solution of this rig"
-        )
-    known = joint_scalars(rig, solution.hz, solution.level)
+    here = linearized(rig, solution)
+    problem, known = here.problem, joint_scalars(rig, solution.hz, solution.level)
     keys = tuple(known) if keys is None else tuple(keys)
     unknown = [key for key in keys if key not in known]
     if unknown or not keys:
         found = f"{unknown[0]} is not a number of the rig" if unknown else "no keys"
         raise ValueError(f"sensitivities: {found}; must be some of {', '.join(known)}")
-    row = np.zeros(problem.size)
-    x, _ = here.newton.solve_columns(row, 1.0, -joint_balance_change(here, keys), 0.0)  # the parameter itself is held
-    if not np.isfinite(x).all():
-        raise ArithmeticError(f"sensitivities: no derivative at {solution.hz:.6g} Hz, a fold of the curve")
-    split = problem.basis.size * problem.structure.n
-    Q = x[:split].reshape(problem.basis.size, problem.structure.n, -1) * problem.q_ref
-    T = x[split:].reshape(problem.basis.size, len(problem.own), -1) * problem.f_ref[:, None]
+    Q, T = followed(here, joint_balance_change(here, keys))
     numbers_of = [known[key] for key in keys]
     return JointSensitivities(
         solution=solution,
@@ -153,17 +204,55 @@ def joint_sensitivities(
     )
 
 
+def linearized(rig: JointedRig, solution: PeriodicSolution) -> JointLinearization:
+    """The balance at a solution.
+
+    Raises
+    ------
+    ValueError
+        If the solution is not one of this rig.
+    """
+    problem = JointBalance(rig, solution.basis, level=solution.level)
+    here = problem.linearize(*problem.pack(solution.state))
+    missed = float(np.abs(here.residual).max())
+    if not missed < UNBALANCED:
+        raise ValueError(
+            f"sensitivities: the state misses the rig's balance by {missed:.2g} of the excitation; "
+            "must be a solution of this rig"
+        )
+    return here
+
+
+def followed(here: JointLinearization, change: Array) -> tuple[Array, Array]:
+    """Derivatives of the modes (2H+1, n, p) and joint forces (2H+1, m, p) that balance a change (size, p).
+
+    Raises
+    ------
+    ArithmeticError
+        At a fold.
+    """
+    problem = here.problem
+    x, _ = here.newton.solve_columns(np.zeros(problem.size), 1.0, -change, 0.0)  # the parameter itself is held
+    if not np.isfinite(x).all():
+        hz = here.state.Omega * problem.periods / (2 * np.pi)
+        raise ArithmeticError(f"sensitivities: no derivative at {hz:.6g} Hz, a fold of the curve")
+    size, n, m = problem.basis.size, problem.structure.n, len(problem.own)
+    split = size * n
+    p = change.shape[1]
+    return x[:split].reshape(size, n, p) * problem.q_ref, x[split:].reshape(size, m, p) * problem.f_ref[:, None]
+
+
 class _Channels(Mapping[str, ChannelSensitivity]):
     """Derivatives of the channels, each worked out when it is asked for."""
 
     def __init__(
-        self, problem: JointBalance, solution: PeriodicSolution, keys: Sequence[str], Q: Array, T: Array
+        self, problem: JointEquations, solution: PeriodicSolution, keys: Sequence[str], Q: Array, T: Array
     ) -> None:
-        self._problem, self._solution, self._Q, self._T = problem, solution, Q, T
-        shape, p = problem.force_shape, len(keys)
-        self._force, self._hz = np.zeros((len(shape), p)), np.zeros(p)
+        self._problem, self._solution, self._Q, self._T, self._keys = problem, solution, Q, T, tuple(keys)
+        self._structure = structure_changes(problem.rig, keys)
+        self._force, self._hz = solution.level * tone_changes(problem, keys), np.zeros(len(keys))
         if FORCE in keys:
-            self._force[:, keys.index(FORCE)] = shape
+            self._force[:, keys.index(FORCE)] = problem.force_shape
         if HZ in keys:
             self._hz[keys.index(HZ)] = 1.0
 
@@ -174,30 +263,40 @@ class _Channels(Mapping[str, ChannelSensitivity]):
         return len(self._solution.channels)
 
     def __getitem__(self, name: str) -> ChannelSensitivity:
-        rig, s, basis = self._problem.rig, self._problem.structure, self._problem.basis
+        rig, basis = self._problem.rig, self._problem.basis
         if name in rig.forces:
             return self._sampled(name, self._T[:, rig.forces.index(name)], largest)
         if name in rig.motions:
             i = rig.motions.index(name)
-            moved = self._seen(s.joints[i], s.flexibility[i], float(s.flexibility_to_force[i]))
+            moved = self._seen(lambda s: (s.joints[i], s.flexibility[i], float(s.flexibility_to_force[i])))
             return self._sampled(name, moved, largest)
         if name == "drive":
-            return self._sampled(name, self._seen(s.excitation, s.flexibility_to_force, s.drive_by_force))
+            return self._sampled(name, self._seen(lambda s: (s.excitation, s.flexibility_to_force, s.drive_by_force)))
         channel = next(c for c in rig.channels if c.name == name)
         if channel.quantity == "force":
             return self._sampled(name, self._force)
         i = [c.name for c in rig.response_channels].index(name)
-        moved = self._seen(s.channels[i], s.channels_by_joints[i], float(s.channels_by_force[i]))
+        moved = self._seen(lambda s: (s.channels[i], s.channels_by_joints[i], float(s.channels_by_force[i])))
         Omega, there = self._solution.state.Omega, self._solution[name].coefficients
-        coefficients = read(channel, basis, moved, Omega)
-        faster = DERIVATIVES[channel.quantity] * there / self._solution.hz
-        faster = faster - 2 * np.pi * channel.delay * basis.derivative(there)
-        return self._sampled(name, coefficients + np.outer(faster, self._hz))
+        later = -Omega * basis.derivative(there)
+        faster = (DERIVATIVES[channel.quantity] * there + channel.delay * later) / self._solution.hz
+        coefficients = read(channel, basis, moved, Omega) + np.outer(faster, self._hz)
+        for key, change in ((f"channels.{name}.gain", there / channel.gain), (f"channels.{name}.delay", later)):
+            if key in self._keys:
+                coefficients[:, self._keys.index(key)] += change
+        return self._sampled(name, coefficients)
 
-    def _seen(self, row: Array, by_joints: Array, by_force: float) -> Array:
-        """Change of a displacement of the body, (2H+1, p)."""
+    def _seen(self, rows: Callable[[JointedStructure], tuple[Array, Array, float]]) -> Array:
+        """Change (2H+1, p) of a displacement that reads modes, joint forces and excitation by rows of the structure."""
+        row, by_joints, by_force = rows(self._problem.structure)
         moved = np.einsum("n,knp->kp", row, self._Q) + np.einsum("m,kmp->kp", by_joints, self._T)
-        return np.asarray(moved + by_force * self._force)
+        moved = moved + by_force * self._force
+        state = self._solution.state
+        for i, change in enumerate(self._structure):
+            if change is not None:
+                row, by_joints, by_force = rows(change)
+                moved[:, i] += state.Q @ row + state.T @ by_joints + by_force * state.F * self._problem.force_shape
+        return np.asarray(moved)
 
     def _sampled(self, name: str, coefficients: Array, peak: Peak = smooth_peak) -> ChannelSensitivity:
         samples = self._problem.basis.synthesis @ coefficients

@@ -29,7 +29,7 @@ def scalars_at(rig: Rig, hz: float, level: float) -> dict[str, Scalar]:
         **structure_scalars(rig),
         **sensor_scalars(rig),
         **element_scalars(rig),
-        **tone_scalars(rig),
+        **tone_scalars(rig.excitation),
         **drift_scalars(rig),
     }
 

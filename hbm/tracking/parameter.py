@@ -88,7 +88,7 @@ def _accepted(rig: Rig, name: str, unit: str) -> Parameter:
     """Bounds of a number, as the rig file has them."""
     if name.startswith(FRICTION):
         return described(type(rig.contact.law))[name.removeprefix(FRICTION)]
-    signed = name in tone_scalars(rig) or name.endswith((".gain", ".delay"))
+    signed = name in tone_scalars(rig.excitation) or name.endswith((".gain", ".delay"))
     positive = name in (HZ, FORCE, LOAD) or name.startswith("beam.")
     upper = np.inf
     if name.endswith(".position") and not isinstance(rig.body, ModalBody):

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from models.beam import Beam
 from models.bodies.matrix import MatrixBody
-from models.bodies.ported import PortedModes
+from models.bodies.ported import AsGiven, PortedModes
 from models.parts import Damping
 from models.structure import Array
 
@@ -30,7 +30,7 @@ MOTIONS = ("axial", "y", "slope")
 
 
 @dataclass(frozen=True)
-class FiniteBeam:
+class FiniteBeam(AsGiven):
     """A beam of Hermite elements with bars along them.
 
     Its places are ``y(x)`` (deflection), ``slope(x)`` (rotation) and ``axial(x)`` at x [m]; its supports the ends'
@@ -74,6 +74,11 @@ class FiniteBeam:
     def modes(self) -> int:
         """How many are kept."""
         return self.beam.modes
+
+    @property
+    def damped_by_modes(self) -> bool:
+        """It brings no damping matrix."""
+        return True
 
     def with_modes(self, modes: int) -> "FiniteBeam":
         """Return the same beam with another number of modes."""

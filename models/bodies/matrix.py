@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from models.bodies.matrixchecks import refuse_asymmetry, refuse_indefinite, size, some, square
 from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, unit_loads
-from models.bodies.ported import PortedModes
+from models.bodies.ported import AsGiven, PortedModes
 from models.bounds import bounded
 from models.parts import Damping
 from models.structure import Array
@@ -36,7 +36,7 @@ class Reduced(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MatrixBody:
+class MatrixBody(AsGiven):
     """Any structure given by the matrices of its finite elements.
 
     Attributes
@@ -112,6 +112,11 @@ class MatrixBody:
     def __getstate__(self) -> dict[str, Any]:
         """Leave out factors, which cannot be sent to other processes."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def damped_by_modes(self) -> bool:
+        """Whether it brings no damping matrix."""
+        return self.damping_matrix is None
 
     def with_modes(self, modes: int) -> "MatrixBody":
         """Return the same body with another number of modes, or with as many as its mass has."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from models.bodies.ported import PortedModes
 from models.bounds import bounded
+from models.friction.law import Parameter
 from models.parts import Damping
 from models.plausible import plausible
 from models.structure import Array
@@ -82,6 +83,45 @@ class ModalModel:
         """How many there are."""
         return len(self.frequencies_hz)
 
+    @property
+    def damped_by_modes(self) -> bool:
+        """Whether it brings no damping matrix."""
+        return self.damping_matrix is None
+
+    @property
+    def numbers(self) -> dict[str, tuple[float, Parameter]]:
+        """Frequencies of modes that are not rigid, and shapes at the ports: ``modal.ports.tip[2]`` is of mode 2."""
+        found = {
+            _frequency(i): (hz, Parameter("Hz", "natural frequency", "")) for i, hz in enumerate(self.frequencies_hz)
+        }
+        found = {key: number for key, number in found.items() if number[0] > 0.0}
+        shape = Parameter("kg^-1/2", "mass-normalised shape", "", lower=-np.inf)
+        return found | {
+            _shape(name, i): (entry, shape) for name, row in self.ports.items() for i, entry in enumerate(row)
+        }
+
+    def with_numbers(self, values: Mapping[str, float]) -> "ModalModel":
+        """Return the same modes with other values of some of these."""
+        hz = [values.get(_frequency(i), value) for i, value in enumerate(self.frequencies_hz)]
+        ports = {
+            name: tuple(values.get(_shape(name, i), entry) for i, entry in enumerate(row))
+            for name, row in self.ports.items()
+        }
+        return replace(self, frequencies_hz=tuple(hz), ports=ports) if values else self
+
+    def change(self, key: str, here: PortedModes, damping: Damping) -> PortedModes:
+        """Return the derivatives of its modes and rows `here` to a frequency or an entry of a shape."""
+        none, modes = here.nothing, range(self.modes)
+        if key not in map(_frequency, modes):
+            entries = [[key == _shape(name, i) for i in modes] for name in here.places]
+            return replace(none, rows=np.array(entries, dtype=float).reshape(none.rows.shape))
+        faster = 2 * np.pi * np.array([key == _frequency(i) for i in modes])
+        if not self.damped_by_modes:
+            return replace(none, omega_n=faster)
+        dampers = damping.dampers(here.omega_n, np.arange(1, self.modes + 1))
+        D = np.diag((dampers.slope + dampers.strain_rate) * 2 * here.omega_n * faster)
+        return replace(none, omega_n=faster, damping=D, reaction_damping=here.reaction_inertia @ D)
+
     def with_modes(self, modes: int) -> "ModalModel":
         """Return it without the modes beyond so many; it has no others to add.
 
@@ -141,3 +181,11 @@ class ModalModel:
         omega_n = 2 * np.pi * np.array(self.frequencies_hz)
         dampers = damping.dampers(omega_n, np.arange(1, self.modes + 1))
         return np.diag(dampers.viscous + dampers.strain_rate * omega_n**2)
+
+
+def _frequency(i: int) -> str:
+    return f"modal.frequencies_hz[{i + 1}]"
+
+
+def _shape(port: str, i: int) -> str:
+    return f"modal.ports.{port}[{i + 1}]"

@@ -1,14 +1,15 @@
 """A linear body as joints see it: modes, and the rows of its ports."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
 from models.structure import Array
 
 if TYPE_CHECKING:
+    from models.friction.law import Parameter
     from models.parts import Damping
 
 
@@ -56,6 +57,13 @@ class PortedModes:
         """Number of modes."""
         return len(self.omega_n)
 
+    @property
+    def nothing(self) -> "PortedModes":
+        """Zeros in place of its numbers: the derivative to what changes nothing."""
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        zeros: dict[str, Any] = {name: np.zeros_like(v) for name, v in own.items() if isinstance(v, np.ndarray)}
+        return replace(self, **zeros)
+
     def receptance(self, omega: float) -> np.ndarray[tuple[int, int], np.dtype[np.complex128]]:
         """Motion of the ports per force at the ports that swings at `omega` [rad/s], (p, p) [m/N]."""
         dynamic = np.diag(self.omega_n**2 - omega**2) + 1j * omega * self.damping
@@ -76,6 +84,24 @@ class Body(Protocol):
         """How many are kept."""
         ...
 
+    @property
+    def damped_by_modes(self) -> bool:
+        """Whether its modes have the damping of the rig: it brings no matrix of its own."""
+        ...
+
+    @property
+    def numbers(self) -> "Mapping[str, tuple[float, Parameter]]":
+        """What of it may be off or be followed, by the keys of the rig file, with unit and bounds."""
+        ...
+
+    def with_numbers(self, values: Mapping[str, float]) -> "Body":
+        """Return the same body with other values of some of these."""
+        ...
+
+    def change(self, key: str, here: PortedModes, damping: "Damping") -> PortedModes:
+        """Return the exact derivatives of its modes and rows `here` to one of these."""
+        ...
+
     def with_modes(self, modes: int) -> "Body":
         """Return the same body with another number of modes, or as many as it has."""
         ...
@@ -89,3 +115,20 @@ class Body(Protocol):
             If there is no such place or support.
         """
         ...
+
+
+class AsGiven:
+    """Base of bodies none of whose numbers are off: they are made of matrices, or of a beam's measures."""
+
+    @property
+    def numbers(self) -> "Mapping[str, tuple[float, Parameter]]":
+        """None."""
+        return {}
+
+    def with_numbers(self, values: Mapping[str, float]) -> Self:
+        """Return it as it is."""
+        return self
+
+    def change(self, key: str, here: PortedModes, damping: "Damping") -> PortedModes:
+        """Return that nothing changes."""
+        return here.nothing

@@ -10,7 +10,7 @@ cause.unknowns(rig)})``.
 
 from collections.abc import Iterator
 
-from models.causes.cause import Cause, Unknown
+from models.causes.cause import Cause, Unknown, candidates_of
 from models.causes.clamp import ClampFriction
 from models.causes.elements import ImpactStopCause, MidplaneStretchingCause, QuadraticDragCause
 from models.causes.friction import (
@@ -21,6 +21,7 @@ from models.causes.friction import (
     VariableNormalLoad,
     ViscousContact,
 )
+from models.causes.joints import JOINT_CAUSES
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady, ParameterDrift
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition, SwappedChannels
@@ -34,46 +35,46 @@ from models.causes.structure import (
     SupportFlexibility,
     SupportRotationSpring,
 )
-from models.rig import Rig
+from models.jointed import AnyRig
 
-CAUSES: dict[str, type[Cause]] = {
-    cause.name: cause
-    for cause in (
-        StribeckWeakening,
-        DistributedMicroslip,
-        ViscousContact,
-        AsymmetricFriction,
-        BristleMemory,
-        VariableNormalLoad,
-        ClampRotation,
-        ClampFriction,
-        SupportRotationSpring,
-        SupportFlexibility,
-        ContactLoss,
-        StiffnessDamping,
-        AddedMass,
-        AddedSpring,
-        AttachedResonator,
-        MidplaneStretchingCause,
-        QuadraticDragCause,
-        ImpactStopCause,
-        SensorGain,
-        SensorDelay,
-        SensorPosition,
-        SwappedChannels,
-        ForceDistortion,
-        NotSteady,
-        ParameterDrift,
-        WrongParameter,
-    )
-}
+EVERY: tuple[type[Cause], ...] = (
+    StribeckWeakening,
+    DistributedMicroslip,
+    ViscousContact,
+    AsymmetricFriction,
+    BristleMemory,
+    VariableNormalLoad,
+    ClampRotation,
+    ClampFriction,
+    SupportRotationSpring,
+    SupportFlexibility,
+    ContactLoss,
+    StiffnessDamping,
+    AddedMass,
+    AddedSpring,
+    AttachedResonator,
+    MidplaneStretchingCause,
+    QuadraticDragCause,
+    ImpactStopCause,
+    SensorGain,
+    SensorDelay,
+    SensorPosition,
+    SwappedChannels,
+    ForceDistortion,
+    NotSteady,
+    ParameterDrift,
+    *JOINT_CAUSES,
+    WrongParameter,
+)
+
+CAUSES = {cause.name: cause for cause in EVERY}
 """Every cause by its name, docs/reference/causes.md; ``parameter`` stands for every ``parameter:<key>``."""
 
 
-def all_candidates(rig: Rig) -> Iterator[Cause]:
+def all_candidates(rig: AnyRig) -> Iterator[Cause]:
     """Everything of the catalogue that may be wrong with a rig."""
     for cause in CAUSES.values():
-        yield from cause.candidates(rig)
+        yield from candidates_of(cause, rig)
 
 
-__all__ = ["CAUSES", "Cause", "Unknown", "all_candidates"]
+__all__ = ["CAUSES", "Cause", "Unknown", "all_candidates", "candidates_of"]

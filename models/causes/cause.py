@@ -3,9 +3,13 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import isnan
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
+from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
+
+EITHER = (Rig, JointedRig)
+"""Kinds of rigs: with one contact, with joints."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,8 @@ class Cause(Protocol):
         Whether its first small effect says little of the whole: it sets in at a threshold, or is no steady state's.
     contains : tuple of str
         Simpler causes that it is at some values of its parameters.
+    rigs : tuple of type
+        Kinds of rigs that it is known for.
     """
 
     name: ClassVar[str]
@@ -73,9 +79,10 @@ class Cause(Protocol):
     check: ClassVar[str] = ""
     abrupt: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
+    rigs: ClassVar[tuple[type, ...]] = (Rig,)
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["Cause"]:
+    def candidates(cls, rig: Any) -> Iterator["Cause"]:
         """Candidates of this kind for a rig; none where it makes no sense."""
         ...
 
@@ -84,10 +91,16 @@ class Cause(Protocol):
         """Name that tells candidates apart, such as ``sensor-gain a3``; where there is but one, that of the cause."""
         return self.name
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def unknowns(self, rig: Any) -> tuple[Unknown, ...]:
         """Parameters, for a rig that is not extended yet."""
         ...
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+    def extend(self, rig: Any, values: Mapping[str, float]) -> Any:
         """The rig with the effect; `values` by the names of :meth:`unknowns`."""
         ...
+
+
+def candidates_of(kind: type[Cause], rig: AnyRig) -> Iterator[Cause]:
+    """Candidates of a kind for a rig of any kind."""
+    if isinstance(rig, getattr(kind, "rigs", Cause.rigs)):
+        yield from kind.candidates(rig)

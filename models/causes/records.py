@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from models.beam import Beam
-from models.causes.cause import Cause, Unknown
+from models.causes.cause import EITHER, Cause, Unknown
 from models.friction import describe
+from models.jointed import AnyRig
 from models.numbers import number, with_number
 from models.parts import Drift
 from models.rig import Rig
@@ -32,18 +33,19 @@ class ForceDistortion(Cause):
     check: ClassVar[str] = (
         "read the harmonics of the measured force in every record: those of the response must follow them"
     )
+    rigs: ClassVar[tuple[type, ...]] = EITHER
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["ForceDistortion"]:
+    def candidates(cls, rig: AnyRig) -> Iterator["ForceDistortion"]:
         """Where the force is measured."""
         if any(c.quantity == "force" for c in rig.channels) and not rig.excitation.measured_harmonics:
             yield cls()
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """None."""
         return ()
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Have the measured harmonics applied."""
         return replace(rig, excitation=replace(rig.excitation, measured_harmonics=True))
 

@@ -6,7 +6,8 @@ from itertools import combinations
 from typing import ClassVar
 
 from models.beam import Beam
-from models.causes.cause import Cause, Unknown
+from models.causes.cause import EITHER, Cause, Unknown
+from models.jointed import AnyRig, JointedRig
 from models.numbers import number, with_number
 from models.parts import ModalBody
 from models.rig import Rig
@@ -28,11 +29,12 @@ class SensorGain(Cause):
     check: ClassVar[str] = (
         "exchange this sensor and another one and repeat one record: the error must move with the sensor"
     )
+    rigs: ClassVar[tuple[type, ...]] = EITHER
 
     channel: str
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["SensorGain"]:
+    def candidates(cls, rig: AnyRig) -> Iterator["SensorGain"]:
         """Offer one for each channel of motion."""
         yield from (cls(c.name) for c in rig.response_channels)
 
@@ -41,13 +43,13 @@ class SensorGain(Cause):
         """Name and channel."""
         return f"{self.name} {self.channel}"
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The gain."""
         key = f"channels.{self.channel}.gain"
         now = number(rig, key)
         return (Unknown("gain", "1", key, -100.0, 100.0, now, (now, -now)),)
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Set the gain."""
         return with_number(rig, f"channels.{self.channel}.gain", values["gain"])
 
@@ -69,11 +71,12 @@ class SensorDelay(Cause):
         "exchange this sensor and another one, amplifier and filter included, and repeat one record: the lag must "
         "move along"
     )
+    rigs: ClassVar[tuple[type, ...]] = EITHER
 
     channel: str
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["SensorDelay"]:
+    def candidates(cls, rig: AnyRig) -> Iterator["SensorDelay"]:
         """Offer one for each channel of motion."""
         yield from (cls(c.name) for c in rig.response_channels)
 
@@ -82,13 +85,13 @@ class SensorDelay(Cause):
         """Name and channel."""
         return f"{self.name} {self.channel}"
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The delay."""
         key = f"channels.{self.channel}.delay"
         now = number(rig, key)
         return (Unknown("delay_s", "s", key, -1.0, 1.0, now, (now,)),)
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Set the delay."""
         return with_number(rig, f"channels.{self.channel}.delay", values["delay_s"])
 
@@ -150,12 +153,13 @@ class SwappedChannels(Cause):
     check: ClassVar[str] = (
         "tap the beam beside one of the two sensors: the channel that answers first and most is its own"
     )
+    rigs: ClassVar[tuple[type, ...]] = EITHER
 
     channel: str
     other: str
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["SwappedChannels"]:
+    def candidates(cls, rig: AnyRig) -> Iterator["SwappedChannels"]:
         """Offer one for each pair of channels of one quantity."""
         for a, b in combinations(rig.response_channels, 2):
             if a.quantity == b.quantity:
@@ -166,18 +170,18 @@ class SwappedChannels(Cause):
         """Name and channels, in the order of their names."""
         return " ".join([self.name, *sorted((self.channel, self.other))])
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """None."""
         return ()
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Exchange their sensors."""
         names = [c.name for c in rig.channels]
         i, j = names.index(self.channel), names.index(self.other)
         channels = list(rig.channels)
         channels[i], channels[j] = replace(channels[j], name=names[i]), replace(channels[i], name=names[j])
         exchanged = replace(rig, channels=tuple(channels))
-        if not isinstance(rig.body, ModalBody):
+        if isinstance(exchanged, JointedRig) or not isinstance(rig.body, ModalBody):
             return exchanged
         shapes = list(rig.body.shapes)
         shapes[i], shapes[j] = shapes[j], shapes[i]

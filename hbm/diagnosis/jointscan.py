@@ -1,0 +1,167 @@
+"""Joints that may not have been modelled, scored by the force that is missing: no steady state is solved for.
+
+At a place the misfit asks for a force, harmonic by harmonic and whatever its law, and with it the motion there is
+known. A law makes a force of that motion. Its strength is linear; what shapes it (a gap, a slip at which it slides) is
+scanned. What the records then still miss says how well each law at each place would do, and where its fit starts: a
+force-state map, fitted by one law after the other.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from hbm.aft.joint import JointOverPeriod
+from hbm.diagnosis.discrepancy import WhiteRecord, read_by
+from hbm.diagnosis.jointplaces import JointPlace
+from hbm.diagnosis.places import Complex
+from hbm.diagnosis.projection import Span
+from hbm.fourier import Array, FourierBasis
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.records import Record
+from hbm.sensitivity.jointforces import pushed
+from models.causes.addedjoint import AddedJoint, ends_of
+from models.jointed import JointedRig
+
+HARMONICS, SAMPLES = 9, 128
+"""On which forces of laws are worked out, at least."""
+
+MOST, APART = 3, 0.5
+"""Starts of a candidate, at most, whose gain is at least this share of its best."""
+
+TELLING = 1e-9
+"""A column of which calibration leaves less than this share says nothing."""
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """A candidate: the fall of chi2 by it, in all and signed by its first strength, its direction, and its starts."""
+
+    cause: AddedJoint
+    drop: float
+    z: float
+    signature: Array
+    starts: tuple[dict[str, float], ...]
+
+
+def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint]) -> Iterator[Scanned]:
+    """Score candidates on some records of a base.
+
+    Parameters
+    ----------
+    base : Evaluation
+        The model that misses the records.
+    few : Campaign
+        Those records, simulated as in the base.
+    causes : sequence of AddedJoint
+    """
+    rig = few.numerics.working.rig(base.model.rig(base.x))
+    records = [r for r in few.data.records if r.number in base.found]
+    if not isinstance(rig, JointedRig) or not causes or not records:
+        return
+    ends = [pair for pair in ends_of(rig) if any((c.at, c.to) == pair for c in causes)]
+    found = [_Pushed(r, base, few, rig, ends) for r in records]
+    for i, pair in enumerate(ends):
+        place = _Place(base, found, i)
+        yield from (place.scanned(c) for c in causes if (c.at, c.to) == pair)
+
+
+class _Pushed:
+    """A record with forces at places: what reads them, and the motion there with those that the misfit asks for."""
+
+    def __init__(
+        self, record: Record, base: Evaluation, few: Campaign, rig: JointedRig, ends: Sequence[tuple[str, str]]
+    ) -> None:
+        solution, H = base.found[record.number].solution, few.data.H
+        found = pushed(rig, solution, ends, H)
+        places = [JointPlace(rig, pair) for pair in ends]
+        self.white = WhiteRecord(record, base, few, places, read_by(few.data, solution, found.channels))
+        self.omega, self.H = 2 * np.pi * record.hz, H
+        self.motion = [self._moved(i, solution.basis.complex(found.moved[i, :, i])) for i in range(len(ends))]
+
+    def _moved(self, i: int, by_force: Complex) -> Complex:
+        """Amplitudes (H,) at the i-th place under the force there that the misfit asks for."""
+        force = Span(self.white.columns[i]).amplitudes(self.white.residual)
+        return np.asarray(self.white.seen[i] + by_force[1 : self.H + 1] @ np.nan_to_num(force))
+
+
+class _Place:
+    """The records as forces at one place may explain them."""
+
+    def __init__(self, base: Evaluation, records: Sequence[_Pushed], i: int) -> None:
+        self.records, self.i, self.base = records, i, base
+        self.calibration = Span(np.vstack([*(r.white.jacobian for r in records), base.expected]))
+        self.points = sum(len(r.white.residual) for r in records)
+        rows = [*(r.white.residual for r in records), -base.pulls]
+        self.residual = self.calibration.across(np.concatenate(rows))
+        sizes = [float(np.abs(r.motion[i]).sum()) for r in records]
+        loudest = int(np.argmax(sizes))
+        self.reach, self.omega = max(sizes), records[loudest].omega
+        self.basis = FourierBasis(max(HARMONICS, records[0].H), SAMPLES)
+
+    def scanned(self, cause: AddedJoint) -> Scanned:
+        """A candidate here."""
+        tried = [self._tried(cause, shape) for shape in _shapes(cause)]
+        best = sorted(tried, key=lambda t: -t.drop)
+        starts = tuple(t.start for t in best[:MOST] if t.start and t.drop >= APART * best[0].drop)
+        return Scanned(cause, best[0].drop, best[0].z, best[0].signature, starts)
+
+    def _tried(self, cause: AddedJoint, shape: dict[str, float]) -> "_Tried":
+        strengths = [n for n in cause.numbers if not n.shapes]
+        of = {n.name: n.of(1.0, self.reach, self.omega) for n in cause.numbers} if self.reach > 0.0 else {}
+        scaled = [n.name for n in cause.numbers if n.powers[0]]
+        columns = []
+        for one in strengths if of else ():
+            values = {n.key: (shape[n.name] if n.shapes else float(n is one)) * of[n.name] for n in cause.numbers}
+            columns.append(self._felt(cause, values))
+        none = _Tried(0.0, 0.0, np.zeros(self.points), {})
+        if not columns:
+            return none
+        v = np.vstack([np.array(columns).T, np.zeros((len(self.base.x), len(columns)))])
+        whole = np.linalg.norm(v, axis=0)
+        v = self.calibration.across(v)
+        if not np.isfinite(v).all() or np.any(np.linalg.norm(v, axis=0) <= TELLING * whole):
+            return none
+        size = np.linalg.lstsq(v, self.residual, rcond=None)[0]
+        if any(x <= 0.0 and not n.signed for n, x in zip(strengths, size, strict=True)):
+            return none
+        drop = float(self.residual @ (v @ size))
+        by = dict(zip((n.name for n in strengths), size.tolist(), strict=True))
+        start = {
+            n.name: (by[n.name] if n.name in by else shape[n.name] * (size[0] if n.name in scaled else 1.0))
+            * of[n.name]
+            for n in cause.numbers
+        }
+        along = (v @ size)[: self.points]
+        return _Tried(drop, float(np.sqrt(drop) * np.sign(size[0])), along / (np.linalg.norm(along) or 1.0), start)
+
+    def _felt(self, cause: AddedJoint, values: dict[str, float]) -> Array:
+        """What the records read of the force of a law, in standard deviations."""
+        law, held, rows = JointOverPeriod(cause.law(values), self.basis, loaded=False), cause.held(values), []
+        for r in self.records:
+            u = self.basis.real(np.pad(r.motion[self.i], (1, self.basis.H - r.H)))
+            signals = np.column_stack([u, u, np.zeros_like(u)])
+            samples, _ = law.forces(signals, r.omega)
+            force = self.basis.complex(self.basis.analysis @ samples[:, 0] + held * u)[1 : r.H + 1]
+            rows.append(r.white.columns[self.i] @ np.concatenate([force.real, -force.imag]))
+        return np.concatenate(rows)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """A candidate of one shape, as :class:`Scanned`."""
+
+    drop: float
+    z: float
+    signature: Array
+    start: dict[str, float]
+
+
+def _shapes(cause: AddedJoint) -> list[dict[str, float]]:
+    """Values of what shapes a cause, in units of the motion."""
+    shaping = [n for n in cause.numbers if n.shapes]
+    return [
+        dict(zip((n.name for n in shaping), values, strict=True)) for values in product(*(n.shapes for n in shaping))
+    ]

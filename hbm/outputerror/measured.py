@@ -1,0 +1,70 @@
+"""Measured records of a rig of either kind, with where Newton's method starts: on the branch they were measured on."""
+
+import numpy as np
+
+from hbm.channels import factor
+from hbm.fourier import Array
+from hbm.inverse.reconstruct import reconstruct
+from hbm.inverse.sensing import Complex, Readings, readings, sensing
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.records import Measurement, measurement_of, turned
+from models.jointed import AnyRig, JointedRig
+
+FOLLOWED = 10.0
+"""Standard deviation of the force that may be missing on each mode to make it follow its sensors, in units of what the
+excitation does to the mode it drives most."""
+
+
+def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement, tuple[str, ...]]:
+    """Records of spectra, the rig with as many modes as they need, and what the sensors say of each other.
+
+    Raises
+    ------
+    InputError
+        If no response was measured.
+    """
+    if isinstance(rig, JointedRig):
+        return rig, _of_joints(rig, readings(rig, spectra)), ()
+    seen = reconstruct(rig, spectra)
+    return seen.rig, measurement_of(seen, sensing(seen.rig, spectra)), seen.warnings
+
+
+def _of_joints(rig: JointedRig, seen: Readings) -> Measurement:
+    q = _motion(rig, seen)
+    none = np.zeros((seen.H + 1, 0), dtype=complex)
+    records = tuple(turned(seen, q[i], none, i) for i in range(len(q)))
+    size = np.abs(seen.measured) * (seen.weight > 0.0)
+    loudest = np.sqrt(np.mean(size**2, axis=(0, 1)))
+    return Measurement(records, seen.channels, seen.H, _rms(size / np.where(loudest > 0.0, loudest, 1.0)))
+
+
+def _rms(size: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(size**2, axis=(1, 2))))
+
+
+def _motion(rig: JointedRig, seen: Readings) -> Complex:
+    """Modal amplitudes (r, H+1, n): the linear response, and what missing forces on the modes add to it.
+
+    These are the least that make the channels read what was measured; beside them stands the stated noise.
+    """
+    s, named = rig.structure, {c.name: c for c in rig.channels}
+    rows = s.channels[[[c.name for c in rig.response_channels].index(name) for name in seen.channels]]
+    out = np.zeros((*seen.i_omega.shape, s.n), dtype=complex)
+    level = np.abs(seen.force[:, 1:2]) + np.where(seen.force[:, 1:2] == 0.0, seen.spectra.level[:, None], 0.0)
+    for i, k in np.ndindex(*seen.i_omega.shape):
+        rate, listed = seen.i_omega[i, k], seen.weight[i, k] > 0.0
+        if k == 0:
+            continue
+        through = np.linalg.inv(np.diag(s.omega_n**2 + rate**2) + rate * s.damping)
+        force = seen.force[i, k] if seen.force[i].any() else float(level[i, 0]) * (k == 1)
+        q = through @ s.excitation * force
+        if listed.any():
+            factors = np.array([factor(named[name], np.array(rate)) for name in seen.channels])[listed]
+            reading, weight = factors[:, None] * rows[listed], seen.weight[i, k, listed]
+            scale = FOLLOWED * float(level[i, 0]) * float(np.abs(s.excitation).max())
+            A = weight[:, None] * (reading @ through) * scale
+            left = weight * (seen.measured[i, k, listed] - reading @ q)
+            missing = np.linalg.lstsq(np.vstack([A, np.eye(s.n)]), np.append(left, np.zeros(s.n)), rcond=None)[0]
+            q = q + through @ missing * scale
+        out[i, k] = q
+    return out

@@ -1,0 +1,91 @@
+"""What small harmonic forces at places of a body with joints do: receptances of its linearised steady state."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from hbm.balance.equations import force_shape
+from hbm.balance.solution import PeriodicSolution
+from hbm.channels import read
+from hbm.fourier import Array
+from hbm.parallel import one_thread
+from hbm.sensitivity.jointed import followed, forces_change, linearized
+from models.jointed import JointedRig
+from models.joints.joint import GROUND
+from models.parts import Channel
+
+Ends = tuple[str, str]
+"""Two places of a body, or a place and the ground."""
+
+
+class Pushed(NamedTuple):
+    """What cosines, then sines of harmonics 1..H of a force between two places do, for each of p such pairs.
+
+    Attributes
+    ----------
+    channels : dict of str to (2H'+1, p 2 H) array
+        Coefficients of what each response channel reads.
+    moved : (p, 2H'+1, p, 2 H) array
+        Relative displacement of each pair.
+    """
+
+    channels: dict[str, Array]
+    moved: Array
+
+
+@one_thread
+def pushed(rig: JointedRig, solution: PeriodicSolution, ends: Sequence[Ends], H: int) -> Pushed:
+    """What forces on the body between pairs of places do, on the first of each and back on the second.
+
+    Parameters
+    ----------
+    rig : JointedRig
+        The rig of the solution.
+    solution : PeriodicSolution
+    ends : sequence of (str, str), (p,)
+    H : int
+
+    Raises
+    ------
+    ArithmeticError
+        At a fold.
+    """
+    places, probed = _probed(rig, ends)
+    here, s, basis = linearized(probed, solution), probed.structure, solution.basis
+    unit = np.zeros((basis.size, 2 * H))
+    unit[1 : H + 1, :H] = unit[basis.H + 1 : basis.H + H + 1, H:] = np.eye(H)
+    acting = [replace(probed, excitation=replace(rig.excitation, at=place)).structure for place in places]
+    Q, f = followed(here, np.hstack([forces_change(here, unit, at) for at in acting]))
+    moved = np.einsum("cn,knp->ckp", s.channels, Q) + np.einsum("cm,kmp->ckp", s.channels_by_joints, f)
+    by_place = moved.reshape(*moved.shape[:2], len(places), 2 * H)
+    by_place += np.einsum("ec,kh->ckeh", np.array([at.channels_by_force for at in acting]), unit)
+    between = _between(places, ends)
+    pairs = np.einsum("pe,ckeh->ckph", between, by_place)
+    channels = {
+        c.name: read(c, basis, pairs[i].reshape(basis.size, -1), here.state.Omega)
+        for i, c in enumerate(rig.response_channels)
+    }
+    return Pushed(channels, np.einsum("qe,ekph->qkph", between, pairs[len(rig.response_channels) :]))
+
+
+def motion_between(rig: JointedRig, solution: PeriodicSolution, ends: Sequence[Ends]) -> Array:
+    """Coefficients (p, 2H+1) of the relative displacements of pairs of places in a steady state [m]."""
+    places, probed = _probed(rig, ends)
+    s, state, own = probed.structure, solution.state, len(rig.response_channels)
+    force = state.F * force_shape(rig.excitation, solution.basis, 1)
+    there = s.channels @ state.Q.T + s.channels_by_joints @ state.T.T + np.outer(s.channels_by_force, force)
+    return np.asarray(_between(places, ends) @ there[own:])
+
+
+def _probed(rig: JointedRig, ends: Sequence[Ends]) -> tuple[list[str], JointedRig]:
+    """Places of pairs, each once, and the rig with a probe of the displacement at each, which come last."""
+    places = list(dict.fromkeys(place for pair in ends for place in pair if place != GROUND))
+    probes = tuple(Channel(f"probe of {place}", "displacement", at=place) for place in places)
+    return places, replace(rig, channels=(*rig.channels, *probes))
+
+
+def _between(places: Sequence[str], ends: Sequence[Ends]) -> Array:
+    """Signs with which places make relative displacements of pairs, (p, e)."""
+    return np.array([[float(place == one) - float(place == other) for place in places] for one, other in ends])

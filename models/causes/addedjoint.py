@@ -1,0 +1,184 @@
+"""A joint that was not modelled as a cause: one law between two places of a body, or a place and the ground.
+
+Each of :mod:`models.causes.joints` is a law and its numbers, :class:`Number`; where it may act, and how large its
+effect is, all have in common.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import combinations
+from math import nan
+from typing import ClassVar, Self
+
+import numpy as np
+
+from models.causes.cause import Cause, Unknown
+from models.jointed import JointedRig
+from models.joints import Joint, JointLaw, PolynomialSpring
+from models.structure import Array
+
+SMALL = 1e-6
+"""Of the excitation: a force that changes hardly anything."""
+
+WIDEST = 1e9
+"""Numbers stay within this factor of the unit that force and motion give them."""
+
+SHARES = (0.01, 0.1, 1.0)
+"""Starts of the force of a joint, in units of the excitation."""
+
+DIRECTION = re.compile(r"^(\w+)\(|\.(\w+)$")
+
+SAME = 1e-9
+"""Of the larger: rows of places that differ by less are of one place."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number of a law; with a force f [N], an amplitude A [m] and a frequency w [rad/s] its unit is f^p A^q w^r.
+
+    Attributes
+    ----------
+    name, unit : str
+    key : str
+        The number of the law that it is.
+    powers : (int, int, int)
+        p, q and r: 1, -3, 0 of a cubic stiffness. The force of the law is in proportion to numbers with p = 1 together.
+    shapes : tuple of float
+        Starts in that unit where it is no strength: it may not do without another number.
+    signed : bool
+        Whether it may be negative.
+    """
+
+    name: str
+    unit: str
+    key: str
+    powers: tuple[int, int, int]
+    shapes: tuple[float, ...] = ()
+    signed: bool = False
+
+    def of(self, force: float, motion: float, omega: float) -> float:
+        """Its unit."""
+        p, q, r = self.powers
+        return float(force**p * motion**q * omega**r)
+
+
+@dataclass(frozen=True)
+class AddedJoint(Cause):
+    """A joint with one law.
+
+    Attributes
+    ----------
+    at : str
+        Place of the body.
+    to : str
+        The place it is joined to; the ground where empty.
+    numbers : tuple of Number
+        Strengths first.
+    """
+
+    numbers: ClassVar[tuple[Number, ...]]
+    rigs: ClassVar[tuple[type, ...]] = (JointedRig,)
+
+    at: str
+    to: str = ""
+
+    @classmethod
+    def candidates(cls, rig: JointedRig) -> Iterator[Self]:
+        """Offer it between the places of a rig, and to the ground, where there is none of its law yet."""
+        there = {(type(j.law), *pair) for j in rig.joints for pair in j.ends}
+        kind = type(cls.law({n.key: 1.0 for n in cls.numbers}))
+        yield from (cls(at, to) for at, to in ends_of(rig) if (kind, at, to) not in there)
+
+    @property
+    def label(self) -> str:
+        """Name and place."""
+        return f"{self.name} {self.at}" + f" to {self.to}" * bool(self.to)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """The law with values of its numbers, by their keys."""
+        raise NotImplementedError
+
+    @staticmethod
+    def held(values: Mapping[str, float]) -> float:
+        """Stiffness of the joint that the modes hold already, having been identified with it at rest [N/m]."""
+        return 0.0
+
+    def unknowns(self, rig: JointedRig) -> tuple[Unknown, ...]:
+        """Numbers of the law, of the size that the linear rig's motion at its resonances gives them."""
+        motion, omega = reach(rig, self)
+        unit = [n.of(rig.excitation.amplitude, motion, omega) for n in self.numbers]
+        return tuple(self._unknown(rig, n, size) for n, size in zip(self.numbers, unit, strict=True))
+
+    def _unknown(self, rig: JointedRig, n: Number, size: float) -> Unknown:
+        key = f"joints.{self._joint(rig)}.{n.key}"
+        if n.shapes:
+            lower = -WIDEST * size if n.signed else size / WIDEST
+            return Unknown(n.name, n.unit, key, lower, WIDEST * size, nan, tuple(s * size for s in n.shapes))
+        starts = (SMALL, *SHARES, *(-s for s in SHARES if n.signed))
+        lower = -WIDEST * size if n.signed else 0.0
+        return Unknown(n.name, n.unit, key, lower, WIDEST * size, 0.0, tuple(s * size for s in starts))
+
+    def extend(self, rig: JointedRig, values: Mapping[str, float]) -> JointedRig:
+        """Put the joint there."""
+        of_law, name, to = (
+            {n.key: values[n.name] for n in self.numbers},
+            self._joint(rig),
+            (self.to,) if self.to else (),
+        )
+        added = [Joint(name, self.law(of_law), (self.at,), to)]
+        if held := self.held(of_law):
+            added.append(Joint(f"{name}-held", PolynomialSpring(linear=-held), (self.at,), to))
+        return replace(rig, joints=(*rig.joints, *added))
+
+    def _joint(self, rig: JointedRig) -> str:
+        """Name of the joint: that of the cause, numbered where there are several."""
+        taken = [j.name for j in rig.joints if j.name == self.name or j.name.startswith(f"{self.name}-")]
+        taken = [name for name in taken if not name.endswith("-held")]
+        return f"{self.name}-{len(taken) + 1}" if taken else self.name
+
+
+def ends_of(rig: JointedRig) -> list[tuple[str, str]]:
+    """Where a joint may be: between each place that the rig names and the ground, and between each two of them.
+
+    Places that move alike are one. Only what moves the same way is joined.
+    """
+    rows, places = _rows(rig), list[str]()
+    for place, row in rows.items():
+        if row.any() and not any(_alike(row, rows[other]) for other in places):
+            places.append(place)
+    pairs = [pair for pair in combinations(places, 2) if _direction(pair[0]) == _direction(pair[1])]
+    return [(place, "") for place in places] + pairs
+
+
+@lru_cache(maxsize=16)
+def _rows(rig: JointedRig) -> dict[str, Array]:
+    """Displacement per mode at each place that a rig names."""
+    named = tuple(dict.fromkeys([*rig.places, *getattr(rig.body, "ports", ())]))
+    return dict(zip(named, rig.body.ported(named, rig.damping).rows, strict=True))
+
+
+def _direction(place: str) -> str:
+    """Which way a place moves, as far as its name says: ``y`` of ``y(0.3)``, ``uz`` of ``12.uz``."""
+    found = DIRECTION.search(place)
+    return "" if found is None else found[1] or found[2]
+
+
+def _alike(one: Array, other: Array) -> bool:
+    size = max(np.abs(one).max(), np.abs(other).max())
+    return bool(np.abs(one - other).max() <= SAME * size)
+
+
+def reach(rig: JointedRig, cause: AddedJoint) -> tuple[float, float]:
+    """Largest motion [m] that the excitation makes where a joint would be, and the frequency of it [rad/s]."""
+    rows, s = _rows(rig), rig.structure
+    row = rows[cause.at] - (rows[cause.to] if cause.to else 0.0)
+    omega = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
+    loss = np.maximum(s.damping.diagonal(), 1e-6 * np.where(s.omega_n > 0.0, s.omega_n, 1.0))
+    size = np.abs(row * s.excitation) * rig.excitation.amplitude / (omega * loss)
+    static = np.abs(row) @ np.abs(s.excitation / omega**2) * rig.excitation.amplitude
+    i = int(size.argmax())
+    found = max(float(size[i]), float(static))
+    return (found if found > 0.0 else 1e-6), float(s.omega_n[i]) or 1.0

@@ -1,0 +1,285 @@
+"""The catalogue of joints that may not have been modelled, each a law and its numbers."""
+
+from collections.abc import Mapping
+
+from models.causes.addedjoint import AddedJoint, Number
+from models.friction import Dahl, Iwan, Jenkins, LuGre
+from models.joints import Clearance, CubicSpring, Dashpot, Friction, JointLaw, PolynomialSpring, Stop
+
+ONSETS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
+"""Starts of displacements at which something sets in, in units of the largest motion there; and of the limits at which
+springs slide, in units of their force at that."""
+
+
+class LocalSpring(AddedJoint):
+    """A linear spring."""
+
+    name = "local-spring"
+    meaning = "a linear spring acts between two places, or a place and the ground"
+    looks_like = "linear, in phase; shifts the frequencies of modes unequally, alike at all levels"
+    confused_with = "parameter:modal.frequencies_hz[i]"
+    check = "look for what touches the structure there, free it and repeat the records missed most"
+    numbers = (Number("stiffness", "N/m", "linear", (1, -1, 0), signed=True),)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A spring."""
+        return PolynomialSpring(**values)
+
+
+class LocalDamper(AddedJoint):
+    """A linear dashpot."""
+
+    name = "local-damper"
+    meaning = "a viscous damper acts between two places, or a place and the ground"
+    looks_like = "linear, in quadrature; damps modes unequally, alike at all levels"
+    confused_with = "parameter:damping.modal_ratios[i]"
+    check = "look for what rubs or shears there, take it away and let the structure ring down"
+    numbers = (Number("coefficient", "N s/m", "linear", (1, -1, -1)),)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A dashpot."""
+        return Dashpot(**values)
+
+
+class QuadraticDamping(AddedJoint):
+    """A dashpot whose force grows with the square of the velocity."""
+
+    name = "quadratic-damping"
+    meaning = "a force against the motion grows with the square of the velocity"
+    looks_like = "in quadrature; loss with the cube of the amplitude, frequencies stay; odd harmonics"
+    confused_with = "local-damper at one level, local-microslip"
+    check = "let the structure ring down from a high level: the damping ratio must fall with the amplitude"
+    numbers = (Number("coefficient", "N s2/m2", "quadratic", (1, -2, -2)),)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A dashpot."""
+        return Dashpot(**values)
+
+
+class CubicStiffness(AddedJoint):
+    """A cubic spring."""
+
+    name = "cubic-stiffness"
+    meaning = "a spring whose force grows with the cube of the displacement"
+    looks_like = "in phase; frequencies rise (or fall) with the square of the amplitude; a third harmonic"
+    confused_with = "two-sided-stop, quintic-stiffness"
+    check = "measure the resonance at three levels: its frequency must move with the square of the amplitude"
+    numbers = (Number("cubic", "N/m3", "cubic", (1, -3, 0), signed=True),)
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A spring."""
+        return CubicSpring(**values)
+
+
+class PolynomialStiffness(AddedJoint):
+    """A quadratic and cubic spring."""
+
+    name = "polynomial-stiffness"
+    meaning = "a spring with a quadratic and a cubic term: it is stiffer one way than the other"
+    looks_like = "in phase; even and odd harmonics, the second first; frequencies move with the amplitude squared"
+    confused_with = "cubic-stiffness, one-sided-stop"
+    check = "read the second harmonic: it must grow with the square of the amplitude"
+    contains = ("cubic-stiffness",)
+    numbers = (
+        Number("quadratic", "N/m2", "quadratic", (1, -2, 0), signed=True),
+        Number("cubic", "N/m3", "cubic", (1, -3, 0), signed=True),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A spring."""
+        return PolynomialSpring(**values)
+
+
+class QuinticStiffness(AddedJoint):
+    """A cubic and quintic spring."""
+
+    name = "quintic-stiffness"
+    meaning = "a spring with a cubic and a quintic term"
+    looks_like = "as cubic-stiffness at low level, stronger or weaker than that at high level; a fifth harmonic"
+    confused_with = "cubic-stiffness, two-sided-stop"
+    check = "measure the resonance at five levels: its shift over the amplitude squared must bend"
+    contains = ("cubic-stiffness",)
+    numbers = (
+        Number("cubic", "N/m3", "cubic", (1, -3, 0), signed=True),
+        Number("quintic", "N/m5", "quintic", (1, -5, 0), signed=True),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A spring."""
+        return PolynomialSpring(**values)
+
+
+class OneSidedStop(AddedJoint):
+    """A stop on one side, behind a gap; pressed at rest where that is negative."""
+
+    name = "one-sided-stop"
+    meaning = "a place strikes a stop on one side"
+    looks_like = "nothing below a threshold of the amplitude; then even and odd harmonics, frequencies rise"
+    confused_with = "two-sided-stop, polynomial-stiffness"
+    check = "look for what can be struck there, move it away, or measure just below and above where it sets in"
+    numbers = (
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("gap", "m", "gap", (0, 1, 0), (*ONSETS, *(-s for s in ONSETS), 0.0), signed=True),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """A stop."""
+        return Stop(**values)
+
+
+class TwoSidedStop(AddedJoint):
+    """Stops on both sides, behind equal gaps."""
+
+    name = "two-sided-stop"
+    meaning = "a place strikes stops on both sides, or a joint has play"
+    looks_like = "nothing below a threshold of the amplitude; then odd harmonics, frequencies rise"
+    confused_with = "cubic-stiffness, quintic-stiffness"
+    check = "measure at five levels about where it sets in: below, nothing changes with the level"
+    numbers = (
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("gap", "m", "gap", (0, 1, 0), ONSETS),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Stops."""
+        return Clearance(**values)
+
+
+class LocalFriction(AddedJoint):
+    """A Jenkins element."""
+
+    name = "local-friction"
+    meaning = "one Jenkins element: a spring that slides once its force reaches a limit"
+    looks_like = (
+        "a spring up to a level, then a loss that grows with the amplitude and frequencies that fall; odd harmonics"
+    )
+    confused_with = "local-microslip, local-dahl"
+    check = "measure three levels below its onset: there it must be a spring without a loss"
+    numbers = (
+        Number("limit", "N", "normal_load", (1, 0, 0)),
+        Number("critical_slip", "m", "critical_slip", (0, 1, 0), ONSETS),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Friction whose limit is its load: the coefficient is one."""
+        return Friction(Jenkins(1.0, values["critical_slip"]), values["normal_load"])
+
+
+class LocalMicroslip(AddedJoint):
+    """An Iwan element with limits from zero to twice their mean."""
+
+    name = "local-microslip"
+    meaning = "an Iwan element: a joint whose parts slip one after the other"
+    looks_like = "loss with the cube of the amplitude from the lowest level on, frequencies fall with it; odd harmonics"
+    confused_with = "local-friction, local-dahl, quadratic-damping"
+    check = "let the structure ring down: damping ratio and frequency must change in proportion to the amplitude"
+    numbers = (
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("limit", "N", "normal_load", (1, 0, 0), ONSETS),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Friction whose limit is its load."""
+        return Friction(Iwan(1.0, values["stiffness"]), values["normal_load"])
+
+
+class JointSlip(LocalFriction):
+    """A Jenkins element that the modes hold, and that slips."""
+
+    name = "joint-slip"
+    meaning = "a joint that holds in the modes as they were identified slips: one Jenkins element"
+    looks_like = "frequencies fall with the level and the loss rises, from an onset on; odd harmonics"
+    confused_with = "joint-microslip, local-friction"
+    check = "measure three levels below its onset: there frequency and damping must not change with the level"
+
+    @staticmethod
+    def held(values: Mapping[str, float]) -> float:
+        """Its stiffness while it sticks."""
+        return values["normal_load"] / values["critical_slip"]
+
+
+class JointMicroslip(LocalMicroslip):
+    """An Iwan element that the modes hold, and whose parts slip one after the other."""
+
+    name = "joint-microslip"
+    meaning = "a joint that holds in the modes as they were identified slips in parts: an Iwan element"
+    looks_like = "frequencies fall and damping ratios rise in proportion to the amplitude from the lowest level on"
+    confused_with = "joint-slip, local-microslip"
+    check = "let the structure ring down: frequency and damping ratio must change in proportion to the amplitude"
+
+    @staticmethod
+    def held(values: Mapping[str, float]) -> float:
+        """Its stiffness while it sticks."""
+        return values["stiffness"]
+
+
+class LocalDahl(AddedJoint):
+    """Dahl's bristles."""
+
+    name = "local-dahl"
+    meaning = "a bristle that bends and slides gradually (Dahl)"
+    looks_like = "as local-friction, its onset smooth"
+    confused_with = "local-friction, local-microslip"
+    check = "measure the loop at the onset: it must be smooth, and open from the lowest level on"
+    numbers = (
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("limit", "N", "normal_load", (1, 0, 0), ONSETS),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Friction whose limit is its load."""
+        return Friction(Dahl(1.0, values["stiffness"]), values["normal_load"])
+
+
+class LocalLuGre(AddedJoint):
+    """LuGre's bristles: as Dahl's, with friction that falls with the speed."""
+
+    name = "local-lugre"
+    meaning = "a bristle whose friction falls with the speed (LuGre)"
+    looks_like = "as local-dahl, with less loss the faster it slides"
+    confused_with = "local-dahl, local-friction"
+    check = "slide it by the same amount at two frequencies: the loss per cycle must fall with the frequency"
+    contains = ("local-dahl",)
+    numbers = (
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("limit", "N", "normal_load", (1, 0, 0), ONSETS[::2]),
+        Number("static_ratio", "1", "mu_static", (0, 0, 0), (1.5,)),
+        Number("stribeck_velocity", "m/s", "stribeck_velocity", (0, 1, 1), (0.05, 0.3)),
+    )
+
+    @staticmethod
+    def law(values: Mapping[str, float]) -> JointLaw:
+        """Friction whose limit is its load."""
+        v = dict(values)
+        load = v.pop("normal_load")
+        return Friction(LuGre(mu=1.0, **v, bristle_damping=0.0, viscous=0.0), load)
+
+
+JOINT_CAUSES: tuple[type[AddedJoint], ...] = (
+    LocalSpring,
+    LocalDamper,
+    QuadraticDamping,
+    CubicStiffness,
+    PolynomialStiffness,
+    QuinticStiffness,
+    OneSidedStop,
+    TwoSidedStop,
+    LocalFriction,
+    LocalMicroslip,
+    LocalDahl,
+    LocalLuGre,
+    JointSlip,
+    JointMicroslip,
+)
+"""Joints that may not have been modelled."""

@@ -1,0 +1,116 @@
+"""Numbers of a rig with joints by the keys of its rig file: read, changed, and what each does to its structure.
+
+Modes count from 1, as in messages about a rig file: ``modal.frequencies_hz[2]`` is that of the second mode.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from models.bodies.ported import PortedModes
+from models.friction.law import Parameter
+from models.joints.joint import Joint
+from models.joints.law import described, numbers, with_numbers
+from models.parts import Channel, Damping
+
+if TYPE_CHECKING:
+    from models.jointed import JointedRig
+
+FORCE, ALPHA = "excitation.amplitude", "damping.mass_proportional"
+RATIO = re.compile(r"damping\.modal_ratios\[(\d+)\]")
+ANY = -float("inf")
+
+
+def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
+    """All numbers of a rig by their keys, with unit and bounds."""
+    found = {
+        f"joints.{j.name}.{name}": (float(value), described(j.law)[name])
+        for j in rig.joints
+        for name, value in numbers(j.law).items()
+    }
+    found[FORCE] = rig.excitation.amplitude, Parameter("N", "force amplitude", "")
+    found |= rig.body.numbers
+    if rig.body.damped_by_modes:
+        found |= _of_damping(rig)
+    for i, drift in enumerate(rig.drift):
+        found[f"drift[{i}].rate"] = drift.rate, Parameter("1", "change per record", "", lower=ANY)
+    for c in rig.response_channels:
+        found[f"channels.{c.name}.gain"] = c.gain, Parameter("1", "gain", "", lower=ANY)
+        found[f"channels.{c.name}.delay"] = c.delay, Parameter("s", "delay", "", lower=ANY)
+    return found
+
+
+def _of_damping(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
+    if rig.damping.modal_ratios is None:
+        return {ALPHA: (rig.damping.mass_proportional, Parameter("1/s", "alpha", "(25)", strict=False))}
+    ratio = Parameter("1", "damping ratio", "", strict=False)
+    return {f"damping.modal_ratios[{i}]": (value, ratio) for i, value in enumerate(_ratios(rig), 1)}
+
+
+def _ratios(rig: "JointedRig") -> list[float]:
+    """Damping ratio of each mode, one for all among them."""
+    return list(np.resize(np.array(rig.damping.modal_ratios), rig.ported.n).tolist())
+
+
+def with_scalars(rig: "JointedRig", values: Mapping[str, float]) -> "JointedRig":
+    """The rig with other values of some of its numbers.
+
+    Raises
+    ------
+    KeyError
+        If there is no such number.
+    """
+    known = scalars(rig)
+    for key in values:
+        if key not in known:
+            raise KeyError(f"{key} is not a number of the rig {rig.name}")
+    own = rig.body.numbers
+    body = rig.body.with_numbers({key: value for key, value in values.items() if key in own})
+    return replace(
+        rig,
+        body=body,
+        damping=_damping(rig, values),
+        joints=tuple(_joint(j, values) for j in rig.joints),
+        excitation=replace(rig.excitation, amplitude=values.get(FORCE, rig.excitation.amplitude)),
+        channels=tuple(_channel(c, values) for c in rig.channels),
+        drift=tuple(replace(d, rate=values.get(f"drift[{i}].rate", d.rate)) for i, d in enumerate(rig.drift)),
+    )
+
+
+def _damping(rig: "JointedRig", values: Mapping[str, float]) -> Damping:
+    if ALPHA in values:
+        return replace(rig.damping, mass_proportional=values[ALPHA])
+    if not any(RATIO.fullmatch(key) for key in values):
+        return rig.damping
+    ratios = [values.get(f"damping.modal_ratios[{i}]", ratio) for i, ratio in enumerate(_ratios(rig), 1)]
+    return replace(rig.damping, modal_ratios=tuple(ratios))
+
+
+def _joint(j: Joint, values: Mapping[str, float]) -> Joint:
+    known = numbers(j.law)
+    new = {name: values.get(f"joints.{j.name}.{name}", value) for name, value in known.items()}
+    return j if new == known else replace(j, law=with_numbers(j.law, iter(new.values())))
+
+
+def _channel(c: Channel, values: Mapping[str, float]) -> Channel:
+    gain, delay = (values.get(f"channels.{c.name}.{name}", getattr(c, name)) for name in ("gain", "delay"))
+    return c if (gain, delay) == (c.gain, c.delay) else replace(c, gain=gain, delay=delay)
+
+
+def modes_change(rig: "JointedRig", key: str) -> PortedModes:
+    """Exact derivatives of the modes and rows of a rig's body to one of its numbers, zero to those it does not hold."""
+    p = rig.ported
+    if key in rig.body.numbers:
+        return rig.body.change(key, p, rig.damping)
+    none = p.nothing
+    ratio = RATIO.fullmatch(key)
+    if ratio is None and key != ALPHA:
+        return none
+    if ratio is not None:
+        viscous = np.where(np.arange(1, p.n + 1) == int(ratio[1]), 2.0 * p.omega_n, 0.0)
+    else:
+        viscous = rig.damping.dampers_change("mass_proportional", p.omega_n, np.arange(1, p.n + 1)).viscous
+    return replace(none, damping=np.diag(viscous), reaction_damping=p.reaction_inertia * viscous)

@@ -1,0 +1,253 @@
+"""Hidden joints on a structure of three modes, found in the records of an independent simulator.
+
+Every structure differs a little from the rig file in all that is identified of it; the null has nothing else.
+"""
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hbm.cli import app
+from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.jointscan import scan
+from hbm.diagnosis.search import campaign_of
+from hbm.diagnosis.verdict import Diagnosis
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.measurement.spectrafile import write_spectra
+from hbm.outputerror.fit import evaluate
+from hbm.outputerror.model import Model
+from hbm.outputerror.nominal import tolerances
+from hbm.response.trace import steady_state
+from hbm.rigfiles.load import load_rig
+from models.bodies import ModalModel
+from models.causes import all_candidates
+from models.causes.addedjoint import AddedJoint, ends_of
+from models.causes.joints import JOINT_CAUSES
+from models.jointed import JointedRig
+from models.joints import CubicSpring, Joint
+from models.joints.law import numbers
+from models.parts import Channel, Damping, Excitation
+from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, steady
+
+ROWS = {
+    "drive": np.array([0.8, 0.5, -0.6]),
+    "a": np.array([0.5, 0.9, 0.8]),
+    "b": np.array([0.9, -0.4, 0.7]),
+    "c": np.array([1.2, -1.1, 1.0]),
+}
+NOMINAL = Modes(np.array([20.0, 47.0, 90.0]), np.array([0.015, 0.012, 0.015]), ROWS)
+SENSORS = ("a", "b", "c")
+LEVELS, SECOND = (0.2, 0.6, 1.0), 4.0
+"""Forces about the first mode [N]; about the second they are so many times that."""
+
+HZ = (18.5, 19.4, 19.8, 20.2, 20.6, 21.2, 22.5, 45.5, 46.6, 47.4, 49.0)
+H = 5
+OFF = {"hz": 3e-4, "ratio": 0.03, "shape": 3e-3}
+"""What the structure differs by from the rig file, relative standard deviations."""
+
+NOISE = 2e-3
+"""Of the rms of a channel, standard deviation of each coefficient."""
+
+K3, STIFFNESS, LIMIT = 2e7, 3000.0, 0.6
+STOP, CLEARANCE = 5000.0, 5e-4
+
+
+def rig_of(modes: Modes) -> JointedRig:
+    body = ModalModel(tuple(modes.hz.tolist()), {name: tuple(row.tolist()) for name, row in modes.rows.items()})
+    sensors = (Channel(name, "acceleration", at=name) for name in SENSORS)
+    damping = Damping(modal_ratios=tuple(modes.ratio.tolist()))
+    return JointedRig(
+        "three modes", body, damping, (), Excitation(1.0, at="drive"), (Channel("force", "force"), *sensors)
+    )
+
+
+def measured(
+    hidden: Hidden, place: str, wrong: Callable[[Modes], Modes] = lambda m: m, seed: int = 1
+) -> MeasuredSpectra:
+    """Records of a structure with a hidden force between a place and the ground."""
+    rng = np.random.default_rng(seed)
+    modes = wrong(NOMINAL.disturbed(rng, **OFF))
+    hz = np.tile(HZ, len(LEVELS))
+    force = np.repeat(LEVELS, len(HZ)) * np.where(hz > 40.0, SECOND, 1.0)
+    q = steady(modes, hidden, modes.rows[place], "drive", hz, force, periods=200, steps=512, H=H)
+    size = (len(hz), 2 * H + 1)
+    clean = {"force": np.zeros(size), **{name: accelerations(modes, q, name, hz) for name in SENSORS}}
+    clean["force"][:, 1] = force
+    std = {name: NOISE * np.sqrt(np.mean(y[:, [1, H + 1]] ** 2)) for name, y in clean.items()} | {"force": 1e-4}
+    noisy = {name: y + std[name] * rng.standard_normal(size) for name, y in clean.items()}
+    stds = {name: np.full((len(hz), H + 1), s) for name, s in std.items()}
+    for name in noisy:  # no mean was measured
+        noisy[name][:, 0] = stds[name][:, 0] = np.nan
+    return spectra_of(rig_of(NOMINAL), hz, force, noisy, stds)
+
+
+def faster(modes: Modes) -> Modes:
+    """The second mode 0.7 % higher than the rig file says."""
+    return replace(modes, hz=modes.hz * np.array([1.0, 1.007, 1.0]))
+
+
+CASES = {
+    "cubic": (cubic(K3), "c"),
+    "jenkins": (jenkins(STIFFNESS, LIMIT), "b"),
+    "gap": (gap(STOP, CLEARANCE), "c"),
+    "null": (nothing, "a"),
+    "frequency": (nothing, "a", faster),
+}
+
+
+@cache
+def records(name: str) -> MeasuredSpectra:
+    return measured(*CASES[name])
+
+
+@cache
+def found(name: str) -> Diagnosis:
+    rig = rig_of(NOMINAL)
+    known = None
+    if name == "frequency":  # known to 0.1 %
+        known = tolerances(rig, SENSORS) | {f"modal.frequencies_hz[{i}]": 1e-3 for i in (1, 2, 3)}
+    return diagnose(rig, records(name), tolerances=known)
+
+
+def value(d: Diagnosis, name: str) -> tuple[float, float]:
+    """Estimate of a parameter and its standard deviation."""
+    p = d.parameters[name]
+    assert isinstance(p.value, float) and p.std is not None
+    return p.value, p.std
+
+
+def test_simulator_and_balance_agree() -> None:
+    hz, force = np.array([19.0, 20.5, 46.5]), np.array([1.0, 1.0, 4.0])
+    q = steady(NOMINAL, cubic(K3), ROWS["c"], "drive", hz, force, periods=200, steps=512, H=H)
+    rig = replace(rig_of(NOMINAL), joints=(Joint("hidden", CubicSpring(K3), ("c",)),))
+    for i in range(len(hz)):
+        state = steady_state(rig, float(hz[i]), level=float(force[i]), harmonics=9).state
+        kept = np.r_[0 : H + 1, 10 : 10 + H]
+        assert np.abs(q[i] - state.Q[kept]).max() < 2e-5 * np.abs(q[i]).max()
+
+
+def test_a_cubic_spring_is_named_placed_and_measured() -> None:
+    d = found("cubic")
+    assert (d.verdict, d.cause) == ("cause-found", "cubic-stiffness")
+    assert d.parameters["at"].value == "c"
+    k3, std = value(d, "cubic")
+    assert abs(k3 - K3) < 3.0 * std and std < 0.1 * K3
+
+
+def test_a_jenkins_element_is_named_placed_and_measured() -> None:
+    d = found("jenkins")
+    assert (d.verdict, d.cause) == ("cause-found", "local-friction")
+    assert d.parameters["at"].value == "b"
+    for name, truth in (("limit", LIMIT), ("critical_slip", LIMIT / STIFFNESS)):
+        estimate, std = value(d, name)
+        assert abs(estimate - truth) < 3.0 * std and std < 0.1 * truth
+
+
+def test_a_gap_is_named_placed_and_measured() -> None:
+    d = found("gap")
+    assert (d.verdict, d.cause) == ("cause-found", "one-sided-stop")
+    assert d.parameters["at"].value == "c"
+    for name, truth in (("stiffness", STOP), ("gap", CLEARANCE)):
+        estimate, std = value(d, name)
+        assert abs(estimate - truth) < 3.0 * std and std < 0.1 * truth
+
+
+def test_nothing_is_blamed_where_all_is_within_tolerances() -> None:
+    d = found("null")
+    assert d.verdict == "consistent" and d.cause is None and d.extended is None
+
+
+def test_a_wrong_frequency_is_told_from_physics() -> None:
+    d = found("frequency")
+    assert (d.verdict, d.cause) == ("cause-found", "parameter:modal.frequencies_hz[2]")
+    hz, std = value(d, "value")
+    truth = faster(NOMINAL.disturbed(np.random.default_rng(1), **OFF)).hz[1]
+    assert abs(hz - truth) < 3.0 * std + 1e-3 * truth
+
+
+def rig_file() -> str:
+    """The rig as a file."""
+    rows = "".join(f"{name} = {row.tolist()}\n" for name, row in ROWS.items())
+    sensors = "".join(f'[[channels]]\nname = "{name}"\nquantity = "acceleration"\nat = "{name}"\n' for name in SENSORS)
+    return (
+        f'name = "three modes"\n[modal]\nfrequencies_hz = {NOMINAL.hz.tolist()}\n[modal.ports]\n{rows}'
+        f"[damping]\nmodal_ratios = {NOMINAL.ratio.tolist()}\n[excitation]\namplitude = 1.0\nat = 'drive'\n"
+        f'[[channels]]\nname = "force"\nquantity = "force"\n{sensors}'
+    )
+
+
+def test_the_command_writes_an_extended_rig_that_is_read_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hbm.parallel.all_cores", lambda prepare: nullcontext())
+    (tmp_path / "rig.toml").write_text(rig_file())
+    write_spectra(tmp_path / "spectra.csv", records("cubic"))
+    names = [str(tmp_path / name) for name in ("rig.toml", "spectra.csv")]
+    tolerance = ("--tolerance", "modal.ports.c[2]=0.03", "--tolerance", "modal.frequencies_hz[1]=0.005")
+    done = CliRunner().invoke(
+        app, ["diagnose", *names, "--cause", "cubic-stiffness", *tolerance, "--out", str(tmp_path / "out")]
+    )
+    assert done.exit_code == 0, done.output
+    assert "cubic-stiffness" in done.output
+    extended = load_rig(tmp_path / "out" / "extended.toml")
+    assert isinstance(extended, JointedRig)
+    (joint,) = extended.joints
+    assert isinstance(joint.law, CubicSpring) and joint.at == ("c",)
+    assert float(joint.law.cubic) == pytest.approx(K3, rel=0.1)
+    assert (tmp_path / "out" / "missing_force.csv").exists() and (tmp_path / "out" / "report.html").exists()
+
+
+# ---- what is offered, and that it changes nothing without a size
+
+
+def test_places_are_ports_the_ground_and_each_two_but_none_twice() -> None:
+    rig = rig_of(replace(NOMINAL, rows={**ROWS, "beside c": ROWS["c"]}))
+    assert len(ends_of(rig)) == 4 + 6
+    assert not any("beside c" in pair for pair in ends_of(rig))
+    labels = [c.label for c in all_candidates(rig)]
+    assert len(labels) == len(set(labels))
+    assert {"cubic-stiffness c", "cubic-stiffness a to b", "parameter:modal.ports.drive[3]"} <= set(labels)
+    assert not any(label.startswith("parameter:modal.ports.beside") for label in labels)  # nothing touches it
+
+
+@pytest.mark.parametrize("kind", JOINT_CAUSES, ids=lambda kind: kind.name)
+def test_a_joint_of_no_size_changes_nothing_and_its_unknowns_are_numbers(kind: type[AddedJoint]) -> None:
+    rig = rig_of(NOMINAL)
+    cause = next(iter(kind.candidates(rig)))
+    unknowns = cause.unknowns(rig)
+    assert cause.meaning and cause.looks_like and cause.confused_with and cause.check
+    least = {u.name: u.starts[0] for u in unknowns}
+    most = {u.name: u.starts[-1] for u in unknowns}
+    assert all(u.lower <= start <= u.upper for u in unknowns for start in u.starts)
+    plain = steady_state(rig, 20.1, harmonics=7)["a"].coefficients
+    there = steady_state(cause.extend(rig, least), 20.1, harmonics=7, samples=256)["a"].coefficients
+    assert np.abs(there - plain).max() < 1e-2 * np.abs(plain).max()
+    extended = cause.extend(rig, most)
+    for u in unknowns:
+        assert extended.number(u.key) == most[u.name]
+    assert cause not in list(kind.candidates(extended))
+    assert set(numbers(extended.joints[0].law)) >= {u.key.rpartition(".")[2] for u in unknowns}
+
+
+def test_a_scan_of_exact_records_finds_the_size_of_what_made_them() -> None:
+    rig, hz = rig_of(NOMINAL), np.array([18.5, 20.2, 22.0, 46.0, 47.0, 48.0])
+    level = np.where(hz > 40.0, 4.0, 1.0)
+    q = steady(NOMINAL, cubic(2e6), ROWS["b"], "drive", hz, level, periods=200, steps=512, H=3)
+    clean = {name: accelerations(NOMINAL, q, name, hz) for name in SENSORS}
+    clean["force"] = np.zeros((6, 7))
+    clean["force"][:, 1] = level
+    stds = {name: np.full((6, 4), 1e-4 * np.abs(y[:, 1:]).max()) for name, y in clean.items()}
+    for name in clean:
+        clean[name][:, 0] = stds[name][:, 0] = np.nan
+    campaign, _ = campaign_of(rig, spectra_of(rig, hz, level, clean, stds))
+    bare = Model(rig, {})
+    base = evaluate(bare, campaign, bare.start, {})
+    best = max(
+        scan(base, campaign, [c for c in all_candidates(rig) if isinstance(c, AddedJoint)]), key=lambda s: s.drop
+    )
+    assert best.cause.at == "b" and best.cause.to == ""
+    assert best.starts[0]["cubic"] == pytest.approx(2e6, rel=2e-2)

@@ -1,0 +1,138 @@
+"""Frequencies, damping ratios, shapes, gains and delays as numbers: exact derivatives, rigs without a joint."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from hbm.balance.solution import PeriodicSolution
+from hbm.errors import InputError
+from hbm.modes.linear import linear_modes
+from hbm.response.trace import steady_state
+from hbm.rigfiles.load import load_rig
+from hbm.sensitivity.jointed import joint_sensitivities
+from hbm.sensitivity.jointforces import motion_between, pushed
+from hbm.tracking.parameterresponse import parameter_response
+from models.jointed import JointedRig
+from models.parts import Channel, Damping, Excitation
+from tests.joints.rigs import made_up
+
+HZ = 1.3
+RIG = replace(
+    made_up(damped=False, rigid=True),
+    damping=Damping(modal_ratios=(0.0, 0.04, 0.05, 0.03), stiffness_proportional=2e-3),
+    excitation=Excitation(1.0, at="d", harmonics=((3, 0.05, -0.02),)),
+    channels=(Channel("x", "acceleration", gain=1.1, delay=0.02, at="e"), Channel("f", "force")),
+)
+ALPHA = replace(RIG, damping=Damping(0.3))
+KEYS = (
+    *("modal.frequencies_hz[2]", "modal.frequencies_hz[4]", "damping.modal_ratios[3]"),
+    *("modal.ports.a[2]", "modal.ports.d[3]", "modal.ports.e[1]", "channels.x.gain", "channels.x.delay"),
+)
+FILE = """
+name = "three modes"
+[modal]
+frequencies_hz = [0.0, 20.0, 50.0]
+shapes = [[0.5, 1.0, 1.0], [0.0, 0.0, 0.0]]
+excitation_shape = [0.5, 0.3, 0.5]
+[damping]
+modal_ratios = [0.01]
+[excitation]
+amplitude = 2.0
+[[channels]]
+name = "tip"
+quantity = "acceleration"
+[[channels]]
+name = "f"
+quantity = "force"
+"""
+
+
+def solved(rig: JointedRig, start: PeriodicSolution | None = None) -> PeriodicSolution:
+    return steady_state(rig, HZ, harmonics=7, samples=256, start=start)
+
+
+@pytest.mark.parametrize(
+    ("rig", "key"),
+    [
+        *((RIG, key) for key in KEYS),
+        *((RIG, f"excitation.harmonics[0].{part}") for part in ("cos", "sin")),
+        *((ALPHA, key) for key in ("damping.mass_proportional", "modal.frequencies_hz[3]")),
+    ],
+    ids=str,
+)
+def test_derivatives_are_those_of_solutions_nearby(rig: JointedRig, key: str) -> None:
+    here = solved(rig)
+    found = joint_sensitivities(rig, here, [key])
+    step = 1e-6
+
+    def at(value: float) -> PeriodicSolution:
+        if not key.startswith("excitation.harmonics"):
+            return solved(rig.with_number(key, value), here)
+        (k, *tone) = rig.excitation.harmonics[0]
+        tone[("cos", "sin").index(key.rpartition(".")[2])] = value
+        return solved(replace(rig, excitation=replace(rig.excitation, harmonics=((k, *tone),))), here)
+
+    up, down = (at(float(found.values[0]) + x) for x in (step, -step))
+    moved = False
+    for name in ("drive", "x", "rub.force", "spring.motion", "plane.force.3"):
+        apart = (up[name].coefficients - down[name].coefficients) / (2 * step)
+        size = max(np.abs(apart).max(), 1e-6 * np.abs(here[name].coefficients).max())
+        assert np.abs(found[name].coefficients[:, 0] - apart).max() < 1e-4 * size, name
+        moved |= bool(np.abs(apart).max() > 1e-3 * np.abs(here[name].coefficients).max())
+    assert moved
+
+
+@pytest.fixture
+def linear(tmp_path: Path) -> JointedRig:
+    file = tmp_path / "rig.toml"
+    file.write_text(FILE)
+    rig = load_rig(file)
+    assert isinstance(rig, JointedRig)
+    return rig
+
+
+def test_modes_without_a_contact_are_a_linear_rig(linear: JointedRig) -> None:
+    assert linear.joints == () and linear.law_name == ""
+    omega, omega_n = 2 * np.pi * 21.0, 2 * np.pi * np.array([0.0, 20.0, 50.0])
+    shares = np.array([0.5, 1.0, 1.0]) * np.array([0.5, 0.3, 0.5])
+    receptance = np.sum(shares / (omega_n**2 - omega**2 + 0.02j * omega_n * omega))
+    found = steady_state(linear, 21.0, harmonics=3)
+    assert found["tip"].peak == pytest.approx(2.0 * omega**2 * abs(receptance), rel=1e-9)
+    assert abs(found.energy_error) < 1e-12 and found.friction_loss == 0.0
+    assert linear_modes(linear).sliding_hz == pytest.approx([0.0, 20.0, 50.0])
+
+
+def test_a_curve_along_a_frequency_ends_where_a_single_solution_is(linear: JointedRig) -> None:
+    key = "modal.frequencies_hz[2]"
+    curve = parameter_response(linear, key, (20.0, 22.0), hz=21.0, harmonics=3)
+    last = steady_state(linear.with_number(key, 22.0), 21.0, harmonics=3)
+    assert curve.complete
+    assert np.allclose(curve.points[-1]["tip"].coefficients, last["tip"].coefficients, rtol=0, atol=1e-9)
+
+
+def test_shapes_must_be_as_many_as_channels(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text(FILE.replace(", [0.0, 0.0, 0.0]]", "]"))
+    with pytest.raises(InputError, match=r"modal.shapes has 1 rows; must have 2, one per \[\[channels\]\] entry"):
+        load_rig(file)
+
+
+@pytest.mark.parametrize("k", [1, 3])
+def test_a_force_where_the_excitation_is_does_what_a_change_of_that_does(k: int) -> None:
+    here, H = solved(RIG), 3
+    found = pushed(RIG, here, [("d", ""), ("a", "c")], H)
+    key = "excitation.amplitude" if k == 1 else "excitation.harmonics[0].cos"
+    by = joint_sensitivities(RIG, here, [key])
+    steady = RIG.excitation.harmonics[0][1:]
+    for name in ("x",):
+        change = by[name].coefficients[:, 0] / (1.0 if k == 1 else here.level)
+        cosine, third, sine_of_third = (found.channels[name][:, i] for i in (0, 2, H + 2))
+        own = cosine + steady[0] * third + steady[1] * sine_of_third if k == 1 else third  # its harmonics grow with it
+        assert np.abs(own - change).max() < 1e-9 * np.abs(change).max()
+    # reciprocal only where linear; but what is moved is what a probe there would read
+    probe = replace(RIG, channels=(*RIG.channels, Channel("probe", "displacement", at="d")))
+    seen = pushed(probe, here, [("d", ""), ("a", "c")], H)
+    assert np.allclose(seen.channels["probe"].reshape(-1, 2, 2 * H)[:, 1], found.moved[0, :, 1], rtol=0, atol=1e-12)
+    assert np.allclose(motion_between(RIG, here, [("d", "")])[0], here["drive"].coefficients, rtol=0, atol=1e-12)

@@ -1,0 +1,124 @@
+"""Any structure by its modes with one hidden force between two places, marched in time: independent of the solver.
+
+All records are marched at once. The modes are linear: over a step each moves exactly under a force that changes on a
+straight line; the hidden force at the end of the step follows from the motion there by a few fixed-point iterations.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import expm
+
+Array = np.ndarray
+
+Hidden = Callable[[Array, Array, Array], tuple[Array, Array]]
+"""From displacement, velocity and memory before, the force on the body and the memory after."""
+
+ITERATIONS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Mass-normalised modes: frequencies [Hz], damping ratios (n,), and shapes by place."""
+
+    hz: Array
+    ratio: Array
+    rows: dict[str, Array]
+
+    def disturbed(self, rng: np.random.Generator, hz: float, ratio: float, shape: float) -> "Modes":
+        """The same where all that is identified of it is a little off, relative standard deviations."""
+
+        def off(values: Array, size: float) -> Array:
+            return values * (1.0 + size * rng.standard_normal(values.shape))
+
+        return replace(
+            self,
+            hz=off(self.hz, hz),
+            ratio=off(self.ratio, ratio),
+            rows={name: off(row, shape) for name, row in self.rows.items()},
+        )
+
+
+def nothing(u: Array, v: Array, z: Array) -> tuple[Array, Array]:
+    """No hidden force."""
+    return 0.0 * u, z
+
+
+def cubic(k3: float) -> Hidden:
+    """A cubic spring."""
+    return lambda u, v, z: (-k3 * u**3, z)
+
+
+def gap(k: float, clearance: float) -> Hidden:
+    """A one-sided stop."""
+    return lambda u, v, z: (-k * np.maximum(u - clearance, 0.0), z)
+
+
+def jenkins(k: float, limit: float) -> Hidden:
+    """A spring that slides at a limit; its memory is where it is anchored."""
+
+    def force(u: Array, v: Array, z: Array) -> tuple[Array, Array]:
+        f = np.clip(k * (z - u), -limit, limit)
+        return f, u + f / k
+
+    return force
+
+
+def quadratic(c: float) -> Hidden:
+    """A dashpot whose force grows with the square of the velocity."""
+    return lambda u, v, z: (-c * v * np.abs(v), z)
+
+
+def steady(
+    modes: Modes,
+    hidden: Hidden,
+    at: Array,
+    drive: str,
+    hz: Array,
+    force: Array,
+    periods: int = 150,
+    steps: int = 256,
+    H: int = 5,
+) -> Array:
+    """Modal harmonics a_0, a_1..a_H, b_1..b_H of every record, (r, 2H+1, n), over the last period.
+
+    `at` (n,) is the row of the relative displacement that the hidden force sees and acts along.
+    """
+    omega_n, r, n = 2 * np.pi * modes.hz, len(hz), len(modes.hz)
+    dt = 1.0 / (hz * steps)
+    through, first, second = (np.empty((r, n, *shape)) for shape in ((2, 2), (2,), (2,)))
+    for i in range(r):
+        for j in range(n):
+            # (q, q', p, p') with a force p on the mode that changes evenly
+            A = np.zeros((4, 4))
+            A[0, 1] = A[2, 3] = 1.0
+            A[1] = [-(omega_n[j] ** 2), -2 * modes.ratio[j] * omega_n[j], 1.0, 0.0]
+            E = expm(A * dt[i])
+            through[i, j], second[i, j] = E[:2, :2], E[:2, 3] / dt[i]
+            first[i, j] = E[:2, 2] - second[i, j]
+    phase = np.cos(2 * np.pi * np.arange(steps) / steps)
+    pushed = modes.rows[drive]
+    x, z, f, last = np.zeros((r, n, 2)), np.zeros(r), np.zeros(r), np.empty((steps, r, n))
+    for step in range(periods * steps):
+        here, there = phase[step % steps], phase[(step + 1) % steps]
+        before = (force * here)[:, None] * pushed + f[:, None] * at
+        free = np.einsum("rnab,rnb->rna", through, x) + first * before[..., None]
+        free += second * ((force * there)[:, None] * pushed)[..., None]
+        new = f
+        for _ in range(ITERATIONS):
+            x = free + second * (new[:, None] * at)[..., None]
+            new, after = hidden(x[..., 0] @ at, x[..., 1] @ at, z)
+        f, z = new, after
+        if step >= (periods - 1) * steps:
+            last[(step + 1) % steps] = x[..., 0]
+    spectrum = np.fft.rfft(last, axis=0)[: H + 1] * 2 / steps
+    spectrum[0] /= 2
+    return np.concatenate([spectrum.real, -spectrum.imag[1:]]).transpose(1, 0, 2)
+
+
+def accelerations(modes: Modes, q: Array, place: str, hz: Array) -> Array:
+    """Harmonics of the acceleration at a place, (r, 2H+1)."""
+    H = q.shape[1] // 2
+    k = np.concatenate([np.arange(H + 1), np.arange(1, H + 1)])
+    return -((2 * np.pi * hz[:, None] * k) ** 2) * (q @ modes.rows[place])
