@@ -8,10 +8,10 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import off
+from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.decide import (
     ALARM,
     Decision,
-    evidence,
     inclusion,
     sidak,
     tied,
@@ -25,7 +25,7 @@ from hbm.diagnosis.search import NEARLY, Search, campaign_of
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Estimate, Ranked, Verdict
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.outputerror.background import LARGEST, weights
+from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import Evaluation, evaluate
 
 MOVED = 3
@@ -46,23 +46,6 @@ BETTER = 0.5
 
 SAYS_NOTHING = 0.3
 """Records that a model misses by this share of the response agree with nothing, whatever their noise."""
-
-FORETOLD = 0.8
-"""Share of the misfit of the records held out that a cause explains, from which on it counts as foretold."""
-
-RELIABLE = {
-    "foretold": 0.93,
-    "noise": 0.67,
-    "cause-found": 0.83,
-    "main-cause": 0.18,
-    "unexplained": 0.82,
-    "consistent": 0.89,
-    "within": 0.27,
-}
-"""How often verdicts are right: a cause that leaves noise alone and foretells the records held out, one that leaves
-noise alone, one that leaves a background, a main cause, and so on; `within` where numbers within their tolerances
-explain what is missed. Right ones and one more, of all and two more, in 152 blind cases (seed 20261501, scored with
-2fb1e9d); docs/theory/diagnosis.md says which of these were counted otherwise."""
 
 AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
@@ -187,7 +170,7 @@ class Conclusion:
             return "cause-found"
         left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
-        if least < MAIN or before <= NOTABLE or not self._predicts(scored):
+        if least < MAIN or before <= NOTABLE or left > SAYS_NOTHING or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
         if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)):
             return "cause-found"
@@ -224,15 +207,15 @@ class Conclusion:
         return scored.misfit.fits and better
 
     def _without_cause(self, base: Evaluation) -> Verdict:
-        """Consistent where noise, or a background within tolerances, is all that is left, held out too."""
+        """Consistent where noise, or a background, is all that is left within tolerances, held out too."""
         e, scored = self._noise(base), self.nominal if base is self.search.nominal else self.calibrated
-        if nrmse(e.white) > SAYS_NOTHING:
+        if nrmse(e.white) > SAYS_NOTHING or not self.search.tolerable(e):
             return "unexplained"
         if misfit(e, self.campaign).fits and (scored is None or scored.misfit.fits):
             return "consistent"
         whites = [e.white, *([] if scored is None else [scored.evaluation.white])]
         small = all(beyond_noise(white) <= LARGEST for white in whites)
-        return "consistent" if small and self.search.tolerable(e) else "unexplained"
+        return "consistent" if small else "unexplained"
 
     def _confidence(self, verdict: Verdict, best: Evaluation | None) -> float:
         """Share of repetitions that would decide alike; else how improbable it is that another verdict is right.
@@ -249,15 +232,7 @@ class Conclusion:
             e = self._noise(self.decision.story)
             return RELIABLE[verdict] * (1.0 - misfit(e, self.campaign).probability)
         noise = misfit(self.search.nominal, self.campaign).fits
-        return RELIABLE[verdict] * self._nothing() if noise else RELIABLE["within"]
-
-    def _nothing(self) -> float:
-        """Probability that nothing is missing, even odds before; the candidates share theirs."""
-        base, scores = self.decision.base, [s for s in self.search.screening.scores if s.drop > 0.0]
-        calibrated = self.search.nominal.chi2 - base.chi2 if base is self.search.calibrated else 0.0
-        beside = [evidence(e) - evidence(base) for e in self.decision.fits] or [calibrated - s.gain for s in scores]
-        dearer = 2.0 * np.log(max(len(self.search.candidates), 1))
-        return float(weights([0.0, *(b + dearer for b in beside)])[0])
+        return RELIABLE[verdict] * nothing_missing(self.search, self.decision) if noise else RELIABLE["within"]
 
     def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:
         models = dict(self.plain)
@@ -365,8 +340,13 @@ class Conclusion:
             yield f"These leave {there:.3g} noise variances, all others {elsewhere:.3g}: {told}."
 
     def _moved(self) -> Iterator[str]:
-        for key, pull in list(off(self.search.trust, self.search.calibrated).items())[:MOVED]:
-            yield f"Calibration moves {key} by {pull:+.1f} tolerances."
+        far = [f"{key} ({pull:+.1f})" for key, pull in off(self.search.trust, self.search.calibrated).items()]
+        if far:
+            told = ", ".join(far[:MOVED]) + (f" and {len(far) - MOVED} more" if far[MOVED:] else "")
+            yield (
+                f"Calibration moves {told} as many tolerances as it may: a number of the rig file is wrong, or physics "
+                "is missing."
+            )
 
     def _scores(self) -> Iterator[str]:
         screening = self.search.screening

@@ -122,11 +122,12 @@ def judged(monkeypatch, *, settled, noise, shares, left=0.0, before=0.1, foretel
 
 
 def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):
-    """Noise left; a background left; more left; most left; less than half explained; too little to begin with."""
+    """Noise left; a background; more; the response missed; most left; less than half explained; too little at first."""
     for noise, shares, left, before, said in (
         (True, (0.3, 0.3), 0.0, 0.002, "cause-found"),
         (False, (0.99, 0.97), 0.004, 0.1, "cause-found"),
         (False, (0.99, 0.97), 0.02, 0.1, "main-cause"),
+        (False, (0.95, 0.97), 0.87, 1.93, "none"),
         (False, (0.8, 0.6), 0.004, 0.01, "main-cause"),
         (False, (0.8, 0.4), 0.004, 0.01, "none"),
         (False, (0.99, 0.99), 0.001, 0.004, "none"),
