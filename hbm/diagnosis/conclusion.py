@@ -17,7 +17,7 @@ from hbm.diagnosis.decide import (
     tied,
 )
 from hbm.diagnosis.estimates import estimates, name_of, off_support
-from hbm.diagnosis.judge import possible_background_of, std_within, widened
+from hbm.diagnosis.judge import possible_background_of, std_of_records, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent, remainder
@@ -121,14 +121,13 @@ class Conclusion:
         )
 
     def _estimates(self, best: Evaluation) -> dict[str, Estimate]:
-        """Numbers of the cause, as uncertain as a background, seen or not, and the rest of the rig file leave them."""
+        """Numbers of the cause, as uncertain as a background, the rest of the rig file and each record leave them."""
         campaign, known = self.search.campaign, best
         if not any(campaign.background.values()):
             campaign = replace(self.campaign, background=possible_background_of(best, self.campaign))
             known = widened(best, campaign)
-        if best.model.calibrated:
-            return estimates(known)
-        return estimates(known, std_within(known, self.search.trust.calibrated, campaign))
+        within = known.std if best.model.calibrated else std_within(known, self.search.trust.calibrated, campaign)
+        return estimates(known, np.maximum(within, std_of_records(known)))
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """The misfit that the model of the verdict leaves."""

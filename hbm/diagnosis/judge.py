@@ -107,6 +107,26 @@ def std_within(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaig
     return np.asarray(np.maximum(np.abs(slopes) * np.sqrt(square[own]), e.std))
 
 
+def std_of_records(e: Evaluation) -> Array:
+    """Standard deviations of the values of a model's numbers by how much the records disagree on them, (n,).
+
+    No covariance is right, least of all beside a jump of the response, where one record may be off by far more than a
+    background is elsewhere. Each record pulls the numbers its own way: the mean square of these pulls is what their sum
+    is off by, whatever the misfit is made of (Huber, Proc. 5th Berkeley Symp. 1 (1967), 221; White, Econometrica 50
+    (1982), 1), records being independent once they are whitened.
+    """
+    slopes = np.array([f.slope(x) for f, x in zip(e.model.free, e.x, strict=True)])
+    square = _disagreement(e.white.jacobian, e.white.residual, e.white.record, e.covariance, e.expected)
+    return np.asarray(np.abs(slopes) * np.sqrt(square))
+
+
+def _disagreement(J: Array, residual: Array, record: Array, covariance: Array, expected: Array) -> Array:
+    """Mean square of what numbers are off by as records disagree on them, (n,)."""
+    pulls = np.array([J[record == k].T @ residual[record == k] for k in np.unique(record)])
+    spread = pulls.T @ pulls * len(pulls) / max(len(pulls) - 1, 1) + expected**2
+    return np.asarray(np.einsum("ij,jk,ik->i", covariance, spread, covariance))
+
+
 def _mean_square(J: Array, residual: Array, tolerance: Array) -> Array:
     """Mean square of what numbers are off by, (n,), some of them known to within their tolerances before."""
     known = np.isfinite(tolerance)
