@@ -9,6 +9,7 @@ import numpy as np
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import off
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
+from hbm.diagnosis.constancy import Varying, varying
 from hbm.diagnosis.decide import (
     ALARM,
     Decision,
@@ -17,7 +18,7 @@ from hbm.diagnosis.decide import (
     tied,
 )
 from hbm.diagnosis.estimates import estimates, name_of, off_support
-from hbm.diagnosis.judge import possible_background_of, std_of_records, std_within, widened
+from hbm.diagnosis.judge import freed, possible_background_of, std_of_records, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent, remainder
@@ -120,13 +121,26 @@ class Conclusion:
             held_campaign=None if self.hidden is None else replace(self.hidden, executor=None),
         )
 
-    def _estimates(self, best: Evaluation) -> dict[str, Estimate]:
-        """Numbers of the cause, as uncertain as a background, the rest of the rig file and each record leave them."""
-        campaign, known = self.search.campaign, best
+    @cached_property
+    def _widened(self) -> tuple[Evaluation, Evaluation]:
+        """The best model beside whatever background there may be; and with all that has a tolerance free within it."""
+        assert self.best is not None
+        best, campaign = self.best[0], self.search.campaign
         if not any(campaign.background.values()):
             campaign = replace(self.campaign, background=possible_background_of(best, self.campaign))
-            known = widened(best, campaign)
-        within = known.std if best.model.calibrated else std_within(known, self.search.trust.calibrated, campaign)
+        known = widened(best, campaign)
+        return known, known if best.model.calibrated else freed(known, self.search.trust.calibrated, campaign)
+
+    @cached_property
+    def _varying(self) -> Varying | None:
+        """How the numbers of the cause change between levels or bands, which those of a look-alike do."""
+        wide = self._widened[1]
+        return varying(wide, self.campaign) if wide.model.rig(wide.x).excitation.settled else None
+
+    def _estimates(self, best: Evaluation) -> dict[str, Estimate]:
+        """Numbers of the cause, as uncertain as a background, the rest of the rig file and each record leave them."""
+        known, wide = self._widened
+        within = known.std if best.model.calibrated else std_within(known, wide)
         return estimates(known, np.maximum(within, std_of_records(known)))
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
@@ -134,7 +148,8 @@ class Conclusion:
         plain = self.decision.base if self.decision.best is None else self.search.calibrated
         e = self._noise(best or plain)
         shares = {} if best is None else self._shares
-        return remainder(e.white, self.campaign, not misfit(e, self.campaign).fits, shares)
+        told = () if best is None or self._varying is None else (self._varying.sentence,)
+        return remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
 
     @cached_property
     def _shares(self) -> dict[str, float]:
@@ -166,12 +181,12 @@ class Conclusion:
         settled, least = best.model.rig(best.x).excitation.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
         if noise and (settled or (least >= MAIN and self._foretells(scored))):
-            return "cause-found"
+            return "main-cause" if self._varying else "cause-found"
         left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
         if least < MAIN or before <= NOTABLE or left > SAYS_NOTHING or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
-        if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)):
+        if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)) and not self._varying:
             return "cause-found"
         # what is free in each record takes most of anything
         return "main-cause" if settled else self._without_cause(self.search.calibrated)
@@ -224,7 +239,7 @@ class Conclusion:
         """
         if best is not None:
             kind: str = verdict
-            if misfit(self._noise(best), self.campaign).fits:
+            if verdict == "cause-found" and misfit(self._noise(best), self.campaign).fits:
                 kind = "foretold" if self._shares.get("held_out", 0.0) >= FORETOLD else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":

@@ -72,25 +72,8 @@ def _step(e: Evaluation) -> Array:
     return np.asarray(np.clip(e.x + e.covariance @ gradient, low, high) - e.x)
 
 
-def std_within(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaign) -> Array:
-    """Standard deviations of the values of a model's numbers, as far as those of the rig file may be off too.
-
-    A cause that is found over the rig file as it is has numbers as exact as the noise allows, if all others are exact.
-    How far they are off is averaged over shares of their tolerances, each as likely as it makes the records.
-
-    Parameters
-    ----------
-    e : Evaluation
-        Fit of causes over the rig file as it is.
-    tolerances : mapping of str to float
-        Tolerances of its numbers, by their keys.
-    campaign : Campaign
-        Beside whose background they count.
-
-    Returns
-    -------
-    (n,) array
-        About the values of `e`, which stay.
+def freed(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaign) -> Evaluation:
+    """A fit of causes over the rig file as it is, whose numbers are free within their tolerances, where it is.
 
     Raises
     ------
@@ -100,10 +83,31 @@ def std_within(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaig
     model = Model(e.model.nominal, tolerances, e.model.causes)
     known = e.coordinates
     x = np.array([known.get((f.cause, f.name), f.expected) for f in model.free])
-    wide = evaluate(model, replace(campaign, corrections=e.corrections), x, e.solutions)
-    square = _mean_square(wide.white.jacobian, wide.white.residual, np.array([f.std for f in model.free]))
-    own = [i for i, f in enumerate(model.free) if f.cause >= 0]
-    slopes = np.array([model.free[i].slope(x[i]) for i in own])
+    return evaluate(model, replace(campaign, corrections=e.corrections), x, e.solutions)
+
+
+def std_within(e: Evaluation, wide: Evaluation) -> Array:
+    """Standard deviations of the values of a model's numbers, as far as those of the rig file may be off too.
+
+    A cause that is found over the rig file as it is has numbers as exact as the noise allows, if all others are exact.
+    How far they are off is averaged over shares of their tolerances, each as likely as it makes the records.
+
+    Parameters
+    ----------
+    e : Evaluation
+        Fit of causes over the rig file as it is.
+    wide : Evaluation
+        The same from :func:`freed`.
+
+    Returns
+    -------
+    (n,) array
+        About the values of `e`, which stay.
+    """
+    free = wide.model.free
+    square = _mean_square(wide.white.jacobian, wide.white.residual, np.array([f.std for f in free]))
+    own = [i for i, f in enumerate(free) if f.cause >= 0]
+    slopes = np.array([free[i].slope(wide.x[i]) for i in own])
     return np.asarray(np.maximum(np.abs(slopes) * np.sqrt(square[own]), e.std))
 
 
