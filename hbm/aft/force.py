@@ -4,22 +4,12 @@ The law's step is differentiated by CasADi sample by sample; what couples the sa
 state) is a banded recurrence, solved backwards for the Fourier coefficients of the force.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from hbm.aft.period import DT, buffered, law_functions
-from hbm.aft.recurrence import (
-    backwards,
-    forwards,
-    in_time,
-    monodromy,
-    periodic_adjoint,
-    radius,
-    sources,
-    through_states,
-)
+from hbm.aft.recurrence import NEUTRAL, forwards, gradients, monodromy, radius
 from hbm.aft.step import ENVIRONMENT, SIGNALS, law_step
 from hbm.fourier import Array, FourierBasis
 from models.friction import FrictionLaw
@@ -32,10 +22,6 @@ MOST_PERIODS = 8
 
 CLOSURE = 1e-12
 """A loop counts as closed when the state after a period repeats to this fraction of its range."""
-
-
-NEUTRAL = 1e-9
-"""A loop whose state returns undiminished to this accuracy never slips: its history decides its mean force."""
 
 
 @dataclass(frozen=True)
@@ -159,9 +145,11 @@ class LawOverPeriod:
         self._parameters = np.zeros(self.functions.period.size1_in(3))
         self._inputs = [self._carried, self._signals, self._environment, self._parameters]
         self._march, (self._marched,) = buffered(self.functions.march, self._inputs)
-        self._period, (self._T, self._unsolved, local, self._end) = buffered(self.functions.period, self._inputs)
+        self._with_slopes, (self._T, self._unsolved, slopes, self._end) = buffered(self.functions.period, self._inputs)
+        self._without_slopes, _ = buffered(self.functions.force, self._inputs, [self._T, self._unsolved, self._end])
         # rows: T, states; columns: states before, active inputs
-        self._local = local.reshape(self.basis.N_t, 1 + self.functions.states, -1)
+        self._slopes = slopes.reshape(self.basis.N_t, 1 + self.functions.states, -1)
+        self._sloped = False
 
     def force(self, signals: Array, Omega: float, environment: Environment) -> tuple[Array, float]:
         """Steady friction force at the samples.
@@ -218,6 +206,22 @@ class LawOverPeriod:
         self._carried[:] = 0.0
         return self._close_from_here()
 
+    def _period(self) -> None:
+        """Force over a period from the state carried; its slopes too where the state fades, else when asked for."""
+        if self._fades:
+            self._with_slopes()
+        else:
+            self._without_slopes()
+        self._sloped = self._fades
+
+    @property
+    def _local(self) -> Array:
+        """Derivatives of (T, states) to (states before, active inputs), (N_t, 1 + states, states + inputs)."""
+        if not self._sloped:
+            self._with_slopes()
+            self._sloped = True
+        return self._slopes
+
     def _close_from_here(self) -> float:
         if len(self._carried) == 0:
             self._period()
@@ -263,20 +267,21 @@ class LawOverPeriod:
         """Friction force with the derivatives of its coefficients; arguments as :meth:`force`."""
         self._show(signals, Omega, environment)
         T, basis = self._T.copy(), self.basis
-        gradients = dict(zip(self.functions.active, self._gradients(self._local, self._period), strict=True))
+        by_samples = dict(zip(self.functions.active, self._gradients(), strict=True))
         for i in range(DT):
-            if (earlier := gradients.get(DT + 1 + i)) is not None:  # the sample before the first is the last
+            if (earlier := by_samples.get(DT + 1 + i)) is not None:  # the sample before the first is the last
                 earlier = np.roll(earlier, -1, axis=1)
-                gradients[i] = gradients[i] + earlier if i in gradients else earlier
-        by_u, by_v, by_rho, by_eta = (gradients[i] @ basis.synthesis if i in gradients else None for i in range(4))
+                by_samples[i] = by_samples[i] + earlier if i in by_samples else earlier
+        by = {i: by_samples[i] @ basis.synthesis for i in range(DT) if i in by_samples}
+        by_u, by_v = by.get(0), by.get(1)
         by_Omega = np.zeros(basis.size)
-        if DT in gradients:
-            by_Omega -= gradients[DT].sum(axis=1) * 2 * np.pi / (Omega**2 * basis.N_t)
+        if DT in by_samples:
+            by_Omega -= by_samples[DT].sum(axis=1) * 2 * np.pi / (Omega**2 * basis.N_t)
         if by_v is not None:
             chained = Omega * basis.derivative_on_right(by_v)
             by_u = chained if by_u is None else by_u + chained
             by_Omega += by_v @ signals[:, 1] / Omega
-        return ContactForce(T, basis.analysis @ T, by_u, by_rho, by_eta, by_Omega)
+        return ContactForce(T, basis.analysis @ T, by_u, by.get(2), by.get(3), by_Omega)
 
     def _show(self, signals: Array, Omega: float, environment: Environment) -> None:
         """Find the steady force, unless the buffers hold this period already."""
@@ -338,27 +343,12 @@ class LawOverPeriod:
         law = [np.broadcast_to(value, dt.shape) for value in (*change.law, compliance)]
         return np.stack([*(inputs[i] for i in self.functions.active), *law], axis=1)
 
-    def _gradients(self, local: Array, evaluate: Callable[[], None]) -> list[Array]:
-        """Derivatives of the force's coefficients to each sample of each input of `local`, (2H+1, N_t).
+    def _gradients(self) -> Array:
+        """Derivatives of the force's coefficients to each sample of each active input, (inputs, 2H+1, N_t)."""
 
-        `evaluate` fills `local` anew from the present start state.
-        """
-        n_z, W = self.functions.states, self.basis.analysis
-        inputs = range(n_z, local.shape[2])
-        if n_z == 0:
-            return [local[:, 0, i] * W for i in inputs]
-        c, A = local[:, 0, :n_z], local[:, 1:, :n_z]
-        if radius(A) < 1.0 - NEUTRAL:
-            adjoint = periodic_adjoint(c, A, W)
-            return [local[:, 0, i] * W + through_states(adjoint, local, i) for i in inputs]
-        lam = backwards(A, sources(c, W, 0))
-        adjoint, seed = in_time(lam), lam[:, -1]
-        steady = [local[:, 0, i] * W + through_states(adjoint, local, i) for i in inputs]
-        # a contact that stays stuck remembers the period before, which started from its virgin state
-        self._carried[:] = 0.0
-        self._shown = (None, 0.0)
-        evaluate()
-        right = np.zeros((len(W), self.basis.N_t + 1, n_z))
-        right[:, 0] = seed
-        adjoint = in_time(backwards(local[:, 1:, :n_z], right))
-        return [part + through_states(adjoint, local, i) for part, i in zip(steady, inputs, strict=True)]
+        def virgin() -> Array:
+            self._carried[:] = 0.0
+            self._shown, self._sloped = (None, 0.0), False
+            return self._local
+
+        return gradients(self._local, 1, self.basis.analysis, virgin)[:, 0]

@@ -1,16 +1,17 @@
 """Alternating frequency/time for a joint: steady forces at its ports over one period, with exact derivatives.
 
 CasADi differentiates the law sample by sample; what couples the samples (its memory) is a linear recurrence, solved
-forwards for every coefficient of every signal.
+backwards for the Fourier coefficients of the forces.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from hbm.aft.jointstep import JointFunctions, joint_functions, signals_of, values
 from hbm.aft.period import buffered
-from hbm.aft.recurrence import forwards, monodromy, radius
+from hbm.aft.recurrence import NEUTRAL, forwards, gradients, monodromy, radius
 from hbm.fourier import Array, FourierBasis
 from models.joints.law import JointLaw
 
@@ -23,9 +24,6 @@ MOST_PERIODS = 8
 CLOSURE = 1e-12
 """A loop counts as closed when the forces after a period repeat to this fraction of the largest."""
 
-NEUTRAL = 1e-9
-"""Memory that returns undiminished to this accuracy is of a joint that sticks: its history decides its mean force."""
-
 
 @dataclass(frozen=True)
 class JointForces:
@@ -35,15 +33,26 @@ class JointForces:
     ----------
     f : (N_t, m) array
         At the samples [N].
-    by_signals : (2H+1, m, 2H+1, s) array
-        Derivatives of the coefficients of the forces to those of the signals, s = 2 m + 1.
+    used : tuple of int
+        Which of the 2 m + 1 signals they depend on.
+    by_used : (u, m, 2H+1, 2H+1) array
+        Derivatives of the coefficients of the force at each port to those of each signal used.
     by_Omega : (2H+1, m) array
         Derivative to the fundamental frequency at fixed coefficients.
     """
 
     f: Array
-    by_signals: Array
+    used: tuple[int, ...]
+    by_used: Array
     by_Omega: Array
+
+    @cached_property
+    def by_signals(self) -> Array:
+        """Derivatives of the coefficients of the forces to those of all signals, (2H+1, m, 2H+1, 2 m + 1)."""
+        _, m, size, _ = self.by_used.shape
+        found = np.zeros((size, m, size, signals_of(m)))
+        found[..., list(self.used)] = self.by_used.transpose(2, 1, 3, 0)
+        return found
 
 
 class JointOverPeriod:
@@ -69,10 +78,12 @@ class JointOverPeriod:
         self._carried, self._environment = np.zeros(period.size1_in(0)), np.zeros(period.size1_in(2))
         self._inputs = [self._carried, self._sampled, self._environment, values(self.law)]
         self._march, (self._marched,) = buffered(self.functions.march, self._inputs)
-        self._period, (f, self._gap, local, self._end) = buffered(period, self._inputs)
+        self._with_slopes, (f, self._gap, slopes, self._end) = buffered(period, self._inputs)
+        self._without_slopes, _ = buffered(self.functions.force, self._inputs, [f, self._gap, self._end])
         N_t, m, n_z = self.basis.N_t, self.ports, self.functions.memory
         self._f = f.reshape(N_t, m)
-        self._local = local.reshape(N_t, m + n_z, -1)
+        self._slopes = slopes.reshape(N_t, m + n_z, -1)
+        self._sloped = False
 
     # ---- the steady forces
 
@@ -127,6 +138,22 @@ class JointOverPeriod:
         self._carried[:] = 0.0
         return self._close_from_here()
 
+    def _period(self) -> None:
+        """Forces over a period from the memory carried; its slopes too where the memory fades, else when asked for."""
+        if self._fades:
+            self._with_slopes()
+        else:
+            self._without_slopes()
+        self._sloped = self._fades
+
+    @property
+    def _local(self) -> Array:
+        """Derivatives of (forces, memory) to (memory, signals read, dt), (N_t, m + memory, memory + inputs)."""
+        if not self._sloped:
+            self._with_slopes()
+            self._sloped = True
+        return self._slopes
+
     def _close_from_here(self) -> float:
         n = self.functions.memory
         if len(self._carried):
@@ -169,72 +196,33 @@ class JointOverPeriod:
     def linearize(self, signals: Array, Omega: float) -> JointForces:
         """Steady forces with the derivatives of their coefficients; arguments as :meth:`forces`."""
         self._show(signals, Omega)
-        basis, m, size = self.basis, self.ports, self.basis.size
-        used = self._used
-        change = self._through(self._local, self._by_coefficients(Omega, used))
-        found = np.zeros((size, m, size, signals_of(m)))
-        by_used = (basis.analysis @ change.reshape(basis.N_t, -1)).reshape(size, m, len(used), size)
-        found[..., used] = by_used.transpose(0, 1, 3, 2)
-        slowed = np.zeros((basis.N_t, self._local.shape[2] - self.functions.memory, 1))
-        for at, i in enumerate(self.functions.reads):
-            now, i = i < signals_of(m), i % signals_of(m)
+        basis, m, all_signals, f = self.basis, self.ports, signals_of(self.ports), self._f.copy()
+        by_samples = gradients(self._local, m, basis.analysis, self._first_period)
+        found: dict[int, Array] = {}
+        for by, i in zip(by_samples, self.functions.reads, strict=False):  # the time between samples comes last
+            now, i = i < all_signals, i % all_signals
+            if i != 2 * m or self._loaded:
+                by = by if now else np.roll(by, -1, axis=-1)  # the sample before the first is the last
+                found[i] = found[i] + by if i in found else by
+        found = dict(sorted(found.items()))
+        by_used = np.array([by @ basis.synthesis for by in found.values()]).reshape(-1, m, basis.size, basis.size)
+        by_Omega = np.zeros((m, basis.size))
+        for i, by in zip(found, by_used, strict=True):
             if m <= i < 2 * m:
-                v = self._sampled[:, i] / Omega
-                slowed[:, at, 0] = v if now else np.roll(v, 1)
+                by_Omega += by @ basis.derivative(signals[:, i])
+                by[:] = Omega * basis.derivative_on_right(by.reshape(-1, basis.size)).reshape(by.shape)
         if self.functions.timed:
-            slowed[:, -1, 0] = -2 * np.pi / (Omega**2 * basis.N_t)
-        by_Omega = basis.analysis @ self._through(self._local, slowed)[:, :, 0] if slowed.any() else np.zeros((size, m))
-        return JointForces(self._f.copy(), found, by_Omega)
-
-    @property
-    def _used(self) -> list[int]:
-        """Signals that the law reads, of the sample or of the one before; not a load that never differs."""
-        m = self.ports
-        return sorted({i % signals_of(m) for i in self.functions.reads} - (set() if self._loaded else {2 * m}))
-
-    def _by_coefficients(self, Omega: float, used: list[int]) -> Array:
-        """Derivatives of what the law reads to the coefficients of the signals used, (N_t, inputs, used (2H+1))."""
-        basis, m, size = self.basis, self.ports, self.basis.size
-        inputs = np.zeros((basis.N_t, self._local.shape[2] - self.functions.memory, len(used) * size))
-        faster = None
-        for at, i in enumerate(self.functions.reads):
-            now, i = i < signals_of(m), i % signals_of(m)
-            if i not in used:
-                continue
-            if m <= i < 2 * m and faster is None:
-                faster = Omega * basis.derivative_on_right(basis.synthesis)
-            columns = faster if faster is not None and m <= i < 2 * m else basis.synthesis
-            block = used.index(i) * size
-            inputs[:, at, block : block + size] = columns if now else np.roll(columns, 1, axis=0)
-        return inputs
-
-    def _through(self, local: Array, inputs: Array) -> Array:
-        """Change of the forces (N_t, m, c) with changes (N_t, inputs, c) of what the law reads, memory following."""
-        m, n = self.ports, self.functions.memory
-        if n == 0:
-            return np.asarray(np.matmul(local[:, :m], inputs))
-
-        def march(by: Array, driven: Array, start: Array) -> tuple[Array, Array]:
-            z = forwards(by[:, m:, :n], start, driven[:, m:])
-            return driven[:, :m] + np.matmul(by[:, :m, :n], z[:-1]), z[-1]
-
-        driven = np.matmul(local[:, :, n:], inputs)
-        start: Array = np.zeros((n, inputs.shape[2]))
-        if radius(local[:, m:, :n]) < 1.0 - NEUTRAL:
-            start[:] = np.linalg.solve(np.eye(n) - monodromy(local[:, m:, :n]), march(local, driven, start)[1])
-        else:  # a joint that stays stuck remembers the period before, which started from its virgin state
-            first = self._first_period()
-            start = march(first, np.matmul(first[:, :, n : n + inputs.shape[1]], inputs), start)[1]
-        return march(local, driven, start)[0]
+            by_Omega -= by_samples[-1].sum(axis=-1) * 2 * np.pi / (Omega**2 * basis.N_t)
+        return JointForces(f, tuple(found), by_used, by_Omega.T)
 
     def _first_period(self) -> Array:
-        """Derivatives along the period from the virgin state, as the buffers hold those of the steady one."""
+        """Derivatives along the period from the virgin state; the buffers go on holding the steady one."""
         steady, local = self._carried.copy(), self._local.copy()
         self._carried[:] = 0.0
-        self._period()
-        first = self._local.copy()
+        self._with_slopes()
+        first = self._slopes.copy()
         self._carried[:] = steady
-        self._local[:] = local
+        self._slopes[:] = local
         return first
 
     def along(self, signals: Array, Omega: float, numbers: Array, compliance: Array) -> Array:
@@ -260,16 +248,23 @@ class JointOverPeriod:
             return np.concatenate([table[:, :, :n], table[:, :, held:]], axis=2)
 
         inputs = np.broadcast_to(np.vstack([numbers, compliance]), (basis.N_t, len(numbers) + 1, numbers.shape[1]))
+
+        def march(by: Array, start: Array) -> tuple[Array, Array]:
+            driven = np.matmul(by[:, :, n:], inputs)
+            if n == 0:
+                return driven, start
+            z = forwards(by[:, m:, :n], start, driven[:, m:])
+            return driven[:, :m] + np.matmul(by[:, :m, :n], z[:-1]), z[-1]
+
         steady = read()
-        if n and radius(steady[:, m:, :n]) >= 1.0 - NEUTRAL:
+        start: Array = np.zeros((n, numbers.shape[1]))
+        transitions = steady[:, m:, :n]
+        if n and radius(transitions) < 1.0 - NEUTRAL:
+            start = np.linalg.solve(np.eye(n) - monodromy(transitions), march(steady, start)[1])
+        elif n:  # a joint that stays stuck remembers the period before, which started from its virgin state
             kept = self._carried.copy()
             self._carried[:] = 0.0
-            first = read()
+            start = march(read(), start)[1]
             self._carried[:] = kept
-            start = forwards(first[:, m:, :n], np.zeros((n, numbers.shape[1])), np.matmul(first[:, m:, n:], inputs))[-1]
-            driven = np.matmul(steady[:, :, n:], inputs)
-            z = forwards(steady[:, m:, :n], start, driven[:, m:])
-            change = driven[:, :m] + np.matmul(steady[:, :m, :n], z[:-1])
-        else:
-            change = self._through(steady, inputs)
+        change = march(steady, start)[0]
         return np.asarray(basis.analysis @ change.reshape(basis.N_t, -1)).reshape(basis.size, m, -1)

@@ -109,8 +109,10 @@ class JointFunctions:
         Whether it depends on the time between samples.
     sample : (carried, signals before, signals, environment, p) -> carried
     march : (carried, signals, environment, p) -> carried
+    force : (carried, signals, environment, p) -> (forces, gap, carried)
+        `gap` is what f = law(f) is short of.
     period : (carried, signals, environment, p) -> (forces, gap, local, carried)
-        `gap` is what f = law(f) is short of; `local` (forces, memory) by (memory, signals read, dt if it matters).
+        `local` (forces, memory) by (memory, signals read, dt if it matters).
     by_numbers : like `period`, with derivatives to (memory, signals read, dt if..., p, C).
     """
 
@@ -119,6 +121,7 @@ class JointFunctions:
     timed: bool
     sample: ca.Function
     march: ca.Function
+    force: ca.Function
     period: ca.Function
     by_numbers: ca.Function
 
@@ -150,6 +153,7 @@ def _functions(made_of: Form, N_t: int, iterations: int) -> JointFunctions:
         timed=step.uses_time,
         sample=stepped(),
         march=unrolled(stepped(), N_t),
+        force=unrolled(stepped(step.f, gap), N_t),
         period=with_derivatives(inputs),
         by_numbers=with_derivatives(ca.vertcat(inputs, step.p, C)),
     )

@@ -34,9 +34,10 @@ class LawFunctions:
         Which of (signals, dt, signals before) the law depends on.
     sample : (carried, signals before, signals, environment, p) -> (carried, T)
     march : (carried, signals, environment, p) -> carried
+    force : (carried, signals, environment, p) -> (T, gap, carried)
+        `gap` is what T = law(T) is short of, sample by sample.
     period : (carried, signals, environment, p) -> (T, gap, local, carried)
-        `gap` is what T = law(T) is short of, sample by sample; `local` holds the derivatives of (T, states) to (states
-        before, active inputs).
+        `local` holds the derivatives of (T, states) to (states before, active inputs).
     tangent : like `period`, with derivatives to (states before, active inputs, p, static load, compliance); built when
         first asked for.
     """
@@ -45,6 +46,7 @@ class LawFunctions:
     active: tuple[int, ...]
     sample: ca.Function
     march: ca.Function
+    force: ca.Function
     period: ca.Function
     tangent: Callable[[], ca.Function]
 
@@ -152,15 +154,19 @@ def law_functions(law: FrictionLaw, N_t: int, iterations: int) -> LawFunctions:
         active=active,
         sample=stepped(sample.T),
         march=unrolled(stepped(), N_t),
+        force=unrolled(stepped(sample.T, gap), N_t),
         period=with_derivatives(inputs),
         tangent=lru_cache(lambda: with_derivatives(ca.vertcat(inputs, sample.p, *constants))),
     )
 
 
-def buffered(function: ca.Function, arguments: list[Array]) -> tuple[Callable[[], None], list[Array]]:
-    """Bind arrays to a function's inputs; return the call and the arrays it fills."""
+def buffered(
+    function: ca.Function, arguments: list[Array], results: list[Array] | None = None
+) -> tuple[Callable[[], None], list[Array]]:
+    """Bind arrays to a function's inputs; return the call and the arrays it fills, new ones unless given."""
     buffer, evaluate = function.buffer()
-    results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
+    if results is None:
+        results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
     for i, argument in enumerate(arguments):
         buffer.set_arg(i, argument.data)
     for i, result in enumerate(results):

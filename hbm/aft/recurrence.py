@@ -1,4 +1,10 @@
-"""Linear recurrences over the samples of a period: z_k = A_k z_(k-1) + ..., forwards and as adjoints."""
+"""Linear recurrences over the samples of a period: z_k = A_k z_(k-1) + ..., forwards and as adjoints.
+
+A law over a period is told by its local slopes, (N_t, outputs + states, states + inputs): the derivatives of its
+outputs and of its internal states after a sample to the states before it and to the inputs of the sample.
+"""
+
+from collections.abc import Callable
 
 import numpy as np
 from scipy.linalg import lapack
@@ -7,6 +13,9 @@ from hbm.fourier import Array
 
 FEW_STATES = 2
 """Up to so many internal states the recurrence is solved as one banded system, else sample by sample."""
+
+NEUTRAL = 1e-9
+"""A loop whose state returns undiminished to this accuracy never slips: its history decides its mean force."""
 
 
 def monodromy(A: Array) -> Array:
@@ -27,71 +36,121 @@ def radius(A: Array) -> float:
     return float(np.abs(over_period if len(over_period) == 1 else np.linalg.eigvals(over_period)).max(initial=0.0))
 
 
-def through_states(adjoint: Array, local: Array, i: int) -> Array:
-    """Chain the adjoint states with the derivatives of the states to input `i` of `local`, (2H+1, N_t)."""
-    if adjoint.shape[2] == 1:
-        return adjoint[:, :, 0] * local[:, 1, i]
-    return np.asarray(np.einsum("mkz,kz->mk", adjoint, local[:, 1:, i]))
+def gradients(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) -> Array:
+    """Derivatives of W times each output to each sample of each input, of a loop that is steady.
+
+    Parameters
+    ----------
+    local : (N_t, outputs + states, states + inputs) array
+        Slopes along the steady period.
+    outputs : int
+    W : (m, N_t) array
+    virgin : callable
+        The slopes along the period before, from the virgin state. A contact that stays stuck remembers it.
+
+    Returns
+    -------
+    (inputs, outputs, m, N_t) array
+    """
+    n = local.shape[1] - outputs
+    steady = np.ascontiguousarray(local[:, :outputs, n:].T)[:, :, None] * W
+    if n == 0:
+        return steady
+    c, A = local[:, :outputs, :n], local[:, outputs:, :n]
+    if radius(A) < 1.0 - NEUTRAL:
+        steady += _through_states(_periodic_adjoint(c, A, W), local[:, outputs:, n:], steady.shape)
+        return steady
+    lam = backwards(A, _sources(c, W))
+    steady += _through_states(lam, local[:, outputs:, n:], steady.shape)
+    before, right = virgin(), np.zeros(lam.shape)
+    right[:, -1] = lam[:, 0]
+    lam = backwards(before[:, outputs:, :n], right)
+    steady += _through_states(lam, before[:, outputs:, n:], steady.shape)
+    return steady
 
 
 def backwards(A: Array, right: Array) -> Array:
-    """Solve lambda_{N-1} = right_0 and lambda_{k-1} = right_{N-k} + A_k' lambda_k for falling k.
+    """Solve lambda_{k-1} = right_k + A_k' lambda_k from the last sample to the first.
 
     Parameters
     ----------
     A : (N_t, n_z, n_z) array
         dz_k / dz_{k-1}.
     right : (m, N_t + 1, n_z) array
-        Right sides of m outputs, in the order of solution; overwritten.
+        Right sides of m outputs, the last for behind the last sample; overwritten.
 
     Returns
     -------
     (m, N_t + 1, n_z) array
-        lambda in the order of solution; the last stands before the first sample.
+        lambda in the order of time; the first stands before the first sample.
     """
     N_t, n_z = A.shape[:2]
     if n_z > FEW_STATES:
         lam = np.ascontiguousarray(right.transpose(1, 0, 2))
-        for before, after, transition in zip(lam, lam[1:], A[::-1], strict=False):
-            after += before @ transition
+        for before, after, transition in zip(lam[-2::-1], lam[::-1], A[::-1], strict=False):
+            before += after @ transition
         return lam.transpose(1, 0, 2)
-    band = np.zeros(((N_t + 1) * n_z, 2 * n_z)).T  # unit lower triangular, stored by columns
+    band = np.zeros(((N_t + 1) * n_z, 2 * n_z)).T  # unit upper triangular, stored by columns
     for i in range(n_z):
         for j in range(n_z):
-            band[n_z + i - j, j : N_t * n_z : n_z] = -A[::-1, j, i]
-    solution, _ = lapack.dtbtrs(band, right.reshape(len(right), -1).T, uplo="L", diag="U", overwrite_b=1)
-    return np.asarray(solution.T.reshape(right.shape))
+            band[n_z - 1 + i - j, n_z + j :: n_z] = -A[:, j, i]
+    return _solved(band, right, "U")
 
 
 def forwards(A: Array, start: Array, driven: Array) -> Array:
     """States (N_t + 1, n_z, p) of z_k = A_k z_{k-1} + driven_k from `start` (n_z, p)."""
-    right = np.ascontiguousarray(np.concatenate([start[None], driven]).transpose(2, 0, 1))
-    return backwards(A[::-1].transpose(0, 2, 1), right).transpose(1, 2, 0)
+    N_t, n_z = A.shape[:2]
+    z = np.concatenate([start[None], driven])
+    if n_z > FEW_STATES:
+        for before, after, transition in zip(z, z[1:], A, strict=False):
+            after += transition @ before
+        return z
+    band = np.zeros(((N_t + 1) * n_z, 2 * n_z)).T  # unit lower triangular, stored by columns
+    for i in range(n_z):
+        for j in range(n_z):
+            band[n_z + i - j, j : N_t * n_z : n_z] = -A[:, i, j]
+    return _solved(band, np.ascontiguousarray(z.transpose(2, 0, 1)), "L").transpose(1, 2, 0)
 
 
-def in_time(lam: Array) -> Array:
-    """Order the solution of :func:`backwards` as derivative to the state after each sample, (m, N_t, n_z)."""
-    return lam[:, -2::-1]
+def _solved(band: Array, right: Array, triangle: str) -> Array:
+    """Solve a unit triangular banded system for every row of `right`, which is overwritten."""
+    solution, _ = lapack.dtbtrs(band, right.reshape(len(right), -1).T, uplo=triangle, diag="U", overwrite_b=1)
+    return np.asarray(solution.T.reshape(right.shape))
 
 
-def sources(c: Array, W: Array, extra: int) -> Array:
-    """Right sides c_k W_k of the force samples, with `extra` empty outputs, (m + extra, N_t + 1, n_z)."""
-    N_t, n_z = c.shape
-    right = np.zeros((len(W) + extra, N_t + 1, n_z))
-    np.multiply(W[:, ::-1, None], c[::-1], out=right[: len(W), 1:])
-    return right
+def _sources(c: Array, W: Array) -> Array:
+    """Right sides c_k W_k of outputs with slopes c (N_t, outputs, n_z) to the states, (outputs m, N_t + 1, n_z)."""
+    N_t, outputs, n_z = c.shape
+    right = np.empty((outputs, len(W), N_t + 1, n_z))
+    np.multiply(W[:, :, None], c.transpose(1, 0, 2)[:, None], out=right[:, :, :-1])
+    right[:, :, -1] = 0.0
+    return right.reshape(-1, N_t + 1, n_z)
 
 
-def periodic_adjoint(c: Array, A: Array, W: Array) -> Array:
-    """Adjoint states (m, N_t, n_z) of a loop that closes: lambda after the last sample is lambda before the first."""
-    m, n_z = len(W), A.shape[1]
-    right = sources(c, W, n_z)
-    right[m:, 0] = np.eye(n_z)
-    lam = backwards(A, right)
-    over_period = lam[m:, -1]  # the monodromy
+def _periodic_adjoint(c: Array, A: Array, W: Array) -> Array:
+    """Adjoint states of a loop that closes: those behind the last sample stand before the first."""
+    n_z = A.shape[1]
+    lam = backwards(A, _sources(c, W))
     if n_z == 1:
-        lam[:m, :, 0] += np.multiply.outer(lam[:m, -1, 0] / (1.0 - over_period[0, 0]), lam[m, :, 0])
+        decay = np.multiply.accumulate(A[::-1, 0, 0])[::-1]  # from behind the last sample to before each
+        seed = lam[:, 0, 0] / (1.0 - decay[0])
+        begin = int(np.argmax(decay != 0.0))  # nothing passes a sample that slips
+        if decay[begin] != 0.0:
+            lam[:, begin:-1, 0] += np.multiply.outer(seed, decay[begin:])
+        lam[:, -1, 0] += seed
     else:
-        seed = np.linalg.solve(np.eye(n_z) - over_period.T, lam[:m, -1].T).T
-        lam[:m] += np.tensordot(seed, lam[m:], axes=1)
-    return in_time(lam[:m])
+        right = np.zeros((n_z, len(A) + 1, n_z))
+        right[:, -1] = np.eye(n_z)
+        decay = backwards(A, right)
+        seed = np.linalg.solve(np.eye(n_z) - decay[:, 0].T, lam[:, 0].T).T
+        lam += np.tensordot(seed, decay, axes=1)
+    return lam
+
+
+def _through_states(lam: Array, by_inputs: Array, shape: tuple[int, ...]) -> Array:
+    """Chain adjoint states (outputs m, N_t + 1, n_z) with the slopes (N_t, n_z, inputs) of the states to the inputs."""
+    if lam.shape[2] == 1:
+        chained = np.ascontiguousarray(by_inputs[:, 0].T)[:, None] * lam[:, 1:, 0]
+    else:
+        chained = np.einsum("mkz,kzi->imk", lam[:, 1:], by_inputs)
+    return chained.reshape(shape)

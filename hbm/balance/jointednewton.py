@@ -42,10 +42,11 @@ class Modes:
             return self.basis.real(amplitudes * self.receptance.conj())
         return self.basis.real(np.einsum("kji,kj->ki", self.receptance.conj(), amplitudes))
 
-    def between(self, left: Complex, right: Array) -> Complex:
-        """Left rows (H+1, r, n), times the receptance, times right rows (m, n) transposed: (H+1, r, m)."""
-        through = self.receptance[:, :, None] * right.T if self.diagonal else self.receptance @ right.T
-        return np.asarray(left @ through)
+    def between(self, left: Array | Complex, right: Array) -> Complex:
+        """Left rows (r, n) or (H+1, r, n), times the receptance, times right rows (m, n) transposed: (H+1, r, m)."""
+        if self.diagonal:
+            return np.asarray((left * self.receptance[:, None]) @ right.T)
+        return np.asarray(left @ (self.receptance @ right.T))
 
 
 class JointLinearization:
@@ -65,38 +66,75 @@ class JointLinearization:
         """The modes at this frequency."""
         return Modes(self.problem, self.state.Omega)
 
-    def signal_rows(self, j: int) -> tuple[Complex, Array]:
-        """Signals of joint j per mode, (H+1, s, n), and per force at the ports beyond the modes, (s, m)."""
-        problem, s = self.problem, self.problem.structure
-        at, k = problem.slices[j], np.arange(problem.basis.H + 1)[:, None] * self.state.Omega
-        own = s.joints[at]
-        rows = np.empty((len(k), 2 * len(own) + 1, s.n), dtype=complex)
-        rows[:, :-1] = np.vstack([own, own])
-        rows[:, -1] = -(k**2) * s.loads_inertia[j] + 1j * k * s.loads_damping[j]
-        return rows, np.vstack([problem.flexibility[at], problem.flexibility_of_rate[at], s.loads_by_joints[j]])
+    def _used(self, j: int) -> tuple[list[int], list[int], bool]:
+        """Signals that the forces of joint j depend on: ports displaced, ports whose rates matter, whether the load."""
+        at, used = self.problem.slices[j], self.forces[j].used
+        m = at.stop - at.start
+        moved = [at.start + i for i in used if i < m]
+        return moved, [at.start + i - m for i in used if m <= i < 2 * m], 2 * m in used
 
-    def felt(self, j: int, seen: Complex) -> Array:
-        """Change (2H+1, m, 2H+1, r) of the forces of joint j with series whose effect on its signals is (H+1, s, r)."""
+    def loads(self, j: int) -> Complex:
+        """What loads joint j per mode, (H+1, 1, n)."""
+        s, k = self.problem.structure, np.arange(self.problem.basis.H + 1)[:, None, None] * self.state.Omega
+        return np.asarray(1j * k * s.loads_damping[j] - k**2 * s.loads_inertia[j])
+
+    @cached_property
+    def _between(self) -> Complex:
+        """Displacement at every port per force at every port, through the modes, (H+1, m, m)."""
+        joints = self.problem.structure.joints
+        return self.modes.between(joints, joints)
+
+    def _seen(self, j: int) -> Complex:
+        """Signals used of joint j per force at every port, modes following, (H+1, u, m)."""
+        problem = self.problem
+        moved, rated, loaded = self._used(j)
+        seen = [self._between[:, moved] + problem.flexibility[moved]]
+        if rated:
+            seen.append(self._between[:, rated] + problem.flexibility_of_rate[rated])
+        if loaded:
+            s = problem.structure
+            seen.append(self.modes.between(self.loads(j), s.joints) + s.loads_by_joints[j])
+        return np.concatenate(seen, axis=1) if len(seen) > 1 else seen[0]
+
+    def _beyond(self, j: int) -> Array:
+        """The same with the modes held, (u, m)."""
+        problem = self.problem
+        moved, rated, loaded = self._used(j)
+        loads = problem.structure.loads_by_joints[[j] * loaded]
+        return np.vstack([problem.flexibility[moved], problem.flexibility_of_rate[rated], loads])
+
+    def _by_modes(self, j: int) -> Complex:
+        """Signals used of joint j per mode, (H+1, u, n)."""
+        moved, rated, loaded = self._used(j)
+        H, rows = self.problem.basis.H, self.problem.structure.joints[[*moved, *rated]] + 0j
+        seen = np.broadcast_to(rows, (H + 1, *rows.shape))
+        return np.concatenate([seen, self.loads(j)], axis=1) if loaded else seen
+
+    def _felt(self, j: int, seen: Complex) -> Array:
+        """Change of the forces of joint j with series whose effect on its signals is `seen` (H+1, u, r).
+
+        Returns
+        -------
+        (2H+1, ports, 2H+1, r) array
+        """
         H, size = self.problem.basis.H, self.problem.basis.size
-        ports = self.problem.joints[j].ports
-        A = self.forces[j].by_signals.reshape(size * ports, size, -1).transpose(1, 0, 2)
+        by = self.forces[j].by_used
+        A = np.ascontiguousarray(by.transpose(3, 1, 2, 0)).reshape(size, -1, len(by))
         cosine, sine = A[: H + 1], A[H + 1 :]
-        out = np.empty((size, len(A[0]), seen.shape[2]))
+        out = np.empty((size, A.shape[1], seen.shape[2]))
         out[: H + 1] = cosine @ seen.real
         # a - i b is turned by what is seen: the sine column feeds the cosine with +imag, the cosine the sine with -imag
         out[1 : H + 1] -= sine @ seen.imag[1:]
         out[H + 1 :] = sine @ seen.real[1:] + cosine[1:] @ seen.imag[1:]
-        return out.reshape(size, size, ports, -1).transpose(1, 2, 0, 3)
+        return out.reshape(size, by.shape[1], size, -1).transpose(2, 1, 0, 3)
 
     @cached_property
     def core(self) -> Array:
         """Derivative of the joint balances to the joint forces, modes following, (2H+1 m, 2H+1 m), unscaled."""
-        problem = self.problem
-        size, m = problem.basis.size, len(problem.own)
+        size, m = self.problem.basis.size, len(self.problem.own)
         core = np.eye(size * m).reshape(size, m, size, m)
-        for j, at in enumerate(problem.slices):
-            rows, beyond = self.signal_rows(j)
-            core[:, at] -= self.felt(j, self.modes.between(rows, problem.structure.joints) + beyond)
+        for j, at in enumerate(self.problem.slices):
+            core[:, at] -= self._felt(j, self._seen(j))
         return core.reshape(size * m, size * m)
 
     @cached_property
@@ -106,9 +144,9 @@ class JointLinearization:
         size, n, m = problem.basis.size, s.n, len(problem.own)
         by_modes, by_joints = np.zeros((size, m, size, n)), np.eye(size * m).reshape(size, m, size, m)
         for j, at in enumerate(problem.slices):
-            rows, beyond = self.signal_rows(j)
-            by_modes[:, at] -= self.felt(j, rows)
-            by_joints[:, at] -= self.felt(j, np.broadcast_to(beyond + 0j, (len(rows), *beyond.shape)))
+            beyond = self._beyond(j) + 0j
+            by_modes[:, at] -= self._felt(j, self._by_modes(j))
+            by_joints[:, at] -= self._felt(j, np.broadcast_to(beyond, (problem.basis.H + 1, *beyond.shape)))
         pushed = -np.einsum("kl,mn->knlm", np.eye(size), s.joints)
         J = np.block(
             [
@@ -130,16 +168,21 @@ class JointLinearization:
         problem, s, basis, state = self.problem, self.problem.structure, self.problem.basis, self.state
         law = np.zeros((basis.size, len(problem.own)))
         if parameter == "frequency":
-            modal = basis.derivative(state.Q) @ s.damping.T - (2 * state.Omega * basis.k**2)[:, None] * state.Q
-            d_loads = basis.derivative(state.Q @ s.loads_damping.T)
-            d_loads -= (2 * state.Omega * basis.k**2)[:, None] * (state.Q @ s.loads_inertia.T)
+            faster = (2 * state.Omega * basis.k**2)[:, None]
+            modal = basis.derivative(state.Q) @ s.damping.T - faster * state.Q
             for j, (at, force) in enumerate(zip(problem.slices, self.forces, strict=True)):
-                law[:, at] = -force.by_Omega - np.tensordot(force.by_signals[..., -1], d_loads[:, j], axes=1)
+                law[:, at] = -force.by_Omega
+                if self._used(j)[2]:
+                    load = basis.derivative(state.Q @ s.loads_damping[j]) - faster[:, 0] * (
+                        state.Q @ s.loads_inertia[j]
+                    )
+                    law[:, at] -= (force.by_used[-1] @ load).T
         else:
             modal = -np.outer(problem.force_shape, s.excitation)
             for j, (at, force) in enumerate(zip(problem.slices, self.forces, strict=True)):
-                reads = np.append(np.tile(s.flexibility_to_force[at], 2), s.loads_by_force[j])
-                law[:, at] = -np.tensordot(force.by_signals, np.outer(problem.force_shape, reads), axes=2)
+                moved, rated, loaded = self._used(j)
+                reads = [*s.flexibility_to_force[[*moved, *rated]], *s.loads_by_force[[j] * loaded]]
+                law[:, at] = -np.tensordot(reads, force.by_used @ problem.force_shape, axes=1).T
         scaled = np.concatenate([(modal / problem.modal_force_ref).ravel(), (law / problem.f_ref).ravel()])
         return np.asarray(scaled * (problem.Omega_ref if parameter == "frequency" else problem.F_ref))
 
@@ -163,11 +206,14 @@ class JointLinearization:
     def law_of(self, Q: Array) -> Array:
         """Change (2H+1, m, r) of the joints' forces with modes (2H+1, n, r), the forces that load them held."""
         problem, basis = self.problem, self.problem.basis
-        out = np.zeros((basis.size, len(problem.own), Q.shape[2]))
-        amplitudes = basis.complex(Q)
+        out, moved = np.zeros((basis.size, len(problem.own), Q.shape[2])), problem.structure.joints @ Q
         for j, (at, force) in enumerate(zip(problem.slices, self.forces, strict=True)):
-            seen = basis.real(self.signal_rows(j)[0] @ amplitudes)  # (2H+1, s, r)
-            out[:, at] = np.tensordot(force.by_signals, seen, axes=2)
+            displaced, rated, loaded = self._used(j)
+            for by, port in zip(force.by_used, [*displaced, *rated], strict=False):
+                out[:, at] += (by @ moved[:, port]).transpose(1, 0, 2)
+            if loaded:
+                load = basis.real((self.loads(j) @ basis.complex(Q))[:, 0])
+                out[:, at] += (force.by_used[-1] @ load).transpose(1, 0, 2)
         return out
 
 
@@ -234,7 +280,7 @@ class JointNewton:
         if info:
             solution = np.full_like(right, np.nan)
         d_f, d_mean, d_lam = solution[: size * m].reshape(size, m, r), solution[size * m : -1], solution[-1]
-        d_Q += self.modes.moved(np.einsum("kmr,mn->knr", d_f, problem.structure.joints))
+        d_Q += self.modes.moved(problem.structure.joints.T @ d_f)
         d_Q[0, problem.rigid] += d_mean
         d_Q -= self.by_column * d_lam
         x = [(d_Q / problem.q_ref).reshape(size * n, r), (d_f / problem.f_ref[:, None]).reshape(size * m, r)]

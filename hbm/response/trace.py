@@ -216,7 +216,7 @@ def trace_settings(problem: AnyBalance, lam0: float, lam_end: float, step_max: f
         max_points=20000,
         max_angle=1.0,
         corner_angle=0.5,
-        tangent_slack=0.01,
+        tangent_slack=0.1,
         predictor=Predictor.CURVED,
     )
 
