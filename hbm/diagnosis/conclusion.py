@@ -221,9 +221,13 @@ class Conclusion:
         return scored.misfit.fits and better
 
     def _without_cause(self, base: Evaluation) -> Verdict:
-        """Consistent where noise, or a background, is all that is left within tolerances, held out too."""
+        """Consistent where noise, or a background, is all that is left within tolerances, held out too.
+
+        A calibration that ends at its bounds says nothing: then it is the rig file as it is that is judged.
+        """
+        base = base if self.search.tolerable(base) else self.search.nominal
         e, scored = self._noise(base), self.nominal if base is self.search.nominal else self.calibrated
-        if nrmse(e.white) > SAYS_NOTHING or not self.search.tolerable(e):
+        if nrmse(e.white) > SAYS_NOTHING:
             return "unexplained"
         if misfit(e, self.campaign).fits and (scored is None or scored.misfit.fits):
             return "consistent"
