@@ -8,12 +8,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from hbm.fourier import Array
 from hbm.outputerror.background import Linear, expected_sizes, likeliest_sizes, weights
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
 from hbm.outputerror.model import Model
+
+Ints = npt.NDArray[np.int64]
 
 FREE = 1e-12
 """Precision of a number of which nothing is known before."""
@@ -124,7 +127,7 @@ def std_of_records(e: Evaluation) -> Array:
     return np.asarray(np.abs(slopes) * np.sqrt(square))
 
 
-def _disagreement(J: Array, residual: Array, record: Array, covariance: Array, expected: Array) -> Array:
+def _disagreement(J: Array, residual: Array, record: Ints, covariance: Array, expected: Array) -> Array:
     """Mean square of what numbers are off by as records disagree on them, (n,)."""
     pulls = np.array([J[record == k].T @ residual[record == k] for k in np.unique(record)])
     spread = pulls.T @ pulls * len(pulls) / max(len(pulls) - 1, 1) + expected**2
