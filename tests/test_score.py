@@ -1,12 +1,14 @@
 """What the score of the diagnosis calls right, and its rates, on made-up results and closed forms."""
 
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from benchmarks.score import ceiling, figures, page, rates, run, sets
+from benchmarks.score import ceiling, figures, page, rates, region, run, sets
 from benchmarks.score.ceiling import Allowed, Ceiling, Direction, Signatures
 from benchmarks.score.rules import Outcome, estimates, fits_label
 from hbm.measurement.spectra import spectra_of
@@ -17,6 +19,7 @@ RIG = {
     "channels": [{"name": "force", "position": 0.5}, {"name": "a3", "position": 0.2}],
 }
 NONE = Allowed({}, {})
+VALIDATION = Path(__file__).parents[1] / "docs" / "validation"
 
 
 def estimate(value, std=None):
@@ -211,6 +214,27 @@ def test_confidence_that_keeps_its_word():
     assert row(rates.confidence(sure), "calibration", "expected").value == pytest.approx(0.0)
     unsure = [outcome("added-mass", "drift", confidence=0.3) for _ in range(10)]
     assert row(rates.confidence(sure + unsure), "calibration", "expected").value == pytest.approx(0.15)
+
+
+def test_calibration_error_of_few_cases_that_chance_makes():
+    """Of n verdicts stated at c, the share right is off by sqrt(2 c (1 - c) / (pi n)) on the mean."""
+    for n in (40, 400):
+        by_chance = rates.error_if_calibrated([0.6] * n)
+        assert by_chance == pytest.approx(np.sqrt(2 * 0.6 * 0.4 / (np.pi * n)), rel=0.1)
+
+
+def test_region_of_names_is_what_the_scores_it_cites_say():
+    """The page is made of the archived scores that it links, and adds up those of one set."""
+    written = (VALIDATION / "region.md").read_text(encoding="utf-8")
+    cited = [VALIDATION / name for name in re.findall(r"\]\((archive/[^)]+)\)", written)]
+    assert cited and region.markdown(region.regions(cited)) == written
+    twice = region.regions([cited[0], cited[0]])
+    once = region.regions(cited[:1])
+    for which, found in once.items():
+        assert twice[which].cases == 2 * found.cases
+        assert all(twice[which].tried[key] == 2 * n for key, n in found.tried.items())
+    with pytest.raises(ValueError, match="must be a score"):
+        region.regions([VALIDATION / "scores.md"])
 
 
 def test_bins_of_effect_and_background():

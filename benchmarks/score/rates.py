@@ -28,7 +28,9 @@ VERDICTS = (*NAMING, "consistent", "unexplained")
 HELD_OUT = 1.2
 EXPLAINED = 0.9
 CLOSE = 0.05
-RELIABILITY_BINS = 10
+RELIABILITY_BINS, CALIBRATED_DRAWS = 10, 400
+
+Array = np.ndarray
 
 
 def wilson(k: int, n: int) -> tuple[float, float]:
@@ -269,20 +271,42 @@ def confidence(outcomes: Sequence[Outcome]) -> list[Row]:
     group = "calibration of confidence"
     rows = []
     for what, chosen in (("causes named", [o for o in outcomes if o.named]), ("all verdicts", list(outcomes))):
-        points = reliability(chosen)
-        n = sum(p[2] for p in points)
-        error = sum(p[2] * abs(p[0] - p[1]) for p in points) / n if n else None
-        rows.append(Row(group, f"expected calibration error, {what}", error, n))
+        seen = [o for o in chosen if not o.failed]
+        stated, right = np.array([o.confidence for o in seen]), np.array([o.right for o in seen], dtype=float)
+        error = calibration_error(stated, right) if seen else None
+        rows.append(Row(group, f"expected calibration error, {what}", error, len(seen)))
+        chance = f"the same by chance alone, {what}"
+        rows.append(number(group, chance, [float(c) for c in stated], error_if_calibrated))
     certain = [o for o in outcomes if not o.failed and o.confidence >= CERTAIN]
     return [*rows, rate(group, f"wrong of those stated at >= {CERTAIN}", (not o.right for o in certain))]
 
 
 def reliability(outcomes: Sequence[Outcome]) -> list[tuple[float, float, int]]:
     """Mean confidence, share right and number, by tenths of the confidence."""
-    pairs = np.array([(o.confidence, o.right) for o in outcomes if not o.failed], dtype=float).reshape(-1, 2)
-    places = np.minimum((pairs[:, 0] * RELIABILITY_BINS).astype(int), RELIABILITY_BINS - 1)
-    bins = [pairs[places == i] for i in range(RELIABILITY_BINS)]
-    return [(float(b[:, 0].mean()), float(b[:, 1].mean()), len(b)) for b in bins if len(b)]
+    seen = [o for o in outcomes if not o.failed]
+    return by_tenths(np.array([o.confidence for o in seen]), np.array([o.right for o in seen], dtype=float))
+
+
+def by_tenths(stated: Array, right: Array) -> list[tuple[float, float, int]]:
+    """Mean confidence, share right and number, of confidences stated and whether each was right."""
+    places = np.minimum((stated * RELIABILITY_BINS).astype(int), RELIABILITY_BINS - 1)
+    bins = [places == i for i in range(RELIABILITY_BINS)]
+    return [(float(stated[b].mean()), float(right[b].mean()), int(b.sum())) for b in bins if b.any()]
+
+
+def calibration_error(stated: Array, right: Array) -> float:
+    """Mean distance of the share right from the confidence, by tenths."""
+    return sum(n * abs(said - was) for said, was, n in by_tenths(stated, right)) / max(len(stated), 1)
+
+
+def error_if_calibrated(stated: Sequence[float]) -> float:
+    """What that error is on the mean, over draws, if each verdict is right as often as it says: chance of few cases.
+
+    >>> bool(error_if_calibrated([0.9] * 10) > 3 * error_if_calibrated([0.9] * 1000))
+    True
+    """
+    c, rng = np.array(stated), np.random.default_rng(7)
+    return float(np.mean([calibration_error(c, rng.random(len(c)) < c) for _ in range(CALIBRATED_DRAWS)]))
 
 
 def cost(outcomes: Sequence[Outcome]) -> list[Row]:

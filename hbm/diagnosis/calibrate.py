@@ -13,7 +13,7 @@ import numpy as np
 from hbm.diagnosis.screen import coarse, spread
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, fit_model
-from hbm.outputerror.model import SENSORS, Model
+from hbm.outputerror.model import FAR, SENSORS, Model
 from hbm.outputerror.nominal import SHAPES, tolerances, with_values
 from hbm.outputerror.simulated import Solutions
 from hbm.sensitivity.scalars import LOAD
@@ -23,8 +23,8 @@ FEW = 8
 LAST_STEPS = 4
 """Records of the first fit; steps of the second."""
 
-FAR = 3.5
-"""A calibrated number so many tolerances from the rig file is no longer within tolerance."""
+ROUNDING = 1e-6
+"""A calibrated number is at its bound to within this share."""
 
 
 def trusted(rig: AnyRig, channels: Collection[str] = (), given: Mapping[str, float] | None = None) -> Model:
@@ -53,7 +53,7 @@ def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
 
 
 def off(trust: Model, e: Evaluation) -> dict[str, float]:
-    """Calibrated numbers that are further from the rig file than tolerances explain, in tolerances."""
+    """Calibrated numbers that are as far from the rig file as they may be, or free and farther, in tolerances."""
     expected = {t.name: t for t in trust.free}
     pulls = {
         f.name: (float(x) - t.expected) / t.std
@@ -61,4 +61,5 @@ def off(trust: Model, e: Evaluation) -> dict[str, float]:
         if f.cause < 0
         for t in [expected[f.name]]
     }
-    return {key: pull for key, pull in sorted(pulls.items(), key=lambda p: -abs(p[1])) if abs(pull) > FAR}
+    far = (1.0 - ROUNDING) * FAR
+    return {key: pull for key, pull in sorted(pulls.items(), key=lambda p: -abs(p[1])) if abs(pull) > far}

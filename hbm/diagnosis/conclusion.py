@@ -8,9 +8,11 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import off
-from hbm.diagnosis.decide import ALARM, Decision, evidence, inclusion, sidak, tied
+from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
+from hbm.diagnosis.constancy import Varying, varying
+from hbm.diagnosis.decide import ALARM, Decision, inclusion, sidak, tied
 from hbm.diagnosis.estimates import estimates, name_of, off_support, told_of
-from hbm.diagnosis.judge import possible_background_of, std_within, widened
+from hbm.diagnosis.judge import freed, possible_background_of, std_of_records, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent, remainder
@@ -18,7 +20,7 @@ from hbm.diagnosis.search import NEARLY, Search, campaign_of
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Estimate, Ranked, Verdict
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.outputerror.background import LARGEST, weights
+from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import Evaluation, evaluate
 
 MOVED = 3
@@ -39,23 +41,6 @@ BETTER = 0.5
 
 SAYS_NOTHING = 0.3
 """Records that a model misses by this share of the response agree with nothing, whatever their noise."""
-
-FORETOLD = 0.8
-"""Share of the misfit of the records held out that a cause explains, from which on it counts as foretold."""
-
-RELIABLE = {
-    "foretold": 0.93,
-    "noise": 0.67,
-    "cause-found": 0.83,
-    "main-cause": 0.18,
-    "unexplained": 0.82,
-    "consistent": 0.89,
-    "within": 0.27,
-}
-"""How often verdicts are right: a cause that leaves noise alone and foretells the records held out, one that leaves
-noise alone, one that leaves a background, a main cause, and so on; `within` where numbers within their tolerances
-explain what is missed. Right ones and one more, of all and two more, in 152 blind cases (seed 20261501, scored with
-2fb1e9d); docs/theory/diagnosis.md says which of these were counted otherwise."""
 
 AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
@@ -131,22 +116,35 @@ class Conclusion:
             tried=self.decision.fits,
         )
 
-    def _estimates(self, best: Evaluation) -> dict[str, Estimate]:
-        """Numbers of the cause, as uncertain as a background, seen or not, and the rest of the rig file leave them."""
-        campaign, known = self.search.campaign, best
+    @cached_property
+    def _widened(self) -> tuple[Evaluation, Evaluation]:
+        """The best model beside whatever background there may be; and with all that has a tolerance free within it."""
+        assert self.best is not None
+        best, campaign = self.best[0], self.search.campaign
         if not any(campaign.background.values()):
             campaign = replace(self.campaign, background=possible_background_of(best, self.campaign))
-            known = widened(best, campaign)
-        if best.model.calibrated:
-            return estimates(known)
-        return estimates(known, std_within(known, self.search.trust.calibrated, campaign))
+        known = widened(best, campaign)
+        return known, known if best.model.calibrated else freed(known, self.search.trust.calibrated, campaign)
+
+    @cached_property
+    def _varying(self) -> Varying | None:
+        """How the numbers of the cause change between levels or bands, which those of a look-alike do."""
+        wide = self._widened[1]
+        return varying(wide, self.campaign) if wide.model.rig(wide.x).excitation.settled else None
+
+    def _estimates(self, best: Evaluation) -> dict[str, Estimate]:
+        """Numbers of the cause, as uncertain as a background, the rest of the rig file and each record leave them."""
+        known, wide = self._widened
+        within = known.std if best.model.calibrated else std_within(known, wide)
+        return estimates(known, np.maximum(within, std_of_records(known)))
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """The misfit that the model of the verdict leaves."""
         plain = self.decision.base if self.decision.best is None else self.search.calibrated
         e = self._noise(best or plain)
         shares = {} if best is None else self._shares
-        return remainder(e.white, self.campaign, not misfit(e, self.campaign).fits, shares)
+        told = () if best is None or self._varying is None else (self._varying.sentence,)
+        return remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
 
     @cached_property
     def _shares(self) -> dict[str, float]:
@@ -178,12 +176,12 @@ class Conclusion:
         settled, least = best.model.rig(best.x).excitation.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
         if noise and (settled or (least >= MAIN and self._foretells(scored))):
-            return "cause-found"
+            return "main-cause" if self._varying else "cause-found"
         left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
-        if least < MAIN or before <= NOTABLE or not self._predicts(scored):
+        if least < MAIN or before <= NOTABLE or left > SAYS_NOTHING or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
-        if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)):
+        if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)) and not self._varying:
             return "cause-found"
         # what is free in each record takes most of anything
         return "main-cause" if settled else self._without_cause(self.search.calibrated)
@@ -218,7 +216,11 @@ class Conclusion:
         return scored.misfit.fits and better
 
     def _without_cause(self, base: Evaluation) -> Verdict:
-        """Consistent where noise, or a background within tolerances, is all that is left, held out too."""
+        """Consistent where noise, or a background, is all that is left within tolerances, held out too.
+
+        A calibration that ends at its bounds says nothing: then it is the rig file as it is that is judged.
+        """
+        base = base if self.search.tolerable(base) else self.search.nominal
         e, scored = self._noise(base), self.nominal if base is self.search.nominal else self.calibrated
         if nrmse(e.white) > SAYS_NOTHING:
             return "unexplained"
@@ -226,7 +228,7 @@ class Conclusion:
             return "consistent"
         whites = [e.white, *([] if scored is None else [scored.evaluation.white])]
         small = all(beyond_noise(white) <= LARGEST for white in whites)
-        return "consistent" if small and self.search.tolerable(e) else "unexplained"
+        return "consistent" if small else "unexplained"
 
     def _confidence(self, verdict: Verdict, best: Evaluation | None) -> float:
         """Share of repetitions that would decide alike; else how improbable it is that another verdict is right.
@@ -236,22 +238,14 @@ class Conclusion:
         """
         if best is not None:
             kind: str = verdict
-            if misfit(self._noise(best), self.campaign).fits:
+            if verdict == "cause-found" and misfit(self._noise(best), self.campaign).fits:
                 kind = "foretold" if self._shares.get("held_out", 0.0) >= FORETOLD else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":
             e = self._noise(self.decision.story)
             return RELIABLE[verdict] * (1.0 - misfit(e, self.campaign).probability)
         noise = misfit(self.search.nominal, self.campaign).fits
-        return RELIABLE[verdict] * self._nothing() if noise else RELIABLE["within"]
-
-    def _nothing(self) -> float:
-        """Probability that nothing is missing, even odds before; the candidates share theirs."""
-        base, scores = self.decision.base, [s for s in self.search.screening.scores if s.drop > 0.0]
-        calibrated = self.search.nominal.chi2 - base.chi2 if base is self.search.calibrated else 0.0
-        beside = [evidence(e) - evidence(base) for e in self.decision.fits] or [calibrated - s.gain for s in scores]
-        dearer = 2.0 * np.log(max(len(self.search.candidates), 1))
-        return float(weights([0.0, *(b + dearer for b in beside)])[0])
+        return RELIABLE[verdict] * nothing_missing(self.search, self.decision) if noise else RELIABLE["within"]
 
     def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:
         models = dict(self.plain)
@@ -359,8 +353,13 @@ class Conclusion:
             yield f"These leave {there:.3g} noise variances, all others {elsewhere:.3g}: {told}."
 
     def _moved(self) -> Iterator[str]:
-        for key, pull in list(off(self.search.trust, self.search.calibrated).items())[:MOVED]:
-            yield f"Calibration moves {key} by {pull:+.1f} tolerances."
+        far = [f"{key} ({pull:+.1f})" for key, pull in off(self.search.trust, self.search.calibrated).items()]
+        if far:
+            told = ", ".join(far[:MOVED]) + (f" and {len(far) - MOVED} more" if far[MOVED:] else "")
+            yield (
+                f"Calibration moves {told} as many tolerances as it may: a number of the rig file is wrong, or physics "
+                "is missing."
+            )
 
     def _scores(self) -> Iterator[str]:
         screening = self.search.screening

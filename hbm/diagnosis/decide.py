@@ -79,15 +79,15 @@ def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:
 
 def plainest(best: Evaluation, fits: Sequence[Evaluation]) -> Evaluation:
     """The best fit, or a simpler one that it contains and is not decisively better than."""
-    inside = [e for e in fits if _contains(best, e) and e.bic - best.bic < DECISIVE]
-    return min(inside, key=lambda e: (e.model.counted, e.bic), default=best)
+    return next((e for e in inside(best, fits) if e.bic - best.bic < DECISIVE), best)
 
 
-def _contains(rich: Evaluation, e: Evaluation) -> bool:
-    """Whether the causes of a model are among, or special cases of, those of a richer one."""
+def inside(rich: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
+    """Fits whose causes are among, or special cases of, those of a richer one, the simplest first."""
     more = [{cause.label, *getattr(cause, "contains", ())} for cause in rich.model.causes]
-    own = [cause.label for cause in e.model.causes]
-    return e.model.counted < rich.model.counted and all(any(label in names for names in more) for label in own)
+    simpler = [e for e in fits if e.model.causes and e.model.counted < rich.model.counted]
+    held = [e for e in simpler if all(any(c.label in names for names in more) for c in e.model.causes)]
+    return sorted(held, key=lambda e: (e.model.counted, e.bic))
 
 
 def undetermined(e: Evaluation) -> bool:

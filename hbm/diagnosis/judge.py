@@ -8,12 +8,15 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from hbm.fourier import Array
 from hbm.outputerror.background import Linear, expected_sizes, likeliest_sizes, weights
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
 from hbm.outputerror.model import Model
+
+Ints = npt.NDArray[np.int64]
 
 FREE = 1e-12
 """Precision of a number of which nothing is known before."""
@@ -72,25 +75,8 @@ def _step(e: Evaluation) -> Array:
     return np.asarray(np.clip(e.x + e.covariance @ gradient, low, high) - e.x)
 
 
-def std_within(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaign) -> Array:
-    """Standard deviations of the values of a model's numbers, as far as those of the rig file may be off too.
-
-    A cause that is found over the rig file as it is has numbers as exact as the noise allows, if all others are exact.
-    How far they are off is averaged over shares of their tolerances, each as likely as it makes the records.
-
-    Parameters
-    ----------
-    e : Evaluation
-        Fit of causes over the rig file as it is.
-    tolerances : mapping of str to float
-        Tolerances of its numbers, by their keys.
-    campaign : Campaign
-        Beside whose background they count.
-
-    Returns
-    -------
-    (n,) array
-        About the values of `e`, which stay.
+def freed(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaign) -> Evaluation:
+    """A fit of causes over the rig file as it is, whose numbers are free within their tolerances, where it is.
 
     Raises
     ------
@@ -100,11 +86,52 @@ def std_within(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaig
     model = Model(e.model.nominal, tolerances, e.model.causes)
     known = e.coordinates
     x = np.array([known.get((f.cause, f.name), f.expected) for f in model.free])
-    wide = evaluate(model, replace(campaign, corrections=e.corrections), x, e.solutions)
-    square = _mean_square(wide.white.jacobian, wide.white.residual, np.array([f.std for f in model.free]))
-    own = [i for i, f in enumerate(model.free) if f.cause >= 0]
-    slopes = np.array([model.free[i].slope(x[i]) for i in own])
+    return evaluate(model, replace(campaign, corrections=e.corrections), x, e.solutions)
+
+
+def std_within(e: Evaluation, wide: Evaluation) -> Array:
+    """Standard deviations of the values of a model's numbers, as far as those of the rig file may be off too.
+
+    A cause that is found over the rig file as it is has numbers as exact as the noise allows, if all others are exact.
+    How far they are off is averaged over shares of their tolerances, each as likely as it makes the records.
+
+    Parameters
+    ----------
+    e : Evaluation
+        Fit of causes over the rig file as it is.
+    wide : Evaluation
+        The same from :func:`freed`.
+
+    Returns
+    -------
+    (n,) array
+        About the values of `e`, which stay.
+    """
+    free = wide.model.free
+    square = _mean_square(wide.white.jacobian, wide.white.residual, np.array([f.std for f in free]))
+    own = [i for i, f in enumerate(free) if f.cause >= 0]
+    slopes = np.array([free[i].slope(wide.x[i]) for i in own])
     return np.asarray(np.maximum(np.abs(slopes) * np.sqrt(square[own]), e.std))
+
+
+def std_of_records(e: Evaluation) -> Array:
+    """Standard deviations of the values of a model's numbers by how much the records disagree on them, (n,).
+
+    No covariance is right, least of all beside a jump of the response, where one record may be off by far more than a
+    background is elsewhere. Each record pulls the numbers its own way: the mean square of these pulls is what their sum
+    is off by, whatever the misfit is made of (Huber, Proc. 5th Berkeley Symp. 1 (1967), 221; White, Econometrica 50
+    (1982), 1), records being independent once they are whitened.
+    """
+    slopes = np.array([f.slope(x) for f, x in zip(e.model.free, e.x, strict=True)])
+    square = _disagreement(e.white.jacobian, e.white.residual, e.white.record, e.covariance, e.expected)
+    return np.asarray(np.abs(slopes) * np.sqrt(square))
+
+
+def _disagreement(J: Array, residual: Array, record: Ints, covariance: Array, expected: Array) -> Array:
+    """Mean square of what numbers are off by as records disagree on them, (n,)."""
+    pulls = np.array([J[record == k].T @ residual[record == k] for k in np.unique(record)])
+    spread = pulls.T @ pulls * len(pulls) / max(len(pulls) - 1, 1) + expected**2
+    return np.asarray(np.einsum("ij,jk,ik->i", covariance, spread, covariance))
 
 
 def _mean_square(J: Array, residual: Array, tolerance: Array) -> Array:

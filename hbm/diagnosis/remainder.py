@@ -111,7 +111,9 @@ def explained(before: Whitened, after: Whitened) -> float:
     return float(np.clip(1.0 - excess(after) / was, 0.0, 1.0)) if was > 0.0 else 0.0
 
 
-def remainder(white: Whitened, campaign: Campaign, structured: bool, shares: Mapping[str, float]) -> Remainder:
+def remainder(
+    white: Whitened, campaign: Campaign, structured: bool, shares: Mapping[str, float], told: tuple[str, ...] = ()
+) -> Remainder:
     """Work out the misfit that a model leaves of records.
 
     Parameters
@@ -123,10 +125,12 @@ def remainder(white: Whitened, campaign: Campaign, structured: bool, shares: Map
         Whether it is more than noise.
     shares : mapping of str to float
         Explained, on the records fitted and held out.
+    told : tuple of str
+        What else shows its structure, in words.
     """
     if not structured:
         return Remainder(shares, 0.0, white.chi2 / len(white), False)
-    places = (*_records(white, campaign), *_channels(white, campaign), *_harmonics_said(white))
+    places = (*told, *_records(white, campaign), *_channels(white, campaign), *_harmonics_said(white))
     return Remainder(shares, beyond_noise(white), white.chi2 / len(white), True, places, _by_harmonic(white))
 
 

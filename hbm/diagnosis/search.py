@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.calibrate import calibrate, off, profiled, trusted
-from hbm.diagnosis.candidates import EXPLAINED, fit_candidates
+from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import (
     DECISIVE,
     Decision,
@@ -15,6 +15,7 @@ from hbm.diagnosis.decide import (
     best_first,
     best_of,
     evidence,
+    inside,
     plainest,
     simpler,
     suspicious,
@@ -24,6 +25,7 @@ from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.remainder import beyond_noise, explained
+from hbm.diagnosis.restart import started
 from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
@@ -154,7 +156,15 @@ class Search:
     def decide(self) -> Decision:
         """The simplest story that will do: see :mod:`hbm.diagnosis.decide`."""
         found = self._plain()
-        return found if self._fits(found.story) and self.tolerable(found.story) else self._beside_background()
+        if not self._fits(found.story) or not self.tolerable(found.story):
+            return self._beside_background()
+        plain = self.campaign
+        for e in inside(found.story, [e for e in self.fitted if self._enough(e)]):
+            beside_it = self._beside_background(e)
+            if beside_it.story.model.causes == e.model.causes:
+                return beside_it
+            self.campaign = plain
+        return found
 
     def _plain(self) -> Decision:
         """The simplest story that leaves noise alone; where there is none, the best of those that nearly do."""
@@ -194,16 +204,20 @@ class Search:
             self.tell("the best ones, calibrated", 0.5)
             again = [e for found in near for e in started(self.calibrated, found, found.model.causes, self.campaign)]
             self.fitted += again
-            return _decided(self.calibrated, again, self.tried)
+            return self._decided(self.calibrated, again, self.tried)
         self.tell("screening over the calibrated model", 0.5)
         first = self._race(self.calibrated, self._screened(self.calibrated), 0.55)
         further = self._calibrated_from(first)
         if further is None:
             return first
         self.calibrated = further
-        return _decided(self.calibrated, first.fits, self.tried)
+        return self._decided(self.calibrated, first.fits, self.tried)
 
     def _enough(self, e: Evaluation) -> bool:
+        """Whether a model within tolerances leaves noise, or so little that it may be a background."""
+        return self.tolerable(e) and self._nearly(e)
+
+    def _nearly(self, e: Evaluation) -> bool:
         """Whether a model leaves noise, or so little of what the rig file does that it may be a background."""
         if self._fits(e):
             return True
@@ -214,17 +228,17 @@ class Search:
         """Whether no number of the rig file beside a cause is off by more than tolerances explain."""
         return not e.model.calibrated or not off(self.trust, e)
 
-    def _beside_background(self) -> Decision:
-        """The likeliest story where no model leaves noise alone: all of them beside what the best one leaves."""
+    def _beside_background(self, leaves: Evaluation | None = None) -> Decision:
+        """The likeliest story, all models beside what one of them leaves: the likeliest, where none leaves noise."""
         self.tell("beside a background", 0.8)
         models = [e for e in (*self.fitted, *self._calibrated_too()) if not e.missing and self.tolerable(e)]
         models = [e for e in models if len(e.model.causes) == 1 or self._pays(e, models)]
-        likeliest = min((self.nominal, self.calibrated, *models), key=evidence)
-        self.campaign = replace(self.campaign, background=background_of(likeliest, self.campaign))
+        leaves = min((self.nominal, self.calibrated, *models), key=evidence) if leaves is None else leaves
+        self.campaign = replace(self.campaign, background=background_of(leaves, self.campaign))
         nominal, calibrated, *others = (beside(e, self.campaign) for e in (self.nominal, self.calibrated, *models))
         ranked = sorted(others, key=evidence)
         bases = [(e, calibrated if e.model.calibrated else nominal) for e in ranked]
-        best = next((e for e, base in bases if accepted(base, e, self.tried) or self._due(e)), None)
+        best = next((e for e, base in bases if accepted(base, e, self.tried)), None)
         if best is None or (self.tolerable(calibrated) and not simpler(best, calibrated, self.tried)):
             return Decision(calibrated, None, tuple(ranked))
         best = self._fitted_beside(plainest(best, ranked), models)
@@ -252,6 +266,15 @@ class Search:
             e for found in plain[:CLOSEST] for e in started(self.calibrated, found, found.model.causes, self.campaign)
         ]
 
+    def _decided(self, base: Evaluation, fits: Sequence[Evaluation], tried: int) -> Decision:
+        """The best of fits over a base, if it is better than that by more than chance in so many tries.
+
+        What leaves the tolerances of the rig file beside its causes is none of them.
+        """
+        ranked = best_of([e for e in fits if self.tolerable(e)])
+        best = next((e for e in ranked[:1] if accepted(base, e, tried)), None)
+        return Decision(base, best, tuple(ranked))
+
     def _explains(self, decision: Decision) -> bool:
         return decision.best is not None and self._fits(decision.best)
 
@@ -260,17 +283,17 @@ class Search:
 
     def _within(self) -> bool:
         """Whether numbers of the rig file that move within their tolerances explain everything."""
-        return self._fits(self.calibrated) and not off(self.trust, self.calibrated)
+        return self._fits(self.calibrated) and self.tolerable(self.calibrated)
 
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
         lifted = self._lifted(base, done)
         self.fitted += lifted
         over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
-            return _decided(over, lifted, self.tried)
+            return self._decided(over, lifted, self.tried)
         fits = fit_candidates(base, self.campaign, screening, lambda doing: self.tell(doing, done), self._enough)
         self.fitted += fits
-        return _decided(over, [*lifted, *fits], self.tried)
+        return self._decided(over, [*lifted, *fits], self.tried)
 
     def _lifted(self, base: Evaluation, done: float) -> list[Evaluation]:
         """A model whose tip lifts off, where its reaction turns negative; else nothing.
@@ -300,7 +323,7 @@ class Search:
         """
         close = [] if first.best is None else [first.best, *tied(first.fits, first.best)]
         again = [e for found in close for e in started(self.nominal, found, found.model.causes, self.campaign)]
-        plain = _decided(self.nominal, [*again, *exact.fits], self.tried)
+        plain = self._decided(self.nominal, [*again, *exact.fits], self.tried)
         return plain if self._explains(plain) else first
 
     def _several(self) -> Decision | None:
@@ -308,7 +331,7 @@ class Search:
         self.tell("free calibration", 0.65)
         base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
         wrong = self._beyond(base) or self._beyond(self.calibrated)
-        if not self._enough(base) or not wrong:
+        if not self._nearly(base) or not wrong:
             return None
         model = Model(self.rig, self.trust.calibrated, tuple(WrongParameter(key) for key in wrong))
         values = {f.name: f.value(v) for f, v in zip(base.model.free, base.x, strict=True)}
@@ -322,14 +345,10 @@ class Search:
         """Numbers of the rig file, those of sensors aside, that a model moves by more than tolerances explain."""
         return [key for key in off(self.trust, e) if not key.startswith(SENSORS)]
 
-    def _due(self, e: Evaluation) -> bool:
-        """Whether a model only frees numbers that calibration moves beyond their tolerances: these are wrong."""
-        wrong = {cause.key for cause in e.model.causes if isinstance(cause, WrongParameter)}
-        return len(wrong) == len(e.model.causes) and wrong <= set(self._beyond(self.calibrated))
-
     def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
-        """Two causes: one more beside the best."""
-        rest = [c for c in self.candidates if c not in single.model.causes and _suits(c, single.model.rig(single.x))]
+        """Two causes: one more beside the best; not transients, which are free and would take what is left of any."""
+        others = [c for c in self.candidates if c not in single.model.causes and not isinstance(c, NotSteady)]
+        rest = [c for c in others if _suits(c, single.model.rig(single.x))]
         screening = self._screened(single, rest)
         first = single.model.label
         fits = fit_candidates(
@@ -339,15 +358,8 @@ class Search:
         # the first of a pair may only have led to where the second is found
         pairs = [pair for pair in fits[:1] if self._fits(pair)]
         alone = [e for pair in pairs for e in started(earlier.base, pair, pair.model.causes[1:], self.campaign)]
-        found = _decided(earlier.base, [*fits, *alone, *earlier.fits], self.tried**2)
+        found = self._decided(earlier.base, [*fits, *alone, *earlier.fits], self.tried**2)
         return replace(found, fits=found.fits[:MOST_RANKED])
-
-
-def _decided(base: Evaluation, fits: Sequence[Evaluation], tried: int) -> Decision:
-    """The best of fits over a base, if it is better than that by more than chance in so many tries."""
-    ranked = best_of(fits)
-    best = next((e for e in ranked[:1] if accepted(base, e, tried)), None)
-    return Decision(base, best, tuple(ranked))
 
 
 def _others(best: Evaluation, ranked: Sequence[Evaluation]) -> list[Evaluation]:
@@ -356,39 +368,6 @@ def _others(best: Evaluation, ranked: Sequence[Evaluation]) -> list[Evaluation]:
     for e in ranked:
         first.setdefault(e.model.label, e)
     return [e for label, e in first.items() if label != best.model.label]
-
-
-def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campaign: Campaign) -> list[Evaluation]:
-    """Fit of a model with some of the causes of another one, from where these were found.
-
-    Parameters
-    ----------
-    base : Evaluation
-        Fit of the model without the causes.
-    found : Evaluation
-        Fit of a model with them, maybe with others before them and over other calibrated numbers.
-    causes : sequence of Cause
-        The last ones of its model.
-    campaign : Campaign
-
-    Returns
-    -------
-    list of Evaluation
-        Empty where there is no fit.
-    """
-    model = base.model
-    for added in causes:
-        model = model.extended_by(added)
-    before = len(found.model.causes) - len(model.causes)  # so many more come before them there
-    known = base.coordinates
-    for (cause, name), x in found.coordinates.items():
-        known[cause if cause < 0 else cause - before, name] = x
-    start = np.array([known[f.cause, f.name] for f in model.free])
-    try:
-        best = fit_model(model, campaign, start, found.solutions, reach=EXPLAINED * len(found.white))
-        return [refine(best, campaign)]
-    except FAILURES:
-        return []
 
 
 def _suits(cause: Cause, rig: AnyRig) -> bool:

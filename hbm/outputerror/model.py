@@ -19,9 +19,9 @@ WIDE = 20.0
 STEP = 1e-6
 """Of coordinates, for the derivative of a rig's numbers to them; no solution is differentiated so."""
 
-BOUND, FAR, SENSOR_FAR = 3.0, 20.0, 4.0
-"""Calibrated numbers stay within this factor of the nominal ones, and within so many standard deviations; those of the
-sensors within fewer: where several must move by ten tolerances physics is missing, which they must not hide."""
+BOUND, FAR = 3.0, 3.5
+"""Calibrated numbers stay within this factor of the nominal ones, and within so many standard deviations: what asks for
+more is missing physics, or a number that is wrong, which calibration must not hide."""
 
 SENSORS = "channels."
 """Beginning of the keys of numbers of sensors."""
@@ -104,13 +104,13 @@ def free_of(unknown: Unknown, cause: int, tolerance: float = np.inf) -> Free:
 
 def calibrated_of(rig: AnyRig, key: str, value: float, std: float) -> Free:
     """Free number that is expected to be what the rig file says, within a standard deviation."""
-    unit, far = unit_of(rig, key), SENSOR_FAR if key.startswith(SENSORS) else FAR
+    unit = unit_of(rig, key)
     if value == 0.0:
-        return Free(key, unit, -far * std, far * std, 0.0, "linear", std, std=1.0)
+        return Free(key, unit, -FAR * std, FAR * std, 0.0, "linear", std, std=1.0)
     if value < 0.0 or key.startswith(SHAPES):  # entries of a shape differ by shares of its largest
-        reach = abs(value) * min(far * std, BOUND)
+        reach = abs(value) * min(FAR * std, BOUND)
         return Free(key, unit, value - reach, value + reach, value, "linear", value, expected=1.0, std=std)
-    factor = min(BOUND, float(np.exp(far * std)))
+    factor = min(BOUND, float(np.exp(FAR * std)))
     upper = value * factor
     if key.endswith(".position") and isinstance(rig.body, Beam):
         upper = min(upper, float(rig.body.length))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.diagnosis.judge import _mean_square
+from hbm.diagnosis.judge import _disagreement, _mean_square
 from hbm.outputerror.background import LARGEST, SIZES, Linear, basis_of, expected_sizes, likeliest_sizes
 from hbm.outputerror.records import Record
 
@@ -144,3 +144,26 @@ def test_numbers_are_as_uncertain_as_the_rig_file_is_wrong(share):
         by_noise.append((alone - 0.3) * np.linalg.norm(J[:, 0]))
     assert 0.75 < np.sqrt(np.mean(np.square(pulls))) < 1.25
     assert share == 0.0 or np.sqrt(np.mean(np.square(by_noise))) > 2.0
+
+
+@pytest.mark.parametrize("worse", [1.0, 20.0])
+def test_numbers_are_as_uncertain_as_records_disagree(worse):
+    """Two numbers, one of them known before, from 30 records of which two may be far off, in all that they say alike.
+
+    Over draws the standard deviation is the size of the error, which that of the noise is only without such records.
+    """
+    rng = np.random.default_rng(4)
+    record, expected = np.repeat(np.arange(30), 20), np.diag([0.0, 1.0 / 0.02])
+    J = rng.standard_normal((600, 2)) + 0.7
+    covariance = np.linalg.inv(J.T @ J + expected**2)
+    off, stds = [], []
+    for _ in range(400):
+        truth = np.array([0.3, 0.02 * rng.standard_normal()])
+        size = np.where(np.isin(record, rng.choice(30, 2, replace=False)), worse, 1.0)
+        measured = J @ truth + size * rng.standard_normal(600)
+        found = covariance @ (J.T @ measured)
+        off.append(found - truth)
+        stds.append(np.sqrt(_disagreement(J, measured - J @ found, record, covariance, expected)))
+    error = np.sqrt(np.mean(np.square(off), axis=0))
+    assert np.sqrt(np.mean(np.square(stds), axis=0)) == pytest.approx(error, rel=0.12)
+    assert worse == 1.0 or error[0] > 3.0 * np.sqrt(covariance[0, 0])

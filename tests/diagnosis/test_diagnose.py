@@ -17,8 +17,9 @@ from hbm.diagnosis.decide import sidak
 from hbm.diagnosis.diagnose import HALF, diagnose
 from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.restart import started
 from hbm.diagnosis.screen import screen
-from hbm.diagnosis.search import campaign_of, started
+from hbm.diagnosis.search import campaign_of
 from hbm.errors import InputError
 from hbm.outputerror.fit import evaluate, fit_model
 from hbm.outputerror.model import Model, free_of

@@ -15,6 +15,7 @@ from hbm import load_rig, load_spectra
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.verdict import NAMED
 from hbm.outputerror.background import LARGEST
+from hbm.outputerror.model import FAR
 from hbm.outputerror.nominal import with_values
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
@@ -72,13 +73,25 @@ def test_nothing_but_a_background_is_consistent_and_says_its_size(tmp_path):
     assert found.remainder.size < 2 * case(None, 9001).answer["background"]
 
 
-def test_a_number_far_beyond_its_tolerance_is_wrong(tmp_path):
-    """Young's modulus by 5.5 of them: what calibration can do is not consistent."""
+@pytest.mark.parametrize("factor", [1.055, 0.9])
+def test_a_number_far_beyond_its_tolerance_is_wrong(factor, tmp_path):
+    """Young's modulus by 5.5 and 10 of them: calibration stays within its bounds, and is no base that hides it."""
     rig, spectra = read(case(None, 9001), tmp_path)
     right = float(rig.body.youngs_modulus)
-    found = diagnose(with_values(rig, {E: 1.055 * right}), spectra, causes=CAUSES)
+    found = diagnose(with_values(rig, {E: factor * right}), spectra, causes=CAUSES)
     assert found.verdict in NAMED and found.cause == f"parameter:{E}", found
     assert found.parameters["value"].value == pytest.approx(right, rel=0.01)
+    assert np.abs(found.calibrated.pulls).max() < FAR + 1e-9
+    assert found.errors["calibrated"]["held_out"].nrmse > 10.0 * found.errors["extended"]["held_out"].nrmse
+
+
+@pytest.mark.parametrize("seed", [9031, 9032])
+def test_a_weak_spring_is_no_resonator_that_takes_the_background_too(seed, tmp_path):
+    """A few times the background: the further numbers of what contains it are not worth more than that is."""
+    weak = draw(seed, "F", "added-spring", RIG, (60.0, 120.0), background=SIZES)
+    assert 1.0 < weak.answer["effect"] / weak.answer["background"] < 10.0
+    found = diagnose(*read(weak, tmp_path), causes=(AddedMass, AddedSpring, AttachedResonator))
+    assert found.verdict in NAMED and found.cause == "added-spring", found
 
 
 def test_a_slipping_clamp_is_not_hidden_by_sensors(tmp_path):

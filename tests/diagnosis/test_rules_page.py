@@ -4,7 +4,7 @@ import re
 from importlib import import_module
 from pathlib import Path
 
-from hbm.diagnosis.conclusion import FORETOLD, RELIABLE
+from hbm.diagnosis.confidence import FORETOLD, RELIABLE
 from hbm.diagnosis.judge import TRUSTED
 from hbm.diagnosis.verdict import BELIEF
 from hbm.outputerror.background import SIZES
