@@ -25,7 +25,7 @@ CHOICES: dict[Any, tuple[Any, str]] = {
 }
 """Types that a field of a cause may have."""
 
-RigT = TypeVar("RigT", bound=AnyRig)
+AnyKind = TypeVar("AnyKind", bound=AnyRig)
 
 MOST_NAMED = 40
 """So many candidates are listed in a message."""
@@ -73,8 +73,8 @@ def extended(rig: AnyRig, extensions: Sequence[Extension]) -> AnyRig:
 
 
 def rig_of_tables(
-    rig: RigT, tables: Sequence[Mapping[str, Any]], folder: Path, consent: Consent = Consent.NAMED
-) -> RigT:
+    rig: AnyKind, tables: Sequence[Mapping[str, Any]], folder: Path, consent: Consent = Consent.NAMED
+) -> AnyKind:
     """The rig that the ``[[extensions]]`` tables of its file make of a nominal one.
 
     Parameters
