@@ -23,6 +23,7 @@ from hbm.figures import (
 )
 from hbm.figures.compared import Compared, View, clearest, noise_error, record_errors
 from hbm.figures.misfitmap import by_cell, plot_misfit_map
+from hbm.figures.records import SAMPLES, period, record_choice
 from hbm.integration.history import TimeHistory
 from hbm.integration.integrate import simulate
 from hbm.response.curve import ResponseCurve
@@ -316,3 +317,20 @@ def test_misfit_map_of_odd_harmonics_alone() -> None:
     (image,) = grid[0, 0].get_images()
     assert np.ma.getmaskarray(image.get_array()).tolist() == [[False, True, False]] * 2
     assert image.get_clim() == (0.5, pytest.approx(by_cell(odd, 2)[0, 2]))
+
+
+def test_a_drawn_period_is_the_signal_of_its_harmonics() -> None:
+    """In the box of the drawing: x from 0 to its width, y downwards, the largest magnitude at its edge."""
+    theta = np.linspace(0.0, 2.0 * np.pi, SAMPLES + 1)
+    drawn = period(np.array([1, 2]), np.array([3.0, -0.5j]))
+    assert np.allclose(drawn, 3.0 * np.cos(theta) + 0.5 * np.sin(2.0 * theta))
+    c = records_of_two_channels({(0, 1, 3.0): 10.0})  # channel 0 at 3 N has no fundamental in the model
+    choice = record_choice({"nominal": c}, ["a1", "a2"], ["m/s²", "m/s²"])
+    assert [option.label for option in choice.options][3:5] == ["4: 3 N, 48 Hz, held out", "5: 3 N, 49 Hz"]
+    first = choice.options[0]
+    assert [drawing.heading.split(",")[0] for drawing in first.drawings] == ["a1", "a2"]
+    points = np.array([pair.split(",") for pair in first.drawings[0].lines["measured"].split()], dtype=float)
+    measured = period(c.harmonic[:3], c.measured[:3])
+    assert np.allclose(points[:, 1], 40.0 - 36.0 * measured / np.abs(measured).max(), atol=0.06)
+    whole = 10.0 * np.sqrt(1.0 + 1.0 / 16.0 + 1.0 / 81.0)
+    assert first.table.rows[0][:3] == ["a1", "10 m/s²", f"{100.0 * 10.0 / whole:.2g}"]

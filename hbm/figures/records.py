@@ -96,7 +96,7 @@ def _drawing(name: str, unit: str, entries: Mapping[str, Compared]) -> Drawing:
 
 
 def period(harmonic: npt.NDArray[np.int64], amplitude: npt.NDArray[np.complex128]) -> Array:
-    """Samples of one period, its end too, of a signal by its harmonics; physics.md has the sign."""
+    """Samples of one period, its end too, of a signal by its complex amplitudes, s = Re sum c_k exp(i k theta)."""
     phase = np.linspace(0.0, 2.0 * np.pi, SAMPLES + 1)
     return np.asarray((amplitude[:, None] * np.exp(1j * harmonic[:, None] * phase)).real.sum(axis=0))
 
