@@ -32,7 +32,8 @@ def loops(
 ) -> None:
     """Laws of a friction device under an imposed displacement, compared.
 
-    Coulomb, asymmetric limits, backlash, breakaway, and the mass of what moves. The best law of each loop is printed, with what it leaves of the force and how far its energy is off.
+    Coulomb, asymmetric limits, backlash, breakaway, and the mass of what moves. The best law of each loop is printed,
+    with what it leaves of the force and how far its energy is off.
 
     Example:  hbm loops hysteresis_loops.csv --out laws.csv
     """
