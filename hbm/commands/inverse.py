@@ -10,6 +10,7 @@ import typer
 
 from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.options import (
+    LARGEST_H,
     UNSOLVABLE,
     AllowCode,
     Formulation,
@@ -192,7 +193,12 @@ def load(rig: Path, spectra: Path, repeatability: float, *, allow_code: bool) ->
     from hbm.rigfiles.load import load_contact_rig
 
     loaded = load_contact_rig(rig, "this command", allow_code=allow_code or None)
-    return loaded, _selected(spectra, loaded, (), repeatability)
+    measured = _selected(spectra, loaded, (), repeatability)
+    if measured.H > LARGEST_H:
+        raise InputError(
+            f"{spectra}: harmonics up to {measured.H}; must be at most {LARGEST_H} for a command that simulates them"
+        )
+    return loaded, measured
 
 
 def _selected(spectra: Path, rig: "AnyRig", records: Sequence[str], repeatability: float) -> "MeasuredSpectra":

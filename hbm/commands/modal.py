@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from hbm.identification.modes import Modes
 
 COMMAND = "modal"
+FITS = 4.0
+"""Misfit above which it is doubted that there are such modes."""
 
 
 def modal(
@@ -26,6 +28,10 @@ def modal(
         ),
     ] = None,
     force: Annotated[str, typer.Option(metavar="NAME", help="Channel of the force.")] = "force",
+    phase: Annotated[
+        bool,
+        typer.Option("--phase", help="The force leads what --force names by a phase to be found: a shaker's voltage."),
+    ] = False,
     quantity: Annotated[
         list[str] | None,
         typer.Option(
@@ -66,7 +72,7 @@ def modal(
     measured = measured.select(records=records) if records else measured
     channels = _channels([name for name in measured.channels if name != force], quantity or ())
     responses = frequency_responses(with_floor(measured, channels, floor), force, channels)
-    found = fit_modes(responses.between(*band) if band else responses, count)
+    found = fit_modes(responses.between(*band) if band else responses, count, phase=phase)
     text = modal_rig_text(found, spectra.stem, force, float(measured.level.min()), drive)
     write_together({out: text})
     _print(found)
@@ -103,6 +109,10 @@ def _print(found: "Modes") -> None:
     low, high = found.responses.hz[[0, -1]]
     print_rows(console(), f"{len(found)} modes from {low:.5g} to {high:.5g} Hz", rows)
     lines = [f"misfit {found.chi2_reduced:.3g} noise variances at {len(found.responses.hz)} frequencies"]
+    if found.phase_std:
+        lines.append(f"the force leads the channel that stands for it by {found.phase:.4f} ± {found.phase_std:.1g} rad")
     if found.chi2_reduced > 1.0:
         lines.append("standard deviations are multiplied by the root of the misfit")
+    if found.chi2_reduced > FITS:
+        lines.append("warning: not linear at this level, or its shapes are not real: some of these may be no modes")
     print_lines(console(), lines)

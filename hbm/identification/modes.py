@@ -33,8 +33,8 @@ GRID, RATIOS = 400, (5e-4, 2e-3, 8e-3, 0.03)
 REST = 3
 """Residual terms of a channel."""
 
-OUTSIDE = 1.05
-"""A pole beyond the band by this factor is no mode of it: what is left is that of modes outside."""
+OUTSIDE, LEAST_RATIO, MOST_RATIO = 1.05, 1e-6, 0.5
+"""A pole beyond the band by this factor is no mode of it, nor one with another damping ratio than these."""
 
 SHARP = 0.2
 """A response is used whose force is known to this part of it."""
@@ -80,6 +80,8 @@ class Modes(Displayed):
         Product of a channel's shape and that of the drive [1/kg].
     above, above_std, below, below_std : (c,) array
         U [m/N] and L [1/kg].
+    phase, phase_std : float
+        By which the force leads the channel that stands for it [rad]; 0 where that is the force.
     chi2_reduced : float
         Misfit; deviations are multiplied by its root where it is above 1.
     """
@@ -95,6 +97,8 @@ class Modes(Displayed):
     above_std: Array
     below: Array
     below_std: Array
+    phase: float
+    phase_std: float
     chi2_reduced: float
 
     def __len__(self) -> int:
@@ -172,7 +176,7 @@ def frequency_responses(spectra: MeasuredSpectra, force: str, channels: Mapping[
     return FrequencyResponses(spectra.hz[i] * k, dict(channels), H, std)
 
 
-def fit_modes(responses: FrequencyResponses, modes: int | None = None) -> Modes:
+def fit_modes(responses: FrequencyResponses, modes: int | None = None, *, phase: bool = False) -> Modes:
     """Fit modes to frequency responses.
 
     Parameters
@@ -180,6 +184,9 @@ def fit_modes(responses: FrequencyResponses, modes: int | None = None) -> Modes:
     responses : FrequencyResponses
     modes : int, optional
         How many in the band; as many as the data ask for where omitted.
+    phase : bool
+        Whether the channel that stands for the force, such as the voltage of the shaker, may be off by a phase, the
+        same at all frequencies.
 
     Returns
     -------
@@ -190,14 +197,14 @@ def fit_modes(responses: FrequencyResponses, modes: int | None = None) -> Modes:
     InputError
         If there are too few frequencies for one mode.
     """
-    problem = _Problem(responses)
+    problem = _Problem(responses, phase)
     n = len(responses.hz)
     if n < 8:
         raise InputError(f"modal: {n} frequencies at which the force excites; must be at least 8")
     poles = np.empty((0, 2))
     best = problem.fitted(poles)
     for _ in range(modes or MOST_MODES):
-        tried = problem.fitted(np.vstack([problem.poles(best, len(poles)), problem.further(poles, best)]))
+        tried = problem.fitted(np.vstack([poles, problem.further(poles, best)]), problem.phase(best))
         if modes is None and not problem.asks_for(tried, best, len(poles) + 1):
             break
         best = tried
@@ -208,10 +215,10 @@ def fit_modes(responses: FrequencyResponses, modes: int | None = None) -> Modes:
 
 
 class _Problem:
-    """Weighted residuals of channels beside a number of modes; x holds log f, log zeta, then all that is linear."""
+    """Weighted residuals of channels beside a number of modes; x holds log f, log zeta, all that is linear, a phase."""
 
-    def __init__(self, responses: FrequencyResponses) -> None:
-        self.responses = responses
+    def __init__(self, responses: FrequencyResponses, turns: bool) -> None:
+        self.responses, self.turns = responses, turns
         listed = np.isfinite(responses.H)
         self.weight = np.where(listed, 1.0 / np.where(listed, responses.std, 1.0), 0.0)
         self.measured = np.where(listed, responses.H, 0.0)
@@ -235,12 +242,12 @@ class _Problem:
         x = self.omega[:, None] / w
         return np.column_stack([1.0 / (1.0 - x**2 + 2j * poles[:, 1] * x), self._residuals])
 
-    def _linear(self, poles: Array) -> Array:
-        """Flexibilities (c, r + 3) that fit best beside poles."""
+    def _linear(self, poles: Array, phase: float) -> Array:
+        """Flexibilities (c, r + 3) that fit best beside poles and a phase."""
         columns = self._columns(poles)
         out = []
         for j in range(self.measured.shape[1]):
-            rows = (self.weight[:, j] * self.by_motion[:, j])[:, None] * columns
+            rows = (self.weight[:, j] * self.by_motion[:, j] * np.exp(1j * phase))[:, None] * columns
             rhs = self.weight[:, j] * self.measured[:, j]
             A, b = np.concatenate([rows.real, rows.imag]), np.concatenate([rhs.real, rhs.imag])
             size = np.linalg.norm(A, axis=0)
@@ -255,7 +262,7 @@ class _Problem:
         for ratio in RATIOS:
             for f in hz:
                 column = self._columns(np.array([[f, ratio]]))[:, :1]
-                rows = self.weight * self.by_motion * column
+                rows = self.weight * self.by_motion * column * np.exp(1j * self.phase(x))
                 taken = np.sum((rows.conj() * left).real.sum(axis=0) ** 2 / np.sum(np.abs(rows) ** 2, axis=0))
                 if taken > gain:
                     best, gain = np.array([[f, ratio]]), float(taken)
@@ -264,17 +271,25 @@ class _Problem:
     # ---- all of it
 
     def _answer(self, x: Array, modes: int) -> Complex:
-        flexibility = x[2 * modes :].reshape(self.measured.shape[1], modes + REST)
-        return np.asarray(self.by_motion * (self._columns(self.poles(x, modes)) @ flexibility.T))
+        motion = self.by_motion * np.exp(1j * self.phase(x))
+        return np.asarray(motion * (self._columns(self.poles(x, modes)) @ self._flexibility(x, modes).T))
+
+    def phase(self, x: Array) -> float:
+        """By which the force leads [rad]."""
+        return float(x[-1]) if self.turns else 0.0
+
+    def _flexibility(self, x: Array, modes: int) -> Array:
+        c = self.measured.shape[1]
+        return np.asarray(x[2 * modes : 2 * modes + c * (modes + REST)].reshape(c, modes + REST))
 
     @staticmethod
     def poles(x: Array, modes: int) -> Array:
         """Frequencies and damping ratios, (r, 2)."""
         return np.exp(x[: 2 * modes]).reshape(2, modes).T
 
-    def fitted(self, start: Array) -> Array:
-        """Most likely x from poles to start from."""
-        x = np.concatenate([np.log(start).T.ravel(), self._linear(start).ravel()])
+    def fitted(self, start: Array, phase: float = 0.0) -> Array:
+        """Most likely x from poles and a phase to start from."""
+        x = np.concatenate([np.log(start).T.ravel(), self._linear(start, phase).ravel(), [phase] * self.turns])
         if not len(start):
             return x
         residual = self._residual(len(start))
@@ -284,7 +299,7 @@ class _Problem:
     def _residual(self, modes: int) -> Callable[[Array], tuple[Array, Array]]:
         """Weighted real and imaginary parts, of each frequency in turn, and their derivatives to x."""
         n, c = self.measured.shape
-        value, slope = (f.map(n) for f in _misfit_at_a_frequency(modes, c))
+        value, slope = (f.map(n) for f in _misfit_at_a_frequency(modes, c, self.turns))
         motion, measured = self.by_motion.T, self.measured.T
         data = self.omega[None], motion.real, motion.imag, measured.real, measured.imag, self.weight.T, self.middle
 
@@ -304,7 +319,8 @@ class _Problem:
         poles, band = self.poles(more, modes), self.responses.hz
         hz, ratio = poles[np.argsort(poles[:, 0])].T
         together = np.diff(hz) < 0.5 * (hz[1:] * ratio[1:] + hz[:-1] * ratio[:-1])
-        if hz[0] < band[0] / OUTSIDE or hz[-1] > band[-1] * OUTSIDE or together.any():
+        outside = hz[0] < band[0] / OUTSIDE or hz[-1] > band[-1] * OUTSIDE
+        if outside or together.any() or ratio.min() < LEAST_RATIO or ratio.max() > MOST_RATIO:
             return False
         return self._bic(more, modes) < self._bic(less, modes - 1)
 
@@ -319,7 +335,7 @@ class _Problem:
         covariance = np.linalg.pinv(J.T @ J) * max(chi2, 1.0)
         poles, c = self.poles(x, modes), self.measured.shape[1]
         w = 2 * np.pi * poles[:, 0]
-        flexibility = x[2 * modes :].reshape(c, modes + REST)
+        flexibility = self._flexibility(x, modes)
         place = 2 * modes + np.arange(c * (modes + REST)).reshape(c, modes + REST)
 
         def std(rows: Array) -> Array:
@@ -343,13 +359,16 @@ class _Problem:
             above_std=spread[place[:, modes]],
             below=flexibility[:, modes + 2] * self.middle**2,
             below_std=spread[place[:, modes + 2]] * self.middle**2,
+            phase=self.phase(x),
+            phase_std=float(spread[-1]) if self.turns else 0.0,
             chi2_reduced=chi2,
         )
 
 
-def _misfit_at_a_frequency(modes: int, c: int) -> tuple[ca.Function, ca.Function]:
+def _misfit_at_a_frequency(modes: int, c: int, turns: bool) -> tuple[ca.Function, ca.Function]:
     """Weighted misfit of c channels at one frequency, (2c,), and its Jacobian."""
-    x = ca.SX.sym("x", 2 * modes + c * (modes + REST))
+    linear = c * (modes + REST)
+    x = ca.SX.sym("x", 2 * modes + linear + turns)
     omega, middle = ca.SX.sym("omega"), ca.SX.sym("middle")
     motion, measured = (tuple(ca.SX.sym(f"{name}_{part}", c) for part in "ri") for name in ("motion", "measured"))
     weight = ca.SX.sym("weight", c)
@@ -360,8 +379,10 @@ def _misfit_at_a_frequency(modes: int, c: int) -> tuple[ca.Function, ca.Function
     squared = (omega / middle) ** 2
     real = ca.vertcat(stiffness / size, 1, squared, -1 / squared)
     imaginary = ca.vertcat(-damping / size, ca.SX.zeros(REST))
-    flexibility = ca.reshape(x[2 * modes :], modes + REST, c).T  # by channel in x
-    re, im = flexibility @ real, flexibility @ imaginary
+    flexibility = ca.reshape(x[2 * modes : 2 * modes + linear], modes + REST, c).T  # by channel in x
+    straight, across = flexibility @ real, flexibility @ imaginary
+    cos, sin = (ca.cos(x[-1]), ca.sin(x[-1])) if turns else (1, 0)
+    re, im = cos * straight - sin * across, sin * straight + cos * across
     left = ca.vertcat(
         weight * (motion[0] * re - motion[1] * im - measured[0]),
         weight * (motion[0] * im + motion[1] * re - measured[1]),

@@ -72,6 +72,33 @@ def test_shapes_are_mass_normalised_by_the_channel_at_the_drive(fits) -> None:
         fits[0].shapes("v2")
 
 
+def test_the_phase_of_a_voltage_is_found() -> None:
+    """The force leads the voltage by 0.1 rad at all frequencies."""
+    straight = noisy(3)
+    m = fit_modes(FrequencyResponses(AT, CHANNELS, straight.H * np.exp(0.1j), straight.std), phase=True)
+    assert len(m) == 4
+    assert abs(m.phase - 0.1) < 4.0 * m.phase_std < 0.01
+    assert np.abs((m.hz - HZ[:4]) / m.hz_std).max() < 4.5
+
+
+def test_a_resonance_that_is_not_linear_is_doubted(tmp_path: Path) -> None:
+    """A steady state of a hardening spring, by one term, is no sum of modes."""
+    hz = np.linspace(19.0, 22.0, 60)
+    x = np.full(60, 0.0 + 0.0j)
+    w, wn = 2 * np.pi * hz, 2 * np.pi * 20.0
+    for _ in range(400):
+        x = 0.5 * x + 0.5 / (wn**2 + 3e10 * np.abs(x) ** 2 - w**2 + 2j * 0.01 * wn * w)
+    pairs = np.zeros((60, 2, 3))
+    pairs[:, 0, 1], pairs[:, 1, 1], pairs[:, 1, 2] = 1.0, x.real * 1e4, -x.imag * 1e4
+    std = np.broadcast_to(np.array([1e-6, 1e-3])[:, None], (60, 2, 2)).copy()
+    found = MeasuredSpectra("steps", np.arange(1, 61), np.ones(60), hz, ("force", "x"), pairs, std)
+    write_spectra(tmp_path / "s.csv", found)
+    args = ["modal", str(tmp_path / "s.csv"), "--quantity", "x=displacement", "--modes", "1"]
+    result = CliRunner().invoke(app, [*args, "--out", str(tmp_path / "rig.toml")])
+    assert result.exit_code == 0, result.output
+    assert "warning: not linear at this level" in result.stdout
+
+
 def spectra(seed: int) -> MeasuredSpectra:
     """A stepped sine of 2 N with any phase, and what the channels read of it."""
     rng = np.random.default_rng(seed)

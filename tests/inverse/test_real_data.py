@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks.real import brb_beam, brfd_damper, double_beam, eth_beam, f16_interface, silverbox
-from benchmarks.real.common import DATA
+from benchmarks.real.common import DATA, read_rows
+from hbm import load_history, load_spectra
+from hbm.identification.loops import fit_loop
+from hbm.measurement.decay import free_decay
+from hbm.measurement.loopsfile import load_loops
+from hbm.measurement.multisine import contents
 
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured sets are not there: {DATA}")
 
@@ -109,15 +114,37 @@ def test_a_sweep_is_not_taken_for_a_steady_state():
     )
 
 
-def test_energy_of_damper_loops_from_harmonics_is_that_of_their_samples():
-    """Displacement has few harmonics, so that 0..25 hold the energy: to the scatter of the three cycles.
+@pytest.mark.parametrize("name", ["BRFD1_0.5Hz_20lb_1in", "BRFD2_0.25Hz_36lb_1in", "BRFD3_0.5Hz_30lb_0.5in"])
+def test_damper_has_backlash_and_limits_that_differ(name):
+    """Three set-ups; energy to 5 %, about half of what Coulomb friction leaves, limits as in the set's table."""
+    loop = next(x for x in load_loops(brfd_damper.FOLDER / "hysteresis_loops.csv") if x.name == name)
+    given = next(r for r in read_rows(brfd_damper.FOLDER / "loop_table.csv") if r["loop"] == name)
+    assert loop.work / brfd_damper.CYCLES == pytest.approx(float(given["energy_per_cycle_j"]), rel=1e-3)
+    fits = fit_loop(loop, ["coulomb", "asymmetric", "backlash"])
+    assert fits[0].law == "backlash"
+    assert abs(fits[0].work_error) < 0.05
+    assert fits[0].left < 0.55 * next(fit.left for fit in fits if fit.law == "coulomb")
+    for key, column in (("forward", "median_force_forward_n"), ("backward", "median_force_backward_n")):
+        assert fits[0].values[key] == pytest.approx(abs(float(given[column])), rel=0.1)
 
-    Such a scatter, of two degrees of freedom, is itself uncertain by half.
-    """
-    for loop in brfd_damper.loops():
-        value, _ = loop.energy
-        given, std = loop.of_table
-        assert value == pytest.approx(given, abs=1.5 * std)
+
+def test_double_beam_decays_as_published():
+    """f = 122.45 - 0.47 A Hz, zeta = 4.2e-4 + 9.8e-4 A (arXiv:2110.01929), by straight lines through all windows."""
+    names = [f"D{i:02d}_velocity_ms" for i in (1, 2, 4, 5, 7, 8, 10, 11)]
+    recorded = load_history(double_beam.FOLDER / "decays.npz").between(0.15, 3.1)
+    decays = [free_decay(recorded, name, (95.0, 150.0)) for name in names]
+    A, hz, ratio = (np.concatenate([getattr(d, x) for d in decays]) for x in ("amplitude", "hz", "damping_ratio"))
+    assert np.polyfit(A, hz, 1) == pytest.approx([-0.47, 122.45], rel=0.02)
+    assert np.polyfit(A, ratio, 1) == pytest.approx([9.8e-4, 4.2e-4], rel=0.02)
+
+
+def test_aircraft_is_more_nonlinear_at_the_higher_level():
+    """The lower level is far above its noise too: what is there is odd more than even."""
+    found = contents(load_spectra(f16_interface.FOLDER / "odd_multisine_harmonics.csv"), "force")
+    low, high = ([c for c in found if c.record == name and c.channel != "force"] for name in ("OM1", "OM3"))
+    assert all(c.db("noise") < -50.0 for c in (*low, *high))
+    assert all(-40.0 < c.db("even") < c.db("odd") - 5.0 < -25.0 for c in low)
+    assert all(-20.0 < c.db(kind) < -14.0 for c in high for kind in ("even", "odd"))
 
 
 def test_a_decay_is_not_taken_for_a_steady_state():
