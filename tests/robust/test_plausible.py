@@ -145,12 +145,26 @@ def test_spectra_of_harmonic_0_alone_are_refused(tmp_path: Path) -> None:
         load_spectra(path, load_rig(FOLDER / "rig.toml"))
 
 
-@pytest.mark.parametrize(("weight", "accepted"), [("1e400", "must be finite"), ("nan", "must be finite"),
-                                                  ("1e300", "must be between 1e-12 and 100000: a lever is between"),
-                                                  ("1e-300", "must be between 1e-12 and 100000: a lever is between")])  # fmt: skip
+@pytest.mark.parametrize(
+    ("weight", "accepted"),
+    [
+        ("1e400", "must be finite"),
+        ("nan", "must be finite"),
+        ("1e300", "must be between 1e-12 and 100000: a lever is between"),
+        ("1e-300", "must be between 1e-12 and 100000: a lever is between"),
+    ],
+)
 def test_weights_of_places_are_levers(weight: str, accepted: str, tmp_path: Path) -> None:
     path = tmp_path / "rig.toml"
     text = (ROOT / "examples" / "jointed_beam.toml").read_text()
     path.write_text(text.replace('at = "y(0.3)"', f'at = "{weight}*y(0.3)"'))
     with pytest.raises(InputError, match=re.escape(f'place "{weight}*y(0.3)": weight {weight}; {accepted}')):
+        load_rig(path)
+
+
+def test_friction_without_load_is_no_friction(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    text = (ROOT / "examples" / "jointed_beam.toml").read_text(encoding="utf-8")
+    path.write_text(text.replace("normal_load = 4.0", "normal_load = 0.0"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"joint clamp: Friction: normal_load = 0 and no reference_load; must have"):
         load_rig(path)
