@@ -60,6 +60,10 @@ class Friction:
         check_bounds(self)
         if self.normal_stiffness is None or self.reference_load is None:
             _loaded("Friction: normal_load", self.normal_load, "normal_stiffness and reference_load")
+        if self.reference_load is None and isinstance(self.normal_load, Real) and self.normal_load == 0.0:
+            raise ValueError(
+                "Friction: normal_load = 0 and no reference_load; must have one > 0, stiffnesses of the law refer to it"
+            )
 
     @property
     def ports(self) -> int:

@@ -158,3 +158,11 @@ def test_weights_of_places_are_levers(weight: str, accepted: str, tmp_path: Path
     path.write_text(text.replace('at = "y(0.3)"', f'at = "{weight}*y(0.3)"'))
     with pytest.raises(InputError, match=re.escape(f'place "{weight}*y(0.3)": weight {weight}; {accepted}')):
         load_rig(path)
+
+
+def test_friction_without_load_is_no_friction(tmp_path: Path) -> None:
+    path = tmp_path / "rig.toml"
+    text = (ROOT / "examples" / "jointed_beam.toml").read_text(encoding="utf-8")
+    path.write_text(text.replace("normal_load = 4.0", "normal_load = 0.0"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"joint clamp: Friction: normal_load = 0 and no reference_load; must have"):
+        load_rig(path)
