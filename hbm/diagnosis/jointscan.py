@@ -32,7 +32,7 @@ MOST, APART = 3, 0.5
 """Starts of a candidate, at most, whose gain is at least this share of its best."""
 
 TELLING = 1e-9
-"""A column of which calibration leaves less than this share says nothing."""
+"""A column of which calibration leaves less than this share of the largest says nothing."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class _Place:
         v = np.vstack([np.array(columns).T, np.zeros((len(self.base.x), len(columns)))])
         whole = np.linalg.norm(v, axis=0)
         v = self.calibration.across(v)
-        if not np.isfinite(v).all() or np.any(np.linalg.norm(v, axis=0) <= TELLING * whole):
+        if not np.isfinite(v).all() or np.any(np.linalg.norm(v, axis=0) <= TELLING * whole.max()):
             return none
         size = np.linalg.lstsq(v, self.residual, rcond=None)[0]
         if any(x <= 0.0 and not n.signed for n, x in zip(strengths, size, strict=True)):

@@ -79,8 +79,8 @@ def experiments(best: Evaluation, campaign: Campaign) -> Iterator[Experiment]:
             f"three records at {level:.3g} N, {low:.4g}, {middle:.4g} and {high:.4g} Hz",
             tuple((level, f) for f in (low, middle, high)),
         )
-    elastic = rig.structure.omega_n[rig.structure.omega_n > 0.0] / (2 * np.pi)
-    second = float(elastic[1]) if len(elastic) > 1 else middle
+    elastic = rig.structure.omega_n[rig.structure.omega_n > 0.0]
+    second = float(elastic[1] / 2 / np.pi) if len(elastic) > 1 else middle
     if len(elastic) > 1 and not np.any(np.abs(hz / second - 1) < 0.1):
         near = tuple(second * f for f in (0.97, 1.03, 1.08))
         yield Experiment(

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -95,7 +96,7 @@ class FiniteBeam(AsGiven):
         asked = [self._place(place) for place in places]
         nodes = self._nodes([x for _, x in asked])
         at = [(motion, nodes[int(np.argmin(np.abs(nodes - x)))]) for motion, x in asked]
-        matrices = self.matrices(nodes.tolist())
+        matrices = _matrices(self, tuple(nodes.tolist()))
         known = {_support(name): name for name in matrices.fixed}
         missing = next((name for name in supports if name not in known), None)
         if missing is not None:
@@ -155,6 +156,12 @@ class FiniteBeam(AsGiven):
         held = {"clamped": ("y", "slope"), "supported": ("y",), "free": ()}[end]
         along = ("axial",) if root and end != "free" else ()
         return [f"{motion}@{x!r}" for motion in (*along, *held)]
+
+
+@lru_cache(maxsize=16)
+def _matrices(beam: FiniteBeam, nodes: tuple[float, ...]) -> MatrixBody:
+    """Its matrices, whose modes are worked out once where only damping and joints change."""
+    return beam.matrices(nodes)
 
 
 def _support(dof: str) -> str:
