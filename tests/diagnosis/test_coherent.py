@@ -85,4 +85,4 @@ class _Campaign:
 
 class _Record:
     def __init__(self, number: int, hz: float) -> None:
-        self.number, self.hz = number, hz
+        self.number, self.name, self.hz = number, str(number), hz
