@@ -135,9 +135,7 @@ class LinearStep:
         # displacements, velocities and loads of all joints, put joint by joint
         ports = np.arange(m)
         order = [
-            i
-            for j, at in enumerate(layout.joints)
-            for i in (*ports[at.forces], *(m + ports[at.forces]), 2 * m + j)
+            i for j, at in enumerate(layout.joints) for i in (*ports[at.forces], *(m + ports[at.forces]), 2 * m + j)
         ]
         by_y, by_old, by_new = (np.vstack(parts)[order] for parts in zip(u, speed, load, strict=True))
         first = [at.forces.start for at in layout.joints]
