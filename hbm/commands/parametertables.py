@@ -6,6 +6,7 @@ from continuation import Kind
 from hbm.commands.tables import LISTED, print_lines, print_rows, stable_words
 from hbm.response.accuracy import joint_forces
 from hbm.tracking.parameterresponse import ParameterCurve
+from models.jointed import JointedRig
 
 
 def _of_contact(curve: ParameterCurve, i: int) -> dict[str, str]:
@@ -18,6 +19,8 @@ def _of_contact(curve: ParameterCurve, i: int) -> dict[str, str]:
 
 
 def _of_joints(curve: ParameterCurve, i: int) -> dict[str, str]:
+    if not joint_forces(curve):
+        return {}
     name = max(joint_forces(curve), key=lambda name: float(curve[name].peak[i]))
     force = curve[name]
     return {"largest\njoint force": f"{force.peak[i]:.3g} {force.unit}", "in": name.replace(".force", "")}
@@ -33,7 +36,7 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
             "point": name,
             number: f"{values[i]:.6g}",
             "drive\nmm": f"{1e3 * curve['drive'].peak[i]:.4g}",
-            **(_of_joints if joint_forces(curve) else _of_contact)(curve, i),
+            **(_of_joints if isinstance(curve.rig, JointedRig) else _of_contact)(curve, i),
         }
         for name, i in (("first", 0), ("highest", top), ("last", len(values) - 1))
     ]

@@ -126,6 +126,8 @@ def _of_contact(c: ResponseCurve) -> dict[str, str]:
 
 
 def _of_joints(c: ResponseCurve) -> dict[str, str]:
+    if not joint_forces(c):
+        return {}
     name = max(joint_forces(c), key=lambda name: float(c[name].peak.max()))
     return {"largest\njoint force": f"{c[name].peak.max():.3g} {c[name].unit}", "in": name.replace(".force", "")}
 

@@ -28,13 +28,17 @@ def colors_of(rig: "JointedRig") -> list[Any]:
 
 def _units(rig: "JointedRig") -> tuple[str, str]:
     """Units of forces, and of motions in millionths."""
-    motions, forces = (list(dict.fromkeys(units)) for units in zip(*rig.units, strict=True))
+    motions, forces = (list(dict.fromkeys(units)) for units in zip(*(rig.units or [("m", "N")]), strict=True))
     return ", ".join(forces), ", ".join(f"µ{unit}" for unit in motions)
 
 
 def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) -> None:
     """Peaks of force and motion at every port over what is varied; every level in the port's colour."""
     rig: Any = curves[0].rig
+    if not rig.joints:
+        force.set_axis_off()
+        motion.set_axis_off()
+        return
     for i, curve in enumerate(curves):
         for color, f, u in zip(colors_of(rig), rig.forces, rig.motions, strict=True):
             label = as_written(f.replace(".force", "")) if i == 0 else "_"

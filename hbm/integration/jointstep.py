@@ -71,7 +71,8 @@ class Layout:
         memory = _slices((w.states for w in laws), 2 * modes + ports)
         before = _slices(map(len, used), 2 * modes + ports + sum(w.states for w in laws))
         places = tuple(map(Place, forces, signals, memory, before, used))
-        return Layout(modes, ports, before[-1].stop, places)
+        size = 2 * modes + ports + sum(w.states for w in laws) + sum(map(len, used))
+        return Layout(modes, ports, size, places)
 
     @property
     def y(self) -> slice:
@@ -116,7 +117,7 @@ class LinearStep:
         s, n, m = rig.structure, rig.structure.n, rig.ports
         E, old, new = _propagated(s.omega_n, s.damping, dt)
         of_body, of_step = _counted(rig, new[:n], layout)
-        folds = np.concatenate([np.full(j.law.ports, j.law.folds) for j in rig.joints])
+        folds = np.array([j.law.folds for j in rig.joints for _ in range(j.law.ports)], dtype=bool)
         of_rate = np.where(folds[:, None], 0.0, s.flexibility)
         nothing = np.zeros_like(s.joints)
         # a set-valued law takes what the step itself yields into account, in place of the motion
@@ -133,9 +134,9 @@ class LinearStep:
         )
         # displacements, velocities and loads of all joints, put joint by joint
         ports = np.arange(m)
-        order = np.concatenate(
-            [[*ports[at.forces], *(m + ports[at.forces]), 2 * m + j] for j, at in enumerate(layout.joints)]
-        )
+        order = [
+            i for j, at in enumerate(layout.joints) for i in (*ports[at.forces], *(m + ports[at.forces]), 2 * m + j)
+        ]
         by_y, by_old, by_new = (np.vstack(parts)[order] for parts in zip(u, speed, load, strict=True))
         first = [at.forces.start for at in layout.joints]
         return LinearStep(

@@ -311,7 +311,7 @@ def test_what_records_leave_in_which_the_tip_would_lift_off_is_said(left, says):
     record = np.repeat([1, 2, 3], 10)
     white = SimpleNamespace(record=record, residual=np.where(record == 2, left, 1.0))
     solutions = {n: SimpleNamespace(lift_off=n == 2) for n in (1, 2, 3)}
-    kept = SimpleNamespace(rig=lambda x: SimpleNamespace(contact=SimpleNamespace(lift_off=False)))
+    kept = SimpleNamespace(rig=lambda x: SimpleNamespace(lift_off=False))
     decision = SimpleNamespace(best=None, base=SimpleNamespace(white=white, solutions=solutions, model=kept, x=None))
     first, second = Conclusion._lifted(SimpleNamespace(decision=decision))
     assert "reaches zero in records 2: " in first

@@ -5,9 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from hbm.balance.solution import PeriodicSolution
+from hbm.cli import app
 from hbm.errors import InputError
+from hbm.integration.integrate import simulate
 from hbm.modes.linear import linear_modes
 from hbm.response.trace import steady_state
 from hbm.rigfiles.load import load_rig
@@ -110,6 +113,37 @@ def test_a_curve_along_a_frequency_ends_where_a_single_solution_is(linear: Joint
     last = steady_state(linear.with_number(key, 22.0), 21.0, harmonics=3)
     assert curve.complete
     assert np.allclose(curve.points[-1]["tip"].coefficients, last["tip"].coefficients, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("frf", "--from", "19", "--to", "21"),
+        ("continue", "--parameter", "modal.frequencies_hz[2]", "--from", "19", "--to", "21", "--frequency", "20"),
+        ("simulate", "--frequency", "20", "--duration", "0.2"),
+    ],
+    ids=lambda command: command[0],
+)
+def test_commands_take_a_rig_without_a_joint(command: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(FILE)
+    out, plot = tmp_path / "out.csv", tmp_path / "out.png"
+    name, *rest = command
+    done = CliRunner().invoke(app, [name, str(tmp_path / "rig.toml"), *rest, "--out", str(out), "--plot", str(plot)])
+    assert done.exit_code == 0, done.output
+    assert out.exists() and plot.exists()
+
+
+def test_a_march_of_a_rig_without_a_joint_ends_where_the_balance_is(linear: JointedRig) -> None:
+    rig = replace(
+        linear,
+        body=replace(linear.body, frequencies_hz=(8.0, 20.0, 50.0)),
+        damping=Damping(modal_ratios=(0.05,)),
+    )
+    there = steady_state(rig, 21.0, harmonics=1)
+    march = simulate(rig, 21.0, duration=4.0)
+    assert np.abs(march.channels["tip"].values[-march.samples_per_period :]).max() == pytest.approx(
+        there["tip"].peak, rel=2e-3
+    )
 
 
 def test_shapes_must_be_as_many_as_channels(tmp_path: Path) -> None:
