@@ -75,11 +75,11 @@ def test_few_records_are_left_to_the_other_parts(few):
 
 
 class _Campaign:
-    """Names and frequencies alone."""
+    """Names, frequencies and the number of harmonics alone."""
 
     def __init__(self) -> None:
         self.data = self
-        self.channels = tuple(f"a{i}" for i in range(CHANNELS))
+        self.channels, self.H = tuple(f"a{i}" for i in range(CHANNELS)), HARMONICS
         self.records = [_Record(number, hz) for number, hz in HZ.items()]
 
 
