@@ -82,13 +82,13 @@ def test_a_number_far_beyond_its_tolerance_is_wrong(factor, tmp_path):
     assert found.verdict in NAMED and found.cause == f"parameter:{E}", found
     assert found.parameters["value"].value == pytest.approx(right, rel=0.01)
     assert np.abs(found.calibrated.pulls).max() < FAR + 1e-9
-    assert found.errors["calibrated"]["held_out"].nrmse > 10.0 * found.errors["extended"]["held_out"].nrmse
+    left = {name: errors["held_out"].chi2_reduced for name, errors in found.errors.items()}
+    assert left["calibrated"] > 10.0 * left["extended"], left
 
 
-@pytest.mark.parametrize("seed", [9031, 9032])
-def test_a_weak_spring_is_no_resonator_that_takes_the_background_too(seed, tmp_path):
+def test_a_weak_spring_is_no_resonator_that_takes_the_background_too(tmp_path):
     """A few times the background: the further numbers of what contains it are not worth more than that is."""
-    weak = draw(seed, "F", "added-spring", RIG, (60.0, 120.0), background=SIZES)
+    weak = draw(9031, "F", "added-spring", RIG, (30.0, 60.0), background=SIZES)
     assert 1.0 < weak.answer["effect"] / weak.answer["background"] < 10.0
     found = diagnose(*read(weak, tmp_path), causes=(AddedMass, AddedSpring, AttachedResonator))
     assert found.verdict in NAMED and found.cause == "added-spring", found
