@@ -53,7 +53,7 @@ def regions(paths: Iterable[Path]) -> dict[str, Region]:
         page = path.read_text(encoding="utf-8")
         head, rows = SET.search(page), SIZES.findall(page)
         if head is None or not rows:
-            raise ValueError(f"{path}: no right causes by effect and background; must be a score.md of this benchmark")
+            raise ValueError(f"{path}: no right causes by effect and background; must be a page of scores of this benchmark")
         region = found.setdefault(head[1], Region())
         region.cases += int(head[2])
         region.scores.append(path.stem)

@@ -63,8 +63,8 @@ EVERY: tuple[type[Cause], ...] = (
     ForceDistortion,
     NotSteady,
     ParameterDrift,
-    *JOINT_CAUSES,
     WrongParameter,
+    *JOINT_CAUSES,
 )
 
 CAUSES = {cause.name: cause for cause in EVERY}

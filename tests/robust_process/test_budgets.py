@@ -127,7 +127,7 @@ def test_what_a_curve_s_budget_leaves_is_kept_and_marked(arguments: tuple[str, .
     ("seconds", "arguments"),
     [
         ("1", ("simulate", str(PAPER), "--frequency", "50", "--duration", "600", "--out", "a.csv")),
-        ("1", ("synthesize", str(PAPER), "--levels", "6.5", "--frequencies", "48", "--out", "a.csv")),
+        ("0.01", ("synthesize", str(PAPER), "--levels", "6.5", "--frequencies", "48", "--out", "a.csv")),
         ("1", ("identify", *MEASURED, "--out", "a")),
         ("3", ("diagnose", *DIAGNOSED, "--out", "a")),
         ("0.01", ("inverse", *MEASURED, "--out", "a")),
