@@ -29,6 +29,9 @@ MEASURED = {
     "40dB": "two modes, six sensors, three levels, harmonics 1 to 9, noise at 40 dB",
 }
 
+SCORES = "scores.md"
+"""Page beside the one that is made."""
+
 
 @dataclass
 class Region:
@@ -53,7 +56,7 @@ def regions(paths: Iterable[Path]) -> dict[str, Region]:
         page = path.read_text(encoding="utf-8")
         head, rows = SET.search(page), SIZES.findall(page)
         if head is None or not rows:
-            raise ValueError(f"{path}: no right causes by effect and background; must be a page of scores of this benchmark")
+            raise ValueError(f"{path}: no right causes by effect and background; must be a score of this benchmark")
         region = found.setdefault(head[1], Region())
         region.cases += int(head[2])
         region.scores.append(path.stem)
@@ -68,7 +71,7 @@ def markdown(found: dict[str, Region]) -> str:
     parts = [
         "# Where names can be trusted",
         "",
-        "Made by `python -m benchmarks.score.region` from the [scores](scores.md); do not edit. Each cell: right",
+        f"Made by `python -m benchmarks.score.region` from the [scores]({SCORES}); do not edit. Each cell: right",
         "cause first, of the cases drawn there, and its 95 % interval. **Bold** is below "
         f"{100 * TRUSTED:.0f} %: do not rely",
         "on the name there without the check that the report proposes. *Italic* is at or above it, in too few cases",
