@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.aft.period import DT, buffered, law_functions
+from hbm.aft.period import DT, SlopesWhenAsked, buffered, law_functions
 from hbm.aft.recurrence import NEUTRAL, forwards, gradients, monodromy, radius
 from hbm.aft.step import ENVIRONMENT, SIGNALS, law_step
 from hbm.fourier import Array, FourierBasis
@@ -123,7 +123,7 @@ class LawSteps:
         return int(np.count_nonzero(np.abs(np.linalg.eigvals(monodromy(transitions))) >= 1.0 - NEUTRAL))
 
 
-class LawOverPeriod:
+class LawOverPeriod(SlopesWhenAsked):
     """A friction law on a Fourier basis: coefficients of the contact signals in, of the force out.
 
     One object serves one thread: it owns the buffers that CasADi reads and fills.
@@ -205,22 +205,6 @@ class LawOverPeriod:
                 return closure
         self._carried[:] = 0.0
         return self._close_from_here()
-
-    def _period(self) -> None:
-        """Force over a period from the state carried; its slopes too where the state fades, else when asked for."""
-        if self._fades:
-            self._with_slopes()
-        else:
-            self._without_slopes()
-        self._sloped = self._fades
-
-    @property
-    def _local(self) -> Array:
-        """Derivatives of (T, states) to (states before, active inputs), (N_t, 1 + states, states + inputs)."""
-        if not self._sloped:
-            self._with_slopes()
-            self._sloped = True
-        return self._slopes
 
     def _close_from_here(self) -> float:
         if len(self._carried) == 0:

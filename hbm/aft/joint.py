@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from hbm.aft.jointstep import JointFunctions, joint_functions, signals_of, values
-from hbm.aft.period import buffered
+from hbm.aft.period import SlopesWhenAsked, buffered
 from hbm.aft.recurrence import NEUTRAL, forwards, gradients, monodromy, radius
 from hbm.fourier import Array, FourierBasis
 from models.joints.law import JointLaw
@@ -55,7 +55,7 @@ class JointForces:
         return found
 
 
-class JointOverPeriod:
+class JointOverPeriod(SlopesWhenAsked):
     """A law on a Fourier basis: coefficients of the signals at a joint in, of its forces out.
 
     Signals are the displacements of the ports, the displacements whose rates are the velocities that the law is shown
@@ -82,6 +82,7 @@ class JointOverPeriod:
         self._without_slopes, _ = buffered(self.functions.force, self._inputs, [f, self._gap, self._end])
         N_t, m, n_z = self.basis.N_t, self.ports, self.functions.memory
         self._f = f.reshape(N_t, m)
+        # rows: forces, memory; columns: memory before, signals read, dt
         self._slopes = slopes.reshape(N_t, m + n_z, -1)
         self._sloped = False
 
@@ -137,22 +138,6 @@ class JointOverPeriod:
                 return closure
         self._carried[:] = 0.0
         return self._close_from_here()
-
-    def _period(self) -> None:
-        """Forces over a period from the memory carried; its slopes too where the memory fades, else when asked for."""
-        if self._fades:
-            self._with_slopes()
-        else:
-            self._without_slopes()
-        self._sloped = self._fades
-
-    @property
-    def _local(self) -> Array:
-        """Derivatives of (forces, memory) to (memory, signals read, dt), (N_t, m + memory, memory + inputs)."""
-        if not self._sloped:
-            self._with_slopes()
-            self._sloped = True
-        return self._slopes
 
     def _close_from_here(self) -> float:
         n = self.functions.memory
@@ -239,7 +224,7 @@ class JointOverPeriod:
         """
         self._show(signals, Omega)
         m, n, basis = self.ports, self.functions.memory, self.basis
-        held = self._local.shape[2]
+        held = self._slopes.shape[2]
         evaluate, (_, _, local, _) = buffered(self.functions.by_numbers, self._inputs)
 
         def read() -> Array:

@@ -176,3 +176,41 @@ def buffered(
         evaluate()
 
     return call, results
+
+
+class SlopesWhenAsked:
+    """A law over a period in buffers whose slopes are worked out when they are asked for.
+
+    Attributes
+    ----------
+    _with_slopes, _without_slopes : callable
+        Fill the buffers over a period from the state carried.
+    _slopes : (N_t, outputs + states, states + inputs) array
+        Buffer of the slopes, see :mod:`hbm.aft.recurrence`.
+    _sloped : bool
+        Whether it belongs to the period in the other buffers.
+    _fades : bool
+        Whether the state before the period fades without ever being forgotten: then closing the loop needs slopes.
+    """
+
+    _with_slopes: Callable[[], None]
+    _without_slopes: Callable[[], None]
+    _slopes: Array
+    _sloped: bool
+    _fades: bool
+
+    def _period(self) -> None:
+        """Go over a period from the state carried."""
+        if self._fades:
+            self._with_slopes()
+        else:
+            self._without_slopes()
+        self._sloped = self._fades
+
+    @property
+    def _local(self) -> Array:
+        """The slopes of the last period."""
+        if not self._sloped:
+            self._with_slopes()
+            self._sloped = True
+        return self._slopes

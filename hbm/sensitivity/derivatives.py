@@ -25,15 +25,12 @@ from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import Change, Channels, ChannelSensitivity
 from hbm.sensitivity.held import HeldBalance, friction_change, mixed, mixing_of
-from hbm.sensitivity.jointed import JointSensitivities, joint_balance_change, joint_sensitivities
+from hbm.sensitivity.jointed import JointSensitivities, expect_balanced, joint_balance_change, joint_sensitivities
 from hbm.sensitivity.moving import Disturbance, LinearBalance, refined
 from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys, rig_scalars
 from models.display import Displayed
 from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
-
-UNBALANCED = 1e-6
-"""A state that misses the balance by more than this fraction of the excitation is not a solution of the rig."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,12 +144,7 @@ def sensitivities(
     """
     problem = HarmonicBalance(rig, solution.basis, level=solution.level)
     here = problem.linearize(*problem.pack(solution.state))
-    missed = float(np.abs(here.residual).max())
-    if not missed < UNBALANCED:
-        raise ValueError(
-            f"sensitivities: the state misses the rig's balance by {missed:.2g} of the excitation; "
-            "must be a solution of this rig"
-        )
+    expect_balanced(here.residual)
     known = rig_scalars(rig, solution)
     keys = (*law_keys(rig), LOAD, FORCE, HZ, ALPHA) if keys is None else tuple(keys)
     unknown = [key for key in keys if key not in known]

@@ -214,13 +214,24 @@ def linearized(rig: JointedRig, solution: PeriodicSolution) -> JointLinearizatio
     """
     problem = JointBalance(rig, solution.basis, level=solution.level)
     here = problem.linearize(*problem.pack(solution.state))
-    missed = float(np.abs(here.residual).max())
+    expect_balanced(here.residual)
+    return here
+
+
+def expect_balanced(residual: Array) -> None:
+    """Refuse a state that is no solution of its rig.
+
+    Raises
+    ------
+    ValueError
+        If a balance is missed by :data:`UNBALANCED` or more.
+    """
+    missed = float(np.abs(residual).max())
     if not missed < UNBALANCED:
         raise ValueError(
             f"sensitivities: the state misses the rig's balance by {missed:.2g} of the excitation; "
             "must be a solution of this rig"
         )
-    return here
 
 
 def followed(here: JointLinearization, change: Array) -> tuple[Array, Array]:
