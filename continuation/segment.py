@@ -11,7 +11,7 @@ from .problem import Array, Problem
 from .settings import Settings
 from .special import SpecialPoint
 
-CLOSE = 1e-13
+CLOSE = 1e-9
 """Roots are found to this fraction of the stretch."""
 
 _ITERATIONS = 100

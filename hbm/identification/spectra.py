@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from continuation import ConvergenceError
+from continuation import ConvergenceError, Correction
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.identification.fit import uncertainty, whitened
@@ -27,7 +27,7 @@ from hbm.inverse.sensing import Complex
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.records import Measurement, Record, force_columns, measurement_of, parts, solve_record
 from hbm.parallel import one_thread
-from hbm.sensitivity.derivatives import sensitivities
+from hbm.sensitivity.derivatives import changes_where_solved
 from hbm.sensitivity.scalars import FORCE
 from models.friction import FrictionLaw
 from models.plausible import quiet
@@ -201,14 +201,14 @@ class _Forward:
     def _advance(self, rig: Rig, record: Record, x: Array, last: _Simulated | None) -> None:
         self.evaluations += 1
         try:
-            solution = solve_record(rig, self.basis, record, None if last is None else last.solution.state)
-            self.found[record.number] = self._differentiated(rig, solution, x)
+            solved = solve_record(rig, self.basis, record, None if last is None else last.solution.state)
+            self.found[record.number] = self._differentiated(*solved, x)
             self.failed.pop(record.number, None)
         except (ConvergenceError, ArithmeticError, ValueError) as reason:
             self.failed[record.number] = str(reason)
 
-    def _differentiated(self, rig: Rig, solution: PeriodicSolution, x: Array) -> _Simulated:
-        by = sensitivities(rig, solution)
+    def _differentiated(self, solution: PeriodicSolution, found: Correction, x: Array) -> _Simulated:
+        by = changes_where_solved(found, solution, None)
         by_law = self.of.coordinates.slopes(x)
         slopes = [by[name].coefficients for name in self.data.channels]
         p, force, H = len(by_law), by.parameters.index(FORCE), self.data.H
@@ -254,7 +254,7 @@ def _probe(rig: Rig, probed: Measurement, of: Candidate, H: int) -> list[Array |
     out: list[Array | None] = []
     for record in probed.records:
         try:
-            solution = solve_record(model.rig, model.basis, record, None)
+            solution, _ = solve_record(model.rig, model.basis, record, None)
             out.append(model._amplitudes(solution))
         except ConvergenceError:
             out.append(None)

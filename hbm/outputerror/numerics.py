@@ -130,7 +130,7 @@ def _solved(
 ) -> PeriodicSolution | None:
     """Steady state of a record; None where it is not found."""
     try:
-        return solve_record(record.rig(rig), basis, record, None if start is None else start.state)
+        return solve_record(record.rig(rig), basis, record, None if start is None else start.state)[0]
     except (ConvergenceError, ValueError):
         return None
 

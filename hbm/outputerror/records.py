@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from continuation import ConvergenceError, NewtonSettings
-from hbm.balance.problem import State, balance_of
+from continuation import ConvergenceError, Correction, NewtonSettings, solve_at
+from hbm.balance.problem import AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.inverse.observed import motion_of
@@ -155,8 +155,16 @@ def turned(seen: Readings, q: Complex, T: Complex, i: int) -> Record:
     )
 
 
-def solve_record(rig: AnyRig, basis: FourierBasis, record: Record, last: State | None) -> PeriodicSolution:
+def solve_record(
+    rig: AnyRig, basis: FourierBasis, record: Record, last: State | None
+) -> tuple[PeriodicSolution, Correction]:
     """Steady state of a record, from its last one or from the reconstruction, else from nothing.
+
+    Returns
+    -------
+    PeriodicSolution
+    continuation.Correction
+        Where Newton's method found it: it knows the derivative there.
 
     Raises
     ------
@@ -170,11 +178,13 @@ def solve_record(rig: AnyRig, basis: FourierBasis, record: Record, last: State |
             raise
     problem = balance_of(rig, basis, level=record.force)
     lam = problem.lam_at(record.hz)
-    return describe(problem, first_solution(problem, lam), lam)
+    return _described(problem, solve_at(problem, first_solution(problem, lam), lam, NewtonSettings(tolerance=TOLERANCE)))
 
 
-def solve_from(rig: AnyRig, basis: FourierBasis, record: Record, start: State, steps: int = 40) -> PeriodicSolution:
-    """Steady state of a record by Newton's method from a state.
+def solve_from(
+    rig: AnyRig, basis: FourierBasis, record: Record, start: State, steps: int = 40
+) -> tuple[PeriodicSolution, Correction]:
+    """As :func:`solve_record`, by Newton's method from a state.
 
     Raises
     ------
@@ -182,11 +192,14 @@ def solve_from(rig: AnyRig, basis: FourierBasis, record: Record, start: State, s
         If it does not get there.
     """
     problem = balance_of(rig, basis, level=record.force)
-    lam = problem.lam_at(record.hz)
-    result = solve_lifting(problem, start, lam, NewtonSettings(tolerance=TOLERANCE, max_iterations=steps))
-    if not result.converged:
-        raise ConvergenceError(f"no convergence, last residual {result.residual_norm:.2g}; {result.reason.value}")
-    return describe(problem, result.x, lam)
+    settings = NewtonSettings(tolerance=TOLERANCE, max_iterations=steps)
+    return _described(problem, solve_lifting(problem, start, problem.lam_at(record.hz), settings))
+
+
+def _described(problem: AnyBalance, found: Correction) -> tuple[PeriodicSolution, Correction]:
+    if not found.converged:
+        raise ConvergenceError(f"no convergence, last residual {found.residual_norm:.2g}; {found.reason.value}")
+    return describe(problem, found.x, found.lam), found
 
 
 def parts(basis: FourierBasis, coefficients: Array, H: int) -> Array:

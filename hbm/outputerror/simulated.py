@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from continuation import ConvergenceError
+from continuation import ConvergenceError, Correction
 from hbm.balance.problem import State
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
 from hbm.outputerror.numerics import amplitudes_of
 from hbm.outputerror.records import Measurement, Record, parts, solve_from, solve_record
-from hbm.sensitivity.derivatives import changes
+from hbm.sensitivity.derivatives import changes_where_solved
 from hbm.sensitivity.moving import Disturbance
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.stability.transients import transients
@@ -83,20 +83,17 @@ def steady(rig: AnyRig, basis: FourierBasis, record: Record, last: State | None)
 
 def _steady(
     rig: AnyRig, basis: FourierBasis, record: Record, last: State | None
-) -> tuple[AnyRig, PeriodicSolution] | None:
-    """The rig of a record, and its steady state."""
+) -> tuple[AnyRig, PeriodicSolution, Correction] | None:
+    """The rig of a record, its steady state, and where Newton's method found it."""
     try:
         rig = record.rig(rig)
+        if last is None:
+            return rig, *solve_record(rig, basis, record, None)
     except FAILURES:
         return None
-    if last is None:
-        try:
-            return rig, solve_record(rig, basis, record, None)
-        except FAILURES:
-            return None
     for start in _starts(rig, last, record.start):
         try:
-            return rig, solve_from(rig, basis, record, start, NEWTON)
+            return rig, *solve_from(rig, basis, record, start, NEWTON)
         except FAILURES:
             continue
     return None
@@ -121,12 +118,13 @@ def simulated(
     solved = _steady(rig, basis, record, last)
     if solved is None:
         return None
-    here, solution = solved
+    here, solution, found = solved
     own, by_keys = in_record(rig, keys, record.number)
     tones = tuple(tone_scalars(here.excitation)) if here.excitation.measured_harmonics else ()
     spare = spare_friction(here, solution)
     try:
-        by = changes(here, solution, (*own, FORCE, HZ, *tones), held_beside(solution) if spare > 0.0 else None)
+        beside = held_beside(solution) if spare > 0.0 else None
+        by = changes_where_solved(found, solution, (*own, FORCE, HZ, *tones), beside)
         left = left_by_transients(here, solution, data) if isinstance(here, Rig) else None
     except FAILURES:
         return None

@@ -6,6 +6,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, TypeVar
 
@@ -68,15 +69,14 @@ def stability_of(rig: AnyRig, solution: PeriodicSolution, judge: Judge = by_mono
         Where the judge cannot tell.
     """
     periods = round(2 * np.pi * solution.hz / solution.state.Omega)
-    return _finely(judge, balance_of(rig, solution.basis, level=solution.level, periods=periods), solution.state)
+    return judge(_finely(balance_of(rig, solution.basis, level=solution.level, periods=periods)), solution.state)
 
 
-def _finely(judge: Judge, problem: AnyBalance, state: State) -> Stability:
-    """Stability of a state, on more samples where friction remembers."""
+def _finely(problem: AnyBalance) -> AnyBalance:
+    """The balance on the samples on which it is judged: more where friction remembers."""
     samples = SAMPLES * problem.periods
-    if problem.remembers and problem.basis.N_t < samples:
-        problem = problem.on(FourierBasis(problem.basis.H, samples))
-    return judge(problem, state)
+    few = problem.remembers and problem.basis.N_t < samples
+    return problem.on(FourierBasis(problem.basis.H, samples)) if few else problem
 
 
 @one_thread
@@ -112,8 +112,11 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
         Where the judge cannot tell.
     """
 
+    finely = lru_cache(maxsize=1)(_finely)  # of the balance of the curve, or along a parameter of that of each point
+
     def judged(point: Point | SpecialPoint) -> Stability:
-        return _finely(judge, *curve.balance_at(point.x, point.lam))
+        problem, state = curve.balance_at(point.x, point.lam)
+        return judge(finely(problem), state)
 
     branch, followed = curve.branch, _Followed.of(curve, judged)
     turns = sum(p.fold or p.branch_point for p in branch.points)
@@ -215,7 +218,7 @@ class _Followed:
             solution = self.curve.solution_at(point.x, point.lam)
             lam = fine.lam_at(solution.hz) if fine.parameter == "frequency" else solution.level / fine.F_ref
             try:
-                self.finer[i] = _finely(judge, fine, fine.unpack(solve_near(fine, lam, solution), lam))
+                self.finer[i] = judge(_finely(fine), fine.unpack(solve_near(fine, lam, solution), lam))
             except ConvergenceError:
                 self.finer[i] = None
         return self.finer[i]

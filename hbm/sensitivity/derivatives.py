@@ -17,15 +17,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from continuation import Correction
 from hbm.balance.jointednewton import JointLinearization
-from hbm.balance.problem import AnyLinearization, HarmonicBalance
+from hbm.balance.problem import AnyLinearization, HarmonicBalance, Linearization, Newton
 from hbm.balance.solution import PeriodicSolution
 from hbm.channels import read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import Change, Channels, ChannelSensitivity
 from hbm.sensitivity.held import HeldBalance, friction_change, mixed, mixing_of
-from hbm.sensitivity.jointed import JointSensitivities, expect_balanced, joint_balance_change, joint_sensitivities
+from hbm.sensitivity.jointed import (
+    JointSensitivities,
+    expect_balanced,
+    joint_balance_change,
+    joint_sensitivities,
+    joint_sensitivities_at,
+)
 from hbm.sensitivity.moving import Disturbance, LinearBalance, refined
 from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys, rig_scalars
 from models.display import Displayed
@@ -145,6 +152,18 @@ def sensitivities(
     problem = HarmonicBalance(rig, solution.basis, level=solution.level)
     here = problem.linearize(*problem.pack(solution.state))
     expect_balanced(here.residual)
+    return _sensitivities(here, solution, keys, beside)
+
+
+def _sensitivities(
+    here: Linearization,
+    solution: PeriodicSolution,
+    keys: Sequence[str] | None,
+    beside: Disturbance | None,
+    near: Newton | None = None,
+) -> Sensitivities:
+    """As :func:`sensitivities`, of a balance that is linearised; with a matrix from nearby, where one is known."""
+    problem, rig = here.problem, here.problem.rig
     known = rig_scalars(rig, solution)
     keys = (*law_keys(rig), LOAD, FORCE, HZ, ALPHA) if keys is None else tuple(keys)
     unknown = [key for key in keys if key not in known]
@@ -155,7 +174,7 @@ def sensitivities(
     law = problem.basis.analysis @ friction_change(here, held.inputs)
     right = balance.scaled(-held.modal, law)
     also = np.zeros((len(right), 0)) if beside is None else balance.disturbed(beside)
-    x, refinements = refined(here, balance, np.hstack([right, also]))
+    x, refinements = refined(here, balance, np.hstack([right, also]), near)
     d_Q, d_T = balance.unpack(x[:, : len(keys)])
     slid = held.slid + balance.slid(d_Q, d_T)
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
@@ -166,13 +185,34 @@ def sensitivities(
     return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, mixing, moved)
 
 
-def changes(
-    rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str], beside: "Disturbance | None" = None
+def changes(rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str]) -> Sensitivities | JointSensitivities:
+    """As :func:`sensitivities`, of a rig with one contact or with joints."""
+    return (
+        joint_sensitivities(rig, solution, keys)
+        if isinstance(rig, JointedRig)
+        else sensitivities(rig, solution, keys)
+    )
+
+
+@one_thread
+def changes_where_solved(
+    solved: Correction, solution: PeriodicSolution, keys: Sequence[str] | None, beside: "Disturbance | None" = None
 ) -> Sensitivities | JointSensitivities:
-    """As :func:`sensitivities`, of a rig with one contact or with joints; a disturbance is of the contact alone."""
-    if isinstance(rig, JointedRig):
-        return joint_sensitivities(rig, solution, keys)
-    return sensitivities(rig, solution, keys, beside)
+    """As :func:`sensitivities`, of a solution just found, for a rig with one contact or with joints.
+
+    Parameters
+    ----------
+    solved : Correction
+        Where Newton's method found it: of a balance of this package.
+    solution, keys, beside
+        As for :func:`sensitivities`; a disturbance is of the contact alone.
+    """
+    here, last = solved.linearization, solved.solved_with
+    if isinstance(here, JointLinearization):
+        return joint_sensitivities_at(here, solution, keys)
+    if not isinstance(here, Linearization) or not isinstance(last, Linearization):
+        raise TypeError(f"changes: {type(here).__name__} is not of a harmonic balance; must be one")
+    return _sensitivities(here, solution, keys, beside, last.newton)
 
 
 @one_thread

@@ -184,8 +184,14 @@ def joint_sensitivities(
     ArithmeticError
         At a fold, where the solution has no derivative at held frequency and force.
     """
-    here = linearized(rig, solution)
-    problem, known = here.problem, joint_scalars(rig, solution.hz, solution.level)
+    return joint_sensitivities_at(linearized(rig, solution), solution, keys)
+
+
+def joint_sensitivities_at(
+    here: JointLinearization, solution: PeriodicSolution, keys: Sequence[str] | None
+) -> JointSensitivities:
+    """As :func:`joint_sensitivities`, of a balance that is linearised."""
+    problem, known = here.problem, joint_scalars(here.problem.rig, solution.hz, solution.level)
     keys = tuple(known) if keys is None else tuple(keys)
     unknown = [key for key in keys if key not in known]
     if unknown or not keys:

@@ -6,13 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.balance.jacobian import law_by_modes
-from hbm.balance.problem import Linearization
+from hbm.balance.problem import Linearization, Newton
 from hbm.fourier import Array
 
 REFINED = 1e-12
 """Refinement ends when one more would change the derivatives by less than this fraction."""
 
 MOST_REFINEMENTS = 50
+
+SLOW = 1e-2
+"""A matrix from nearby that leaves more of the error than this at a refinement is replaced by that of the state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,22 +137,40 @@ class LinearBalance:
 
 
 @np.errstate(all="ignore")  # what diverges ends in the message
-def refined(here: Linearization, balance: LinearBalance, right: Array) -> tuple[Array, int]:
-    """Solve the complete balance with the matrix of Newton's method; and count the refinements."""
+def refined(here: Linearization, balance: LinearBalance, right: Array, near: Newton | None = None) -> tuple[Array, int]:
+    """Solve the complete balance with a matrix of Newton's method; and count the refinements.
+
+    Parameters
+    ----------
+    here : Linearization
+    balance : LinearBalance
+        The complete balance there.
+    right : (size, p) array
+    near : Newton, optional
+        A matrix that is known, of a state close by.
+
+    Raises
+    ------
+    ArithmeticError
+        At a fold.
+    """
     held, whole = np.zeros(len(right)), np.zeros_like(right)  # border that holds the frequency
     acting = np.flatnonzero(right.any(axis=0))
     if not acting.size:  # sensors alone change
         return whole, 0
+    matrix = here.newton if near is None else near
     right = right[:, acting]
     x, left, before = np.zeros_like(right), right, np.full(right.shape[1], np.finfo(float).tiny)
     for count in range(MOST_REFINEMENTS + 1):
-        step, _ = here.newton.solve_columns(held, 1.0, left, 0.0)
+        step, _ = matrix.solve_columns(held, 1.0, left, 0.0)
         x += step
         size = np.abs(step).max(axis=0)
         following = size * np.minimum(size / before, 1.0)  # steps shrink in proportion
         if np.all(following <= REFINED * np.abs(x).max(axis=0)):
             whole[:, acting] = x
             return whole, count
+        if count and not np.all(size <= SLOW * before):
+            matrix = here.newton
         left, before = right - balance @ x, np.maximum(size, np.finfo(float).tiny)
     hz = here.state.Omega / (2 * np.pi)
     raise ArithmeticError(
