@@ -5,7 +5,9 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
+from hbm.balance.solution import amplitudes
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.fourier import Array
 from hbm.measurement.groups import frequency_bands, levels
@@ -13,7 +15,7 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.simulated import FAILURES
 from hbm.parallel import each
 from hbm.response.budget import Budget
-from hbm.response.trace import trace_frequency
+from hbm.response.trace import scout_frequency, with_peak
 from models.jointed import AnyRig
 
 MARGIN = 0.015
@@ -24,6 +26,9 @@ SPARE, LEAST = 2, 11
 
 MOST_LEVELS = 4
 """Levels that are traced, at most: the lowest, the highest, and some between."""
+
+BETWEEN = 4
+"""Points that are drawn for each one solved, by cubics of the coefficients along the curve."""
 
 BUDGET = Budget(points=1500, seconds=30.0)
 """Most that one curve may take."""
@@ -41,7 +46,7 @@ class TracedResponse:
         Mean of the nominal forces of the records of the level, and of the forces that were measured in them, which the
         curve is traced with [N].
     hz : (points,) array
-        In the order of travel: where the curve folds it goes back [Hz].
+        In the order of travel: where the curve folds it goes back [Hz]. One in :data:`BETWEEN` is solved.
     amplitudes : mapping of str to (points, H+1) array
         Amplitude of each harmonic of each channel that was measured.
     """
@@ -135,7 +140,14 @@ def _traced(
     H: int,
 ) -> TracedResponse | None:
     try:
-        curve = trace_frequency(rig, band, level=force, harmonics=H, budget=BUDGET)
+        curve = with_peak(scout_frequency(rig, band, level=force, harmonics=H, budget=BUDGET))
     except FAILURES:
         return None
-    return TracedResponse(model, level, force, curve.hz, {name: curve[name].amplitude for name in channels})
+    along, solved = np.array([p.arclength for p in curve.branch.points]), np.arange(len(curve.points))
+    drawn = np.interp(np.linspace(0, solved[-1], BETWEEN * solved[-1] + 1), solved, along)
+
+    def smooth(values: Array) -> Array:
+        return np.asarray(PchipInterpolator(along, values)(drawn)) if len(along) > 1 else values
+
+    of_channels = {name: amplitudes(smooth(curve[name].coefficients)) for name in channels}
+    return TracedResponse(model, level, force, smooth(curve.hz), of_channels)

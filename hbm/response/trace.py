@@ -40,6 +40,9 @@ PEAK_ACCURACY = 1e-6
 RELATIVE_STEP = 0.01
 """Largest step as a fraction of the motion, where that is more than the step asked for: on tall resonances."""
 
+SCOUTED = 128
+"""Samples per period of a coarse curve."""
+
 EXCURSION = 0.3
 """How far, relatively, a branch is followed beyond the ends of the sweep."""
 
@@ -277,18 +280,25 @@ def trace_frequency(
     problem = balance_of(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
     step = abs(lam1 - lam0) / 50 if step_hz is None else problem.lam_at(step_hz)
-    return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point, budget))
+    return with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point, budget))
 
 
-def scout_frequency(rig: AnyRig, hz: tuple[float, float], *, level: float | None = None) -> ResponseCurve:
-    """Coarse frequency response with few harmonics, to see where the peaks are; no corner is looked for.
+def scout_frequency(
+    rig: AnyRig,
+    hz: tuple[float, float],
+    *,
+    level: float | None = None,
+    harmonics: int = 7,
+    budget: Budget | None = None,
+) -> ResponseCurve:
+    """Coarse frequency response, to see where the peaks are; no corner is looked for.
 
     Parameters and errors as for :func:`trace_frequency`.
     """
-    problem = balance_of(rig, FourierBasis(7, 128), level=level)
+    problem = balance_of(rig, FourierBasis(harmonics, SCOUTED), level=level)
     lam0, lam1 = map(problem.lam_at, hz)
     settings = trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 20)
-    return _trace(problem, lam0, replace(settings, max_angle=2.0, corner_angle=np.pi), None)
+    return _trace(problem, lam0, replace(settings, max_angle=2.0, corner_angle=np.pi), None, budget)
 
 
 def force_response(
@@ -328,7 +338,7 @@ def force_response(
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = balance_of(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
-    return _with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
+    return with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
 
 
 @one_thread
@@ -347,7 +357,7 @@ def _shown(problem: AnyBalance, lam: float) -> float:
 
 
 @one_thread
-def _with_peak(curve: ResponseCurve) -> ResponseCurve:
+def with_peak(curve: ResponseCurve) -> ResponseCurve:
     """Add points around the largest drive displacement until a parabola through them has its top among them."""
     for _ in range(8):
         drive = np.array([p.channels["drive"].peak for p in curve.points])
