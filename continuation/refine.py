@@ -95,7 +95,7 @@ def locate(
     values = [np.atleast_1d(test(point)) for point in branch.points]
     found = []
     for i, (before, behind) in enumerate(pairwise(branch.points)):
-        segment = Segment(problem, before, behind, branch.settings)
+        segment = Segment(problem, before, behind, branch.settings, sharply=close <= CLOSE)
         for entry in np.flatnonzero((values[i] * values[i + 1] < 0.0) | (values[i + 1] == 0.0)):
             if not behind.jumped:
                 found.append(

@@ -6,7 +6,7 @@ import numpy as np
 
 from .branch import ConvergenceError, Point
 from .geometry import Frame, Metric, frame_along
-from .newton import Border, Correction, correct_sharply
+from .newton import Border, Correction, correct, correct_sharply
 from .problem import Array, Problem
 from .settings import Settings
 from .special import SpecialPoint
@@ -38,10 +38,14 @@ class Segment:
         Both ends, in the order of travel.
     settings : Settings
         How lengths and residuals are judged.
+    sharply : bool
+        Whether solutions are good to rounding, as a root needs them, or to the tolerance of the settings.
     """
 
-    def __init__(self, problem: Problem, before: Point, behind: Point, settings: Settings) -> None:
-        self.problem, self.settings = problem, settings
+    def __init__(
+        self, problem: Problem, before: Point, behind: Point, settings: Settings, *, sharply: bool = True
+    ) -> None:
+        self.problem, self.settings, self.sharply = problem, settings, sharply
         self.metric = Metric.of(settings, before.x.size)
         self.start, self.length = before.arclength, behind.arclength - before.arclength
         self.ends = state_of(before), state_of(behind)
@@ -64,7 +68,8 @@ class Segment:
             If there is none close by.
         """
         guess, row = self.guess(u), self.metric.weights * self.metric.unit(self.chord)
-        correction = correct_sharply(self.problem, guess, Border(row[:-1], float(row[-1])), self.settings)
+        solve = correct_sharply if self.sharply else correct
+        correction = solve(self.problem, guess, Border(row[:-1], float(row[-1])), self.settings)
         close = self.metric.norm(correction.state - guess) < self.metric.norm(self.chord)
         frame = frame_along(self.metric, correction.state, correction.linearization, row)
         if frame is None or not (close and correction.residual_norm <= self.settings.tolerance):

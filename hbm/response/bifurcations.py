@@ -196,8 +196,9 @@ class _Followed:
             room -= len(steps)
             for i in reversed(steps):
                 before, behind = self.points[i - 1 : i + 1]
+                step = Segment(self.curve.traced, before, behind, self.curve.branch.settings, sharply=False)
                 try:
-                    point = Segment(self.curve.traced, before, behind, self.curve.branch.settings).point(0.5)
+                    point = step.point(0.5)
                 except ConvergenceError:
                     self.halved[i] = HALVED
                     continue
