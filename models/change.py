@@ -175,6 +175,7 @@ def structure_change(rig: Rig, keys: tuple[str, ...]) -> StructureChange:
     reduction = rig.reduction
     still = Assembly(*(np.zeros_like(part) for part in reduction.assembly))
     places = {} if isinstance(rig.body, ModalBody) else dict(zip(_keys(rig), rig.layout.scalars(), strict=True))
+    nothing: list[StructureChange] = []  # the same for all that change nothing
 
     def change(key: str) -> StructureChange:
         table, _, name = key.partition(".")
@@ -186,6 +187,8 @@ def structure_change(rig: Rig, keys: tuple[str, ...]) -> StructureChange:
             return reduction.change(
                 still, rig.damping.dampers_change(name, np.sqrt(reduction.squares), rig.mode_numbers)
             )
-        return reduction.change(still)
+        if not nothing:
+            nothing.append(reduction.change(still))
+        return nothing[0]
 
     return StructureChange.stacked([change(key) for key in keys])

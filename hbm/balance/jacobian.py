@@ -78,14 +78,17 @@ def law_by_modes(
     slip : (2H+1, 2H+1, m) array
         Derivative of the slip to these modes.
     """
-    basis, r, (size, _, m) = problem.basis, problem.structure.reaction, slip.shape
+    basis, (size, _, m) = problem.basis, slip.shape
     law = np.zeros((size, size * m)) if contact.by_u is None else contact.by_u @ slip.reshape(size, -1)
-    if contact.by_rho is not None and r.varies:
-        rho = contact.by_rho[:, :, None] * (r.stiffness[:m] - (basis.k[:, None] * Omega) ** 2 * r.inertia[:m])
-        rho += basis.derivative_on_right(contact.by_rho)[:, :, None] * (Omega * r.damping[:m])
-        law += rho.reshape(law.shape)
     if contact.by_rho is not None and slope is not None:
         law -= contact.by_rho @ slope.by_Q[:, problem.structure.n, :, :m].reshape(law.shape)
-    if contact.by_eta is not None and r.varies:
-        law += (contact.by_eta[:, :, None] * r.stretch[:m]).reshape(law.shape)
+    if problem.structure.reaction.varies and not (contact.by_rho is None and contact.by_eta is None):
+        by_rows = np.zeros((size, size, 4))  # inertia, damping and stiffness of the reaction, stretch
+        if contact.by_rho is not None:
+            by_rows[:, :, 0] = -contact.by_rho * (basis.k * Omega) ** 2
+            by_rows[:, :, 1] = Omega * basis.derivative_on_right(contact.by_rho)
+            by_rows[:, :, 2] = contact.by_rho
+        if contact.by_eta is not None:
+            by_rows[:, :, 3] = contact.by_eta
+        law += (by_rows.reshape(-1, 4) @ problem.rows[:m, 1:].T).reshape(law.shape)
     return law

@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -45,6 +46,23 @@ class Signal:
     def amplitude(self) -> Array:
         """Amplitude of harmonics 0..H, (H+1,)."""
         return amplitudes(self.coefficients)
+
+
+class Series(Signal):
+    """A signal that its coefficients tell whole; samples and peak are worked out when they are asked for."""
+
+    def __init__(self, unit: str, coefficients: Array, basis: FourierBasis) -> None:
+        self.__dict__.update(unit=unit, coefficients=coefficients, _basis=basis)
+
+    @cached_property
+    def samples(self) -> Array:
+        """Values at the phases of the basis, (N_t,)."""
+        return np.asarray(self.__dict__["_basis"].synthesis @ self.coefficients)
+
+    @cached_property
+    def peak(self) -> float:
+        """Largest magnitude over the period."""
+        return _smooth_peak(self.samples)
 
 
 def amplitudes(coefficients: Array) -> Array:
@@ -202,10 +220,6 @@ def describe(problem: AnyBalance, x: Array, lam: float) -> PeriodicSolution:
         on_support = normal - basis.synthesis @ (basis.analysis @ tension)
         normal = np.where(tension > 0.0, 0.0, np.maximum(on_support, 0.0))
 
-    def series(unit: str, coefficients: Array) -> Signal:
-        samples = basis.synthesis @ coefficients
-        return Signal(unit, coefficients, samples, _smooth_peak(samples))
-
     force = state.F * problem.force_shape
 
     def motion(place: int, channel: Channel, row: Array, by_force: float, by_friction: float) -> Signal:
@@ -214,12 +228,12 @@ def describe(problem: AnyBalance, x: Array, lam: float) -> PeriodicSolution:
             coefficients += problem.clamp.port.residual[place] * kin.clamp.slid
         if problem.elements is not None and kin.elements is not None:
             coefficients += kin.elements @ problem.elements.static[:, place - 1]
-        return series(UNITS[channel.quantity], read(channel, basis, coefficients, Omega))
+        return Series(UNITS[channel.quantity], read(channel, basis, coefficients, Omega), basis)
 
     residual = s.residual
     places = {c.name: i for i, c in enumerate(rig.response_channels, start=2)}
     channels = {
-        c.name: series("N", force)
+        c.name: Series("N", force, basis)
         if c.quantity == "force"
         else motion(places[c.name], c, s.channel_rows[c.name], *residual.channels.get(c.name, (0.0, 0.0)))
         for c in rig.channels
@@ -227,7 +241,7 @@ def describe(problem: AnyBalance, x: Array, lam: float) -> PeriodicSolution:
     channels |= {
         "drive": motion(1, DISPLACEMENT, s.excitation, residual.drive_by_force, residual.slip_by_force),
         "slip": Signal("m", slip, slip_samples, float(np.abs(slip_samples - slip_samples.mean()).max())),
-        "slip_velocity": series("m/s", Omega * basis.derivative(slip)),
+        "slip_velocity": Series("m/s", Omega * basis.derivative(slip), basis),
         "friction": friction,
         "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
     }
@@ -271,19 +285,16 @@ def _of_joints(problem: JointBalance, state: State, lam: float) -> PeriodicSolut
     found, memory, closure = problem.forces(state)
     f, F = basis.analysis @ found, state.F * problem.force_shape
 
-    def series(unit: str, coefficients: Array) -> Signal:
-        samples = basis.synthesis @ coefficients
-        return Signal(unit, coefficients, samples, _smooth_peak(samples))
-
     own = state.Q @ s.channels.T + f @ s.channels_by_joints.T + np.outer(F, s.channels_by_force)
     moved = dict(zip((c.name for c in rig.response_channels), own.T, strict=True))
-    channels = {
-        c.name: series("N", F)
+    channels: dict[str, Signal] = {
+        c.name: Series("N", F, basis)
         if c.quantity == "force"
-        else series(UNITS[c.quantity], read(c, basis, moved[c.name], Omega))
+        else Series(UNITS[c.quantity], read(c, basis, moved[c.name], Omega), basis)
         for c in rig.channels
     }
-    channels["drive"] = series("m", state.Q @ s.excitation + f @ s.flexibility_to_force + s.drive_by_force * F)
+    drive = state.Q @ s.excitation + f @ s.flexibility_to_force + s.drive_by_force * F
+    channels["drive"] = Series("m", drive, basis)
     shown = [signals[:, : j.ports] for j, signals in zip(problem.joints, problem.signals(state), strict=True)]
     shown = [column for signals in shown for column in signals.T]
     kept = np.where(problem.own > 0.0, np.minimum(problem.own, s.flexibility.diagonal()), 0.0)

@@ -111,7 +111,7 @@ class HeldBalance:
         if problem.coupled:
             fine = basis.exact_products
             q = fine.synthesis @ Q
-            u -= 0.5 * fine.analysis @ np.einsum("ti,pij,tj->tp", q, d.shortening, q, optimize=True)
+            u -= 0.5 * fine.analysis @ np.einsum("pti,ti->tp", q @ d.shortening, q)
         rows = np.stack([self.through(row) for row in (d.inertia, d.reaction_damping, d.reaction_stiffness)], axis=1)
         rho = problem.reaction_of(rows, Omega)
         faster = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
@@ -129,11 +129,11 @@ class HeldBalance:
         problem, state, d = self.problem, self.state, self.structure
         s, basis, Q, Omega = problem.structure, problem.basis, state.Q, state.Omega
         velocity, squared = Omega * basis.derivative(Q), (basis.k * Omega)[:, None] ** 2
-        modal = np.einsum("pij,kj->kip", d.stiffness, Q) + np.einsum("pij,kj->kip", d.damping, velocity)
-        modal -= np.einsum("pij,kj->kip", d.mass, squared * Q)
+        forces = d.stiffness @ Q.T + d.damping @ velocity.T - d.mass @ (squared * Q).T  # (p, n, 2H+1)
+        modal = np.ascontiguousarray(forces.transpose(2, 1, 0))
         modal -= np.einsum("k,pi->kip", state.T, d.rows[:, 0])
         if by_T is not None:
-            modal += np.einsum("kl,pij,lj->kip", by_T, d.shortening, Q, optimize=True)
+            modal += (d.shortening @ (by_T @ Q).T).transpose(2, 1, 0)
         modal -= s.excitation[:, None] * self.force[:, None]
         modal -= np.multiply.outer(problem.force_shape, state.F * d.rows[:, 1].T)
         if self.elements is not None:
