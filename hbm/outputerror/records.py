@@ -178,7 +178,9 @@ def solve_record(
             raise
     problem = balance_of(rig, basis, level=record.force)
     lam = problem.lam_at(record.hz)
-    return _described(problem, solve_at(problem, first_solution(problem, lam), lam, NewtonSettings(tolerance=TOLERANCE)))
+    return _described(
+        problem, solve_at(problem, first_solution(problem, lam), lam, NewtonSettings(tolerance=TOLERANCE))
+    )
 
 
 def solve_from(

@@ -111,7 +111,6 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     ValueError
         Where the judge cannot tell.
     """
-
     finely = lru_cache(maxsize=1)(_finely)  # of the balance of the curve, or along a parameter of that of each point
 
     def judged(point: Point | SpecialPoint) -> Stability:

@@ -188,9 +188,7 @@ def _sensitivities(
 def changes(rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str]) -> Sensitivities | JointSensitivities:
     """As :func:`sensitivities`, of a rig with one contact or with joints."""
     return (
-        joint_sensitivities(rig, solution, keys)
-        if isinstance(rig, JointedRig)
-        else sensitivities(rig, solution, keys)
+        joint_sensitivities(rig, solution, keys) if isinstance(rig, JointedRig) else sensitivities(rig, solution, keys)
     )
 
 

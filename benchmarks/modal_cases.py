@@ -1,0 +1,239 @@
+"""Blind cases of structures given by their modes: one hidden effect each, or none, or one wrong number.
+
+    python -m benchmarks.modal_cases --seed 1 --count 60 --out /tmp/modal
+
+Every structure is a random chain of masses and springs, of which 3 to 8 modes are kept. Its records come from
+`tests/truth/modal.py`, which shares no code with the package. The rig file is a little off in all that is identified
+of it (background), within the tolerances of the diagnosis. A case is drawn and diagnosed with what a user has, its rig
+and its spectra; the truth is looked at afterwards. OUT/cases.jsonl keeps a line per case: a run goes on where it
+stopped.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.score.rates import wilson
+from hbm import diagnose
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from models.bodies import ModalModel
+from models.jointed import JointedRig
+from models.parts import Channel, Damping, Excitation
+from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, quadratic, steady
+
+Array = np.ndarray
+
+PLAN = (
+    "null",
+    "cubic",
+    "friction",
+    "frequency",
+    "stop",
+    "drag",
+    "null",
+    "cubic",
+    "friction",
+    "damping",
+    "stop",
+    "drag",
+)
+NAMES = {
+    "cubic": "cubic-stiffness",
+    "friction": "local-friction",
+    "stop": "one-sided-stop",
+    "drag": "quadratic-damping",
+}
+"""What the diagnosis calls each effect."""
+
+MASSES = 12
+BACKGROUND = {"hz": 1e-3, "ratio": 0.1, "shape": 5e-3}
+"""What the structure differs by from its rig file, relative standard deviations."""
+
+NOISE = 3e-3
+"""Of the rms of a channel, standard deviation of each coefficient: 50 dB."""
+
+LEVELS = (0.3, 0.6, 1.0)
+OFFSETS = (-4.0, -1.5, -0.6, 0.0, 0.6, 1.5, 4.0)
+"""Frequencies of the records about each of two modes, in units of its half bandwidth."""
+
+MOVED = 1e-4
+"""Modal amplitude at resonance without an effect [m kg^(1/2)]."""
+
+H, STEPS, PERIODS = 5, 256, 250
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What a user has, and the truth."""
+
+    kind: str
+    rig: JointedRig
+    spectra: MeasuredSpectra
+    at: tuple[str, ...]
+    key: str
+    effect: float
+    background: float
+
+
+def structure(rng: np.random.Generator) -> Modes:
+    """Modes of a random chain of masses that is held at one end, and in places beside."""
+    mass, spring = (np.exp(0.4 * rng.standard_normal(MASSES)) for _ in range(2))
+    ground = np.where(rng.random(MASSES) < 0.2, 0.1 * np.exp(0.5 * rng.standard_normal(MASSES)), 0.0)
+    K = np.diag(spring + np.append(spring[1:], 0.0) + ground) - np.diag(spring[1:], 1) - np.diag(spring[1:], -1)
+    root = 1.0 / np.sqrt(mass)
+    squares, shapes = np.linalg.eigh(root[:, None] * K * root)
+    n = int(rng.integers(3, 9))
+    hz = rng.uniform(15.0, 60.0) * np.sqrt(squares[:n] / squares[0])
+    places = rng.choice(MASSES, size=int(rng.integers(4, 7)), replace=False)
+    rows = {f"p{k + 1}": (root[:, None] * shapes)[place, :n] for k, place in enumerate(places)}
+    return Modes(hz, rng.uniform(0.008, 0.025, n), rows)
+
+
+def rig_of(modes: Modes) -> JointedRig:
+    """The rig file of a structure: driven at its first place, seen at all of them."""
+    body = ModalModel(tuple(modes.hz.tolist()), {name: tuple(row.tolist()) for name, row in modes.rows.items()})
+    sensors = (Channel(f"a{name[1:]}", "acceleration", at=name) for name in modes.rows)
+    damping = Damping(modal_ratios=tuple(modes.ratio.tolist()))
+    return JointedRig("structure", body, damping, (), Excitation(1.0, at="p1"), (Channel("force", "force"), *sensors))
+
+
+def hidden(kind: str, rng: np.random.Generator, modes: Modes, at: Array, moved: float) -> Hidden:
+    """An effect at a relative displacement that reaches `moved` [m], one to three half bandwidths of mode 1 large."""
+    omega, ratio, share = 2 * np.pi * modes.hz[0], modes.ratio[0], at[0] ** 2
+    size = rng.uniform(1.0, 3.0)
+    stiffness = 2.0 * size * ratio * omega**2 / share  # that shifts mode 1 by so many half bandwidths
+    if kind == "cubic":
+        return cubic(4.0 / 3.0 * stiffness / moved**2)
+    if kind == "stop":
+        return gap(4.0 * stiffness, rng.uniform(0.3, 0.6) * moved)
+    if kind == "friction":
+        limit = np.pi / 4.0 * size * ratio * omega**2 / share * moved  # where it slides, half as large a damping
+        return jenkins(limit / (rng.uniform(0.1, 0.3) * moved), limit)
+    if kind == "drag":
+        return quadratic(2.0 * size * ratio * omega / share * 3 * np.pi / (8.0 * omega * moved))
+    return nothing
+
+
+def draw(kind: str, seed: int) -> Case:
+    """A case of a kind."""
+    rng = np.random.default_rng(seed)
+    nominal = structure(rng)
+    true = nominal.disturbed(rng, **BACKGROUND)
+    key, at = "", ()
+    if kind in ("frequency", "damping"):
+        i = int(rng.integers(0, 2))
+        off = 1.0 + rng.choice([-1.0, 1.0]) * rng.uniform(0.025, 0.05) if kind == "frequency" else rng.uniform(2.2, 3.5)
+        name, values = ("hz", true.hz) if kind == "frequency" else ("ratio", true.ratio)
+        true = replace(true, **{name: np.where(np.arange(len(values)) == i, off * values, values)})
+        key = f"modal.frequencies_hz[{i + 1}]" if kind == "frequency" else f"damping.modal_ratios[{i + 1}]"
+    row = np.zeros(len(true.hz))
+    if kind in NAMES:
+        names = list(rng.permutation(list(true.rows)))
+        at = (str(names[0]),) if rng.random() < 0.6 else (str(names[0]), str(names[1]))
+        row = true.rows[at[0]] - (true.rows[at[1]] if len(at) > 1 else 0.0)
+    around = [f * (1.0 + np.array(OFFSETS) * z) for f, z in zip(nominal.hz[:2], nominal.ratio[:2], strict=True)]
+    hz, first = np.tile(np.concatenate(around), len(LEVELS)), len(OFFSETS)
+    of_mode = np.tile(np.repeat([0, 1], first), len(LEVELS))
+    per_mode = MOVED * 2.0 * nominal.ratio[:2] * (2 * np.pi * nominal.hz[:2]) ** 2 / np.abs(nominal.rows["p1"][:2])
+    force = np.repeat(LEVELS, 2 * first) * per_mode[of_mode]  # both modes are moved alike
+    without = steady(true, nothing, row, "p1", hz, force, PERIODS, STEPS, H)
+    moved = float(np.abs(np.hypot(without[:, 1], without[:, H + 1]) @ np.abs(row)).max()) if row.any() else 1.0
+    q = steady(true, hidden(kind, rng, true, row, moved), row, "p1", hz, force, PERIODS, STEPS, H) if at else without
+    by_file = steady(nominal, nothing, row, "p1", hz, force, PERIODS, STEPS, H)
+
+    def seen(motion: Array, modes: Modes) -> dict[str, Array]:
+        return {f"a{name[1:]}": accelerations(modes, motion, name, hz) for name in modes.rows}
+
+    def apart(a: dict[str, Array], b: dict[str, Array]) -> float:
+        return float(np.sqrt(sum(np.sum((a[k] - b[k]) ** 2) for k in a) / sum(np.sum(b[k] ** 2) for k in b)))
+
+    clean, null = seen(q, true), seen(without, true)
+    size = (len(hz), 2 * H + 1)
+    std = {name: NOISE * np.sqrt(np.mean(y[:, [1, H + 1]] ** 2)) for name, y in clean.items()}
+    noisy = {name: y + std[name] * rng.standard_normal(size) for name, y in clean.items()}
+    noisy["force"], std["force"] = np.zeros(size), 1e-4 * float(force.max())
+    noisy["force"][:, 1] = force
+    stds = {name: np.full((len(hz), H + 1), s) for name, s in std.items()}
+    for name in noisy:  # no mean is measured
+        noisy[name][:, 0] = stds[name][:, 0] = np.nan
+    rig = rig_of(nominal)
+    spectra = spectra_of(rig, hz, force, noisy, stds)
+    beside = apart(null, seen(by_file, nominal))
+    return Case(kind, rig, spectra, at, key, *((beside, 0.0) if key else (apart(clean, null), beside)))
+
+
+def judged(case: Case) -> dict[str, object]:
+    """What the diagnosis says, beside the truth."""
+    began = time.process_time()
+    d = diagnose(case.rig, case.spectra)
+    place = tuple(str(d.parameters[name].value) for name in ("at", "to") if name in d.parameters)
+    place = tuple(p for p in place if p and p != "ground")
+    truth = NAMES.get(case.kind) or (f"parameter:{case.key}" if case.key else None)
+    told = d.json()
+    return {
+        "kind": case.kind,
+        "modes": case.rig.structure.n,
+        "places": len(case.rig.response_channels),
+        "effect": round(case.effect, 4),
+        "background": round(case.background, 4),
+        "truth": truth,
+        "at": list(case.at),
+        "verdict": d.verdict,
+        "cause": d.cause,
+        "named_at": list(place),
+        "not_separable": told.get("not_separable", []),
+        "confidence": d.confidence,
+        "cpu_s": round(time.process_time() - began, 1),
+    }
+
+
+def share(count: int, of: int) -> str:
+    """A share with its interval."""
+    low, high = wilson(count, of)
+    return f"{count} of {of} ({low:.0%} to {high:.0%})" if of else "none"
+
+
+def summary(found: list[dict[str, object]]) -> Iterator[str]:
+    """Rates over all cases."""
+    nulls = [f for f in found if f["truth"] is None]
+    physics = [f for f in found if f["kind"] in NAMES]
+    clear = [f for f in physics if f["effect"] >= 5.0 * f["background"]]
+    wrong = [f for f in found if f["kind"] in ("frequency", "damping")]
+    yield f"null, consistent: {share(sum(f['verdict'] == 'consistent' for f in nulls), len(nulls))}"
+    for name, some in (("physics", physics), ("effect of 5 backgrounds or more", clear)):
+        right = [f for f in some if f["cause"] == f["truth"]]
+        within = [f for f in some if f["cause"] == f["truth"] or f["truth"] in str(f["not_separable"])]
+        placed = [f for f in some if f["cause"] and set(f["named_at"]) == set(f["at"])]
+        yield f"{name}: named first {share(len(right), len(some))}, among those told {share(len(within), len(some))}"
+        yield f"{name}: placed, where a cause was named {share(len(placed), sum(f['cause'] is not None for f in some))}"
+    yield f"wrong number, named: {share(sum(f['cause'] == f['truth'] for f in wrong), len(wrong))}"
+    numbers = sum(str(f["cause"] or "").startswith("parameter:") for f in physics)
+    causes = sum(f["cause"] is not None and not str(f["cause"]).startswith("parameter:") for f in wrong)
+    yield f"number taken for physics or the reverse: {share(numbers + causes, len(physics) + len(wrong))}"
+    yield f"CPU seconds: median {np.median([f['cpu_s'] for f in found]):.0f}, most {max(f['cpu_s'] for f in found):.0f}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, required=True)
+    parser.add_argument("--count", type=int, required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    args = parser.parse_args()
+    args.out.mkdir(parents=True, exist_ok=True)
+    kept = args.out / "cases.jsonl"
+    found = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
+    for i in range(len(found), args.count):
+        found.append(judged(draw(PLAN[i % len(PLAN)], args.seed + i)))
+        with kept.open("a") as lines:
+            lines.write(json.dumps(found[-1]) + "\n")
+        print(json.dumps(found[-1]), flush=True)
+    print("\n".join(summary(found)))
+
+
+if __name__ == "__main__":
+    main()
