@@ -22,6 +22,7 @@ from hbm.fourier import Array, FourierBasis
 from models.jointed import AnyRig, JointedRig
 
 __all__ = [
+    "TOLERANCE",
     "AnyBalance",
     "AnyLinearization",
     "AnyRig",
@@ -33,6 +34,9 @@ __all__ = [
     "State",
     "balance_of",
 ]
+
+TOLERANCE = 1e-10
+"""Newton's method closes every balance of forces to this fraction of the excitation."""
 
 Newton = Elimination | SlippingBalance
 

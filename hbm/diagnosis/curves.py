@@ -15,7 +15,8 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.simulated import FAILURES
 from hbm.parallel import each
 from hbm.response.budget import Budget
-from hbm.response.trace import scout_frequency, with_peak
+from hbm.response.peak import with_peak
+from hbm.response.trace import scout_frequency
 from models.jointed import AnyRig
 
 MARGIN = 0.015

@@ -10,14 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from continuation import ConvergenceError, Correction, NewtonSettings, solve_at
-from hbm.balance.problem import AnyBalance, State, balance_of
+from hbm.balance.problem import TOLERANCE, AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.inverse.observed import motion_of
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.inverse.sensing import Complex, Readings, Sensing
 from hbm.response.liftoff import solve_lifting
-from hbm.response.trace import TOLERANCE, first_solution
+from hbm.response.trace import first_solution
 from models.jointed import AnyRig
 from models.numbers import at_record
 

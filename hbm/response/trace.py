@@ -10,18 +10,9 @@ from functools import partial
 
 import numpy as np
 
-from continuation import (
-    Border,
-    ConvergenceError,
-    NewtonSettings,
-    Predictor,
-    Settings,
-    continue_branch,
-    correct,
-    solve_at,
-)
+from continuation import ConvergenceError, NewtonSettings, Predictor, Settings, continue_branch, solve_at
 from hbm.balance.padding import pad
-from hbm.balance.problem import AnyBalance, State, balance_of
+from hbm.balance.problem import TOLERANCE, AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_frequency, expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
@@ -29,13 +20,8 @@ from hbm.parallel import one_thread
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
 from hbm.response.liftoff import solve_lifting
+from hbm.response.peak import with_peak
 from models.jointed import AnyRig
-
-TOLERANCE = 1e-10
-"""Every force balance closes to this fraction of the excitation, see :mod:`hbm.balance.problem`."""
-
-PEAK_ACCURACY = 1e-6
-"""A peak is located to this fraction of its height."""
 
 RELATIVE_STEP = 0.01
 """Largest step as a fraction of the motion, where that is more than the step asked for: on tall resonances."""
@@ -354,49 +340,3 @@ def _trace(
 def _shown(problem: AnyBalance, lam: float) -> float:
     """Frequency [Hz] or force [N] at a value of the continuation parameter."""
     return problem.hz_at(lam) if problem.parameter == "frequency" else problem.at(lam)[1]
-
-
-@one_thread
-def with_peak(curve: ResponseCurve) -> ResponseCurve:
-    """Add points around the largest drive displacement until a parabola through them has its top among them."""
-    for _ in range(8):
-        drive = np.array([p.channels["drive"].peak for p in curve.points])
-        i = int(np.argmax(drive))
-        if not 0 < i < len(drive) - 1:
-            return curve
-        s = np.array([p.arclength for p in curve.branch.points[i - 1 : i + 2]]) - curve.branch.points[i].arclength
-        quadratic = np.polyfit(s, drive[i - 1 : i + 2], 2)
-        offset = -quadratic[1] / (2 * quadratic[0]) if quadratic[0] < 0.0 else np.nan
-        gain = np.polyval(quadratic, offset) / drive[i] - 1.0
-        if not (s[0] < offset < s[2] and gain > PEAK_ACCURACY):
-            return curve
-        curve = _inserted(curve, i, float(offset))
-    return curve
-
-
-def _inserted(curve: ResponseCurve, i: int, offset: float) -> ResponseCurve:
-    """Add the point at arclength `offset` from point i, solved across the chord to its neighbour."""
-    a, b = curve.branch.points[i], curve.branch.points[i + 1 if offset > 0 else i - 1]
-    chord = np.append(b.x - a.x, b.lam - a.lam)
-    guess = np.append(a.x, a.lam) + offset / (b.arclength - a.arclength) * chord
-    weights = curve.branch.settings.weights
-    row = chord[:-1] if weights is None else weights * chord[:-1]
-    newton = NewtonSettings(tolerance=TOLERANCE, max_iterations=10)
-    result = correct(curve.problem, guess, Border(row, float(chord[-1])), newton)
-    if not result.converged:
-        return curve
-    point = replace(
-        a,
-        x=result.x,
-        lam=result.lam,
-        arclength=a.arclength + offset,
-        residual_norm=result.residual_norm,
-        fold=False,
-        corner=False,
-        branch_point=False,
-    )
-    at = i + 1 if offset > 0 else i
-    points, found = list(curve.branch.points), list(curve.points)
-    points.insert(at, point)
-    found.insert(at, describe(curve.problem, result.x, result.lam))
-    return replace(curve, branch=replace(curve.branch, points=tuple(points)), points=tuple(found))
