@@ -14,6 +14,8 @@ from hbm.errors import InputError
 from hbm.interrupts import held
 
 StrPath = str | os.PathLike[str]
+Contents = Mapping[Path, str | bytes]
+"""What files hold, for :func:`write_together`."""
 
 
 def csv_text(rows: Iterable[Iterable[Any]]) -> str:
@@ -71,8 +73,13 @@ def check_output(path: StrPath, endings: Sequence[str], where: str) -> None:
         raise InputError(f"{said}; directory {str(path.parent)!r} cannot be written")
 
 
-def write_together(contents: Mapping[Path, str | bytes]) -> None:
+def write_together(contents: Contents) -> list[Path]:
     """Write files through temporary ones beside them: all appear complete, or none.
+
+    Returns
+    -------
+    list of Path
+        Files written, in order.
 
     Raises
     ------
@@ -98,6 +105,7 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
     finally:
         for temporary in written.values():
             temporary.unlink(missing_ok=True)
+    return list(contents)
 
 
 def _temporary(path: Path, content: str | bytes) -> Path:
