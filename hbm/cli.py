@@ -86,9 +86,14 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal without µ is no reason to fail
     os.environ.update(dict.fromkeys(THREADS, "1"))
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # else workers import what lies in the working folder by accident
-    interrupts.listen()
     os.environ.setdefault("MPLBACKEND", "agg")  # figures go to files; no window is opened for them
-    app(prog_name="hbm")
+    interrupts.listen()
+    try:
+        app(prog_name="hbm")
+    except KeyboardInterrupt:  # before or after Typer answers it
+        say(interrupts.said(), 0)
+    finally:
+        interrupts.conclude()
 
 
 def _status(run: Callable[[], Any]) -> int:
@@ -386,19 +391,19 @@ def _responses(
     for level in levels:
         try:
             with Sweep(f"{level:g} N", *sweep) as progress:
-                curves.append(
-                    frequency_response(
-                        rig, sweep, level=level, harmonics=harmonics, on_point=progress.point, budget=budget
-                    )
+                curve = frequency_response(
+                    rig, sweep, level=level, harmonics=harmonics, on_point=progress.point, budget=budget
                 )
+                curves.append(curve)
                 if stability and curves[-1].branch.end is not End.STOPPED_BY_CALLER:  # it has cost enough
-                    curves[-1] = judged(curves[-1])
+                    curves[-1] = judged(curve)
         except (ConvergenceError, ArithmeticError) as failed:
             failures.append(f"frf: {level:g} N: {failed}")
         except KeyboardInterrupt:
             status = interrupts.status()
             left = len(levels) - len(curves) - len(failures)
-            failures.append(f"frf: interrupted at {level:g} N; {left} of {len(levels)} levels not computed")
+            alone = "kept without its stability, " if curves and curves[-1].level == level else ""
+            failures.append(f"frf: interrupted at {level:g} N; {alone}{left} of {len(levels)} levels not computed")
             break
     return curves, failures, status
 

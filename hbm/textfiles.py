@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -126,6 +127,19 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def refuse_endless(path: StrPath, where: str) -> None:
+    """Refuse a pipe or a device that another file names: it may have no end, and is not waited for.
+
+    Raises
+    ------
+    InputError
+    """
+    with suppress(OSError):  # what cannot be read says so where it is read
+        kind = os.stat(path).st_mode
+        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+            raise InputError(f"{where}: is a pipe or a device; must be a file")
 
 
 def why(refused: Exception) -> str:

@@ -18,7 +18,7 @@ from typing import Any
 
 from hbm.errors import InputError
 from hbm.measurement.historyfile import READERS
-from hbm.textfiles import why
+from hbm.textfiles import refuse_endless, why
 
 COLUMNS = ("file", "frequency_hz", "level", "channels", "units", "begin_s", "end_s")
 NAMES = ("manifest.csv", "manifest.toml")
@@ -201,6 +201,7 @@ def _entry(
     file = said.get("file")
     if not isinstance(file, str) or not file:
         raise InputError(f"{where}: no file; must have one")
+    refuse_endless(path.parent / file, f'{where}: file = "{file}"')
     return Entry(
         file=path.parent / file,
         hz=_positive(where, "frequency_hz", said, "Hz"),
