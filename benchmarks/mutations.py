@@ -1,6 +1,6 @@
-"""Damaged rigs, spectra and histories read and computed with, one after the other: how does each of them end?
+"""Damaged rigs, matrices, spectra and histories read and computed with, one after the other: how does each of them end?
 
-    python benchmarks/mutations.py --rigs 500 --spectra 200 --histories 50 --seed 1
+    python benchmarks/mutations.py --rigs 500 --matrices 100 --spectra 200 --histories 50 --seed 1
 
 Every damaged file is read as the commands read it, and a short computation is done with what is accepted. One worker
 process does it on one core, with a limit of time and memory; it is replaced where a limit is met. An end is
@@ -33,7 +33,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.mutants import HZ, ROOT, Mutant, histories, history_twins, rigs, spectra
+from benchmarks.mutants import HZ, ROOT, Mutant, histories, history_twins, spectra
+from benchmarks.rigmutants import TWINS, matrices, rigs
 
 LIMIT = 60.0
 """Seconds for one file."""
@@ -75,6 +76,13 @@ def of_rig(path: Path) -> dict[str, Any]:
     }
 
 
+def of_matrix(path: Path) -> dict[str, Any]:
+    """What the rig of the bar gives whose stiffness is in a file."""
+    rig = path.with_name("bar.toml")
+    rig.write_text((TWINS / "matrix.toml").read_text(encoding="utf-8").replace("K.mtx", path.name), encoding="utf-8")
+    return of_rig(rig)
+
+
 def _dissipates(point: Any) -> bool:
     """Whether energy is supplied beyond what rounding leaves of the force times the motion."""
     drive = point["drive"].coefficients
@@ -109,6 +117,8 @@ def computed(mutant: Mutant, path: Path) -> dict[str, Any]:
     """What a mutant, or its twin, at a path gives."""
     if mutant.kind == "rig":
         return of_rig(path)
+    if mutant.kind == "matrix":
+        return of_matrix(path)
     return of_history(path) if mutant.kind == "history" else of_spectra(path, Path(mutant.twin).with_name("rig.toml"))
 
 
@@ -180,6 +190,8 @@ def work(pipe: Connection) -> None:
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as said:
         os.dup2(said.fileno(), 2)  # whatever a library prints
         shutil.copy(ROOT / "examples" / "bouc_wen.py", folder)  # one of the rigs names it
+        for file in TWINS.glob("*.mtx"):
+            shutil.copy(file, folder)
         while (mutant := pipe.recv()) is not None:
             end = end_of(mutant, Path(folder), twins)
             gc.collect()
@@ -247,14 +259,14 @@ def run(mutants: Iterable[Mutant], worker: Worker, keep: Path | None) -> tuple[C
 def main() -> int:
     """Print one table; status 1 if anything ended as it should not."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    for name in ("rigs", "spectra", "histories"):
+    made = {"rigs": rigs, "matrices": matrices, "spectra": spectra, "histories": histories}
+    for name in made:
         parser.add_argument(f"--{name}", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--keep", type=Path, help="folder for the files that did not end as they should")
     given = parser.parse_args()
     worker, failed = Worker(), 0
     table = ["| files | " + " | ".join(ENDS) + " | longest |", "|---|" + "---:|" * (len(ENDS) + 1)]
-    made = {"rigs": rigs, "spectra": spectra, "histories": histories}
     for name, make in made.items():
         count = getattr(given, name)
         counts, bad, longest = run(make(given.seed, count), worker, given.keep)
