@@ -67,12 +67,12 @@ def write_inputs(folder: Path) -> None:
     _table(folder / "sweep.csv", "time_s,force,a1", rows)
     rows = np.column_stack([t, np.exp(-0.2 * t) * np.cos(2 * np.pi * 47.8 * t)])[:40_000]
     _table(folder / "decay.csv", "time_s,a1", rows)
-    x = 0.02 * np.sin(2 * np.pi * np.arange(600) / 200)
+    x = 0.02 * np.sin(2 * np.pi * np.arange(300) / 100)
     force, slider = [], 0.0
     for at in x:  # a spring of 5 MN/m on a slider of 10 kN
         slider += max(at - slider - 2e-3, 0.0) + min(at - slider + 2e-3, 0.0)
         force.append(5e6 * (at - slider))
-    rows = np.column_stack([np.ones(600), np.arange(600) / 100, x, force])
+    rows = np.column_stack([np.ones(300), np.arange(300) / 50, x, force])
     _table(folder / "loops.csv", "loop,time_s,displacement_m,force_n", rows)
 
 

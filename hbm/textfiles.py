@@ -136,7 +136,7 @@ def refuse_endless(path: StrPath, where: str) -> None:
     ------
     InputError
     """
-    with suppress(OSError):  # what cannot be read says so where it is read
+    with suppress(OSError, ValueError):  # what cannot be read says so where it is read
         kind = os.stat(path).st_mode
         if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
             raise InputError(f"{where}: is a pipe or a device; must be a file")

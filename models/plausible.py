@@ -80,6 +80,8 @@ RANGES: dict[str, Range] = {
     "velocity": Range("m/s", (0.0, 3e8), ANY, "faster than light"),
     "displacement": Range("m", (0.0, 1e5), ANY, "no structure is longer than 100 km"),
     "reading": Range("in any unit", (0.0, 1e30), ANY, "no sensor reads more"),
+    "signal": Range("in any unit", (1e-30, 1e30), ANY, "no sensor reads so little, or more"),
+    "sampling_step": Range("s", (1e-18, 1e10), ANY, "light crosses an atom in 1e-18 s; 300 years"),
     "time": Range("s", (0.0, 1e10), ANY, "300 years"),
     # numbers of laws and causes by name, then by unit
     "mu": Range("1", (1e-12, 1e6), (1e-4, 10.0), "superlubricity has 1e-5, rubber on rubber 4"),

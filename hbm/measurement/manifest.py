@@ -172,6 +172,8 @@ def _of_toml(path: Path) -> Iterator[Entry]:
         said = tomllib.loads(_text(path))
     except tomllib.TOMLDecodeError as refused:
         raise InputError(f"{path}: {refused}; must be {KIND} (TOML)") from None
+    except (ValueError, RecursionError):  # integers of thousands of digits, arrays nested thousands deep
+        raise InputError(f"{path}: is too deep, or a number too long; must be {KIND} (TOML)") from None
     for key in said:
         if key not in ("records", "channels", "units"):
             raise InputError(f"{path}: {key}; must be one of records, channels, units")
