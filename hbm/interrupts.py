@@ -12,7 +12,7 @@ import sys
 import threading
 from _thread import interrupt_main
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import active_children
 from types import FrameType
 
@@ -65,6 +65,22 @@ def status() -> int:
 def said() -> str:
     """What an interrupted command says."""
     return _spent[0] if _spent else "hbm: interrupted, nothing half written"
+
+
+def conclude() -> None:
+    """End the process here where it was told to end.
+
+    An interpreter that shuts down after an interrupt takes its time, and may give the status of another signal.
+    """
+    _holding.append(True)  # from here on it ends by itself
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    if _received:
+        kill_workers()
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError):  # nobody reads it any more
+                stream.flush()
+        os._exit(status())
 
 
 @contextmanager

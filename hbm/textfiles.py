@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -14,6 +15,8 @@ from hbm.errors import InputError
 from hbm.interrupts import held
 
 StrPath = str | os.PathLike[str]
+Contents = Mapping[Path, str | bytes]
+"""What files hold, for :func:`write_together`."""
 
 
 def csv_text(rows: Iterable[Iterable[Any]]) -> str:
@@ -71,8 +74,13 @@ def check_output(path: StrPath, endings: Sequence[str], where: str) -> None:
         raise InputError(f"{said}; directory {str(path.parent)!r} cannot be written")
 
 
-def write_together(contents: Mapping[Path, str | bytes]) -> None:
+def write_together(contents: Contents) -> list[Path]:
     """Write files through temporary ones beside them: all appear complete, or none.
+
+    Returns
+    -------
+    list of Path
+        Files written, in order.
 
     Raises
     ------
@@ -98,6 +106,7 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
     finally:
         for temporary in written.values():
             temporary.unlink(missing_ok=True)
+    return list(contents)
 
 
 def _temporary(path: Path, content: str | bytes) -> Path:
@@ -118,6 +127,19 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def refuse_endless(path: StrPath, where: str) -> None:
+    """Refuse a pipe or a device that another file names: it may have no end, and is not waited for.
+
+    Raises
+    ------
+    InputError
+    """
+    with suppress(OSError, ValueError):  # what cannot be read says so where it is read
+        kind = os.stat(path).st_mode
+        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+            raise InputError(f"{where}: is a pipe or a device; must be a file")
 
 
 def why(refused: Exception) -> str:

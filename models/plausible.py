@@ -66,6 +66,7 @@ RANGES: dict[str, Range] = {
     "frequencies_hz": Range("Hz", (1e-9, 1e13), ANY, "lattices of atoms vibrate at 1e13 Hz, no structure beyond"),
     "shape": Range("1/sqrt(kg)", (0.0, 1e15), ANY, "a mode with a mass of 1e-30 kg, that of an electron"),
     "entry": Range("SI", (0.0, 1e30), ANY, "an entry of a matrix of any structure is smaller"),
+    "inertia": Range("kg or kg m2", (1e-50, 1e30), ANY, "an electron has 1e-30 kg, an atom is 1e-10 m wide"),
     "mass_proportional": Range("1/s", (0.0, 1e13), (0.0, 1e6), "nothing decays faster than a lattice vibrates"),
     "stiffness_proportional": Range("s", (0.0, 1e6), (0.0, 10.0), "a relaxation of days is a creep, not a vibration"),
     "damping_ratio": Range("1", (0.0, 1e3), (0.0, 1.0), "a ratio of 1 is critical", (("%", 1e-2),)),
@@ -79,6 +80,8 @@ RANGES: dict[str, Range] = {
     "velocity": Range("m/s", (0.0, 3e8), ANY, "faster than light"),
     "displacement": Range("m", (0.0, 1e5), ANY, "no structure is longer than 100 km"),
     "reading": Range("in any unit", (0.0, 1e30), ANY, "no sensor reads more"),
+    "signal": Range("in any unit", (1e-30, 1e30), ANY, "no sensor reads so little, or more"),
+    "sampling_step": Range("s", (1e-18, 1e10), ANY, "light crosses an atom in 1e-18 s; 300 years"),
     "time": Range("s", (0.0, 1e10), ANY, "300 years"),
     # numbers of laws and causes by name, then by unit
     "mu": Range("1", (1e-12, 1e6), (1e-4, 10.0), "superlubricity has 1e-5, rubber on rubber 4"),

@@ -6,14 +6,16 @@ import os
 import stat
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 import hbm
+from hbm.commands.deliver import write_result
 from hbm.errors import InputError
-from hbm.files.curves import companion, read_curves, write_curves, write_figure, write_history
+from hbm.files.curves import companion, curve_contents, read_curves, write_curves, write_history
 from hbm.integration.history import TimeHistory
 from hbm.integration.integrate import simulate
 from hbm.response.accuracy import frequency_response
@@ -183,9 +185,13 @@ def test_history_adds_the_contact_where_asked(history: TimeHistory, tmp_path: Pa
     assert heading == ["time_s", *(c.name for c in history.rig.channels), *COMPUTED_CHANNELS]
 
 
+def drawn() -> Any:
+    return Figure().subplots(1, 1, squeeze=False)
+
+
 @pytest.mark.parametrize(("ending", "magic"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
 def test_a_figure_is_what_its_ending_says(tmp_path: Path, ending: str, magic: bytes) -> None:
-    write_figure(tmp_path / f"f.{ending}", Figure().subplots())
+    assert write_result({}, tmp_path / f"f.{ending}", drawn) == [tmp_path / f"f.{ending}"]
     assert (tmp_path / f"f.{ending}").read_bytes().startswith(magic)
 
 
@@ -209,6 +215,19 @@ def test_nothing_is_left_when_the_second_file_cannot_be_placed(
         f"{tmp_path / 'c.json'}: cannot be written (no space left on device); must be a file in a writable directory"
     )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_no_table_is_left_without_its_figure(curves: list[ResponseCurve], tmp_path: Path) -> None:
+    def interrupted() -> Any:
+        assert list(tmp_path.iterdir()) == []
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_result(curve_contents(tmp_path / "c.csv", curves), tmp_path / "c.png", interrupted)
+    assert list(tmp_path.iterdir()) == []
+    written = write_result(curve_contents(tmp_path / "c.csv", curves), tmp_path / "c.png", drawn)
+    assert [file.name for file in written] == ["c.csv", "c.json", "c.png"]
+    assert sorted(tmp_path.iterdir()) == sorted(written)
 
 
 def test_nothing_is_left_when_interrupted(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hbm.commands.budgets import MaxPoints, TraceSeconds, budget_of
+from hbm.commands.deliver import write_result
 from hbm.commands.options import (
     LARGEST_H,
     AllowCode,
@@ -23,6 +24,7 @@ from hbm.commands.options import (
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
+    from hbm.figures.style import AxesArray
     from hbm.modes.backbone import Backbone, NumericalChange
     from hbm.response.budget import Budget
     from hbm.response.curve import ResponseCurve
@@ -140,16 +142,17 @@ def _responses(rig: "AnyRig", levels: Sequence[float], failures: list[str], budg
 def _deliver(
     backbones: Sequence["Backbone"], mode: int, curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None
 ) -> None:
-    from hbm.files.backbonefiles import write_backbones
-    from hbm.files.curves import write_figure
+    from hbm.files.backbonefiles import backbone_contents
     from hbm.modes.backbone import numerical_change
 
-    changes = [numerical_change(b) for b in backbones]
-    written = [] if out is None else write_backbones(out, backbones, changes, mode)
-    if plot is not None:
+    def drawn() -> "AxesArray":
         from hbm.figures.backbone import plot_backbones
 
-        written += write_figure(plot, plot_backbones(backbones, curves, number=mode))
+        return plot_backbones(backbones, curves, number=mode)
+
+    changes = [numerical_change(b) for b in backbones]
+    table = {} if out is None else backbone_contents(out, backbones, changes, mode)
+    written = write_result(table, plot, drawn)
     _print(backbones, changes, mode)
     print_written(written)
 

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.options import AllowCode, console, named, positive, print_written, whole
 from hbm.errors import InputError
 
@@ -45,6 +46,7 @@ def decay(
     ] = None,
     mode: Annotated[str, typer.Option(metavar="N", help="With --rig: number of its mode, counted from 1.")] = "1",
     out: Annotated[Path | None, typer.Option(metavar="F.csv", help="Write the table here.")] = None,
+    max_seconds: RunSeconds = "600",
     allow_code: AllowCode = False,
 ) -> None:
     """Frequency and damping ratio of a mode over its amplitude, from free decays.
@@ -57,12 +59,13 @@ def decay(
 
     ends = positive(COMMAND, "--band", band[0], "Hz"), positive(COMMAND, "--band", band[1], "Hz")
     settle = 0.0 if begin == "0" else positive(COMMAND, "--settle", begin, "s")
-    number = whole(COMMAND, "--mode", mode, 1000)
+    number, limit = whole(COMMAND, "--mode", mode, 1000), seconds_of(COMMAND, max_seconds)
     with named(COMMAND):
         if out is not None:
             check_output(out, (".csv",), "--out")
-    found = _decays(histories, channel, ends, settle)
-    predicted = None if rig is None else _mode(rig, number, found, allow_code)
+    with within(COMMAND, limit, lambda: f"at {len(histories)} histories", "try fewer, or a larger --max-seconds"):
+        found = _decays(histories, channel, ends, settle)
+        predicted = None if rig is None else _mode(rig, number, found, allow_code)
     _deliver(found, predicted, out)
 
 

@@ -1,6 +1,6 @@
 """Files and figures that commands write of curves, loops and histories."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,17 +14,53 @@ if TYPE_CHECKING:
     from hbm.measurement.spectra import MeasuredSpectra
     from hbm.response.curve import ResponseCurve
     from hbm.rigfiles.lawchoice import KnownLaw
+    from hbm.textfiles import Contents
+
+
+def write_result(table: "Contents", plot: Path | None, draw: Callable[[], "AxesArray"]) -> list[Path]:
+    """Write a table, its companion and its figure: all appear, or none.
+
+    Parameters
+    ----------
+    table : mapping of Path to str or bytes
+        Contents of the table and of its companion; empty where only a figure is asked for.
+    plot : Path or None
+        File of the figure; its ending names the format.
+    draw : callable
+        Gives the panels of the figure.
+
+    Returns
+    -------
+    list of Path
+        Files written, in order.
+
+    Raises
+    ------
+    InputError
+        If one cannot be written.
+    """
+    from hbm.textfiles import write_together
+
+    if plot is None:
+        return write_together(table)
+    import matplotlib.pyplot as plt
+
+    from hbm.figures.page import figure_bytes
+
+    figure = draw().flat[0].figure
+    drawn = figure_bytes(figure, plot.suffix[1:].lower(), dpi=200)
+    plt.close(figure)
+    return write_together({**table, plot: drawn})
 
 
 def deliver_loops(known: Sequence["KnownLaw"], slip: float, hz: float, load: float, plot: Path) -> None:
     """Loops of laws: printed, and drawn to a file."""
     from hbm.commands.tables import print_loops
     from hbm.figures import plot_loops
-    from hbm.files.curves import write_figure
     from hbm.response.loop import friction_loop
 
     loops = [friction_loop(k.law, slip, hz, load=load) for k in known]
-    written = write_figure(plot, plot_loops(loops))
+    written = write_result({}, plot, lambda: plot_loops(loops))
     print_loops(console(), loops, [k.name for k in known])
     print_written(written)
 
@@ -57,11 +93,9 @@ class Drawing:
 def deliver_curves(curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None, drawing: Drawing) -> None:
     """Curves: written to a table, drawn to a file."""
     from hbm.commands.tables import print_curves
-    from hbm.files.curves import write_curves, write_figure
+    from hbm.files.curves import curve_contents
 
-    written = [] if out is None else write_curves(out, curves)
-    if plot is not None:
-        written += write_figure(plot, drawing.of(curves))
+    written = write_result({} if out is None else curve_contents(out, curves), plot, lambda: drawing.of(curves))
     print_curves(console(), curves)
     print_written(written)
 
@@ -71,12 +105,14 @@ def deliver_history(
 ) -> None:
     """A history: written to a table, drawn to a file."""
     from hbm.commands.tables import print_history
-    from hbm.files.curves import write_figure, write_history
+    from hbm.files.curves import history_contents
 
-    written = [] if out is None else write_history(out, history, contact=contact)
-    if plot is not None:
+    def drawn() -> "AxesArray":
         from hbm.figures import plot_history
 
-        written += write_figure(plot, plot_history(history))
+        return plot_history(history)
+
+    table = {} if out is None else history_contents(out, history, contact=contact)
+    written = write_result(table, plot, drawn)
     print_history(console(), history)
     print_written(written)

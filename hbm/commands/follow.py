@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hbm.commands.budgets import MaxPoints, TraceSeconds, budget_of
+from hbm.commands.deliver import write_result
 from hbm.commands.options import (
     AllowCode,
     Harmonics,
@@ -25,6 +26,7 @@ from hbm.commands.stability import Stability, judged
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
+    from hbm.figures.style import AxesArray
     from hbm.response.budget import Budget
     from hbm.tracking.parameterresponse import ParameterCurve
     from models.jointed import AnyRig
@@ -111,13 +113,13 @@ def _response(
 
 def _deliver(curve: "ParameterCurve", out: Path | None, plot: Path | None) -> None:
     from hbm.commands.parametertables import print_parameter_curve
-    from hbm.files.curves import write_figure
-    from hbm.files.parameterfiles import write_parameter_curve
+    from hbm.files.parameterfiles import parameter_contents
 
-    written = [] if out is None else write_parameter_curve(out, curve)
-    if plot is not None:
+    def drawn() -> "AxesArray":
         from hbm.figures.parameter import plot_parameter_curve
 
-        written += write_figure(plot, plot_parameter_curve(curve))
+        return plot_parameter_curve(curve)
+
+    written = write_result({} if out is None else parameter_contents(out, curve), plot, drawn)
     print_parameter_curve(console(), curve)
     print_written(written)

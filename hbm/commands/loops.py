@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.options import console, named, print_written
 from hbm.errors import InputError
 
@@ -29,6 +30,7 @@ def loops(
         list[str] | None, typer.Option(metavar="NAME", help="Only this loop; repeated for each.", show_default=False)
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="F.csv", help="Write all laws of all loops here.")] = None,
+    max_seconds: RunSeconds = "600",
 ) -> None:
     """Laws of a friction device under an imposed displacement, compared.
 
@@ -42,6 +44,7 @@ def loops(
     with named(COMMAND):
         if out is not None:
             check_output(out, (".csv",), "--out")
+    limit = seconds_of(COMMAND, max_seconds)
     from hbm.commands.progress import Work
     from hbm.identification.loops import fit_loop
     from hbm.measurement.loopsfile import load_loops
@@ -53,7 +56,10 @@ def loops(
             raise InputError(f"{file}: no loop {name}; loops are {', '.join(names)}")
     chosen = [each for each in measured if not loop or each.name in loop]
     found = []
-    with Work() as work:
+    with (
+        Work() as work,
+        within(COMMAND, limit, work.doing, "try fewer samples a cycle, --loop, or a larger --max-seconds"),
+    ):
         for i, each in enumerate(chosen):
             work.show(each.name, i / len(chosen))
             found.append(fit_loop(each))

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.inverse import Repeatability, SpectraFile, different, share
 from hbm.commands.options import both_ends, console, named, print_written, quoted, whole
 from hbm.errors import InputError
@@ -48,6 +49,7 @@ def modal(
         str | None, typer.Option(metavar="N", help="How many in the band; as the data ask for where omitted.")
     ] = None,
     repeatability: Repeatability = None,
+    max_seconds: RunSeconds = "600",
 ) -> None:
     """A rig with [modal], its residuals and uncertainties, from spectra of a structure at a low level.
 
@@ -60,6 +62,7 @@ def modal(
     with named(COMMAND):
         check_output(out, (".toml",), "--out")
     band = both_ends(COMMAND, begin, end, "Hz")
+    limit = seconds_of(COMMAND, max_seconds)
     count = None if modes is None else whole(COMMAND, "--modes", modes, 100)
     records, floor = different(COMMAND, "--record", record), share(COMMAND, repeatability)
     from hbm.files.modalrig import modal_rig_text
@@ -72,7 +75,9 @@ def modal(
     measured = measured.select(records=records) if records else measured
     channels = _channels([name for name in measured.channels if name != force], quantity or ())
     responses = frequency_responses(with_floor(measured, channels, floor), force, channels)
-    found = fit_modes(responses.between(*band) if band else responses, count, phase=phase)
+    responses = responses.between(*band) if band else responses
+    with within(COMMAND, limit, lambda: f"at {len(responses.hz)} frequencies", "try --from and --to, or fewer --modes"):
+        found = fit_modes(responses, count, phase=phase)
     text = modal_rig_text(found, spectra.stem, force, float(measured.level.min()), drive)
     write_together({out: text})
     _print(found)

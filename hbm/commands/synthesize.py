@@ -63,8 +63,8 @@ def synthesize(
     Example:  hbm synthesize rig.toml --levels 2 6.5 --frequencies 46 48 50 52 --snr 60 --seed 1 --out spectra.csv
     """
     from hbm.commands.options import named
-    from hbm.measurement.spectrafile import WRITTEN, write_spectra
-    from hbm.textfiles import check_output
+    from hbm.measurement.spectrafile import WRITTEN, spectra_content
+    from hbm.textfiles import check_output, write_together
 
     with named(COMMAND):
         check_output(out, WRITTEN, "--out")
@@ -76,6 +76,7 @@ def synthesize(
         check_out(COMMAND, histories, (MANIFEST,))
     from continuation import ConvergenceError
     from hbm.commands.progress import Work
+    from hbm.files.outputs import write_folder
     from hbm.response.synthesis import synthesize as simulate
     from hbm.rigfiles.load import load_rig
     from models.parts import UNITS
@@ -86,10 +87,13 @@ def synthesize(
             made = simulate(loaded, forces, hz, snr=decibels, seed=number, harmonics=H, on_progress=work.show)
     except ConvergenceError as failed:
         raise ArithmeticError(f"{COMMAND}: {str(failed).removeprefix('synthesize: ')}; nothing written") from None
-    written = [] if histories is None else _write_histories(histories, made)
-    write_spectra(out, made.spectra, {c.name: UNITS[c.quantity] for c in loaded.channels})
+    table = {out: spectra_content(out, made.spectra, {c.name: UNITS[c.quantity] for c in loaded.channels})}
+    if histories is None:
+        write_together(table)
+    else:
+        write_folder(histories, _histories(made), beside=table)
     _print(made)
-    print_written([*written[-1:], out])
+    print_written([out] if histories is None else [histories / MANIFEST, out])
 
 
 def _numbers(option: str, texts: Sequence[str], unit: str) -> list[float]:
@@ -106,9 +110,8 @@ def _decibels(text: str) -> float:
     return float(text)
 
 
-def _write_histories(folder: Path, made: "Synthesis") -> list[Path]:
-    """Recordings and, last, the manifest that lists them."""
-    from hbm.files.outputs import write_folder
+def _histories(made: "Synthesis") -> dict[str, str | bytes]:
+    """Contents of the recordings and of the manifest that lists them, by file name."""
     from hbm.textfiles import csv_text
 
     contents: dict[str, str | bytes] = {}
@@ -118,7 +121,7 @@ def _write_histories(folder: Path, made: "Synthesis") -> list[Path]:
     states = zip(made.recordings, made.spectra.hz.tolist(), made.spectra.level.tolist(), strict=True)
     rows = [[r.source, hz, level] for r, hz, level in states]
     contents[MANIFEST] = csv_text([["file", "frequency_hz", "level"], *rows])
-    return write_folder(folder, contents)
+    return contents
 
 
 def _print(made: "Synthesis") -> None:

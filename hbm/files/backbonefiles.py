@@ -1,16 +1,15 @@
 """Files of backbones: a table (CSV) and, beside it, what is known of them (JSON)."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hbm.files.outputs import Columns, column_rows, write_with_companion
+from hbm.files.outputs import Columns, column_rows, with_companion
 from hbm.fourier import Array
 from hbm.modes.backbone import Backbone, NonlinearMode, NumericalChange
 from hbm.modes.linear import linear_modes
-from hbm.textfiles import StrPath
+from hbm.textfiles import Contents, StrPath
 from hbm.version import installed_version
 from models.jointed import JointedRig
 
@@ -18,10 +17,10 @@ SCHEMA = 1
 NAMES = {True: "nonlinear-mode", False: "phase-resonance"}
 
 
-def write_backbones(
+def backbone_contents(
     path: StrPath, backbones: Sequence[Backbone], changes: Sequence[NumericalChange], mode: int
-) -> list[Path]:
-    """Write backbones of a mode of one rig and, beside them, their companion.
+) -> Contents:
+    """Contents of the file of the backbones of a mode of one rig, and of its companion.
 
     Parameters
     ----------
@@ -32,16 +31,6 @@ def write_backbones(
         Numerical change of each backbone.
     mode : int
         Number of the mode.
-
-    Returns
-    -------
-    list of Path
-        Files written.
-
-    Raises
-    ------
-    InputError
-        If the files cannot be written; then neither is.
     """
     tables = [_columns(b) for b in backbones]
     linear, first = linear_modes(backbones[0].rig), backbones[0]
@@ -56,7 +45,7 @@ def write_backbones(
         "backbones": [_summary(b, change) for b, change in zip(backbones, changes, strict=True)],
     }
     rows = column_rows({name: np.concatenate([table[name] for table in tables]) for name in tables[0]})
-    return write_with_companion(path, rows, summary)
+    return with_companion(path, rows, summary)
 
 
 def backbone_name(backbone: Backbone) -> str:

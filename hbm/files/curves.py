@@ -4,30 +4,24 @@ A curve file (CSV) has a companion of the same name ending in ``.json`` with wha
 place for: numerical error, folds, corners, lift-off, why the curve ended. Every file appears complete or not at all.
 """
 
-import io
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from hbm.errors import InputError
-from hbm.files.outputs import companion, write_with_companion
+from hbm.files.outputs import companion, with_companion
 from hbm.fourier import Array
 from hbm.integration.history import TimeHistory
 from hbm.integration.jointed import JointHistory
 from hbm.response.curve import ChannelCurve, NumericalError, ResponseCurve
-from hbm.textfiles import StrPath, csv_text, read_rows, why, write_together
+from hbm.textfiles import Contents, StrPath, csv_text, read_rows, why, write_together
 from hbm.version import installed_version
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from hbm.figures.style import AxesArray
 
 SCHEMA = 1
 KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")
@@ -56,7 +50,12 @@ def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> list[Path]:
     InputError
         If the files cannot be written; then neither is.
     """
-    return write_with_companion(path, _table(curves), curve_summary(curves))
+    return write_together(curve_contents(path, curves))
+
+
+def curve_contents(path: StrPath, curves: Sequence[ResponseCurve]) -> Contents:
+    """What :func:`write_curves` writes."""
+    return with_companion(path, _table(curves), curve_summary(curves))
 
 
 def write_history(path: StrPath, history: TimeHistory | JointHistory, *, contact: bool = False) -> list[Path]:
@@ -81,34 +80,15 @@ def write_history(path: StrPath, history: TimeHistory | JointHistory, *, contact
     InputError
         If the file cannot be written.
     """
+    return write_together(history_contents(path, history, contact=contact))
+
+
+def history_contents(path: StrPath, history: TimeHistory | JointHistory, *, contact: bool = False) -> Contents:
+    """What :func:`write_history` writes."""
     own = {channel.name for channel in history.rig.channels}
     signals = {name: s.values for name, s in history.channels.items() if contact or name in own}
     columns = zip(history.time.tolist(), *(values.tolist() for values in signals.values()), strict=True)
-    write_together({Path(path): csv_text(chain([["time_s", *signals]], columns))})
-    return [Path(path)]
-
-
-def write_figure(path: StrPath, axes: "Axes | AxesArray") -> list[Path]:
-    """Save the figure that these panels are of, in the format that the ending of `path` names, and close it.
-
-    Returns
-    -------
-    list of Path
-        The file written.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
-    import matplotlib.pyplot as plt
-
-    path, content = Path(path), io.BytesIO()
-    figure: Any = np.asarray(axes, dtype=object).flat[0].figure
-    figure.savefig(content, format=path.suffix[1:].lower(), dpi=200)
-    plt.close(figure)
-    write_together({path: content.getvalue()})
-    return [path]
+    return {Path(path): csv_text(chain([["time_s", *signals]], columns))}
 
 
 def columns(H: int) -> list[str]:

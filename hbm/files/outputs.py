@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.errors import InputError
-from hbm.textfiles import StrPath, csv_text, why, write_together
+from hbm.textfiles import Contents, StrPath, csv_text, why, write_together
 
 try:
     import fcntl
@@ -56,7 +56,9 @@ def check_folder(path: StrPath, names: Iterable[str], where: str) -> None:
             raise InputError(f"{said}; {str(path / name)!r} is a directory, must be a file")
 
 
-def write_folder(path: StrPath, contents: Mapping[str, str | bytes], owned: Iterable[str] = ()) -> list[Path]:
+def write_folder(
+    path: StrPath, contents: Mapping[str, str | bytes], owned: Iterable[str] = (), beside: Contents | None = None
+) -> list[Path]:
     """Write files into a folder: all appear complete, or none; what else is in the folder stays.
 
     Parameters
@@ -67,6 +69,8 @@ def write_folder(path: StrPath, contents: Mapping[str, str | bytes], owned: Iter
         By file, relative to the folder.
     owned : iterable of str
         Files of an earlier run that are removed if they are not among `contents`.
+    beside : mapping of Path to str or bytes, optional
+        Files elsewhere that belong to the same result.
 
     Returns
     -------
@@ -88,18 +92,18 @@ def write_folder(path: StrPath, contents: Mapping[str, str | bytes], owned: Iter
                 folder.mkdir()
                 made.append(folder)
         with _alone(path):
-            write_together(files)
+            write_together({**files, **(beside or {})})
             for file in (path / name for name in set(owned) - set(contents)):
                 file.unlink(missing_ok=True)
                 with suppress(OSError):  # a folder that holds others, or is not there
                     file.parent.rmdir()
-    except (OSError, InputError) as refused:
+    except BaseException as failed:
         for folder in reversed(made):
             with suppress(OSError):  # another run has put its files there
                 folder.rmdir()
-        if isinstance(refused, InputError):
-            raise
-        raise InputError(f"{refused.filename}: cannot be made ({why(refused)}); must be a directory") from None
+        if isinstance(failed, OSError):
+            raise InputError(f"{failed.filename}: cannot be made ({why(failed)}); must be a directory") from None
+        raise
     return list(files)
 
 
@@ -156,11 +160,9 @@ def companion(path: StrPath) -> Path:
     return Path(path).with_suffix(".json")
 
 
-def write_with_companion(path: StrPath, rows: Iterable[Sequence[Any]], summary: Mapping[str, Any]) -> list[Path]:
-    """Write a table and its companion, both or neither; returns the files written."""
-    files = {Path(path): csv_text(rows), companion(path): json_text(summary)}
-    write_together(files)
-    return list(files)
+def with_companion(path: StrPath, rows: Iterable[Sequence[Any]], summary: Mapping[str, Any]) -> Contents:
+    """Contents of a table and of its companion."""
+    return {Path(path): csv_text(rows), companion(path): json_text(summary)}
 
 
 def _entry(value: Any) -> Any:

@@ -2,42 +2,31 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hbm.errors import InputError
 from hbm.files.curves import KEYS, SavedCurve, columns, curve_rows, curve_summary, parsed, saved, summary_of
-from hbm.files.outputs import write_with_companion
+from hbm.files.outputs import with_companion
 from hbm.fourier import Array
-from hbm.textfiles import StrPath, read_rows
+from hbm.textfiles import Contents, StrPath, read_rows
 from hbm.tracking.parameterresponse import ParameterCurve
 
 PLACE = len(KEYS)
 """Column of the number: behind those that every curve file has, before the harmonics."""
 
 
-def write_parameter_curve(path: StrPath, curve: ParameterCurve) -> list[Path]:
-    """Write a curve and, beside it, its companion, which names the number.
+def parameter_contents(path: StrPath, curve: ParameterCurve) -> Contents:
+    """Contents of the file of a curve, and of its companion, which names the number.
 
     Parameters
     ----------
     path : str or path
         CSV file; the companion is :func:`hbm.files.outputs.companion` of it.
     curve : ParameterCurve
-
-    Returns
-    -------
-    list of Path
-        Files written.
-
-    Raises
-    ------
-    InputError
-        If the files cannot be written; then neither is.
     """
-    return write_with_companion(path, _table(curve), _summary(curve))
+    return with_companion(path, _table(curve), _summary(curve))
 
 
 def _table(curve: ParameterCurve) -> Iterator[list[Any]]:
@@ -84,7 +73,7 @@ def read_parameter_curve(path: StrPath) -> SavedParameterCurve:
     Parameters
     ----------
     path : str or path
-        CSV file of :func:`write_parameter_curve`.
+        CSV file of :func:`parameter_contents`.
 
     Raises
     ------

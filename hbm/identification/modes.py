@@ -30,6 +30,8 @@ MOST_MODES = 30
 GRID, RATIOS = 400, (5e-4, 2e-3, 8e-3, 0.03)
 """Frequencies and damping ratios at which a further mode is looked for."""
 
+POSITIVE = (1e-300, 1e300)
+"""Numbers with a logarithm."""
 REST = 3
 """Residual terms of a channel."""
 
@@ -195,12 +197,17 @@ def fit_modes(responses: FrequencyResponses, modes: int | None = None, *, phase:
     Raises
     ------
     InputError
-        If there are too few frequencies for one mode.
+        If there are too few frequencies, for one mode or for as many as are asked for, or nothing moves.
     """
-    problem = _Problem(responses, phase)
-    n = len(responses.hz)
+    n, c = len(responses.hz), len(responses.channels)
     if n < 8:
         raise InputError(f"modal: {n} frequencies at which the force excites; must be at least 8")
+    most = (2 * n * c - REST * c) // (2 + c)  # as many unknowns as numbers were measured
+    if modes is not None and modes > most:
+        raise InputError(f"modal: modes = {modes}; must be <= {most} with {n} frequencies of {c} channels")
+    problem = _Problem(responses, phase)
+    if not problem.measured.any():
+        raise InputError("modal: no channel moves; must be driven by the force")
     poles = np.empty((0, 2))
     best = problem.fitted(poles)
     for _ in range(modes or MOST_MODES):
@@ -289,7 +296,8 @@ class _Problem:
 
     def fitted(self, start: Array, phase: float = 0.0) -> Array:
         """Most likely x from poles and a phase to start from."""
-        x = np.concatenate([np.log(start).T.ravel(), self._linear(start, phase).ravel(), [phase] * self.turns])
+        positive = np.clip(start, *POSITIVE)  # a pole that ran off is none, and is seen as one
+        x = np.concatenate([np.log(positive).T.ravel(), self._linear(start, phase).ravel(), [phase] * self.turns])
         if not len(start):
             return x
         residual = self._residual(len(start))
@@ -326,7 +334,7 @@ class _Problem:
 
     def _bic(self, x: Array, modes: int) -> float:
         chi2 = float(np.sum(np.abs(self.weight * (self.measured - self._answer(x, modes))) ** 2))
-        return float(self.points * np.log(chi2 / self.points) + len(x) * np.log(self.points))
+        return float(self.points * np.log(max(chi2 / self.points, POSITIVE[0])) + len(x) * np.log(self.points))
 
     def described(self, x: Array, modes: int) -> Modes:
         """Modes in the order of their frequencies, with standard deviations."""

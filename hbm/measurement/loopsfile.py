@@ -84,4 +84,7 @@ def _loop(where: str, name: str, columns: Array) -> MeasuredLoop:
     x = checked.channels["displacement"]
     if len(x) < FEWEST or np.ptp(x) == 0.0:
         raise InputError(f"{where}: {len(x)} samples over {np.ptp(x):g} m; must be {FEWEST} or more, and move")
-    return MeasuredLoop(name, checked.time, x, checked.channels["force"])
+    force = checked.channels["force"]
+    if np.ptp(force) == 0.0:
+        raise InputError(f"{where}: force_n is {force[0]:g} throughout; must change")
+    return MeasuredLoop(name, checked.time, x, force)

@@ -18,7 +18,7 @@ from typing import Any
 
 from hbm.errors import InputError
 from hbm.measurement.historyfile import READERS
-from hbm.textfiles import why
+from hbm.textfiles import refuse_endless, why
 
 COLUMNS = ("file", "frequency_hz", "level", "channels", "units", "begin_s", "end_s")
 NAMES = ("manifest.csv", "manifest.toml")
@@ -172,6 +172,8 @@ def _of_toml(path: Path) -> Iterator[Entry]:
         said = tomllib.loads(_text(path))
     except tomllib.TOMLDecodeError as refused:
         raise InputError(f"{path}: {refused}; must be {KIND} (TOML)") from None
+    except (ValueError, RecursionError):  # integers of thousands of digits, arrays nested thousands deep
+        raise InputError(f"{path}: is too deep, or a number too long; must be {KIND} (TOML)") from None
     for key in said:
         if key not in ("records", "channels", "units"):
             raise InputError(f"{path}: {key}; must be one of records, channels, units")
@@ -201,6 +203,7 @@ def _entry(
     file = said.get("file")
     if not isinstance(file, str) or not file:
         raise InputError(f"{where}: no file; must have one")
+    refuse_endless(path.parent / file, f'{where}: file = "{file}"')
     return Entry(
         file=path.parent / file,
         hz=_positive(where, "frequency_hz", said, "Hz"),

@@ -113,7 +113,11 @@ def recording(
     if not np.all(np.diff(t) > 0.0):
         at = int(np.argmin(np.diff(t) > 0.0)) + 1
         raise InputError(f"{source}: time is {t[at]:g} s at sample {at + 1} after {t[at - 1]:g} s; must increase")
-    return Recording(source, t, values, {name: unit for name, (_, unit) in scaled.items()})
+    found = Recording(source, t, values, {name: unit for name, (_, unit) in scaled.items()})
+    _refuse_impossible(source, "the mean step of time", np.array([found.step]), "sampling_step")
+    for name, v in values.items():
+        _refuse_impossible(source, f"the largest of {name}", np.array([np.abs(v).max()]), "signal")
+    return found
 
 
 def renamed(
@@ -170,4 +174,5 @@ def _refuse_impossible(source: str, name: str, values: Array, quantity: str) -> 
         return
     at = int(np.argmax(np.abs(values)))
     if (accepted := impossible(quantity, values[at])) is not None:
-        raise InputError(f"{source}: {name} is {values[at]:g} at sample {at + 1}; {accepted}")
+        where = f" at sample {at + 1}" if len(values) > 1 else ""
+        raise InputError(f"{source}: {name} is {values[at]:g}{where}; {accepted}")

@@ -318,15 +318,19 @@ def write_spectra(path: StrPath, spectra: MeasuredSpectra, units: Mapping[str, s
         If the file cannot be written; nothing is written then.
     """
     path = Path(path)
+    write_together({path: spectra_content(path, spectra, units)})
+
+
+def spectra_content(path: Path, spectra: MeasuredSpectra, units: Mapping[str, str] | None = None) -> str | bytes:
+    """What :func:`write_spectra` writes."""
     contents = {".npz": npz_bytes, ".nc": netcdf_bytes, ".mat": mat_bytes, ".uff": uff_bytes}
     ending = path.suffix.lower()
     if ending not in WRITTEN:
         raise InputError(f"{path}: not a spectra file; must end in {' or '.join(WRITTEN)}")
     if ending == ".csv":
         notes = "".join(f"{line}\n" for line in note_lines(spectra))
-        write_together({path: csv_text(_table(spectra)) + notes})
-    else:
-        write_together({path: contents[ending](str(path), spectra, units or {})})
+        return csv_text(_table(spectra)) + notes
+    return contents[ending](str(path), spectra, units or {})
 
 
 def _table(spectra: MeasuredSpectra) -> Iterator[list[object]]:

@@ -26,7 +26,7 @@ from hbm.rigfiles.schema import (
     law_table,
     ranked,
 )
-from hbm.textfiles import why
+from hbm.textfiles import refuse_endless, why
 from models import Beam, Channel, Damping, Excitation
 from models.bodies.finite import End, FiniteBeam
 from models.bodies.matrix import MatrixBody, Method
@@ -306,6 +306,7 @@ def _matrix(matrix: MatrixTable, folder: Path) -> MatrixBody:
     mass, _ = _read(matrix.mass, folder, names)
     damping = None if matrix.damping is None else _read(matrix.damping, folder, names)[0]
     if matrix.dofs is not None:
+        refuse_endless(folder / matrix.dofs, f'matrix.dofs = "{matrix.dofs}"')
         try:
             names = tuple((folder / matrix.dofs).read_text(encoding="utf-8").split())
         except (OSError, UnicodeDecodeError) as refused:
@@ -335,6 +336,6 @@ def _read(named: str, folder: Path, names: tuple[str, ...] | None) -> tuple[Any,
     """A matrix, and the names of its degrees of freedom where its file says them."""
     path, colon, key = named.rpartition(":")
     file = folder / (path if colon else named)
-    if file.suffix.lower() not in ENDINGS or (file.suffix == ".mtx" and file.exists() and not is_matrix_market(file)):
+    if file.suffix.lower() not in ENDINGS or (file.suffix.lower() == ".mtx" and not is_matrix_market(file)):
         return read_abaqus(file, names)
     return read_matrix(file, key if colon else None), names

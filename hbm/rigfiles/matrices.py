@@ -9,10 +9,14 @@ import numpy.typing as npt
 from scipy import sparse
 
 from hbm.errors import InputError
-from hbm.textfiles import StrPath, damage, why
+from hbm.textfiles import StrPath, damage, refuse_endless, why
 
 Matrix = Any  # of scipy.sparse, which has no types
 ENDINGS = (".npz", ".mtx", ".mat")
+LARGEST = 10_000_000
+"""Degrees of freedom; a file may claim any number of them."""
+LARGEST_LABEL = 1e15
+"""Numbers of nodes are read as floats: larger ones would not stay apart."""
 DIRECTIONS = {1: "x", 2: "y", 3: "z", 4: "rx", 5: "ry", 6: "rz"}
 ABAQUS = "lines of row node, row dof, column node, column dof, value, as *MATRIX OUTPUT, FORMAT=MATRIX INPUT writes"
 
@@ -71,6 +75,8 @@ def read_abaqus(path: StrPath, names: tuple[str, ...] | None = None) -> tuple[Ma
     """
     _refuse_absent(path)
     lines = _abaqus_lines(path)
+    if bad := int((~np.isfinite(lines[:, 4])).sum()):
+        raise InputError(f"{path}: has {bad} entries that are nan or infinite; must be finite")
     ends = lines[:, :4].astype(np.int64).reshape(-1, 2)
     places, numbers = np.unique(ends, axis=0, return_inverse=True)
     own = tuple(f"{node}.{DIRECTIONS.get(dof, dof)}" for node, dof in places.tolist())
@@ -92,9 +98,10 @@ def _abaqus_lines(path: StrPath) -> npt.NDArray[np.float64]:
     """Numbers (lines, 5)."""
     try:
         lines = np.loadtxt(path, delimiter=",", comments=["*"], ndmin=2, encoding="utf-8-sig", usecols=range(5))
-        if lines.size and np.array_equal(lines[:, :4], np.rint(lines[:, :4])) and (lines[:, [1, 3]] > 0).all():
-            if _fields(path) == 5:
-                return lines
+        ends = lines[:, :4]
+        whole = lines.size > 0 and np.array_equal(ends, np.rint(ends)) and np.abs(ends).max() < LARGEST_LABEL
+        if whole and (lines[:, [1, 3]] > 0).all() and _fields(path) == 5:
+            return lines
     except UnicodeDecodeError as refused:
         raise InputError(f"{path}: cannot be read ({why(refused)}); must be {ABAQUS}") from None
     except (OSError, ValueError):
@@ -109,8 +116,9 @@ def _fields(path: StrPath) -> int:
 
 
 def _refuse_bad_line(path: StrPath) -> NoReturn:
+    node = r"[+-]?\d{1,15}"
     number = r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*"
-    line_of = re.compile(rf"\s*[+-]?\d+\s*,\s*\d*[1-9]\d*\s*,\s*[+-]?\d+\s*,\s*\d*[1-9]\d*\s*,{number},?\s*")
+    line_of = re.compile(rf"\s*{node}\s*,\s*\d*[1-9]\d*\s*,\s*{node}\s*,\s*\d*[1-9]\d*\s*,{number},?\s*")
     with open(path, encoding="utf-8-sig") as file:
         for i, line in enumerate(file, start=1):
             said = line.split("*")[0].strip()
@@ -148,6 +156,7 @@ def _symmetric(path: StrPath, rows: Any, columns: Any, values: Any, names: tuple
 
 
 def _refuse_absent(path: StrPath) -> None:
+    refuse_endless(path, str(path))
     try:
         with open(path, "rb"):
             pass
@@ -157,6 +166,7 @@ def _refuse_absent(path: StrPath) -> None:
 
 def is_matrix_market(path: StrPath) -> bool:
     """Whether a file begins as Matrix Market files do."""
+    _refuse_absent(path)
     with open(path, "rb") as file:
         return file.read(64).lstrip().lower().startswith(b"%%matrixmarket")
 
@@ -214,4 +224,11 @@ def _of(path: StrPath, found: Any, name: str = "") -> Matrix:
         shape = " x ".join(str(n) for n in getattr(found, "shape", ())) or "no"
         what = {"c": "complex", "O": "not numbers", "U": "text"}.get(kind, "numbers")
         raise InputError(f"{path}:{name} is {what}, {shape} entries; must be a matrix of real numbers")
+    if max(found.shape) > LARGEST:
+        raise InputError(f"{path}:{name} has {max(found.shape)} rows or columns; must have {LARGEST} at most")
+    try:
+        if hasattr(found, "check_format"):  # what indices beyond the matrix would touch is not its own
+            found.check_format(full_check=True)
+    except ValueError:
+        raise InputError(f"{path}:{name} has indices beyond its size; must be a matrix of real numbers") from None
     return sparse.csc_array(found, dtype=float)

@@ -273,7 +273,7 @@ def _of_friction(friction: dict[str, Any], folder: Path, consent: Consent) -> It
 
 
 def _complaint(schema: type[Table], error: ErrorDetails, prefix: Key) -> Complaint:
-    key = error["loc"]
+    key = tuple(part for part in error["loc"] if part not in _OF_PYDANTIC)
     if error["type"] == "missing":
         words = _missing(schema, key)
     elif error["type"] == "extra_forbidden" and prefix:
@@ -348,6 +348,7 @@ def _bounds(schema: type[Table], key: Key) -> list[str]:
     return [f"{sign} {limit:g}" for sign, limit in limits]
 
 
+_OF_PYDANTIC = ("constrained-str", "list[constrained-str]", "[key]")
 _BOUNDS = ("greater_than", "greater_than_equal", "less_than_equal")
 _SIGNS = {"gt": ">", "ge": ">=", "le": "<="}
 _WORDS = {
@@ -355,6 +356,7 @@ _WORDS = {
     "int_type": "must be a whole number",
     "bool_type": "must be true or false",
     "string_type": "must be a text in quotes",
+    "string_too_short": "must not be empty",
     "list_type": "must be an array",
     "dict_type": "must be a table",
     "model_type": "must be a table",
@@ -373,9 +375,7 @@ def found(value: Any) -> str:
         return "is a table"
     if isinstance(value, list):
         return "is an array" if value else "is an empty array"
-    if isinstance(value, bool):
-        return f"= {str(value).lower()}"
-    text = json.dumps(value) if isinstance(value, str) else str(value)
+    text = json.dumps(value) if isinstance(value, str | bool) else str(value)
     return f"= {text if len(text) <= 80 else text[:77] + '...'}"
 
 

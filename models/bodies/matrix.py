@@ -17,6 +17,7 @@ from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, uni
 from models.bodies.ported import AsGiven, PortedModes
 from models.bounds import bounded
 from models.parts import Damping
+from models.plausible import plausible
 from models.structure import Array
 
 Method = Literal["modes", "craig-bampton"]
@@ -241,6 +242,8 @@ class MatrixBody(AsGiven):
         self, places: Sequence[str], reduced: Reduced, damping: Damping, supports: Sequence[str]
     ) -> PortedModes:
         omega_n = np.sqrt(reduced.squares)
+        for hz in (omega_n / (2 * np.pi)).tolist():
+            plausible("MatrixBody: a natural frequency", hz, "frequencies_hz")
         if self.damping_matrix is None:
             dampers = damping.dampers(omega_n, np.arange(1, len(omega_n) + 1))
             viscous = np.diag(dampers.viscous)

@@ -8,6 +8,7 @@ from scipy import sparse
 from scipy.sparse.linalg import ArpackError, eigsh
 
 from models.bodies.pencil import DENSE, part
+from models.plausible import plausible
 
 Matrix = Any  # of scipy.sparse, which has no types
 
@@ -36,6 +37,8 @@ def square(name: str, given: Matrix) -> Matrix:
     matrix.sum_duplicates()
     if bad := int((~np.isfinite(matrix.data)).sum()):
         raise ValueError(f"MatrixBody: {name} has {bad} entries that are nan or infinite; must be finite")
+    largest = float(np.abs(matrix.data).max(initial=0.0))
+    plausible(f"MatrixBody: the largest entry of {name}", largest, "inertia" if name == "mass" else "entry")
     return matrix
 
 

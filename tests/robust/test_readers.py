@@ -10,13 +10,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.mutants import Mutant, histories, rigs, spectra
+from benchmarks.mutants import Mutant, histories, spectra
+from benchmarks.rigmutants import matrices, rigs
 from hbm.errors import InputError, visible
 from hbm.measurement.historyfile import load_history
 from hbm.measurement.recording import recording
 from hbm.measurement.spectrafile import COLUMNS, load_spectra
 from hbm.rigfiles.joints import jointed_rig
 from hbm.rigfiles.load import load_rig, rig_from_dict
+from hbm.rigfiles.matrices import read_abaqus, read_matrix
 
 ROOT = Path(__file__).parents[2]
 TABLES = [tomllib.loads(path.read_text(encoding="utf-8")) for path in sorted((ROOT / "examples").glob("*.toml"))]
@@ -89,7 +91,7 @@ def test_any_text_is_no_reason_to_fail(tmp_path: Path, text: str) -> None:
 
 @given(seeds)
 def test_damaged_files(tmp_path: Path, seed: int) -> None:
-    mutants: list[Mutant] = [next(made(seed, 1)) for made in (rigs, spectra, histories)]
+    mutants: list[Mutant] = [next(made(seed, 1)) for made in (rigs, matrices, spectra, histories)]
     for mutant in mutants:
         file = tmp_path / f"mutant{mutant.ending}"
         file.write_bytes(mutant.content)
@@ -97,6 +99,8 @@ def test_damaged_files(tmp_path: Path, seed: int) -> None:
         try:
             if mutant.kind == "rig":
                 load_rig(file)
+            elif mutant.kind == "matrix":
+                read_abaqus(file) if mutant.ending == ".inp" else read_matrix(file)
             elif mutant.kind == "spectra":
                 load_spectra(file, load_rig(beside))
             else:
