@@ -1,4 +1,4 @@
-"""A body with joints under a force of many lines: the balance without a dense matrix, its derivatives, its diagnosis."""
+"""A body with joints under a force of many lines: the balance without a dense matrix, its derivatives, diagnosis."""
 
 from collections.abc import Callable
 from dataclasses import replace
