@@ -47,26 +47,21 @@ KRYLOV, RESTARTS = 60, 5
 class LineBalance(JointEquations):
     """The balance of a rig with joints under a force of many lines.
 
+    The mean of a motion of 0 Hz is held at zero: no channel sees it, and what moves it in a measurement (a suspension,
+    modes below the band) is not in the rig.
+
     Parameters
     ----------
     rig : JointedRig
-        Without rigid motions.
     basis : FourierBasis
     hz : float
         Base frequency, of which all lines are multiples [Hz].
     force : (2H+1,) array
         Coefficients of the excitation [N].
-
-    Raises
-    ------
-    ValueError
-        If the rig can move as a rigid body: what its mean motion is the lines do not tell.
     """
 
     def __init__(self, rig: JointedRig, basis: FourierBasis, hz: float, force: Array) -> None:
         super().__init__(rig, basis, parameter="force", hz=hz, level=1.0)
-        if len(self.rigid):
-            raise ValueError(f"{rig.name}: has a mode of 0 Hz; must have none under a force of many lines")
         self.force_shape = force
         self.Omega = 2 * np.pi * hz
 

@@ -194,8 +194,8 @@ class LineSearch:
             ranking=tuple(self._ranked(e) for e in self.fits),
             evidence=tuple(self._evidence(plain, unseen, named)),
             extended=None if named is None else named.model.rig(named.x),
-            nominal=self.nominal,
-            calibrated=self.calibrated,
+            nominal=self.beside(self.nominal, self.campaign.floor),
+            calibrated=self.beside(self.calibrated, self.campaign.floor),
             extended_fit=named,
             tried=tuple(self.fits),
         )
@@ -260,6 +260,12 @@ class LineSearch:
             yield (
                 f"The {name} model is off by {nrmse(e.white):.3%} on the records fitted{scored} "
                 f"({e.white.chi2 / len(e.white):.4g} noise variances)."
+            )
+
+        if named is not None and self.fits[0].chi2 < named.chi2:
+            yield (
+                f"{self.fits[0].model.label} takes {percent(1.0 - self.fits[0].chi2 / named.chi2)} of what "
+                f"{named.model.label} leaves: the simpler one is named, where less than {1.0 - PAYS:.0%} is gained."
             )
 
     def _unresolved(self, e: Evaluation) -> float:

@@ -124,11 +124,12 @@ def _coefficients(amplitudes: Complex) -> Array:
 def _linear(rig: JointedRig, channels: Sequence[str], i_omega: Complex) -> Complex:
     """Frequency response (c, H+1) of channels of a rig without its joints to the excitation."""
     s, own = rig.structure, {c.name: (i, c) for i, c in enumerate(rig.response_channels)}
-    stiffness = np.diag(s.omega_n**2) + i_omega[:, None, None] * s.damping + i_omega[:, None, None] ** 2 * np.eye(s.n)
-    Q = np.linalg.solve(stiffness, np.broadcast_to(s.excitation[:, None], (len(i_omega), s.n, 1)))[:, :, 0]
+    rate = i_omega[1:, None, None]
+    stiffness = np.diag(s.omega_n**2) + rate * s.damping + rate**2 * np.eye(s.n)
+    Q = np.linalg.solve(stiffness, np.broadcast_to(s.excitation[:, None], (len(rate), s.n, 1)))[:, :, 0]
     rows = [own[name] for name in channels]
-    moved = [factor(c, i_omega) * (Q @ s.channels[i] + s.channels_by_force[i]) for i, c in rows]
-    return np.array(moved)
+    moved = [factor(c, i_omega[1:]) * (Q @ s.channels[i] + s.channels_by_force[i]) for i, c in rows]
+    return np.pad(moved, ((0, 0), (1, 0)))  # no channel tells a mean
 
 
 def line_state(rig: JointedRig, basis: FourierBasis, record: Record, force: Array, last: State | None) -> LinesHere:

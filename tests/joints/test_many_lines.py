@@ -76,11 +76,17 @@ def test_derivatives_are_those_of_the_dense_balance(both: tuple[LineBalance, Joi
         np.testing.assert_allclose(found / size, known / size, atol=2e-5)
 
 
-def test_a_body_that_drifts_is_refused() -> None:
-    rig = two_modes()
-    free = replace(rig, body=ModalModel((0.0, 74.0), rig.body.ports))
-    with pytest.raises(ValueError, match="has a mode of 0 Hz; must have none under a force of many lines"):
-        LineBalance(free, FourierBasis(3, 16), 9.0, np.zeros(7))
+def test_a_body_that_may_drift_has_the_mean_of_its_springs_alone() -> None:
+    rig, basis = two_modes(Joint("j", CubicSpring(4e8), ("a",), ("b",))), FourierBasis(24, 256)
+    free = replace(rig, body=ModalModel((0.0, 74.0), {"a": (0.9, 1.1), "b": (0.9, -1.2), "drive": (0.5, 0.3)}))
+    state = LineBalance(free, basis, 9.0, force_of(basis, 4, np.array(LINES), 0.7)).solved().state
+    k = basis.k[1:, None] * state.Omega
+    inertia = -(k[:, 0] ** 2) * state.Q[1:, 0]
+    pushed = (
+        force_of(basis, 4, np.array(LINES), 0.7)[1:] * 0.5
+    )  # the spring between places that move alike does nothing
+    np.testing.assert_allclose(inertia, pushed, atol=1e-9)
+    assert state.Q[0, 0] == 0.0
 
 
 @pytest.mark.parametrize("H", [3, MANY + 1])
