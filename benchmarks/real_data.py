@@ -1,6 +1,6 @@
-"""What the project finds in measurements: every real set of ../shared/data, a table, a figure and a conclusion each.
+"""What the project finds in measurements: sets of ../shared/data, a table, a figure and a conclusion each.
 
-Circuit, aircraft, bolted beam, beam in vacuum, friction damper, decays. Time histories go through the estimator of
+Circuit, aircraft, bolted beam, beam in vacuum; docs/validation/measurements.md has what commands do alone. Time histories go through the estimator of
 `hbm spectra`, forces come from `reconstruct` where the set allows. Nothing is copied into the repository; without the
 data the benchmark says so and ends.
 
@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 
-from real import brb_beam, brfd_damper, double_beam, eth_beam, f16_interface, silverbox
+from real import brb_beam, eth_beam, f16_interface, silverbox
 from real.common import DATA, Finding
 from rich.console import Console
 
@@ -21,8 +21,6 @@ SETS: dict[str, Callable[[], Finding]] = {
     "f16_ground_vibration": f16_interface.run,
     "brb_jointed_beam": brb_beam.run,
     "eth_vacuum_beam": eth_beam.run,
-    "brfd_friction_damper": brfd_damper.run,
-    "resonant_double_beam": double_beam.run,
 }
 DPI = 200
 

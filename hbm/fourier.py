@@ -5,9 +5,12 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from scipy import sparse
+from scipy import fft, sparse
 
 Array = npt.NDArray[np.float64]
+
+MANY = 200
+"""Harmonics above which series and samples are turned into each other by fast transforms, without a matrix."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,29 @@ class FourierBasis:
         rows = self.synthesis.T * (2.0 / self.N_t)
         rows[0] /= 2.0
         return np.ascontiguousarray(rows)
+
+    @property
+    def many(self) -> bool:
+        """Whether a transform is cheaper than the matrices: these have half a million entries and more."""
+        return self.H > MANY
+
+    def samples(self, coefficients: Array) -> Array:
+        """Values (N_t, ...) at the samples of coefficients (2H+1, ...)."""
+        if not self.many:
+            flat = self.synthesis @ coefficients.reshape(self.size, -1)
+            return np.asarray(flat.reshape(self.N_t, *coefficients.shape[1:]))
+        lines = self.complex(coefficients) * (self.N_t / 2.0)
+        lines[0] *= 2.0
+        return np.asarray(fft.irfft(lines, self.N_t, axis=0))
+
+    def coefficients(self, samples: Array) -> Array:
+        """Coefficients (2H+1, ...) of samples (N_t, ...), those above H left out."""
+        if not self.many:
+            flat = self.analysis @ samples.reshape(self.N_t, -1)
+            return np.asarray(flat.reshape(self.size, *samples.shape[1:]))
+        lines = fft.rfft(samples, axis=0)[: self.H + 1] * (2.0 / self.N_t)
+        lines[0] /= 2.0
+        return self.real(lines)
 
     @cached_property
     def _swapped(self) -> npt.NDArray[np.intp]:
@@ -167,8 +193,11 @@ def _products(H: int, K: int) -> sparse.csr_array:
 
 
 def sampled(H: int, N_t: int) -> FourierBasis:
-    """Basis of H harmonics on N_t samples, or on four a period of the highest where these are more."""
-    return FourierBasis(H, max(N_t, 4 * H))
+    """Basis of H harmonics on N_t samples, or on four a period of the highest where these are more.
+
+    Of many harmonics the number of samples is a power of two.
+    """
+    return FourierBasis(H, max(N_t, 1 << int(np.ceil(np.log2(4 * H))) if H > MANY else 4 * H))
 
 
 def default_samples(H: int) -> int:

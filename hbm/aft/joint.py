@@ -4,6 +4,7 @@ CasADi differentiates the law sample by sample; what couples the samples (its me
 backwards for the Fourier coefficients of the forces.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -102,7 +103,7 @@ class JointOverPeriod(SlopesWhenAsked):
         m, basis = self.ports, self.basis
         shown = signals.copy()
         shown[:, m : 2 * m] = Omega * basis.derivative(signals[:, m : 2 * m])
-        np.matmul(basis.synthesis, shown, out=self._sampled)
+        self._sampled[:] = basis.samples(shown)
         closure = self._close(Omega)
         while closure > CLOSURE and np.abs(self._gap).max() > CLOSURE * np.abs(self._f).max():
             if self._iterations == ITERATIONS[-1]:
@@ -232,7 +233,44 @@ class JointOverPeriod(SlopesWhenAsked):
             table = local.reshape(basis.N_t, m + n, -1)
             return np.concatenate([table[:, :, :n], table[:, :, held:]], axis=2)
 
+        def virgin() -> Array:
+            kept = self._carried.copy()
+            self._carried[:] = 0.0
+            found = read()
+            self._carried[:] = kept
+            return found
+
         inputs = np.broadcast_to(np.vstack([numbers, compliance]), (basis.N_t, len(numbers) + 1, numbers.shape[1]))
+        return self._followed(read(), inputs, virgin)
+
+    def pushed(self, signals: Array, Omega: float, change: Array) -> Array:
+        """Change (2H+1, m, c) of the coefficients of the forces with small changes of the signals, no matrix made.
+
+        Parameters
+        ----------
+        signals, Omega
+            As for :meth:`forces`.
+        change : (2H+1, 2 m + 1, c) array
+            Of the signals.
+        """
+        self._show(signals, Omega)
+        m, basis, all_signals = self.ports, self.basis, signals_of(self.ports)
+        shown = change.copy()
+        for i in range(m, 2 * m):
+            shown[:, i] = Omega * basis.derivative(change[:, i])
+        now = basis.samples(shown)
+        before = np.roll(now, 1, axis=0)
+        inputs = np.stack([(now, before)[i // all_signals][:, i % all_signals] for i in self.functions.reads], axis=1)
+        n = self.functions.memory + len(self.functions.reads)  # the time between samples, which is held, comes last
+        return self._followed(self._local[:, :, :n], inputs, lambda: self._first_period()[:, :, :n])
+
+    def _followed(self, by: Array, inputs: Array, virgin: Callable[[], Array]) -> Array:
+        """Change (2H+1, m, c) of the coefficients of the forces with inputs (N_t, i, c) of a loop that stays closed.
+
+        `by` (N_t, m + memory, memory + i) are slopes along the steady period, those that `virgin` makes along the
+        period before, from the virgin state.
+        """
+        m, n, basis = self.ports, self.functions.memory, self.basis
 
         def march(by: Array, start: Array) -> tuple[Array, Array]:
             driven = np.matmul(by[:, :, n:], inputs)
@@ -241,15 +279,10 @@ class JointOverPeriod(SlopesWhenAsked):
             z = forwards(by[:, m:, :n], start, driven[:, m:])
             return driven[:, :m] + np.matmul(by[:, :m, :n], z[:-1]), z[-1]
 
-        steady = read()
-        start: Array = np.zeros((n, numbers.shape[1]))
-        transitions = steady[:, m:, :n]
+        start: Array = np.zeros((n, inputs.shape[2]))
+        transitions = by[:, m:, :n]
         if n and radius(transitions) < 1.0 - NEUTRAL:
-            start[:] = np.linalg.solve(np.eye(n) - monodromy(transitions), march(steady, start)[1])
+            start[:] = np.linalg.solve(np.eye(n) - monodromy(transitions), march(by, start)[1])
         elif n:  # a joint that stays stuck remembers the period before, which started from its virgin state
-            kept = self._carried.copy()
-            self._carried[:] = 0.0
-            start = march(read(), start)[1]
-            self._carried[:] = kept
-        change = march(steady, start)[0]
-        return np.asarray(basis.analysis @ change.reshape(basis.N_t, -1)).reshape(basis.size, m, -1)
+            start = march(virgin(), start)[1]
+        return basis.coefficients(march(by, start)[0])

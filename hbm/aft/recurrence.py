@@ -100,6 +100,9 @@ def backwards(A: Array, right: Array) -> Array:
 def forwards(A: Array, start: Array, driven: Array) -> Array:
     """States (N_t + 1, n_z, p) of z_k = A_k z_{k-1} + driven_k from `start` (n_z, p)."""
     N_t, n_z = A.shape[:2]
+    if n_z > FEW_STATES and _apart(A):
+        alone = [forwards(A[:, i : i + 1, i : i + 1], start[i : i + 1], driven[:, i : i + 1]) for i in range(n_z)]
+        return np.concatenate(alone, axis=1)
     z = np.concatenate([start[None], driven])
     if n_z > FEW_STATES:
         for before, after, transition in zip(z, z[1:], A, strict=False):
@@ -110,6 +113,11 @@ def forwards(A: Array, start: Array, driven: Array) -> Array:
         for j in range(n_z):
             band[n_z + i - j, j : N_t * n_z : n_z] = -A[:, i, j]
     return _solved(band, np.ascontiguousarray(z.transpose(2, 0, 1)), "L").transpose(1, 2, 0)
+
+
+def _apart(A: Array) -> bool:
+    """Whether no state acts on another one: elements side by side."""
+    return not A[:, ~np.eye(A.shape[1], dtype=bool)].any()
 
 
 def _solved(band: Array, right: Array, triangle: str) -> Array:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from hbm.balance.jointed import JointBalance
+from hbm.balance.jointequations import JointEquations
 from hbm.balance.problem import AnyBalance, HarmonicBalance, Kinematics, State
 from hbm.channels import DISPLACEMENT, read
 from hbm.fourier import Array, FourierBasis
@@ -57,7 +58,7 @@ class Series(Signal):
     @cached_property
     def samples(self) -> Array:
         """Values at the phases of the basis, (N_t,)."""
-        return np.asarray(self.__dict__["_basis"].synthesis @ self.coefficients)
+        return np.asarray(self.__dict__["_basis"].samples(self.coefficients))
 
     @cached_property
     def peak(self) -> float:
@@ -205,7 +206,7 @@ def describe(problem: AnyBalance, x: Array, lam: float) -> PeriodicSolution:
     PeriodicSolution
     """
     if isinstance(problem, JointBalance):
-        return _of_joints(problem, problem.unpack(x, lam), lam)
+        return describe_joints(problem, problem.unpack(x, lam), problem.hz_at(lam))
     state = problem.unpack(x, lam)
     kin, T, memory, closure = problem.contact_state(state)
     rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
@@ -279,11 +280,11 @@ def _energy_error(problem: HarmonicBalance, state: State, kin: Kinematics, chann
     return (supplied - damped - rubbed - taken) / largest
 
 
-def _of_joints(problem: JointBalance, state: State, lam: float) -> PeriodicSolution:
-    """Channels of a rig with joints: its own, the drive, motion and force at every port."""
+def describe_joints(problem: JointEquations, state: State, hz: float) -> PeriodicSolution:
+    """Channels of a state of a rig with joints: its own, the drive, motion and force at every port."""
     rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
     found, memory, closure = problem.forces(state)
-    f, F = basis.analysis @ found, state.F * problem.force_shape
+    f, F = basis.coefficients(found), state.F * problem.force_shape
 
     own = state.Q @ s.channels.T + f @ s.channels_by_joints.T + np.outer(F, s.channels_by_force)
     moved = dict(zip((c.name for c in rig.response_channels), own.T, strict=True))
@@ -301,15 +302,15 @@ def _of_joints(problem: JointBalance, state: State, lam: float) -> PeriodicSolut
     for i, (name, force, (unit, unit_of_force)) in enumerate(zip(rig.motions, rig.forces, rig.units, strict=True)):
         # a compliance of the body that its law takes into account follows the force beyond the harmonics kept; one that
         # was lent does not
-        samples = basis.synthesis @ (shown[i] + (problem.own[i] - kept[i]) * state.T[:, i]) + kept[i] * found[:, i]
+        samples = basis.samples(shown[i] + (problem.own[i] - kept[i]) * state.T[:, i]) + kept[i] * found[:, i]
         moved_by = shown[i] + problem.own[i] * state.T[:, i]
         channels[name] = Signal(unit, moved_by, samples, float(np.abs(samples).max()))
         channels[force] = Signal(unit_of_force, f[:, i], found[:, i], float(np.abs(found[:, i]).max()))
     energy = _joint_energy_error(problem, state, channels)
-    return PeriodicSolution(problem.hz_at(lam), state.F, basis, state, channels, memory, closure, energy)
+    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy)
 
 
-def _joint_energy_error(problem: JointBalance, state: State, channels: Mapping[str, Signal]) -> float:
+def _joint_energy_error(problem: JointEquations, state: State, channels: Mapping[str, Signal]) -> float:
     """Excitation work minus losses over a period, relative to the largest of them."""
     basis, rig, Omega = problem.basis, problem.rig, state.Omega
 

@@ -13,6 +13,7 @@ from scipy import stats
 from hbm.diagnosis.projection import Span
 from hbm.diagnosis.screen import Screening
 from hbm.outputerror.fit import Evaluation
+from models.causes.cause import Cause
 from models.jointed import AnyRig
 
 ALARM = 0.003
@@ -84,10 +85,15 @@ def plainest(best: Evaluation, fits: Sequence[Evaluation]) -> Evaluation:
 
 def inside(rich: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
     """Fits whose causes are among, or special cases of, those of a richer one, the simplest first."""
-    more = [{cause.label, *getattr(cause, "contains", ())} for cause in rich.model.causes]
+    more = [_held_by(cause) for cause in rich.model.causes]
     simpler = [e for e in fits if e.model.causes and e.model.counted < rich.model.counted]
     held = [e for e in simpler if all(any(c.label in names for names in more) for c in e.model.causes)]
     return sorted(held, key=lambda e: (e.model.counted, e.bic))
+
+
+def _held_by(cause: Cause) -> set[str]:
+    """Labels of a cause and of the simpler ones that it is at some values: of a joint, at the same place."""
+    return {cause.label, *(name + cause.label.removeprefix(cause.name) for name in getattr(cause, "contains", ()))}
 
 
 def undetermined(e: Evaluation) -> bool:

@@ -11,16 +11,18 @@ import numpy as np
 
 from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.heldout import choose_held_out
+from hbm.diagnosis.linesearch import LineSearch
 from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.search import OnProgress, Search
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import expect_rig
+from hbm.fourier import MANY
 from hbm.measurement.repeatability import repeatability_of, unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.parallel import one_thread
 from models import causes as catalogue
 from models.causes.cause import Cause, candidates_of
-from models.jointed import AnyRig
+from models.jointed import AnyRig, JointedRig
 from models.plausible import quiet
 
 HALF = "What explains the records first fitted does not hold for those held out: every second of these is fitted too."
@@ -87,11 +89,14 @@ def diagnose(
         return Conclusion(search, search.decide(), unseen, held)
 
     beside = (*_unrepeatable(shares), *spectra.warnings)
-    found = conclude(held)
-    if held_out is None and found.untold:
-        tell("half as many records held out", 0.0)
-        found, beside = conclude(held[1::2]), (HALF, *beside)
-    diagnosis = found.diagnosis()
+    if isinstance(rig, JointedRig) and spectra.H > MANY:
+        diagnosis = LineSearch(rig, spectra, held, candidates, tolerances, tell, executor).diagnosis()
+    else:
+        found = conclude(held)
+        if held_out is None and found.untold:
+            tell("half as many records held out", 0.0)
+            found, beside = conclude(held[1::2]), (HALF, *beside)
+        diagnosis = found.diagnosis()
     records = tuple(spectra.labels_of(np.array(diagnosis.held_out_records, dtype=int)).tolist())
     return replace(diagnosis, held_out_records=records, evidence=(*beside, *diagnosis.evidence))
 

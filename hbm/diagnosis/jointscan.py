@@ -9,6 +9,7 @@ force-state map, fitted by one law after the other.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import Protocol
 
 import numpy as np
 
@@ -17,11 +18,11 @@ from hbm.diagnosis.discrepancy import WhiteRecord, read_by
 from hbm.diagnosis.jointplaces import JointPlace
 from hbm.diagnosis.places import Complex
 from hbm.diagnosis.projection import Span
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, sampled
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.records import Record
-from hbm.sensitivity.jointforces import pushed
+from hbm.sensitivity.jointforces import Ends, pushed
 from models.causes.addedjoint import AddedJoint, ends_of
 from models.jointed import JointedRig
 
@@ -61,45 +62,87 @@ def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint]) -> Itera
     records = [r for r in few.data.records if r.number in base.found]
     if not isinstance(rig, JointedRig) or not causes or not records:
         return
-    ends = [pair for pair in ends_of(rig) if any((c.at, c.to) == pair for c in causes)]
-    found = [_Pushed(r, base, few, rig, ends) for r in records]
+    ends = tried_ends(rig, causes)
+    yield from scanned(base, [_pushed(r, base, few, rig, ends) for r in records], ends, causes)
+
+
+def tried_ends(rig: JointedRig, causes: Sequence[AddedJoint]) -> list[Ends]:
+    """Places of a rig where some causes act."""
+    return [pair for pair in ends_of(rig) if any((c.at, c.to) == pair for c in causes)]
+
+
+def scanned(
+    base: Evaluation, records: Sequence["PushedRecord"], ends: Sequence[Ends], causes: Sequence[AddedJoint]
+) -> Iterator[Scanned]:
+    """Score candidates on records with forces at places."""
     for i, pair in enumerate(ends):
-        place = _Place(base, found, i)
+        place = _Place(base, records, i)
         yield from (place.scanned(c) for c in causes if (c.at, c.to) == pair)
 
 
-class _Pushed:
-    """A record with forces at places: what reads them, and the motion there with those that the misfit asks for."""
+class Columns(Protocol):
+    """What a record reads, in standard deviations, of cosines, then sines of harmonics 1..H of a force."""
 
-    def __init__(
-        self, record: Record, base: Evaluation, few: Campaign, rig: JointedRig, ends: Sequence[tuple[str, str]]
-    ) -> None:
-        solution, H = base.found[record.number].solution, few.data.H
-        found = pushed(rig, solution, ends, H)
-        places = [JointPlace(rig, pair) for pair in ends]
-        self.white = WhiteRecord(record, base, few, places, read_by(few.data, solution, found.channels))
-        self.omega, self.H = 2 * np.pi * record.hz, H
-        self.motion = [self._moved(i, solution.basis.complex(found.moved[i, :, i])) for i in range(len(ends))]
+    def __matmul__(self, force: Array, /) -> Array:
+        """Readings (m,) of a force (2 H,)."""
+        ...
 
-    def _moved(self, i: int, by_force: Complex) -> Complex:
-        """Amplitudes (H,) at the i-th place under the force there that the misfit asks for."""
-        force = Span(self.white.columns[i]).amplitudes(self.white.residual)
-        return np.asarray(self.white.seen[i] + by_force[1 : self.H + 1] @ np.nan_to_num(force))
+
+@dataclass(frozen=True, eq=False)
+class PushedRecord:
+    """A record with forces at p places: what reads them, and the motion there with those that the misfit asks for.
+
+    Attributes
+    ----------
+    residual : (m,) array
+        Misfit of the base, in standard deviations.
+    jacobian : (m, n) array
+        Derivatives to its coordinates.
+    columns : sequence of Columns, (p,)
+    motion : (p, H) complex array
+        Amplitudes.
+    largest : (p,) array
+        Motion [m].
+    omega : float
+        Frequency of the motion [rad/s].
+    fundamental : float
+        Of the record [rad/s].
+    """
+
+    residual: Array
+    jacobian: Array
+    columns: Sequence[Columns]
+    motion: Complex
+    largest: Array
+    omega: float
+    fundamental: float
+
+
+def _pushed(record: Record, base: Evaluation, few: Campaign, rig: JointedRig, ends: Sequence[Ends]) -> PushedRecord:
+    solution, H = base.found[record.number].solution, few.data.H
+    found = pushed(rig, solution, ends, H)
+    places = [JointPlace(rig, pair) for pair in ends]
+    white = WhiteRecord(record, base, few, places, read_by(few.data, solution, found.channels))
+    forces = [np.nan_to_num(Span(columns).amplitudes(white.residual)) for columns in white.columns]
+    by_force = [solution.basis.complex(found.moved[i, :, i])[1 : H + 1] for i in range(len(ends))]
+    motion = np.array([s + b @ f for s, b, f in zip(white.seen, by_force, forces, strict=True)])
+    omega = 2 * np.pi * record.hz
+    largest = np.abs(motion).sum(axis=1)
+    return PushedRecord(white.residual, white.jacobian, white.columns, motion, largest, omega, omega)
 
 
 class _Place:
     """The records as forces at one place may explain them."""
 
-    def __init__(self, base: Evaluation, records: Sequence[_Pushed], i: int) -> None:
+    def __init__(self, base: Evaluation, records: Sequence[PushedRecord], i: int) -> None:
         self.records, self.i, self.base = records, i, base
-        self.calibration = Span(np.vstack([*(r.white.jacobian for r in records), base.expected]))
-        self.points = sum(len(r.white.residual) for r in records)
-        rows = [*(r.white.residual for r in records), -base.pulls]
+        self.calibration = Span(np.vstack([*(r.jacobian for r in records), base.expected]))
+        self.points = sum(len(r.residual) for r in records)
+        rows = [*(r.residual for r in records), -base.pulls]
         self.residual = self.calibration.across(np.concatenate(rows))
-        sizes = [float(np.abs(r.motion[i]).sum()) for r in records]
-        loudest = int(np.argmax(sizes))
-        self.reach, self.omega = max(sizes), records[loudest].omega
-        self.basis = FourierBasis(max(HARMONICS, records[0].H), SAMPLES)
+        loudest = max(records, key=lambda r: float(r.largest[i]))
+        self.reach, self.omega = float(loudest.largest[i]), loudest.omega
+        self.basis = sampled(max(HARMONICS, loudest.motion.shape[1]), SAMPLES)
 
     def scanned(self, cause: AddedJoint) -> Scanned:
         """A candidate here."""
@@ -141,11 +184,12 @@ class _Place:
         """What the records read of the force of a law, in standard deviations."""
         law, held, rows = JointOverPeriod(cause.law(values), self.basis, loaded=False), cause.held(values), []
         for r in self.records:
-            u = self.basis.real(np.pad(r.motion[self.i], (1, self.basis.H - r.H)))
+            H = r.motion.shape[1]
+            u = self.basis.real(np.pad(r.motion[self.i], (1, self.basis.H - H)))
             signals = np.column_stack([u, u, np.zeros_like(u)])
-            samples, _ = law.forces(signals, r.omega)
-            force = self.basis.complex(self.basis.analysis @ samples[:, 0] + held * u)[1 : r.H + 1]
-            rows.append(r.white.columns[self.i] @ np.concatenate([force.real, -force.imag]))
+            samples, _ = law.forces(signals, r.fundamental)
+            force = self.basis.complex(self.basis.coefficients(samples[:, 0]) + held * u)[1 : H + 1]
+            rows.append(r.columns[self.i] @ np.concatenate([force.real, -force.imag]))
         return np.concatenate(rows)
 
 

@@ -78,7 +78,7 @@ def _wrong(d: Diagnosis, where: str) -> str:
     nominal, calibrated = (percent(d.errors[name]["train"].nrmse) for name in ("nominal", "calibrated"))
     missed = f"rig file misses the records fitted by {nominal} of their response, and by {calibrated} once calibrated"
     if d.verdict != "consistent":
-        return f"The {missed}, most clearly in {where}."
+        return f"The {missed}{f', most clearly in {where}' if where else ''}."
     if d.remainder.structured:
         return f"Little. The {missed}, of which {percent(d.remainder.size)} are more than noise."
     return f"Nothing. The {missed}, which is noise."

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.errors import InputError
-from hbm.fourier import Array
+from hbm.fourier import MANY, Array
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import AnyRig
 
@@ -177,7 +177,12 @@ def _of_repetitions(rig: AnyRig, spectra: MeasuredSpectra, names: list[str]) -> 
 
 
 def _repeated(spectra: MeasuredSpectra) -> Iterator[npt.NDArray[np.int64]]:
-    """Places of the records of each level and frequency that was measured more than once."""
+    """Places of the records of each level and frequency that was measured more than once.
+
+    Records of many lines are none: they are realisations of a multisine, whose phases differ.
+    """
+    if spectra.H > MANY:
+        return
     key = np.column_stack([spectra.level, np.round(np.log(spectra.hz) / SAME)])
     _, group = np.unique(key, axis=0, return_inverse=True)
     for g in range(group.max() + 1):

@@ -206,7 +206,7 @@ def joint_sensitivities_at(
         values=np.array([value for value, _ in numbers_of]),
         Q=Q,
         T=T,
-        channels=_Channels(problem, solution, keys, Q, T),
+        channels=JointChannels(problem, solution, keys, Q, T),
     )
 
 
@@ -259,7 +259,7 @@ def followed(here: JointLinearization, change: Array) -> tuple[Array, Array]:
     return x[:split].reshape(size, n, p) * problem.q_ref, x[split:].reshape(size, m, p) * problem.f_ref[:, None]
 
 
-class _Channels(Mapping[str, ChannelSensitivity]):
+class JointChannels(Mapping[str, ChannelSensitivity]):
     """Derivatives of the channels, each worked out when it is asked for."""
 
     def __init__(
@@ -316,5 +316,5 @@ class _Channels(Mapping[str, ChannelSensitivity]):
         return np.asarray(moved)
 
     def _sampled(self, name: str, coefficients: Array, peak: Peak = smooth_peak) -> ChannelSensitivity:
-        samples = self._problem.basis.synthesis @ coefficients
+        samples = self._problem.basis.samples(coefficients)
         return ChannelSensitivity(coefficients, samples, peak(self._solution[name].samples, samples))

@@ -1,0 +1,233 @@
+"""Harmonic balance of a body with joints under a periodic force of many lines: thousands of harmonics, no dense matrix.
+
+The modes are eliminated harmonic by harmonic; what is left are the forces at the joints, f = law(motion(f)). Newton's
+method solves for these with fast Fourier transforms between lines and samples and a Krylov method (GMRES) for its step.
+Its preconditioner is the linear structure with each joint replaced by the spring and dashpot that come nearest to its
+force in the mean square (statistical linearisation), which also is where an iteration starts.
+
+References
+----------
+T. M. Cameron, J. H. Griffin, J. Appl. Mech. 56 (1989) 149-154 (alternating frequency and time); Y. Saad, M. H. Schultz,
+SIAM J. Sci. Stat. Comput. 7 (1986) 856-869 (GMRES); J. B. Roberts, P. D. Spanos, Random Vibration and Statistical
+Linearization (1990).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, gmres
+
+from continuation import ConvergenceError
+from hbm.balance.equations import State
+from hbm.balance.jointednewton import Modes
+from hbm.balance.jointequations import Complex, JointEquations
+from hbm.fourier import Array, FourierBasis
+from models.jointed import JointedRig
+
+CLOSED = 1e-9
+"""The forces balance when what they miss is this share of the largest."""
+
+ITERATIONS, SHORTEST = 40, 1.0 / 64.0
+"""Newton steps, and the shortest that is tried of one."""
+
+FIRST, LONGER, SHORTEST_RAISE = 0.1, 1.5, 1e-3
+"""Share of the excitation from which it is raised, growth of the steps that succeed, and the shortest that is tried."""
+
+STATISTICAL = 4
+"""Times the start is linearised anew."""
+
+INEXACT, EXACT = 1e-2, 1e-8
+"""Accuracy of a step of Newton's method, and of derivatives, relative to the right side."""
+
+KRYLOV, RESTARTS = 60, 5
+"""Directions that GMRES keeps, and how often it begins anew."""
+
+
+class LineBalance(JointEquations):
+    """The balance of a rig with joints under a force of many lines.
+
+    The mean of a motion of 0 Hz is held at zero: no channel sees it, and what moves it in a measurement (a suspension,
+    modes below the band) is not in the rig.
+
+    Parameters
+    ----------
+    rig : JointedRig
+    basis : FourierBasis
+    hz : float
+        Base frequency, of which all lines are multiples [Hz].
+    force : (2H+1,) array
+        Coefficients of the excitation [N].
+    """
+
+    def __init__(self, rig: JointedRig, basis: FourierBasis, hz: float, force: Array) -> None:
+        super().__init__(rig, basis, parameter="force", hz=hz, level=1.0)
+        self.force_shape = force
+        self.Omega = 2 * np.pi * hz
+
+    @cached_property
+    def modes(self) -> Modes:
+        """The modes at the lines."""
+        return Modes(self, self.Omega)
+
+    @cached_property
+    def yielding(self) -> Complex:
+        """Motion at every port per force at every port, harmonic by harmonic, (H+1, m, m) [m/N]."""
+        s = self.structure
+        return self.modes.between(s.joints, s.joints) + self.flexibility
+
+    def state(self, f: Array, F: float = 1.0) -> State:
+        """State in which the joints push with forces (2H+1, m), under a share of the excitation."""
+        return State(self.modes.moved(self.modal_forces(f, F)), f, self.Omega, F)
+
+    def law(self, f: Array, F: float = 1.0) -> "LinesHere":
+        """Answer of the joints to the motion under forces (2H+1, m)."""
+        state = self.state(f, F)
+        signals = self.signals(state)
+        answers = [
+            self.basis.coefficients(j.forces(s, self.Omega)[0]) for j, s in zip(self.joints, signals, strict=True)
+        ]
+        return LinesHere(self, state, signals, np.hstack([np.zeros((self.basis.size, 0)), *answers]))
+
+    def solved(self, f: Array | None = None) -> "LinesHere":
+        """Steady state, from forces (2H+1, m) or from nothing; where that fails with the excitation raised in steps.
+
+        Raises
+        ------
+        ConvergenceError
+            If it is not found.
+        """
+        try:
+            return self._newton(self._linearized(1.0) if f is None else self.law(f))
+        except ConvergenceError:
+            return self._raised()
+
+    def _linearized(self, F: float) -> "LinesHere":
+        """A state near the steady one, by statistical linearisation."""
+        here = self.law(np.zeros((self.basis.size, len(self.own))), F)
+        for _ in range(STATISTICAL):
+            here = self.law(here.preconditioned(here.answer - here.held(here.state.T)), F)
+        return here
+
+    def _raised(self) -> "LinesHere":
+        """Steady state with the excitation raised in steps, shorter ones where one fails."""
+        step = FIRST
+        here = self._newton(self._linearized(step))
+        while here.state.F < 1.0:
+            F = min(1.0, here.state.F + step)
+            try:
+                here, step = self._newton(self.law(here.state.T * F / here.state.F, F)), step * LONGER
+            except ConvergenceError:
+                step /= 2.0
+                if step < SHORTEST_RAISE:
+                    raise
+        return here
+
+    def _newton(self, here: "LinesHere") -> "LinesHere":
+        for _ in range(ITERATIONS):
+            if here.missed <= CLOSED * np.abs(here.answer).max(initial=0.0):
+                return here
+            here = self._nearer(here, here.followed(here.answer - here.state.T, INEXACT))
+        raise ConvergenceError(f"{self._failed}: forces miss their balance by {here.missed:.2g} N")
+
+    def _nearer(self, here: "LinesHere", step: Array) -> "LinesHere":
+        """A state that misses less, along a step."""
+        length, before = 1.0, np.linalg.norm(here.answer - here.state.T)
+        while length >= SHORTEST:
+            there = self.law(here.state.T + length * step, here.state.F)
+            if np.linalg.norm(there.answer - there.state.T) < before:
+                return there
+            length /= 2.0
+        raise ConvergenceError(f"{self._failed}: no step of Newton's method brings it nearer")
+
+    @property
+    def _failed(self) -> str:
+        return f"no steady state under the lines of {self.fixed_hz:.6g} Hz"
+
+
+@dataclass(frozen=True, eq=False)
+class LinesHere:
+    """A state under the lines: signals at the joints and their answer (2H+1, m), which in balance is the forces."""
+
+    problem: LineBalance
+    state: State
+    signals: list[Array]
+    answer: Array
+
+    @property
+    def missed(self) -> float:
+        """Largest coefficient that the forces miss [N]."""
+        return float(np.abs(self.answer - self.state.T).max(initial=0.0))
+
+    @cached_property
+    def linearized(self) -> Complex:
+        """Stiffness (H+1, m, m) of springs and dashpots that come nearest to the joints' forces [N/m]."""
+        problem, m = self.problem, len(self.problem.own)
+        rate = 1j * self.problem.Omega * np.arange(problem.basis.H + 1)[:, None, None]
+        out = np.zeros((problem.basis.H + 1, m, m), dtype=complex)
+        for j, at, signals in zip(problem.joints, problem.slices, self.signals, strict=True):
+            moved = signals[1:, : j.ports]
+            moving = problem.basis.derivative(signals[:, : j.ports])[1:] * problem.Omega
+            both = np.hstack([moved, moving])
+            size = np.linalg.norm(both, axis=0)
+            size[size == 0.0] = 1.0
+            found = np.linalg.lstsq(both / size, self.answer[1:, at], rcond=None)[0] / size[:, None]
+            out[:, at, at] = found[: j.ports].T + rate * found[j.ports :].T
+        return out
+
+    @cached_property
+    def closed(self) -> Complex:
+        """Forces at all ports per force put in at each, springs and dashpots answering for the joints, (H+1, m, m)."""
+        return np.asarray(np.linalg.inv(np.eye(len(self.problem.own)) - self.linearized @ self.problem.yielding))
+
+    def _times(self, matrices: Complex, forces: Array) -> Array:
+        basis = self.problem.basis
+        return basis.real((matrices @ basis.complex(forces)[:, :, None])[:, :, 0])
+
+    def preconditioned(self, forces: Array) -> Array:
+        """Forces (2H+1, m) with which springs and dashpots in place of the joints answer to what is missed."""
+        return self._times(self.closed, forces)
+
+    def held(self, forces: Array) -> Array:
+        """Answer of the same springs and dashpots to the motion that forces (2H+1, m) make."""
+        return self._times(self.linearized @ self.problem.yielding, forces)
+
+    def pushed(self, Q: Array, f: Array) -> Array:
+        """Change (2H+1, m) of the joints' answer with modes (2H+1, n) and forces (2H+1, m)."""
+        problem = self.problem
+        change = problem.signals(State(Q, f, problem.Omega, 0.0))
+        return self.answered(change)
+
+    def answered(self, change: list[Array]) -> Array:
+        """Change (2H+1, m) of the joints' answer with their signals."""
+        answers = [
+            j.pushed(s, self.problem.Omega, d[:, :, None])[:, :, 0]
+            for j, s, d in zip(self.problem.joints, self.signals, change, strict=True)
+        ]
+        return np.hstack([np.zeros((self.problem.basis.size, 0)), *answers])
+
+    def followed(self, missed: Array, accuracy: float = EXACT) -> Array:
+        """Change of the forces (2H+1, m) that balances what is missed, (2H+1, m), all joints answering to it.
+
+        Raises
+        ------
+        ConvergenceError
+            If GMRES does not get there.
+        """
+        problem, s = self.problem, self.problem.structure
+        if not missed.any():
+            return np.zeros_like(missed)
+
+        def unanswered(x: Array) -> Array:
+            f = x.reshape(missed.shape)
+            return (f - self.pushed(problem.modes.moved(f @ s.joints), f)).ravel()
+
+        def nearly(x: Array) -> Array:
+            return self.preconditioned(x.reshape(missed.shape)).ravel()
+
+        shape = (missed.size, missed.size)
+        A, M = LinearOperator(shape, unanswered, dtype=float), LinearOperator(shape, nearly, dtype=float)
+        x, failed = gmres(A, missed.ravel(), rtol=accuracy, restart=KRYLOV, maxiter=RESTARTS, M=M)
+        if failed and accuracy < INEXACT:
+            raise ConvergenceError(f"no derivative under the lines of {problem.fixed_hz:.6g} Hz: GMRES does not end")
+        return np.asarray(x.reshape(missed.shape))

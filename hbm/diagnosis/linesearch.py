@@ -1,0 +1,321 @@
+"""A diagnosis from records of many lines: the same questions as of other records, asked with what lines allow.
+
+What no model describes counts as noise of one level on all lines of a channel. How large it is, the model says that is
+judged best: with it, its misfit is what noise makes. All models are fitted and compared beside it.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from hbm.diagnosis.calibrate import off, trusted
+from hbm.diagnosis.candidates import HOPELESS
+from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING
+from hbm.diagnosis.confidence import FORETOLD, RELIABLE
+from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, tied
+from hbm.diagnosis.estimates import estimates, name_of, told_of
+from hbm.diagnosis.judge import std_of_records
+from hbm.diagnosis.linescan import line_scan
+from hbm.diagnosis.misfit import NOISE_KNOWN, nrmse
+from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent
+from hbm.diagnosis.screen import starting
+from hbm.diagnosis.search import NEARLY, PAYS, OnProgress
+from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.background import LARGEST
+from hbm.outputerror.fit import Evaluation, evaluate, fit_model
+from hbm.outputerror.lines import LineCampaign, line_campaign
+from hbm.outputerror.model import Model
+from hbm.outputerror.simulated import FAILURES
+from models.causes.addedjoint import AddedJoint
+from models.causes.cause import Cause
+from models.jointed import JointedRig
+
+FITTED, MOST_CAUSES = 5, 2
+"""Joints that are fitted of those that were scanned; causes that are named, at most."""
+
+FLOORS, SETTLED = 4, 0.1
+"""Times the floor is found anew, at most, and the relative change of it at which it is settled."""
+
+BEHIND = 2.0
+"""A fit is given up that will not leave less than so many times what the best one does."""
+
+PULLED = 2.0
+"""A number of the rig file may be wrong that calibration moves by so many tolerances."""
+
+NOISE = 5.0
+"""Chi2 that noise makes is known to so many standard deviations."""
+
+
+class LineSearch:
+    """The search on the records fitted, and its score on those held out."""
+
+    def __init__(
+        self,
+        rig: JointedRig,
+        spectra: MeasuredSpectra,
+        held: Sequence[int],
+        candidates: Sequence[Cause],
+        tolerances: Mapping[str, float] | None,
+        tell: OnProgress,
+        executor: Executor | None,
+    ) -> None:
+        train, unseen = spectra.split(held) if held else (spectra, None)
+        self.tell, self.candidates = tell, candidates
+        self.campaign = line_campaign(rig, train, executor)
+        self.hidden = None if unseen is None else line_campaign(rig, unseen, executor)
+        self.trust = trusted(rig, self.campaign.data.channels, tolerances)
+        tell("nominal", 0.0)
+        bare = Model(rig, {})
+        self.nominal = evaluate(bare, self.campaign, bare.start, {})
+        tell("calibration", 0.1)
+        self.fits: list[Evaluation] = []
+        self.calibrated = self._settled(fit_model(self.trust, self.campaign, self.trust.start, self.nominal.solutions))
+        self.tried = 1
+
+    # ---- fits
+
+    def _settled(self, e: Evaluation) -> Evaluation:
+        """A fit beside what it leaves itself, which from then on all are compared beside."""
+        for _ in range(FLOORS):
+            before = self.campaign.floor
+            self.campaign = replace(self.campaign, floor=likeliest_floor(e, self.campaign))
+            e = fit_model(e.model, self.campaign, e.x, e.solutions)
+            if abs(self.campaign.floor - before) <= SETTLED * self.campaign.floor:
+                break
+        return e
+
+    def beside(self, e: Evaluation, floor: float) -> Evaluation:
+        """A model where it is, beside another floor."""
+        return replace(e, white=replace(self.campaign, floor=floor).whiten(e.found, e.by_x))
+
+    def race(self, base: Evaluation) -> list[Evaluation]:
+        """Fits of the candidates that may explain what a model leaves, over it."""
+        joints = [c for c in self.candidates if isinstance(c, AddedJoint)]
+        self.tell("joints that may be missing", 0.3)
+        scores = sorted((s for s in line_scan(base, self.campaign, joints) if s.starts), key=lambda s: -s.drop)
+        self.tried += len(joints)
+        hopeful = [s for s in scores if s.drop >= HOPELESS * scores[0].drop][:FITTED]
+        starts: list[tuple[Cause, Sequence[dict[str, float]]]] = [(s.cause, s.starts) for s in hopeful]
+        starts += [(c, ({},)) for c in self._pulled(base)]
+        found: list[Evaluation] = []
+        for i, (cause, values) in enumerate(starts):
+            self.tell(f"{cause.label} ({i + 1} of {len(starts)})", 0.4)
+            of_use = BEHIND * min((e.chi2 for e in found), default=np.inf)
+            best = min(self._fits(base, cause, values, of_use), key=lambda e: e.chi2, default=None)
+            if best is not None and not best.missing:
+                found.append(best)
+        return found
+
+    def _pulled(self, base: Evaluation) -> Iterator[Cause]:
+        """Numbers of the rig file that may be wrong: those that calibration moves far."""
+        moved = {f.name for f, pull in zip(base.model.free, base.pulls, strict=True) if abs(pull) > PULLED}
+        for cause in self.candidates:
+            if not isinstance(cause, AddedJoint) and not base.model.causes:
+                keys = {u.key for u in cause.unknowns(base.model.nominal)}
+                if keys and keys <= moved:
+                    self.tried += 1
+                    yield cause
+
+    def _fits(
+        self, base: Evaluation, cause: Cause, starts: Sequence[dict[str, float]], of_use: float
+    ) -> Iterator[Evaluation]:
+        model = base.model.extended_by(cause)
+        for start in starts:
+            try:
+                yield fit_model(model, self.campaign, starting(model, base, start), base.solutions, reach=of_use)
+            except FAILURES:
+                continue
+
+    # ---- the decision
+
+    def decide(self) -> Evaluation | None:
+        """The simplest model whose causes each take much of what is left without them; None where there is none."""
+        best, base = None, self.calibrated
+        while len(base.model.causes) < MOST_CAUSES and beyond_noise(self.beside(base, 0.0).white) > LARGEST:
+            found = self._best_over(base)
+            if found is None:
+                break
+            best = base = found
+        return best
+
+    def _best_over(self, base: Evaluation) -> Evaluation | None:
+        fits = best_of([e for e in self.race(base) if not off(self.trust, e)])
+        if not fits or not accepted(base, fits[0], self.tried) or (base.model.causes and not _pays(base, fits[0])):
+            return None
+        leader = self._settled(fits[0])
+        others = [self._again(e) for e in fits[1:]]
+        fits = best_of([leader, *(e for e in others if e is not None)])
+        self.fits = [*fits, *(self.beside(e, self.campaign.floor) for e in self.fits)]
+        best = next((e for e in inside(fits[0], fits) if not _pays(e, fits[0])), fits[0])
+        return best
+
+    def _again(self, e: Evaluation) -> Evaluation | None:
+        try:
+            return fit_model(e.model, self.campaign, e.x, e.solutions)
+        except FAILURES:
+            return None
+
+    def noise_alone(self, e: Evaluation) -> bool:
+        """Whether a model leaves no more than the noise stated, and is within tolerances."""
+        white, n = self.beside(e, 0.0).white, len(e.white)
+        return bool(white.chi2 < (1 + NOISE_KNOWN) ** 2 * (n + NOISE * np.sqrt(2 * n)) and not off(self.trust, e))
+
+    # ---- the conclusion
+
+    def diagnosis(self) -> Diagnosis:
+        """Verdict, and all that supports it."""
+        best = self.decide()
+        self.tell("records held out", 0.9)
+        models = {"nominal": self.nominal, "calibrated": self.calibrated} | ({} if best is None else {"extended": best})
+        plain = {name: self.beside(e, 0.0) for name, e in models.items()}
+        unseen = {name: held for name, e in models.items() if (held := self.predicted(e)) is not None}
+        verdict = self._verdict(plain, unseen)
+        named = best if verdict in NAMED else None
+        if named is None:
+            for part in (plain, unseen):
+                part.pop("extended", None)
+        shares = {} if named is None else _shares(plain, unseen)
+        judged = plain["calibrated" if named is None else "extended"]
+        ties = [] if named is None else tied([e for e in self.fits if len(e.model.causes) == 1], named)
+        return Diagnosis(
+            verdict=verdict,
+            cause=None if named is None else name_of(named),
+            parameters={} if named is None else estimates(named, np.maximum(named.std, std_of_records(named))),
+            confidence=self._confidence(verdict, named, shares),
+            not_separable=tuple(dict.fromkeys(told_of(e) for e in ties)),
+            separate_by="",
+            remainder=self._remainder(judged, shares),
+            errors=_errors(plain, unseen),
+            held_out_records=() if self.hidden is None else tuple(self.hidden.numbers),
+            ranking=tuple(self._ranked(e) for e in self.fits),
+            evidence=tuple(self._evidence(plain, unseen, named)),
+            extended=None if named is None else named.model.rig(named.x),
+            nominal=self.beside(self.nominal, self.campaign.floor),
+            calibrated=self.beside(self.calibrated, self.campaign.floor),
+            extended_fit=named,
+            tried=tuple(self.fits),
+        )
+
+    def predicted(self, e: Evaluation) -> Evaluation | None:
+        """A model on the records held out, beside noise alone; None where it has no steady state there."""
+        if self.hidden is None:
+            return None
+        try:
+            found = evaluate(e.model, self.hidden, e.x, {})
+        except FAILURES:
+            return None
+        return None if found.missing else found
+
+    def _verdict(self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> Verdict:
+        if "extended" in plain:
+            least, left = min(_shares(plain, unseen).values()), beyond_noise(plain["extended"].white)
+            if least >= NEARLY and left <= LARGEST:
+                return "cause-found"
+            if least >= MAIN and left <= SAYS_NOTHING:
+                return "main-cause"
+        whites = [part["calibrated"].white for part in (plain, unseen) if "calibrated" in part]
+        small = not off(self.trust, self.calibrated) and all(beyond_noise(w) <= LARGEST for w in whites)
+        return "consistent" if small else "unexplained"
+
+    def _confidence(self, verdict: Verdict, named: Evaluation | None, shares: Mapping[str, float]) -> float:
+        if named is None:
+            return RELIABLE[verdict]
+        foretold = verdict == "cause-found" and self.noise_alone(named) and shares.get("held_out", 0.0) >= FORETOLD
+        same = [e for e in (self.beside(self.calibrated, self.campaign.floor), *self.fits)]
+        return RELIABLE["foretold" if foretold else verdict] * inclusion(same, named)
+
+    def _remainder(self, e: Evaluation, shares: Mapping[str, float]) -> Remainder:
+        structured = not self.noise_alone(e)
+        size = beyond_noise(e.white) if structured else 0.0
+        return Remainder(shares, size, e.white.chi2 / len(e.white), structured)
+
+    def _ranked(self, e: Evaluation) -> Ranked:
+        held = self.predicted(e)
+        return Ranked(
+            e.model.label, name_of(e), estimates(e), e.bic, e.chi2, None if held is None else nrmse(held.white)
+        )
+
+    def _evidence(
+        self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation], named: Evaluation | None
+    ) -> Iterator[str]:
+        records, held = self.campaign.data.records, () if self.hidden is None else self.hidden.data.records
+        lines = int(np.max([r.listed[0].any(axis=0).sum() for r in records]))
+        yield f"{len(records)} records of up to {lines} lines fitted, {len(held)} held out."
+        basis = self.campaign.numerics.working.basis
+        judged = plain["calibrated" if named is None else "extended"]
+        yield (
+            f"simulated with {basis.H} harmonics and {basis.N_t} samples; twice as many of both change the response by "
+            f"{percent(self._unresolved(judged))}."
+        )
+        yield (
+            "Models are compared beside what none of them describes, as the best one leaves it: noise of "
+            f"{percent(self.campaign.floor)} of the rms of the lines of a channel on each of them."
+        )
+        for name, e in plain.items():
+            scored = f", {nrmse(unseen[name].white):.3%} on those held out" if name in unseen else ""
+            yield (
+                f"The {name} model is off by {nrmse(e.white):.3%} on the records fitted{scored} "
+                f"({e.white.chi2 / len(e.white):.4g} noise variances)."
+            )
+
+        if named is not None and self.fits[0].chi2 < named.chi2:
+            yield (
+                f"{self.fits[0].model.label} takes {percent(1.0 - self.fits[0].chi2 / named.chi2)} of what "
+                f"{named.model.label} leaves: the simpler one is named, where less than {1.0 - PAYS:.0%} is gained."
+            )
+
+    def _unresolved(self, e: Evaluation) -> float:
+        """Relative change of the response of one record on twice the harmonics and samples."""
+        one = self.campaign.of(self.campaign.numbers[:1])
+        try:
+            fine = evaluate(e.model, one.refined(), e.x, {})
+        except FAILURES:
+            return float("nan")
+        same = fine.white.record[0] == e.white.record
+        return float(np.linalg.norm(fine.white.raw - e.white.raw[same]) / np.linalg.norm(fine.white.measured))
+
+
+def likeliest_floor(e: Evaluation, campaign: LineCampaign) -> float:
+    """The floor beside which what a model leaves is likeliest."""
+    plain = replace(campaign, floor=0.0)
+    records = [r for r in plain.data.records if r.number in e.found]
+    missed = np.concatenate([plain.missed(r, e.found[r.number]) for r in records]) ** 2
+    noise = np.concatenate([plain.listed_std(r) for r in records]) ** 2
+    unit = np.concatenate([replace(plain, floor=1.0).listed_std(r) for r in records]) ** 2 - noise
+
+    def deviance(log_floor: float) -> float:
+        variance = noise + np.exp(2 * log_floor) * unit
+        return float(np.sum(np.log(variance) + missed / variance))
+
+    found = minimize_scalar(deviance, bounds=(np.log(1e-6), np.log(2.0)), method="bounded")
+    return float(np.exp(found.x))
+
+
+def _pays(simple: Evaluation, rich: Evaluation) -> bool:
+    """Whether a richer model takes a large share of what a simpler one leaves."""
+    return bool(rich.chi2 < PAYS * simple.chi2)
+
+
+def _shares(plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, float]:
+    """Share of the misfit beyond noise that the extended rig does not leave, of records fitted and held out."""
+    parts = {"train": plain, "held_out": unseen}
+    return {
+        name: explained(part["calibrated"].white, part["extended"].white)
+        for name, part in parts.items()
+        if "extended" in part
+    }
+
+
+def _errors(plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, dict[str, Errors]]:
+    return {
+        name: {
+            part: Errors(nrmse(of[name].white), of[name].white.chi2 / len(of[name].white))
+            for part, of in (("train", plain), ("held_out", unseen))
+            if name in of
+        }
+        for name in plain
+    }

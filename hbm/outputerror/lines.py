@@ -1,0 +1,187 @@
+"""Records under a force of many lines beside what a rig with joints makes of them.
+
+A multisine has hundreds or thousands of lines in one record. Its force is put in as measured, line by line. Standard
+deviations of the force go through the linear rig to the channels and are added to theirs there, line by line.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Self
+
+import numpy as np
+
+from continuation import ConvergenceError
+from hbm.balance.equations import State
+from hbm.balance.lines import LineBalance, LinesHere
+from hbm.balance.solution import PeriodicSolution, describe_joints
+from hbm.channels import factor
+from hbm.errors import InputError
+from hbm.fourier import MANY, Array, FourierBasis, sampled
+from hbm.inverse.sensing import Complex, readings
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.numerics import Grid, Numerics, amplitudes_of
+from hbm.outputerror.records import Measurement, Record, parts
+from hbm.outputerror.simulated import FAILURES, Simulated, Solutions, States
+from hbm.sensitivity.jointed import JointChannels
+from hbm.sensitivity.lines import line_changes
+from models.jointed import AnyRig, JointedRig
+
+
+@dataclass(frozen=True, eq=False)
+class LineCampaign(Campaign):
+    """Records of many lines.
+
+    Attributes
+    ----------
+    forces : dict of int to (2H+1,) array
+        Coefficients of the force of each record [N].
+    floor : float
+        What no model describes, as noise of one level on all lines: its standard deviation as a share of the rms that
+        the lines of the channel have in the record.
+    """
+
+    forces: Mapping[int, Array] = field(default_factory=dict)
+    floor: float = 0.0
+
+    def std(self, record: Record) -> Array:
+        """Standard deviation of each amplitude of a record, (c, H)."""
+        rms = np.sqrt(np.nanmean(record.measured**2, axis=(0, 2)))
+        return np.asarray(np.hypot(record.std, self.floor * rms[:, None]))
+
+    def of(self, numbers: Sequence[int]) -> Self:
+        """Some of the records."""
+        return replace(self, data=super().of(numbers).data)
+
+    def corrected(self, rig: AnyRig, solutions: Solutions) -> Self:
+        """The same: the discretisation is fine enough as it is."""
+        return self
+
+    def simulate(
+        self, rig: AnyRig, keys: Sequence[str], starts: States, needed: Collection[int] = ()
+    ) -> dict[int, Simulated]:
+        """As of any campaign."""
+        task = partial(_simulated, rig, self.numerics.working.basis, self.data, self.forces, tuple(keys))
+        return self._each(task, starts, needed)
+
+    def disturbances(self, record: Record, simulated: Simulated) -> Array:
+        """None: what the force is uncertain by is in the standard deviations of the channels."""
+        return np.zeros((0, *record.measured.shape))
+
+    def refined(self) -> Self:
+        """The same on twice the harmonics and samples."""
+        basis = self.numerics.working.basis
+        fine = Grid(FourierBasis(2 * basis.H, 2 * basis.N_t), self.numerics.working.modes)
+        return replace(self, numerics=replace(self.numerics, working=fine))
+
+
+def line_campaign(rig: JointedRig, spectra: MeasuredSpectra, executor: Executor | None = None) -> LineCampaign:
+    """Records of spectra of many lines.
+
+    Raises
+    ------
+    InputError
+        If no response, or no force, was measured.
+    """
+    seen = readings(rig, spectra)
+    if not seen.force.any():
+        raise InputError(f"{spectra.source}: has no force channel; records of more than {MANY} harmonics must have one")
+    records, forces = [], {}
+    for i, number in enumerate(spectra.records.tolist()):
+        forces[number] = _coefficients(seen.force[i])
+        response = _linear(rig, seen.channels, seen.i_omega[i])
+        listed = seen.weight[i].T > 0.0  # (c, H+1)
+        own = np.where(listed, 1.0 / np.where(listed, seen.weight[i].T, 1.0), np.nan)
+        std = np.hypot(own, np.abs(response) * seen.force_std[i])
+        amplitudes = np.where(listed, seen.measured[i].T, np.nan)
+        records.append(
+            Record(
+                number=number,
+                name=spectra.label(number),
+                hz=float(spectra.hz[i]),
+                force=float(np.sqrt(np.sum(np.abs(seen.force[i]) ** 2) / 2.0)),
+                force_std=0.0,
+                measured=np.array([amplitudes.real, np.where(listed, amplitudes.imag, np.nan)])[:, :, 1:],
+                std=std[:, 1:],
+                start=State(np.zeros((1, 0)), np.zeros((1, 0)), 2 * np.pi * float(spectra.hz[i]), 1.0),
+                distortion=np.full((2, spectra.H - 1), np.nan),
+                distortion_std=np.full(spectra.H - 1, np.nan),
+            )
+        )
+    # four samples a period of the highest line: the cube of a motion does not fold back on it
+    grid = Grid(sampled(spectra.H, 0), rig.structure.n)
+    speed = np.array([r.force for r in records])
+    data = Measurement(tuple(records), seen.channels, spectra.H, speed)
+    return LineCampaign(data, Numerics(grid, grid, grid, 0.0), executor=executor, forces=forces)
+
+
+def _coefficients(amplitudes: Complex) -> Array:
+    return np.concatenate([amplitudes.real, -amplitudes.imag[1:]])
+
+
+def _linear(rig: JointedRig, channels: Sequence[str], i_omega: Complex) -> Complex:
+    """Frequency response (c, H+1) of channels of a rig without its joints to the excitation."""
+    s, own = rig.structure, {c.name: (i, c) for i, c in enumerate(rig.response_channels)}
+    rate = i_omega[1:, None, None]
+    stiffness = np.diag(s.omega_n**2) + rate * s.damping + rate**2 * np.eye(s.n)
+    Q = np.linalg.solve(stiffness, np.broadcast_to(s.excitation[:, None], (len(rate), s.n, 1)))[:, :, 0]
+    rows = [own[name] for name in channels]
+    moved = [factor(c, i_omega[1:]) * (Q @ s.channels[i] + s.channels_by_force[i]) for i, c in rows]
+    return np.pad(moved, ((0, 0), (1, 0)))  # no channel tells a mean
+
+
+def line_state(rig: JointedRig, basis: FourierBasis, record: Record, force: Array, last: State | None) -> LinesHere:
+    """Steady state of a record, from the last one or from nothing.
+
+    Raises
+    ------
+    ConvergenceError
+        If it is not found.
+    """
+    own = np.zeros(basis.size)
+    H = len(force) // 2
+    own[: H + 1], own[basis.H + 1 : basis.H + H + 1] = force[: H + 1], force[H + 1 :]
+    balance = LineBalance(rig, basis, record.hz, own)
+    if last is not None and last.T.shape == (basis.size, len(balance.own)):
+        try:
+            return balance.solved(last.T)
+        except ConvergenceError:
+            pass
+    return balance.solved()
+
+
+def _simulated(
+    rig: AnyRig,
+    basis: FourierBasis,
+    data: Measurement,
+    forces: Mapping[int, Array],
+    keys: tuple[str, ...],
+    record: Record,
+    last: State | None,
+) -> Simulated | None:
+    """One record with derivatives to keys; None where no steady state is found."""
+    assert isinstance(rig, JointedRig)  # of which alone a campaign of lines is made
+    try:
+        here = line_state(rig, basis, record, forces[record.number], last)
+        solution: PeriodicSolution = describe_joints(here.problem, here.state, record.hz)
+        Q, T = line_changes(here, keys)
+    except FAILURES:
+        return None
+    by = JointChannels(here.problem, solution, keys, Q, T)
+    amplitudes = amplitudes_of(data, solution)
+    slopes = [parts(basis, by[name].coefficients, data.H) for name in data.channels]
+    nothing = np.zeros_like(amplitudes)
+    return Simulated(
+        solution=solution,
+        amplitudes=amplitudes,
+        by_keys=np.stack(slopes, axis=1),
+        by_force=nothing,
+        by_hz=nothing,
+        by_tones=None,
+        by_history=None,
+        by_transients=None,
+        Q_by_keys=Q,
+        T_by_keys=T,
+    )

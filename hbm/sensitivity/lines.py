@@ -1,0 +1,43 @@
+"""Exact derivatives of a steady state under a force of many lines, by the implicit function theorem and GMRES."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hbm.balance.equations import State
+from hbm.balance.lines import LinesHere
+from hbm.fourier import Array
+from hbm.sensitivity.jointed import structure_changes
+from models.joints.law import numbers
+
+
+def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
+    """Derivatives of the modes (2H+1, n, p) and joint forces (2H+1, m, p) to numbers of the rig (p,).
+
+    Raises
+    ------
+    ConvergenceError
+        If GMRES does not find one.
+    """
+    problem, s = here.problem, here.problem.structure
+    Q = np.zeros((*here.state.Q.shape, len(keys)))
+    missed = np.zeros((*here.state.T.shape, len(keys)))
+    for i, change in enumerate(structure_changes(problem.rig, keys)):
+        if change is None:
+            continue
+        balance = 2 * s.omega_n * change.omega_n * here.state.Q
+        balance += problem.Omega * problem.basis.derivative(here.state.Q) @ change.damping.T
+        balance -= here.state.T @ change.joints + np.outer(problem.force_shape, change.excitation)
+        Q[:, :, i] = -problem.modes.moved(balance)
+        moved = problem.signals(State(Q[:, :, i], np.zeros_like(here.state.T), problem.Omega, 0.0))
+        seen = problem.signals(here.state, change)
+        missed[:, :, i] = here.answered([a + b for a, b in zip(moved, seen, strict=True)])
+    for j, (joint, at) in enumerate(zip(problem.rig.joints, problem.slices, strict=True)):
+        names = [f"joints.{joint.name}.{name}" for name in numbers(joint.law)]
+        columns = [i for i, key in enumerate(keys) if key in names]
+        if columns:
+            of_law = np.array([[float(name == keys[i]) for i in columns] for name in names])
+            law = problem.joints[j]
+            missed[:, at, columns] = law.along(here.signals[j], problem.Omega, of_law, np.zeros(len(columns)))
+    T = np.stack([here.followed(missed[:, :, i]) for i in range(len(keys))], axis=2) if keys else missed
+    return Q + problem.modes.moved(np.einsum("kmp,mn->knp", T, s.joints)), T

@@ -1,0 +1,170 @@
+"""A body with joints under a force of many lines: the balance without a dense matrix, its derivatives, diagnosis."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from hbm import diagnose, joint_sensitivities, steady_state
+from hbm.balance.lines import LineBalance
+from hbm.fourier import MANY, Array, FourierBasis, sampled
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.sensitivity.lines import line_changes
+from models.bodies.modal import ModalModel
+from models.friction import Dahl, Iwan, Jenkins
+from models.jointed import JointedRig
+from models.joints import Clearance, CubicSpring, Friction, Joint, JointLaw
+from models.parts import Channel, Damping, Excitation
+
+LINES = (1, 2, 3, 5, 6, 8, 11)
+LAWS = (
+    CubicSpring(4e8),
+    Clearance(5e4, 1e-5),
+    Friction(Jenkins(1.0, 2e-6), 0.8),
+    Friction(Iwan(1.0, 3e5, elements=4), 0.8),
+    Friction(Dahl(1.0, 3e5), 0.8),
+)
+
+
+def two_modes(*joints: Joint) -> JointedRig:
+    """A body of two modes with three places."""
+    body = ModalModel((31.0, 74.0), {"a": (0.9, 1.1), "b": (0.8, -1.2), "drive": (0.5, 0.3)})
+    channels = (Channel("force", "force", at="drive"), Channel("x", "acceleration", at="a"))
+    return JointedRig("two modes", body, Damping(modal_ratios=(0.02,)), joints, Excitation(3.0, at="drive"), channels)
+
+
+def force_of(basis: FourierBasis, seed: int, lines: Array, size: float) -> Array:
+    """Coefficients of a force with random phases on some lines."""
+    phase, out = np.random.default_rng(seed).uniform(0, 2 * np.pi, len(lines)), np.zeros(basis.size)
+    out[lines], out[basis.H + lines] = size * np.cos(phase), size * np.sin(phase)
+    return out
+
+
+@pytest.fixture(params=LAWS, ids=lambda law: type(getattr(law, "law", law)).__name__)
+def both(request: pytest.FixtureRequest) -> tuple[LineBalance, JointedRig]:
+    """The balance of lines, and the same rig with the lines as harmonics of its force."""
+    law: JointLaw = request.param
+    rig, basis = two_modes(Joint("j", law, ("a",), ("b",))), FourierBasis(24, 256)
+    force = force_of(basis, 4, np.array(LINES), 0.7)
+    unit = np.hypot(force[1], force[25])
+    turn = np.exp(1j * np.arange(25) * np.angle(force[1] + 1j * force[25]))  # the dense balance has a cosine first
+    turned = basis.real(basis.complex(force) * turn)
+    tones = tuple((k, float(turned[k] / unit), float(turned[24 + k] / unit)) for k in LINES[1:])
+    dense = replace(rig, excitation=replace(rig.excitation, amplitude=float(unit), harmonics=tones))
+    return LineBalance(rig, basis, 9.0, turned), dense
+
+
+def test_lines_and_the_dense_balance_have_one_solution(both: tuple[LineBalance, JointedRig]) -> None:
+    lines, dense = both
+    expected = steady_state(dense, 9.0, harmonics=24, samples=256).state
+    found = lines.solved().state
+    np.testing.assert_allclose(found.T, expected.T, atol=1e-7 * np.abs(expected.T).max())
+    np.testing.assert_allclose(found.Q, expected.Q, atol=1e-7 * np.abs(expected.Q).max())
+
+
+def test_derivatives_are_those_of_the_dense_balance(both: tuple[LineBalance, JointedRig]) -> None:
+    lines, dense = both
+    here, law = lines.solved(), [key for key in dense.numbers if key.startswith("joints.j.")]
+    keys = ["modal.frequencies_hz[2]", "damping.modal_ratios[1]", "modal.ports.a[1]", "modal.ports.drive[2]", *law]
+    solution = steady_state(dense, 9.0, harmonics=24, samples=256)
+    expected = joint_sensitivities(dense, solution, keys)
+    Q, T = line_changes(here, keys)
+    for found, known in ((Q, expected.Q), (T, expected.T)):
+        size = np.abs(known).max(axis=(0, 1))
+        np.testing.assert_allclose(found / size, known / size, atol=2e-5)
+
+
+def test_a_body_that_may_drift_has_the_mean_of_its_springs_alone() -> None:
+    rig, basis = two_modes(Joint("j", CubicSpring(4e8), ("a",), ("b",))), FourierBasis(24, 256)
+    free = replace(rig, body=ModalModel((0.0, 74.0), {"a": (0.9, 1.1), "b": (0.9, -1.2), "drive": (0.5, 0.3)}))
+    state = LineBalance(free, basis, 9.0, force_of(basis, 4, np.array(LINES), 0.7)).solved().state
+    k = basis.k[1:, None] * state.Omega
+    inertia = -(k[:, 0] ** 2) * state.Q[1:, 0]
+    pushed = (
+        force_of(basis, 4, np.array(LINES), 0.7)[1:] * 0.5
+    )  # the spring between places that move alike does nothing
+    np.testing.assert_allclose(inertia, pushed, atol=1e-9)
+    assert state.Q[0, 0] == 0.0
+
+
+@pytest.mark.parametrize("H", [3, MANY + 1])
+def test_samples_and_coefficients_are_those_of_the_matrices(H: int) -> None:
+    basis, rng = sampled(H, 16), np.random.default_rng(1)
+    c = rng.standard_normal((basis.size, 2))
+    np.testing.assert_allclose(basis.samples(c), basis.synthesis @ c, atol=1e-10)
+    s = rng.standard_normal((basis.N_t, 2))
+    np.testing.assert_allclose(basis.coefficients(s), basis.analysis @ s, atol=1e-12)
+
+
+# ------------------------------------------------------------------------------------------------ in time, diagnosed
+
+HZ, H, F_N, RATIO, ROW = 0.5, 221, 33.0, 0.04, 1.3
+"""Base frequency, lines, and the one mode of an oscillator."""
+
+
+def marched(force: Array, hidden: Callable[[Array], Array]) -> Array:
+    """Displacement (1024,) of the oscillator over its second period, integrated in time."""
+    t = np.arange(1024) / 1024 / HZ
+    w, phase = 2 * np.pi * F_N, 2 * np.pi * HZ * np.arange(H + 1)
+    c = np.concatenate([force[:1], force[1 : H + 1] - 1j * force[H + 1 :]])
+
+    def rate(now: float, y: Array) -> Array:
+        u = ROW * y[0]
+        F = float(np.real(np.sum(c * np.exp(1j * phase * now))))
+        return np.array([y[1], ROW * (F + hidden(u)) - 2 * RATIO * w * y[1] - w**2 * y[0]])
+
+    found = solve_ivp(rate, (0.0, 2 / HZ), np.zeros(2), t_eval=t + 1 / HZ, rtol=1e-8, atol=1e-11, method="DOP853")
+    return np.asarray(ROW * found.y[0])
+
+
+def oscillator(hz: float = F_N) -> JointedRig:
+    """The linear rig."""
+    channels = (Channel("force", "force", at="m"), Channel("x", "displacement", at="m"))
+    body = ModalModel((hz,), {"m": (ROW,)})
+    return JointedRig("oscillator", body, Damping(modal_ratios=(RATIO,)), (), Excitation(1.0, at="m"), channels)
+
+
+def measured(hidden: Callable[[Array], Array], noise: float) -> MeasuredSpectra:
+    """Five records of an odd multisine at two levels."""
+    basis, rng, lines = FourierBasis(H, 1024), np.random.default_rng(7), np.arange(1, H + 1, 2)
+    forces = np.array([force_of(basis, seed, lines, size) for seed, size in enumerate((4.0, 4.0, 8.0, 8.0, 8.0))])
+    x = np.array([basis.coefficients(marched(force, hidden)) for force in forces])
+    std = np.full((5, H + 1), np.nan)
+    std[:, lines] = noise * np.sqrt(np.mean(x**2))
+    blank = np.isnan(np.concatenate([std, std[:, 1:]], axis=1))
+    x = np.where(blank, np.nan, x + rng.standard_normal(x.shape) * noise * np.sqrt(np.mean(x**2)))
+    exact = np.where(np.isnan(std), np.nan, 1e-9)
+    force = np.where(blank, np.nan, forces)
+    level = np.array([4.0, 4.0, 8.0, 8.0, 8.0])
+    return spectra_of(oscillator(), np.full(5, HZ), level, {"force": force, "x": x}, {"force": exact, "x": std})
+
+
+def test_lines_agree_with_integration_in_time() -> None:
+    k3, lines, basis = 2e7, np.arange(1, H + 1, 2), FourierBasis(3 * H, 4096)  # the cube has lines up to three times
+    expected = marched(force_of(FourierBasis(H, 1024), 3, lines, 8.0), lambda u: -k3 * u**3)
+    force = force_of(basis, 3, lines, 8.0)
+    rig = replace(oscillator(), joints=(Joint("k", CubicSpring(k3), ("m",)),))
+    found = ROW * basis.samples(LineBalance(rig, basis, HZ, force).solved().state.Q)[::4, 0]
+    linear = ROW * basis.samples(LineBalance(oscillator(), basis, HZ, force).solved().state.Q)[::4, 0]
+    assert np.linalg.norm(linear - expected) > 0.1 * np.linalg.norm(expected)  # the spring matters
+    np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_a_cubic_spring_is_named_from_lines() -> None:
+    found = diagnose(oscillator(F_N * 1.004), measured(lambda u: -2e7 * u**3, 0.02), held_out=[2, 5])
+    assert (found.verdict, found.cause, found.parameters["at"].value) == ("cause-found", "cubic-stiffness", "m")
+    k3 = found.parameters["cubic"]
+    assert isinstance(k3.value, float)
+    assert abs(k3.value - 2e7) < 3 * k3.std < 0.3 * 2e7
+    assert found.held_out_records == (2, 5)
+    assert found.gain["held_out_nrmse_ratio"] < 0.3
+    assert found.extended is not None
+    assert found.extended.number("modal.frequencies_hz[1]") == pytest.approx(F_N, rel=2e-3)
+
+
+def test_nothing_is_named_where_lines_are_noise() -> None:
+    found = diagnose(oscillator(F_N * 1.004), measured(lambda u: 0.0 * u, 0.02), held_out=[2, 5])
+    assert (found.verdict, found.cause) == ("consistent", None)
+    assert not found.remainder.structured
