@@ -148,10 +148,7 @@ class Conclusion:
 
     @cached_property
     def _shares(self) -> dict[str, float]:
-        """Share of the misfit of the rig file beyond noise that the best model explains, fitted and held out.
-
-        The rig file is the one that it extends: as it is, or calibrated.
-        """
+        """Share of the misfit of the rig file beyond noise that the best model explains, fitted and held out."""
         if self.best is None:
             return {}
         best, scored = self.best
@@ -178,7 +175,7 @@ class Conclusion:
         if noise and (settled or (least >= MAIN and self._foretells(scored))):
             return "main-cause" if self._varying else "cause-found"
         left = beyond_noise(self._noise(best).white)
-        before = beyond_noise(self._before(best).white)
+        before = beyond_noise(self.plain[self._extends(best)][0].white)
         if least < MAIN or before <= NOTABLE or left > SAYS_NOTHING or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
         if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)) and not self._varying:
@@ -192,14 +189,16 @@ class Conclusion:
             return True
         return scored.errors.nrmse <= WORSE * self.calibrated.errors.nrmse
 
-    @staticmethod
-    def _extends(best: Evaluation) -> str:
-        """Name of the model that a cause extends: the rig file as it is, or calibrated."""
-        return "calibrated" if best.model.calibrated else "nominal"
+    def _extends(self, best: Evaluation) -> str:
+        """Name of the model whose misfit a cause explains: the one that it extends, calibrated or as it is.
 
-    def _before(self, best: Evaluation) -> Evaluation:
-        """The model that a cause extends."""
-        return self.plain[self._extends(best)][0]
+        Calibration that leaves noise alone has no misfit: then it is the rig file as it is.
+        """
+        return "calibrated" if best.model.calibrated and not self._within_too(best) else "nominal"
+
+    def _within_too(self, best: Evaluation) -> bool:
+        """Whether numbers within their tolerances leave noise alone without the cause that is found beside them."""
+        return bool(best.model.calibrated) and misfit(self.search.calibrated, self.campaign).fits
 
     def _predicts(self, scored: Predicted | None) -> bool:
         """Whether the records held out are predicted no worse than by calibration."""
@@ -239,7 +238,8 @@ class Conclusion:
         if best is not None:
             kind: str = verdict
             if verdict == "cause-found" and misfit(self._noise(best), self.campaign).fits:
-                kind = "foretold" if self._shares.get("held_out", 0.0) >= FORETOLD else "noise"
+                foretold = self._shares.get("held_out", 0.0) >= FORETOLD and not self._within_too(best)
+                kind = "foretold" if foretold else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":
             e = self._noise(self.decision.story)
@@ -376,13 +376,15 @@ class Conclusion:
             yield f"Looks like {first}: " + ", ".join(f"{name} (cosine {c:.3f})" for name, c in alike.items()) + "."
 
     def _found(self, best: Evaluation) -> Iterator[str]:
-        base, plain = self._before(best), self._noise(best)
+        base, plain = self.plain["calibrated" if best.model.calibrated else "nominal"][0], self._noise(best)
         scored = self.best[1] if self.best is not None else None
         hidden = "" if scored is None else f"; on records held out {scored.errors.chi2_reduced:.4g} noise variances"
         yield (
             f"{best.model.label} lowers chi2 from {base.chi2:.5g} to {plain.chi2:.5g} "
             f"(BIC by {base.bic - plain.bic:.4g}){hidden}."
         )
+        if self._within_too(best):
+            yield "Without it numbers within their tolerances leave noise alone too, but are further from the rig file."
         if not best.model.rig(best.x).excitation.settled:
             yield (
                 "Size and phase of the transients are free in each record, those held out too; what the records miss "
