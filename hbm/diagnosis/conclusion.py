@@ -14,6 +14,7 @@ from hbm.diagnosis.decide import ALARM, Decision, inclusion, sidak, tied
 from hbm.diagnosis.estimates import estimates, name_of, off_support, told_of
 from hbm.diagnosis.judge import freed, possible_background_of, std_of_records, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
+from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent, remainder
 from hbm.diagnosis.search import NEARLY, Search, campaign_of
@@ -21,6 +22,7 @@ from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Estimate, Ranked, Verdict
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
+from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
 
 MOVED = 3
@@ -120,11 +122,16 @@ class Conclusion:
     def _widened(self) -> tuple[Evaluation, Evaluation]:
         """The best model beside whatever background there may be; and with all that has a tolerance free within it."""
         assert self.best is not None
-        best, campaign = self.best[0], self.search.campaign
-        if not any(campaign.background.values()):
-            campaign = replace(self.campaign, background=possible_background_of(best, self.campaign))
-        known = widened(best, campaign)
-        return known, known if best.model.calibrated else freed(known, self.search.trust.calibrated, campaign)
+        known = widened(self.best[0], self._beside)
+        return known, known if known.model.calibrated else freed(known, self.search.trust.calibrated, self._beside)
+
+    @cached_property
+    def _beside(self) -> Campaign:
+        """The records beside whatever background there may be."""
+        assert self.best is not None
+        if any(self.search.campaign.background.values()):
+            return self.search.campaign
+        return replace(self.campaign, background=possible_background_of(self.best[0], self.campaign))
 
     @cached_property
     def _varying(self) -> Varying | None:
@@ -135,7 +142,7 @@ class Conclusion:
     def _estimates(self, best: Evaluation) -> dict[str, Estimate]:
         """Numbers of the cause, as uncertain as a background, the rest of the rig file and each record leave them."""
         known, wide = self._widened
-        within = known.std if best.model.calibrated else std_within(known, wide)
+        within = std_within(known, wide, *by_modes(wide, self._beside))
         return estimates(known, np.maximum(within, std_of_records(known)))
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
