@@ -14,6 +14,7 @@ from hbm.diagnosis.decide import ALARM, Decision, inclusion, sidak, tied
 from hbm.diagnosis.estimates import estimates, name_of, off_support, told_of
 from hbm.diagnosis.judge import freed, possible_background_of, std_of_records, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
+from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent, remainder
 from hbm.diagnosis.search import NEARLY, Search, campaign_of
@@ -21,6 +22,7 @@ from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Estimate, Ranked, Verdict
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
+from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
 
 MOVED = 3
@@ -120,11 +122,16 @@ class Conclusion:
     def _widened(self) -> tuple[Evaluation, Evaluation]:
         """The best model beside whatever background there may be; and with all that has a tolerance free within it."""
         assert self.best is not None
-        best, campaign = self.best[0], self.search.campaign
-        if not any(campaign.background.values()):
-            campaign = replace(self.campaign, background=possible_background_of(best, self.campaign))
-        known = widened(best, campaign)
-        return known, known if best.model.calibrated else freed(known, self.search.trust.calibrated, campaign)
+        known = widened(self.best[0], self._beside)
+        return known, known if known.model.calibrated else freed(known, self.search.trust.calibrated, self._beside)
+
+    @cached_property
+    def _beside(self) -> Campaign:
+        """The records beside whatever background there may be."""
+        assert self.best is not None
+        if any(self.search.campaign.background.values()):
+            return self.search.campaign
+        return replace(self.campaign, background=possible_background_of(self.best[0], self.campaign))
 
     @cached_property
     def _varying(self) -> Varying | None:
@@ -135,7 +142,7 @@ class Conclusion:
     def _estimates(self, best: Evaluation) -> dict[str, Estimate]:
         """Numbers of the cause, as uncertain as a background, the rest of the rig file and each record leave them."""
         known, wide = self._widened
-        within = known.std if best.model.calibrated else std_within(known, wide)
+        within = std_within(known, wide, *by_modes(wide, self._beside))
         return estimates(known, np.maximum(within, std_of_records(known)))
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
@@ -148,10 +155,7 @@ class Conclusion:
 
     @cached_property
     def _shares(self) -> dict[str, float]:
-        """Share of the misfit of the rig file beyond noise that the best model explains, fitted and held out.
-
-        The rig file is the one that it extends: as it is, or calibrated.
-        """
+        """Share of the misfit of the rig file beyond noise that the best model explains, fitted and held out."""
         if self.best is None:
             return {}
         best, scored = self.best
@@ -178,7 +182,7 @@ class Conclusion:
         if noise and (settled or (least >= MAIN and self._foretells(scored))):
             return "main-cause" if self._varying else "cause-found"
         left = beyond_noise(self._noise(best).white)
-        before = beyond_noise(self._before(best).white)
+        before = beyond_noise(self.plain[self._extends(best)][0].white)
         if least < MAIN or before <= NOTABLE or left > SAYS_NOTHING or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
         if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)) and not self._varying:
@@ -192,14 +196,16 @@ class Conclusion:
             return True
         return scored.errors.nrmse <= WORSE * self.calibrated.errors.nrmse
 
-    @staticmethod
-    def _extends(best: Evaluation) -> str:
-        """Name of the model that a cause extends: the rig file as it is, or calibrated."""
-        return "calibrated" if best.model.calibrated else "nominal"
+    def _extends(self, best: Evaluation) -> str:
+        """Name of the model whose misfit a cause explains: the one that it extends, calibrated or as it is.
 
-    def _before(self, best: Evaluation) -> Evaluation:
-        """The model that a cause extends."""
-        return self.plain[self._extends(best)][0]
+        Calibration that leaves noise alone has no misfit: then it is the rig file as it is.
+        """
+        return "calibrated" if best.model.calibrated and not self._within_too(best) else "nominal"
+
+    def _within_too(self, best: Evaluation) -> bool:
+        """Whether numbers within their tolerances leave noise alone without the cause that is found beside them."""
+        return bool(best.model.calibrated) and misfit(self.search.calibrated, self.campaign).fits
 
     def _predicts(self, scored: Predicted | None) -> bool:
         """Whether the records held out are predicted no worse than by calibration."""
@@ -239,7 +245,8 @@ class Conclusion:
         if best is not None:
             kind: str = verdict
             if verdict == "cause-found" and misfit(self._noise(best), self.campaign).fits:
-                kind = "foretold" if self._shares.get("held_out", 0.0) >= FORETOLD else "noise"
+                foretold = self._shares.get("held_out", 0.0) >= FORETOLD and not self._within_too(best)
+                kind = "foretold" if foretold else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":
             e = self._noise(self.decision.story)
@@ -376,13 +383,15 @@ class Conclusion:
             yield f"Looks like {first}: " + ", ".join(f"{name} (cosine {c:.3f})" for name, c in alike.items()) + "."
 
     def _found(self, best: Evaluation) -> Iterator[str]:
-        base, plain = self._before(best), self._noise(best)
+        base, plain = self.plain["calibrated" if best.model.calibrated else "nominal"][0], self._noise(best)
         scored = self.best[1] if self.best is not None else None
         hidden = "" if scored is None else f"; on records held out {scored.errors.chi2_reduced:.4g} noise variances"
         yield (
             f"{best.model.label} lowers chi2 from {base.chi2:.5g} to {plain.chi2:.5g} "
             f"(BIC by {base.bic - plain.bic:.4g}){hidden}."
         )
+        if self._within_too(best):
+            yield "Without it numbers within their tolerances leave noise alone too, but are further from the rig file."
         if not best.model.rig(best.x).excitation.settled:
             yield (
                 "Size and phase of the transients are free in each record, those held out too; what the records miss "

@@ -89,29 +89,38 @@ def freed(e: Evaluation, tolerances: Mapping[str, float], campaign: Campaign) ->
     return evaluate(model, replace(campaign, corrections=e.corrections), x, e.solutions)
 
 
-def std_within(e: Evaluation, wide: Evaluation) -> Array:
-    """Standard deviations of the values of a model's numbers, as far as those of the rig file may be off too.
+def std_within(e: Evaluation, wide: Evaluation, frequencies: Array, ratios: Array) -> Array:
+    """Standard deviations of the values of a model's numbers, as far as all that it holds may be off too.
 
-    A cause that is found over the rig file as it is has numbers as exact as the noise allows, if all others are exact.
-    How far they are off is averaged over shares of their tolerances, each as likely as it makes the records.
+    A cause that is found over the rig file as it is has numbers as exact as the noise allows, if all others are exact;
+    any cause has, if each mode is. How far they are off is averaged over shares of the tolerances of the rig file and
+    of the frequencies of modes, each as likely as it makes the records. Damping ratios are not known any better than
+    theirs.
 
     Parameters
     ----------
     e : Evaluation
-        Fit of causes over the rig file as it is.
+        Fit of causes.
     wide : Evaluation
-        The same from :func:`freed`.
+        The same from :func:`freed`, or itself where it is calibrated.
+    frequencies, ratios : (m, k) array
+        From :func:`hbm.diagnosis.modesoff.by_modes`.
 
     Returns
     -------
     (n,) array
         About the values of `e`, which stay.
     """
-    free = wide.model.free
-    square = _mean_square(wide.white.jacobian, wide.white.residual, np.array([f.std for f in free]))
-    own = [i for i, f in enumerate(free) if f.cause >= 0]
-    slopes = np.array([free[i].slope(wide.x[i]) for i in own])
-    return np.asarray(np.maximum(np.abs(slopes) * np.sqrt(square[own]), e.std))
+    free, J = wide.model.free, wide.white.jacobian
+    held = np.array([f.cause < 0 and not e.model.calibrated for f in free])
+    std = np.array([f.std for f in free])
+    known, damped = np.isfinite(std[~held]), np.zeros(ratios.shape[1])
+    precision = np.concatenate([np.where(known, 1.0 / np.where(known, std[~held], 1.0) ** 2, FREE), damped + 1.0])
+    pull = np.concatenate([np.where(known, (wide.x - [f.expected for f in free])[~held], 0.0), damped])
+    own, others = np.hstack([J[:, ~held], ratios]), np.hstack([J[:, held] * std[held], frequencies])
+    square = _mean_square(own, others, wide.white.residual, precision, pull)[: len(known)]
+    slopes = np.array([f.slope(x) for f, x in zip(e.model.free, e.x, strict=True)])
+    return np.asarray(np.maximum(np.abs(slopes) * np.sqrt(square), e.std))
 
 
 def std_of_records(e: Evaluation) -> Array:
@@ -134,21 +143,19 @@ def _disagreement(J: Array, residual: Array, record: Ints, covariance: Array, ex
     return np.asarray(np.einsum("ij,jk,ik->i", covariance, spread, covariance))
 
 
-def _mean_square(J: Array, residual: Array, tolerance: Array) -> Array:
-    """Mean square of what numbers are off by, (n,), some of them known to within their tolerances before."""
-    known = np.isfinite(tolerance)
+def _mean_square(own: Array, others: Array, residual: Array, precision: Array, pull: Array) -> Array:
+    """Mean square of what numbers are off by, (n,), others being off by shares of one tolerance each.
+
+    `precision` (n,) is what is known of the numbers before, `pull` (n,) how far from expected they are.
+    """
     squares, deviances = [], []
     for share in TRUSTED:
-        free = known & (share > 0.0) | ~known
-        expected = known[free]
-        precision = np.full(int(free.sum()), FREE)
-        precision[expected] = 1.0 / (share * tolerance[known & free]) ** 2
-        A, gradient = J[:, free].T @ J[:, free] + np.diag(precision), J[:, free].T @ residual
+        columns = np.hstack([own, share * others])
+        prior = np.concatenate([precision, np.ones(others.shape[1])])
+        A = columns.T @ columns + np.diag(prior)
+        gradient = columns.T @ residual - np.concatenate([precision * pull, np.zeros(others.shape[1])])
         covariance = np.linalg.inv(A)
         step = covariance @ gradient
-        square = np.zeros(len(tolerance))
-        square[free] = np.diag(covariance) + step**2
-        squares.append(square)
-        spread = np.linalg.slogdet(A)[1] - np.log(precision[expected]).sum()
-        deviances.append(float(residual @ residual - gradient @ step + spread))
+        squares.append((np.diag(covariance) + step**2)[: own.shape[1]])
+        deviances.append(float(np.linalg.slogdet(A)[1] - gradient @ step))
     return np.asarray(weights(deviances) @ np.array(squares))

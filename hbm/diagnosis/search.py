@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -122,6 +123,7 @@ class Search:
         tell("calibration", 0.2)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
         self.fitted: list[Evaluation] = []
+        self._over = cache(self._over_base)
 
     def _seen(self, cause: Cause) -> bool:
         """Whether what was measured can speak of a cause: its channels, or the harmonics of the force."""
@@ -137,6 +139,11 @@ class Search:
             offered = [c for c in offered if not isinstance(c, NotSteady)]
         offered = [c for c in offered if not isinstance(c, ContactLoss)]  # has no size: see _lifted
         return screen(base, self.campaign, offered)
+
+    def _over_base(self, base: Evaluation) -> Screening:
+        """Scores over a calibrated model, which take as long as some fits."""
+        self.tell("screening over the calibrated model", 0.5)
+        return self._screened(base)
 
     def _disordered(self, base: Evaluation) -> bool:
         """Whether what a model misses has no order.
@@ -200,13 +207,12 @@ class Search:
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
         near = [e for e in exact.fits if self._enough(e)][:CLOSEST]
-        if near:
+        if near and not self._fits(self.calibrated):
             self.tell("the best ones, calibrated", 0.5)
             again = [e for found in near for e in started(self.calibrated, found, found.model.causes, self.campaign)]
             self.fitted += again
             return self._decided(self.calibrated, again, self.tried)
-        self.tell("screening over the calibrated model", 0.5)
-        first = self._race(self.calibrated, self._screened(self.calibrated), 0.55)
+        first = self._race(self.calibrated, self._over(self.calibrated), 0.55)
         further = self._calibrated_from(first)
         if further is None:
             return first
@@ -282,8 +288,14 @@ class Search:
         return misfit(e, self.campaign).fits
 
     def _within(self) -> bool:
-        """Whether numbers of the rig file that move within their tolerances explain everything."""
-        return self._fits(self.calibrated) and self.tolerable(self.calibrated)
+        """Whether numbers of the rig file that move within their tolerances explain everything.
+
+        They may take all of an effect but a rest that noise hides in thousands of squares: a cause that has a name for
+        it tells it.
+        """
+        if not self._fits(self.calibrated) or not self.tolerable(self.calibrated):
+            return False
+        return not suspicious(self._over(self.calibrated), self.rig)
 
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
         lifted = self._lifted(base, done)

@@ -19,7 +19,7 @@ from hbm.measurement.repeatability import typical_size
 from hbm.outputerror.groups import near_each_other
 from hbm.outputerror.records import Record
 
-BY_FREQUENCY, BY_LEVEL = 0.1, 1.0
+BY_FREQUENCY, BY_LEVEL = 3.0, 3.0
 """Over this share of a band of frequencies, and over this change of the logarithm of the level, the correlation falls
 by a factor of e."""
 

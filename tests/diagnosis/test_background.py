@@ -132,14 +132,15 @@ def test_numbers_are_as_uncertain_as_the_rig_file_is_wrong(share):
     Over draws its standard deviation is the size of its error, whatever the share; that of the noise alone is not.
     """
     rng = np.random.default_rng(3)
-    tolerance = np.array([np.inf, *np.full(12, 2.0)])
+    tolerance, nothing = 2.0, (np.full(1, 1e-12), np.zeros(1))
     pulls, by_noise = [], []
     for _ in range(300):
         J = rng.standard_normal((60, 13)) + 0.7  # alike: the number may do some of what the others do
         off = np.array([0.3, *share * 2.0 * rng.standard_normal(12)])
         measured = J @ off + rng.standard_normal(60)
         alone = float(J[:, 0] @ measured / (J[:, 0] @ J[:, 0]))
-        std = np.sqrt(_mean_square(J, measured - J[:, 0] * alone, tolerance)[0])
+        left = measured - J[:, 0] * alone
+        std = np.sqrt(_mean_square(J[:, :1], tolerance * J[:, 1:], left, *nothing)[0])
         pulls.append((alone - 0.3) / std)
         by_noise.append((alone - 0.3) * np.linalg.norm(J[:, 0]))
     assert 0.75 < np.sqrt(np.mean(np.square(pulls))) < 1.25
