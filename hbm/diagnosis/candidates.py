@@ -1,5 +1,6 @@
 """Candidates against each other, by the score test where the misfit is small and else by quick fits; then full fits."""
 
+import re
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -57,6 +58,9 @@ ALIKE = 0.5
 
 REFINED, FAR = 300.0, 1500.0
 """Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
+
+ENTRY = re.compile(r"\[\d+\]")
+"""Which entry of a list a label is of."""
 
 Tell = Callable[[str], None]
 Enough = Callable[[Evaluation], bool]
@@ -215,6 +219,10 @@ def _by_quick_fits(
         return [], tried
     if not quick.base.model.causes:
         fitted = _from_other_starts(fitted, quick, screening, tell)
+    if _scanned(quick.base):
+        confused = _confused(fitted, EXPLAINED * few.points, screening, tried)
+        tried |= {s.cause.label for s in confused}
+        fitted = sorted([*fitted, *(r for r in quick.run(confused) if r is not None)], key=lambda r: r.chi2)
     hopeless = fitted[0].chi2 > HELPS * quick.before
     chosen = _chosen(fitted, few, hopeless, len(quick.campaign.numbers) / len(few.numbers))
     return [r for r in chosen if r.chi2 < reached], tried
@@ -248,6 +256,18 @@ def _first_quick_fits(
             if candidate is not None:
                 fitted.append(candidate)
     return sorted(fitted, key=lambda r: r.chi2), tried
+
+
+def _confused(
+    fitted: Sequence[Candidate], explained: float, screening: Screening, tried: Collection[str]
+) -> list[Score]:
+    """Candidates not tried that those that explain the records, or the best one, say they are confused with.
+
+    A number that is wrong by more than a resonance is wide does not show its effect by the first of it.
+    """
+    told = " ".join(r.cause.confused_with for i, r in enumerate(fitted) if i == 0 or r.chi2 <= explained)
+    kinds = {s.cause.label: ENTRY.sub("[i]", s.cause.label) for s in screening.scores}
+    return [s for s in screening.scores if kinds[s.cause.label] in told and s.cause.label not in tried]
 
 
 def _scanned(base: Evaluation) -> bool:
