@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from hbm.errors import InputError
+from hbm.measurement.matfile import load_mat
 from hbm.textfiles import StrPath, damage, refuse_endless, why
 
 Matrix = Any  # of scipy.sparse, which has no types
@@ -175,6 +176,8 @@ def _matrix_market(path: StrPath) -> Any:
     from scipy.io import mmread
 
     try:
+        if b"\0" in Path(path).read_bytes():
+            raise ValueError  # at which SciPy's reader ends the process
         return mmread(path, spmatrix=False)
     except Exception as refused:  # SciPy lets through whatever its reader raises
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be Matrix Market") from None
@@ -197,10 +200,8 @@ def _npz(path: StrPath, key: str | None) -> Matrix:
 
 
 def _mat(path: StrPath, key: str | None) -> Matrix:
-    from scipy.io import loadmat
-
     try:
-        variables = loadmat(path, spmatrix=False)
+        variables = load_mat(path)
     except NotImplementedError:  # HDF5
         raise InputError(f"{path}: is a MAT file v7.3; must be v5 to v7, save it with -v7") from None
     except Exception as refused:  # SciPy lets through whatever a damaged file makes it do
