@@ -71,7 +71,7 @@ def _holds(kind: int, data: bytes, order: str) -> bool:
         columns = struct.unpack(f"{order}2i", shape)[1]
         if len(starts) != 4 * (columns + 1) or any(kind not in NUMBERS for kind, _ in rest):
             return False
-        used = struct.unpack(f"{order}i", starts[-4:])[0]
+        used = int(struct.unpack(f"{order}i", starts[-4:])[0])
         return 0 <= 4 * used <= len(rows) and used <= len(numbers)
     return all(_holds(*part, order) for part in rest)
 
