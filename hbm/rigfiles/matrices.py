@@ -1,6 +1,7 @@
 """Matrices of finite-element models: SciPy, Matrix Market and MAT files, and the text that Abaqus writes."""
 
 import re
+import warnings
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -98,14 +99,16 @@ def read_abaqus(path: StrPath, names: tuple[str, ...] | None = None) -> tuple[Ma
 def _abaqus_lines(path: StrPath) -> npt.NDArray[np.float64]:
     """Numbers (lines, 5)."""
     try:
-        lines = np.loadtxt(path, delimiter=",", comments=["*"], ndmin=2, encoding="utf-8-sig", usecols=range(5))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of a file without a line
+            lines = np.loadtxt(path, delimiter=",", comments=["*"], ndmin=2, encoding="utf-8-sig", usecols=range(5))
         ends = lines[:, :4]
         whole = lines.size > 0 and np.array_equal(ends, np.rint(ends)) and np.abs(ends).max() < LARGEST_LABEL
         if whole and (lines[:, [1, 3]] > 0).all() and _fields(path) == 5:
             return lines
     except UnicodeDecodeError as refused:
         raise InputError(f"{path}: cannot be read ({why(refused)}); must be {ABAQUS}") from None
-    except (OSError, ValueError):
+    except (OSError, ValueError, UserWarning):
         pass
     _refuse_bad_line(path)
 

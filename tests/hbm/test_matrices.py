@@ -76,6 +76,7 @@ def test_what_may_have_no_end_is_not_waited_for(tmp_path: Path) -> None:
     ("line", "said"),
     [
         ("1,1, 1,1, 1e400", "has 1 entries that are nan or infinite; must be finite"),
+        ("", "has no line of numbers"),
         ("1,1, 1,1, nan", "has 1 entries that are nan or infinite; must be finite"),
         ("99999999999999999999,1, 1,1, 1.0", 'line 1: "99999999999999999999,1, 1,1, 1.0"; must be lines of row node'),
     ],
