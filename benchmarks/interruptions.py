@@ -171,6 +171,7 @@ def main() -> int:
     parser.add_argument("--number", type=int, default=15, help="for each command")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has it ignored behind &, until a command listens
     with tempfile.TemporaryDirectory() as inputs:
         write_inputs(Path(inputs))
         draw = random.Random(given.seed)

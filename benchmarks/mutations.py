@@ -26,6 +26,7 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -90,22 +91,31 @@ def _dissipates(point: Any) -> bool:
 
 
 def of_spectra(path: Path, rig: Path) -> dict[str, Any]:
-    """What spectra give: the contact of their first two records."""
-    from hbm import load_rig, load_spectra, reconstruct
+    """What spectra give: the contact of their first two records; and a mode, of which nothing is compared."""
+    from hbm import InputError, load_rig, load_spectra, reconstruct
+    from hbm.identification.modes import fit_modes, frequency_responses
 
     loaded = load_rig(rig)
     measured = load_spectra(path, loaded)
     repr(measured)
+    with suppress(InputError):  # no force, or too few frequencies
+        fit_modes(frequency_responses(measured, "force", {"a1": "acceleration"}), 1)
     found = reconstruct(loaded, measured.select(records=measured.records[:2].tolist()))
     return {name: found[name].samples for name in ("friction", "slip")}
 
 
 def of_history(path: Path) -> dict[str, Any]:
     """What a history gives: its channels, and their harmonics."""
-    from hbm import harmonic_spectra, load_history
+    from hbm import InputError, harmonic_spectra, load_history
+    from hbm.measurement.decay import free_decay
+    from hbm.measurement.sweep import sweep_spectra, swept
 
     recorded = load_history(path)
     estimate = harmonic_spectra(recorded, HZ, 5)
+    with suppress(InputError):  # it is neither a sweep nor a decay
+        sweep_spectra([swept(recorded, "force", 1)], "force")
+    with suppress(InputError):
+        free_decay(recorded, "a1", (0.5 * HZ, 1.5 * HZ))
     return {
         **{f"samples of {name}": values for name, values in recorded.channels.items()},
         **{name: estimate.amplitude(name) for name in estimate.channels},

@@ -136,10 +136,12 @@ def refuse_endless(path: StrPath, where: str) -> None:
     ------
     InputError
     """
-    with suppress(OSError, ValueError):  # what cannot be read says so where it is read
+    try:
         kind = os.stat(path).st_mode
-        if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-            raise InputError(f"{where}: is a pipe or a device; must be a file")
+    except (OSError, ValueError):
+        return  # what cannot be read says so where it is read
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+        raise InputError(f"{where}: is a pipe or a device; must be a file")
 
 
 def why(refused: Exception) -> str:

@@ -30,8 +30,7 @@ MOST_MODES = 30
 GRID, RATIOS = 400, (5e-4, 2e-3, 8e-3, 0.03)
 """Frequencies and damping ratios at which a further mode is looked for."""
 
-POSITIVE = (1e-300, 1e300)
-"""Numbers with a logarithm."""
+POSITIVE = (1e-300, 1e300)  # numbers with a logarithm
 REST = 3
 """Residual terms of a channel."""
 
@@ -301,8 +300,9 @@ class _Problem:
         if not len(start):
             return x
         residual = self._residual(len(start))
-        found = least_squares(lambda x: residual(x)[0], x, jac=lambda x: residual(x)[1], x_scale="jac", max_nfev=200)
-        return np.asarray(found.x)
+        with np.errstate(all="ignore"):  # in SciPy's own step, where a pole has run off
+            fit = least_squares(lambda x: residual(x)[0], x, jac=lambda x: residual(x)[1], x_scale="jac", max_nfev=200)
+        return np.asarray(fit.x)
 
     def _residual(self, modes: int) -> Callable[[Array], tuple[Array, Array]]:
         """Weighted real and imaginary parts, of each frequency in turn, and their derivatives to x."""

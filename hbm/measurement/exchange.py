@@ -19,6 +19,7 @@ from hbm.errors import InputError
 from hbm.extras import extra
 from hbm.fourier import Array
 from hbm.labelled import Variables, dataset
+from hbm.measurement.matfile import load_mat
 from hbm.measurement.recording import Recording
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.textfiles import StrPath, damage, write_together
@@ -118,10 +119,8 @@ def _quiet_end() -> Iterator[None]:
 
 def mat_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     """Rows of a MAT file as a CSV file would have them, and where they stand."""
-    from scipy.io import loadmat
-
     try:
-        variables = loadmat(path, simplify_cells=False, spmatrix=False)
+        variables = load_mat(path)
     except Exception as refused:  # SciPy lets through whatever a damaged file makes it do
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v5)") from None
     yield from _rows(str(path), variables)

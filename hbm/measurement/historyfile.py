@@ -30,6 +30,7 @@ from hbm.errors import InputError
 from hbm.extras import extra
 from hbm.fourier import Array
 from hbm.measurement.csvhistory import read_csv
+from hbm.measurement.matfile import refuse_broken
 from hbm.measurement.recording import KIND, TIMES, Found, Recording, recording, renamed
 from hbm.textfiles import StrPath, damage
 
@@ -107,6 +108,7 @@ def _read(path: Path) -> Found:
 def _mat(path: Path) -> Found:
     reader = extra("pymatreader", str(path))
     try:
+        refuse_broken(path)
         content = reader.read_mat(path)
     except Exception as refused:  # pymatreader lets through whatever SciPy and h5py raise
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v5 or v7.3)") from None

@@ -1,6 +1,7 @@
 """Matrices of finite-element models: SciPy, Matrix Market and MAT files, and the text that Abaqus writes."""
 
 import re
+import warnings
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -9,6 +10,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from hbm.errors import InputError
+from hbm.measurement.matfile import load_mat
 from hbm.textfiles import StrPath, damage, refuse_endless, why
 
 Matrix = Any  # of scipy.sparse, which has no types
@@ -97,14 +99,16 @@ def read_abaqus(path: StrPath, names: tuple[str, ...] | None = None) -> tuple[Ma
 def _abaqus_lines(path: StrPath) -> npt.NDArray[np.float64]:
     """Numbers (lines, 5)."""
     try:
-        lines = np.loadtxt(path, delimiter=",", comments=["*"], ndmin=2, encoding="utf-8-sig", usecols=range(5))
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # of a file without a line
+            lines = np.loadtxt(path, delimiter=",", comments=["*"], ndmin=2, encoding="utf-8-sig", usecols=range(5))
         ends = lines[:, :4]
         whole = lines.size > 0 and np.array_equal(ends, np.rint(ends)) and np.abs(ends).max() < LARGEST_LABEL
         if whole and (lines[:, [1, 3]] > 0).all() and _fields(path) == 5:
             return lines
     except UnicodeDecodeError as refused:
         raise InputError(f"{path}: cannot be read ({why(refused)}); must be {ABAQUS}") from None
-    except (OSError, ValueError):
+    except (OSError, ValueError, UserWarning):
         pass
     _refuse_bad_line(path)
 
@@ -175,6 +179,8 @@ def _matrix_market(path: StrPath) -> Any:
     from scipy.io import mmread
 
     try:
+        if b"\0" in Path(path).read_bytes():
+            raise ValueError  # at which SciPy's reader ends the process
         return mmread(path, spmatrix=False)
     except Exception as refused:  # SciPy lets through whatever its reader raises
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be Matrix Market") from None
@@ -197,10 +203,8 @@ def _npz(path: StrPath, key: str | None) -> Matrix:
 
 
 def _mat(path: StrPath, key: str | None) -> Matrix:
-    from scipy.io import loadmat
-
     try:
-        variables = loadmat(path, spmatrix=False)
+        variables = load_mat(path)
     except NotImplementedError:  # HDF5
         raise InputError(f"{path}: is a MAT file v7.3; must be v5 to v7, save it with -v7") from None
     except Exception as refused:  # SciPy lets through whatever a damaged file makes it do

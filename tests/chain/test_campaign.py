@@ -1,5 +1,6 @@
 """From a folder of recordings to spectra: manifests, exports of data loggers, units, warnings that stay."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -246,3 +247,24 @@ def test_a_diagnosis_repeats_what_speaks_against_a_record() -> None:
     noted = replace(spectra, source="s.csv", notes=((3, "a1 is flat-topped: was it clipped?"),))
     found = diagnose(rig, noted, causes=[], held_out=[2])
     assert "Record 3 of s.csv: a1 is flat-topped: was it clipped." in found.json()["evidence"]
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "said"),
+    [
+        ("m.csv", "file,frequency_hz\na\0.csv,50\n", r"a\\x00.csv: no such file"),
+        (
+            "m.csv",
+            "file,frequency_hz\n/dev/zero,50\n",
+            'line 2: file = "/dev/zero": is a pipe or a device; must be a file',
+        ),
+        ("m.csv", f"file,frequency_hz\n{'a' * 5000}.csv,50\n", "file name too long; must be a file that can be used"),
+        ("m.toml", "records = " + "[" * 5000 + "]" * 5000, "is too deep, or a number too long; must be a manifest"),
+    ],
+)
+def test_a_manifest_that_names_no_file_is_refused_in_one_line(file: str, text: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / file).write_text(text)
+    result = run(str(tmp_path / file), "--out", str(tmp_path / "s.csv"))
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert re.search(said, result.stderr), result.stderr
+    assert [p.name for p in tmp_path.iterdir()] == [file]

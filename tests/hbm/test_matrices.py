@@ -1,5 +1,7 @@
 """Files of matrices: each format there and back, and what is none refused."""
 
+import os
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +29,62 @@ def test_every_format_gives_the_same_matrix(tmp_path: Path) -> None:
         read_matrix(tmp_path / "K.txt")
     with pytest.raises(InputError, match="cannot be read"):
         read_matrix(tmp_path / "none.npz")
+
+
+def test_a_matrix_cannot_reach_beyond_its_size(tmp_path: Path) -> None:
+    """Libraries trust the indices of a sparse file, and read memory that is not theirs."""
+    sparse.save_npz(tmp_path / "K.npz", K)
+    with np.load(tmp_path / "K.npz") as file:
+        parts = dict(file)
+    np.savez(tmp_path / "K.npz", **{**parts, "indices": parts["indices"] + 1000})
+    with pytest.raises(InputError, match="has indices beyond its size"):
+        read_matrix(tmp_path / "K.npz")
+    (tmp_path / "K.mtx").write_text("%%MatrixMarket matrix coordinate real general\n999999999 999999999 1\n1 1 1.0\n")
+    with pytest.raises(InputError, match="has 999999999 rows or columns; must have 10000000 at most"):
+        read_matrix(tmp_path / "K.mtx")
+
+
+def test_readers_of_libraries_that_end_the_process_are_not_reached(tmp_path: Path) -> None:
+    """SciPy meets NUL in a Matrix Market file, and sparse parts of a MAT file that are none, with a crash."""
+    mmwrite(tmp_path / "K.mtx", K)
+    text = (tmp_path / "K.mtx").read_bytes()
+    (tmp_path / "K.mtx").write_bytes(text[:80] + bytes(8) + text[88:])
+    with pytest.raises(InputError, match=r"cannot be read \(.*\); must be Matrix Market"):
+        read_matrix(tmp_path / "K.mtx")
+    for packed in (False, True):
+        savemat(tmp_path / "whole.mat", {"K": sparse.csc_array(K), "s": {"a": 1.0, "b": "x"}}, do_compression=packed)
+        assert np.array_equal(read_matrix(tmp_path / "whole.mat", "K").toarray(), K.toarray())
+    savemat(tmp_path / "K.mat", {"K": sparse.csc_array(K)})
+    content = (tmp_path / "K.mat").read_bytes()
+    for at in range(128, len(content) - 8, 8):
+        (tmp_path / "K.mat").write_bytes(content[:at] + bytes(200) + content[at + 200 :])
+        with suppress(InputError):
+            read_matrix(tmp_path / "K.mat")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_what_may_have_no_end_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "K.npz")
+    for path in (tmp_path / "K.npz", Path("/dev/zero")):
+        with pytest.raises(InputError, match=f"{path}: is a pipe or a device; must be a file"):
+            read_abaqus(path)
+    with pytest.raises(InputError, match="is a pipe or a device"):
+        read_matrix(tmp_path / "K.npz")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("1,1, 1,1, 1e400", "has 1 entries that are nan or infinite; must be finite"),
+        ("", "has no line of numbers"),
+        ("1,1, 1,1, nan", "has 1 entries that are nan or infinite; must be finite"),
+        ("99999999999999999999,1, 1,1, 1.0", 'line 1: "99999999999999999999,1, 1,1, 1.0"; must be lines of row node'),
+    ],
+)
+def test_numbers_that_are_none_are_refused_in_the_text_of_abaqus(line: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "K.mtx").write_text(line + "\n")
+    with pytest.raises(InputError, match=said):
+        read_abaqus(tmp_path / "K.mtx")
 
 
 @pytest.mark.parametrize("half", ["upper", "lower", "whole"])

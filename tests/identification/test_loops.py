@@ -100,6 +100,7 @@ def test_what_is_no_loops_file_is_refused(tmp_path: Path) -> None:
         (f"{head}a,0,1\n", " line 2: 3 entries; must have 4"),
         (f"{head}a,0,x,1\n", " line 2: 0, x, 1; must be numbers, time_s, displacement_m, force_n"),
         (f"{head}" + "a,0,0,1\na,1,0,1\na,2,0,1\n", ": loop a: 3 samples over 0 m; must be 32 or more, and move"),
+        (head + "".join(f"a,{i},{i % 8},7\n" for i in range(40)), ": loop a: force_n is 7 throughout; must change"),
     ):
         file.write_text(text)
         with pytest.raises(InputError) as refused:

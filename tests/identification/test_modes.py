@@ -142,3 +142,24 @@ def test_bad_input_is_one_line(tmp_path: Path) -> None:
         assert result.exit_code == 2
         assert result.stderr.startswith(line)
         assert not Path(out).exists()
+
+
+def test_what_does_not_move_or_is_not_enough_has_no_modes() -> None:
+    at = np.linspace(10.0, 20.0, 40)
+    names = {"a": "acceleration"}
+    still = FrequencyResponses(at, names, np.zeros((40, 1), dtype=complex), np.full((40, 1), 1e-3))
+    for responses, modes, said in (
+        (still, None, "no channel moves"),
+        (still.between(0.0, 1.0), None, "0 frequencies at which the force excites; must be at least 8"),
+        (still, 26, "modes = 26; must be <= 25 with 40 frequencies of 1 channels"),
+    ):
+        with pytest.raises(InputError, match=said):
+            fit_modes(responses, modes)
+
+
+def test_a_step_is_no_reason_to_fail() -> None:
+    """Poles beside it run off to where they have no logarithm."""
+    at = np.linspace(15.0, 25.0, 40)
+    step = (at > 20.0) + 0.01j
+    found = fit_modes(FrequencyResponses(at, {"a": "acceleration"}, step[:, None], np.full((40, 1), 1e-4)), 5)
+    assert np.isfinite(found.hz).all()

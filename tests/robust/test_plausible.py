@@ -5,14 +5,18 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from hbm.cli import app
 from hbm.errors import InputError
+from hbm.measurement.recording import recording
 from hbm.measurement.spectrafile import load_spectra
 from hbm.rigfiles.load import load_rig
 from models import Jenkins
+from models.bodies.matrix import MatrixBody
+from models.parts import Damping
 from models.plausible import RANGES, PlausibilityWarning, doubt, impossible
 from models.published import paper_rig
 
@@ -93,6 +97,31 @@ def test_rigs_made_in_python_are_held_against_the_same_table(monkeypatch: pytest
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         replace(places, name="said once")
+
+
+@pytest.mark.parametrize(
+    ("mass", "stiffness", "said"),
+    [
+        (1.0, 1e300, r"the largest entry of stiffness = 1e\+300; must be of magnitude <= 1e\+30 SI"),
+        (1e-300, 1.0, "the largest entry of mass = 1e-300; must be between 1e-50"),
+        (1.0, 1e-100, "a natural frequency = .*; must be between 1e-09 and"),
+    ],
+)
+def test_matrices_of_no_structure_are_refused(mass: float, stiffness: float, said: str) -> None:
+    with pytest.raises(ValueError, match=said):
+        MatrixBody(np.array([[mass]]), np.array([[stiffness]]), ("1",), modes=1).ported(["1"], Damping())
+
+
+@pytest.mark.parametrize(
+    ("step", "reading", "said"),
+    [
+        (1e-3, 1e-300, "h: the largest of a is 1e-300; must be between 1e-30 and"),
+        (1e-300, 1.0, "h: the mean step of time is 1e-300; must be between 1e-18"),
+    ],
+)
+def test_histories_that_no_one_measured_are_refused(step: float, reading: float, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        recording("h", step * np.arange(9), {"a": reading * np.ones(9)})
 
 
 def test_the_examples_are_usual() -> None:

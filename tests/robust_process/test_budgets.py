@@ -131,6 +131,7 @@ def test_what_a_curve_s_budget_leaves_is_kept_and_marked(arguments: tuple[str, .
         ("1", ("identify", *MEASURED, "--out", "a")),
         ("3", ("diagnose", *DIAGNOSED, "--out", "a")),
         ("0.01", ("inverse", *MEASURED, "--out", "a")),
+        ("0.01", ("modal", MEASURED[1], "--out", "a.toml")),
     ],
     ids=lambda a: a[0] if isinstance(a, tuple) else "",
 )

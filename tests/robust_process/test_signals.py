@@ -91,6 +91,15 @@ def test_a_command_started_deaf_to_interrupts_still_ends(tmp_path: Path) -> None
     assert run.returncode == 130
 
 
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("where", ["exec('import os, signal; os.kill(os.getpid(), {0})')", "os.kill(os.getpid(), {0})"])
+def test_the_status_is_that_of_the_signal_wherever_it_meets_the_command(number: signal.Signals, where: str) -> None:
+    """CPython remembers an interrupt within ``exec``, of which dataclasses are made, and ends by SIGINT for any."""
+    code = f"import os, hbm.cli; hbm.cli.app = lambda **_: {where.format(int(number))}; hbm.cli.main()"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (128 + number, "hbm: interrupted, nothing half written\n")
+
+
 @pytest.mark.skipif(shutil.which("timeout") is None, reason="coreutils")
 def test_timeout_ends_a_command(tmp_path: Path) -> None:
     command = ("simulate", str(EXAMPLES / "paper_beam.toml"), "--frequency", "50", "--duration", "60")
