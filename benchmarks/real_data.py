@@ -1,8 +1,8 @@
 """What the project finds in measurements: sets of ../shared/data, a table, a figure and a conclusion each.
 
-Circuit, aircraft, bolted beam, beam in vacuum; docs/validation/measurements.md has what commands do alone. Time histories go through the estimator of
-`hbm spectra`, forces come from `reconstruct` where the set allows. Nothing is copied into the repository; without the
-data the benchmark says so and ends.
+Circuit, aircraft, bolted beam, beam in vacuum; docs/validation/measurements.md has what commands do alone. Time
+histories go through the estimator of `hbm spectra`, forces come from `reconstruct` where the set allows. Nothing is
+copied into the repository; without the data the benchmark says so and ends.
 
 Run: python benchmarks/real_data.py [--out FOLDER] [--set NAME ...]
 """

@@ -31,7 +31,7 @@ CLOSED = 1e-9
 ITERATIONS, SHORTEST = 40, 1.0 / 64.0
 """Newton steps, and the shortest that is tried of one."""
 
-FIRST, LONGER, SHORTEST_RAISE = 0.1, 1.5, 1e-3
+FIRST, LONGER, SHORTEST_RAISE = 0.1, 1.5, 0.01
 """Share of the excitation from which it is raised, growth of the steps that succeed, and the shortest that is tried."""
 
 STATISTICAL = 4
@@ -90,15 +90,17 @@ class LineBalance(JointEquations):
         return LinesHere(self, state, signals, np.hstack([np.zeros((self.basis.size, 0)), *answers]))
 
     def solved(self, f: Array | None = None) -> "LinesHere":
-        """Steady state, from forces (2H+1, m) or from nothing; where that fails with the excitation raised in steps.
+        """Steady state, from forces (2H+1, m) or from nothing: if need be with the excitation raised in steps.
 
         Raises
         ------
         ConvergenceError
             If it is not found.
         """
+        if f is not None:
+            return self._newton(self.law(f))
         try:
-            return self._newton(self._linearized(1.0) if f is None else self.law(f))
+            return self._newton(self._linearized(1.0))
         except ConvergenceError:
             return self._raised()
 

@@ -16,8 +16,9 @@ from hbm.fourier import MANY, Array
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import AnyRig
 
-SAME = 1e-4
-"""Records of one level are of one frequency which differ in it by less than this share."""
+SAME = 1e-5
+"""Records of one level are of one frequency which differ in it by less than this share, as clocks do: in vacuum a
+resonance is stepped through in steps of less than 1e-4."""
 
 LEAST = 1e-9
 """Least standard deviation that a share makes, of the largest amplitude of its channel."""

@@ -12,7 +12,6 @@ from typing import Self
 
 import numpy as np
 
-from continuation import ConvergenceError
 from hbm.balance.equations import State
 from hbm.balance.lines import LineBalance, LinesHere
 from hbm.balance.solution import PeriodicSolution, describe_joints
@@ -133,7 +132,7 @@ def _linear(rig: JointedRig, channels: Sequence[str], i_omega: Complex) -> Compl
 
 
 def line_state(rig: JointedRig, basis: FourierBasis, record: Record, force: Array, last: State | None) -> LinesHere:
-    """Steady state of a record, from the last one or from nothing.
+    """Steady state of a record, from the last one or, where that has other joints, from nothing.
 
     Raises
     ------
@@ -144,12 +143,8 @@ def line_state(rig: JointedRig, basis: FourierBasis, record: Record, force: Arra
     H = len(force) // 2
     own[: H + 1], own[basis.H + 1 : basis.H + H + 1] = force[: H + 1], force[H + 1 :]
     balance = LineBalance(rig, basis, record.hz, own)
-    if last is not None and last.T.shape == (basis.size, len(balance.own)):
-        try:
-            return balance.solved(last.T)
-        except ConvergenceError:
-            pass
-    return balance.solved()
+    same = last is not None and last.T.shape == (basis.size, len(balance.own))
+    return balance.solved(last.T if last is not None and same else None)
 
 
 def _simulated(
