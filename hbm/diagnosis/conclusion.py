@@ -11,7 +11,7 @@ from hbm.diagnosis.calibrate import off
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
 from hbm.diagnosis.decide import ALARM, Decision, inclusion, sidak, tied
-from hbm.diagnosis.estimates import estimates, name_of, off_support, told_of
+from hbm.diagnosis.estimates import estimates, lifted, name_of, told_of
 from hbm.diagnosis.judge import freed, possible_background_of, std_of_records, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
@@ -27,9 +27,6 @@ from hbm.outputerror.fit import Evaluation, evaluate
 
 MOVED = 3
 """So many numbers that calibration moves far are named."""
-
-ONSET = 3.0
-"""Records in which the tip would lift off show that it does where they leave so many times what the others leave."""
 
 MAIN, NOTABLE = 0.5, 0.005
 """Share of the misfit of the rig file, on records held out too, that a main cause explains; and how large that misfit
@@ -182,7 +179,7 @@ class Conclusion:
         if noise and (settled or (least >= MAIN and self._foretells(scored))):
             return "main-cause" if self._varying else "cause-found"
         left = beyond_noise(self._noise(best).white)
-        before = beyond_noise(self.plain[self._extends(best)][0].white)
+        before = beyond_noise(self._before(best).white)
         if least < MAIN or before <= NOTABLE or left > SAYS_NOTHING or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
         if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)) and not self._varying:
@@ -202,6 +199,10 @@ class Conclusion:
         Calibration that leaves noise alone has no misfit: then it is the rig file as it is.
         """
         return "calibrated" if best.model.calibrated and not self._within_too(best) else "nominal"
+
+    def _before(self, best: Evaluation) -> Evaluation:
+        """The model whose misfit a cause explains."""
+        return self.plain[self._extends(best)][0]
 
     def _within_too(self, best: Evaluation) -> bool:
         """Whether numbers within their tolerances leave noise alone without the cause that is found beside them."""
@@ -300,7 +301,7 @@ class Conclusion:
             yield "One level only: damping laws, and friction from its amplitude, cannot be told apart."
         yield from (f"Sensors: {line}." for line in search.sensors)
         yield from self._misfits()
-        yield from self._lifted()
+        yield from lifted(self.decision.best or self.decision.base)
         yield from self._moved()
         yield from self._scores()
         if best is not None:
@@ -335,29 +336,6 @@ class Conclusion:
             )
             if e.missing:
                 yield f"No steady state of the {name} model was found for records {', '.join(map(str, e.missing))}."
-
-    def _lifted(self) -> Iterator[str]:
-        """Where the simulation has left what it can say."""
-        base = self.decision.best or self.decision.base
-        if base.model.rig(base.x).lift_off:
-            yield from off_support(base)
-            return
-        lifted = [number for number, solution in base.solutions.items() if solution.lift_off]
-        own = np.isin(base.white.record, lifted)
-        if not lifted:
-            return
-        yield (
-            f"In the simulation the normal force reaches zero in records {', '.join(map(str, lifted))}: the tip may "
-            "lift off there (contact-loss), which this model does not simulate."
-        )
-        if not own.all():
-            there, elsewhere = (float(np.mean(base.white.residual[part] ** 2)) for part in (own, ~own))
-            told = "nothing more is missing there"
-            if there > ONSET * max(elsewhere, 1.0):
-                told = (
-                    "what is missing sets in where the tip would lift off; leave these records out to judge the others"
-                )
-            yield f"These leave {there:.3g} noise variances, all others {elsewhere:.3g}: {told}."
 
     def _moved(self) -> Iterator[str]:
         far = [f"{key} ({pull:+.1f})" for key, pull in off(self.search.trust, self.search.calibrated).items()]

@@ -3,11 +3,16 @@
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
 
+import numpy as np
+
 from hbm.diagnosis.verdict import Estimate
 from hbm.fourier import Array
 from hbm.outputerror.fit import Evaluation
 from models.causes.addedjoint import AddedJoint
 from models.causes.parameter import WrongParameter
+
+ONSET = 3.0
+"""Records in which the tip would lift off show that it does where they leave so many times what the others leave."""
 
 
 def name_of(e: Evaluation) -> str:
@@ -46,3 +51,24 @@ def off_support(base: Evaluation) -> Iterator[str]:
             f"The tip is off its support in records {', '.join(map(str, lifted))}, for up to "
             f"{max(share.values()):.2g} of the period."
         )
+
+
+def lifted(base: Evaluation) -> Iterator[str]:
+    """Where the simulation has left what it can say."""
+    if base.model.rig(base.x).lift_off:
+        yield from off_support(base)
+        return
+    records = [number for number, solution in base.solutions.items() if solution.lift_off]
+    own = np.isin(base.white.record, records)
+    if not records:
+        return
+    yield (
+        f"In the simulation the normal force reaches zero in records {', '.join(map(str, records))}: the tip may "
+        "lift off there (contact-loss), which this model does not simulate."
+    )
+    if not own.all():
+        there, elsewhere = (float(np.mean(base.white.residual[part] ** 2)) for part in (own, ~own))
+        told = "nothing more is missing there"
+        if there > ONSET * max(elsewhere, 1.0):
+            told = "what is missing sets in where the tip would lift off; leave these records out to judge the others"
+        yield f"These leave {there:.3g} noise variances, all others {elsewhere:.3g}: {told}."

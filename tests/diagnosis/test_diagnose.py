@@ -12,9 +12,9 @@ import pytest
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.calibrate import calibrate, trusted
 from hbm.diagnosis.candidates import followed
-from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.decide import sidak
 from hbm.diagnosis.diagnose import HALF, diagnose
+from hbm.diagnosis.estimates import lifted
 from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.restart import started
@@ -312,7 +312,6 @@ def test_what_records_leave_in_which_the_tip_would_lift_off_is_said(left, says):
     white = SimpleNamespace(record=record, residual=np.where(record == 2, left, 1.0))
     solutions = {n: SimpleNamespace(lift_off=n == 2) for n in (1, 2, 3)}
     kept = SimpleNamespace(rig=lambda x: SimpleNamespace(lift_off=False))
-    decision = SimpleNamespace(best=None, base=SimpleNamespace(white=white, solutions=solutions, model=kept, x=None))
-    first, second = Conclusion._lifted(SimpleNamespace(decision=decision))
+    first, second = lifted(SimpleNamespace(white=white, solutions=solutions, model=kept, x=None))
     assert "reaches zero in records 2: " in first
     assert f"{left**2:.3g} noise variances, all others 1" in second and says in second
