@@ -269,6 +269,7 @@ def run(mutants: Iterable[Mutant], worker: Worker, keep: Path | None) -> tuple[C
             bad.append(f"{end}: {mutant.kind} {number} of {Path(mutant.twin).name}, {mutant.what}: {said!r:.300}")
             print(bad[-1], flush=True)
             if keep is not None:
+                keep.mkdir(parents=True, exist_ok=True)
                 (keep / f"{mutant.kind}{number}{mutant.ending}").write_bytes(mutant.content)
     return counts, bad, longest
 

@@ -1,5 +1,10 @@
 """The error a user can cause."""
 
+import re
+
+LONGEST = re.compile(r"\S{300,}")
+"""A word of a message that nobody reads to its end."""
+
 
 def visible(text: str) -> str:
     r"""Text as one line of characters that are seen: whatever else is in it, by its escape.
@@ -14,15 +19,24 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def readable(text: str) -> str:
+    """Text whose longest words are left out but for their ends.
+
+    >>> readable('no port "' + 1000 * "x" + '"') == 'no port "' + 99 * "x" + "..." + 19 * "x" + '"'
+    True
+    """
+    return LONGEST.sub(lambda word: f"{word[0][:100]}...{word[0][-20:]}", text)
+
+
 class InputError(ValueError):
     """A file, key or option that cannot be accepted; exit status 2.
 
     The message is one line: ``<where>: <what was found>; <what is accepted>[; <what to try>]``. Control characters of
-    names in it are made visible.
+    names in it are made visible, words without end are cut.
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__(visible(message))
+        super().__init__(readable(visible(message)))
 
 
 def expect_rig(rig: object, where: str, *, joints: bool = False) -> None:

@@ -78,7 +78,7 @@ def npz_bytes(where: str, spectra: MeasuredSpectra, units: Mapping[str, str]) ->
 def npz_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     """Rows of a NumPy archive as a CSV file would have them, and where they stand."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
             variables = dict(archive)
     except Exception as refused:  # NumPy lets through whatever a damaged archive makes zipfile do
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a NumPy archive (npz)") from None

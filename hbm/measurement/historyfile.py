@@ -119,7 +119,7 @@ def _mat(path: Path) -> Found:
 
 def _npz(path: Path) -> Found:
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             content = dict(archive)
     except Exception as refused:  # NumPy lets through whatever a damaged archive makes zipfile do
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a NumPy archive (npz)") from None

@@ -189,7 +189,7 @@ def _matrix_market(path: StrPath) -> Any:
 def _npz(path: StrPath, key: str | None) -> Matrix:
     accepted = "must be .npz of scipy.sparse.save_npz, or of named arrays"
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
         if {"format", "shape", "data"} <= set(arrays):
             if key is not None:
