@@ -179,8 +179,11 @@ def _matrix_market(path: StrPath) -> Any:
     from scipy.io import mmread
 
     try:
-        if b"\0" in Path(path).read_bytes():
-            raise ValueError  # at which SciPy's reader ends the process
+        content = Path(path).read_bytes()
+        if b"\0" in content:
+            raise ValueError  # SciPy's reader ends the process at it, and at a number that is cut short at the end
+        for number in content.rstrip().rpartition(b"\n")[2].split():
+            float(number)
         return mmread(path, spmatrix=False)
     except Exception as refused:  # SciPy lets through whatever its reader raises
         raise InputError(f"{path}: cannot be read ({damage(refused)}); must be Matrix Market") from None

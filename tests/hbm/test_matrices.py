@@ -45,12 +45,13 @@ def test_a_matrix_cannot_reach_beyond_its_size(tmp_path: Path) -> None:
 
 
 def test_readers_of_libraries_that_end_the_process_are_not_reached(tmp_path: Path) -> None:
-    """SciPy meets NUL in a Matrix Market file, and sparse parts of a MAT file that are none, with a crash."""
-    mmwrite(tmp_path / "K.mtx", K)
+    """SciPy ends the process at NUL or a cut number in Matrix Market files, and at broken sparse parts of MAT files."""
+    mmwrite(tmp_path / "K.mtx", sparse.coo_array(K))
     text = (tmp_path / "K.mtx").read_bytes()
-    (tmp_path / "K.mtx").write_bytes(text[:80] + bytes(8) + text[88:])
-    with pytest.raises(InputError, match=r"cannot be read \(.*\); must be Matrix Market"):
-        read_matrix(tmp_path / "K.mtx")
+    for damaged in (text[:80] + bytes(8) + text[88:], text.rstrip() + b"e", text.rstrip() + b"e+"):
+        (tmp_path / "K.mtx").write_bytes(damaged)
+        with pytest.raises(InputError, match=r"cannot be read \(.*\); must be Matrix Market"):
+            read_matrix(tmp_path / "K.mtx")
     for packed in (False, True):
         savemat(tmp_path / "whole.mat", {"K": sparse.csc_array(K), "s": {"a": 1.0, "b": "x"}}, do_compression=packed)
         assert np.array_equal(read_matrix(tmp_path / "whole.mat", "K").toarray(), K.toarray())
