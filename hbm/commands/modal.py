@@ -76,7 +76,12 @@ def modal(
     channels = _channels([name for name in measured.channels if name != force], quantity or ())
     responses = frequency_responses(with_floor(measured, channels, floor), force, channels)
     responses = responses.between(*band) if band else responses
-    with within(COMMAND, limit, lambda: f"at {len(responses.hz)} frequencies", "try --from and --to, or fewer --modes"):
+    with within(
+        COMMAND,
+        limit,
+        lambda: f"at {len(responses.hz)} frequencies",
+        "try --from and --to, fewer --modes, or a larger --max-seconds",
+    ):
         found = fit_modes(responses, count, phase=phase)
     text = modal_rig_text(found, spectra.stem, force, float(measured.level.min()), drive)
     write_together({out: text})

@@ -21,7 +21,7 @@ from hbm.diagnosis.search import NEARLY, Search, campaign_of
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Estimate, Ranked, Verdict
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.outputerror.background import LARGEST
+from hbm.outputerror.background import CHANGING, LARGEST
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
 
@@ -118,9 +118,13 @@ class Conclusion:
     @cached_property
     def _widened(self) -> tuple[Evaluation, Evaluation]:
         """The best model beside whatever background there may be; and with all that has a tolerance free within it."""
+        return self._within(self._beside)
+
+    def _within(self, campaign: Campaign) -> tuple[Evaluation, Evaluation]:
+        """The best model beside the background of a campaign; and with all that has a tolerance free within it."""
         assert self.best is not None
-        known = widened(self.best[0], self._beside)
-        return known, known if known.model.calibrated else freed(known, self.search.trust.calibrated, self._beside)
+        known = widened(self.best[0], campaign)
+        return known, known if known.model.calibrated else freed(known, self.search.trust.calibrated, campaign)
 
     @cached_property
     def _beside(self) -> Campaign:
@@ -133,7 +137,7 @@ class Conclusion:
     @cached_property
     def _varying(self) -> Varying | None:
         """How the numbers of the cause change between levels or bands, which those of a look-alike do."""
-        wide = self._widened[1]
+        _, wide = self._within(replace(self._beside, reach=CHANGING))
         return varying(wide, self.campaign) if wide.model.rig(wide.x).excitation.settled else None
 
     def _estimates(self, best: Evaluation) -> dict[str, Estimate]:

@@ -19,9 +19,14 @@ from hbm.measurement.repeatability import typical_size
 from hbm.outputerror.groups import near_each_other
 from hbm.outputerror.records import Record
 
-BY_FREQUENCY, BY_LEVEL = 3.0, 3.0
-"""Over this share of a band of frequencies, and over this change of the logarithm of the level, the correlation falls
-by a factor of e."""
+Reach = tuple[float, float]
+"""Over which share of a band of frequencies, and change of the logarithm of the level, the correlation falls to 1/e."""
+
+ALIKE_OVER: Reach = (3.0, 3.0)
+"""As the backgrounds of structures were likeliest to."""
+
+CHANGING: Reach = (0.1, 1.0)
+"""Of a background that may be another at each level: what numbers must beat that are said to change between levels."""
 
 BAND = 1.5
 """Frequencies belong to one band if none follows by more than this factor."""
@@ -86,7 +91,7 @@ class Basis:
         return float(sum(2.0 * np.log1p(sizes.get(k, 0.0) ** 2 * h.size).sum() for k, h in self.harmonics.items()))
 
 
-def basis_of(records: list[Record], stds: list[Array]) -> Basis:
+def basis_of(records: list[Record], stds: list[Array], reach: Reach = ALIKE_OVER) -> Basis:
     """Combinations of the coefficients listed of records, one record after the other.
 
     Parameters
@@ -94,12 +99,14 @@ def basis_of(records: list[Record], stds: list[Array]) -> Basis:
     records : list of Record
     stds : list of (c, H) array
         Standard deviations of their amplitudes.
+    reach : (float, float)
+        Of the correlation.
     """
     measured = np.stack([r.measured[0] + 1j * r.measured[1] for r in records])  # (r, c, H)
     pair = np.stack([r.listed.all(axis=0) for r in records])
     place = _places(records)
     std = np.stack(stds)
-    correlation = _between(np.array([r.hz for r in records]), np.array([r.force for r in records]))
+    correlation = _between(np.array([r.hz for r in records]), np.array([r.force for r in records]), reach)
     harmonics = {}
     for k in range(pair.shape[2]):
         i, c = np.nonzero(pair[:, :, k])
@@ -125,14 +132,14 @@ def _places(records: list[Record]) -> npt.NDArray[np.int64]:
     return np.stack(out, axis=1)
 
 
-def _between(hz: Array, force: Array) -> Array:
+def _between(hz: Array, force: Array, reach: Reach) -> Array:
     """Correlation between records, (r, r)."""
     log_hz, log_force = np.log(hz), np.log(force)
     band, width = np.empty(len(hz), dtype=int), np.empty(len(hz))
     for b, own in enumerate(near_each_other(range(len(hz)), hz.__getitem__, BAND)):
         band[own], width[own] = b, max(float(np.ptp(log_hz[own])), NARROW)
-    apart = np.abs(log_hz[:, None] - log_hz) / (BY_FREQUENCY * width)
-    levels = np.abs(log_force[:, None] - log_force) / BY_LEVEL
+    apart = np.abs(log_hz[:, None] - log_hz) / (reach[0] * width)
+    levels = np.abs(log_force[:, None] - log_force) / reach[1]
     return np.where(band[:, None] == band, np.exp(-apart - levels), 0.0)
 
 

@@ -17,7 +17,7 @@ from continuation import ConvergenceError
 from hbm.balance.problem import State
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, sampled
-from hbm.outputerror.background import Basis, basis_of
+from hbm.outputerror.background import ALIKE_OVER, Basis, Reach, basis_of
 from hbm.outputerror.numerics import Correction, Grid, Numerics, amplitudes_of, corrections
 from hbm.outputerror.records import Measurement, Record, force_columns
 from hbm.outputerror.simulated import Simulated, Solutions, States, simulated, states, steady
@@ -40,7 +40,8 @@ INEXACT = 0.2
 class Campaign:
     """Measured records, how they are simulated and by whom, and what corrects the simulation of each.
 
-    `background` is the size of what no model describes, by harmonic: see :mod:`hbm.outputerror.background`.
+    `background` is the size of what no model describes, by harmonic, `reach` over what it is alike: see
+    :mod:`hbm.outputerror.background`.
     """
 
     data: Measurement
@@ -48,6 +49,7 @@ class Campaign:
     corrections: Mapping[int, Correction] = field(default_factory=dict)
     executor: Executor | None = None
     background: Mapping[int, float] = field(default_factory=dict)
+    reach: Reach = ALIKE_OVER
 
     def of(self, numbers: Sequence[int]) -> "Campaign":
         """Some of the records."""
@@ -187,7 +189,7 @@ class Campaign:
     def basis(self, numbers: Sequence[int]) -> Basis:
         """Independent combinations of the coefficients of some records."""
         records = [r for r in self.data.records if r.number in set(numbers)]
-        return basis_of(records, [self.std(r) for r in records])
+        return basis_of(records, [self.std(r) for r in records], self.reach)
 
     def _beside_background(
         self, white: Whitened, there: Sequence[Record], found: Mapping[int, Simulated], by_x: Array
