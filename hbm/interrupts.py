@@ -101,6 +101,7 @@ def within(seconds: float, spent: Callable[[], str]) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+        timer.join()  # what was spent just now interrupts here, not what follows
 
 
 @contextmanager
