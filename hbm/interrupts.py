@@ -102,6 +102,8 @@ def within(seconds: float, spent: Callable[[], str]) -> Iterator[None]:
     finally:
         timer.cancel()
         timer.join()  # what was spent just now interrupts here, not what follows
+    if _spent:  # a destructor that was running swallowed the interrupt
+        raise KeyboardInterrupt
 
 
 @contextmanager
