@@ -1,6 +1,6 @@
 """Cases that a judge of perfect models misses, on a structure with a background of imperfections that nobody models.
 
-Made by the simulator that shares no code with the diagnosis (`python -m tests.truth.misses`): damping of each mode,
+Made by the simulator that shares no code with the diagnosis (`python -m benchmarks.misses`): damping of each mode,
 sensors, clamp, support, stinger, thickness and drift are a little off, and the numerics are others. Together that is
 0.4 to 1 % of the response, many times the noise.
 """
@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.misses import FOLDER
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.verdict import NAMED
@@ -20,7 +21,6 @@ from hbm.outputerror.nominal import with_values
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportRotationSpring
-from tests.truth.misses import FOLDER
 
 CAUSES = (AddedMass, AddedSpring, ClampRotation, SupportRotationSpring, WrongParameter)
 CLAMPS = (ClampRotation, ClampFriction)

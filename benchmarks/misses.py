@@ -1,4 +1,4 @@
-"""Makes the cases of `tests/diagnosis/test_misses.py`: python -m tests.truth.misses (two minutes).
+"""Makes the cases of `tests/diagnosis/test_misses.py`: python -m benchmarks.misses (two minutes).
 
 FOLDER/NNNN/{rig.toml, spectra.npz} are what the diagnosis gets, FOLDER/answers.json what is hidden in them. They are
 kept, for the simulator takes longer than the diagnosis.
@@ -12,7 +12,7 @@ from hbm import load_rig, load_spectra
 from hbm.measurement.spectrafile import write_spectra
 from tests.truth.blind import draw, write_case
 
-FOLDER = Path(__file__).parents[1] / "diagnosis" / "misses"
+FOLDER = Path(__file__).parents[1] / "tests" / "diagnosis" / "misses"
 RIG, SIZES = 9000, (0.004, 0.01)
 STRONG, WEAK = (300.0, 1500.0), (30.0, 60.0)
 CASES = {
