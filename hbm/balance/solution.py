@@ -52,13 +52,15 @@ class Signal:
 class Series(Signal):
     """A signal that its coefficients tell whole; samples and peak are worked out when they are asked for."""
 
+    _basis: FourierBasis
+
     def __init__(self, unit: str, coefficients: Array, basis: FourierBasis) -> None:
         self.__dict__.update(unit=unit, coefficients=coefficients, _basis=basis)
 
     @cached_property
     def samples(self) -> Array:
         """Values at the phases of the basis, (N_t,)."""
-        return np.asarray(self.__dict__["_basis"].samples(self.coefficients))
+        return np.asarray(self._basis.samples(self.coefficients))
 
     @cached_property
     def peak(self) -> float:

@@ -225,7 +225,7 @@ class LineSearch:
         if named is None:
             return RELIABLE[verdict]
         foretold = verdict == "cause-found" and self.noise_alone(named) and shares.get("held_out", 0.0) >= FORETOLD
-        same = [e for e in (self.beside(self.calibrated, self.campaign.floor), *self.fits)]
+        same = [self.beside(self.calibrated, self.campaign.floor), *self.fits]
         return RELIABLE["foretold" if foretold else verdict] * inclusion(same, named)
 
     def _remainder(self, e: Evaluation, shares: Mapping[str, float]) -> Remainder:

@@ -20,6 +20,7 @@ from hbm.extras import extra
 from hbm.fourier import Array
 from hbm.labelled import Variables, dataset
 from hbm.measurement.matfile import load_mat
+from hbm.measurement.npzfile import load_npz
 from hbm.measurement.recording import Recording
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.textfiles import StrPath, damage, write_together
@@ -77,12 +78,7 @@ def npz_bytes(where: str, spectra: MeasuredSpectra, units: Mapping[str, str]) ->
 
 def npz_rows(path: StrPath) -> Iterator[tuple[str, list[str]]]:
     """Rows of a NumPy archive as a CSV file would have them, and where they stand."""
-    try:
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            variables = dict(archive)
-    except Exception as refused:  # NumPy lets through whatever a damaged archive makes zipfile do
-        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a NumPy archive (npz)") from None
-    yield from _rows(str(path), variables)
+    yield from _rows(str(path), load_npz(path))
 
 
 def mat_bytes(where: str, spectra: MeasuredSpectra, units: Mapping[str, str]) -> bytes:

@@ -31,6 +31,7 @@ from hbm.extras import extra
 from hbm.fourier import Array
 from hbm.measurement.csvhistory import read_csv
 from hbm.measurement.matfile import refuse_broken
+from hbm.measurement.npzfile import load_npz
 from hbm.measurement.recording import KIND, TIMES, Found, Recording, recording, renamed
 from hbm.textfiles import StrPath, damage
 
@@ -118,12 +119,7 @@ def _mat(path: Path) -> Found:
 
 
 def _npz(path: Path) -> Found:
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            content = dict(archive)
-    except Exception as refused:  # NumPy lets through whatever a damaged archive makes zipfile do
-        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a NumPy archive (npz)") from None
-    return _of_variables(path, content, {})
+    return _of_variables(path, load_npz(path), {})
 
 
 def _of_variables(path: Path, content: Mapping[str, Any], units: Mapping[str, str]) -> Found:

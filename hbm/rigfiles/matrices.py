@@ -11,6 +11,7 @@ from scipy import sparse
 
 from hbm.errors import InputError
 from hbm.measurement.matfile import load_mat
+from hbm.measurement.npzfile import load_npz
 from hbm.textfiles import StrPath, damage, refuse_endless, why
 
 Matrix = Any  # of scipy.sparse, which has no types
@@ -191,18 +192,17 @@ def _matrix_market(path: StrPath) -> Any:
 
 def _npz(path: StrPath, key: str | None) -> Matrix:
     accepted = "must be .npz of scipy.sparse.save_npz, or of named arrays"
+    arrays = load_npz(path, accepted)
+    if not {"format", "shape", "data"} <= set(arrays):
+        return _named(path, arrays, key)
+    if key is not None:
+        raise InputError(f'{path}: key = "{key}"; must be absent, the file is one sparse matrix')
     try:
-        with Path(path).open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        if {"format", "shape", "data"} <= set(arrays):
-            if key is not None:
-                raise InputError(f'{path}: key = "{key}"; must be absent, the file is one sparse matrix')
-            return _of(path, sparse.load_npz(path))
+        return _of(path, sparse.load_npz(path))
     except InputError:
         raise
-    except Exception as refused:  # NumPy lets through whatever zip, pickle and its own headers raise
+    except Exception as refused:  # SciPy lets through whatever damaged arrays make it do
         raise InputError(f"{path}: cannot be read ({damage(refused)}); {accepted}") from None
-    return _named(path, arrays, key)
 
 
 def _mat(path: StrPath, key: str | None) -> Matrix:
