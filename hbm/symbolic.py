@@ -7,8 +7,8 @@ one is what CasADi can differentiate, map over threads and generate.
 import casadi as ca
 import numpy as np
 
-from hbm.aft.force import NEWTON
-from hbm.aft.joint import ITERATIONS
+from hbm.aft.force import LawOverPeriod
+from hbm.aft.joint import JointOverPeriod
 from hbm.aft.jointstep import joint_functions
 from hbm.aft.period import law_functions
 from hbm.balance.jointed import JointBalance
@@ -93,7 +93,7 @@ def _contact_signals(problem: HarmonicBalance, Q: ca.MX, T: ca.MX, Omega: ca.MX,
 def _force_over_period(problem: HarmonicBalance, signals: ca.MX, Omega: ca.MX, p: ca.MX) -> ca.MX:
     """Friction force at the samples of the second period from the virgin state, (N_t,)."""
     basis, environment = problem.basis, problem.environment
-    functions = law_functions(problem.rig.contact.law, basis.N_t, NEWTON[-1])
+    functions = law_functions(problem.rig.contact.law, basis.N_t, LawOverPeriod.choices[-1])
     samples = ca.mtimes(basis.synthesis, signals).T
     inputs = ca.vertcat(environment.compliance, environment.load, 2 * np.pi / (Omega * basis.N_t))
     period = functions.sample.mapaccum("period", basis.N_t)
@@ -136,7 +136,7 @@ def _of_joints(problem: JointBalance) -> ca.Function:
     )
     laws = []
     for j, (at, own) in enumerate(zip(problem.slices, ca.vertsplit(p, np.cumsum([0, *counts]).tolist()), strict=True)):
-        functions = joint_functions(rig.joints[j].law, basis.N_t, ITERATIONS[-1])
+        functions = joint_functions(rig.joints[j].law, basis.N_t, JointOverPeriod.choices[-1])
         signals = ca.mtimes(basis.synthesis, ca.horzcat(u[:, at], v[:, at], load[:, j])).T
         environment = ca.vertcat(2 * np.pi / (Omega * basis.N_t), problem.joints[j].compliance)
         carried = functions.march(ca.DM.zeros(functions.march.size1_in(0), 1), signals, environment, own)

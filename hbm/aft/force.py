@@ -8,20 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.aft.period import DT, SlopesWhenAsked, buffered, law_functions
+from hbm.aft.period import DT, law_functions
 from hbm.aft.recurrence import NEUTRAL, forwards, gradients, monodromy, radius
+from hbm.aft.steady import SteadyPeriod, buffered
 from hbm.aft.step import ENVIRONMENT, SIGNALS, law_step
 from hbm.fourier import Array, FourierBasis
 from models.friction import FrictionLaw
-
-NEWTON = (2, 3, 9)
-"""Iterations on T = law(T) at each sample, enough for most; more where those left more than CLOSURE."""
-
-MOST_PERIODS = 8
-"""Newton iterations on the state that a period maps on itself."""
-
-CLOSURE = 1e-12
-"""A loop counts as closed when the state after a period repeats to this fraction of its range."""
 
 
 @dataclass(frozen=True)
@@ -123,11 +115,13 @@ class LawSteps:
         return int(np.count_nonzero(np.abs(np.linalg.eigvals(monodromy(transitions))) >= 1.0 - NEUTRAL))
 
 
-class LawOverPeriod(SlopesWhenAsked):
+class LawOverPeriod(SteadyPeriod):
     """A friction law on a Fourier basis: coefficients of the contact signals in, of the force out.
 
     One object serves one thread: it owns the buffers that CasADi reads and fills.
     """
+
+    choices = (2, 3, 9)
 
     def __init__(self, law: FrictionLaw, basis: FourierBasis) -> None:
         self.basis = basis
@@ -135,21 +129,14 @@ class LawOverPeriod(SlopesWhenAsked):
         self._shown: tuple[Array | None, float] = (None, 0.0)
         self._signals, self._environment = np.zeros((basis.N_t, len(SIGNALS))), np.zeros(len(ENVIRONMENT))
         self._fades = False  # whether the state before the period fades without ever being forgotten
-        self._bind(NEWTON[0])
+        self._parameters = np.zeros(self._step.function.size1_in(6))
+        self._bind(self.choices[0])
 
     def _bind(self, iterations: int) -> None:
         """Functions that solve T = law(T) with so many iterations, and the buffers they read and fill."""
         self.functions, self._iterations = law_functions(self._law, self.basis.N_t, iterations), iterations
-        self._carried = np.zeros(self.functions.period.size1_in(0))
-        self._z = self._carried[: self.functions.states]
-        self._parameters = np.zeros(self.functions.period.size1_in(3))
-        self._inputs = [self._carried, self._signals, self._environment, self._parameters]
-        self._march, (self._marched,) = buffered(self.functions.march, self._inputs)
-        self._with_slopes, (self._T, self._unsolved, slopes, self._end) = buffered(self.functions.period, self._inputs)
-        self._without_slopes, _ = buffered(self.functions.force, self._inputs, [self._T, self._unsolved, self._end])
-        # rows: T, states; columns: states before, active inputs
-        self._slopes = slopes.reshape(self.basis.N_t, 1 + self.functions.states, -1)
-        self._sloped = False
+        self._memory, self._outputs = self.functions.states, 1
+        self._allocate(self.functions, self._signals, self._environment, self._parameters)
 
     def force(self, signals: Array, Omega: float, environment: Environment) -> tuple[Array, float]:
         """Steady friction force at the samples.
@@ -174,83 +161,20 @@ class LawOverPeriod(SlopesWhenAsked):
         np.matmul(self.basis.synthesis, signals, out=self._signals)
         self._environment[:] = environment.compliance, environment.load, 2 * np.pi / (Omega * self.basis.N_t)
         self._parameters[:] = environment.parameters
-        closure = self._close()
-        while not self._solved and self._iterations < NEWTON[-1]:
-            self._bind(next(n for n in NEWTON if n > self._iterations))
-            self._parameters[:] = environment.parameters
-            closure = self._close()
-        return self._T, closure
-
-    @property
-    def _solved(self) -> bool:
-        """Whether T = law(T) holds at every sample of the last period."""
-        return bool(np.abs(self._unsolved).max() <= CLOSURE * np.abs(self._T).max())
+        closure = self._steady()
+        return self._forces, closure
 
     @property
     def memory(self) -> Array:
         """State of the law before the first sample of the last period computed, as a time integration keeps it."""
         z = self._carried[: self._step.states]
-        memory = self._step.memory(z, self._signals[-1], float(self._T[-1]), float(self._environment[1]))
+        memory = self._step.memory(z, self._signals[-1], float(self._forces[-1]), float(self._environment[1]))
         return np.asarray(memory)
-
-    def _close(self) -> float:
-        """March until the loop is measured closed.
-
-        From the virgin state, for a contact that never slips keeps what its history left. A state that fades,
-        like a bristle's, has one orbit only, and the last one found is a better start.
-        """
-        if self._fades:
-            closure = self._close_from_here()
-            if closure <= CLOSURE and radius(self._transitions) < 1.0 - NEUTRAL:
-                return closure
-        self._carried[:] = 0.0
-        return self._close_from_here()
-
-    def _close_from_here(self) -> float:
-        if len(self._carried) == 0:
-            self._period()
-            return 0.0
-        self._march()
-        self._carried[:] = self._marched
-        n, closure = self.functions.states, np.inf
-        for _ in range(MOST_PERIODS):
-            self._period()
-            if not self._solved and self._iterations < NEWTON[-1]:
-                return closure
-            gap = self._end[:n] - self._z
-            if not gap.any() and not self._unsolved.any():  # friction that slips forgets where it came from
-                return 0.0
-            pull = self._pull
-            closure = self._open_force(pull * gap)
-            if not closure > CLOSURE:
-                break
-            self._fades = True
-            # states have units of their own: measured by the force each of them makes
-            slope = np.eye(n) - monodromy(self._transitions) * pull[:, None] / pull
-            self._z += np.linalg.lstsq(slope, pull * gap, rcond=1e-9)[0] / pull
-        return closure
-
-    @property
-    def _transitions(self) -> Array:
-        """Derivative of the state after each sample to that before, (N_t, states, states)."""
-        return self._local[:, 1:, : self.functions.states]
-
-    @property
-    def _pull(self) -> Array:
-        """Largest change of the force over the period per unit of each state, (states,)."""
-        pull = np.abs(self._local[:, 0, : self.functions.states]).max(axis=0)
-        return np.where(pull > 0.0, pull, 1.0)
-
-    def _open_force(self, by_state: Array) -> float:
-        """Largest force that stands between two periods or is short of T = law(T), over the largest force."""
-        missing = max(float(np.abs(by_state).max(initial=0.0)), float(np.abs(self._unsolved).max()))
-        largest = float(np.abs(self._T).max())
-        return missing / largest if largest > 0.0 else 0.0
 
     def linearize(self, signals: Array, Omega: float, environment: Environment) -> ContactForce:
         """Friction force with the derivatives of its coefficients; arguments as :meth:`force`."""
         self._show(signals, Omega, environment)
-        T, basis = self._T.copy(), self.basis
+        T, basis = self._forces.copy(), self.basis
         by_samples = dict(zip(self.functions.active, self._gradients(), strict=True))
         for i in range(DT):
             if (earlier := by_samples.get(DT + 1 + i)) is not None:  # the sample before the first is the last
@@ -282,7 +206,7 @@ class LawOverPeriod(SlopesWhenAsked):
             if i != DT:  # a perturbation does not change the time between samples
                 inputs, column = (now, i) if i < DT else (before, i - DT - 1)
                 inputs[:, :, column] = local[:, :, at]
-        return LawSteps(self._T.copy(), local[:, :, :n_z], now, before)
+        return LawSteps(self._forces.copy(), local[:, :, :n_z], now, before)
 
     def along(self, signals: Array, Omega: float, environment: Environment, change: InputChange) -> Array:
         """Change of the force at the samples with everything that it depends on, (N_t, p).

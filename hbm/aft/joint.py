@@ -10,20 +10,11 @@ from functools import cached_property
 
 import numpy as np
 
-from hbm.aft.jointstep import JointFunctions, joint_functions, signals_of, values
-from hbm.aft.period import SlopesWhenAsked, buffered
+from hbm.aft.jointstep import ENVIRONMENT, JointFunctions, joint_functions, signals_of, values
 from hbm.aft.recurrence import NEUTRAL, forwards, gradients, monodromy, radius
+from hbm.aft.steady import SteadyPeriod, buffered
 from hbm.fourier import Array, FourierBasis
 from models.joints.law import JointLaw
-
-ITERATIONS = (3, 9)
-"""On f = law(f) at each sample, enough for most; more where those left more than CLOSURE."""
-
-MOST_PERIODS = 8
-"""Newton iterations on the memory that a period maps on itself."""
-
-CLOSURE = 1e-12
-"""A loop counts as closed when the forces after a period repeat to this fraction of the largest."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +47,7 @@ class JointForces:
         return found
 
 
-class JointOverPeriod(SlopesWhenAsked):
+class JointOverPeriod(SteadyPeriod):
     """A law on a Fourier basis: coefficients of the signals at a joint in, of its forces out.
 
     Signals are the displacements of the ports, the displacements whose rates are the velocities that the law is shown
@@ -65,27 +56,20 @@ class JointOverPeriod(SlopesWhenAsked):
     One object serves one thread: it owns the buffers that CasADi reads and fills.
     """
 
+    choices = (3, 9)
+
     def __init__(self, law: JointLaw, basis: FourierBasis, compliance: float = 0.0, *, loaded: bool = True) -> None:
         self.law, self.basis, self.compliance, self.ports = law, basis, compliance, law.ports
         self._sampled = np.zeros((basis.N_t, signals_of(law.ports)))
         self._shown: tuple[Array | None, float] = (None, 0.0)
         self._fades, self._loaded = False, loaded
-        self._bind(ITERATIONS[0])
+        self._environment = np.zeros(len(ENVIRONMENT))
+        self._bind(self.choices[0])
 
     def _bind(self, iterations: int) -> None:
-        self._iterations = iterations
         self.functions: JointFunctions = joint_functions(self.law, self.basis.N_t, iterations)
-        period = self.functions.period
-        self._carried, self._environment = np.zeros(period.size1_in(0)), np.zeros(period.size1_in(2))
-        self._inputs = [self._carried, self._sampled, self._environment, values(self.law)]
-        self._march, (self._marched,) = buffered(self.functions.march, self._inputs)
-        self._with_slopes, (f, self._gap, slopes, self._end) = buffered(period, self._inputs)
-        self._without_slopes, _ = buffered(self.functions.force, self._inputs, [f, self._gap, self._end])
-        N_t, m, n_z = self.basis.N_t, self.ports, self.functions.memory
-        self._f = f.reshape(N_t, m)
-        # rows: forces, memory; columns: memory before, signals read, dt
-        self._slopes = slopes.reshape(N_t, m + n_z, -1)
-        self._sloped = False
+        self._memory, self._outputs, self._iterations = self.functions.memory, self.ports, iterations
+        self._allocate(self.functions, self._sampled, self._environment, values(self.law))
 
     # ---- the steady forces
 
@@ -104,13 +88,9 @@ class JointOverPeriod(SlopesWhenAsked):
         shown = signals.copy()
         shown[:, m : 2 * m] = Omega * basis.derivative(signals[:, m : 2 * m])
         self._sampled[:] = basis.samples(shown)
-        closure = self._close(Omega)
-        while closure > CLOSURE and np.abs(self._gap).max() > CLOSURE * np.abs(self._f).max():
-            if self._iterations == ITERATIONS[-1]:
-                break
-            self._bind(ITERATIONS[-1])
-            closure = self._close(Omega)
-        return self._f, closure
+        self._environment[:] = 2 * np.pi / (Omega * basis.N_t), self.compliance
+        closure = self._steady()
+        return self._forces.reshape(basis.N_t, m), closure
 
     @property
     def memory(self) -> Array:
@@ -130,49 +110,6 @@ class JointOverPeriod(SlopesWhenAsked):
             return 0
         return int(np.count_nonzero(np.abs(np.linalg.eigvals(monodromy(self._transitions))) >= 1.0 - NEUTRAL))
 
-    def _close(self, Omega: float) -> float:
-        """March until the loop is measured closed, from the virgin state unless its memory fades."""
-        self._environment[:] = 2 * np.pi / (Omega * self.basis.N_t), self.compliance
-        if self._fades:
-            closure = self._close_from_here()
-            if closure <= CLOSURE and radius(self._transitions) < 1.0 - NEUTRAL:
-                return closure
-        self._carried[:] = 0.0
-        return self._close_from_here()
-
-    def _close_from_here(self) -> float:
-        n = self.functions.memory
-        if len(self._carried):
-            self._march()
-            self._carried[:] = self._marched
-        closure = 0.0
-        for _ in range(MOST_PERIODS):
-            self._period()
-            gap = self._end[:n] - self._carried[:n]
-            if not gap.any() and not self._gap.any():  # friction that slips forgets where it came from
-                return 0.0
-            pull = self._pull
-            largest = float(np.abs(self._f).max())
-            missing = max(float(np.abs(pull * gap).max(initial=0.0)), float(np.abs(self._gap).max()))
-            closure = missing / largest if largest > 0.0 else 0.0
-            if not closure > CLOSURE or not n:
-                break
-            self._fades = True
-            slope = np.eye(n) - monodromy(self._transitions) * pull[:, None] / pull
-            self._carried[:n] += np.linalg.lstsq(slope, pull * gap, rcond=1e-9)[0] / pull
-        return closure
-
-    @property
-    def _transitions(self) -> Array:
-        n = self.functions.memory
-        return self._local[:, self.ports :, :n]
-
-    @property
-    def _pull(self) -> Array:
-        """Largest change of a force per unit of each memory, (memory,): they have units of their own."""
-        pull = np.abs(self._local[:, : self.ports, : self.functions.memory]).max(axis=(0, 1))
-        return np.where(pull > 0.0, pull, 1.0)
-
     # ---- derivatives
 
     def _show(self, signals: Array, Omega: float) -> None:
@@ -182,7 +119,12 @@ class JointOverPeriod(SlopesWhenAsked):
     def linearize(self, signals: Array, Omega: float) -> JointForces:
         """Steady forces with the derivatives of their coefficients; arguments as :meth:`forces`."""
         self._show(signals, Omega)
-        basis, m, all_signals, f = self.basis, self.ports, signals_of(self.ports), self._f.copy()
+        basis, m, all_signals, f = (
+            self.basis,
+            self.ports,
+            signals_of(self.ports),
+            self._forces.reshape(-1, self.ports).copy(),
+        )
         by_samples = gradients(self._local, m, basis.analysis, self._first_period)
         found: dict[int, Array] = {}
         for by, i in zip(by_samples, self.functions.reads, strict=False):  # the time between samples comes last

@@ -13,7 +13,6 @@ import casadi as ca
 import numpy as np
 
 from hbm.aft.step import ENVIRONMENT, SIGNALS, LawStep, law_step, per_law
-from hbm.fourier import Array
 from models.friction import FrictionLaw
 
 DT = len(SIGNALS)
@@ -158,59 +157,3 @@ def law_functions(law: FrictionLaw, N_t: int, iterations: int) -> LawFunctions:
         period=with_derivatives(inputs),
         tangent=lru_cache(lambda: with_derivatives(ca.vertcat(inputs, sample.p, *constants))),
     )
-
-
-def buffered(
-    function: ca.Function, arguments: list[Array], results: list[Array] | None = None
-) -> tuple[Callable[[], None], list[Array]]:
-    """Bind arrays to a function's inputs; return the call and the arrays it fills, new ones unless given."""
-    buffer, evaluate = function.buffer()
-    if results is None:
-        results = [np.zeros(function.numel_out(i)) for i in range(function.n_out())]
-    for i, argument in enumerate(arguments):
-        buffer.set_arg(i, argument.data)
-    for i, result in enumerate(results):
-        buffer.set_res(i, result.data)
-
-    def call(_alive: object = (buffer, arguments, results)) -> None:  # CasADi holds plain pointers into these
-        evaluate()
-
-    return call, results
-
-
-class SlopesWhenAsked:
-    """A law over a period in buffers whose slopes are worked out when they are asked for.
-
-    Attributes
-    ----------
-    _with_slopes, _without_slopes : callable
-        Fill the buffers over a period from the state carried.
-    _slopes : (N_t, outputs + states, states + inputs) array
-        Buffer of the slopes, see :mod:`hbm.aft.recurrence`.
-    _sloped : bool
-        Whether it belongs to the period in the other buffers.
-    _fades : bool
-        Whether the state before the period fades without ever being forgotten: then closing the loop needs slopes.
-    """
-
-    _with_slopes: Callable[[], None]
-    _without_slopes: Callable[[], None]
-    _slopes: Array
-    _sloped: bool
-    _fades: bool
-
-    def _period(self) -> None:
-        """Go over a period from the state carried."""
-        if self._fades:
-            self._with_slopes()
-        else:
-            self._without_slopes()
-        self._sloped = self._fades
-
-    @property
-    def _local(self) -> Array:
-        """The slopes of the last period."""
-        if not self._sloped:
-            self._with_slopes()
-            self._sloped = True
-        return self._slopes

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import numpy.typing as npt
 
-from hbm.aft.period import buffered
+from hbm.aft.steady import buffered
 from hbm.fourier import Array, FourierBasis
 from models.elements import ElementRows
 from models.friction import chosen, describe, parameters, with_symbols

@@ -3,27 +3,8 @@
 from rich.console import Console
 
 from continuation import Kind
-from hbm.commands.tables import LISTED, print_lines, print_rows, stable_words
-from hbm.response.accuracy import joint_forces
+from hbm.commands.tables import LISTED, force_cells, print_lines, print_rows, stable_words
 from hbm.tracking.parameterresponse import ParameterCurve
-from models.jointed import JointedRig
-
-
-def _of_contact(curve: ParameterCurve, i: int) -> dict[str, str]:
-    normal = curve.points[i]["normal"]
-    return {
-        "slip\nµm": f"{1e6 * curve['slip'].peak[i]:.3g}",
-        "friction\nN": f"{curve['friction'].peak[i]:.3g}",
-        "reaction\nN": f"{normal.samples.min():.3g} to {normal.peak:.3g}",
-    }
-
-
-def _of_joints(curve: ParameterCurve, i: int) -> dict[str, str]:
-    if not joint_forces(curve):
-        return {}
-    name = max(joint_forces(curve), key=lambda name: float(curve[name].peak[i]))
-    force = curve[name]
-    return {"largest\njoint force": f"{force.peak[i]:.3g} {force.unit}", "in": name.replace(".force", "")}
 
 
 def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
@@ -36,7 +17,7 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
             "point": name,
             number: f"{values[i]:.6g}",
             "drive\nmm": f"{1e3 * curve['drive'].peak[i]:.4g}",
-            **(_of_joints if isinstance(curve.rig, JointedRig) else _of_contact)(curve, i),
+            **force_cells(curve, slice(i, i + 1)),
         }
         for name, i in (("first", 0), ("highest", top), ("last", len(values) - 1))
     ]

@@ -37,6 +37,8 @@ PROSE = "about"
 LISTED = 20
 """Up to so many bifurcations of a curve are listed, more are counted."""
 
+EVERYWHERE = slice(None)
+
 LAWS_FOOT = (
     "Columns: key of the rig file, value, unit, accepted values, meaning and source.",
     "Equations and references: Hadji & Mureithi, Shock and Vibration 2019.",
@@ -110,26 +112,26 @@ def _response_row(c: ResponseCurve) -> dict[str, str]:
         "points": str(len(c.points)),
         "drive\nmm": f"{1e3 * c['drive'].peak.max():.4g}",
         "at\nHz": f"{c.peak.hz:.2f}",
-        **(_of_joints(c) if isinstance(c.rig, JointedRig) else _of_contact(c)),
+        **force_cells(c),
         "folds": str(len(c.folds)),
         "corners": str(len(c.corners)),
     }
 
 
-def _of_contact(c: ResponseCurve) -> dict[str, str]:
-    least = min(float(p.channels["normal"].samples.min()) for p in c.points)
-    return {
-        "slip\nµm": f"{1e6 * c['slip'].peak.max():.3g}",
-        "friction\nN": f"{c['friction'].peak.max():.3g}",
-        "reaction\nN": f"{least:.3g} to {c['normal'].peak.max():.3g}",
-    }
-
-
-def _of_joints(c: ResponseCurve) -> dict[str, str]:
+def force_cells(c: ResponseCurve, points: slice = EVERYWHERE) -> dict[str, str]:
+    """Largest forces of the contact, or of the joint with the largest, in some points of a curve."""
+    if not isinstance(c.rig, JointedRig):
+        normal = [p["normal"] for p in c.points[points]]
+        return {
+            "slip\nµm": f"{1e6 * c['slip'].peak[points].max():.3g}",
+            "friction\nN": f"{c['friction'].peak[points].max():.3g}",
+            "reaction\nN": f"{min(n.samples.min() for n in normal):.3g} to {max(n.peak for n in normal):.3g}",
+        }
     if not joint_forces(c):
         return {}
-    name = max(joint_forces(c), key=lambda name: float(c[name].peak.max()))
-    return {"largest\njoint force": f"{c[name].peak.max():.3g} {c[name].unit}", "in": name.replace(".force", "")}
+    largest = {name: float(c[name].peak[points].max()) for name in joint_forces(c)}
+    name = max(largest, key=largest.__getitem__)
+    return {"largest\njoint force": f"{largest[name]:.3g} {c[name].unit}", "in": name.replace(".force", "")}
 
 
 def _numerics_row(c: ResponseCurve, known: Assessment) -> dict[str, str]:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from hbm.diagnosis.decide import ALARM, DECISIVE
 from hbm.diagnosis.projection import Span
@@ -67,7 +67,7 @@ def _between(e: Evaluation, groups: list[list[Record]], name: Callable[[list[Rec
     rest = np.delete(J, own, axis=1)
     each = Span(np.column_stack([rest, *apart]))
     gain = float(np.sum(Span(np.column_stack([rest, sum(apart)])).across(r) ** 2) - np.sum(each.across(r) ** 2))
-    if gain < max(DECISIVE, float(stats.chi2.isf(ALARM, len(own) * (len(found) - 1)))):
+    if gain < max(DECISIVE, float(special.chdtri(len(own) * (len(found) - 1), ALARM))):
         return
     free, first = e.model.free[own[0]], e.x[own[0]]
     steps = each.amplitudes(r)[rest.shape[1] :: len(own)]

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from hbm.diagnosis.projection import Span
 from hbm.diagnosis.screen import Screening
@@ -39,7 +39,7 @@ def sidak(tried: int, parameters: int = 1) -> float:
     14.9
     """
     each = -np.expm1(np.log1p(-ALARM) / max(tried, 1))
-    return float(stats.chi2.isf(each, parameters))
+    return float(special.chdtri(parameters, each))
 
 
 def suspicious(screening: Screening, rig: AnyRig) -> bool:

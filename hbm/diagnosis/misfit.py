@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import special
 
 from hbm.diagnosis.coherent import alike
 from hbm.fourier import Array
@@ -154,7 +154,7 @@ def _worst(kind: str, labels: Labels, r2: Array, share: float, name: object) -> 
     _, inverse = np.unique(labels, return_inverse=True)
     inverse = inverse.ravel()
     chi2, n = np.bincount(inverse, r2), np.bincount(inverse)
-    p = stats.chi2.sf(chi2 / (1.0 + NOISE_KNOWN) ** 2, np.maximum(n * share, 1e-9))
+    p = special.chdtrc(np.maximum(n * share, 1e-9), chi2 / (1.0 + NOISE_KNOWN) ** 2)
     i = int(p.argmin())
     first = labels[int(np.flatnonzero(inverse == i)[0])]
     assert callable(name)

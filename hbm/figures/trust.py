@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.colors import LogNorm
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
-from scipy import stats
+from scipy import special
 
 from hbm.figures.inverse import BAND, FREQUENCY, HARMONIC, MOST_LEVELS, grey_legend, level_color, representative, titled
 from hbm.figures.style import (
@@ -221,7 +221,7 @@ def misfit_limit(reconstruction: "Reconstruction") -> Array:
 
     freedom = reconstruction.misfit.expected.sum(axis=1)
     freedom = np.where(freedom > 1e-6, freedom, np.nan)
-    return np.asarray(stats.chi2.isf(CONSISTENT, freedom) / freedom)
+    return np.asarray(special.chdtri(freedom, CONSISTENT) / freedom)
 
 
 def channel_misfit(reconstruction: "Reconstruction") -> Array:

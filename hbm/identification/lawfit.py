@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import special
 
 from hbm.fourier import Array
 from hbm.inverse.sensing import Complex
@@ -137,7 +137,7 @@ class Quality:
     @property
     def probability(self) -> float:
         """Probability that noise alone makes so large a chi2."""
-        return float(stats.chi2.sf(self.chi2, self.dof))
+        return float(special.chdtrc(self.dof, self.chi2))
 
     @property
     def fits(self) -> bool:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from hbm.inverse.faults import Fault
 from hbm.inverse.readings import Readings, even
@@ -65,7 +65,7 @@ def disagreement(base: Readings, left_out: bool) -> Iterator[str]:
     reduced = everyone.reduced
     uncertain = np.sqrt(reduced / (2.0 * everyone.dof))
     factor = _sure(np.sqrt(reduced), uncertain)
-    low, high = stats.chi2.cdf(everyone.chi2, everyone.dof), stats.chi2.sf(everyone.chi2, everyone.dof)
+    low, high = special.chdtr(everyone.dof, everyone.chi2), special.chdtrc(everyone.dof, everyone.chi2)
     if min(low, high) > CONSISTENT:
         return
     if reduced < 1.0:

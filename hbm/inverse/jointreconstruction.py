@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import special
 
 from hbm.fourier import Array
 from hbm.inverse.reconstruction import (
@@ -181,7 +181,7 @@ def _freedom(misfit: Misfit) -> Array:
 
 def _probability(misfit: Misfit) -> Array:
     freedom = _freedom(misfit)
-    return np.where(freedom > 0, stats.chi2.sf(misfit.chi2.sum(axis=1), np.maximum(freedom, 1)), 1.0)
+    return np.where(freedom > 0, special.chdtrc(np.maximum(freedom, 1), misfit.chi2.sum(axis=1)), 1.0)
 
 
 def consistent(misfit: Misfit) -> npt.NDArray[np.bool_]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from hbm.fourier import Array
 from hbm.inverse.reconstruction import CONSISTENT
@@ -30,7 +30,7 @@ EVEN = 0.25
 
 def by_noise(chi2: float, dof: float) -> bool:
     """Whether noise alone explains a misfit."""
-    return bool(stats.chi2.sf(chi2, max(dof, 1e-9)) > CONSISTENT)
+    return bool(special.chdtrc(max(dof, 1e-9), chi2) > CONSISTENT)
 
 
 def even(chi2: Array, dof: Array) -> bool:

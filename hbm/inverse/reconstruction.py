@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
+from scipy import special
 
 from hbm.fourier import Array, complex_of
 from hbm.inverse.sensing import Complex
@@ -93,7 +93,7 @@ class Misfit:
     @property
     def probability(self) -> Array:
         """Probability that noise alone makes so large a misfit, (r,)."""
-        return np.asarray(stats.chi2.sf(self.chi2.sum(axis=1), np.maximum(self.expected.sum(axis=1), 1e-9)))
+        return np.asarray(special.chdtrc(np.maximum(self.expected.sum(axis=1), 1e-9), self.chi2.sum(axis=1)))
 
     @property
     def consistent(self) -> npt.NDArray[np.bool_]:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from scipy import special
 from scipy.optimize import least_squares
 from scipy.signal.windows import blackmanharris
-from scipy.stats import f as f_distribution
 
 from hbm.fourier import Array
 
@@ -98,7 +98,7 @@ def _probability(explained: float, parameters: int, left: float, freedom: int) -
     """F test: probability that noise alone is explained so well."""
     if left <= 0.0:
         return 1.0 if explained <= 0.0 else 0.0
-    return float(f_distribution.sf(explained / parameters / (left / freedom), parameters, freedom))
+    return float(special.fdtrc(parameters, freedom, explained / parameters / (left / freedom)))
 
 
 def _transient(t: Array, c: Complex, known: Steadiness) -> Steadiness:
