@@ -31,7 +31,7 @@ def bounded(where: str, value: Any, lower: float = -inf, upper: float = inf, str
     Traceback (most recent call last):
     ValueError: Beam: length = -1; must be > 0
     """
-    if not isinstance(value, Real) or isinstance(value, bool):
+    if type(value) is not float and (not isinstance(value, Real) or isinstance(value, bool)):
         return
     number = float(value)
     if isfinite(number) and number <= upper and (number > lower if strict else number >= lower):

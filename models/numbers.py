@@ -1,6 +1,7 @@
 """Numbers of a rig by the keys of its rig file, read and changed."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, overload
 
@@ -10,6 +11,8 @@ from models.rig import Rig
 ENTRY = re.compile(r"(\w+)\[(\d+)\]\.(\w+)")
 LISTS = ("elements", "drift")
 """Lists of a rig whose entries have numbers."""
+ATTRIBUTES = {"beam": "body", "friction": "law"}
+"""What tables of a rig file are called in a rig, where that differs."""
 
 
 def number(rig: AnyRig, key: str) -> float:
@@ -52,13 +55,44 @@ def with_number(rig: AnyRig, key: str, value: float) -> AnyRig:
     KeyError
         If the rig has no such number.
     """
-    return rig.with_number(key, value) if isinstance(rig, JointedRig) else _with_number(rig, key, value)
+    return with_numbers(rig, {key: value})
 
 
-def _with_number(rig: Rig, key: str, value: float) -> Rig:
-    owner, name = _owner(rig, key)
-    changed = owner._replace(**{name: value}) if hasattr(owner, "_replace") else replace(owner, **{name: value})
-    return _with_owner(rig, key, changed)
+def with_numbers(rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
+    """The rig with other values of several of its numbers, see :func:`with_number`."""
+    if isinstance(rig, JointedRig):
+        return rig.with_numbers(values)
+    if not values:
+        return rig
+    tree: dict[str, Any] = {}
+    for key, value in values.items():
+        _owner(rig, key)  # refuses what is no number
+        *way, name = key.split(".")
+        below = tree
+        for step in [way[0], ".".join(way[1:])] if way[0] == "channels" else way:
+            below = below.setdefault(step, {})
+        below[name] = value
+    changed: Rig = _with(rig, tree)
+    return changed
+
+
+def _with(owner: Any, tree: Mapping[str, Any]) -> Any:
+    """A part of a rig with numbers changed, by their names or, where they stand in a part of it, by those in it."""
+    changes: dict[str, Any] = {}
+    for step, below in tree.items():
+        name, _, index = step.rstrip("]").partition("[")
+        name = ATTRIBUTES.get(name, name)
+        if not isinstance(below, Mapping):
+            changes[name] = below
+        elif index:
+            entries = list(changes.get(name, getattr(owner, name)))
+            entries[int(index)] = _with(entries[int(index)], below)
+            changes[name] = tuple(entries)
+        elif name == "channels":
+            changes[name] = tuple(_with(c, below[c.name]) if c.name in below else c for c in owner.channels)
+        else:
+            changes[name] = _with(getattr(owner, name), below)
+    return owner._replace(**changes) if hasattr(owner, "_replace") else replace(owner, **changes)
 
 
 def at_record(rig: AnyRig, record: int) -> AnyRig:
@@ -102,24 +136,3 @@ def _owner(rig: Rig, key: str) -> tuple[Any, str]:
     if not isinstance(getattr(owner, name, None), int | float):
         raise KeyError(f"{key} is not a number of the rig {rig.name}")
     return owner, name
-
-
-def _with_owner(rig: Rig, key: str, changed: Any) -> Rig:
-    """The rig with what holds a number changed."""
-    table, _, rest = key.partition(".")
-    if table == "beam":
-        return replace(rig, body=changed)
-    if table == "channels":
-        return replace(rig, channels=tuple(changed if c.name == changed.name else c for c in rig.channels))
-    if rest.startswith("friction."):
-        return replace(rig, contact=replace(rig.contact, law=changed))
-    if entry := ENTRY.fullmatch(rest):
-        entries = list(getattr(rig.attachments, entry[1]))
-        entries[int(entry[2])] = changed
-        return replace(rig, attachments=replace(rig.attachments, **{entry[1]: tuple(entries)}))
-    if entry := ENTRY.fullmatch(key):
-        entries = list(getattr(rig, entry[1]))
-        entries[int(entry[2])] = changed
-        lists: dict[str, Any] = {entry[1]: tuple(entries)}
-        return replace(rig, **lists)
-    return replace(rig, **{table: changed})

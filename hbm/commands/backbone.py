@@ -1,6 +1,7 @@
 """The command ``hbm backbone``: damped nonlinear normal modes and phase resonance."""
 
 from collections.abc import Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -178,9 +179,14 @@ def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"]
                 "folds": str(len(b.folds)),
             }
         )
-        parts = [f"more {name} by {hz:+.2%} and {D:+.2%}" for name, (hz, D) in change.by_source.items()]
+        parts = [_changed(f"more {name}", *found) for name, found in change.by_source.items()]
         lines.append(f"{backbone_name(b)}, where most damped: frequency and damping change with {', '.join(parts)}")
         if b.lift_off is not None:
             lines.append(f"warning: {backbone_name(b)}: the tip would lift off from {1e3 * b.lift_off:.3g} mm on")
     print_rows(screen, f"{rig.name}, {rig.law_name}, mode {mode}", rows)
     print_lines(screen, lines)
+
+
+def _changed(how: str, hz: float, damping: float) -> str:
+    """By how much frequency and damping change with a finer discretisation, in words."""
+    return f"{how} by {hz:+.2%} and {damping:+.2%}" if isfinite(hz) else f"{how}: not found"

@@ -8,10 +8,11 @@ from typing import Literal
 import numpy as np
 
 from hbm.fourier import Array
-from hbm.outputerror.nominal import SHAPES, nominal_scalars, tolerances, unit_of, with_values
+from hbm.outputerror.nominal import SHAPES, nominal_scalars, tolerances, unit_of
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.jointed import AnyRig
+from models.numbers import with_numbers
 
 WIDE = 20.0
 """A number between positive bounds this factor apart is not fitted as it is."""
@@ -189,7 +190,7 @@ class Model:
         """The rig at coordinates."""
         values = [f.value(v) for f, v in zip(self.free, x, strict=True)]
         named = list(zip(self.free, values, strict=True))
-        rig = with_values(self.nominal, {f.name: v for f, v in named if f.cause < 0})
+        rig = with_numbers(self.nominal, {f.name: v for f, v in named if f.cause < 0})
         for i, cause in enumerate(self.causes):
             rig = cause.extend(rig, {f.name: v for f, v in named if f.cause == i})
         return rig

@@ -1,6 +1,6 @@
 """Numbers of a rig: what they may be off by, and other values of them."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 
 import numpy as np
 
@@ -8,7 +8,6 @@ from hbm.sensitivity.scalars import ALPHA, FRICTION, LOAD, sensor_scalars
 from models.change import Scalar, drift_scalars, element_scalars, structure_scalars
 from models.friction import describe, parameters
 from models.jointed import AnyRig, JointedRig
-from models.numbers import with_number
 
 TOLERANCES = {
     "beam.youngs_modulus": 0.01,
@@ -107,12 +106,3 @@ def _scalars(rig: AnyRig) -> dict[str, Scalar]:
         **element_scalars(rig),
         **drift_scalars(rig),
     }
-
-
-def with_values(rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
-    """The rig with other values of some of its numbers."""
-    if isinstance(rig, JointedRig):
-        return rig.with_numbers(values)
-    for key, value in values.items():
-        rig = with_number(rig, key, value)
-    return rig
