@@ -180,7 +180,7 @@ def _matrix_twins() -> dict[str, bytes]:
     from scipy.io import mmread, savemat
 
     text = (TWINS / "K.mtx").read_bytes()
-    K = sparse.csc_array(mmread(io.BytesIO(text)))
+    K = sparse.csc_array(mmread(io.BytesIO(text), spmatrix=False))
     whole, packed, mat = io.BytesIO(), io.BytesIO(), io.BytesIO()
     np.savez(whole, K=K.toarray())
     sparse.save_npz(packed, K, compressed=False)
