@@ -11,7 +11,7 @@ from scipy.linalg import lapack
 
 from hbm.fourier import Array
 
-FEW_STATES = 2
+FEW_STATES = 5
 """Up to so many internal states the recurrence is solved as one banded system, else sample by sample."""
 
 NEUTRAL = 1e-9
@@ -160,5 +160,5 @@ def _through_states(lam: Array, by_inputs: Array, shape: tuple[int, ...]) -> Arr
     if lam.shape[2] == 1:
         chained = np.ascontiguousarray(by_inputs[:, 0].T)[:, None] * lam[:, 1:, 0]
     else:
-        chained = np.einsum("mkz,kzi->imk", lam[:, 1:], by_inputs)
+        chained = np.matmul(lam[:, 1:].transpose(1, 0, 2), by_inputs).transpose(2, 1, 0)
     return chained.reshape(shape)

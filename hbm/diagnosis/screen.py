@@ -6,7 +6,8 @@ less what the calibrated numbers can do as well. A number that only shapes an ef
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from functools import partial
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.outputerror.numerics import LEFT, Correction, size
 from hbm.outputerror.simulated import FAILURES
+from hbm.parallel import each
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause, Unknown
 from models.causes.parameter import WrongParameter
@@ -172,13 +174,13 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
     candidates = [c for c in candidates if not isinstance(c, AddedJoint)]
     sized = [c for c in candidates if c.unknowns(base.model.nominal)]
     best = {s.cause.label: s for s in _tried(base, campaign, [c for c in candidates if c not in sized], seen)}
-    tried = len(best)
-    for model, entries in _groups(base.model, sized):
-        tried += len(entries)
-        for score in _scores(base, few, base.white.residual[seen], model, entries):
-            other = best.get(score.cause.label)
-            if other is None or score.drop > other.drop or not other.signature.any():
-                best[score.cause.label] = score
+    groups = _groups(base.model, sized)
+    tried = len(best) + sum(len(entries) for _, entries in groups)
+    task = partial(_scores, base, replace(few, executor=None), base.white.residual[seen])
+    for score in chain.from_iterable(each(campaign.executor, task, *zip(*groups, strict=True)) if groups else ()):
+        other = best.get(score.cause.label)
+        if other is None or score.drop > other.drop or not other.signature.any():
+            best[score.cause.label] = score
     for cause in candidates:
         best.setdefault(cause.label, Score(cause, 0.0, 0.0, np.zeros(int(seen.sum())), {}))
     scanned = [s for s in scan(base, campaign.of(few.numbers), joints) if s.starts]
@@ -268,9 +270,8 @@ def _meets(together: Model, rig: AnyRig, more: AnyRig, cause: Cause) -> bool:
     return rig.laws != more.laws[: len(rig.laws)] or any(after.get(k) != v for k, v in before.items())
 
 
-def _scores(
-    base: Evaluation, few: Campaign, residual: Array, model: Model, entries: Sequence[_Entry]
-) -> Iterator[Score]:
+def _scores(base: Evaluation, few: Campaign, residual: Array, model: Model, entries: Sequence[_Entry]) -> list[Score]:
+    """Scores of a group of candidates; none where too few records have a steady state."""
     known = base.coordinates
     own = {e.place: e.start for e in entries}
     x = np.array([
@@ -281,10 +282,11 @@ def _scores(
     try:
         e = evaluate(model, few, x, base.solutions)
     except FAILURES:
-        return
+        return []
     found = np.repeat(np.isin(few.numbers, list(e.found)), [int(r.listed.sum()) for r in few.data.records])
     if 2 * found.sum() < len(found):
-        return
+        return []
+    scores = []
     for entry in entries:
         name = entry.cause.key if isinstance(entry.cause, WrongParameter) else ""
         mine = [f.name == name and f.cause < 0 if name else f.cause == entry.place for f in model.free]
@@ -296,7 +298,8 @@ def _scores(
         drop, z, seen = _projected(e, residual[found], np.array(mine), np.array(others), strength)
         signature = np.zeros(len(residual))
         signature[found] = seen
-        yield Score(entry.cause, drop, z, signature, entry.start)
+        scores.append(Score(entry.cause, drop, z, signature, entry.start))
+    return scores
 
 
 def starting(model: Model, base: Evaluation, start: dict[str, float]) -> Array:
