@@ -145,8 +145,9 @@ def _compared(written: dict[str, bytes], results_of: dict[str, dict[str, bytes]]
 
 
 def _session(leader: int) -> str:
-    """Processes of a session, their numbers."""
-    return subprocess.run(["pgrep", "-s", str(leader)], capture_output=True, text=True, check=False).stdout
+    """Processes of a session, their numbers; not those that have ended and whose status nobody has asked for yet."""
+    listed = subprocess.run(["ps", "-s", str(leader), "-o", "pid=,stat="], capture_output=True, text=True, check=False)
+    return "\n".join(line for line in listed.stdout.splitlines() if " Z" not in line)
 
 
 def of_command(name: str, inputs: str, number: int, draw: random.Random) -> Counter[str]:
