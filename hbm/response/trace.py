@@ -108,8 +108,8 @@ def solve_near(problem: AnyBalance, lam: float, start: PeriodicSolution) -> Arra
 def first_solution(problem: AnyBalance, lam: float) -> Array:
     """Solution at `lam` from nothing, by the first way that works.
 
-    Newton from rest; from one harmonic upwards; along ramps of the force with few harmonics, and with all; along the
-    frequency from far off, where the contact sticks.
+    Newton from rest; from fewer samples, where there are more than usual; from one harmonic upwards; along ramps of the
+    force with few harmonics, and with all; along the frequency from far off, where the contact sticks.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def first_solution(problem: AnyBalance, lam: float) -> Array:
         If none does.
     """
     few = (partial(_by_force, H=H) for H in FEW if H < problem.basis.H)
-    ways: tuple[Way, ...] = (_from_rest, _by_harmonics, *few, _by_force, _from_afar)
+    ways: tuple[Way, ...] = (_from_rest, _by_samples, _by_harmonics, *few, _by_force, _from_afar)
     for way in ways:
         x = way(problem, lam)
         if x is not None and np.isfinite(problem.residual(x, lam)).all():  # a law may have no numbers from its rest
@@ -131,6 +131,19 @@ def first_solution(problem: AnyBalance, lam: float) -> Array:
 
 def _from_rest(problem: AnyBalance, lam: float) -> Array | None:
     result = solve_lifting(problem, problem.unpack(np.zeros(problem.size), lam), lam, _newton())
+    return result.x if result.converged else None
+
+
+def _by_samples(problem: AnyBalance, lam: float) -> Array | None:
+    usual = default_samples(problem.basis.H)
+    if problem.basis.N_t <= usual:
+        return None
+    coarse = problem.on(FourierBasis(problem.basis.H, usual))
+    try:
+        start = coarse.unpack(first_solution(coarse, lam), lam)
+    except ConvergenceError:
+        return None
+    result = solve_lifting(problem, start, lam, _newton())
     return result.x if result.converged else None
 
 
