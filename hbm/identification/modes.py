@@ -340,7 +340,9 @@ class _Problem:
         """Modes in the order of their frequencies, with standard deviations."""
         left, J = self._residual(modes)(x)
         chi2 = float(left @ left) / max(self.points - len(x), 1)
-        covariance = np.linalg.pinv(J.T @ J) * max(chi2, 1.0)
+        size = np.linalg.norm(J, axis=0)  # flexibilities and logarithms are of other sizes
+        scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+        covariance = np.linalg.pinv((J * scale).T @ (J * scale)) * np.outer(scale, scale) * max(chi2, 1.0)
         poles, c = self.poles(x, modes), self.measured.shape[1]
         w = 2 * np.pi * poles[:, 0]
         flexibility = self._flexibility(x, modes)

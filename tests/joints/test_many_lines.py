@@ -76,6 +76,16 @@ def test_derivatives_are_those_of_the_dense_balance(both: tuple[LineBalance, Joi
         np.testing.assert_allclose(found / size, known / size, atol=2e-5)
 
 
+def test_the_derivative_to_the_force_is_that_to_the_share_of_all_lines(both: tuple[LineBalance, JointedRig]) -> None:
+    lines, dense = both
+    expected = joint_sensitivities(dense, steady_state(dense, 9.0, harmonics=24, samples=256), ["excitation.amplitude"])
+    for found, known in zip(
+        line_changes(lines.solved(), ["excitation.amplitude"]), (expected.Q, expected.T), strict=True
+    ):
+        share = known * dense.excitation.amplitude
+        np.testing.assert_allclose(found, share, atol=2e-5 * np.abs(share).max())
+
+
 def test_a_body_that_may_drift_has_the_mean_of_its_springs_alone() -> None:
     rig, basis = two_modes(Joint("j", CubicSpring(4e8), ("a",), ("b",))), FourierBasis(24, 256)
     free = replace(rig, body=ModalModel((0.0, 74.0), {"a": (0.9, 1.1), "b": (0.9, -1.2), "drive": (0.5, 0.3)}))
