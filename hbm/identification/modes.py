@@ -177,7 +177,9 @@ def frequency_responses(spectra: MeasuredSpectra, force: str, channels: Mapping[
     return FrequencyResponses(spectra.hz[i] * k, dict(channels), H, std)
 
 
-def fit_modes(responses: FrequencyResponses, modes: int | None = None, *, phase: bool = False) -> Modes:
+def fit_modes(
+    responses: FrequencyResponses, modes: int | None = None, *, phase: bool = False, drive: str | None = None
+) -> Modes:
     """Fit modes to frequency responses.
 
     Parameters
@@ -188,6 +190,9 @@ def fit_modes(responses: FrequencyResponses, modes: int | None = None, *, phase:
     phase : bool
         Whether the channel that stands for the force, such as the voltage of the shaker, may be off by a phase, the
         same at all frequencies.
+    drive : str, optional
+        Channel at the point that is driven, along the force. Where the number of modes is not given, none is added in
+        which it moves against the force.
 
     Returns
     -------
@@ -211,7 +216,9 @@ def fit_modes(responses: FrequencyResponses, modes: int | None = None, *, phase:
     best = problem.fitted(poles)
     for _ in range(modes or MOST_MODES):
         tried = problem.fitted(np.vstack([poles, problem.further(poles, best)]), problem.phase(best))
-        if modes is None and not problem.asks_for(tried, best, len(poles) + 1):
+        if modes is None and not (
+            problem.asks_for(tried, best, len(poles) + 1) and problem.along(drive, tried, len(poles) + 1)
+        ):
             break
         best = tried
         poles = problem.poles(best, len(poles) + 1)
@@ -331,6 +338,13 @@ class _Problem:
         if outside or together.any() or ratio.min() < LEAST_RATIO or ratio.max() > MOST_RATIO:
             return False
         return self._bic(more, modes) < self._bic(less, modes - 1)
+
+    def along(self, drive: str | None, x: Array, modes: int) -> bool:
+        """Whether a channel moves with the force in all modes."""
+        if drive not in self.responses.channels:
+            return True
+        own = list(self.responses.channels).index(drive)
+        return bool((self._flexibility(x, modes)[own, :modes] > 0.0).all())
 
     def _bic(self, x: Array, modes: int) -> float:
         chi2 = float(np.sum(np.abs(self.weight * (self.measured - self._answer(x, modes))) ** 2))

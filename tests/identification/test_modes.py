@@ -79,6 +79,20 @@ def test_shapes_are_mass_normalised_by_the_channel_at_the_drive(fits) -> None:
         fits[0].shapes("v2")
 
 
+def test_no_mode_is_added_that_the_drive_moves_against() -> None:
+    """A mode of the second channel alone, next to one of the structure, is no other: the drive would have no part."""
+    w = 2 * np.pi * AT
+    false = np.zeros((len(AT), 3), dtype=complex)
+    for j, size in ((0, -2e-3), (1, 0.1)):
+        wr = 2 * np.pi * 44.0
+        false[:, j] = (1j * w) ** (2 - j) * size / (wr**2 - w**2 + 2j * 0.004 * wr * w)
+    straight = noisy(2)
+    seen = FrequencyResponses(AT, CHANNELS, straight.H + false, straight.std)
+    assert np.sum(np.abs(fit_modes(seen).hz - 44.0) < 0.1) == 1
+    kept = fit_modes(seen, drive="a1")
+    assert len(kept) == 4 and (kept.A[0] > 0.0).all()
+
+
 def test_the_phase_of_a_voltage_is_found() -> None:
     """The force leads the voltage by 0.1 rad at all frequencies."""
     straight = noisy(3)
