@@ -269,7 +269,7 @@ class MeasuredSpectra(Displayed):
         std, both = np.where(inside, self.std, np.nan), np.concatenate([inside, inside[..., 1:]], axis=2)
         coefficients = np.where(both, self.coefficients, np.nan)
         cut = [*range(H + 1), *range(self.H + 1, self.H + 1 + H)]
-        there = np.isfinite(std[:, channels]).any(axis=(1, 2))
+        there = np.asarray(np.isfinite(std[:, channels]).any(axis=(1, 2)))
         if not there.any():
             raise InputError(
                 f"{self.source}: no response between {low:g} and {high:g} Hz; they are from {self.hz.min():g} to "
