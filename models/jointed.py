@@ -100,7 +100,9 @@ class JointedRig(Displayed):
     channels : tuple of Channel
         Each with its place `at`.
     drift : tuple of Drift
-        What changes from record to record; minded by the diagnosis alone.
+        What changes from record to record; minded by the diagnosis alone, as is the next.
+    tolerances : mapping of str to float
+        What some of its numbers may be off by, by their keys: standard deviations, relative, but of numbers that are 0.
     """
 
     name: str
@@ -110,6 +112,7 @@ class JointedRig(Displayed):
     excitation: Excitation
     channels: tuple[Channel, ...] = field(default=())
     drift: tuple[Drift, ...] = field(default=())
+    tolerances: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse names that are given twice, and places that are none."""

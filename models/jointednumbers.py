@@ -14,13 +14,16 @@ from models.bodies.ported import PortedModes
 from models.friction.law import Parameter
 from models.joints.joint import Joint
 from models.joints.law import described, numbers, with_numbers
-from models.parts import Channel, Damping
+from models.parts import Channel, Damping, Excitation
 
 if TYPE_CHECKING:
     from models.jointed import JointedRig
 
 FORCE, ALPHA = "excitation.amplitude", "damping.mass_proportional"
 RATIO = re.compile(r"damping\.modal_ratios\[(\d+)\]")
+GAINS = "excitation.force_gain["
+"""Beginning of the keys of forces per unit of what stands for them, by level."""
+
 ANY = -float("inf")
 
 
@@ -32,6 +35,8 @@ def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
         for name, value in numbers(j.law).items()
     }
     found[FORCE] = rig.excitation.amplitude, Parameter("N", "force amplitude", "")
+    gain = Parameter("1", "force per unit of what was measured in its place, at a level", "")
+    found |= {f"{GAINS}{i}]": (value, gain) for i, (_, value) in enumerate(rig.excitation.force_gain, 1)}
     found |= rig.body.numbers
     if rig.body.damped_by_modes:
         found |= _of_damping(rig)
@@ -74,10 +79,15 @@ def with_scalars(rig: "JointedRig", values: Mapping[str, float]) -> "JointedRig"
         body=body,
         damping=_damping(rig, values),
         joints=tuple(_joint(j, values) for j in rig.joints),
-        excitation=replace(rig.excitation, amplitude=values.get(FORCE, rig.excitation.amplitude)),
+        excitation=_excitation(rig.excitation, values),
         channels=tuple(_channel(c, values) for c in rig.channels),
         drift=tuple(replace(d, rate=values.get(f"drift[{i}].rate", d.rate)) for i, d in enumerate(rig.drift)),
     )
+
+
+def _excitation(e: Excitation, values: Mapping[str, float]) -> Excitation:
+    gains = tuple((level, values.get(f"{GAINS}{i}]", gain)) for i, (level, gain) in enumerate(e.force_gain, 1))
+    return replace(e, amplitude=values.get(FORCE, e.amplitude), force_gain=gains)
 
 
 def _damping(rig: "JointedRig", values: Mapping[str, float]) -> Damping:

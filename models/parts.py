@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import isclose
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -128,6 +129,10 @@ class Damping:
         )
 
 
+ALIKE = 1e-3
+"""Levels are one that differ by less than this share."""
+
+
 @dataclass(frozen=True, eq=False)
 class Contact:
     """The support and the friction on it.
@@ -165,6 +170,11 @@ class Contact:
         check_parameters(self.law)
 
 
+def alike(one: float, other: float) -> bool:
+    """Whether two levels are one, written with fewer digits."""
+    return isclose(one, other, rel_tol=ALIKE)
+
+
 @dataclass(frozen=True)
 class Excitation:
     """Shaker force: cosine of the fundamental, `amplitude` [N], at `position` [m] of a beam.
@@ -172,7 +182,9 @@ class Excitation:
     Its distortion is given by `harmonics`: numbers k >= 2 with the coefficients of cos and sin k Omega t, relative to
     the amplitude of the fundamental. With `measured_harmonics` the harmonics of a simulated record are those that were
     measured of its force; and unless `settled`, its records were taken before the transient of a start had died out.
-    Nothing but the diagnosis, which has records, minds these two. `at` is a place of a body that names its places.
+    `force_gain` pairs levels with the force per unit of what was measured in its place, such as the voltage of a
+    shaker; it is 1 at levels that are not among them. Nothing but the diagnosis, which has records, minds these three.
+    `at` is a place of a body that names its places.
 
     >>> round(float(Excitation(2.0, harmonics=((3, 0.0, 0.1),)).force(np.pi / 2)), 9)
     -0.2
@@ -184,15 +196,24 @@ class Excitation:
     measured_harmonics: bool = False
     settled: bool = True
     at: str = ""
+    force_gain: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse a negative force, and numbers of harmonics that are not."""
+        """Refuse a negative force, numbers of harmonics that are not, and levels that are given twice."""
         for name in ("amplitude", "position"):
             bounded(f"Excitation: {name}", getattr(self, name), 0.0)
             plausible(f"Excitation: {name}", getattr(self, name), name)
         numbers = [k for k, _, _ in self.harmonics]
         if any(k < 2 for k in numbers) or len(set(numbers)) < len(numbers):
             raise ValueError(f"excitation.harmonics: numbers {numbers}; must be 2 or more, each once")
+        for i, (level, gain) in enumerate(self.force_gain, 1):
+            bounded(f"Excitation: force_gain[{i}]", gain, 0.0, strict=True)
+            if any(alike(level, other) for other, _ in self.force_gain[: i - 1]):
+                raise ValueError(f"excitation.force_gain[{i}]: level {level:g}; must be there once")
+
+    def gain(self, level: float) -> float:
+        """Force per unit of what was measured in its place, at a level."""
+        return next((gain for own, gain in self.force_gain if alike(own, level)), 1.0)
 
     @property
     def tones(self) -> tuple[tuple[int, float, float], ...]:

@@ -32,6 +32,7 @@ SCHEMAS: dict[str, type[schema.Table]] = {
     "beam": joints.HeldBeamTable,
     "modal": schema.ModalTable,
     "modal with joints": joints.PortedModalTable,
+    "modal tolerances": joints.TolerancesTable,
     "matrix": joints.MatrixTable,
     "damping": schema.DampingTable,
     "contact": schema.BeamContactTable,
@@ -86,6 +87,8 @@ def accepted(hint: Any, metadata: Sequence[Any] = ()) -> tuple[str, str]:
     origin, args = get_origin(hint), get_args(hint)
     if hasattr(hint, "__metadata__"):
         return accepted(args[0], (*hint.__metadata__, *metadata))
+    if isinstance(hint, type) and issubclass(hint, schema.Table):
+        return "table", ""
     if origin is Literal:
         return "text", " or ".join(f"`{choice}`" for choice in args)
     if origin in (Union, UnionType):

@@ -229,7 +229,8 @@ class LinesHere:
 
         shape = (missed.size, missed.size)
         A, M = LinearOperator(shape, unanswered, dtype=float), LinearOperator(shape, nearly, dtype=float)
-        x, failed = gmres(A, missed.ravel(), rtol=accuracy, restart=KRYLOV, maxiter=RESTARTS, M=M)
+        again = RESTARTS if accuracy < INEXACT else 1  # a step that is not near is shortened, or the excitation raised
+        x, failed = gmres(A, missed.ravel(), rtol=accuracy, restart=KRYLOV, maxiter=again, M=M)
         if failed and accuracy < INEXACT:
             raise ConvergenceError(f"no derivative under the lines of {problem.fixed_hz:.6g} Hz: GMRES does not end")
         return np.asarray(x.reshape(missed.shape))

@@ -15,6 +15,7 @@ from hbm.commands.options import (
     AllowCode,
     OutFolder,
     RigFile,
+    both_ends,
     check_out,
     console,
     named,
@@ -74,6 +75,12 @@ def diagnose(
         ),
     ] = None,
     repeatability: Repeatability = None,
+    begin: Annotated[
+        str | None, typer.Option("--from", metavar="HZ", help="Compare no response below, where no mode of RIG is.")
+    ] = None,
+    end: Annotated[
+        str | None, typer.Option("--to", metavar="HZ", help="Compare no response above; with --from.")
+    ] = None,
     max_seconds: RunSeconds = "1800",
     allow_code: AllowCode = False,
 ) -> None:
@@ -89,7 +96,7 @@ def diagnose(
     from hbm.files.extendedrig import CANDIDATES
 
     held, floor = different(COMMAND, "--hold-out", hold_out), share(COMMAND, repeatability)
-    limit = seconds_of(COMMAND, max_seconds)
+    limit, band = seconds_of(COMMAND, max_seconds), both_ends(COMMAND, begin, end, "Hz")
     check_out(COMMAND, out, (*FILES, f"{CANDIDATES}/1.toml"))
     candidates, own = _causes(cause, causes_file)
     from hbm.measurement.spectrafile import load_spectra
@@ -97,6 +104,7 @@ def diagnose(
 
     loaded = load_rig(rig, allow_code=allow_code or None)
     measured = load_spectra(spectra, loaded, repeatability=floor)
+    measured = measured.between(*band, _sensors(loaded, measured)) if band else measured
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
     from hbm.diagnosis.curves import traced_responses

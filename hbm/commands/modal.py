@@ -82,7 +82,7 @@ def modal(
         lambda: f"at {len(responses.hz)} frequencies",
         "try --from and --to, fewer --modes, or a larger --max-seconds",
     ):
-        found = fit_modes(responses, count, phase=phase)
+        found = fit_modes(responses, count, phase=phase, drive=drive)
     text = modal_rig_text(found, spectra.stem, force, float(measured.level.min()), drive)
     write_together({out: text})
     _print(found)

@@ -56,6 +56,9 @@ EXPLAINED, LITTLE = 1.5, 0.03
 ALIKE = 0.5
 """those whose signature has this cosine with it."""
 
+FINISHED = 40
+"""Evaluations of the best fit of a joint that leaves more, at most."""
+
 REFINED, FAR = 300.0, 1500.0
 """Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
 
@@ -177,9 +180,15 @@ def _fits(
 def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
     """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough."""
     ordered = sorted(done, key=rank)
-    if not ordered or ordered[0].chi2 > REFINABLE * len(ordered[0].white):
-        return ordered
+    if not ordered:
+        return []
     first, *others = ordered
+    if first.chi2 > REFINABLE * len(first.white):
+        # a joint's stiffness and what it slips at go along narrow valleys: they end where the fit does, not its steps
+        return [
+            fit_model(first.model, campaign, first.x, first.solutions, FINISHED) if _scanned(base) else first,
+            *others,
+        ]
     first = refine(first, campaign)
     if not small(base) and first.chi2 - len(first.white) < FAR:
         others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]

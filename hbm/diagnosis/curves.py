@@ -83,7 +83,7 @@ def traced_responses(
     grid, channels = d.campaign.numerics.working, d.campaign.data.channels
     H = max(d.campaign.data.H + SPARE, LEAST)
     tasks = [
-        (name, grid.rig(rig), level, force, band)
+        (name, grid.rig(rig), level, force * rig.excitation.gain(level), band)
         for name, rig in _models(d).items()
         for level, force, band in _sweeps(d, spectra)
     ]

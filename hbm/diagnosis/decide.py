@@ -85,13 +85,13 @@ def plainest(best: Evaluation, fits: Sequence[Evaluation]) -> Evaluation:
 
 def inside(rich: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
     """Fits whose causes are among, or special cases of, those of a richer one, the simplest first."""
-    more = [_held_by(cause) for cause in rich.model.causes]
+    more = [held_by(cause) for cause in rich.model.causes]
     simpler = [e for e in fits if e.model.causes and e.model.counted < rich.model.counted]
     held = [e for e in simpler if all(any(c.label in names for names in more) for c in e.model.causes)]
     return sorted(held, key=lambda e: (e.model.counted, e.bic))
 
 
-def _held_by(cause: Cause) -> set[str]:
+def held_by(cause: Cause) -> set[str]:
     """Labels of a cause and of the simpler ones that it is at some values: of a joint, at the same place."""
     return {cause.label, *(name + cause.label.removeprefix(cause.name) for name in getattr(cause, "contains", ()))}
 

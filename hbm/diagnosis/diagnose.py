@@ -15,7 +15,7 @@ from hbm.diagnosis.linesearch import LineSearch
 from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.search import OnProgress, Search
 from hbm.diagnosis.verdict import Diagnosis
-from hbm.errors import expect_rig
+from hbm.errors import InputError, expect_rig
 from hbm.fourier import MANY
 from hbm.measurement.repeatability import repeatability_of, unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
@@ -23,6 +23,7 @@ from hbm.parallel import one_thread
 from models import causes as catalogue
 from models.causes.cause import Cause, candidates_of
 from models.jointed import AnyRig, JointedRig
+from models.parts import alike
 from models.plausible import quiet
 
 HALF = "What explains the records first fitted does not hold for those held out: every second of these is fitted too."
@@ -72,12 +73,15 @@ def diagnose(
     Raises
     ------
     InputError
-        If no response was measured, a record to hold out is not there, or a rig cannot be told from its measurements.
+        If no response was measured, a record to hold out is not there, a rig cannot be told from its measurements, or
+        it has a force per unit at a level that was not measured.
     ConvergenceError
         If the steady state of no record is found.
     """
     expect_rig(rig, "diagnose", joints=True)
-    held = choose_held_out(spectra) if held_out is None else tuple(spectra.numbers(held_out))
+    _expect_levels(rig, spectra)
+    numbered = [level for level, _ in rig.excitation.force_gain]
+    held = choose_held_out(spectra, numbered) if held_out is None else tuple(spectra.numbers(held_out))
     tell = on_progress or (lambda doing, done: None)
     candidates = list(_candidates(rig, causes))
     shares = repeatability_of(rig, spectra, repeatability)
@@ -99,6 +103,14 @@ def diagnose(
         diagnosis = found.diagnosis()
     records = tuple(spectra.labels_of(np.array(diagnosis.held_out_records, dtype=int)).tolist())
     return replace(diagnosis, held_out_records=records, evidence=(*beside, *diagnosis.evidence))
+
+
+def _expect_levels(rig: AnyRig, spectra: MeasuredSpectra) -> None:
+    known = np.unique(spectra.level).tolist()
+    for i, (level, _) in enumerate(rig.excitation.force_gain, 1):
+        if not any(alike(level, other) for other in known):
+            accepted = ", ".join(f"{other:g}" for other in known)
+            raise InputError(f"{rig.name}: excitation.force_gain[{i}]: level {level:g}; must be one of {accepted}")
 
 
 def _unrepeatable(shares: Mapping[str, float]) -> Iterator[str]:

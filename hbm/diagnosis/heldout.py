@@ -1,8 +1,11 @@
 """Which records are held out, where the caller does not say: whole ones, a level and a band that no fit has seen."""
 
+from collections.abc import Collection
+
 import numpy as np
 
 from hbm.measurement.spectra import MeasuredSpectra
+from models.parts import alike
 
 LEVELS = 3
 """From so many levels up one of them is held out, the middle one."""
@@ -18,12 +21,14 @@ MOST = 0.5
 """Of the level every second record is held out, where the whole of it and the band are more than this share."""
 
 
-def choose_held_out(spectra: MeasuredSpectra) -> tuple[int, ...]:
+def choose_held_out(spectra: MeasuredSpectra, numbered: Collection[float] = ()) -> tuple[int, ...]:
     """Numbers of records to hold out; none where there are too few.
 
     Parameters
     ----------
     spectra : MeasuredSpectra
+    numbered : collection of float
+        Levels that have a number of their own, which no other level tells: of one every second record is held out.
 
     Returns
     -------
@@ -34,7 +39,10 @@ def choose_held_out(spectra: MeasuredSpectra) -> tuple[int, ...]:
     levels, frequencies = np.unique(spectra.level), np.unique(spectra.hz)
     level, band = np.zeros(len(spectra), dtype=bool), np.zeros(len(spectra), dtype=bool)
     if len(levels) >= LEVELS and len(spectra) >= PER_LEVEL * len(levels):
-        level = spectra.level == levels[len(levels) // 2]
+        middle = levels[len(levels) // 2]
+        level = spectra.level == middle
+        if any(alike(middle, own) for own in numbered):
+            level[np.flatnonzero(level)[1::2]] = False
     if len(frequencies) >= FEWEST:
         width = max(1, len(frequencies) // BAND)
         first = min((3 * len(frequencies)) // 5, len(frequencies) - width - 1)

@@ -4,8 +4,10 @@ What no model describes counts as noise of one level on all lines of a channel. 
 judged best: with it, its misfit is what noise makes. All models are fitted and compared beside it.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +17,9 @@ from hbm.diagnosis.calibrate import off, trusted
 from hbm.diagnosis.candidates import HOPELESS
 from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
-from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, tied
+from hbm.diagnosis.decide import accepted, best_of, held_by, inclusion, inside, tied
 from hbm.diagnosis.estimates import estimates, name_of, told_of
+from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.judge import std_of_records
 from hbm.diagnosis.linescan import line_scan
 from hbm.diagnosis.misfit import NOISE_KNOWN, nrmse
@@ -34,8 +37,8 @@ from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.jointed import JointedRig
 
-FITTED, MOST_CAUSES = 5, 2
-"""Joints that are fitted of those that were scanned; causes that are named, at most."""
+FITTED, PLACES, MOST_CAUSES = 5, 2, 2
+"""Joints that are fitted of those that were scanned, and places of each law; causes that are named, at most."""
 
 FLOORS, SETTLED = 4, 0.1
 """Times the floor is found anew, at most, and the relative change of it at which it is settled."""
@@ -96,16 +99,16 @@ class LineSearch:
         """Fits of the candidates that may explain what a model leaves, over it."""
         joints = [c for c in self.candidates if isinstance(c, AddedJoint)]
         self.tell("joints that may be missing", 0.3)
-        scores = sorted((s for s in line_scan(base, self.campaign, joints) if s.starts), key=lambda s: -s.drop)
+        scores = [s for s in line_scan(base, self.campaign, joints) if s.starts]
         self.tried += len(joints)
-        hopeful = [s for s in scores if s.drop >= HOPELESS * scores[0].drop][:FITTED]
-        starts: list[tuple[Cause, Sequence[dict[str, float]]]] = [(s.cause, s.starts) for s in hopeful]
+        starts: list[tuple[Cause, Sequence[dict[str, float]]]]
+        starts = [(s.cause, s.starts) for s in hopeful(scores, base.chi2)]
         starts += [(c, ({},)) for c in self._pulled(base)]
         found: list[Evaluation] = []
         for i, (cause, values) in enumerate(starts):
             self.tell(f"{cause.label} ({i + 1} of {len(starts)})", 0.4)
             of_use = BEHIND * min((e.chi2 for e in found), default=np.inf)
-            best = min(self._fits(base, cause, values, of_use), key=lambda e: e.chi2, default=None)
+            best = self._fitted(base, cause, values, of_use)
             if best is not None and not best.missing:
                 found.append(best)
         return found
@@ -120,15 +123,17 @@ class LineSearch:
                     self.tried += 1
                     yield cause
 
-    def _fits(
+    def _fitted(
         self, base: Evaluation, cause: Cause, starts: Sequence[dict[str, float]], of_use: float
-    ) -> Iterator[Evaluation]:
-        model = base.model.extended_by(cause)
+    ) -> Evaluation | None:
+        """The fit of a candidate from the best of its starts; None where no start has all steady states."""
+        model, begun = base.model.extended_by(cause), list[Evaluation]()
         for start in starts:
-            try:
-                yield fit_model(model, self.campaign, starting(model, base, start), base.solutions, reach=of_use)
-            except FAILURES:
-                continue
+            with suppress(*FAILURES):
+                x = starting(model, base, start)
+                begun.append(evaluate(model, self.campaign, x, base.solutions, needed=base.found))
+        best = min(begun, key=lambda e: e.chi2, default=None)
+        return None if best is None else fit_model(model, self.campaign, best.x, best.solutions, reach=of_use)
 
     # ---- the decision
 
@@ -277,6 +282,25 @@ class LineSearch:
             return float("nan")
         same = fine.white.record[0] == e.white.record
         return float(np.linalg.norm(fine.white.raw - e.white.raw[same]) / np.linalg.norm(fine.white.measured))
+
+
+def hopeful(scores: Sequence[Scanned], missed: float) -> list[Scanned]:
+    """Joints worth a fit, of each law at few places: alike at all of them, one law would leave no room for others.
+
+    A law that holds a simpler one, and promises to leave hardly less of what is missed, is none.
+    """
+    left = {s.cause.label: missed - s.drop for s in scores}
+    plain = [
+        s
+        for s in scores
+        if not any(left[s.cause.label] > PAYS * left.get(name, np.inf) for name in held_by(s.cause) - {s.cause.label})
+    ]
+    best, at, out = max((s.drop for s in plain), default=0.0), Counter[str](), list[Scanned]()
+    for s in sorted(plain, key=lambda s: -s.drop):
+        at[s.cause.name] += 1
+        if s.drop >= HOPELESS * best and at[s.cause.name] <= PLACES:
+            out.append(s)
+    return out[:FITTED]
 
 
 def likeliest_floor(e: Evaluation, campaign: LineCampaign) -> float:

@@ -15,7 +15,7 @@ CLEAR = 5.0
 
 
 def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str | None = None) -> str:
-    """Text of a rig file with ``[modal]``: ports named as the channels, residuals, deviations as comments.
+    """Text of a rig file with ``[modal]``: ports named as the channels, residuals, and deviations as tolerances.
 
     Parameters
     ----------
@@ -40,12 +40,12 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
     """
     shapes, std, root = modes.shapes(drive)
     channels = list(modes.responses.channels)
-    hz, ratio = modes.hz, modes.ratio
+    hz, ratio, hz_std, ratio_std = modes.hz, modes.ratio, modes.hz_std, modes.ratio_std
     own = 1.0 if drive is None else float(modes.below[channels.index(drive)])
     clear = modes.below_std * CLEAR < np.abs(modes.below)
     rigid = own > 0.0 and (clear.any() if drive is None else clear[channels.index(drive)])
     if rigid:  # phi_j phi_drive = L_j
-        hz, ratio = np.append(0.0, hz), np.append(0.0, ratio)
+        hz, ratio, hz_std, ratio_std = (np.append(0.0, row) for row in (hz, ratio, hz_std, ratio_std))
         first = modes.below / np.sqrt(own)
         shapes, std = np.column_stack([first, shapes]), np.column_stack([modes.below_std / np.sqrt(own), std])
         root = np.append(np.sqrt(own), root)
@@ -55,19 +55,25 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
     at = drive or DRIVE
     lines = [
         f"# {len(modes)} modes fitted from {modes.responses.hz[0]:.6g} to {modes.responses.hz[-1]:.6g} Hz, misfit "
-        f"{modes.chi2_reduced:.3g} noise variances; ± is one standard deviation",
+        f"{modes.chi2_reduced:.3g} noise variances",
         f'name = "{name}"',
         "",
         "[modal]",
-        f"frequencies_hz = {_row(hz)}  # ± {_row(modes.hz_std, 2)}"
-        + ("; 0: all modes below the band" if rigid else ""),
+        f"frequencies_hz = {_row(hz)}" + ("  # 0: all modes below the band" if rigid else ""),
         f"flexibility = {_matrix(_flexibility(modes, list(ports), at))}  # of modes above the band, where it was seen",
         "",
         "[modal.ports]" + ("" if drive else "  # the force acts on 1 of each mode: shapes carry the scale"),
-        *(f'"{port}" = {_row(row)}  # ± {_row(spread, 2)}' for port, (row, spread) in ports.items()),
+        *(f'"{port}" = {_row(row)}' for port, (row, _) in ports.items()),
+        "",
+        "[modal.tolerances]  # one standard deviation",
+        f"frequencies_hz = {_row(hz_std, 2)}",
+        f"modal_ratios = {_row(ratio_std, 2)}",
+        "",
+        "[modal.tolerances.ports]",
+        *(f'"{port}" = {_row(spread, 2)}' for port, (_, spread) in ports.items()),
         "",
         "[damping]",
-        f"modal_ratios = {_row(ratio)}  # ± {_row(modes.ratio_std, 2)}",
+        f"modal_ratios = {_row(ratio)}",
         "",
         "[excitation]",
         f'at = "{at}"',

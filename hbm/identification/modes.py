@@ -4,8 +4,7 @@ The response of channel j per force is (i omega)^d (sum_r A_jr / (omega_r^2 - om
 + V_j omega^2 - L_j / omega^2): normal modes, what modes above the band answer at rest and next to it, and what modes
 below it do as masses; d is 0, 1 or 2 for displacement, velocity and acceleration. All of it is fitted by weighted least
 squares, which is the most likely answer for the noise stated; derivatives are CasADi's. Modes are added one at a time,
-where what is left asks for one most, as long as the Bayesian information criterion falls; that needs no stabilisation
-diagram and no pole picked by hand.
+where what is left asks for one most, as long as the Bayesian information criterion falls: no pole is picked by hand.
 """
 
 from collections.abc import Callable, Mapping
@@ -177,7 +176,9 @@ def frequency_responses(spectra: MeasuredSpectra, force: str, channels: Mapping[
     return FrequencyResponses(spectra.hz[i] * k, dict(channels), H, std)
 
 
-def fit_modes(responses: FrequencyResponses, modes: int | None = None, *, phase: bool = False) -> Modes:
+def fit_modes(
+    responses: FrequencyResponses, modes: int | None = None, *, phase: bool = False, drive: str | None = None
+) -> Modes:
     """Fit modes to frequency responses.
 
     Parameters
@@ -186,8 +187,9 @@ def fit_modes(responses: FrequencyResponses, modes: int | None = None, *, phase:
     modes : int, optional
         How many in the band; as many as the data ask for where omitted.
     phase : bool
-        Whether the channel that stands for the force, such as the voltage of the shaker, may be off by a phase, the
-        same at all frequencies.
+        Whether the channel that stands for the force, such as a shaker's voltage, may be off by one phase.
+    drive : str, optional
+        Channel at the point that is driven, along the force: no mode is added in which it moves against the force.
 
     Returns
     -------
@@ -204,17 +206,15 @@ def fit_modes(responses: FrequencyResponses, modes: int | None = None, *, phase:
     most = (2 * n * c - REST * c) // (2 + c)  # as many unknowns as numbers were measured
     if modes is not None and modes > most:
         raise InputError(f"modal: modes = {modes}; must be <= {most} with {n} frequencies of {c} channels")
-    problem = _Problem(responses, phase)
+    problem = _Problem(responses, phase, drive)
     if not problem.measured.any():
         raise InputError("modal: no channel moves; must be driven by the force")
-    poles = np.empty((0, 2))
-    best = problem.fitted(poles)
+    best = problem.fitted(poles := np.empty((0, 2)))
     for _ in range(modes or MOST_MODES):
         tried = problem.fitted(np.vstack([poles, problem.further(poles, best)]), problem.phase(best))
         if modes is None and not problem.asks_for(tried, best, len(poles) + 1):
             break
-        best = tried
-        poles = problem.poles(best, len(poles) + 1)
+        best, poles = tried, problem.poles(tried, len(poles) + 1)
     if not len(poles):
         raise InputError("modal: no mode stands out of the noise; must be measured around one")
     return problem.described(best, len(poles))
@@ -223,8 +223,8 @@ def fit_modes(responses: FrequencyResponses, modes: int | None = None, *, phase:
 class _Problem:
     """Weighted residuals of channels beside a number of modes; x holds log f, log zeta, all that is linear, a phase."""
 
-    def __init__(self, responses: FrequencyResponses, turns: bool) -> None:
-        self.responses, self.turns = responses, turns
+    def __init__(self, responses: FrequencyResponses, turns: bool, drive: str | None) -> None:
+        self.responses, self.turns, self.driven = responses, turns, [name == drive for name in responses.channels]
         listed = np.isfinite(responses.H)
         self.weight = np.where(listed, 1.0 / np.where(listed, responses.std, 1.0), 0.0)
         self.measured = np.where(listed, responses.H, 0.0)
@@ -320,15 +320,16 @@ class _Problem:
         return residual
 
     def asks_for(self, more: Array, less: Array, modes: int) -> bool:
-        """Whether a fit is better by BIC, for noise of unknown size, and its poles lie apart and in the band.
+        """Whether a fit is better by BIC, for noise of unknown size, and its modes lie apart and in the band.
 
-        Two within half their bandwidths, seen from one drive, are one that is not linear.
+        Two within half their bandwidths, seen from one drive, are one that is not linear; that moves with its force.
         """
         poles, band = self.poles(more, modes), self.responses.hz
         hz, ratio = poles[np.argsort(poles[:, 0])].T
         together = np.diff(hz) < 0.5 * (hz[1:] * ratio[1:] + hz[:-1] * ratio[:-1])
         outside = hz[0] < band[0] / OUTSIDE or hz[-1] > band[-1] * OUTSIDE
-        if outside or together.any() or ratio.min() < LEAST_RATIO or ratio.max() > MOST_RATIO:
+        against = (self._flexibility(more, modes)[self.driven, :modes] <= 0.0).any()
+        if against or outside or together.any() or ratio.min() < LEAST_RATIO or ratio.max() > MOST_RATIO:
             return False
         return self._bic(more, modes) < self._bic(less, modes - 1)
 
@@ -340,10 +341,11 @@ class _Problem:
         """Modes in the order of their frequencies, with standard deviations."""
         left, J = self._residual(modes)(x)
         chi2 = float(left @ left) / max(self.points - len(x), 1)
-        covariance = np.linalg.pinv(J.T @ J) * max(chi2, 1.0)
+        size = np.linalg.norm(J, axis=0)
+        scale = np.divide(1.0, size, out=0.0 * size, where=size > 0.0)  # flexibilities are of another size
+        covariance = np.linalg.pinv((J * scale).T @ (J * scale)) * np.outer(scale, scale) * max(chi2, 1.0)
         poles, c = self.poles(x, modes), self.measured.shape[1]
-        w = 2 * np.pi * poles[:, 0]
-        flexibility = self._flexibility(x, modes)
+        w, flexibility = 2 * np.pi * poles[:, 0], self._flexibility(x, modes)
         place = 2 * modes + np.arange(c * (modes + REST)).reshape(c, modes + REST)
 
         def std(rows: Array) -> Array:
@@ -353,8 +355,7 @@ class _Problem:
         for j, r in np.ndindex(c, modes):
             of_A[j, r, place[j, r]] = w[r] ** 2
             of_A[j, r, r] = 2 * w[r] ** 2 * flexibility[j, r]
-        spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        order = np.argsort(poles[:, 0])
+        spread, order = np.sqrt(np.maximum(np.diag(covariance), 0.0)), np.argsort(poles[:, 0])
         return Modes(
             responses=self.responses,
             hz=poles[order, 0],

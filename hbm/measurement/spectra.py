@@ -246,6 +246,37 @@ class MeasuredSpectra(Displayed):
             raise InputError(f"{self.source}: {found} held out; must be some of {_listed(self.labels)}")
         return self._of_records(~held), self._of_records(held)
 
+    def between(self, low: float, high: float, responses: Iterable[str]) -> "MeasuredSpectra":
+        """Leave out what lies beyond a band of frequencies: of responses there, of the force up to twice its upper end.
+
+        Parameters
+        ----------
+        low, high : float
+            Ends of the band [Hz].
+        responses : iterable of str
+            Channels of motion.
+
+        Raises
+        ------
+        InputError
+            If no response lies in the band.
+        """
+        at = self.hz[:, None] * np.arange(self.H + 1)
+        H = max(1, min(self.H, int(2 * high // self.hz.min())))
+        channels = [self.index(name) for name in responses]
+        inside = np.ones(self.std.shape, dtype=bool)
+        inside[:, channels] = ((low <= at) & (at <= high))[:, None]
+        std, both = np.where(inside, self.std, np.nan), np.concatenate([inside, inside[..., 1:]], axis=2)
+        coefficients = np.where(both, self.coefficients, np.nan)
+        cut = [*range(H + 1), *range(self.H + 1, self.H + 1 + H)]
+        there = np.asarray(np.isfinite(std[:, channels]).any(axis=(1, 2)))
+        if not there.any():
+            raise InputError(
+                f"{self.source}: no response between {low:g} and {high:g} Hz; they are from {self.hz.min():g} to "
+                f"{at.max():g} Hz"
+            )
+        return replace(self, coefficients=coefficients[..., cut], std=std[..., : H + 1])._of_records(there)
+
     def without(self, channel: str) -> "MeasuredSpectra":
         """Everything but one channel.
 

@@ -23,7 +23,7 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.numerics import Grid, Numerics, amplitudes_of
 from hbm.outputerror.records import Measurement, Record, parts
-from hbm.outputerror.simulated import FAILURES, Simulated, Solutions, States
+from hbm.outputerror.simulated import FAILURES, Simulated, Solutions, States, in_record
 from hbm.sensitivity.jointed import JointChannels
 from hbm.sensitivity.lines import line_changes
 from models.jointed import AnyRig, JointedRig
@@ -107,6 +107,7 @@ def line_campaign(rig: JointedRig, spectra: MeasuredSpectra, executor: Executor 
                 start=State(np.zeros((1, 0)), np.zeros((1, 0)), 2 * np.pi * float(spectra.hz[i]), 1.0),
                 distortion=np.full((2, spectra.H - 1), np.nan),
                 distortion_std=np.full(spectra.H - 1, np.nan),
+                level=float(spectra.level[i]),
             )
         )
     # four samples a period of the highest line: the cube of a motion does not fold back on it
@@ -142,7 +143,7 @@ def line_state(rig: JointedRig, basis: FourierBasis, record: Record, force: Arra
     own = np.zeros(basis.size)
     H = len(force) // 2
     own[: H + 1], own[basis.H + 1 : basis.H + H + 1] = force[: H + 1], force[H + 1 :]
-    balance = LineBalance(rig, basis, record.hz, own)
+    balance = LineBalance(rig, basis, record.hz, own * rig.excitation.gain(record.level))
     same = last is not None and last.T.shape == (basis.size, len(balance.own))
     return balance.solved(last.T if last is not None and same else None)
 
@@ -161,12 +162,14 @@ def _simulated(
     try:
         here = line_state(rig, basis, record, forces[record.number], last)
         solution: PeriodicSolution = describe_joints(here.problem, here.state, record.hz)
-        Q, T = line_changes(here, keys)
+        own, by_keys = in_record(rig, keys, record)
+        Q, T = line_changes(here, own)
     except FAILURES:
         return None
-    by = JointChannels(here.problem, solution, keys, Q, T)
+    by_keys[-1] /= record.force_on(rig)  # the balance counts its force in shares of all lines
+    by = JointChannels(here.problem, solution, own, Q, T)
     amplitudes = amplitudes_of(data, solution)
-    slopes = [parts(basis, by[name].coefficients, data.H) for name in data.channels]
+    slopes = [parts(basis, by[name].coefficients @ by_keys, data.H) for name in data.channels]
     nothing = np.zeros_like(amplitudes)
     return Simulated(
         solution=solution,
@@ -177,6 +180,6 @@ def _simulated(
         by_tones=None,
         by_history=None,
         by_transients=None,
-        Q_by_keys=Q,
-        T_by_keys=T,
+        Q_by_keys=Q @ by_keys,
+        T_by_keys=T @ by_keys,
     )

@@ -8,6 +8,7 @@ from hbm.sensitivity.scalars import ALPHA, FRICTION, LOAD, sensor_scalars
 from models.change import Scalar, drift_scalars, element_scalars, structure_scalars
 from models.friction import describe, parameters
 from models.jointed import AnyRig, JointedRig
+from models.jointednumbers import GAINS
 
 TOLERANCES = {
     "beam.youngs_modulus": 0.01,
@@ -30,6 +31,9 @@ channel and of the excitation, absolute.
 FREQUENCY, RATIO, SHAPE = 0.005, 0.2, 0.03
 """Tolerances of what is identified of modes: frequencies and damping ratios, relative; and entries of shapes, relative
 to the largest of their mode."""
+
+FORCE_GAIN = 0.1
+"""Tolerance of a force per unit of what was measured in its place, which nobody has calibrated."""
 
 SHAPES = "modal.ports."
 """Beginning of the keys of entries of shapes."""
@@ -65,7 +69,10 @@ def _of_channels(channels: Collection[str]) -> dict[str, float]:
 
 
 def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
-    """Tolerances of a rig with joints: of modes as far as anything touches them, and of the laws of the joints."""
+    """Tolerances of a rig with joints: of modes as far as anything touches them, and of the laws of the joints.
+
+    Those that the rig states go first; what it states to be exact is held.
+    """
     found: dict[str, float] = {}
     largest = np.abs(rig.ported.rows).max(axis=0)
     places = {f"{SHAPES}{place}[{i}]": size for place in rig.places for i, size in enumerate(largest, 1)}
@@ -81,7 +88,10 @@ def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
             found[key] = RATIO
         elif key == ALPHA and value > 0.0:
             found[key] = TOLERANCES[ALPHA]
-    return found | _of_channels(channels)
+        elif key.startswith(GAINS):
+            found[key] = FORCE_GAIN
+    found |= {key: std for key, std in rig.tolerances.items() if key in found}
+    return {key: std for key, std in found.items() if std > 0.0} | _of_channels(channels)
 
 
 def nominal_scalars(rig: AnyRig) -> dict[str, float]:

@@ -43,6 +43,8 @@ class Record:
         Coefficients of cos and sin of harmonics 2..H of the force [N], nan where not measured.
     distortion_std : (H-1,) array
         Standard deviation of each of them, nan where not measured.
+    level : float
+        As in the file.
     """
 
     number: int
@@ -55,6 +57,7 @@ class Record:
     start: State
     distortion: Array
     distortion_std: Array
+    level: float
 
     @property
     def listed(self) -> npt.NDArray[np.bool_]:
@@ -67,6 +70,10 @@ class Record:
         found = np.flatnonzero(np.isfinite(self.distortion_std))
         ratios = (self.distortion[:, found] / self.force).T.tolist()
         return tuple((int(i) + 2, cosine, sine) for i, (cosine, sine) in zip(found, ratios, strict=True))
+
+    def force_on(self, rig: AnyRig) -> float:
+        """Amplitude of the force on a rig: it may differ from what was measured in its place [N]."""
+        return self.force * rig.excitation.gain(self.level)
 
     def rig(self, rig: AnyRig) -> AnyRig:
         """A rig as it is in this record: what drifts, and the harmonics of the force where the rig minds them.
@@ -152,6 +159,7 @@ def turned(seen: Readings, q: Complex, T: Complex, i: int) -> Record:
         start=start,
         distortion=np.array([harmonics.real, -harmonics.imag]),
         distortion_std=force_std,
+        level=level,
     )
 
 
@@ -176,7 +184,7 @@ def solve_record(
     except ConvergenceError:
         if last is not None:
             raise
-    problem = balance_of(rig, basis, level=record.force)
+    problem = balance_of(rig, basis, level=record.force_on(rig))
     lam = problem.lam_at(record.hz)
     return _described(
         problem, solve_at(problem, first_solution(problem, lam), lam, NewtonSettings(tolerance=TOLERANCE))
@@ -193,7 +201,7 @@ def solve_from(
     ConvergenceError
         If it does not get there.
     """
-    problem = balance_of(rig, basis, level=record.force)
+    problem = balance_of(rig, basis, level=record.force_on(rig))
     settings = NewtonSettings(tolerance=TOLERANCE, max_iterations=steps)
     return _described(problem, solve_lifting(problem, start, problem.lam_at(record.hz), settings))
 

@@ -18,7 +18,9 @@ from hbm.stability.transients import transients
 from models.change import drift_scalars, tone_scalars
 from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
+from models.jointednumbers import GAINS
 from models.numbers import number
+from models.parts import alike
 from models.rig import Rig
 
 Solutions = Mapping[int, PeriodicSolution]
@@ -119,24 +121,24 @@ def simulated(
     if solved is None:
         return None
     here, solution, found = solved
-    own, by_keys = in_record(rig, keys, record.number)
+    own, by_keys = in_record(rig, keys, record)
     tones = tuple(tone_scalars(here.excitation)) if here.excitation.measured_harmonics else ()
     spare = spare_friction(here, solution)
     try:
         beside = held_beside(solution) if spare > 0.0 else None
-        by = changes_where_solved(found, solution, (*own, FORCE, HZ, *tones), beside)
+        by = changes_where_solved(found, solution, (*own, HZ, *tones), beside)
         left = left_by_transients(here, solution, data) if isinstance(here, Rig) else None
     except FAILURES:
         return None
     p = len(own)
     slopes = np.stack([parts(basis, by[name].coefficients, data.H) for name in data.channels], axis=1)
-    by_tones = slopes[..., p + 2 :] if tones else None
+    by_tones = slopes[..., p + 1 :] if tones else None
     return Simulated(
         solution=solution,
         amplitudes=amplitudes_of(data, solution),
         by_keys=slopes[..., :p] @ by_keys,
-        by_force=slopes[..., p],
-        by_hz=slopes[..., p + 1],
+        by_force=slopes[..., p - 1] * here.excitation.gain(record.level),
+        by_hz=slopes[..., p],
         by_tones=by_tones,
         by_history=history(spare, by.disturbed, solution, data) if spare > 0.0 else None,
         by_transients=left,
@@ -198,28 +200,32 @@ def left_by_transients(rig: Rig, solution: PeriodicSolution, data: Measurement) 
     return np.asarray(np.moveaxis(parts(basis, picked, data.H), 1, 2))
 
 
-def in_record(rig: AnyRig, keys: Sequence[str], record: int) -> tuple[tuple[str, ...], Array]:
-    """Numbers of the rig of a record that numbers of a rig that drifts decide, and their derivatives to them.
+def in_record(rig: AnyRig, keys: Sequence[str], record: Record) -> tuple[tuple[str, ...], Array]:
+    """Numbers of the rig of a record that some numbers of a rig decide, and their derivatives to these.
 
     Parameters
     ----------
     rig : Rig
     keys : sequence of str, (p,)
-        Its numbers.
-    record : int
+        Its numbers; it may drift, or have another force per unit at each level.
+    record : Record
 
     Returns
     -------
     tuple of str, (q,)
-        Numbers of :meth:`hbm.outputerror.records.Record.rig`.
+        Numbers of :meth:`hbm.outputerror.records.Record.rig`, the force last.
     (q, p) array
     """
-    after = record - 1
+    after = record.number - 1
     drifting = dict(zip(drift_scalars(rig), rig.drift, strict=True))
     grown = {drift.parameter: 1.0 + drift.rate * after for drift in rig.drift}
-    acts_on = [drifting[key].parameter if key in drifting else key for key in keys]
-    own = tuple(dict.fromkeys(acts_on))
+    gains = {f"{GAINS}{i}]": level for i, (level, _) in enumerate(rig.excitation.force_gain, 1)}
+    acts_on = [FORCE if key in gains else drifting[key].parameter if key in drifting else key for key in keys]
+    own = (*dict.fromkeys(target for target in acts_on if target != FORCE), FORCE)
     by_keys = np.zeros((len(own), len(keys)))
     for j, (key, target) in enumerate(zip(keys, acts_on, strict=True)):
-        by_keys[own.index(target), j] = after * number(rig, target) if key in drifting else grown.get(target, 1.0)
+        if key in gains:
+            by_keys[-1, j] = record.force if alike(gains[key], record.level) else 0.0
+        else:
+            by_keys[own.index(target), j] = after * number(rig, target) if key in drifting else grown.get(target, 1.0)
     return own, by_keys

@@ -1,6 +1,7 @@
 """Rig files with ``[[joints]]``: any body, any number of joints; a checked :class:`models.jointed.JointedRig` out."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,8 +21,10 @@ from hbm.rigfiles.schema import (
     ChannelName,
     Complaint,
     DampingTable,
+    Key,
     Table,
     complaints_of,
+    dotted,
     found,
     law_table,
     ranked,
@@ -52,6 +55,24 @@ class HeldBeamTable(BeamTable):
     tip: End = "supported"
 
 
+Deviations = Annotated[list[NonNegative], Field(max_length=MOST_MODES)]
+
+
+class TolerancesTable(Table):
+    """``[modal.tolerances]``: one standard deviation of each number of each mode, in its unit; 0 of what is exact."""
+
+    frequencies_hz: Deviations = Field(default_factory=list)
+    modal_ratios: Deviations = Field(default_factory=list)
+    ports: dict[Shown, Deviations] = Field(default_factory=dict)
+
+    @property
+    def rows(self) -> dict[Key, list[float]]:
+        """Deviations by mode, under the key of each row that is given."""
+        rows: dict[Key, list[float]] = {("ports", port): row for port, row in self.ports.items()}
+        rows |= {("frequencies_hz",): self.frequencies_hz, ("modal_ratios",): self.modal_ratios}
+        return {key: row for key, row in rows.items() if row}
+
+
 class PortedModalTable(Table):
     """``[modal]`` with joints, the arguments of :class:`models.bodies.modal.ModalModel`."""
 
@@ -63,6 +84,7 @@ class PortedModalTable(Table):
     damping_matrix: list[list[float]] | None = None
     reactions: dict[Shown, list[Shape]] = Field(default_factory=dict)
     shares: dict[Shown, list[Shape]] = Field(default_factory=dict)
+    tolerances: TolerancesTable | None = None
 
 
 class MatrixTable(Table):
@@ -83,6 +105,7 @@ class PlacedExcitationTable(Table):
     amplitude: Force
     at: Place | None = None
     position: NonNegative | None = None
+    force_gain: list[Annotated[list[Positive], Field(min_length=2, max_length=2)]] = Field(default_factory=list)
 
 
 class PlacedChannelTable(Table):
@@ -163,9 +186,12 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
             body=_body(file, folder),
             damping=_damping(file.damping),
             joints=tuple(_joint(entry, folder, consent) for entry in file.joints),
-            excitation=Excitation(**_placed(file.excitation)),
+            excitation=Excitation(
+                **_placed(file.excitation, "force_gain"), force_gain=_pairs(file.excitation.force_gain)
+            ),
             channels=tuple(Channel(**_placed(channel)) for channel in file.channels),
         )
+        rig = replace(rig, tolerances=_tolerances(rig, file.modal))
         return rig_of_tables(rig, file.extensions, folder, consent)
     except ValueError as refused:
         raise InputError(f"{source}: {refused}") from None
@@ -238,6 +264,23 @@ def _of_shapes(modal: dict[str, Any], channels: Any) -> Iterator[Complaint]:
         yield Complaint(("modal", "shapes"), f"has {len(shapes)} rows", f"must have {n}, one per [[channels]] entry")
 
 
+def _tolerances(rig: JointedRig, modal: PortedModalTable | None) -> dict[str, float]:
+    """What is stated, by the keys of numbers of the rig; relative, but of numbers that are 0."""
+    out: dict[str, float] = {}
+    for key, row in modal.tolerances.rows.items() if modal and modal.tolerances else ():
+        where = dotted(("modal", "tolerances", *key))
+        if len(row) != rig.structure.n:
+            raise ValueError(f"{where} has {len(row)} entries; must have {rig.structure.n}, one per mode")
+        table = "damping" if key == ("modal_ratios",) else "modal"
+        for i, std in enumerate(row, 1):
+            number = f"{table}.{'.'.join(map(str, key))}[{i}]"
+            if number in rig.numbers:
+                out[number] = std / (abs(rig.number(number)) or 1.0)
+            elif std > 0.0:
+                raise ValueError(f"{where}[{i}] = {std:g}; must be 0, for {number} is no number of the rig")
+    return out
+
+
 def _law_of(name: str, folder: Path, consent: Consent) -> type:
     return JOINT_LAWS[name] if name in JOINT_LAWS else find_law(name, folder, consent)
 
@@ -264,8 +307,12 @@ def _listed(places: str | list[str] | None) -> tuple[str, ...]:
     return () if places is None else (places,) if isinstance(places, str) else tuple(places)
 
 
-def _placed(what: PlacedExcitationTable | PlacedChannelTable) -> dict[str, Any]:
-    values = what.model_dump()
+def _pairs(rows: list[list[float]]) -> tuple[tuple[float, float], ...]:
+    return tuple((one, other) for one, other in rows)
+
+
+def _placed(what: PlacedExcitationTable | PlacedChannelTable, *but: str) -> dict[str, Any]:
+    values = what.model_dump(exclude=set(but))
     return values | {"at": values["at"] or "", "position": values["position"] or 0.0}
 
 

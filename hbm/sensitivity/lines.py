@@ -7,12 +7,14 @@ import numpy as np
 from hbm.balance.equations import State
 from hbm.balance.lines import LinesHere
 from hbm.fourier import Array
-from hbm.sensitivity.jointed import structure_changes
+from hbm.sensitivity.jointed import FORCE, structure_changes
 from models.joints.law import numbers
 
 
 def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
     """Derivatives of the modes (2H+1, n, p) and joint forces (2H+1, m, p) to numbers of the rig (p,).
+
+    That to the amplitude of the excitation is to the share of all its lines.
 
     Raises
     ------
@@ -32,6 +34,11 @@ def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
         moved = problem.signals(State(Q[:, :, i], np.zeros_like(here.state.T), problem.Omega, 0.0))
         seen = problem.signals(here.state, change)
         missed[:, :, i] = here.answered([a + b for a, b in zip(moved, seen, strict=True)])
+    if FORCE in keys:
+        i, shape = keys.index(FORCE), np.outer(problem.force_shape, s.excitation)
+        Q[:, :, i] = problem.modes.moved(shape)
+        grown = problem.signals(State(Q[:, :, i], np.zeros_like(here.state.T), problem.Omega, 1.0))
+        missed[:, :, i] = here.answered(grown)
     for j, (joint, at) in enumerate(zip(problem.rig.joints, problem.slices, strict=True)):
         names = [f"joints.{joint.name}.{name}" for name in numbers(joint.law)]
         columns = [i for i, key in enumerate(keys) if key in names]

@@ -9,6 +9,7 @@ from models.causes.cause import EITHER, Cause, Unknown
 from models.change import structure_scalars
 from models.friction import describe, parameters
 from models.jointed import AnyRig, JointedRig
+from models.jointednumbers import GAINS
 from models.numbers import number, with_number
 
 NEAREST = 0.999
@@ -100,8 +101,7 @@ def _of_joints(rig: JointedRig) -> Iterator[str]:
     """Numbers of a rig with joints that may be wrong: of its modes where anything touches them, and of its joints."""
     touched = tuple(f"modal.ports.{place}[" for place in rig.places)
     for key, (value, _) in rig.numbers.items():
-        mode = key.startswith(("modal.frequencies_hz", "damping.")) or key.startswith(touched)
-        if value and (mode or key.startswith("joints.")):
+        if value and key.startswith(("modal.frequencies_hz", "damping.", "joints.", GAINS, *touched)):
             yield key
 
 

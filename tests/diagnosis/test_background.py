@@ -21,7 +21,9 @@ def records(rng):
         amplitudes = np.outer(np.array([1.0, 0.6, -0.8]), [y, 0.1 * y]) + STD * rng.standard_normal((CHANNELS, H))
         measured = np.array([amplitudes.real, amplitudes.imag])
         std = np.full((CHANNELS, H), STD)
-        out.append(Record(i + 1, str(i + 1), hz, level, 0.0, measured, std, None, np.zeros((2, 1)), np.full(1, np.nan)))
+        out.append(
+            Record(i + 1, str(i + 1), hz, level, 0.0, measured, std, None, np.zeros((2, 1)), np.full(1, np.nan), level)
+        )
     return out
 
 

@@ -18,6 +18,7 @@ from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.search import campaign_of
 from hbm.diagnosis.verdict import Diagnosis
+from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.measurement.spectrafile import write_spectra
 from hbm.outputerror.fit import evaluate
@@ -251,3 +252,47 @@ def test_a_scan_of_exact_records_finds_the_size_of_what_made_them() -> None:
     )
     assert best.cause.at == "b" and best.cause.to == ""
     assert best.starts[0]["cubic"] == pytest.approx(2e6, rel=2e-2)
+
+
+# ---- a force that is known but for a factor at each level
+
+GAIN = 1.13
+
+
+def shaken() -> tuple[JointedRig, MeasuredSpectra]:
+    """A linear structure whose highest level about the first mode has more force per unit of what stands for it."""
+    rig, seen = rig_of(NOMINAL), records("null")
+    coefficients = seen.coefficients.copy()
+    coefficients[seen.level == LEVELS[-1], seen.index("force")] /= GAIN
+    gains = ((LEVELS[1], 1.0), (LEVELS[2], 1.0))
+    return replace(rig, excitation=replace(rig.excitation, force_gain=gains)), replace(seen, coefficients=coefficients)
+
+
+def test_the_force_per_unit_of_a_level_is_calibrated() -> None:
+    rig, seen = shaken()
+    d = diagnose(rig, seen)
+    assert d.verdict == "consistent" and d.calibrated is not None
+    assert d.errors["calibrated"]["held_out"].chi2_reduced < 1.5
+    gains = {
+        f.name: (f.value(x), f.value(x) * s)
+        for f, x, s in zip(d.calibrated.model.free, d.calibrated.x, d.calibrated.std, strict=True)
+        if f.name.startswith("excitation.force_gain")
+    }
+    for (value, std), truth in zip(gains.values(), (1.0, GAIN), strict=True):
+        assert abs(value - truth) < 3.0 * std < 0.02
+
+
+def test_a_force_per_unit_that_is_known_is_named_where_it_is_wrong() -> None:
+    rig, seen = shaken()
+    known = tolerances(rig, SENSORS) | {f"excitation.force_gain[{i}]": 0.01 for i in (1, 2)}
+    d = diagnose(rig, seen, tolerances=known)
+    assert (d.verdict, d.cause) == ("cause-found", "parameter:excitation.force_gain[2]")
+    gain, std = value(d, "value")
+    assert abs(gain - GAIN) < 3.0 * std < 0.02
+
+
+def test_a_level_that_was_not_measured_is_refused() -> None:
+    rig, seen = shaken()
+    rig = replace(rig, excitation=replace(rig.excitation, force_gain=((0.7, 1.0),)))
+    with pytest.raises(InputError, match=r"excitation.force_gain\[1\]: level 0.7; must be one of 0.2, 0.6, "):
+        diagnose(rig, seen)

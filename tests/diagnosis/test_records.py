@@ -24,6 +24,7 @@ from hbm.outputerror.numerics import Grid, Numerics
 from hbm.outputerror.records import force_columns
 from hbm.outputerror.simulated import in_record
 from hbm.parallel import each
+from hbm.sensitivity.scalars import FORCE
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, ParameterDrift
@@ -247,9 +248,10 @@ def test_a_record_has_its_own_numbers():
     fourth = at_record(rig, 4)
     assert number(fourth, MU) == pytest.approx(1.03 * number(rig, MU), rel=1e-15)
     assert number(fourth, E) == pytest.approx(0.94 * number(rig, E), rel=1e-15)
-    own, by_keys = in_record(rig, ("drift[1].rate", MU, E, LOAD), 4)
-    assert own == (E, MU, LOAD)
-    assert by_keys == pytest.approx(np.array([[3 * 210e9, 0, 0.94, 0], [0, 1.03, 0, 0], [0, 0, 0, 1.0]]))
+    record = SimpleNamespace(number=4, level=6.5, force=6.4)
+    own, by_keys = in_record(rig, ("drift[1].rate", MU, E, LOAD), record)
+    assert own == (E, MU, LOAD, FORCE)
+    assert by_keys == pytest.approx(np.array([[3 * 210e9, 0, 0.94, 0], [0, 1.03, 0, 0], [0, 0, 0, 1.0], [0] * 4]))
     assert number(with_number(rig, "drift[1].rate", 0.25), "drift[1].rate") == 0.25
     with pytest.raises(KeyError, match="is not a number of the rig"):
         number(rig, "drift[2].rate")

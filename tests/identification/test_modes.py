@@ -57,6 +57,13 @@ def test_numbers_are_right_within_their_deviations(fits) -> None:
         assert abs(found.mean()) < 4.0 / np.sqrt(len(found))
 
 
+def test_deviations_do_not_depend_on_how_stiff_a_structure_is(fits) -> None:
+    straight = noisy(1)
+    m = fit_modes(FrequencyResponses(AT, CHANNELS, 1e-6 * straight.H, 1e-6 * straight.std))
+    assert m.hz_std == pytest.approx(fits[1].hz_std, rel=1e-3)
+    assert m.ratio_std == pytest.approx(fits[1].ratio_std, rel=1e-3)
+
+
 def test_residuals_are_what_the_mode_above_answers_at_rest(fits) -> None:
     expected = SHAPES[:, 4] * SHAPES[0, 4] / (2 * np.pi * HZ[4]) ** 2
     for m in fits:
@@ -70,6 +77,20 @@ def test_shapes_are_mass_normalised_by_the_channel_at_the_drive(fits) -> None:
     assert root == pytest.approx(SHAPES[0, :4], rel=0.01)
     with pytest.raises(InputError, match=r"v2 moves against the force .*must be the channel at the point driven"):
         fits[0].shapes("v2")
+
+
+def test_no_mode_is_added_that_the_drive_moves_against() -> None:
+    """A mode of the second channel alone, next to one of the structure, is no other: the drive would have no part."""
+    w = 2 * np.pi * AT
+    false = np.zeros((len(AT), 3), dtype=complex)
+    for j, size in ((0, -2e-3), (1, 0.1)):
+        wr = 2 * np.pi * 44.0
+        false[:, j] = (1j * w) ** (2 - j) * size / (wr**2 - w**2 + 2j * 0.004 * wr * w)
+    straight = noisy(2)
+    seen = FrequencyResponses(AT, CHANNELS, straight.H + false, straight.std)
+    assert np.sum(np.abs(fit_modes(seen).hz - 44.0) < 0.1) == 1
+    kept = fit_modes(seen, drive="a1")
+    assert len(kept) == 4 and (kept.A[0] > 0.0).all()
 
 
 def test_the_phase_of_a_voltage_is_found() -> None:
@@ -117,7 +138,10 @@ def test_the_rig_file_answers_as_the_structure(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, [*args, "--quantity", "v2=velocity", "--quantity", "x3=displacement"])
     assert result.exit_code == 0, result.output
     text = (tmp_path / "rig.toml").read_text()
-    assert len(tomllib.loads(text)["modal"]["frequencies_hz"]) == 4
+    modal = tomllib.loads(text)["modal"]
+    assert len(modal["frequencies_hz"]) == 4
+    off = (np.array(modal["frequencies_hz"]) - HZ[:4]) / modal["tolerances"]["frequencies_hz"]
+    assert np.abs(off).max() < 4.5
     joint = '\n[[joints]]\nname = "nothing"\nlaw = "dashpot"\nat = "a1"\nlinear = 1e-9\nquadratic = 0.0\n'
     (tmp_path / "joined.toml").write_text(text + joint)
     rig = load_rig(tmp_path / "joined.toml")

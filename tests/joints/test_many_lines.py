@@ -9,10 +9,14 @@ from scipy.integrate import solve_ivp
 
 from hbm import diagnose, joint_sensitivities, steady_state
 from hbm.balance.lines import LineBalance
+from hbm.diagnosis.jointscan import Scanned
+from hbm.diagnosis.linesearch import hopeful
 from hbm.fourier import MANY, Array, FourierBasis, sampled
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.sensitivity.lines import line_changes
 from models.bodies.modal import ModalModel
+from models.causes.addedjoint import AddedJoint
+from models.causes.joints import CubicStiffness, JointSlip, LocalSpring, QuinticStiffness
 from models.friction import Dahl, Iwan, Jenkins
 from models.jointed import JointedRig
 from models.joints import Clearance, CubicSpring, Friction, Joint, JointLaw
@@ -74,6 +78,16 @@ def test_derivatives_are_those_of_the_dense_balance(both: tuple[LineBalance, Joi
     for found, known in ((Q, expected.Q), (T, expected.T)):
         size = np.abs(known).max(axis=(0, 1))
         np.testing.assert_allclose(found / size, known / size, atol=2e-5)
+
+
+def test_the_derivative_to_the_force_is_that_to_the_share_of_all_lines(both: tuple[LineBalance, JointedRig]) -> None:
+    lines, dense = both
+    expected = joint_sensitivities(dense, steady_state(dense, 9.0, harmonics=24, samples=256), ["excitation.amplitude"])
+    for found, known in zip(
+        line_changes(lines.solved(), ["excitation.amplitude"]), (expected.Q, expected.T), strict=True
+    ):
+        share = known * dense.excitation.amplitude
+        np.testing.assert_allclose(found, share, atol=2e-5 * np.abs(share).max())
 
 
 def test_a_body_that_may_drift_has_the_mean_of_its_springs_alone() -> None:
@@ -168,3 +182,17 @@ def test_nothing_is_named_where_lines_are_noise() -> None:
     found = diagnose(oscillator(F_N * 1.004), measured(lambda u: 0.0 * u, 0.02), held_out=[2, 5])
     assert (found.verdict, found.cause) == ("consistent", None)
     assert not found.remainder.structured
+
+
+def test_nested_laws_and_many_places_of_one_leave_room_for_others() -> None:
+    def score(cause: AddedJoint, drop: float) -> Scanned:
+        return Scanned(cause, drop, 1.0, np.zeros(1), ({},))
+
+    scores = [
+        *(score(CubicStiffness(at), drop) for at, drop in (("a", 480.0), ("b", 470.0), ("c", 460.0))),
+        *(score(JointSlip("a"), 300.0), score(LocalSpring("a"), 20.0)),
+    ]
+    labels = [s.cause.label for s in hopeful([*scores, score(QuinticStiffness("a"), 500.0)], 1000.0)]
+    assert labels == ["cubic-stiffness a", "cubic-stiffness b", "joint-slip a"]
+    labels = [s.cause.label for s in hopeful([*scores, score(QuinticStiffness("a"), 900.0)], 1000.0)]
+    assert labels[:2] == ["quintic-stiffness a", "cubic-stiffness a"]

@@ -12,6 +12,7 @@ from hbm.cli import app
 from hbm.errors import InputError
 from hbm.integration.integrate import simulate
 from hbm.modes.linear import linear_modes
+from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state
 from hbm.rigfiles.load import load_rig
 from hbm.sensitivity.jointed import joint_sensitivities
@@ -170,3 +171,70 @@ def test_a_force_where_the_excitation_is_does_what_a_change_of_that_does(k: int)
     seen = pushed(probe, here, [("d", ""), ("a", "c")], H)
     assert np.allclose(seen.channels["probe"].reshape(-1, 2, 2 * H)[:, 1], found.moved[0, :, 1], rtol=0, atol=1e-12)
     assert np.allclose(motion_between(RIG, here, [("d", "")])[0], here["drive"].coefficients, rtol=0, atol=1e-12)
+
+
+TOLERANCES = """[modal.tolerances]
+frequencies_hz = [0.0, 0.02, 0.0]
+modal_ratios = [0.0, 0.001, 0.002]
+[modal.tolerances.ports]
+tip = [0.05, 0.02, 0.03]
+[damping]"""
+
+
+def test_tolerances_of_the_file_go_before_those_of_the_diagnosis(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text(FILE)
+    usual = tolerances(load_rig(file), ["tip"])
+    file.write_text(FILE.replace("[damping]", TOLERANCES))
+    stated = {
+        "modal.frequencies_hz[2]": 0.001,
+        **{f"damping.modal_ratios[{i}]": std for i, std in ((2, 0.1), (3, 0.2))},
+        **{f"modal.ports.tip[{i}]": std for i, std in ((1, 0.1), (2, 0.02), (3, 0.03))},
+    }
+    held = {"modal.frequencies_hz[3]", "damping.modal_ratios[1]"}
+    expected = {key: std for key, std in (usual | stated).items() if key not in held}
+    assert tolerances(load_rig(file), ["tip"]) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("0.0, 0.02, 0.0", "0.0, 0.02", "modal.tolerances.frequencies_hz has 2 entries; must have 3, one per mode"),
+        (
+            "0.0, 0.02, 0.0",
+            "0.1, 0.0, 0.0",
+            r"frequencies_hz\[1\] = 0.1; must be 0, for modal",
+        ),
+        (
+            "tip = ",
+            "top = ",
+            r"ports.top\[1\] = 0.05; must be 0, for modal.ports.top\[1\] is no number",
+        ),
+        ("0.001,", "-0.001,", r"modal.tolerances.modal_ratios\[2\] = -0.001; must be >= 0"),
+        (
+            "modal_ratios = [0.0",
+            "ratios = [0.0",
+            "modal.tolerances.ratios is unknown; accepted keys are f",
+        ),
+    ],
+)
+def test_tolerances_that_are_none_are_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text(FILE.replace("[damping]", TOLERANCES.replace(old, new)))
+    with pytest.raises(InputError, match=said):
+        load_rig(file)
+
+
+@pytest.mark.parametrize(
+    ("gains", "said"),
+    [
+        ("[[0.2, 1.0], [0.2, 1.1]]", r"excitation.force_gain\[2\]: level 0.2; must be there once"),
+        ("[[0.2, 0.0]]", r"excitation.force_gain\[1\]\[2\] = 0.0; must be > 0"),
+        ("[[0.2]]", r"excitation.force_gain\[1\]"),
+    ],
+)
+def test_forces_per_unit_that_are_none_are_refused(tmp_path: Path, gains: str, said: str) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text(FILE.replace("amplitude = 2.0", f"amplitude = 2.0\nforce_gain = {gains}"))
+    with pytest.raises(InputError, match=said):
+        load_rig(file)

@@ -254,3 +254,16 @@ def test_a_wrong_ending_writes_nothing(rig: Rig, tmp_path: Path) -> None:
         == f"{tmp_path / 's.txt'}: not a spectra file; must end in .csv or .npz or .nc or .mat or .uff"
     )
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_band_leaves_out_responses_beyond_it_and_keeps_the_force(rig: Rig) -> None:
+    rng, hz = np.random.default_rng(3), np.array([10.0, 20.0, 40.0])
+    coefficients = {name: rng.standard_normal((3, 11)) for name in ("force", "a1")}
+    whole = spectra_of(rig, hz, np.ones(3), coefficients, {name: np.ones((3, 6)) for name in coefficients})
+    band = whole.between(15.0, 21.0, ["a1"])
+    assert band.records.tolist() == [1, 2] and band.H == 4  # 42 Hz are four times the lowest frequency
+    assert [np.flatnonzero(row).tolist() for row in band.measured[:, band.index("a1")]] == [[2], [1]]
+    assert band.complex("a1")[0, 2] == whole.complex("a1")[0, 2] and np.isnan(band.complex("a1")[0, 3])
+    assert np.array_equal(band.complex("force"), whole.complex("force")[:2, :5])
+    with pytest.raises(InputError, match="no response between 300 and 400 Hz; they are from 10 to 200 Hz"):
+        whole.between(300.0, 400.0, ["a1"])
