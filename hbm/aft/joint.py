@@ -119,12 +119,8 @@ class JointOverPeriod(SteadyPeriod):
     def linearize(self, signals: Array, Omega: float) -> JointForces:
         """Steady forces with the derivatives of their coefficients; arguments as :meth:`forces`."""
         self._show(signals, Omega)
-        basis, m, all_signals, f = (
-            self.basis,
-            self.ports,
-            signals_of(self.ports),
-            self._forces.reshape(-1, self.ports).copy(),
-        )
+        basis, m, all_signals = self.basis, self.ports, signals_of(self.ports)
+        f = self._forces.reshape(-1, m).copy()
         by_samples = gradients(self._local, m, basis.analysis, self._first_period)
         found: dict[int, Array] = {}
         for by, i in zip(by_samples, self.functions.reads, strict=False):  # the time between samples comes last

@@ -57,6 +57,8 @@ class SteadyPeriod:
     ----------
     _memory, _outputs : int
         How many of the carried values decide what follows, and how many forces there are.
+    _inputs : list of array
+        Buffers that the functions read: what is carried, then those of the law.
     _carried, _marched, _end : (c,) array
         Buffers of what stands before the first sample: as given, after a march, and after a period.
     _forces, _gap : (N_t * outputs,) array
@@ -78,6 +80,7 @@ class SteadyPeriod:
 
     _memory: int
     _outputs: int
+    _inputs: list[Array]
     _carried: Array
     _marched: Array
     _end: Array

@@ -184,11 +184,9 @@ def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> li
         return []
     first, *others = ordered
     if first.chi2 > REFINABLE * len(first.white):
-        # a joint's stiffness and what it slips at go along narrow valleys: they end where the fit does, not its steps
-        return [
-            fit_model(first.model, campaign, first.x, first.solutions, FINISHED) if _scanned(base) else first,
-            *others,
-        ]
+        if _scanned(base):  # a joint's stiffness and what it slips at go along narrow valleys, which take more steps
+            first = fit_model(first.model, campaign, first.x, first.solutions, FINISHED)
+        return [first, *others]
     first = refine(first, campaign)
     if not small(base) and first.chi2 - len(first.white) < FAR:
         others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]

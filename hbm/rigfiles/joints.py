@@ -191,7 +191,8 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
             ),
             channels=tuple(Channel(**_placed(channel)) for channel in file.channels),
         )
-        rig = replace(rig, tolerances=_tolerances(rig, file.modal))
+        if file.modal is not None and file.modal.tolerances is not None:
+            rig = replace(rig, tolerances=_tolerances(rig, file.modal.tolerances))
         return rig_of_tables(rig, file.extensions, folder, consent)
     except ValueError as refused:
         raise InputError(f"{source}: {refused}") from None
@@ -264,18 +265,18 @@ def _of_shapes(modal: dict[str, Any], channels: Any) -> Iterator[Complaint]:
         yield Complaint(("modal", "shapes"), f"has {len(shapes)} rows", f"must have {n}, one per [[channels]] entry")
 
 
-def _tolerances(rig: JointedRig, modal: PortedModalTable | None) -> dict[str, float]:
+def _tolerances(rig: JointedRig, stated: TolerancesTable) -> dict[str, float]:
     """What is stated, by the keys of numbers of the rig; relative, but of numbers that are 0."""
-    out: dict[str, float] = {}
-    for key, row in modal.tolerances.rows.items() if modal and modal.tolerances else ():
+    known, out = rig.numbers, dict[str, float]()
+    for key, row in stated.rows.items():
         where = dotted(("modal", "tolerances", *key))
         if len(row) != rig.structure.n:
             raise ValueError(f"{where} has {len(row)} entries; must have {rig.structure.n}, one per mode")
         table = "damping" if key == ("modal_ratios",) else "modal"
         for i, std in enumerate(row, 1):
             number = f"{table}.{'.'.join(map(str, key))}[{i}]"
-            if number in rig.numbers:
-                out[number] = std / (abs(rig.number(number)) or 1.0)
+            if number in known:
+                out[number] = std / (abs(known[number][0]) or 1.0)
             elif std > 0.0:
                 raise ValueError(f"{where}[{i}] = {std:g}; must be 0, for {number} is no number of the rig")
     return out
