@@ -10,8 +10,8 @@ from hbm.figures.style import (
     SMALL,
     AxesArray,
     align_labels,
-    as_written,
     dressed,
+    headed,
     level_colors,
     new_axes,
     panels,
@@ -59,7 +59,7 @@ def plot_backbones(
     plot_backbone_over_responses(backbones, curves, response)
     frequency.set_xlabel("")
     rig = backbones[0].rig
-    frequency.set_title(f"{as_written(rig.name)}, {rig.law_name}", fontsize=10, loc="left", color=INK)
+    headed(frequency, f"{rig.name}, {rig.law_name}")
     return align_labels(rows)
 
 

@@ -14,8 +14,8 @@ from hbm.figures.style import (
     AxesArray,
     Color,
     align_labels,
-    as_written,
     dressed,
+    headed,
     level_colors,
     new_axes,
     panels,
@@ -65,7 +65,7 @@ def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
     rows[0].set_xlim(min(ends), max(ends))
     rig = curves[0].rig
-    rows[0].set_title(f"{as_written(rig.name)}, {rig.law_name}", fontsize=10, loc="left", color=INK)
+    headed(rows[0], f"{rig.name}, {rig.law_name}")
     return align_labels(rows)
 
 
@@ -80,7 +80,7 @@ def _plot_jointed(curves: Sequence[ResponseCurve], axes: AxesArray | None) -> Ax
     ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
     rows[0].set_xlim(min(ends), max(ends))
     rig = curves[0].rig
-    rows[0].set_title(as_written(rig.name), fontsize=10, loc="left", color=INK)
+    headed(rows[0], rig.name)
     return align_labels(rows)
 
 

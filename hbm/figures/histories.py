@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from hbm.figures.joints import plot_joint_history
-from hbm.figures.style import FAINT, INK, AxesArray, align_labels, as_written, dressed, level_colors, panels
+from hbm.figures.style import FAINT, INK, AxesArray, align_labels, dressed, headed, level_colors, panels
 from models.jointed import JointedRig
 
 if TYPE_CHECKING:
@@ -52,10 +52,5 @@ def plot_history(
             dressed(ax, "", text)
     grid[-1][0].set_xlabel("Time [s]", color=INK)
     grid[-1][1].set_xlabel(f"Time [ms], last {periods} periods", color=INK)
-    grid[0][0].set_title(
-        f"{as_written(history.rig.name)}, {history.level:g} N at {history.hz:g} Hz",
-        fontsize=10,
-        loc="left",
-        color=INK,
-    )
+    headed(grid[0][0], f"{history.rig.name}, {history.level:g} N at {history.hz:g} Hz")
     return align_labels(grid)

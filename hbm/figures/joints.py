@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 
-from hbm.figures.style import FAINT, INK, SMALL, AxesArray, align_labels, as_written, dressed, panels
+from hbm.figures.style import FAINT, INK, SMALL, AxesArray, align_labels, as_written, dressed, headed, panels
 
 if TYPE_CHECKING:
     from hbm.integration.jointed import JointHistory
@@ -99,6 +99,5 @@ def plot_joint_history(history: "JointHistory", axes: AxesArray | None = None, *
         )
     grid[-1][0].set_xlabel("Time [s]", color=INK)
     grid[-1][1].set_xlabel(f"Time [ms], last {periods} periods", color=INK)
-    title = f"{as_written(rig.name)}, {history.level:g} N at {history.hz:g} Hz"
-    grid[0][0].set_title(title, fontsize=10, loc="left", color=INK)
+    headed(grid[0][0], f"{rig.name}, {history.level:g} N at {history.hz:g} Hz")
     return align_labels(grid)

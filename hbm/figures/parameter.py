@@ -2,7 +2,7 @@
 
 from hbm.figures.curves import draw_line, explain, least_reaction, mark
 from hbm.figures.joints import draw_joints
-from hbm.figures.style import FAINT, INK, AxesArray, align_labels, as_written, dressed, graded, panels
+from hbm.figures.style import FAINT, INK, AxesArray, align_labels, dressed, graded, headed, panels
 from hbm.tracking.parameterresponse import ParameterCurve
 from models.jointed import JointedRig
 from models.rig import Rig
@@ -54,7 +54,7 @@ def plot_parameter_curve(curve: ParameterCurve, axes: AxesArray | None = None) -
     if low > 0.0 and high > LOGARITHMIC * low:
         drive.set_xscale("log")
     drive.set_xlim(low, high)
-    drive.set_title(_title(curve), fontsize=10, loc="left", color=INK)
+    headed(drive, _title(curve))
     explain(drive)
     return align_labels(rows)
 
@@ -69,7 +69,7 @@ def _plot_jointed(curve: ParameterCurve, axes: AxesArray | None) -> AxesArray:
     unit = "" if curve.unit == "1" else f" [{curve.unit}]"
     dressed(rows[0], "", "Drive displacement,\npeak [mm]")
     rows[2].set_xlabel(curve.parameter + unit, color=INK)
-    rows[0].set_title(_title(curve), fontsize=10, loc="left", color=INK)
+    headed(rows[0], _title(curve))
     explain(rows[0])
     return align_labels(rows)
 
@@ -79,4 +79,4 @@ def _title(curve: ParameterCurve) -> str:
     held = {"frequency_hz": f"{first.hz:g} Hz", "excitation.amplitude": f"{first.level:g} N"}
     said = [text for key, text in held.items() if key != curve.parameter]
     law = [curve.rig.law_name] if isinstance(curve.rig, Rig) else []
-    return ", ".join([as_written(curve.rig.name), *law, *said])
+    return ", ".join([curve.rig.name, *law, *said])

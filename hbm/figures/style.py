@@ -1,6 +1,7 @@
 """Common style of the figures: sizes, inks, axes, one colour per level."""
 
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,8 @@ AxesArray = npt.NDArray[Any]
 """Panels of a figure, each an `Axes`."""
 
 WIDTH = 6.3  # inches: the text width of a page
+CHARACTERS = 64
+"""Of a title, in a line of that width."""
 SMALL = 8
 INK, FAINT = "0.2", "0.75"
 
@@ -151,6 +154,12 @@ def as_written(name: str) -> str:
     'a \\$ b \\$'
     """
     return name.replace("$", r"\$")
+
+
+def headed(ax: Axes, title: str) -> None:
+    """Title the first panel of a figure, in as many lines as its width asks for."""
+    lines = wrap(title, CHARACTERS, break_on_hyphens=False) or [""]
+    ax.set_title("\n".join(map(as_written, lines)), fontsize=10, loc="left", color=INK)
 
 
 def tint(color: Color, share: float = 0.28) -> Color:
