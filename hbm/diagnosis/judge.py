@@ -4,8 +4,9 @@ What the best model leaves says how large the background may be; all models are 
 as well as that allows.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +23,7 @@ FREE = 1e-12
 """Precision of a number of which nothing is known before."""
 
 TRUSTED = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
-"""What the rig file may be off by, as shares of the tolerances; equally likely before."""
+"""What the rig file and its modes may be off by, as shares of the tolerances; equally likely before."""
 
 
 def linear(e: Evaluation, campaign: Campaign) -> Linear:
@@ -93,9 +94,8 @@ def std_within(e: Evaluation, wide: Evaluation, frequencies: Array, ratios: Arra
     """Standard deviations of the values of a model's numbers, as far as all that it holds may be off too.
 
     A cause that is found over the rig file as it is has numbers as exact as the noise allows, if all others are exact;
-    any cause has, if each mode is. How far they are off is averaged over shares of the tolerances of the rig file and
-    of the frequencies of modes, each as likely as it makes the records. Damping ratios are not known any better than
-    theirs.
+    any cause has, if each mode is. How far they are off is averaged over shares of the tolerances of the rig file, of
+    the frequencies of modes and of their damping ratios, each share as likely as it makes the records.
 
     Parameters
     ----------
@@ -114,11 +114,11 @@ def std_within(e: Evaluation, wide: Evaluation, frequencies: Array, ratios: Arra
     free, J = wide.model.free, wide.white.jacobian
     held = np.array([f.cause < 0 and not e.model.calibrated for f in free])
     std = np.array([f.std for f in free])
-    known, damped = np.isfinite(std[~held]), np.zeros(ratios.shape[1])
-    precision = np.concatenate([np.where(known, 1.0 / np.where(known, std[~held], 1.0) ** 2, FREE), damped + 1.0])
-    pull = np.concatenate([np.where(known, (wide.x - [f.expected for f in free])[~held], 0.0), damped])
-    own, others = np.hstack([J[:, ~held], ratios]), np.hstack([J[:, held] * std[held], frequencies])
-    square = _mean_square(own, others, wide.white.residual, precision, pull)[: len(known)]
+    known = np.isfinite(std[~held])
+    precision = np.where(known, 1.0 / np.where(known, std[~held], 1.0) ** 2, FREE)
+    pull = np.where(known, (wide.x - [f.expected for f in free])[~held], 0.0)
+    others = (J[:, held] * std[held], frequencies, ratios)
+    square = _mean_square(J[:, ~held], others, wide.white.residual, precision, pull)
     slopes = np.array([f.slope(x) for f, x in zip(e.model.free, e.x, strict=True)])
     return np.asarray(np.maximum(np.abs(slopes) * np.sqrt(square), e.std))
 
@@ -143,19 +143,23 @@ def _disagreement(J: Array, residual: Array, record: Ints, covariance: Array, ex
     return np.asarray(np.einsum("ij,jk,ik->i", covariance, spread, covariance))
 
 
-def _mean_square(own: Array, others: Array, residual: Array, precision: Array, pull: Array) -> Array:
-    """Mean square of what numbers are off by, (n,), others being off by shares of one tolerance each.
+def _mean_square(own: Array, others: Sequence[Array], residual: Array, precision: Array, pull: Array) -> Array:
+    """Mean square of what numbers are off by, (n,), groups of others being off by a share of one tolerance each.
 
     `precision` (n,) is what is known of the numbers before, `pull` (n,) how far from expected they are.
     """
+    n, groups = own.shape[1], [group for group in others if group.shape[1]]
+    rows = np.hstack([own, *groups, residual[:, None]])
+    gram = rows.T @ rows
+    prior = np.concatenate([precision, np.ones(rows.shape[1] - 1 - n)])
+    pulled = np.concatenate([precision * pull, np.zeros(len(prior) - n)])
     squares, deviances = [], []
-    for share in TRUSTED:
-        columns = np.hstack([own, share * others])
-        prior = np.concatenate([precision, np.ones(others.shape[1])])
-        A = columns.T @ columns + np.diag(prior)
-        gradient = columns.T @ residual - np.concatenate([precision * pull, np.zeros(others.shape[1])])
+    for shares in product(TRUSTED, repeat=len(groups)):
+        size = np.repeat([1.0, *shares], [n, *(group.shape[1] for group in groups)])
+        A = size[:, None] * gram[:-1, :-1] * size + np.diag(prior)
+        gradient = size * gram[:-1, -1] - pulled
         covariance = np.linalg.inv(A)
         step = covariance @ gradient
-        squares.append((np.diag(covariance) + step**2)[: own.shape[1]])
+        squares.append((np.diag(covariance) + step**2)[:n])
         deviances.append(float(np.linalg.slogdet(A)[1] - gradient @ step))
     return np.asarray(weights(deviances) @ np.array(squares))

@@ -142,7 +142,7 @@ def test_numbers_are_as_uncertain_as_the_rig_file_is_wrong(share):
         measured = J @ off + rng.standard_normal(60)
         alone = float(J[:, 0] @ measured / (J[:, 0] @ J[:, 0]))
         left = measured - J[:, 0] * alone
-        std = np.sqrt(_mean_square(J[:, :1], tolerance * J[:, 1:], left, *nothing)[0])
+        std = np.sqrt(_mean_square(J[:, :1], (tolerance * J[:, 1:],), left, *nothing)[0])
         pulls.append((alone - 0.3) / std)
         by_noise.append((alone - 0.3) * np.linalg.norm(J[:, 0]))
     assert 0.75 < np.sqrt(np.mean(np.square(pulls))) < 1.25
