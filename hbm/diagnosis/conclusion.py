@@ -12,7 +12,7 @@ from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
 from hbm.diagnosis.decide import ALARM, Decision, inclusion, sidak, tied
 from hbm.diagnosis.estimates import estimates, lifted, name_of, told_of
-from hbm.diagnosis.judge import freed, possible_background_of, std_of_records, std_within, widened
+from hbm.diagnosis.judge import beside, freed, possible_background_of, std_of_records, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
@@ -92,7 +92,7 @@ class Conclusion:
         """Verdict, and all that supports it."""
         verdict = self.verdict
         best = self.decision.best if verdict in NAMED else None
-        ties = tied(self.decision.fits, best) if best is not None else []
+        ties = self._ties(best) if best is not None else []
         return Diagnosis(
             verdict=verdict,
             cause=None if best is None else name_of(best),
@@ -114,6 +114,11 @@ class Conclusion:
             held_campaign=None if self.hidden is None else replace(self.hidden, executor=None),
             tried=self.decision.fits,
         )
+
+    def _ties(self, best: Evaluation) -> list[Evaluation]:
+        """Fits that cannot be told from the best one, beside whatever background there may be."""
+        fits = [e if e.missing else beside(e, self._beside) for e in self.decision.fits]
+        return tied(fits, beside(best, self._beside))
 
     @cached_property
     def _widened(self) -> tuple[Evaluation, Evaluation]:

@@ -166,12 +166,21 @@ class Search:
         if not self._fits(found.story) or not self.tolerable(found.story):
             return self._beside_background()
         plain = self.campaign
-        for e in inside(found.story, [e for e in self.fitted if self._enough(e)]):
+        for e in self._simpler_than(found):
             beside_it = self._beside_background(e)
             if beside_it.story.model.causes == e.model.causes:
                 return beside_it
             self.campaign = plain
         return found
+
+    def _simpler_than(self, found: Decision) -> list[Evaluation]:
+        """Fits that may do in place of what leaves noise alone, if what they leave is a background.
+
+        Those that a cause contains; and in place of many small errors of the rig file the best single cause over it.
+        """
+        if found.best is None:
+            return [e for e in found.fits if found.base is self.calibrated and self._enough(e)][:1]
+        return inside(found.best, [e for e in self.fitted if self._enough(e)])
 
     def _plain(self) -> Decision:
         """The simplest story that leaves noise alone; where there is none, the best of those that nearly do."""
