@@ -1,11 +1,18 @@
 """An effect that numbers within their tolerances take nearly all of: its rest is told from noise by its name alone."""
 
+from dataclasses import replace
+
 import pytest
 
+from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.search import Search
+from hbm.outputerror.nominal import nominal_scalars
 from hbm.response.synthesis import synthesize
+from models.causes.cause import candidates_of
 from models.causes.friction import ViscousContact
+from models.causes.parameter import WrongParameter
 from models.causes.structure import AddedMass
 from models.numbers import with_numbers
 from tests.hbm.rigs import beam
@@ -33,3 +40,37 @@ def test_a_dashpot_that_damping_within_its_tolerance_hides_is_named():
     assert calibrated.chi2 - found.extended_fit.chi2 > 38.0  # BIC falls by 30
     assert found.confidence < 0.6
     assert found.remainder.explained["train"] == pytest.approx(1.0, abs=0.01)  # of the rig file as it is
+
+
+def measured_of(off, snr):
+    """A beam, and what it measures where some numbers of its rig file are off."""
+    rig = beam(alpha=2.0)
+    values = nominal_scalars(rig)
+    built = with_numbers(rig, {key: factor * values[key] for key, factor in off.items()})
+    return rig, synthesize(built, LEVELS, HZ, snr=snr, seed=1, harmonics=5).spectra
+
+
+def test_one_wrong_number_beside_a_background_is_named_where_small_errors_would_leave_noise():
+    """A wrong radius, and Young's modulus off by a tenth of its tolerance, which is all that a background is here."""
+    rig, spectra = measured_of({"contact.radius": 1.05, E: 1.001}, 50.0)
+    radius, others = WrongParameter("contact.radius"), (AddedMass, ViscousContact)
+    found = diagnose(rig, spectra, held_out=(), causes=(radius, *others))
+    assert misfit(found.calibrated, found.campaign).fits
+    assert not misfit(found.extended_fit, found.campaign).fits
+    assert (found.verdict, found.cause) == ("cause-found", "parameter:contact.radius"), found
+    value = found.parameters["value"]
+    assert abs(value.value - 1.05 * nominal_scalars(rig)["contact.radius"]) < 3.0 * value.std
+
+
+def test_what_a_background_may_hide_is_not_told_apart():
+    rig, spectra = measured_of({"damping.mass_proportional": 1.3, E: 1.001}, 40.0)
+    causes = (WrongParameter("damping.mass_proportional"), *candidates_of(ViscousContact, rig))
+    search = Search(rig, spectra, causes, None, lambda doing, done: None, None)
+    conclusion = Conclusion(search, search.decide(), None, ())
+    best = conclusion.decision.best
+    assert best is not None and best.model.label == "parameter:damping.mass_proportional"
+    ties = {}
+    for size in (0.0, 0.1):
+        conclusion.__dict__["_beside"] = replace(conclusion.campaign, background=dict.fromkeys(range(1, 6), size))
+        ties[size] = [e.model.label for e in conclusion._ties(best)]
+    assert ties == {0.0: [], 0.1: ["viscous-contact"]}
