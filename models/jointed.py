@@ -9,11 +9,10 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from models.bodies.ported import Body, PortedModes
-from models.display import Displayed
-from models.friction.law import Parameter
 from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, terms
 from models.joints.rubbing import Friction
+from models.numbers import Described, Numbered
 from models.parts import Channel, Damping, Drift, Excitation
 from models.plausible import warn_of
 from models.rig import Rig
@@ -81,7 +80,7 @@ class JointedStructure:
 
 
 @dataclass(frozen=True, eq=False)
-class JointedRig(Displayed):
+class JointedRig(Numbered):
     """A body, its joints, its excitation and what is measured of it.
 
     Change it with :func:`dataclasses.replace`; `structure` follows.
@@ -146,11 +145,6 @@ class JointedRig(Displayed):
         """Names of the laws of its joints, each once."""
         names = [law.law.name if isinstance(law, Friction) else law.name for law in (j.law for j in self.joints)]
         return ", ".join(dict.fromkeys(names))
-
-    @property
-    def response_channels(self) -> tuple[Channel, ...]:
-        """Channels that measure motion (all but force)."""
-        return tuple(c for c in self.channels if c.quantity != "force")
 
     @property
     def lift_off(self) -> bool:
@@ -256,41 +250,19 @@ class JointedRig(Displayed):
         return replace(self, joints=tuple(replace(j, law=law) if j.name == name else j for j in self.joints))
 
     @property
-    def numbers(self) -> dict[str, tuple[float, Parameter]]:
+    def numbers(self) -> Described:
         """All its numbers by the keys of its rig file, with unit and bounds."""
         return scalars(self)
 
     def number(self, key: str) -> float:
-        """Value of one of its numbers.
-
-        Raises
-        ------
-        KeyError
-            If there is no such number.
-        """
+        """Value of one of its numbers."""
         if key not in (known := self.numbers):
             raise KeyError(f"{key} is not a number of the rig {self.name}")
         return known[key][0]
 
     def with_numbers(self, values: Mapping[str, float]) -> "JointedRig":
-        """Return the same rig with other values of some of its numbers.
-
-        Raises
-        ------
-        KeyError
-            If there is no such number.
-        """
+        """Return the same rig with other values of some of its numbers, such as ``joints.tip.mu``."""
         return with_scalars(self, values)
-
-    def with_number(self, key: str, value: float) -> "JointedRig":
-        """Return the same rig with another value of one of its numbers, such as ``joints.tip.mu``.
-
-        Raises
-        ------
-        KeyError
-            If there is no such number.
-        """
-        return self.with_numbers({key: value})
 
     @property
     def units(self) -> list[tuple[str, str]]:

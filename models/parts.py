@@ -236,7 +236,7 @@ class Drift:
     Attributes
     ----------
     parameter : str
-        Key of :func:`models.numbers.number`.
+        Key of :meth:`models.numbers.Numbered.number`.
     rate : float
         Per record.
     """

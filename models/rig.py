@@ -11,9 +11,10 @@ from models.assembly import MORE_MODES, Assembly, Layout, assembled
 from models.attachments import Attachments
 from models.beam import Beam
 from models.bounds import bounded
-from models.display import Displayed
 from models.elements import Element, ElementRows, LiftOff, Reading, element_rows, gauss_points
-from models.friction import parameters, quantities_of
+from models.friction import describe, parameters, quantities_of
+from models.friction.law import Parameter
+from models.numbers import Described, Numbered
 from models.parts import Channel, Contact, Damping, Drift, Excitation, ModalBody, Numbers
 from models.plausible import warn_of
 from models.reduction import Reduction, Switches
@@ -22,9 +23,30 @@ from models.structure import ModalStructure, SpringPort
 RIGID = 1e10
 """Stiffness of a support that does not yield, in units of E I / L^3, where a tip can lift off it."""
 
+DAMPING = ("mass_proportional", "stiffness_proportional", "high_mode_ratio")
+UNITS = {
+    "beam.length": "m",
+    "beam.width": "m",
+    "beam.thickness": "m",
+    "beam.youngs_modulus": "Pa",
+    "beam.density": "kg/m3",
+    "contact.radius": "m",
+    "contact.load_variation": "1",
+    "attachments.clamp_stiffness": "N m/rad",
+    "attachments.clamp_limit": "N m",
+    "attachments.support_stiffness": "N/m",
+    "attachments.tip_stiffness": "N m/rad",
+    "damping.mass_proportional": "1/s",
+    "damping.stiffness_proportional": "s",
+    "damping.high_mode_ratio": "1",
+}
+"""Units of keys; those of entries of lists, by their last part, in `ENTRY_UNITS`."""
+
+ENTRY_UNITS = {"position": "m", "mass": "kg", "stiffness": "N/m", "frequency_hz": "Hz"}
+
 
 @dataclass(frozen=True, eq=False)
-class Rig(Displayed):
+class Rig(Numbered):
     """A structure on its support: everything a simulation needs.
 
     Change it with :func:`dataclasses.replace`; `structure` follows.
@@ -44,7 +66,7 @@ class Rig(Displayed):
     elements : tuple of Element
         Nonlinear elements along a beam; for all that act, see :attr:`acting`.
     drift : tuple of Drift
-        Numbers that change from record to record; the rig is that of record 1, see :func:`models.numbers.at_record`.
+        Numbers that change from record to record; the rig is that of record 1, see :meth:`at_record`.
     """
 
     name: str
@@ -124,9 +146,51 @@ class Rig(Displayed):
         return 1
 
     @property
-    def response_channels(self) -> tuple[Channel, ...]:
-        """Channels that measure motion (all but force)."""
-        return tuple(c for c in self.channels if c.quantity != "force")
+    def numbers(self) -> Described:
+        """All its numbers by the keys of its rig file, with unit and bounds; the force is that of a response."""
+        return {
+            **_described(self.contact.law, "contact.friction"),
+            "contact.normal_load": (self.contact.normal_load, Parameter("N", "static load", "")),
+            **self.of_elements,
+            **self.structural,
+            **self.of_measuring,
+        }
+
+    @property
+    def of_elements(self) -> Described:
+        """Parameters of the nonlinear elements, as :attr:`numbers`."""
+        each = [_described(e, f"elements[{i}]") for i, e in enumerate(self.elements)]
+        return {key: number for own in each for key, number in own.items()}
+
+    @property
+    def structural(self) -> Described:
+        """Numbers that decide the linear structure, as :attr:`numbers`."""
+        values = {f"damping.{name}": getattr(self.damping, name) for name in DAMPING}
+        if isinstance(self.body, Beam):
+            values |= dict(zip(self.layout_keys, self.layout.scalars().values(), strict=True))
+            if self.attachments.support_stiffness is None:  # what stands in for a rigid one is no number of the rig
+                values.pop("attachments.support_stiffness", None)
+            values["contact.load_variation"] = self.contact.load_variation
+        return {key: (value, self._accepted(key)) for key, value in values.items()}
+
+    @property
+    def layout_keys(self) -> list[str]:
+        """Keys of the scalars of the layout, channels by their names."""
+        places = {
+            f"channels[{i}].position": f"channels.{c.name}.position" for i, c in enumerate(self.response_channels)
+        }
+        pointed = [i for i, e in enumerate(self.elements) if e.reads is Reading.POINT]
+        places |= {f"points[{j}]": f"elements[{i}].position" for j, i in enumerate(pointed)}
+        return [places.get(key, key) for key in self.layout.scalars()]
+
+    def _accepted(self, key: str) -> Parameter:
+        """Unit and bounds of a number of the structure: everything stays on the beam."""
+        unit = UNITS.get(key) or ENTRY_UNITS[key.rpartition(".")[2]]
+        if key == "beam.length":
+            furthest = max(self.excitation.position, *(c.position for c in self.channels))
+            return Parameter(unit, "", "", lower=furthest, strict=False)
+        upper = float(self.layout.beam.length) if key.endswith(".position") else float("inf")
+        return Parameter(unit, "", "", upper=upper, strict=key.startswith("beam."))
 
     @cached_property
     def structure(self) -> ModalStructure:
@@ -251,6 +315,12 @@ class Rig(Displayed):
         if ratios is not None and len(ratios) > 1:
             damping = replace(damping, modal_ratios=(ratios + ratios[-1:] * modes)[:modes])
         return replace(self, body=replace(self.body, modes=modes), damping=damping)
+
+
+def _described(law: object, table: str) -> Described:
+    """Parameters of a friction law or an element, with their bounds."""
+    known = describe(type(law))
+    return {f"{table}.{name}": (value, known[name]) for name, value in parameters(law).items()}
 
 
 def _numbers(beam: Beam, attachments: Attachments) -> Numbers:

@@ -15,11 +15,10 @@ from hbm.sensitivity.derivatives import changes_where_solved
 from hbm.sensitivity.moving import Disturbance
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.stability.transients import transients
-from models.change import drift_scalars, tone_scalars
+from models.change import tone_scalars
 from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
 from models.jointednumbers import GAINS
-from models.numbers import number
 from models.parts import alike
 from models.rig import Rig
 
@@ -217,7 +216,7 @@ def in_record(rig: AnyRig, keys: Sequence[str], record: Record) -> tuple[tuple[s
     (q, p) array
     """
     after = record.number - 1
-    drifting = dict(zip(drift_scalars(rig), rig.drift, strict=True))
+    drifting = rig.drifting
     grown = {drift.parameter: 1.0 + drift.rate * after for drift in rig.drift}
     gains = {f"{GAINS}{i}]": level for i, (level, _) in enumerate(rig.excitation.force_gain, 1)}
     acts_on = [FORCE if key in gains else drifting[key].parameter if key in drifting else key for key in keys]
@@ -227,5 +226,5 @@ def in_record(rig: AnyRig, keys: Sequence[str], record: Record) -> tuple[tuple[s
         if key in gains:
             by_keys[-1, j] = record.force if alike(gains[key], record.level) else 0.0
         else:
-            by_keys[own.index(target), j] = after * number(rig, target) if key in drifting else grown.get(target, 1.0)
+            by_keys[own.index(target), j] = after * rig.number(target) if key in drifting else grown.get(target, 1.0)
     return own, by_keys

@@ -34,7 +34,7 @@ from hbm.sensitivity.jointed import (
     joint_sensitivities_at,
 )
 from hbm.sensitivity.moving import Disturbance, LinearBalance, refined
-from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys, rig_scalars
+from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys, solution_numbers
 from models.display import Displayed
 from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
@@ -122,8 +122,8 @@ def sensitivities(
     solution : PeriodicSolution
         Steady state or point of a curve.
     keys : sequence of str, optional
-        What to differentiate to, of :func:`rig_scalars`; where omitted the friction law's parameters, normal load,
-        force, frequency and mass-proportional damping.
+        What to differentiate to, of :func:`hbm.sensitivity.scalars.solution_numbers`; where omitted the friction
+        law's parameters, normal load, force, frequency and mass-proportional damping.
     beside : Disturbance, optional
         Disturbance to solve for along with it, at next to no cost.
 
@@ -164,7 +164,7 @@ def _sensitivities(
 ) -> Sensitivities:
     """As :func:`sensitivities`, of a balance that is linearised; with a matrix from nearby, where one is known."""
     problem, rig = here.problem, here.problem.rig
-    known = rig_scalars(rig, solution)
+    known = solution_numbers(rig, solution.hz, solution.level)
     keys = (*law_keys(rig), LOAD, FORCE, HZ, ALPHA) if keys is None else tuple(keys)
     unknown = [key for key in keys if key not in known]
     if unknown or not keys:
@@ -179,10 +179,10 @@ def _sensitivities(
     slid = held.slid + balance.slid(d_Q, d_T)
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
     channels = Channels(here, solution, held, Change(d_Q, d_T, signals, slid, balance.by_elements(d_Q)))
-    values, units = zip(*(known[key] for key in keys), strict=True)
+    values, units = np.array([known[key][0] for key in keys]), tuple(known[key][1].unit for key in keys)
     mixing = mixing_of(held.structure, problem.structure.omega_n**2)
     moved = {} if beside is None else _seen_of(balance, beside, x[:, len(keys) :])
-    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, mixing, moved)
+    return Sensitivities(solution, keys, units, values, d_Q, d_T, channels, refinements, mixing, moved)
 
 
 def changes(rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str]) -> Sensitivities | JointSensitivities:
@@ -268,7 +268,7 @@ def balance_change(here: AnyLinearization, keys: Sequence[str]) -> Array:
     here : Linearization or JointLinearization
         Any state, solution or not.
     keys : sequence of str, (p,)
-        Keys of :func:`rig_scalars`, or of :func:`hbm.sensitivity.jointed.joint_scalars`.
+        Keys of :func:`hbm.sensitivity.scalars.solution_numbers`.
 
     Returns
     -------

@@ -16,28 +16,17 @@ from hbm.channels import DERIVATIVES, read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import ChannelSensitivity, largest, smooth_peak
+from hbm.sensitivity.scalars import FORCE, HZ, solution_numbers
 from models.change import tone_scalars
 from models.display import Displayed
-from models.friction.law import Parameter
 from models.jointed import JointedRig, JointedStructure
 from models.joints.law import numbers
 
 Peak = Callable[[Array, Array], Array]
 """Derivatives (p,) of the peak of a sampled signal, from its samples and theirs."""
 
-FORCE, HZ = "excitation.amplitude", "frequency_hz"
 UNBALANCED = 1e-6
 """A state that misses the balance by more than this fraction of the excitation is not a solution of the rig."""
-
-
-def joint_scalars(rig: JointedRig, hz: float, level: float) -> dict[str, tuple[float, Parameter]]:
-    """Numbers that a solution depends on and their bounds, with keys such as ``joints.tip.mu``."""
-    found = rig.numbers
-    for key, (value, _) in tone_scalars(rig.excitation).items():
-        found[key] = value, Parameter("1", "coefficient of a harmonic of the force", "", lower=-float("inf"))
-    found[FORCE] = level, found[FORCE][1]
-    found[HZ] = hz, Parameter("Hz", "excitation frequency", "")
-    return found
 
 
 def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array:
@@ -175,7 +164,7 @@ class JointSensitivities(Displayed):
 def joint_sensitivities(
     rig: JointedRig, solution: PeriodicSolution, keys: Sequence[str] | None = None
 ) -> JointSensitivities:
-    """Exact derivatives of a periodic solution of a rig with joints; all of :func:`joint_scalars` where no keys.
+    """Exact derivatives of a periodic solution of a rig with joints; to all that it depends on where no keys.
 
     Raises
     ------
@@ -191,7 +180,7 @@ def joint_sensitivities_at(
     here: JointLinearization, solution: PeriodicSolution, keys: Sequence[str] | None
 ) -> JointSensitivities:
     """As :func:`joint_sensitivities`, of a balance that is linearised."""
-    problem, known = here.problem, joint_scalars(here.problem.rig, solution.hz, solution.level)
+    problem, known = here.problem, solution_numbers(here.problem.rig, solution.hz, solution.level)
     keys = tuple(known) if keys is None else tuple(keys)
     unknown = [key for key in keys if key not in known]
     if unknown or not keys:

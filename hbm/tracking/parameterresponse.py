@@ -112,7 +112,7 @@ def parameter_response(
     rig : Rig
     key : str
         Key of the number in the rig file, such as ``contact.friction.mu`` or ``beam.length``, of
-        :func:`hbm.sensitivity.derivatives.rig_scalars`; ``frequency_hz`` for the excitation frequency.
+        :func:`hbm.sensitivity.scalars.solution_numbers`; ``frequency_hz`` for the excitation frequency.
     values : (float, float)
         First and last value, either may be the larger.
     hz : float, optional

@@ -8,7 +8,6 @@ from typing import ClassVar
 from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
 from models.jointed import AnyRig, JointedRig
-from models.numbers import number, with_number
 from models.parts import ModalBody
 from models.rig import Rig
 
@@ -46,12 +45,12 @@ class SensorGain(Cause):
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The gain."""
         key = f"channels.{self.channel}.gain"
-        now = number(rig, key)
+        now = rig.number(key)
         return (Unknown("gain", "1", key, -100.0, 100.0, now, (now, -now)),)
 
     def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Set the gain."""
-        return with_number(rig, f"channels.{self.channel}.gain", values["gain"])
+        return rig.with_number(f"channels.{self.channel}.gain", values["gain"])
 
 
 @dataclass(frozen=True)
@@ -88,12 +87,12 @@ class SensorDelay(Cause):
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The delay."""
         key = f"channels.{self.channel}.delay"
-        now = number(rig, key)
+        now = rig.number(key)
         return (Unknown("delay_s", "s", key, -1.0, 1.0, now, (now,)),)
 
     def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Set the delay."""
-        return with_number(rig, f"channels.{self.channel}.delay", values["delay_s"])
+        return rig.with_number(f"channels.{self.channel}.delay", values["delay_s"])
 
 
 @dataclass(frozen=True)
@@ -128,13 +127,13 @@ class SensorPosition(Cause):
         """The position; starts where it should be, and along the beam."""
         assert isinstance(rig.body, Beam)
         key, L = f"channels.{self.channel}.position", float(rig.body.length)
-        now = number(rig, key)
+        now = rig.number(key)
         elsewhere = (share * L for share in (0.15, 0.35, 0.55, 0.75, 0.95) if abs(share * L - now) > 0.05 * L)
         return (Unknown("position", "m", key, 1e-6 * L, L, now, (now, *elsewhere)),)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Move the sensor."""
-        return with_number(rig, f"channels.{self.channel}.position", values["position"])
+        return rig.with_number(f"channels.{self.channel}.position", values["position"])
 
 
 @dataclass(frozen=True)
