@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -103,6 +103,9 @@ class JointedRig(Numbered):
     tolerances : mapping of str to float
         What some of its numbers may be off by, by their keys: standard deviations, relative, but of numbers that are 0.
     """
+
+    limits: ClassVar[tuple[str, str]] = ("joined", "free")
+    followed_modes: ClassVar[None] = None
 
     name: str
     body: Body
@@ -277,6 +280,11 @@ class JointedRig(Numbered):
             for j in self.joints
             for i in range(1, j.law.ports + 1)
         ]
+
+    @property
+    def computed(self) -> tuple[str, ...]:
+        """Names of the signals that a simulation gives beside the channels."""
+        return ("drive", *self.motions, *self.forces)
 
     @property
     def motions(self) -> list[str]:

@@ -1,7 +1,7 @@
 """Numbers of a rig by the keys of its rig file, read and changed."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Self
 
@@ -28,6 +28,11 @@ class Numbered(Displayed):
     drift: tuple[Drift, ...]
 
     @property
+    def numbers(self) -> Described:
+        """All its numbers by the keys of its rig file, with unit and bounds."""
+        raise NotImplementedError
+
+    @property
     def response_channels(self) -> tuple[Channel, ...]:
         """Channels that measure motion (all but force)."""
         return tuple(c for c in self.channels if c.quantity != "force")
@@ -44,6 +49,15 @@ class Numbered(Displayed):
     def drifting(self) -> dict[str, Drift]:
         """What drifts, by the keys of the rates."""
         return {f"drift[{i}].rate": drift for i, drift in enumerate(self.drift)}
+
+    @property
+    def too_low(self) -> Iterator[tuple[str, str]]:
+        """Numbers of a law below another that they must not fall below, and that other."""
+        numbers = self.numbers
+        for key, (value, accepted) in numbers.items():
+            other = f"{key.rpartition('.')[0]}.{accepted.at_least}"
+            if accepted.at_least and value < numbers[other][0]:
+                yield key, other
 
     def number(self, key: str) -> float:
         """Value of one of its numbers.

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from models.numbers import Described, Numbered
 from models.parts import Channel, Contact, Damping, Drift, Excitation, ModalBody, Numbers
 from models.plausible import warn_of
 from models.reduction import Reduction, Switches
-from models.structure import ModalStructure, SpringPort
+from models.structure import Array, ModalStructure, SpringPort
 
 RIGID = 1e10
 """Stiffness of a support that does not yield, in units of E I / L^3, where a tip can lift off it."""
@@ -53,6 +53,12 @@ class Rig(Numbered):
 
     Attributes
     ----------
+    computed : tuple of str
+        Names of the signals that a simulation gives beside the channels; no channel has such a name.
+    motions, forces, units : tuples
+        Of these the relative displacement and the force where it touches, and their units.
+    limits : (str, str)
+        What its linear modes are called with all that touches held, and free.
     name : str
         Title of plots and reports.
     body : Beam or ModalBody
@@ -68,6 +74,12 @@ class Rig(Numbered):
     drift : tuple of Drift
         Numbers that change from record to record; the rig is that of record 1, see :meth:`at_record`.
     """
+
+    computed: ClassVar[tuple[str, ...]] = ("drive", "slip", "slip_velocity", "friction", "normal")
+    motions: ClassVar[tuple[str, ...]] = ("slip",)
+    forces: ClassVar[tuple[str, ...]] = ("friction",)
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("m", "N"),)
+    limits: ClassVar[tuple[str, str]] = ("stuck", "sliding")
 
     name: str
     body: Beam | ModalBody
@@ -250,6 +262,11 @@ class Rig(Numbered):
         if not self.contact.lift_off or self.attachments.support_stiffness is not None:
             return self.attachments
         return replace(self.attachments, support_stiffness=RIGID * beam.bending_stiffness / beam.length**3)
+
+    @property
+    def followed_modes(self) -> Array | None:
+        """Modes on the shapes they are reduced from, which tell their signs; None where these are the same always."""
+        return self.reduction.kept if self.attachments and isinstance(self.body, Beam) else None
 
     @cached_property
     def element_rows(self) -> list[ElementRows]:

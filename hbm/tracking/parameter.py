@@ -17,10 +17,8 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.sensitivity.derivatives import balance_change
 from hbm.sensitivity.scalars import FORCE, FRICTION, HZ, solution_numbers
-from models.friction import describe as described
 from models.friction.law import Parameter
 from models.jointed import AnyRig
-from models.parts import ModalBody
 from models.rig import Rig
 
 REFERENCES = 33
@@ -84,11 +82,10 @@ def check_value(rig: AnyRig, key: Key, value: float) -> None:
     above = value > p.lower if p.strict else value >= p.lower
     if not (above and value <= p.upper and np.isfinite(value)):
         raise ValueError(f"{key.name} = {value:g}; must be {p.bound}")
-    if isinstance(rig, Rig) and key.name.startswith(FRICTION):
-        law = rig.with_number(key.name, value).contact.law
-        for name, other in described(type(law)).items():
-            if other.at_least is not None and getattr(law, name) < getattr(law, other.at_least):
-                raise ValueError(f"{key.name} = {value:g}; {name} must be >= {other.at_least}")
+    if key.name in rig.numbers:
+        for low, other in rig.with_number(key.name, value).too_low:
+            name, least = (k.rpartition(".")[2] for k in (low, other))
+            raise ValueError(f"{key.name} = {value:g}; {name} must be >= {least}")
 
 
 class ParameterBalance:
@@ -159,8 +156,8 @@ class ParameterBalance:
     @cached_property
     def _references(self) -> list[Array]:
         """Modes at values over the range, each with the signs that follow from those before."""
-        rigs = [self.rig_at(float(lam)) for lam in np.linspace(0.0, 1.0, REFERENCES)]
-        first, *others = [rig.reduction.kept for rig in rigs if isinstance(rig, Rig)]
+        each = [self.rig_at(float(lam)).followed_modes for lam in np.linspace(0.0, 1.0, REFERENCES)]
+        first, *others = [kept for kept in each if kept is not None]
         modes = [first]
         for kept in others:
             if kept.shape != modes[-1].shape:  # modes come or go with a resonator's frequency
@@ -168,20 +165,13 @@ class ParameterBalance:
             modes.append(kept * _signs(modes[-1], kept))
         return modes
 
-    def _mode_signs(self, rig: Rig, lam: float) -> Array:
-        """Sign (n,) that each mode of the rig at `lam` has against those before."""
-        i = round(min(max(lam, 0.0), 1.0) * (REFERENCES - 1))
-        return _signs(self._references[min(i, len(self._references) - 1)], rig.reduction.kept)
-
     def signs(self, problem: AnyBalance, lam: float) -> Array:
         """Sign (size,) of each unknown here against that of the balance of the rig at `lam`."""
-        signs, rig = np.ones(problem.size), problem.rig
-        if not isinstance(rig, Rig) or isinstance(rig.body, ModalBody):
-            return signs
-        if not rig.attachments or self.key.name.startswith(FRICTION):
-            return signs
-        modes = signs[: -self.basis.size].reshape(self.basis.size, -1)
-        modes[:] = self._mode_signs(rig, lam)
+        signs, kept = np.ones(problem.size), problem.rig.followed_modes
+        if kept is not None and not self.key.name.startswith(FRICTION):
+            i = round(min(max(lam, 0.0), 1.0) * (REFERENCES - 1))
+            modes = signs[: -self.basis.size].reshape(self.basis.size, -1)
+            modes[:] = _signs(self._references[min(i, len(self._references) - 1)], kept)
         return signs
 
     # ---- the interface of continuation.Problem
