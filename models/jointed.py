@@ -78,6 +78,10 @@ class JointedStructure:
         """Number of modes."""
         return len(self.omega_n)
 
+    def damps(self, shape: Array) -> float:
+        """Damping 2 zeta omega of a mass-normalised shape (n,) [1/s]."""
+        return float(shape @ self.damping @ shape)
+
 
 @dataclass(frozen=True, eq=False)
 class JointedRig(Numbered):

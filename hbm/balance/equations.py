@@ -232,7 +232,7 @@ class Balance:
 
     def pack(self, state: State) -> tuple[Array, float]:
         """Scaled unknowns and continuation parameter of a state."""
-        x = np.concatenate([(state.Q / self.q_ref).ravel(), state.T / self.F_ref])
+        x = np.concatenate([(state.Q / self.q_ref).ravel(), (state.T / self.F_ref).ravel()])
         return x, state.Omega / self.Omega_ref if self.parameter == "frequency" else state.F / self.F_ref
 
     def unpack(self, x: Array, lam: float) -> State:
