@@ -159,10 +159,11 @@ class Rig(Numbered):
 
     @property
     def numbers(self) -> Described:
-        """All its numbers by the keys of its rig file, with unit and bounds; the force is that of a response."""
+        """All its numbers by the keys of its rig file, with unit and bounds."""
         return {
             **_described(self.contact.law, "contact.friction"),
             "contact.normal_load": (self.contact.normal_load, Parameter("N", "static load", "")),
+            "excitation.amplitude": (self.excitation.amplitude, Parameter("N", "force amplitude", "")),
             **self.of_elements,
             **self.structural,
             **self.of_measuring,

@@ -27,8 +27,7 @@ from models.joints import Joint, PolynomialSpring
 def line_scan(base: Evaluation, campaign: LineCampaign, causes: Sequence[AddedJoint]) -> Iterator[Scanned]:
     """Score candidates on records of many lines, as :func:`hbm.diagnosis.jointscan.scan` does on others."""
     rig = base.model.rig(base.x)
-    ends = tried_ends(rig, causes) if isinstance(rig, JointedRig) else []
-    if not ends or not isinstance(rig, JointedRig):
+    if not isinstance(rig, JointedRig) or not (ends := tried_ends(rig, causes)):
         return
     records = [_pushed(r, base, campaign, rig, ends) for r in campaign.data.records if r.number in base.found]
     yield from scanned(base, records, ends, causes)

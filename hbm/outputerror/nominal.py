@@ -4,7 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from hbm.sensitivity.scalars import ALPHA, FRICTION, LOAD
+from hbm.sensitivity.scalars import ALPHA, FORCE, FRICTION, LOAD
 from models.jointed import AnyRig, JointedRig
 from models.jointednumbers import GAINS
 
@@ -93,5 +93,5 @@ def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
 
 
 def nominal_scalars(rig: AnyRig) -> dict[str, float]:
-    """Numbers of a rig by their keys."""
-    return {key: float(value) for key, (value, _) in rig.numbers.items()}
+    """Numbers of a rig by their keys, but for the force: that is what each record says."""
+    return {key: float(value) for key, (value, _) in rig.numbers.items() if key != FORCE}

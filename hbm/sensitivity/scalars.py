@@ -20,8 +20,9 @@ def solution_numbers(rig: AnyRig, hz: float, level: float) -> Described:
     Where a number drifts from record to record, a solution is that of record 1, on which rates have no effect.
     """
     tones = {key: (value, TONE) for key, (value, _) in tone_scalars(rig.excitation).items()}
-    at = {FORCE: (level, Parameter("N", "force amplitude", "")), HZ: (hz, Parameter("Hz", "excitation frequency", ""))}
-    return rig.numbers | tones | at
+    numbers = rig.numbers
+    at = {FORCE: (level, numbers[FORCE][1]), HZ: (hz, Parameter("Hz", "excitation frequency", ""))}
+    return numbers | tones | at
 
 
 def law_keys(rig: Rig) -> list[str]:
