@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from hbm.files.outputs import Columns, column_rows, with_companion
+from hbm.files.version import installed_version
 from hbm.fourier import Array
 from hbm.modes.backbone import Backbone, NonlinearMode, NumericalChange
 from hbm.modes.linear import linear_modes
 from hbm.textfiles import Contents, StrPath
-from hbm.version import installed_version
 
 SCHEMA = 1
 NAMES = {True: "nonlinear-mode", False: "phase-resonance"}

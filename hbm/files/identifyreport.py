@@ -17,12 +17,12 @@ from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import record_columns
 from hbm.files.inversereport import with_std
 from hbm.files.outputs import Columns, columns_of, columns_text
+from hbm.files.version import installed_version
 from hbm.fourier import Array
 from hbm.identification.comparison import CLEAR
 from hbm.identification.lawfit import LawFit
 from hbm.identification.spectra import SpectraFit
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.version import installed_version
 
 PAGE_FILE, LAW_FILE, PARAMETER_FILE = "report.html", "laws.csv", "parameters.csv"
 OUTPUT_ERROR_FILE = "output_error.csv"

@@ -18,8 +18,8 @@ from hbm.files import inversefiles
 from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import energy_columns, reconstruction_contents, record_columns
 from hbm.files.outputs import Columns
+from hbm.files.version import installed_version
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.version import installed_version
 
 Records = Sequence[int] | None
 

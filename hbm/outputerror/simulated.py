@@ -11,10 +11,10 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
 from hbm.outputerror.numerics import amplitudes_of
 from hbm.outputerror.records import Measurement, Record, parts, solve_from, solve_record
+from hbm.outputerror.transients import transients
 from hbm.sensitivity.derivatives import changes_where_solved
 from hbm.sensitivity.moving import Disturbance
 from hbm.sensitivity.scalars import FORCE, HZ
-from hbm.stability.transients import transients
 from models.change import tone_scalars
 from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
