@@ -24,7 +24,7 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.channels import read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
-from hbm.sensitivity.channels import Change, Channels, ChannelSensitivity
+from hbm.sensitivity.channels import Change, Channels, Derivatives, described
 from hbm.sensitivity.held import HeldBalance, friction_change, mixed, mixing_of
 from hbm.sensitivity.jointed import (
     JointSensitivities,
@@ -34,14 +34,13 @@ from hbm.sensitivity.jointed import (
     joint_sensitivities_at,
 )
 from hbm.sensitivity.moving import Disturbance, LinearBalance, refined
-from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys, solution_numbers
-from models.display import Displayed
+from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys
 from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivities(Displayed):
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities(Derivatives):
     """How a periodic solution changes with the parameters of its rig, everything else held.
 
     Attributes
@@ -65,48 +64,14 @@ class Sensitivities(Displayed):
         What the disturbances beside do, as of :func:`disturbed`.
     """
 
-    solution: PeriodicSolution
-    parameters: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-    Q: Array
-    T: Array
-    channels: Mapping[str, ChannelSensitivity]
     refinements: int
     mixing: Array
     disturbed: Mapping[str, Array]
-
-    def __repr__(self) -> str:
-        """Name the numbers and the steady state, and how much the drive's peak changes with each."""
-        s = self.solution
-        changes = self.logarithmic("drive")
-        lines = [
-            f"  {name:32s} {value:12.6g} {'' if unit == '1' else unit:8s} {changes[name]:+.4g}"
-            for name, value, unit in zip(self.parameters, self.values, self.units, strict=True)
-        ]
-        head = (
-            f"sensitivities at {s.hz:.6g} Hz, {s.level:g} N; of the drive's peak, relative, to each number, relative:"
-        )
-        return "\n".join([head, *lines])
-
-    def __getitem__(self, name: str) -> ChannelSensitivity:
-        """Channel by name."""
-        return self.channels[name]
 
     @property
     def own_Q(self) -> Array:
         """Derivatives of Q in the modes that the changed rig has, (2H+1, n, p)."""
         return self.Q - mixed(self.solution.state.Q, self.mixing)
-
-    def logarithmic(self, channel: str) -> dict[str, float]:
-        """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent.
-
-        At the top of a resonance the derivative at the held frequency is also that of the resonance's height
-        (envelope theorem): the shift of the resonance does not count, since the curve is level there. How level is
-        told by the entry of ``frequency_hz``.
-        """
-        relative = self.values * self[channel].peak / self.solution[channel].peak
-        return dict(zip(self.parameters, relative.tolist(), strict=True))
 
 
 @one_thread
@@ -164,12 +129,8 @@ def _sensitivities(
 ) -> Sensitivities:
     """As :func:`sensitivities`, of a balance that is linearised; with a matrix from nearby, where one is known."""
     problem, rig = here.problem, here.problem.rig
-    known = solution_numbers(rig, solution.hz, solution.level)
     keys = (*law_keys(rig), LOAD, FORCE, HZ, ALPHA) if keys is None else tuple(keys)
-    unknown = [key for key in keys if key not in known]
-    if unknown or not keys:
-        found = f"{unknown[0]} is not a number of the rig" if unknown else "no keys"
-        raise ValueError(f"sensitivities: {found}; must be some of {', '.join(known)}")
+    units, values = described(rig, solution, keys)
     held, balance = HeldBalance(here, keys), LinearBalance(here)
     law = problem.basis.analysis @ friction_change(here, held.inputs)
     right = balance.scaled(-held.modal, law)
@@ -179,7 +140,6 @@ def _sensitivities(
     slid = held.slid + balance.slid(d_Q, d_T)
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
     channels = Channels(here, solution, held, Change(d_Q, d_T, signals, slid, balance.by_elements(d_Q)))
-    values, units = np.array([known[key][0] for key in keys]), tuple(known[key][1].unit for key in keys)
     mixing = mixing_of(held.structure, problem.structure.omega_n**2)
     moved = {} if beside is None else _seen_of(balance, beside, x[:, len(keys) :])
     return Sensitivities(solution, keys, units, values, d_Q, d_T, channels, refinements, mixing, moved)
