@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from models.bodies.ported import Body, PortedModes
 from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, terms
+from models.joints.law import numbers
 from models.joints.rubbing import Friction
 from models.numbers import Described, Numbered
 from models.parts import Channel, Damping, Drift, Excitation
@@ -110,6 +112,8 @@ class JointedRig(Numbered):
 
     limits: ClassVar[tuple[str, str]] = ("joined", "free")
     followed_modes: ClassVar[None] = None
+    holds: ClassVar[float] = 0.0
+    """Mean force of joints that stick and that a channel sees [N]: it leaves a linear body as it is."""
 
     name: str
     body: Body
@@ -167,6 +171,13 @@ class JointedRig(Numbered):
     def kind(self) -> tuple[Any, ...]:
         """What it has that takes long to simulate or may have no steady state."""
         return (bool(self.joints),)
+
+    @property
+    def pressed(self) -> list[tuple[float, slice]]:
+        """Static load of each joint [N], 0 where none presses it, and its ports."""
+        ends = np.cumsum([0, *(j.law.ports for j in self.joints)]).tolist()
+        loads = [float(numbers(j.law).get("normal_load", 0.0)) for j in self.joints]
+        return [(load, slice(*at)) for load, at in zip(loads, pairwise(ends), strict=True)]
 
     @property
     def ports(self) -> int:

@@ -153,6 +153,17 @@ class Rig(Numbered):
         return len(self.attachments.resonators), len(self.elements), self.excitation.settled
 
     @property
+    def pressed(self) -> list[tuple[float, slice]]:
+        """Static load [N] of all that touches, with its ports: of the contact."""
+        return [(self.contact.normal_load, slice(0, 1))]
+
+    @property
+    def holds(self) -> float:
+        """Largest mean friction force that its contact holds [N]."""
+        known = parameters(self.contact.law)
+        return max((float(known[n]) for n in ("mu", "mu_static") if n in known), default=0.0) * self.contact.normal_load
+
+    @property
     def ports(self) -> int:
         """Where a force follows a law: the contact."""
         return 1

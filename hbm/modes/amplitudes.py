@@ -1,7 +1,6 @@
 """How a motion at given amplitudes of the drive is started and followed: from a linear mode with the contact stuck."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -11,8 +10,7 @@ from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
 from hbm.modes.linear import stiffness_at_rest, stuck_modes
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
-from models.jointed import AnyRig, JointedRig
-from models.joints.law import numbers
+from models.jointed import AnyRig
 
 TOLERANCE = 1e-10
 """Every balance closes to this fraction of ten times the motion's elastic force, the contact's in proportion."""
@@ -48,17 +46,8 @@ def default_amplitudes(rig: AnyRig, mode: int = 1) -> tuple[float, float]:
     """Drive amplitudes [m] from contacts that all stick to contacts that all slide freely, or nearly so."""
     linear = StuckMode.of(rig, mode)
     per_drive = np.abs(linear.forces / linear.drive)
-    scales = [load / per_drive[ports].max() for load, ports in _pressed(rig) if load > 0.0 and per_drive[ports].any()]
+    scales = [load / per_drive[ports].max() for load, ports in rig.pressed if load > 0.0 and per_drive[ports].any()]
     return (RANGE[0] * min(scales), RANGE[1] * max(scales)) if scales else FRICTIONLESS
-
-
-def _pressed(rig: AnyRig) -> list[tuple[float, slice]]:
-    """Static load of each contact or joint [N], 0 where none presses it, and its ports."""
-    if not isinstance(rig, JointedRig):
-        return [(rig.contact.normal_load, slice(0, 1))]
-    ends = np.cumsum([0, *(j.law.ports for j in rig.joints)]).tolist()
-    loads = [float(numbers(j.law).get("normal_load", 0.0)) for j in rig.joints]
-    return [(load, slice(*at)) for load, at in zip(loads, pairwise(ends), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)

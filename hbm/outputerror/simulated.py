@@ -16,8 +16,7 @@ from hbm.sensitivity.derivatives import changes_where_solved
 from hbm.sensitivity.moving import Disturbance
 from hbm.sensitivity.scalars import FORCE, HZ
 from models.change import tone_scalars
-from models.friction import parameters
-from models.jointed import AnyRig, JointedRig
+from models.jointed import AnyRig
 from models.jointednumbers import GAINS
 from models.parts import alike
 from models.rig import Rig
@@ -153,15 +152,10 @@ def sticks(solution: PeriodicSolution) -> bool:
 
 
 def spare_friction(rig: AnyRig, solution: PeriodicSolution) -> float:
-    """Friction that the contact can hold beside what oscillates, where it never slips; else 0 [N].
-
-    The mean force of a joint that sticks leaves a linear body as it is: no channel sees it.
-    """
-    if isinstance(rig, JointedRig) or not sticks(solution):
+    """Friction that the contact can hold beside what oscillates, where it never slips; else 0 [N]."""
+    if rig.holds == 0.0 or not sticks(solution):
         return 0.0
-    law = parameters(rig.contact.law)
-    held = max((float(law[name]) for name in ("mu", "mu_static") if name in law), default=0.0) * rig.contact.normal_load
-    return max(held - float(np.ptp(solution["friction"].samples)) / 2.0, 0.0)
+    return max(rig.holds - float(np.ptp(solution["friction"].samples)) / 2.0, 0.0)
 
 
 def held_beside(solution: PeriodicSolution) -> Disturbance:
