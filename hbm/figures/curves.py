@@ -85,10 +85,6 @@ def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bo
     label : bool
         Add a legend of the levels, of unstable stretches (dashed) and of the markers: folds and other bifurcations,
         corners, the end of a partial curve.
-
-    Returns
-    -------
-    Axes
     """
     curves, ax = listed(curves), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):
@@ -108,10 +104,6 @@ def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
     ----------
     curves : ResponseCurve or sequence of them
     ax : Axes, optional
-
-    Returns
-    -------
-    Axes
     """
     curves, ax = listed(curves), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):

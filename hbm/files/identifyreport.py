@@ -90,10 +90,6 @@ def identified_law(
     reconstruction : Reconstruction
     by_level : mapping of float to LawFit, optional
         The same law fitted to each level alone.
-
-    Returns
-    -------
-    IdentifiedLaw
     """
     places = [reconstruction.index(int(record)) for record in fit.records]
     fitted = {}
@@ -153,10 +149,6 @@ def identify_contents(
     output_error : SpectraFit, optional
         The best law fitted to the spectra themselves.
     warnings : sequence of str
-
-    Returns
-    -------
-    dict of str to str or bytes
     """
     plates = identify_plates(reconstruction, laws)
     contents: dict[str, str | bytes] = {

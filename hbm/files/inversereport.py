@@ -192,10 +192,6 @@ def inverse_contents(reconstruction: Reconstruction, records: Records = None) ->
     reconstruction : Reconstruction
     records : sequence of int, optional
         Records to draw; `representative` ones where omitted.
-
-    Returns
-    -------
-    dict of str to str or bytes
     """
     plates = [drawing.plate(reconstruction, records) for drawing in DRAWINGS]
     contents = reconstruction_contents(reconstruction)

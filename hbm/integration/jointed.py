@@ -157,10 +157,6 @@ def simulate_joints(
     progress : callable, optional
         Told the time reached [s] after each period.
 
-    Returns
-    -------
-    JointHistory
-
     Raises
     ------
     ArithmeticError

@@ -146,10 +146,6 @@ def evaluate(
     needed : collection of int
         Other records that must be found.
 
-    Returns
-    -------
-    Evaluation
-
     Raises
     ------
     ConvergenceError
@@ -195,10 +191,6 @@ def fit_model(
         Records that must have a steady state at `x`.
     reach : float
         Chi2 that is of use: the search ends where steps as good as the last one would not get there.
-
-    Returns
-    -------
-    Evaluation
 
     Raises
     ------

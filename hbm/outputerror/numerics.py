@@ -88,10 +88,6 @@ def choose(rig: AnyRig, data: Measurement, executor: Executor | None = None) -> 
     data : Measurement
     executor : concurrent.futures.Executor, optional
         Does the records side by side.
-
-    Returns
-    -------
-    Numerics
     """
     n = rig.structure.n
     *rungs, fine = [Grid(sampled(max(H, data.H + 6), N_t), n + more) for H, N_t, more in (*LADDER, FINE)]

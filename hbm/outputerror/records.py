@@ -115,10 +115,6 @@ def measurement_of(r: Reconstruction, seen: Sensing | None = None) -> Measuremen
     r : Reconstruction
     seen : Sensing, optional
         The measurement, where more channels are to be compared than the reconstruction trusted.
-
-    Returns
-    -------
-    Measurement
     """
     motion = motion_of(r)
     seen = motion.sensing if seen is None else seen

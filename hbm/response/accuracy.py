@@ -180,16 +180,7 @@ def probes(curve: ResponseCurve) -> list[PeriodicSolution]:
 
 
 def estimate_error(curve: ResponseCurve) -> NumericalError:
-    """Estimate the numerical error of a curve by solving some of its points again, refined.
-
-    Parameters
-    ----------
-    curve : ResponseCurve
-
-    Returns
-    -------
-    NumericalError
-    """
+    """Estimate the numerical error of a curve by solving some of its points again, refined."""
     rig, found = curve.rig, probes(curve)
     H, N_t, n = curve.basis.H, curve.basis.N_t, rig.structure.n
     finer_H, finer_N, finer_rig = finer(H), 2 * N_t, rig.with_modes(2 * n)

@@ -86,10 +86,6 @@ def rig_of_tables(
     consent : Consent
         Whether it may be run.
 
-    Returns
-    -------
-    Rig
-
     Raises
     ------
     InputError

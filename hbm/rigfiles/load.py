@@ -109,10 +109,6 @@ def rig_from_dict(table: Mapping[str, Any], source: str, consent: Consent = Cons
     consent : Consent
         Which Python files that it names may be run.
 
-    Returns
-    -------
-    Rig
-
     Raises
     ------
     InputError

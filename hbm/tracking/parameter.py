@@ -53,10 +53,6 @@ def parameter_key(rig: AnyRig, name: str, hz: float, level: float) -> Key:
     hz, level : float
         Frequency [Hz] and force amplitude [N] of the excitation.
 
-    Returns
-    -------
-    Key
-
     Raises
     ------
     ValueError
