@@ -35,10 +35,6 @@ def plot_parameter_curve(curve: ParameterCurve, axes: AxesArray | None = None) -
         draw_joints([curve], rows[1], rows[2])
     else:
         _draw_contact(curve, rows[1:], color)
-    low, high = float(curve.values.min()), float(curve.values.max())
-    if low > 0.0 and high > LOGARITHMIC * low:
-        drive.set_xscale("log")
-    drive.set_xlim(low, high)
     unit = "" if curve.unit == "1" else f" [{curve.unit}]"
     rows[-1].set_xlabel(curve.parameter + unit, color=INK)
     headed(drive, _title(curve))
@@ -60,6 +56,10 @@ def _draw_contact(curve: ParameterCurve, rows: AxesArray, color: Color) -> None:
         normal.axhline(curve.rig.contact.normal_load, color=FAINT, linewidth=0.8, zorder=0)
     for ax in (slip, friction):
         ax.set_ylim(bottom=0.0)
+    low, high = float(curve.values.min()), float(curve.values.max())
+    if low > 0.0 and high > LOGARITHMIC * low:
+        normal.set_xscale("log")
+    normal.set_xlim(low, high)
 
 
 def _title(curve: ParameterCurve) -> str:
