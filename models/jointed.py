@@ -245,14 +245,9 @@ class JointedRig(Numbered):
         )
 
     def with_modes(self, modes: int) -> "JointedRig":
-        """Return the same rig on another number of modes, or on as many as its body has.
-
-        Where each mode has a damping ratio of its own, modes beyond those listed have that of the last.
-        """
-        body, damping, ratios = self.body.with_modes(modes), self.damping, self.damping.modal_ratios
-        if ratios is not None and len(ratios) > 1:
-            damping = replace(damping, modal_ratios=(ratios + ratios[-1:] * body.modes)[: body.modes])
-        return replace(self, body=body, damping=damping)
+        """Return the same rig on another number of modes, or on as many as its body has."""
+        body = self.body.with_modes(modes)
+        return replace(self, body=body, damping=self.damping.on_modes(body.modes))
 
     def with_joint(self, name: str, law: Any) -> "JointedRig":
         """Return the same rig with another law in a joint.

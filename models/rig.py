@@ -334,16 +334,10 @@ class Rig(Numbered):
         return self.reduction.port(self.layout.at_clamp, ends.clamp_stiffness)
 
     def with_modes(self, modes: int) -> "Rig":
-        """Return the same beam rig on another number of modes; a modal rig is returned as it is.
-
-        Where each mode has a damping ratio of its own, modes beyond those listed have that of the last.
-        """
+        """Return the same beam rig on another number of modes; a modal rig is returned as it is."""
         if not isinstance(self.body, Beam):
             return self
-        damping, ratios = self.damping, self.damping.modal_ratios
-        if ratios is not None and len(ratios) > 1:
-            damping = replace(damping, modal_ratios=(ratios + ratios[-1:] * modes)[:modes])
-        return replace(self, body=replace(self.body, modes=modes), damping=damping)
+        return replace(self, body=replace(self.body, modes=modes), damping=self.damping.on_modes(modes))
 
 
 def _described(law: object, table: str) -> Described:
