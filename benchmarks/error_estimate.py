@@ -27,7 +27,7 @@ def main() -> None:
     rig = replace(paper_rig(), damping=Damping(mass_proportional=0.6))
     curve = frequency_response(rig, (40.0, 65.0))
     H, N_t = curve.basis.H, curve.basis.N_t
-    scales = {name: float(curve[name].peak.max()) for name in hbm.response.accuracy.JUDGED}
+    scales = {name: float(curve[name].peak.max()) for name in hbm.response.accuracy.judged(rig)}
     table = Table("Hz", "estimated\n%", "true\n%", "ratio", title=f"H = {H}, {N_t} samples, 5 modes")
     ratios = []
     for probe in estimate_error(curve).probes:

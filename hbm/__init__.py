@@ -198,7 +198,7 @@ _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from hbm.version import installed_version
+        from hbm.files.version import installed_version
 
         return installed_version()
     if name not in _HOME:

@@ -9,23 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.fourier import Array, FourierBasis
-from models.jointed import AnyRig, JointedRig
 from models.parts import Channel
 
 Rates = npt.NDArray[np.complexfloating[Any, Any]]
-
-COMPUTED_CHANNELS = ("drive", "slip", "slip_velocity", "friction", "normal")
-"""Signals of every solution of a rig with one contact; no channel of a rig has such a name."""
 
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 DISPLACEMENT, VELOCITY = Channel("true", "displacement"), Channel("true", "velocity")
 """Channels that read what is there."""
-
-
-def computed_channels(rig: AnyRig) -> tuple[str, ...]:
-    """Names of the signals that a simulation of a rig writes beside its channels; a measurement has none of them."""
-    return ("drive", *rig.motions, *rig.forces) if isinstance(rig, JointedRig) else COMPUTED_CHANNELS
 
 
 def turn(channel: Channel, rate: Rates) -> npt.NDArray[np.complex128]:

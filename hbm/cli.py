@@ -26,11 +26,9 @@ from hbm.commands.inverse import inverse
 from hbm.commands.laws import laws
 from hbm.commands.loops import loops
 from hbm.commands.modal import modal
+from hbm.commands.modes import modes
 from hbm.commands.multisine import multisine
 from hbm.commands.options import (
-    AllowCode,
-    RigFile,
-    console,
     say,
     spreading,
     warnings_in_one_line,
@@ -123,20 +121,7 @@ def hbm(
     """
 
 
-@app.command()
-def modes(rig: RigFile, allow_code: AllowCode = False) -> None:
-    """Natural frequencies, sliding and stuck, damping, and the residual compliance.
-
-    Example:  hbm modes examples/paper_beam.toml
-    """
-    from hbm.commands.tables import print_modes
-    from hbm.modes.linear import linear_modes
-    from hbm.rigfiles.load import load_rig
-
-    loaded = load_rig(rig, allow_code=allow_code or None)
-    print_modes(console(), loaded, linear_modes(loaded))
-
-
+app.command()(modes)
 app.command()(laws)
 app.command(cls=spreading("--level"))(frf)
 app.command()(simulate)

@@ -1,15 +1,39 @@
-"""Results as labelled arrays (xarray) and tables (pandas), for who goes on from there."""
+"""Results as labelled arrays (xarray) and tables (pandas), for who goes on from there; packages of the extra ``io``."""
 
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from hbm.extras import extra
-from hbm.fourier import Array
+from hbm.errors import InputError
+
+Array = npt.NDArray[np.float64]
 
 Variables = Mapping[str, tuple[Sequence[str], Any, str]]
 """Dimensions, values and unit by name; no unit where it is empty."""
+
+
+def extra(package: str, where: str) -> Any:
+    """Import a package that the core does without.
+
+    Parameters
+    ----------
+    package : str
+        Name of the module.
+    where : str
+        File that needs it, for the message.
+
+    Raises
+    ------
+    InputError
+        If it is not installed.
+    """
+    try:
+        return import_module(package)
+    except ImportError:
+        raise InputError(f"{where}: needs {package}; install it with: pip install 'casadi-hbm[io]'") from None
 
 
 def dataset(where: str, variables: Variables, coordinates: Variables, **attributes: Any) -> Any:

@@ -66,10 +66,6 @@ def shapes_of_waves(b: Any, s: Any, order: int, functions: ModuleType) -> Any:
     order : int
     functions : module
         Where exp and its kin for such arguments come from, `numpy` or `casadi`.
-
-    Returns
-    -------
-    array or matrix
     """
     f = functions
     growth = f.exp(s - b) / -f.expm1(-2.0 * b)  # e^s / (2 sinh b)

@@ -7,38 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from models.assembly import Assembly, assembled_change
-from models.elements import ElementRows, Ports, Reading, element_rows_change
-from models.friction.law import describe, parameters
-from models.jointed import AnyRig
+from models.elements import ElementRows, Ports, element_rows_change
 from models.parts import Excitation, ModalBody
 from models.reduction import StructureChange
-from models.rig import Rig
+from models.rig import DAMPING, Rig
 from models.structure import SpringPort
 
-UNITS = {
-    "beam.length": "m",
-    "beam.width": "m",
-    "beam.thickness": "m",
-    "beam.youngs_modulus": "Pa",
-    "beam.density": "kg/m3",
-    "contact.radius": "m",
-    "contact.load_variation": "1",
-    "attachments.clamp_stiffness": "N m/rad",
-    "attachments.clamp_limit": "N m",
-    "attachments.support_stiffness": "N/m",
-    "attachments.tip_stiffness": "N m/rad",
-    "damping.mass_proportional": "1/s",
-    "damping.stiffness_proportional": "s",
-    "damping.high_mode_ratio": "1",
-}
-"""Units of keys; those of entries of lists, by their last part, in `ENTRY_UNITS`."""
-
-ENTRY_UNITS = {"position": "m", "mass": "kg", "stiffness": "N/m", "frequency_hz": "Hz"}
 VARIATION = "contact.load_variation"
 CLAMP_STIFFNESS = "attachments.clamp_stiffness"
 SUPPORT_STIFFNESS = "attachments.support_stiffness"
 LOAD = "contact.normal_load"
-DAMPING = ("mass_proportional", "stiffness_proportional", "high_mode_ratio")
 
 
 class Scalar(NamedTuple):
@@ -55,36 +33,7 @@ def structure_scalars(rig: Rig) -> dict[str, Scalar]:
     >>> structure_scalars(paper_rig())["channels.a3.position"]
     Scalar(value=0.3, unit='m')
     """
-    values = {f"damping.{name}": getattr(rig.damping, name) for name in DAMPING}
-    if not isinstance(rig.body, ModalBody):
-        values |= dict(zip(_keys(rig), rig.layout.scalars().values(), strict=True))
-        if rig.attachments.support_stiffness is None:  # what stands in for a rigid one is no number of the rig
-            values.pop(SUPPORT_STIFFNESS, None)
-        values[VARIATION] = rig.contact.load_variation
-    return {key: Scalar(value, UNITS.get(key) or ENTRY_UNITS[key.rpartition(".")[2]]) for key, value in values.items()}
-
-
-def _keys(rig: Rig) -> list[str]:
-    """Keys of the scalars of the layout, channels by their names."""
-    places = {f"channels[{i}].position": f"channels.{c.name}.position" for i, c in enumerate(rig.response_channels)}
-    pointed = [i for i, e in enumerate(rig.elements) if e.reads is Reading.POINT]
-    places |= {f"points[{j}]": f"elements[{i}].position" for j, i in enumerate(pointed)}
-    return [places.get(key, key) for key in rig.layout.scalars()]
-
-
-def element_scalars(rig: Rig) -> dict[str, Scalar]:
-    """Parameters of the nonlinear elements of a rig, with keys like ``elements[0].gap``."""
-    scalars = {}
-    for i, element in enumerate(rig.elements):
-        described = describe(type(element))
-        for name, value in parameters(element).items():
-            scalars[f"elements[{i}].{name}"] = Scalar(value, described[name].unit)
-    return scalars
-
-
-def drift_scalars(rig: AnyRig) -> dict[str, Scalar]:
-    """Rates of what drifts, with keys like ``drift[0].rate``."""
-    return {f"drift[{i}].rate": Scalar(drift.rate, "1") for i, drift in enumerate(rig.drift)}
+    return {key: Scalar(value, accepted.unit) for key, (value, accepted) in rig.structural.items()}
 
 
 def tone_scalars(excitation: Excitation) -> dict[str, Scalar]:
@@ -142,7 +91,7 @@ def _port_change(rig: Rig, keys: tuple[str, ...], at: int, spring: str) -> Sprin
 
 def _assembly_change(rig: Rig, key: str) -> Assembly:
     """Derivative of the assembly of a beam to a number of the rig, zero to those that it does not depend on."""
-    places = dict(zip(_keys(rig), rig.layout.scalars(), strict=True))
+    places = dict(zip(rig.layout_keys, rig.layout.scalars(), strict=True))
     if key in places:
         return assembled_change(rig.layout, places[key], residual=rig.contact.residual_compliance)
     return Assembly(*(np.zeros_like(part) for part in rig.reduction.assembly))
@@ -174,7 +123,7 @@ def structure_change(rig: Rig, keys: tuple[str, ...]) -> StructureChange:
     """
     reduction = rig.reduction
     still = Assembly(*(np.zeros_like(part) for part in reduction.assembly))
-    places = {} if isinstance(rig.body, ModalBody) else dict(zip(_keys(rig), rig.layout.scalars(), strict=True))
+    places = {} if isinstance(rig.body, ModalBody) else dict(zip(rig.layout_keys, rig.layout.scalars(), strict=True))
     nothing: list[StructureChange] = []  # the same for all that change nothing
 
     def change(key: str) -> StructureChange:

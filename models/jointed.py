@@ -4,16 +4,17 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from itertools import pairwise
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from models.bodies.ported import Body, PortedModes
-from models.display import Displayed
-from models.friction.law import Parameter
 from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, terms
+from models.joints.law import numbers
 from models.joints.rubbing import Friction
+from models.numbers import Described, Numbered
 from models.parts import Channel, Damping, Drift, Excitation
 from models.plausible import warn_of
 from models.rig import Rig
@@ -79,9 +80,13 @@ class JointedStructure:
         """Number of modes."""
         return len(self.omega_n)
 
+    def damps(self, shape: Array) -> float:
+        """Damping 2 zeta omega of a mass-normalised shape (n,) [1/s]."""
+        return float(shape @ self.damping @ shape)
+
 
 @dataclass(frozen=True, eq=False)
-class JointedRig(Displayed):
+class JointedRig(Numbered):
     """A body, its joints, its excitation and what is measured of it.
 
     Change it with :func:`dataclasses.replace`; `structure` follows.
@@ -104,6 +109,11 @@ class JointedRig(Displayed):
     tolerances : mapping of str to float
         What some of its numbers may be off by, by their keys: standard deviations, relative, but of numbers that are 0.
     """
+
+    limits: ClassVar[tuple[str, str]] = ("joined", "free")
+    followed_modes: ClassVar[None] = None
+    holds: ClassVar[float] = 0.0
+    """Mean force of joints that stick and that a channel sees [N]: it leaves a linear body as it is."""
 
     name: str
     body: Body
@@ -148,11 +158,6 @@ class JointedRig(Displayed):
         return ", ".join(dict.fromkeys(names))
 
     @property
-    def response_channels(self) -> tuple[Channel, ...]:
-        """Channels that measure motion (all but force)."""
-        return tuple(c for c in self.channels if c.quantity != "force")
-
-    @property
     def lift_off(self) -> bool:
         """Whether a tip leaves its support by an equation of its own: joints that separate do so in their law."""
         return False
@@ -166,6 +171,13 @@ class JointedRig(Displayed):
     def kind(self) -> tuple[Any, ...]:
         """What it has that takes long to simulate or may have no steady state."""
         return (bool(self.joints),)
+
+    @property
+    def pressed(self) -> list[tuple[float, slice]]:
+        """Static load of each joint [N], 0 where none presses it, and its ports."""
+        ends = np.cumsum([0, *(j.law.ports for j in self.joints)]).tolist()
+        loads = [float(numbers(j.law).get("normal_load", 0.0)) for j in self.joints]
+        return [(load, slice(*at)) for load, at in zip(loads, pairwise(ends), strict=True)]
 
     @property
     def ports(self) -> int:
@@ -233,14 +245,9 @@ class JointedRig(Displayed):
         )
 
     def with_modes(self, modes: int) -> "JointedRig":
-        """Return the same rig on another number of modes, or on as many as its body has.
-
-        Where each mode has a damping ratio of its own, modes beyond those listed have that of the last.
-        """
-        body, damping, ratios = self.body.with_modes(modes), self.damping, self.damping.modal_ratios
-        if ratios is not None and len(ratios) > 1:
-            damping = replace(damping, modal_ratios=(ratios + ratios[-1:] * body.modes)[: body.modes])
-        return replace(self, body=body, damping=damping)
+        """Return the same rig on another number of modes, or on as many as its body has."""
+        body = self.body.with_modes(modes)
+        return replace(self, body=body, damping=self.damping.on_modes(body.modes))
 
     def with_joint(self, name: str, law: Any) -> "JointedRig":
         """Return the same rig with another law in a joint.
@@ -256,41 +263,19 @@ class JointedRig(Displayed):
         return replace(self, joints=tuple(replace(j, law=law) if j.name == name else j for j in self.joints))
 
     @property
-    def numbers(self) -> dict[str, tuple[float, Parameter]]:
+    def numbers(self) -> Described:
         """All its numbers by the keys of its rig file, with unit and bounds."""
         return scalars(self)
 
     def number(self, key: str) -> float:
-        """Value of one of its numbers.
-
-        Raises
-        ------
-        KeyError
-            If there is no such number.
-        """
+        """Value of one of its numbers."""
         if key not in (known := self.numbers):
             raise KeyError(f"{key} is not a number of the rig {self.name}")
         return known[key][0]
 
     def with_numbers(self, values: Mapping[str, float]) -> "JointedRig":
-        """Return the same rig with other values of some of its numbers.
-
-        Raises
-        ------
-        KeyError
-            If there is no such number.
-        """
+        """Return the same rig with other values of some of its numbers, such as ``joints.tip.mu``."""
         return with_scalars(self, values)
-
-    def with_number(self, key: str, value: float) -> "JointedRig":
-        """Return the same rig with another value of one of its numbers, such as ``joints.tip.mu``.
-
-        Raises
-        ------
-        KeyError
-            If there is no such number.
-        """
-        return self.with_numbers({key: value})
 
     @property
     def units(self) -> list[tuple[str, str]]:
@@ -305,6 +290,11 @@ class JointedRig(Displayed):
             for j in self.joints
             for i in range(1, j.law.ports + 1)
         ]
+
+    @property
+    def computed(self) -> tuple[str, ...]:
+        """Names of the signals that a simulation gives beside the channels."""
+        return ("drive", *self.motions, *self.forces)
 
     @property
     def motions(self) -> list[str]:

@@ -24,8 +24,6 @@ RATIO = re.compile(r"damping\.modal_ratios\[(\d+)\]")
 GAINS = "excitation.force_gain["
 """Beginning of the keys of forces per unit of what stands for them, by level."""
 
-ANY = -float("inf")
-
 
 def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
     """All numbers of a rig by their keys, with unit and bounds."""
@@ -40,12 +38,7 @@ def scalars(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:
     found |= rig.body.numbers
     if rig.body.damped_by_modes:
         found |= _of_damping(rig)
-    for i, drift in enumerate(rig.drift):
-        found[f"drift[{i}].rate"] = drift.rate, Parameter("1", "change per record", "", lower=ANY)
-    for c in rig.response_channels:
-        found[f"channels.{c.name}.gain"] = c.gain, Parameter("1", "gain", "", lower=ANY)
-        found[f"channels.{c.name}.delay"] = c.delay, Parameter("s", "delay", "", lower=ANY)
-    return found
+    return found | rig.of_measuring
 
 
 def _of_damping(rig: "JointedRig") -> dict[str, tuple[float, Parameter]]:

@@ -1,138 +1,161 @@
 """Numbers of a rig by the keys of its rig file, read and changed."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, overload
+from typing import Any, Self
 
-from models.jointed import AnyRig, JointedRig
-from models.rig import Rig
+from models.display import Displayed
+from models.friction.law import Parameter
+from models.parts import Channel, Drift
 
-ENTRY = re.compile(r"(\w+)\[(\d+)\]\.(\w+)")
-LISTS = ("elements", "drift")
-"""Lists of a rig whose entries have numbers."""
+STEP = re.compile(r"(\w+)(?:\[(\d+)\])?")
 ATTRIBUTES = {"beam": "body", "friction": "law"}
 """What tables of a rig file are called in a rig, where that differs."""
 
+GAIN, DELAY = Parameter("1", "gain", "", lower=-float("inf")), Parameter("s", "delay", "", lower=-float("inf"))
+RATE = Parameter("1", "change per record", "", lower=-float("inf"))
 
-def number(rig: AnyRig, key: str) -> float:
-    """Value of one of a rig's numbers.
-
-    >>> from models.published import paper_rig
-    >>> number(paper_rig(), "contact.friction.mu"), number(paper_rig(), "channels.a3.position")
-    (0.52, 0.3)
-    """
-    if isinstance(rig, JointedRig):
-        return rig.number(key)
-    owner, name = _owner(rig, key)
-    return float(getattr(owner, name))
+Step = str | int
+Described = dict[str, tuple[float, Parameter]]
 
 
-@overload
-def with_number(rig: Rig, key: str, value: float) -> Rig: ...
-@overload
-def with_number(rig: JointedRig, key: str, value: float) -> JointedRig: ...
-@overload
-def with_number(rig: AnyRig, key: str, value: float) -> AnyRig: ...
-def with_number(rig: AnyRig, key: str, value: float) -> AnyRig:
-    """The rig with another value of one of its numbers.
+class Numbered(Displayed):
+    """A rig whose numbers are read and changed by the keys of its rig file, such as ``channels.a3.gain``."""
 
-    Parameters
-    ----------
-    rig : Rig
-    key : str
-        A key of :func:`models.change.structure_scalars`, of the friction law, or of the contact, such as
-        ``channels.a3.gain``, ``attachments.masses[0].position``, ``elements[0].gap``, ``drift[0].rate`` or
-        ``contact.friction.mu``; of a rig with joints one of :attr:`models.jointed.JointedRig.numbers`.
-    value : float
+    name: str
+    channels: tuple[Channel, ...]
+    drift: tuple[Drift, ...]
 
-    Returns
-    -------
-    Rig
+    @property
+    def numbers(self) -> Described:
+        """All its numbers by the keys of its rig file, with unit and bounds."""
+        raise NotImplementedError
 
-    Raises
-    ------
-    KeyError
-        If the rig has no such number.
-    """
-    return with_numbers(rig, {key: value})
+    @property
+    def response_channels(self) -> tuple[Channel, ...]:
+        """Channels that measure motion (all but force)."""
+        return tuple(c for c in self.channels if c.quantity != "force")
+
+    @property
+    def of_measuring(self) -> Described:
+        """Numbers of its channels, and rates of what drifts."""
+        found: Described = {}
+        for c in self.response_channels:
+            found |= {f"channels.{c.name}.gain": (c.gain, GAIN), f"channels.{c.name}.delay": (c.delay, DELAY)}
+        return found | {key: (drift.rate, RATE) for key, drift in self.drifting.items()}
+
+    @property
+    def drifting(self) -> dict[str, Drift]:
+        """What drifts, by the keys of the rates."""
+        return {f"drift[{i}].rate": drift for i, drift in enumerate(self.drift)}
+
+    @property
+    def too_low(self) -> Iterator[tuple[str, str]]:
+        """Numbers of a law below another that they must not fall below, and that other."""
+        numbers = self.numbers
+        for key, (value, accepted) in numbers.items():
+            other = f"{key.rpartition('.')[0]}.{accepted.at_least}"
+            if accepted.at_least and value < numbers[other][0]:
+                yield key, other
+
+    def number(self, key: str) -> float:
+        """Value of one of its numbers.
+
+        >>> from models.published import paper_rig
+        >>> paper_rig().number("contact.friction.mu"), paper_rig().number("channels.a3.position")
+        (0.52, 0.3)
+
+        Raises
+        ------
+        KeyError
+            If there is no such number.
+        """
+        return self._found(key)[1]
+
+    def with_number(self, key: str, value: float) -> Self:
+        """The same rig with another value of one of its numbers.
+
+        Raises
+        ------
+        KeyError
+            If there is no such number.
+        """
+        return self.with_numbers({key: value})
+
+    def with_numbers(self, values: Mapping[str, float]) -> Self:
+        """The same rig with other values of several of its numbers, all at once.
+
+        Raises
+        ------
+        KeyError
+            If there is no such number.
+        """
+        changed: Self = _with(self, {self._found(key)[0]: value for key, value in values.items()}) if values else self
+        return changed
+
+    def at_record(self, record: int) -> Self:
+        """The rig as it is in a record, 1 the first; it drifts no more.
+
+        Raises
+        ------
+        ValueError
+            If what drifts is not a number of the rig, or not positive there.
+        """
+        rig = self
+        for drift in self.drift:
+            factor = 1.0 + drift.rate * (record - 1)
+            if factor <= 0.0:
+                raise ValueError(
+                    f"drift of {drift.parameter}: {factor:g} times its value in record {record}; must be > 0"
+                )
+            try:
+                rig = rig.with_number(drift.parameter, rig.number(drift.parameter) * factor)
+            except KeyError as unknown:
+                raise ValueError(f"drift: {unknown.args[0]}") from None
+        return replace(rig, drift=()) if rig.drift else rig  # type: ignore[type-var]  # of the dataclasses that inherit
+
+    def _found(self, key: str) -> tuple[tuple[Step, ...], float]:
+        """Attributes and places in lists that lead to a number, and its value."""
+        way = _steps(key, [c.name for c in self.channels])
+        found: Any = self
+        for step in way:
+            found = _part(found, step)
+        if not isinstance(found, int | float):
+            raise KeyError(f"{key} is not a number of the rig {self.name}")
+        return way, float(found)
 
 
-def with_numbers(rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
-    """The rig with other values of several of its numbers, see :func:`with_number`."""
-    if isinstance(rig, JointedRig):
-        return rig.with_numbers(values)
-    if not values:
-        return rig
-    tree: dict[str, Any] = {}
-    for key, value in values.items():
-        _owner(rig, key)  # refuses what is no number
-        *way, name = key.split(".")
-        below = tree
-        for step in [way[0], ".".join(way[1:])] if way[0] == "channels" else way:
-            below = below.setdefault(step, {})
-        below[name] = value
-    changed: Rig = _with(rig, tree)
-    return changed
-
-
-def _with(owner: Any, tree: Mapping[str, Any]) -> Any:
-    """A part of a rig with numbers changed, by their names or, where they stand in a part of it, by those in it."""
-    changes: dict[str, Any] = {}
-    for step, below in tree.items():
-        name, _, index = step.rstrip("]").partition("[")
-        name = ATTRIBUTES.get(name, name)
-        if not isinstance(below, Mapping):
-            changes[name] = below
-        elif index:
-            entries = list(changes.get(name, getattr(owner, name)))
-            entries[int(index)] = _with(entries[int(index)], below)
-            changes[name] = tuple(entries)
-        elif name == "channels":
-            changes[name] = tuple(_with(c, below[c.name]) if c.name in below else c for c in owner.channels)
-        else:
-            changes[name] = _with(getattr(owner, name), below)
-    return owner._replace(**changes) if hasattr(owner, "_replace") else replace(owner, **changes)
-
-
-def at_record(rig: AnyRig, record: int) -> AnyRig:
-    """The rig as it is in a record, 1 the first; it drifts no more.
-
-    Raises
-    ------
-    ValueError
-        If what drifts is not a number of the rig, or not positive there.
-    """
-    for drift in rig.drift:
-        factor = 1.0 + drift.rate * (record - 1)
-        if factor <= 0.0:
-            raise ValueError(f"drift of {drift.parameter}: {factor:g} times its value in record {record}; must be > 0")
-        try:
-            rig = with_number(rig, drift.parameter, number(rig, drift.parameter) * factor)
-        except KeyError as unknown:
-            raise ValueError(f"drift: {unknown.args[0]}") from None
-    return replace(rig, drift=()) if rig.drift else rig
-
-
-def _owner(rig: Rig, key: str) -> tuple[Any, str]:
-    """Part of a rig that holds a number, and the number's name there."""
+def _steps(key: str, channels: Sequence[str]) -> tuple[Step, ...]:
+    """Steps of a key, channels by their place among all; none where it is no key."""
     table, _, rest = key.partition(".")
     place, _, name = rest.rpartition(".")
-    owner: Any = None
-    if table == "beam":
-        owner = rig.body
-    elif table == "channels":
-        owner = next((c for c in rig.channels if c.name == place), None)
-    elif place == "friction":
-        owner = rig.contact.law
-    elif entry := ENTRY.fullmatch(rest):
-        entries = getattr(rig.attachments, entry[1], ())
-        owner = entries[int(entry[2])] if int(entry[2]) < len(entries) else None
-    elif (entry := ENTRY.fullmatch(key)) and entry[1] in LISTS:
-        entries = getattr(rig, entry[1])
-        owner, name = entries[int(entry[2])] if int(entry[2]) < len(entries) else None, entry[3]
-    elif not place and table in ("damping", "contact", "excitation", "attachments"):
-        owner = getattr(rig, table)
-    if not isinstance(getattr(owner, name, None), int | float):
-        raise KeyError(f"{key} is not a number of the rig {rig.name}")
-    return owner, name
+    if table == "channels":
+        return (table, channels.index(place), name) if place in channels else ()
+    found: list[Step] = []
+    for entry in map(STEP.fullmatch, key.split(".")):
+        if entry is None or entry[1] in ATTRIBUTES.values():
+            return ()
+        found += [ATTRIBUTES.get(entry[1], entry[1]), *([int(entry[2])] if entry[2] else [])]
+    return tuple(found) if isinstance(found[-1], str) else ()
+
+
+def _part(owner: Any, step: Step) -> Any:
+    """A field of a part of a rig, or an entry of a list; None where there is none."""
+    if isinstance(step, int):
+        return owner[step] if type(owner) is tuple and step < len(owner) else None
+    known = getattr(owner, "__dataclass_fields__", getattr(owner, "_fields", ()))
+    return getattr(owner, step) if step in known else None
+
+
+def _with(owner: Any, values: Mapping[tuple[Step, ...], float]) -> Any:
+    """A part of a rig with other numbers, by the ways to them."""
+    if () in values:
+        return values[()]
+    below: dict[Step, dict[tuple[Step, ...], float]] = {}
+    for (step, *way), value in values.items():
+        below.setdefault(step, {})[tuple(way)] = value
+    new: dict[Any, Any] = {step: _with(_part(owner, step), own) for step, own in below.items()}
+    if type(owner) is tuple:
+        return tuple(new.get(i, entry) for i, entry in enumerate(owner))
+    return owner._replace(**new) if hasattr(owner, "_replace") else replace(owner, **new)

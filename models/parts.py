@@ -123,6 +123,13 @@ class Damping:
         one, two = (replace(self, **setting).dampers(omega_n, numbers) for setting in settings)
         return Dampers(two.viscous - one.viscous, two.slope - one.slope, two.strain_rate - one.strain_rate)
 
+    def on_modes(self, modes: int) -> "Damping":
+        """The same of another number of modes: those beyond the ratios listed have that of the last."""
+        ratios = self.modal_ratios
+        if ratios is None or len(ratios) == 1:
+            return self
+        return replace(self, modal_ratios=(ratios + ratios[-1:] * modes)[:modes])
+
     def _viscous(self, omega_n: Array, numbers: Numbers) -> Array:
         return modal_damping(
             omega_n, self.mass_proportional, self.modal_ratios, self.high_mode_ratio, self.high_mode_from, numbers
@@ -236,7 +243,7 @@ class Drift:
     Attributes
     ----------
     parameter : str
-        Key of :func:`models.numbers.number`.
+        Key of :meth:`models.numbers.Numbered.number`.
     rate : float
         Per record.
     """

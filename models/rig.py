@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -11,26 +11,54 @@ from models.assembly import MORE_MODES, Assembly, Layout, assembled
 from models.attachments import Attachments
 from models.beam import Beam
 from models.bounds import bounded
-from models.display import Displayed
 from models.elements import Element, ElementRows, LiftOff, Reading, element_rows, gauss_points
-from models.friction import parameters, quantities_of
+from models.friction import describe, parameters, quantities_of
+from models.friction.law import Parameter
+from models.numbers import Described, Numbered
 from models.parts import Channel, Contact, Damping, Drift, Excitation, ModalBody, Numbers
 from models.plausible import warn_of
 from models.reduction import Reduction, Switches
-from models.structure import ModalStructure, SpringPort
+from models.structure import Array, ModalStructure, SpringPort
 
 RIGID = 1e10
 """Stiffness of a support that does not yield, in units of E I / L^3, where a tip can lift off it."""
 
+DAMPING = ("mass_proportional", "stiffness_proportional", "high_mode_ratio")
+UNITS = {
+    "beam.length": "m",
+    "beam.width": "m",
+    "beam.thickness": "m",
+    "beam.youngs_modulus": "Pa",
+    "beam.density": "kg/m3",
+    "contact.radius": "m",
+    "contact.load_variation": "1",
+    "attachments.clamp_stiffness": "N m/rad",
+    "attachments.clamp_limit": "N m",
+    "attachments.support_stiffness": "N/m",
+    "attachments.tip_stiffness": "N m/rad",
+    "damping.mass_proportional": "1/s",
+    "damping.stiffness_proportional": "s",
+    "damping.high_mode_ratio": "1",
+}
+"""Units of keys; those of entries of lists, by their last part, in `ENTRY_UNITS`."""
+
+ENTRY_UNITS = {"position": "m", "mass": "kg", "stiffness": "N/m", "frequency_hz": "Hz"}
+
 
 @dataclass(frozen=True, eq=False)
-class Rig(Displayed):
+class Rig(Numbered):
     """A structure on its support: everything a simulation needs.
 
     Change it with :func:`dataclasses.replace`; `structure` follows.
 
     Attributes
     ----------
+    computed : tuple of str
+        Names of the signals that a simulation gives beside the channels; no channel has such a name.
+    motions, forces, units : tuples
+        Of these the relative displacement and the force where it touches, and their units.
+    limits : (str, str)
+        What its linear modes are called with all that touches held, and free.
     name : str
         Title of plots and reports.
     body : Beam or ModalBody
@@ -44,8 +72,14 @@ class Rig(Displayed):
     elements : tuple of Element
         Nonlinear elements along a beam; for all that act, see :attr:`acting`.
     drift : tuple of Drift
-        Numbers that change from record to record; the rig is that of record 1, see :func:`models.numbers.at_record`.
+        Numbers that change from record to record; the rig is that of record 1, see :meth:`at_record`.
     """
+
+    computed: ClassVar[tuple[str, ...]] = ("drive", "slip", "slip_velocity", "friction", "normal")
+    motions: ClassVar[tuple[str, ...]] = ("slip",)
+    forces: ClassVar[tuple[str, ...]] = ("friction",)
+    units: ClassVar[tuple[tuple[str, str], ...]] = (("m", "N"),)
+    limits: ClassVar[tuple[str, str]] = ("stuck", "sliding")
 
     name: str
     body: Beam | ModalBody
@@ -119,14 +153,68 @@ class Rig(Displayed):
         return len(self.attachments.resonators), len(self.elements), self.excitation.settled
 
     @property
+    def pressed(self) -> list[tuple[float, slice]]:
+        """Static load [N] of all that touches, with its ports: of the contact."""
+        return [(self.contact.normal_load, slice(0, 1))]
+
+    @property
+    def holds(self) -> float:
+        """Largest mean friction force that its contact holds [N]."""
+        known = parameters(self.contact.law)
+        return max((float(known[n]) for n in ("mu", "mu_static") if n in known), default=0.0) * self.contact.normal_load
+
+    @property
     def ports(self) -> int:
         """Where a force follows a law: the contact."""
         return 1
 
     @property
-    def response_channels(self) -> tuple[Channel, ...]:
-        """Channels that measure motion (all but force)."""
-        return tuple(c for c in self.channels if c.quantity != "force")
+    def numbers(self) -> Described:
+        """All its numbers by the keys of its rig file, with unit and bounds."""
+        return {
+            **_described(self.contact.law, "contact.friction"),
+            "contact.normal_load": (self.contact.normal_load, Parameter("N", "static load", "")),
+            "excitation.amplitude": (self.excitation.amplitude, Parameter("N", "force amplitude", "")),
+            **self.of_elements,
+            **self.structural,
+            **self.of_measuring,
+        }
+
+    @property
+    def of_elements(self) -> Described:
+        """Parameters of the nonlinear elements, as :attr:`numbers`."""
+        each = [_described(e, f"elements[{i}]") for i, e in enumerate(self.elements)]
+        return {key: number for own in each for key, number in own.items()}
+
+    @property
+    def structural(self) -> Described:
+        """Numbers that decide the linear structure, as :attr:`numbers`."""
+        values = {f"damping.{name}": getattr(self.damping, name) for name in DAMPING}
+        if isinstance(self.body, Beam):
+            values |= dict(zip(self.layout_keys, self.layout.scalars().values(), strict=True))
+            if self.attachments.support_stiffness is None:  # what stands in for a rigid one is no number of the rig
+                values.pop("attachments.support_stiffness", None)
+            values["contact.load_variation"] = self.contact.load_variation
+        return {key: (value, self._accepted(key)) for key, value in values.items()}
+
+    @property
+    def layout_keys(self) -> list[str]:
+        """Keys of the scalars of the layout, channels by their names."""
+        places = {
+            f"channels[{i}].position": f"channels.{c.name}.position" for i, c in enumerate(self.response_channels)
+        }
+        pointed = [i for i, e in enumerate(self.elements) if e.reads is Reading.POINT]
+        places |= {f"points[{j}]": f"elements[{i}].position" for j, i in enumerate(pointed)}
+        return [places.get(key, key) for key in self.layout.scalars()]
+
+    def _accepted(self, key: str) -> Parameter:
+        """Unit and bounds of a number of the structure: everything stays on the beam."""
+        unit = UNITS.get(key) or ENTRY_UNITS[key.rpartition(".")[2]]
+        if key == "beam.length":
+            furthest = max(self.excitation.position, *(c.position for c in self.channels))
+            return Parameter(unit, "", "", lower=furthest, strict=False)
+        upper = float(self.layout.beam.length) if key.endswith(".position") else float("inf")
+        return Parameter(unit, "", "", upper=upper, strict=key.startswith("beam."))
 
     @cached_property
     def structure(self) -> ModalStructure:
@@ -187,6 +275,11 @@ class Rig(Displayed):
             return self.attachments
         return replace(self.attachments, support_stiffness=RIGID * beam.bending_stiffness / beam.length**3)
 
+    @property
+    def followed_modes(self) -> Array | None:
+        """Modes on the shapes they are reduced from, which tell their signs; None where these are the same always."""
+        return self.reduction.kept if self.attachments and isinstance(self.body, Beam) else None
+
     @cached_property
     def element_rows(self) -> list[ElementRows]:
         """Modal shapes at the place where each element touches the beam."""
@@ -241,16 +334,16 @@ class Rig(Displayed):
         return self.reduction.port(self.layout.at_clamp, ends.clamp_stiffness)
 
     def with_modes(self, modes: int) -> "Rig":
-        """Return the same beam rig on another number of modes; a modal rig is returned as it is.
-
-        Where each mode has a damping ratio of its own, modes beyond those listed have that of the last.
-        """
+        """Return the same beam rig on another number of modes; a modal rig is returned as it is."""
         if not isinstance(self.body, Beam):
             return self
-        damping, ratios = self.damping, self.damping.modal_ratios
-        if ratios is not None and len(ratios) > 1:
-            damping = replace(damping, modal_ratios=(ratios + ratios[-1:] * modes)[:modes])
-        return replace(self, body=replace(self.body, modes=modes), damping=damping)
+        return replace(self, body=replace(self.body, modes=modes), damping=self.damping.on_modes(modes))
+
+
+def _described(law: object, table: str) -> Described:
+    """Parameters of a friction law or an element, with their bounds."""
+    known = describe(type(law))
+    return {f"{table}.{name}": (value, known[name]) for name, value in parameters(law).items()}
 
 
 def _numbers(beam: Beam, attachments: Attachments) -> Numbers:

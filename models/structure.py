@@ -150,6 +150,20 @@ class ModalStructure:
         """Number of modes."""
         return len(self.omega_n)
 
+    @property
+    def joints(self) -> Array:
+        """The slip row as that of the one port, (1, n)."""
+        return self.slip_row[None, :]
+
+    @property
+    def flexibility_to_force(self) -> Array:
+        """Slip per excitation force beyond the modes, (1,), and by reciprocity of the drive per friction force."""
+        return np.array([self.residual.slip_by_force])
+
+    def damps(self, shape: Array) -> float:
+        """Damping 2 zeta omega of a mass-normalised shape (n,) [1/s]."""
+        return float(shape @ (self.damping * shape))
+
 
 def modal_damping(
     omega_n: Array,

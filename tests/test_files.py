@@ -20,7 +20,7 @@ from hbm.integration.history import TimeHistory
 from hbm.integration.integrate import simulate
 from hbm.response.accuracy import frequency_response
 from hbm.response.curve import ResponseCurve
-from hbm.rigfiles.load import COMPUTED_CHANNELS, load_rig
+from hbm.rigfiles.load import load_rig
 from hbm.stability.multipliers import Stability
 from hbm.textfiles import check_output, write_together
 
@@ -60,7 +60,7 @@ def test_every_field_is_the_curves_to_the_last_bit(written: Path, curves: list[R
     at = 0
     for c in curves:
         for i, point in enumerate(c.points):
-            for name in (*(f.name for f in c.rig.channels), *COMPUTED_CHANNELS):
+            for name in (*(f.name for f in c.rig.channels), *c.rig.computed):
                 row = rows[at]
                 at += 1
                 assert (int(row["point"]), row["channel"], row["stable"]) == (i + 1, name, "")
@@ -182,7 +182,7 @@ def test_history_has_time_and_the_rigs_channels(history: TimeHistory, tmp_path: 
 def test_history_adds_the_contact_where_asked(history: TimeHistory, tmp_path: Path) -> None:
     write_history(tmp_path / "h.csv", history, contact=True)
     heading = (tmp_path / "h.csv").read_text().splitlines()[0].split(",")
-    assert heading == ["time_s", *(c.name for c in history.rig.channels), *COMPUTED_CHANNELS]
+    assert heading == ["time_s", *(c.name for c in history.rig.channels), *history.rig.computed]
 
 
 def drawn() -> Any:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-import hbm.extras
+import hbm.labelled
 from hbm import load_rig, load_spectra, reconstruct, trace_frequency
 from hbm.errors import InputError
 from hbm.files.inversefiles import reconstruction_contents
@@ -67,6 +67,6 @@ def test_a_package_that_is_missing_is_said_in_one_line(curve, monkeypatch):
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr(hbm.extras, "import_module", missing)
+    monkeypatch.setattr(hbm.labelled, "import_module", missing)
     with pytest.raises(InputError, match="to_xarray: needs xarray; install it with"):
         curve.to_xarray()

@@ -8,7 +8,7 @@ from typing import ClassVar
 import pytest
 
 from hbm.errors import InputError
-from hbm.rigfiles.load import COMPUTED_CHANNELS, load_rig, rig_from_dict
+from hbm.rigfiles.load import load_rig, rig_from_dict
 from models import LAWS, Beam, ModalBody, Rig
 from models.friction import Parameter, chosen, describe, parameter, parameters, settings
 from models.published import (
@@ -650,4 +650,4 @@ def test_smallest_example_is_one_damped_mode_at_50_hz() -> None:
 
 
 def test_computed_channels_are_those_of_the_curve_files() -> None:
-    assert COMPUTED_CHANNELS == ("drive", "slip", "slip_velocity", "friction", "normal")  # docs/reference/data_files.md
+    assert Rig.computed == ("drive", "slip", "slip_velocity", "friction", "normal")  # docs/reference/data_files.md

@@ -7,20 +7,25 @@ amplitude: a residual of 1e-10 means that every force balance, harmonic by harmo
 excitation.
 """
 
+from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, Self
+from math import prod
+from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from hbm.aft.force import ContactForce, Environment, LawOverPeriod
 from hbm.balance.clamp import ClampMotion, ClampOverPeriod
+from hbm.balance.denseblock import DenseBlock
 from hbm.balance.elements import ElementSlope, ElementsOverPeriod
 from hbm.fourier import Array, FourierBasis
 from models.friction import parameters
+from models.jointed import JointedRig
 from models.parts import Excitation
 from models.rig import Rig
+from models.structure import ModalStructure
 
 Parameter = Literal["frequency", "force"]
 
@@ -66,36 +71,13 @@ class Kinematics:
     clamp: ClampMotion | None = None
 
 
-@dataclass(frozen=True)
-class DenseBlock:
-    """The coefficients whose parametric stiffness is kept in the Newton matrix.
-
-    Attributes
-    ----------
-    cosines : (c,) array of int
-        The pairs, in the order harmonic by harmonic, mode by mode.
-    coefficients : (d,) array of int
-        Their cosine, then their sine coefficients in the flat (2H+1, m) unknowns.
-    products : (d, d) array of int
-        Where each pair of coefficients finds its entry in the flat multiplication matrix of T.
-    G : (d, d) array
-        Shortening of the modes of each pair.
-    """
-
-    cosines: npt.NDArray[np.intp]
-    coefficients: npt.NDArray[np.intp]
-    products: npt.NDArray[np.intp]
-    G: Array
-
-    @staticmethod
-    def of(strong: npt.NDArray[np.bool_], shortening: Array, size: int) -> "DenseBlock":
-        """Block of the pairs `strong` (H+1, m); harmonic 0 whole."""
-        cosines = np.flatnonzero(strong)
-        sines = np.flatnonzero(strong[1:]) + strong.size  # behind the (H+1) m cosines
-        coefficients = np.concatenate([cosines, sines])
-        harmonic, mode = np.divmod(coefficients, strong.shape[1])
-        products = harmonic[:, None] * size + harmonic
-        return DenseBlock(cosines, coefficients, products, shortening[mode[:, None], mode])
+def force_shape(excitation: Excitation, basis: FourierBasis, periods: int) -> Array:
+    """Coefficients of the excitation per amplitude of its fundamental, (2H+1,); harmonics beyond H left out."""
+    shape = np.zeros(basis.size)
+    for k, cosine, sine in excitation.tones:
+        if k * periods <= basis.H:
+            shape[k * periods], shape[basis.H + k * periods] = cosine, sine
+    return shape
 
 
 class Units(NamedTuple):
@@ -107,21 +89,26 @@ class Units(NamedTuple):
         Frequency [Hz], force [N].
     modal_force, q : float
         Generalised force and coordinate of a mass-normalised mode.
+    f : float or (m,) array
+        Force where it touches, at each port of the joints.
     """
 
     hz: float
     F: float
     modal_force: float
     q: float
+    f: Any
 
 
-class Balance:
-    """A rig on a Fourier basis with one free parameter: its unknowns and their equations.
+AnyRigKind = TypeVar("AnyRigKind", Rig, JointedRig)
+
+
+class Scaled(ABC, Generic[AnyRigKind]):
+    """Unknowns of a rig on a Fourier basis with one free parameter, in units of their own.
 
     Parameters
     ----------
-    rig : Rig
-        Structure, contact and excitation.
+    rig : Rig or JointedRig
     basis : FourierBasis
         Harmonics and samples.
     parameter : {"frequency", "force"}
@@ -130,32 +117,120 @@ class Balance:
         Excitation frequency where the parameter is the force [Hz].
     level : float, optional
         Force amplitude where the parameter is the frequency [N]; the rig's where omitted.
-    like : Balance, optional
+    like : the same, optional
         Balance of a similar rig whose units the unknowns and equations take.
     periods : int
         Periods of the force in one of the motion; frequencies are those of the force, Omega that of the motion.
     """
 
+    rig: AnyRigKind
+    structure: Any
+
     def __init__(
         self,
-        rig: Rig,
+        rig: AnyRigKind,
         basis: FourierBasis,
         *,
         parameter: Parameter = "frequency",
         hz: float = 0.0,
         level: float | None = None,
-        like: "Balance | None" = None,
+        like: Self | None = None,
         periods: int = 1,
     ) -> None:
         s = rig.structure
         self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
         self.level = rig.excitation.amplitude if level is None else level
         self.fixed_hz, self.periods = hz, periods
+        elastic = s.omega_n[s.omega_n > 0.0]
+        self.omega_1 = float(elastic[0]) if elastic.size else 2 * np.pi
         self.units: Units = self._units() if like is None else like.units
-        self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref = self.units
+        self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref, self.f_ref = self.units
         self.Omega_ref = 2 * np.pi * self.hz_ref / periods
         self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
         self.force_shape = force_shape(rig.excitation, basis, periods)
+        self._set_up(like)
+
+    def _units(self) -> Units:
+        modal_force = self.level * float(np.abs(self.structure.excitation).max())
+        return Units(
+            hz=2.0 ** round(float(np.log2(self.omega_1 / (2 * np.pi)))),  # a power of two: scaling back loses no digit
+            F=self.level,
+            modal_force=modal_force,
+            q=10.0 * modal_force / self.omega_1**2,  # a tenfold dynamic amplification of the static response of mode 1
+            f=self.level * self._levers(),
+        )
+
+    @abstractmethod
+    def _levers(self) -> Any:
+        """Units of the forces where it touches, in those of the excitation."""
+
+    @abstractmethod
+    def _set_up(self, like: Self | None) -> None:
+        """Make ready what the equations need."""
+
+    @property
+    @abstractmethod
+    def touching(self) -> tuple[int, ...]:
+        """Shape of the coefficients of the forces where it touches."""
+
+    # ---- vectors
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.basis.size * int(self.structure.n) + prod(self.touching)
+
+    def pack(self, state: State) -> tuple[Array, float]:
+        """Scaled unknowns and continuation parameter of a state."""
+        x = np.concatenate([(state.Q / self.q_ref).ravel(), (state.T / self.f_ref).ravel()])
+        return x, state.Omega / self.Omega_ref if self.parameter == "frequency" else state.F / self.F_ref
+
+    def unpack(self, x: Array, lam: float) -> State:
+        """State in physical units of scaled unknowns."""
+        split = self.basis.size * self.structure.n
+        Q = x[:split].reshape(self.basis.size, -1) * self.q_ref
+        Omega, F = self.at(lam)
+        return State(Q, x[split:].reshape(self.touching) * self.f_ref, Omega, F)
+
+    def at(self, lam: float) -> tuple[float, float]:
+        """Frequency [rad/s] and force amplitude [N] at a value of the continuation parameter."""
+        if self.parameter == "frequency":
+            return lam * self.Omega_ref, self.level
+        return 2 * np.pi * self.fixed_hz / self.periods, lam * self.F_ref
+
+    def hz_at(self, lam: float) -> float:
+        """Frequency [Hz] at a value of the continuation parameter."""
+        return lam * self.hz_ref if self.parameter == "frequency" else self.fixed_hz
+
+    def lam_at(self, hz: float) -> float:
+        """Value of the continuation parameter at a frequency [Hz], where the frequency is the parameter."""
+        return hz / self.hz_ref
+
+    def on(self, basis: FourierBasis) -> Self:
+        """Return the same problem with other harmonics and samples."""
+        return type(self)(
+            self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level, periods=self.periods
+        )
+
+    def on_these_harmonics(self, coefficients: Array) -> Array:
+        """Coefficients (2H'+1, ...) cut to these harmonics (2H+1, ...); new ones are zero."""
+        H, given = self.basis.H, len(coefficients) // 2
+        keep, out = min(H, given), np.zeros((self.basis.size, *coefficients.shape[1:]))
+        source, target = (np.r_[0 : keep + 1, n + 1 : n + 1 + keep] for n in (given, H))
+        out[target] = coefficients[source]
+        return out
+
+
+class Balance(Scaled[Rig]):
+    """A rig with one contact on a Fourier basis: its unknowns and their equations."""
+
+    structure: ModalStructure
+
+    def _levers(self) -> float:
+        return 1.0
+
+    def _set_up(self, like: Self | None) -> None:
+        rig, basis, s = self.rig, self.basis, self.structure
         self.elements = ElementsOverPeriod(rig, basis) if rig.acting else None
         port, limit = rig.clamp, rig.attachments.clamp_limit
         self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
@@ -166,18 +241,6 @@ class Balance:
         self._blocks: dict[bytes, DenseBlock] = {}
         self.coupling = rig.contact.normal_load * np.diag(s.shortening)
         self.coupled = self._coupled_modes()
-
-    # ---- set-up
-
-    def _units(self) -> "Units":
-        omega_1 = float(self.structure.omega_n[0])
-        modal_force = self.level * float(np.abs(self.structure.excitation).max())
-        return Units(
-            hz=2.0 ** round(float(np.log2(omega_1 / (2 * np.pi)))),  # a power of two: scaling back loses no digit
-            F=self.level,
-            modal_force=modal_force,
-            q=10.0 * modal_force / omega_1**2,  # a tenfold dynamic amplification of the static response of mode 1
-        )
 
     def with_law_of(self, rig: Rig) -> Self:
         """Return the same balance with the law's parameters of a rig that differs in nothing else."""
@@ -192,7 +255,7 @@ class Balance:
         other.elements = ElementsOverPeriod(self.rig, self.basis, load)
         return other
 
-    def _environment(self, rig: Rig, like: "Balance | None") -> tuple[Environment, float]:
+    def _environment(self, rig: Rig, like: Self | None) -> tuple[Environment, float]:
         """Law inputs; and the compliance lent to a set-valued law of a structure that has none.
 
         The loan is taken back harmonic by harmonic (dynamic Lagrangian frequency-time): the law is shown
@@ -223,38 +286,10 @@ class Balance:
             self._blocks[key] = DenseBlock.of(strong, self.structure.shortening, self.basis.size)
         return self._blocks[key]
 
-    # ---- vectors
-
     @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self.basis.size * (self.structure.n + 1)
-
-    def pack(self, state: State) -> tuple[Array, float]:
-        """Scaled unknowns and continuation parameter of a state."""
-        x = np.concatenate([(state.Q / self.q_ref).ravel(), state.T / self.F_ref])
-        return x, state.Omega / self.Omega_ref if self.parameter == "frequency" else state.F / self.F_ref
-
-    def unpack(self, x: Array, lam: float) -> State:
-        """State in physical units of scaled unknowns."""
-        split = self.basis.size * self.structure.n
-        Q = x[:split].reshape(self.basis.size, -1) * self.q_ref
-        Omega, F = self.at(lam)
-        return State(Q, x[split:] * self.F_ref, Omega, F)
-
-    def at(self, lam: float) -> tuple[float, float]:
-        """Frequency [rad/s] and force amplitude [N] at a value of the continuation parameter."""
-        if self.parameter == "frequency":
-            return lam * self.Omega_ref, self.level
-        return 2 * np.pi * self.fixed_hz / self.periods, lam * self.F_ref
-
-    def hz_at(self, lam: float) -> float:
-        """Frequency [Hz] at a value of the continuation parameter."""
-        return lam * self.hz_ref if self.parameter == "frequency" else self.fixed_hz
-
-    def lam_at(self, hz: float) -> float:
-        """Value of the continuation parameter at a frequency [Hz], where the frequency is the parameter."""
-        return hz / self.hz_ref
+    def touching(self) -> tuple[int, ...]:
+        """Shape of the coefficients of friction, (2H+1,)."""
+        return (self.basis.size,)
 
     # ---- mechanics
 
@@ -362,12 +397,3 @@ class Balance:
         if kin.clamp is not None:
             closure = max(closure, kin.clamp.closure)
         return kin, T.copy(), self.law.memory, closure
-
-
-def force_shape(excitation: Excitation, basis: FourierBasis, periods: int) -> Array:
-    """Coefficients of the excitation per amplitude of its fundamental, (2H+1,); harmonics beyond H left out."""
-    shape = np.zeros(basis.size)
-    for k, cosine, sine in excitation.tones:
-        if k * periods <= basis.H:
-            shape[k * periods], shape[basis.H + k * periods] = cosine, sine
-    return shape

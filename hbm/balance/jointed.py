@@ -9,31 +9,21 @@ import numpy as np
 from hbm.balance.equations import State
 from hbm.balance.jointednewton import JointLinearization, Modes
 from hbm.balance.jointequations import JointEquations
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array
 
 
 class JointBalance(JointEquations):
     """The balance of a rig with joints as a :class:`continuation.Problem`."""
-
-    def on(self, basis: FourierBasis) -> "JointBalance":
-        """Return the same problem with other harmonics and samples."""
-        return JointBalance(
-            self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level, periods=self.periods
-        )
 
     def padded(self, state: State) -> Array:
         """Scaled unknowns of a state on other harmonics, modes and joints.
 
         New modes start from their linear response, new joints (which come last) from the motion there.
         """
-        H_old, n_old = state.Q.shape[0] // 2, state.Q.shape[1]
-        size, n, H = self.basis.size, self.structure.n, self.basis.H
-        keep, m = min(H, H_old), min(n, n_old)
-        source = np.r_[0 : keep + 1, H_old + 1 : H_old + 1 + keep]
-        target = np.r_[0 : keep + 1, H + 1 : H + 1 + keep]
-        Q, f, known = np.zeros((size, n)), np.zeros((size, len(self.own))), min(state.T.shape[1], len(self.own))
-        f[target, :known] = state.T[source, :known]
-        Q[target, :m] = state.Q[source, :m]
+        n, m = self.structure.n, min(self.structure.n, state.Q.shape[1])
+        Q, f, known = np.zeros((self.basis.size, n)), np.zeros(self.touching), min(state.T.shape[1], len(self.own))
+        f[:, :known] = self.on_these_harmonics(state.T[:, :known])
+        Q[:, :m] = self.on_these_harmonics(state.Q[:, :m])
         if n > m:
             Q[:, m:] = Modes(self, state.Omega).moved(self.modal_forces(f, state.F))[:, m:]
         padded = State(Q, f, state.Omega, state.F)

@@ -8,67 +8,26 @@ excitation.
 """
 
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
 from hbm.aft.joint import JointOverPeriod
-from hbm.balance.equations import Parameter, State, force_shape
-from hbm.fourier import Array, FourierBasis
+from hbm.balance.equations import Scaled, State
+from hbm.fourier import Array
 from models.jointed import JointedRig, JointedStructure
 
 Complex = npt.NDArray[np.complex128]
 
 
-class JointEquations:
-    """A rig with joints on a Fourier basis with one free parameter: its unknowns and their equations.
+class JointEquations(Scaled[JointedRig]):
+    """A rig with joints on a Fourier basis: its unknowns and their equations."""
 
-    Parameters
-    ----------
-    rig : JointedRig
-    basis : FourierBasis
-        Harmonics and samples.
-    parameter : {"frequency", "force"}
-        Continuation parameter: the frequency in units of `hz_ref`, or F / amplitude.
-    hz : float
-        Excitation frequency where the parameter is the force [Hz].
-    level : float, optional
-        Force amplitude where the parameter is the frequency [N]; the rig's where omitted.
-    like : JointEquations, optional
-        Balance of a similar rig whose units the unknowns and equations take.
-    periods : int
-        Periods of the force in one of the motion; frequencies are those of the force, Omega that of the motion.
-    """
+    structure: JointedStructure
 
-    def __init__(
-        self,
-        rig: JointedRig,
-        basis: FourierBasis,
-        *,
-        parameter: Parameter = "frequency",
-        hz: float = 0.0,
-        level: float | None = None,
-        like: "JointEquations | None" = None,
-        periods: int = 1,
-    ) -> None:
-        s = rig.structure
-        self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
-        self.level = rig.excitation.amplitude if level is None else level
-        self.fixed_hz, self.periods = hz, periods
-        elastic = s.omega_n[s.omega_n > 0.0]
-        self._omega_1 = float(elastic[0]) if elastic.size else 2 * np.pi
-        if like is None:
-            self.hz_ref = 2.0 ** round(float(np.log2(self._omega_1 / (2 * np.pi))))
-            self.F_ref = self.level
-            self.modal_force_ref = self.level * float(np.abs(s.excitation).max())
-            self.q_ref = 10.0 * self.modal_force_ref / self._omega_1**2
-            self.f_ref = self.level * self._levers()
-        else:
-            self.hz_ref, self.F_ref, self.modal_force_ref = like.hz_ref, like.F_ref, like.modal_force_ref
-            self.q_ref, self.f_ref = like.q_ref, like.f_ref
-        self.Omega_ref = 2 * np.pi * self.hz_ref / periods
-        self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
-        self.force_shape = force_shape(rig.excitation, basis, periods)
+    def _set_up(self, like: Self | None) -> None:
+        rig, basis, s = self.rig, self.basis, self.structure
         self.own = self._own_compliances(like)
         first = np.cumsum([0, *(j.law.ports for j in rig.joints)])
         self.slices = [slice(int(a), int(b)) for a, b in pairwise(first)]
@@ -84,20 +43,18 @@ class JointEquations:
         self.rigid = np.flatnonzero(s.omega_n == 0.0)
         self.adrift = self._adrift()
 
-    # ---- set-up
-
     def _mobile(self) -> Array:
         """How much each port yields at rest, (m,) [m/N]; a rigid body as if it were on a soft spring."""
         s = self.structure
-        return np.asarray(s.joints**2 @ (1.0 / np.maximum(s.omega_n, self._omega_1) ** 2) + s.flexibility.diagonal())
+        return np.asarray(s.joints**2 @ (1.0 / np.maximum(s.omega_n, self.omega_1) ** 2) + s.flexibility.diagonal())
 
     def _levers(self) -> Array:
         """Force (or moment) at each port that moves the body as much as a unit excitation does, (m,)."""
         s, mobile = self.structure, self._mobile()
-        drive = float(s.excitation**2 @ (1.0 / np.maximum(s.omega_n, self._omega_1) ** 2) + s.drive_by_force)
+        drive = float(s.excitation**2 @ (1.0 / np.maximum(s.omega_n, self.omega_1) ** 2) + s.drive_by_force)
         return np.sqrt(drive / np.where(mobile > 0.0, mobile, drive))
 
-    def _own_compliances(self, like: "JointEquations | None") -> Array:
+    def _own_compliances(self, like: Self | None) -> Array:
         """Compliance (m,) that a law takes into account at its port, in place of the harmonics.
 
         A set-valued law of a port that has none is lent one, which the balance takes back harmonic by harmonic (dynamic
@@ -109,7 +66,7 @@ class JointEquations:
             if j.law.folds:
                 own[at] = s.flexibility[at, at]
                 if j.law.set_valued and own[at] <= 0.0:
-                    first_out = s.omega_n**2 + (self.basis.H * self._omega_1) ** 2
+                    first_out = s.omega_n**2 + (self.basis.H * self.omega_1) ** 2
                     own[at] = 0.1 * float(np.sum(s.joints[at] ** 2 / first_out))
                     own[at] = like.own[at] if like is not None else own[at]
             at += j.law.ports
@@ -119,40 +76,12 @@ class JointEquations:
         """Stiffness against the mean of rigid motions that no joint sees, so that they have one, (rigid, rigid)."""
         _, sizes, directions = np.linalg.svd(self.structure.joints[:, self.rigid])
         seen = directions[: np.count_nonzero(sizes > 1e-9 * sizes.max(initial=0.0))]
-        return np.asarray(self._omega_1**2 * (np.eye(len(self.rigid)) - seen.T @ seen))
-
-    # ---- vectors
+        return np.asarray(self.omega_1**2 * (np.eye(len(self.rigid)) - seen.T @ seen))
 
     @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self.basis.size * (self.structure.n + len(self.own))
-
-    def pack(self, state: State) -> tuple[Array, float]:
-        """Scaled unknowns and continuation parameter of a state."""
-        x = np.concatenate([(state.Q / self.q_ref).ravel(), (state.T / self.f_ref).ravel()])
-        return x, state.Omega / self.Omega_ref if self.parameter == "frequency" else state.F / self.F_ref
-
-    def unpack(self, x: Array, lam: float) -> State:
-        """State in physical units of scaled unknowns."""
-        split = self.basis.size * self.structure.n
-        Q = x[:split].reshape(self.basis.size, -1) * self.q_ref
-        Omega, F = self.at(lam)
-        return State(Q, x[split:].reshape(self.basis.size, -1) * self.f_ref, Omega, F)
-
-    def at(self, lam: float) -> tuple[float, float]:
-        """Frequency [rad/s] and force amplitude [N] at a value of the continuation parameter."""
-        if self.parameter == "frequency":
-            return lam * self.Omega_ref, self.level
-        return 2 * np.pi * self.fixed_hz / self.periods, lam * self.F_ref
-
-    def hz_at(self, lam: float) -> float:
-        """Frequency [Hz] at a value of the continuation parameter."""
-        return lam * self.hz_ref if self.parameter == "frequency" else self.fixed_hz
-
-    def lam_at(self, hz: float) -> float:
-        """Value of the continuation parameter at a frequency [Hz], where the frequency is the parameter."""
-        return hz / self.hz_ref
+    def touching(self) -> tuple[int, ...]:
+        """Shape of the coefficients of the forces at the ports, (2H+1, m)."""
+        return self.basis.size, len(self.own)
 
     @property
     def remembers(self) -> bool:

@@ -16,15 +16,9 @@ def pad(problem: Balance | JointBalance, state: State) -> Array:
     """
     if isinstance(problem, JointBalance):
         return problem.padded(state)
-    H_old, n_old = state.Q.shape[0] // 2, state.Q.shape[1]
-    size, n, H = problem.basis.size, problem.structure.n, problem.basis.H
-    keep = min(H, H_old)
-    source = np.r_[0 : keep + 1, H_old + 1 : H_old + 1 + keep]
-    target = np.r_[0 : keep + 1, H + 1 : H + 1 + keep]
-    m = min(n, n_old)
-    Q, T = np.zeros((size, n)), np.zeros(size)
-    Q[target, :m] = state.Q[source, :m]
-    T[target] = state.T[source]
+    n, m = problem.structure.n, min(problem.structure.n, state.Q.shape[1])
+    Q, T = np.zeros((problem.basis.size, n)), problem.on_these_harmonics(state.T)
+    Q[:, :m] = problem.on_these_harmonics(state.Q[:, :m])
     if n > m:
         s, basis = problem.structure, problem.basis
         forces = np.outer(T, s.slip_row[m:]) + np.outer(state.F * problem.force_shape, s.excitation[m:])

@@ -44,12 +44,6 @@ Newton = Elimination | SlippingBalance
 class HarmonicBalance(Balance):
     """The balance of a rig as a :class:`continuation.Problem`."""
 
-    def on(self, basis: FourierBasis) -> "HarmonicBalance":
-        """Return the same problem with other harmonics and samples."""
-        return HarmonicBalance(
-            self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level, periods=self.periods
-        )
-
     @property
     def remembers(self) -> bool:
         """Whether friction depends on what was before."""

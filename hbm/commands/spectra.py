@@ -210,11 +210,10 @@ def _columns(texts: Sequence[str]) -> dict[str, str]:
 
 def _recorded(entry: "Entry", columns: dict[str, str], rig: "AnyRig | None") -> "Recording":
     """A history whose channels are the rig's, in their units; what only a simulation knows is left out."""
-    from hbm.channels import computed_channels
     from hbm.measurement.historyfile import load_history
     from models.parts import UNITS
 
-    path, computed = entry.file, computed_channels(rig) if rig else ()
+    path, computed = entry.file, rig.computed if rig else ()
     recorded = load_history(path, columns or entry.channels, entry.units).between(entry.begin, entry.end)
     measured = {name: values for name, values in recorded.channels.items() if name not in computed}
     recorded = replace(recorded, channels=measured)

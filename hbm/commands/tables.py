@@ -17,7 +17,6 @@ from hbm.errors import visible
 from hbm.integration.history import TimeHistory
 from hbm.integration.jointed import JointHistory
 from hbm.modes.linear import LinearModes
-from hbm.response.accuracy import joint_forces
 from hbm.response.curve import Assessment, ResponseCurve
 from hbm.response.loop import FrictionLoop
 from hbm.rigfiles.lawchoice import KnownLaw, known_law, plain
@@ -120,16 +119,16 @@ def _response_row(c: ResponseCurve) -> dict[str, str]:
 
 def force_cells(c: ResponseCurve, points: slice = EVERYWHERE) -> dict[str, str]:
     """Largest forces of the contact, or of the joint with the largest, in some points of a curve."""
-    if not isinstance(c.rig, JointedRig):
+    if "normal" in c.rig.computed:
         normal = [p["normal"] for p in c.points[points]]
         return {
             "slip\nµm": f"{1e6 * c['slip'].peak[points].max():.3g}",
             "friction\nN": f"{c['friction'].peak[points].max():.3g}",
             "reaction\nN": f"{min(n.samples.min() for n in normal):.3g} to {max(n.peak for n in normal):.3g}",
         }
-    if not joint_forces(c):
+    if not c.rig.forces:
         return {}
-    largest = {name: float(c[name].peak[points].max()) for name in joint_forces(c)}
+    largest = {name: float(c[name].peak[points].max()) for name in c.rig.forces}
     name = max(largest, key=largest.__getitem__)
     return {"largest\njoint force": f"{largest[name]:.3g} {c[name].unit}", "in": name.replace(".force", "")}
 

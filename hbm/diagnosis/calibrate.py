@@ -18,7 +18,6 @@ from hbm.outputerror.nominal import SHAPES, tolerances
 from hbm.outputerror.simulated import Solutions
 from hbm.sensitivity.scalars import LOAD
 from models.jointed import AnyRig
-from models.numbers import with_numbers
 
 FEW = 8
 LAST_STEPS = 4
@@ -43,7 +42,7 @@ def lighter(e: Evaluation) -> Model:
     """The model with its sensors held where they are."""
     values = {f.name: f.value(x) for f, x in zip(e.model.free, e.x, strict=True) if f.name.startswith(SENSORS)}
     calibrated = {key: std for key, std in e.model.calibrated.items() if not key.startswith(SENSORS)}
-    return Model(with_numbers(e.model.nominal, values), calibrated, e.model.causes)
+    return Model(e.model.nominal.with_numbers(values), calibrated, e.model.causes)
 
 
 def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:

@@ -197,10 +197,6 @@ def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = N
     campaign : Campaign
     executor : concurrent.futures.Executor, optional
         Does the records side by side.
-
-    Returns
-    -------
-    Discrepancy
     """
     rig = campaign.numerics.working.rig(e.model.rig(e.x))
     unit = {c.name: UNITS[c.quantity] for c in rig.channels}

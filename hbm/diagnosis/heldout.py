@@ -29,10 +29,6 @@ def choose_held_out(spectra: MeasuredSpectra, numbered: Collection[float] = ()) 
     spectra : MeasuredSpectra
     numbered : collection of float
         Levels that have a number of their own, which no other level tells: of one every second record is held out.
-
-    Returns
-    -------
-    tuple of int
     """
     if len(spectra) < FEWEST:
         return ()

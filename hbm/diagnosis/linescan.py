@@ -11,12 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.balance.lines import LineBalance, LinesHere
-from hbm.channels import factor
 from hbm.diagnosis.jointscan import PushedRecord, Scanned, scanned, tried_ends
+from hbm.diagnosis.places import Complex
 from hbm.fourier import Array
-from hbm.inverse.sensing import Complex
 from hbm.outputerror.fit import Evaluation
-from hbm.outputerror.lines import LineCampaign
+from hbm.outputerror.lines import LineCampaign, receptances
 from hbm.outputerror.records import Record
 from hbm.sensitivity.jointforces import Ends
 from models.causes.addedjoint import AddedJoint
@@ -27,8 +26,7 @@ from models.joints import Joint, PolynomialSpring
 def line_scan(base: Evaluation, campaign: LineCampaign, causes: Sequence[AddedJoint]) -> Iterator[Scanned]:
     """Score candidates on records of many lines, as :func:`hbm.diagnosis.jointscan.scan` does on others."""
     rig = base.model.rig(base.x)
-    ends = tried_ends(rig, causes) if isinstance(rig, JointedRig) else []
-    if not ends or not isinstance(rig, JointedRig):
+    if not isinstance(rig, JointedRig) or not (ends := tried_ends(rig, causes)):
         return
     records = [_pushed(r, base, campaign, rig, ends) for r in campaign.data.records if r.number in base.found]
     yield from scanned(base, records, ends, causes)
@@ -39,7 +37,7 @@ def _pushed(
 ) -> PushedRecord:
     here = _with_places(record, base, campaign, rig, ends)
     basis, std, own = here.problem.basis, campaign.std(record), base.white.record == record.number
-    by_places, moved = _receptances(here, campaign.data.channels, len(ends))
+    by_places, moved = receptances(here, campaign.data.channels, len(ends))
     signals = np.stack([s[:, 0] for s in here.signals[-len(ends) :]], axis=1)
     there = basis.complex(signals)[1:].T  # (p, H)
     seen = by_places[:, :, 1:] * np.where(np.isfinite(std), 1.0 / std, 0.0)  # (p, c, H)
@@ -85,19 +83,3 @@ def _with_places(
     balance = LineBalance(replace(rig, joints=(*rig.joints, *idle)), basis, record.hz, campaign.forces[record.number])
     known = base.found[record.number].solution.state.T
     return balance.law(np.hstack([known, np.zeros((basis.size, len(ends)))]))
-
-
-def _receptances(here: LinesHere, channels: Sequence[str], places: int) -> tuple[Complex, Complex]:
-    """Readings (p, c, H+1) of channels, and motion (p, H+1) there, per force at each of the last p ports."""
-    problem, s = here.problem, here.problem.structure
-    rate = 1j * problem.Omega * np.arange(problem.basis.H + 1)
-    forces = here.closed[:, :, -places:]  # (H+1, m, p)
-    moved = (problem.yielding[:, -places:] @ forces).diagonal(axis1=1, axis2=2)
-    Q = problem.modes.between(np.eye(s.n), s.joints) @ forces
-    named = {c.name: (i, c) for i, c in enumerate(problem.rig.response_channels)}
-    read = []
-    for name in channels:
-        i, c = named[name]
-        seen = np.einsum("n,hnp->hp", s.channels[i], Q) + np.einsum("m,hmp->hp", s.channels_by_joints[i], forces)
-        read.append(factor(c, rate)[:, None] * seen)
-    return np.array(read).transpose(2, 0, 1), moved.T

@@ -29,7 +29,7 @@ from hbm.diagnosis.search import NEARLY, PAYS, OnProgress
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
-from hbm.outputerror.fit import Evaluation, evaluate, fit_model
+from hbm.outputerror.fit import Evaluation, evaluate, fit_from, fit_model
 from hbm.outputerror.lines import LineCampaign, line_campaign
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
@@ -133,7 +133,7 @@ class LineSearch:
                 x = starting(model, base, start)
                 begun.append(evaluate(model, self.campaign, x, base.solutions, needed=base.found))
         best = min(begun, key=lambda e: e.chi2, default=None)
-        return None if best is None else fit_model(model, self.campaign, best.x, best.solutions, reach=of_use)
+        return None if best is None else fit_from(best, self.campaign, best.solutions, reach=of_use)
 
     # ---- the decision
 

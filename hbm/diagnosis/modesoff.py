@@ -27,11 +27,6 @@ def by_modes(e: Evaluation, campaign: Campaign) -> tuple[Array, Array]:
     In standard deviations beside the background of the campaign. No columns of rigs whose modes are numbers of the rig
     file themselves.
 
-    Parameters
-    ----------
-    e : Evaluation
-    campaign : Campaign
-
     Returns
     -------
     (m, n) array, (m, n) array

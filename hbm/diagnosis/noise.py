@@ -20,10 +20,6 @@ def understated(e: Evaluation, campaign: Campaign) -> float | None:
     e : Evaluation
         A model beside the records of the campaign.
     campaign : Campaign
-
-    Returns
-    -------
-    float or None
     """
     found = misfit(e, campaign)
     k = found.chi2 / found.dof

@@ -129,16 +129,7 @@ def all_at_once(places: Sequence[Place], solution: PeriodicSolution, H: int) -> 
 
 
 def places_of(rig: Rig) -> list[Place]:
-    """Where a rig may lack a force or a motion; sensors are not among them.
-
-    Parameters
-    ----------
-    rig : Rig
-
-    Returns
-    -------
-    list of Place
-    """
+    """Where a rig may lack a force or a motion; sensors are not among them."""
     if not isinstance(rig.body, Beam):
         return [contact_of(rig), _drive(rig)]
     held = [] if rig.attachments else [_clamp(rig, rig.body), _support(rig, rig.body)]

@@ -163,10 +163,6 @@ def screen(base: Evaluation, campaign: Campaign, candidates: Sequence[Cause]) ->
         The calibrated model on the records.
     campaign : Campaign
     candidates : sequence of Cause
-
-    Returns
-    -------
-    Screening
     """
     few = coarse(campaign, telling(base, campaign, RECORDS if small(base) else FEW))
     seen = np.isin(base.white.record, few.numbers)

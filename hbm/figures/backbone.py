@@ -21,7 +21,6 @@ from hbm.modes.amplitudes import StuckMode
 from hbm.modes.backbone import Backbone, NonlinearMode
 from hbm.modes.linear import linear_modes
 from hbm.response.curve import ResponseCurve
-from models.jointed import JointedRig
 
 MODE, RESONANCE = "#1f4e79", "#c8553d"
 """Inks of the nonlinear mode and of phase resonance; distinct in grey."""
@@ -120,7 +119,7 @@ def _draw(ax: Axes, lines: Sequence[tuple[Backbone, Array, Array]]) -> None:
 
 def _mark_limits(ax: Axes, backbones: Sequence[Backbone], stuck: float, sliding: float, apart: float = 1.0) -> None:
     """Thin lines at two limits, with one label where their ratio is less than `apart`; none of a rigid motion."""
-    held, free = ("joined", "free") if isinstance(backbones[0].rig, JointedRig) else ("stuck", "sliding")
+    held, free = backbones[0].rig.limits
     names = {stuck: held, sliding: free}
     if max(names) < apart * min(names):
         names = {stuck: f"{held},\n{free}", sliding: ""}

@@ -54,33 +54,22 @@ def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     (5,) array of Axes; (4,) of a rig with joints: amplitude, phase, joint forces, joint motions
     """
     curves = listed(curves)
-    if isinstance(curves[0].rig, JointedRig):
-        return _plot_jointed(curves, axes)
-    rows = panels(axes, 5, 1, 8.6, sharex=True, height_ratios=(2.4, 1, 1.2, 1.2, 1.4)).ravel()
+    rig = curves[0].rig
+    jointed = isinstance(rig, JointedRig)
+    height, ratios = (7.6, (2.4, 1, 1.6, 1.6)) if jointed else (8.6, (2.4, 1, 1.2, 1.2, 1.4))
+    rows = panels(axes, len(ratios), 1, height, sharex=True, height_ratios=ratios).ravel()
     plot_frequency_response(curves, rows[0])
     plot_phase(curves, rows[1])
-    plot_contact(curves, rows[2:])
+    if jointed:
+        draw_joints(curves, rows[2], rows[3])
+        rows[3].set_xlabel("Excitation frequency [Hz]", color=INK)
+    else:
+        plot_contact(curves, rows[2:])
     for ax in rows[:-1]:
         ax.set_xlabel("")
     ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
     rows[0].set_xlim(min(ends), max(ends))
-    rig = curves[0].rig
-    headed(rows[0], f"{rig.name}, {rig.law_name}")
-    return align_labels(rows)
-
-
-def _plot_jointed(curves: Sequence[ResponseCurve], axes: AxesArray | None) -> AxesArray:
-    rows = panels(axes, 4, 1, 7.6, sharex=True, height_ratios=(2.4, 1, 1.6, 1.6)).ravel()
-    plot_frequency_response(curves, rows[0])
-    plot_phase(curves, rows[1])
-    draw_joints(curves, rows[2], rows[3])
-    rows[3].set_xlabel("Excitation frequency [Hz]", color=INK)
-    for ax in rows[:-1]:
-        ax.set_xlabel("")
-    ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
-    rows[0].set_xlim(min(ends), max(ends))
-    rig = curves[0].rig
-    headed(rows[0], rig.name)
+    headed(rows[0], rig.name if jointed else f"{rig.name}, {rig.law_name}")
     return align_labels(rows)
 
 
@@ -96,10 +85,6 @@ def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bo
     label : bool
         Add a legend of the levels, of unstable stretches (dashed) and of the markers: folds and other bifurcations,
         corners, the end of a partial curve.
-
-    Returns
-    -------
-    Axes
     """
     curves, ax = listed(curves), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):
@@ -119,10 +104,6 @@ def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
     ----------
     curves : ResponseCurve or sequence of them
     ax : Axes, optional
-
-    Returns
-    -------
-    Axes
     """
     curves, ax = listed(curves), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):

@@ -1,11 +1,22 @@
 """Figures of time histories."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from hbm.figures.joints import plot_joint_history
-from hbm.figures.style import FAINT, INK, AxesArray, align_labels, dressed, headed, level_colors, panels
+from hbm.figures.joints import LEGEND, history_rows
+from hbm.figures.style import (
+    FAINT,
+    INK,
+    SMALL,
+    AxesArray,
+    align_labels,
+    as_written,
+    dressed,
+    headed,
+    level_colors,
+    panels,
+)
 from models.jointed import JointedRig
 
 if TYPE_CHECKING:
@@ -36,21 +47,26 @@ def plot_history(
     -------
     (4, 2) array of Axes
     """
-    if isinstance(history.rig, JointedRig):
-        return plot_joint_history(history, axes, periods=periods)
-    layout = ConstrainedLayoutEngine(wspace=0.06)
-    grid = panels(axes, 4, 2, 5.6, layout=layout, sharex="col", sharey="row", width_ratios=(2, 1))
+    rig, color = history.rig, level_colors([history])[0]
+    rows: Any = [([name], *how, [color]) for name, *how in HISTORY_ROWS]
+    height, layout, legend = 5.6, ConstrainedLayoutEngine(wspace=0.06), False
+    if isinstance(rig, JointedRig):
+        rows, height, layout, legend = history_rows(rig), 5.2, ConstrainedLayoutEngine(), rig.ports <= LEGEND
+    grid = panels(axes, len(rows), 2, height, layout=layout, sharex="col", sharey="row", width_ratios=(2, 1))
     last = slice(-min(periods * history.samples_per_period + 1, len(history.time)), None)
-    color = level_colors([history])[0]
-    for row, (name, scale, label) in zip(grid, HISTORY_ROWS, strict=True):
-        y = history.channels[name].values * scale
-        row[0].plot(history.time, y, color=color, linewidth=0.5)
-        row[1].plot(history.time[last] * 1e3, y[last], color=color, linewidth=1.2)
-        for ax, text in zip(row, (label, ""), strict=True):
+    for (whole, enlarged), (names, scale, label, colors) in zip(grid, rows, strict=True):
+        for name, own in zip(names, colors, strict=True):
+            y, said = history.channels[name].values * scale, as_written(name.replace(".force", ""))
+            whole.plot(history.time, y, color=own, linewidth=0.5)
+            enlarged.plot(history.time[last] * 1e3, y[last], color=own, linewidth=1.2, label=said)
+        for ax, text in ((whole, label), (enlarged, "")):
             ax.axhline(0.0, color=FAINT, linewidth=0.6, zorder=0)
             ax.margins(x=0)
             dressed(ax, "", text)
+    if legend:
+        drawn = grid[1][1].get_legend_handles_labels()
+        grid[1][0].legend(*drawn, fontsize=SMALL, labelcolor=INK, loc="upper right", ncols=3)
     grid[-1][0].set_xlabel("Time [s]", color=INK)
     grid[-1][1].set_xlabel(f"Time [ms], last {periods} periods", color=INK)
-    headed(grid[0][0], f"{history.rig.name}, {history.level:g} N at {history.hz:g} Hz")
+    headed(grid[0][0], f"{rig.name}, {history.level:g} N at {history.hz:g} Hz")
     return align_labels(grid)

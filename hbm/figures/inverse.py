@@ -112,10 +112,6 @@ def plot_reconstructed_loop(
     truth : mapping of str to (records, samples) arrays, optional
         Known `slip` [m] and `friction` [N], drawn dotted.
 
-    Returns
-    -------
-    Axes
-
     Raises
     ------
     InputError

@@ -7,10 +7,9 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 
-from hbm.figures.style import FAINT, INK, SMALL, AxesArray, align_labels, as_written, dressed, headed, panels
+from hbm.figures.style import INK, SMALL, as_written, dressed
 
 if TYPE_CHECKING:
-    from hbm.integration.jointed import JointHistory
     from hbm.response.curve import ResponseCurve
     from models.jointed import JointedRig
 
@@ -56,48 +55,10 @@ def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) ->
     dressed(motion, "", f"Joint motion,\npeak [{_units(rig)[1]}]")
 
 
-def plot_joint_history(history: "JointHistory", axes: AxesArray | None = None, *, periods: int = 3) -> AxesArray:
-    """Drive displacement, joint forces and joint motions over time, and their last periods enlarged.
-
-    Parameters
-    ----------
-    history : JointHistory
-    axes : array of six Axes, optional
-    periods : int
-        How many of the last periods are enlarged.
-
-    Returns
-    -------
-    (3, 2) array of Axes
-    """
-    rig = history.rig
-    grid = panels(axes, 3, 2, 5.2, sharex="col", sharey="row", width_ratios=(2, 1)).reshape(3, 2)
-    last = slice(-min(periods * history.samples_per_period + 1, len(history.time)), None)
-    rows = (
+def history_rows(rig: "JointedRig") -> list[tuple[Sequence[str], float, str, list[Any]]]:
+    """Signals of a history of a rig with joints, panel by panel: their names, scale, label and colours."""
+    return [
         (["drive"], 1e3, "Drive\n[mm]", [INK]),
         (rig.forces, 1.0, f"Joint force\n[{_units(rig)[0]}]", colors_of(rig)),
         (rig.motions, 1e6, f"Joint motion\n[{_units(rig)[1]}]", colors_of(rig)),
-    )
-    for (whole, enlarged), (names, scale, label, colors) in zip(grid, rows, strict=True):
-        for name, color in zip(names, colors, strict=True):
-            y = history.channels[name].values * scale
-            whole.plot(history.time, y, color=color, linewidth=0.5)
-            enlarged.plot(
-                history.time[last] * 1e3,
-                y[last],
-                color=color,
-                linewidth=1.2,
-                label=as_written(name.replace(".force", "")),
-            )
-        for ax, text in ((whole, label), (enlarged, "")):
-            ax.axhline(0.0, color=FAINT, linewidth=0.6, zorder=0)
-            ax.margins(x=0)
-            dressed(ax, "", text)
-    if rig.ports <= LEGEND:
-        grid[1][0].legend(
-            *grid[1][1].get_legend_handles_labels(), fontsize=SMALL, labelcolor=INK, loc="upper right", ncols=3
-        )
-    grid[-1][0].set_xlabel("Time [s]", color=INK)
-    grid[-1][1].set_xlabel(f"Time [ms], last {periods} periods", color=INK)
-    headed(grid[0][0], f"{rig.name}, {history.level:g} N at {history.hz:g} Hz")
-    return align_labels(grid)
+    ]

@@ -43,10 +43,6 @@ def plot_loop(
         Friction coefficient: the limits +mu R(t) and -mu R(t) are drawn too.
     color : optional
         Any Matplotlib colour.
-
-    Returns
-    -------
-    Axes
     """
     ax = new_axes(ax)
     slip, T = closed(solution.channels["slip"].samples) * 1e6, closed(solution.channels["friction"].samples)

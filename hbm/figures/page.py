@@ -161,14 +161,6 @@ class Page:
 def page_html(page: Page) -> str:
     """Text of the HTML file, of at most `LARGEST` bytes.
 
-    Parameters
-    ----------
-    page : Page
-
-    Returns
-    -------
-    str
-
     Raises
     ------
     ValueError

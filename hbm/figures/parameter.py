@@ -2,7 +2,7 @@
 
 from hbm.figures.curves import draw_line, explain, least_reaction, mark
 from hbm.figures.joints import draw_joints
-from hbm.figures.style import FAINT, INK, AxesArray, align_labels, dressed, graded, headed, panels
+from hbm.figures.style import FAINT, INK, AxesArray, Color, align_labels, dressed, graded, headed, panels
 from hbm.tracking.parameterresponse import ParameterCurve
 from models.jointed import JointedRig
 from models.rig import Rig
@@ -23,55 +23,43 @@ def plot_parameter_curve(curve: ParameterCurve, axes: AxesArray | None = None) -
     -------
     (4,) array of Axes
     """
-    if isinstance(curve.rig, JointedRig):
-        return _plot_jointed(curve, axes)
-    rows = panels(axes, 4, 1, 6.6, sharex=True, height_ratios=(2.2, 1.2, 1.2, 1.4)).ravel()
-    drive, slip, friction, normal = rows
-    color = graded([0.0])[0]
-    for ax, y in (
-        (drive, curve["drive"].peak * 1e3),
-        (slip, curve["slip"].peak * 1e6),
-        (friction, curve["friction"].peak),
-        (normal, curve["normal"].peak),
-        (normal, least_reaction(curve)),
-    ):
-        draw_line(ax, curve, y, color, label="_along")
-    mark(drive, curve, curve["drive"].peak * 1e3, color)
-    if isinstance(curve.rig, Rig) and curve.parameter != "contact.normal_load":
-        normal.axhline(curve.rig.contact.normal_load, color=FAINT, linewidth=0.8, zorder=0)
-    for ax in rows[:-1]:
-        ax.set_ylim(bottom=0.0)
-    labels = (
-        "Drive displacement,\npeak [mm]",
-        "Slip,\npeak [µm]",
-        "Friction force,\npeak [N]",
-        "Normal reaction,\nmax, min [N]",
-    )
+    jointed = isinstance(curve.rig, JointedRig)
+    height, ratios = (5.6, (1.6, 1.2, 1.2)) if jointed else (6.6, (2.2, 1.2, 1.2, 1.4))
+    rows = panels(axes, len(ratios), 1, height, sharex=True, height_ratios=ratios).ravel()
+    drive, y, color = rows[0], curve["drive"].peak * 1e3, graded([0.0])[0]
+    draw_line(drive, curve, y, color, label="_along")
+    mark(drive, curve, y, color)
+    drive.set_ylim(bottom=0.0)
+    dressed(drive, "", "Drive displacement,\npeak [mm]")
+    if jointed:
+        draw_joints([curve], rows[1], rows[2])
+    else:
+        _draw_contact(curve, rows[1:], color)
     unit = "" if curve.unit == "1" else f" [{curve.unit}]"
-    for ax, label in zip(rows, labels, strict=True):
-        dressed(ax, curve.parameter + unit if ax is normal else "", label)
-    low, high = float(curve.values.min()), float(curve.values.max())
-    if low > 0.0 and high > LOGARITHMIC * low:
-        drive.set_xscale("log")
-    drive.set_xlim(low, high)
+    rows[-1].set_xlabel(curve.parameter + unit, color=INK)
     headed(drive, _title(curve))
     explain(drive)
     return align_labels(rows)
 
 
-def _plot_jointed(curve: ParameterCurve, axes: AxesArray | None) -> AxesArray:
-    rows = panels(axes, 3, 1, 5.6, sharex=True, height_ratios=(1.6, 1.2, 1.2)).ravel()
-    y, color = curve["drive"].peak * 1e3, graded([0.0])[0]
-    draw_line(rows[0], curve, y, color, label="_along")
-    mark(rows[0], curve, y, color)
-    rows[0].set_ylim(bottom=0.0)
-    draw_joints([curve], rows[1], rows[2])
-    unit = "" if curve.unit == "1" else f" [{curve.unit}]"
-    dressed(rows[0], "", "Drive displacement,\npeak [mm]")
-    rows[2].set_xlabel(curve.parameter + unit, color=INK)
-    headed(rows[0], _title(curve))
-    explain(rows[0])
-    return align_labels(rows)
+def _draw_contact(curve: ParameterCurve, rows: AxesArray, color: Color) -> None:
+    slip, friction, normal = rows
+    for ax, y, label in (
+        (slip, curve["slip"].peak * 1e6, "Slip,\npeak [µm]"),
+        (friction, curve["friction"].peak, "Friction force,\npeak [N]"),
+        (normal, curve["normal"].peak, "Normal reaction,\nmax, min [N]"),
+    ):
+        draw_line(ax, curve, y, color, label="_along")
+        dressed(ax, "", label)
+    draw_line(normal, curve, least_reaction(curve), color, label="_along")
+    if isinstance(curve.rig, Rig) and curve.parameter != "contact.normal_load":
+        normal.axhline(curve.rig.contact.normal_load, color=FAINT, linewidth=0.8, zorder=0)
+    for ax in (slip, friction):
+        ax.set_ylim(bottom=0.0)
+    low, high = float(curve.values.min()), float(curve.values.max())
+    if low > 0.0 and high > LOGARITHMIC * low:
+        normal.set_xscale("log")
+    normal.set_xlim(low, high)
 
 
 def _title(curve: ParameterCurve) -> str:

@@ -72,10 +72,6 @@ def plot_channel(
     label : bool
         Add a legend.
 
-    Returns
-    -------
-    Axes
-
     Raises
     ------
     InputError

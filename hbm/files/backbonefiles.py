@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 
 from hbm.files.outputs import Columns, column_rows, with_companion
+from hbm.files.version import installed_version
 from hbm.fourier import Array
 from hbm.modes.backbone import Backbone, NonlinearMode, NumericalChange
 from hbm.modes.linear import linear_modes
 from hbm.textfiles import Contents, StrPath
-from hbm.version import installed_version
-from models.jointed import JointedRig
 
 SCHEMA = 1
 NAMES = {True: "nonlinear-mode", False: "phase-resonance"}
@@ -62,7 +61,7 @@ def _columns(backbone: Backbone) -> Columns:
         "force_n": backbone.force,
         "energy_lost_j": backbone.lost,
         "friction_loss_j": backbone.rubbed,
-        **(_of_joints(backbone, backbone.rig) if isinstance(backbone.rig, JointedRig) else _of_contact(backbone)),
+        **_where_it_touches(backbone),
     }
     shape = backbone.shape.T
     for i, column in enumerate(shape, start=1):
@@ -71,24 +70,16 @@ def _columns(backbone: Backbone) -> Columns:
     return {"backbone": np.full(count, kind), "point": np.arange(1, count + 1), **numbers}
 
 
-def _of_contact(backbone: Backbone) -> dict[str, Array]:
-    points = backbone.points
-    return {
-        "slip_m": np.array([p["slip"].peak for p in points]),
-        "friction_n": np.array([p["friction"].peak for p in points]),
-        "normal_min_n": np.array([p["normal"].samples.min() for p in points]),
-        "normal_max_n": np.array([p["normal"].peak for p in points]),
-    }
-
-
-def _of_joints(backbone: Backbone, rig: JointedRig) -> dict[str, Array]:
-    """Peaks of motion and force at every port, such as ``tip.motion_m`` and ``tip.force_n``."""
-    ends = zip(rig.motions, rig.forces, rig.units, strict=True)
-    named = {name: unit for motion, force, units in ends for name, unit in zip((motion, force), units, strict=True)}
-    return {
-        f"{name}_{unit.lower().replace(' ', '_')}": np.array([p[name].peak for p in backbone.points])
-        for name, unit in named.items()
-    }
+def _where_it_touches(backbone: Backbone) -> dict[str, Array]:
+    """Peaks of motion and force at every port, such as ``tip.motion_m`` and ``tip.force_n``; and of a reaction."""
+    rig, points, found = backbone.rig, backbone.points, dict[str, Array]()
+    for *names, units in zip(rig.motions, rig.forces, rig.units, strict=True):
+        for name, unit in zip(names, units, strict=True):
+            found[f"{name}_{unit.lower().replace(' ', '_')}"] = np.array([p[name].peak for p in points])
+    if "normal" in rig.computed:
+        found["normal_min_n"] = np.array([p["normal"].samples.min() for p in points])
+        found["normal_max_n"] = np.array([p["normal"].peak for p in points])
+    return found
 
 
 def _decay_rate(backbone: Backbone) -> Array:

@@ -16,12 +16,12 @@ import numpy as np
 
 from hbm.errors import InputError
 from hbm.files.outputs import companion, with_companion
+from hbm.files.version import installed_version
 from hbm.fourier import Array
 from hbm.integration.history import TimeHistory
 from hbm.integration.jointed import JointHistory
 from hbm.response.curve import ChannelCurve, NumericalError, ResponseCurve
 from hbm.textfiles import Contents, StrPath, csv_text, read_rows, why, write_together
-from hbm.version import installed_version
 
 SCHEMA = 1
 KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")

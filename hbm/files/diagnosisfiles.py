@@ -44,10 +44,6 @@ def diagnosis_contents(
         Rig file, which the extended one repeats.
     named : mapping of type to str, optional
         Names of causes of one's own, ``file.py:Class``; the files are copied beside the extended rig.
-
-    Returns
-    -------
-    dict of str to str or bytes
     """
     plates = diagnosis_plates(found)
     contents: dict[str, str | bytes] = {

@@ -14,7 +14,7 @@ from hbm.files.diagnosisplates import MOST_RANKED, RULES
 from hbm.files.diagnosissummary import ADDED, NEXT, REMAINS, WRONG, meaning, numbers, text, verdict_line
 from hbm.files.extendedrig import EXTENDED_FILE, candidates
 from hbm.files.figurefiles import Plate
-from hbm.version import installed_version
+from hbm.files.version import installed_version
 
 ERROR_FILE, RANKING_FILE = "errors.csv", "ranking.csv"
 PARTS = ("train", "held_out")

@@ -54,10 +54,6 @@ def first_screen(d: Diagnosis, force: Discrepancy | None, where: str, noise: flo
         Name of the signal that shows the misfit best, in words.
     noise : float
         Relative error that noise alone makes, on the records held out if there are any; 0 where it is not known.
-
-    Returns
-    -------
-    dict of str to str
     """
     return {
         WRONG: _wrong(d, where),

@@ -97,10 +97,6 @@ def rigs_of(diagnosis: Diagnosis, nominal: Path, named: Mapping[type, str]) -> C
         Rig file that was diagnosed.
     named : mapping of type to str
         Names of causes of one's own, ``file.py:Class``. The Python files are copied beside the rigs that name them.
-
-    Returns
-    -------
-    dict of str to str or bytes
     """
     if diagnosis.extended is not None:
         return _rig_file(EXTENDED_FILE, nominal, extensions_of(diagnosis.extended_fit, named))

@@ -17,12 +17,12 @@ from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import record_columns
 from hbm.files.inversereport import with_std
 from hbm.files.outputs import Columns, columns_of, columns_text
+from hbm.files.version import installed_version
 from hbm.fourier import Array
 from hbm.identification.comparison import CLEAR
 from hbm.identification.lawfit import LawFit
 from hbm.identification.spectra import SpectraFit
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.version import installed_version
 
 PAGE_FILE, LAW_FILE, PARAMETER_FILE = "report.html", "laws.csv", "parameters.csv"
 OUTPUT_ERROR_FILE = "output_error.csv"
@@ -90,10 +90,6 @@ def identified_law(
     reconstruction : Reconstruction
     by_level : mapping of float to LawFit, optional
         The same law fitted to each level alone.
-
-    Returns
-    -------
-    IdentifiedLaw
     """
     places = [reconstruction.index(int(record)) for record in fit.records]
     fitted = {}
@@ -153,10 +149,6 @@ def identify_contents(
     output_error : SpectraFit, optional
         The best law fitted to the spectra themselves.
     warnings : sequence of str
-
-    Returns
-    -------
-    dict of str to str or bytes
     """
     plates = identify_plates(reconstruction, laws)
     contents: dict[str, str | bytes] = {

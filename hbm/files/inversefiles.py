@@ -161,14 +161,6 @@ class SavedReconstruction:
 def read_reconstruction(path: StrPath) -> SavedReconstruction:
     """Read ``reconstruction.csv``.
 
-    Parameters
-    ----------
-    path : str or path
-
-    Returns
-    -------
-    SavedReconstruction
-
     Raises
     ------
     InputError

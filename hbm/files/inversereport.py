@@ -18,8 +18,8 @@ from hbm.files import inversefiles
 from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import energy_columns, reconstruction_contents, record_columns
 from hbm.files.outputs import Columns
+from hbm.files.version import installed_version
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.version import installed_version
 
 Records = Sequence[int] | None
 
@@ -192,10 +192,6 @@ def inverse_contents(reconstruction: Reconstruction, records: Records = None) ->
     reconstruction : Reconstruction
     records : sequence of int, optional
         Records to draw; `representative` ones where omitted.
-
-    Returns
-    -------
-    dict of str to str or bytes
     """
     plates = [drawing.plate(reconstruction, records) for drawing in DRAWINGS]
     contents = reconstruction_contents(reconstruction)

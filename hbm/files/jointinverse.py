@@ -16,9 +16,9 @@ from hbm.files.inversefiles import FILES as TABLES
 from hbm.files.inversefiles import NETCDF_FILE, PARTS, RECORD, SIGNAL_FILE, array_bytes, has_netcdf
 from hbm.files.inversereport import PAGE_FILE, with_std
 from hbm.files.outputs import Columns, columns_text
+from hbm.files.version import installed_version
 from hbm.inverse.jointreconstruction import JointReconstruction
 from hbm.inverse.reconstruction import CONSISTENT
-from hbm.version import installed_version
 
 PLATES = ("joint_loops", "joint_signals")
 FILES = (*TABLES, PAGE_FILE, *(name for plate in PLATES for name in plate_files(plate)))

@@ -29,10 +29,6 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
     drive : str, optional
         Channel at the place of the force, see :meth:`hbm.identification.modes.Modes.shapes`.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     InputError

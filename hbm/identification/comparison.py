@@ -80,10 +80,6 @@ def compare(fits: Sequence[LawFit], fastest: float) -> Comparison:
     fits : sequence of LawFit
     fastest : float
         Largest slip speed in the records [m/s].
-
-    Returns
-    -------
-    Comparison
     """
     unit = max(1.0, min(fit.quality.inflation**2 for fit in fits))
     ordered = sorted(fits, key=lambda fit: _bic(fit, unit))

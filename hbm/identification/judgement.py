@@ -22,10 +22,6 @@ def fitted_parameters(coordinates: Coordinates, x: Array, covariance: Array, sca
         Covariance of the coordinates.
     scales : Scales
         For slip speeds in reasons.
-
-    Returns
-    -------
-    FittedParameters
     """
     by_x = coordinates.slopes(x)
     of_parameters = by_x @ covariance @ by_x.T

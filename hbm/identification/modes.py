@@ -191,10 +191,6 @@ def fit_modes(
     drive : str, optional
         Channel at the point that is driven, along the force: no mode is added in which it moves against the force.
 
-    Returns
-    -------
-    Modes
-
     Raises
     ------
     InputError

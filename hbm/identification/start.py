@@ -153,10 +153,6 @@ def candidate(law: str | type | FrictionLaw, rig_law: FrictionLaw, scales: Scale
     hold : iterable of str
         Parameters that are not fitted, wherever a law has them.
 
-    Returns
-    -------
-    Candidate
-
     Raises
     ------
     InputError

@@ -7,10 +7,6 @@ from hbm.integration.history import State
 def state_at_phase_zero(solution: PeriodicSolution) -> State:
     """State of a periodic solution where the force is at its crest, to march or to shoot from.
 
-    Parameters
-    ----------
-    solution : PeriodicSolution
-
     Returns
     -------
     hbm.integration.history.State

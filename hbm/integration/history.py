@@ -3,6 +3,7 @@
 :class:`State` is where a march starts and stops; :class:`TimeHistory` is what it leaves behind.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -11,8 +12,9 @@ import numpy as np
 
 from hbm.aft.step import law_step
 from hbm.balance.elements import ForcesInTime, forces_in_time
-from hbm.channels import DERIVATIVES, DISPLACEMENT, late, turn
+from hbm.channels import DERIVATIVES, Rates, late, turn
 from models import Channel, Rig
+from models.jointed import AnyRig
 from models.parts import UNITS
 from models.structure import Array
 
@@ -101,8 +103,91 @@ def normal_reaction(rig: Rig, q: Array, qdot: Array, T: Array, F: Array) -> Arra
     return np.asarray(rig.contact.normal_load + moved + pushed)
 
 
+class History:
+    """A computed motion under the force level cos(2 pi hz t), equally spaced in time."""
+
+    rig: AnyRig
+    hz: float
+    level: float
+    time: Array
+    samples_per_period: int
+
+    def __repr__(self) -> str:
+        """Summary in words."""
+        return (
+            f"motion at {self.hz:.6g} Hz, {self.level:g} N, {self.time[0]:.6g} to {self.time[-1]:.6g} s, "
+            f"{len(self.time)} samples, {self.samples_per_period} a period"
+        )
+
+    @property
+    def channels(self) -> dict[str, Signal]:
+        """What is measured, then what else is computed."""
+        raise NotImplementedError
+
+    @property
+    def dt(self) -> float:
+        """Time from sample to sample [s]."""
+        return 1.0 / (self.hz * self.samples_per_period)
+
+    def _force(self, derivative: int = 0) -> Array:
+        """Excitation or its derivative to time, (N,) [N]."""
+        Omega = 2 * np.pi * self.hz
+        excitation = replace(self.rig.excitation, amplitude=self.level)
+        return np.asarray(Omega**derivative * excitation.force(Omega * self.time, derivative))
+
+    def coefficients(self, channel: str, H: int, periods: int = 1) -> Array:
+        """Fourier coefficients of a channel over the last whole periods, phase reference the cosine force.
+
+        Parameters
+        ----------
+        channel : str
+            A key of :attr:`channels`.
+        H : int
+            Highest harmonic, below half the samples per period.
+        periods : int
+            How many periods are averaged.
+
+        Returns
+        -------
+        (2H+1,) array
+            [a_0, a_1..a_H, b_1..b_H] in the channel's unit.
+
+        Raises
+        ------
+        ValueError
+            If the history is shorter than that, or H too high for its sampling.
+        """
+        N_t = self.samples_per_period
+        if not 0 <= H < N_t / 2 or not 0 < periods * N_t <= len(self.time):
+            raise ValueError(
+                f"coefficients: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
+                "must be fewer than half the samples of a period, and no more periods than there are"
+            )
+
+        def spectrum(values: Array) -> Rates:
+            return np.asarray(np.fft.rfft(values[-periods * N_t :].reshape(periods, N_t).mean(axis=0))[: H + 1] / N_t)
+
+        rates = 2j * np.pi * self.hz * np.arange(H + 1)
+        sensor = next((c for c in self.rig.response_channels if c.name == channel), None)
+        if sensor is None:
+            found = spectrum(self.channels[channel].values)
+        else:  # a delay turns harmonics exactly, where samples are read between
+            found = self._read(sensor, spectrum, rates) * turn(sensor, rates)
+        found = found * np.exp(-rates * self.time[-periods * N_t])
+        return np.concatenate([[found[0].real], 2 * found[1:].real, -2 * found[1:].imag])
+
+    def _read(self, sensor: Channel, spectrum: Callable[[Array], Rates], rates: Rates) -> Rates:
+        """Spectrum (H+1,) of the quantity of a response channel."""
+        raise NotImplementedError
+
+    @cached_property
+    def steadiness(self) -> float:
+        """Change of the drive displacement over the last two periods, relative to its largest value; NaN if shorter."""
+        return steadiness(self.channels["drive"].values, self.samples_per_period)
+
+
 @dataclass(frozen=True, eq=False)
-class TimeHistory:
+class TimeHistory(History):
     """A computed motion.
 
     Attributes
@@ -145,10 +230,7 @@ class TimeHistory:
     def __repr__(self) -> str:
         """Summary in words."""
         lifts = "" if self.lift_off is None else f"; the tip lifts off at {self.lift_off:.6g} s"
-        return (
-            f"motion at {self.hz:.6g} Hz, {self.level:g} N, {self.time[0]:.6g} to {self.time[-1]:.6g} s, "
-            f"{len(self.time)} samples, {self.samples_per_period} a period{lifts}"
-        )
+        return super().__repr__() + lifts
 
     @cached_property
     def force(self) -> Array:
@@ -165,15 +247,10 @@ class TimeHistory:
         """Rate of the excitation, (N,) [N/s]."""
         return self._force(1)
 
-    def _force(self, derivative: int) -> Array:
-        Omega = 2 * np.pi * self.hz
-        excitation = replace(self.rig.excitation, amplitude=self.level)
-        return np.asarray(Omega**derivative * excitation.force(Omega * self.time, derivative))
-
     def _beyond(self, place: int, derivative: int = 0) -> Array:
         """Motion that elements add to drive (0) or a response channel (from 1) beyond the modes, or its rate, (N,)."""
         moved = self._moved[:, place]
-        return (moved, *differences(moved, 1.0 / (self.hz * self.samples_per_period)))[derivative]
+        return (moved, *differences(moved, self.dt))[derivative]
 
     @cached_property
     def _moved(self) -> Array:
@@ -203,8 +280,7 @@ class TimeHistory:
         stands out where T has a kink; their harmonics converge.
         """
         s = self.rig.structure
-        dt = 1.0 / (self.hz * self.samples_per_period)
-        signals = {c.name: Signal(late(c, self._there(c), dt), UNITS[c.quantity]) for c in self.rig.channels}
+        signals = {c.name: Signal(late(c, self._there(c), self.dt), UNITS[c.quantity]) for c in self.rig.channels}
         turned = self.q @ s.shortening
         slip = self.q @ s.slip_row - np.sum(self.q * turned, axis=1) / 2 + s.compliance * self.friction
         speed = np.sum((s.slip_row - turned) * self.qdot, axis=1) + s.compliance * self.friction_rate
@@ -223,46 +299,9 @@ class TimeHistory:
             "normal": Signal(normal, "N"),
         }
 
-    def coefficients(self, channel: str, H: int, periods: int = 1) -> Array:
-        """Fourier coefficients of a channel over the last whole periods, phase reference the cosine force.
-
-        Parameters
-        ----------
-        channel : str
-            A key of :attr:`channels`.
-        H : int
-            Highest harmonic, below half the samples per period.
-        periods : int
-            How many periods are averaged.
-
-        Returns
-        -------
-        (2H+1,) array
-            [a_0, a_1..a_H, b_1..b_H] in the channel's unit.
-
-        Raises
-        ------
-        ValueError
-            If the history is shorter than that, or H too high for its sampling.
-        """
-        N_t = self.samples_per_period
-        if not 0 <= H < N_t / 2 or not 0 < periods * N_t <= len(self.time):
-            raise ValueError(
-                f"coefficients: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
-                "must be fewer than half the samples of a period, and no more periods than there are"
-            )
-        sensor = next((c for c in self.rig.response_channels if c.name == channel), DISPLACEMENT)
-        values = self.channels[channel].values if sensor is DISPLACEMENT else self._there(sensor)
-        spectrum = np.fft.rfft(values[-periods * N_t :].reshape(periods, N_t).mean(axis=0))[: H + 1] / N_t
-        rates = 2j * np.pi * self.hz * np.arange(H + 1)
-        # a delay turns harmonics exactly, where samples are read between
-        spectrum *= np.exp(-rates * self.time[-periods * N_t]) * turn(sensor, rates)
-        return np.concatenate([[spectrum[0].real], 2 * spectrum[1:].real, -2 * spectrum[1:].imag])
-
-    @cached_property
-    def steadiness(self) -> float:
-        """Change of the drive displacement over the last two periods, relative to its largest value; NaN if shorter."""
-        return steadiness(self.channels["drive"].values, self.samples_per_period)
+    def _read(self, sensor: Channel, spectrum: Callable[[Array], Rates], rates: Rates) -> Rates:
+        """Spectrum of samples of its quantity."""
+        return spectrum(self._there(sensor))
 
 
 def steadiness(values: Array, N_t: int) -> float:

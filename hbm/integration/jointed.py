@@ -5,7 +5,7 @@ series.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,16 +13,16 @@ import numpy as np
 from hbm.aft.jointstep import JointStep
 from hbm.balance.equations import State
 from hbm.balance.jointed import JointBalance
-from hbm.channels import DERIVATIVES, Rates, late, turn
-from hbm.integration.history import Signal, differences, steadiness
+from hbm.channels import DERIVATIVES, Rates, late
+from hbm.integration.history import History, Signal, differences
 from hbm.integration.jointmarch import LEAST_STEPS, JointMarcher, resolving_steps
 from models.jointed import JointedRig
-from models.parts import UNITS
+from models.parts import UNITS, Channel
 from models.structure import Array
 
 
-@dataclass(frozen=True, eq=False)
-class JointHistory:
+@dataclass(frozen=True, eq=False, repr=False)
+class JointHistory(History):
     """A computed motion of a rig with joints.
 
     Attributes
@@ -47,13 +47,6 @@ class JointHistory:
     samples_per_period: int
     largest_residual: float
 
-    def __repr__(self) -> str:
-        """Summary in words."""
-        return (
-            f"motion at {self.hz:.6g} Hz, {self.level:g} N, {self.time[0]:.6g} to {self.time[-1]:.6g} s, "
-            f"{len(self.time)} samples, {self.samples_per_period} a period"
-        )
-
     @property
     def q(self) -> Array:
         """Modal coordinates, (N, n)."""
@@ -71,36 +64,29 @@ class JointHistory:
         n = self.rig.structure.n
         return self.states[:, 2 * n : 2 * n + self.rig.ports]
 
-    def force(self, derivative: int = 0) -> Array:
-        """Excitation or its derivative to time, (N,) [N]."""
-        Omega = 2 * np.pi * self.hz
-        excitation = replace(self.rig.excitation, amplitude=self.level)
-        return np.asarray(Omega**derivative * excitation.force(Omega * self.time, derivative))
-
     @cached_property
     def qddot(self) -> Array:
         """Modal accelerations, (N, n)."""
         s = self.rig.structure
-        driven = self.f @ s.joints + np.outer(self.force(), s.excitation)
+        driven = self.f @ s.joints + np.outer(self._force(), s.excitation)
         return np.asarray(driven - self.qdot @ s.damping.T - self.q * s.omega_n**2)
 
     @cached_property
     def _rates(self) -> tuple[Array, Array, Array]:
         """Forces at the ports and their first two derivatives, (N, m) each."""
-        dt = 1.0 / (self.hz * self.samples_per_period)
-        found = [differences(f, dt) for f in self.f.T]
+        found = [differences(f, self.dt) for f in self.f.T]
         return self.f, np.array([a for a, _ in found]).T, np.array([b for _, b in found]).T
 
     def _seen(self, row: Array, by_joints: Array, by_force: float, derivative: int) -> Array:
         """A displacement of the body, or its derivative, (N,): of the modes and of what they leave out."""
         modes = (self.q, self.qdot, self.qddot)[derivative]
-        return np.asarray(modes @ row + self._rates[derivative] @ by_joints + by_force * self.force(derivative))
+        return np.asarray(modes @ row + self._rates[derivative] @ by_joints + by_force * self._force(derivative))
 
     def _there(self, name: str) -> Array:
         """Quantity at a channel of the rig, (N,)."""
         s, seen = self.rig.structure, [c.name for c in self.rig.response_channels]
         if name not in seen:
-            return self.force()
+            return self._force()
         i = seen.index(name)
         derivative = DERIVATIVES[self.rig.response_channels[i].quantity]
         return self._seen(s.channels[i], s.channels_by_joints[i], float(s.channels_by_force[i]), derivative)
@@ -108,51 +94,21 @@ class JointHistory:
     @cached_property
     def channels(self) -> dict[str, Signal]:
         """The rig's channels, then `drive`, and motion and force at every port of every joint."""
-        s, rig, dt = self.rig.structure, self.rig, 1.0 / (self.hz * self.samples_per_period)
-        signals = {c.name: Signal(late(c, self._there(c.name), dt), UNITS[c.quantity]) for c in rig.channels}
+        s, rig = self.rig.structure, self.rig
+        signals = {c.name: Signal(late(c, self._there(c.name), self.dt), UNITS[c.quantity]) for c in rig.channels}
         signals["drive"] = Signal(self._seen(s.excitation, s.flexibility_to_force, s.drive_by_force, 0), "m")
-        motion = self.q @ s.joints.T + self.f @ s.flexibility + np.outer(self.force(), s.flexibility_to_force)
+        motion = self.q @ s.joints.T + self.f @ s.flexibility + np.outer(self._force(), s.flexibility_to_force)
         for i, (name, force, units) in enumerate(zip(rig.motions, rig.forces, rig.units, strict=True)):
             signals[name], signals[force] = Signal(motion[:, i], units[0]), Signal(self.f[:, i], units[1])
         return signals
 
-    def coefficients(self, channel: str, H: int, periods: int = 1) -> Array:
-        """Fourier coefficients (2H+1,) of a channel over the last whole periods, phase reference the cosine force.
-
-        Raises
-        ------
-        ValueError
-            If the history is shorter than that, or H too high for its sampling.
-        """
-        N_t = self.samples_per_period
-        if not 0 <= H < N_t / 2 or not 0 < periods * N_t <= len(self.time):
-            raise ValueError(
-                f"coefficients: {H} harmonics over {periods} periods of {len(self.time)} samples, {N_t} per period; "
-                "must be fewer than half the samples of a period, and no more periods than there are"
-            )
-        seen = [c.name for c in self.rig.response_channels]
-        rates = 2j * np.pi * self.hz * np.arange(H + 1)
-
-        def spectrum(values: Array) -> Rates:
-            return np.fft.rfft(values[-periods * N_t :].reshape(periods, N_t).mean(axis=0))[: H + 1] / N_t
-
-        if channel in seen:
-            s, i = self.rig.structure, seen.index(channel)
-            sensor = self.rig.response_channels[i]
-            derivative = DERIVATIVES[sensor.quantity]
-            beyond = self.f @ s.channels_by_joints[i] + s.channels_by_force[i] * self.force()
-            # kinks of forces are differentiated in the harmonics, where samples would stand out
-            found = spectrum((self.q, self.qdot, self.qddot)[derivative] @ s.channels[i])
-            found = (found + rates**derivative * spectrum(beyond)) * turn(sensor, rates)
-        else:
-            found = spectrum(self.channels[channel].values)
-        found = found * np.exp(-rates * self.time[-periods * N_t])
-        return np.concatenate([[found[0].real], 2 * found[1:].real, -2 * found[1:].imag])
-
-    @cached_property
-    def steadiness(self) -> float:
-        """Change of the drive displacement over the last two periods, relative to its largest value; NaN if shorter."""
-        return steadiness(self.channels["drive"].values, self.samples_per_period)
+    def _read(self, sensor: Channel, spectrum: Callable[[Array], Rates], rates: Rates) -> Rates:
+        """Spectrum of the modes; kinks of forces are differentiated in the harmonics, where samples would stand out."""
+        s, i = self.rig.structure, self.rig.response_channels.index(sensor)
+        derivative = DERIVATIVES[sensor.quantity]
+        beyond = self.f @ s.channels_by_joints[i] + s.channels_by_force[i] * self._force()
+        modes = (self.q, self.qdot, self.qddot)[derivative] @ s.channels[i]
+        return spectrum(modes) + rates**derivative * spectrum(beyond)
 
 
 def state_at_phase_zero(problem: JointBalance, state: State) -> Array:
@@ -200,10 +156,6 @@ def simulate_joints(
         Keep these only; everything unless given.
     progress : callable, optional
         Told the time reached [s] after each period.
-
-    Returns
-    -------
-    JointHistory
 
     Raises
     ------

@@ -130,17 +130,7 @@ class Contact:
 
 
 def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:
-    """Signals at the contact that follow from force and motion; docs/theory/equations.md section 2.
-
-    Parameters
-    ----------
-    sensing : Sensing
-    estimate : ForceEstimate
-
-    Returns
-    -------
-    Contact
-    """
+    """Signals at the contact that follow from force and motion; docs/theory/equations.md section 2."""
     s, H = sensing.structure, sensing.H
     N = max(SAMPLES, 1 << int(np.ceil(np.log2(8 * H))))
     state = np.concatenate([np.stack([estimate.friction, estimate.force], axis=2), estimate.q], axis=2)

@@ -109,10 +109,6 @@ def regularised(sensing: Sensing, mean: Array) -> ForceEstimate:
     sensing : Sensing
     mean : (r,) array
         Mean friction, which no accelerometer sees [N].
-
-    Returns
-    -------
-    ForceEstimate
     """
     return most_likely(sensing, lambda expected, _: _solve(sensing, mean, expected))
 
@@ -125,10 +121,6 @@ def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S]) -> Forc
     sensing : Sensing
     solve : callable
         Solution by the sizes (r, H+1) that are expected of friction, and the solution before.
-
-    Returns
-    -------
-    ForceEstimate
     """
     shape = sensing.i_omega.shape
     largest = np.maximum(np.abs(sensing.force).max(axis=1), sensing.rig.contact.normal_load)

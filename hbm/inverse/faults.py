@@ -174,18 +174,7 @@ def _least(objective: Objective, grid: Array) -> tuple[float, float]:
 
 
 def with_std(fault: Fault, readings: Readings, others: Others) -> Fault:
-    """A fitted fault with the standard deviation of its parameter, where the misfit has risen by 1.
-
-    Parameters
-    ----------
-    fault : Fault
-    readings : Readings
-    others : Others
-
-    Returns
-    -------
-    Fault
-    """
+    """A fitted fault with the standard deviation of its parameter, where the misfit has risen by 1."""
     rows = readings.rows[:, :, readings.channels.index(fault.channel)]
 
     def misfit(times: Array | Complex) -> Array:

@@ -14,12 +14,12 @@ from hbm.inverse.reconstruction import (
     EstimatedSignal,
     Estimates,
     Misfit,
-    place_of,
+    Reconstructed,
     record_coordinates,
     signal_arrays,
 )
 from hbm.inverse.resolution import harmonics
-from hbm.labelled import Variables, dataset, frame
+from hbm.labelled import Variables, frame
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig
 
@@ -28,7 +28,7 @@ SAMPLES = 256
 
 
 @dataclass(frozen=True, eq=False)
-class JointReconstruction:
+class JointReconstruction(Reconstructed):
     """Forces and motions at the ports of all joints, record by record.
 
     Attributes
@@ -49,30 +49,6 @@ class JointReconstruction:
     signals: Mapping[str, EstimatedSignal]
     energy: Mapping[str, Estimates]
     misfit: Misfit
-
-    def __getitem__(self, name: str) -> EstimatedSignal:
-        """Signal by name."""
-        return self.signals[name]
-
-    def __len__(self) -> int:
-        """Number of records."""
-        return len(self.spectra)
-
-    def index(self, record: int) -> int:
-        """Place of a record by its number.
-
-        Raises
-        ------
-        InputError
-            If it is not there.
-        """
-        return place_of(self.spectra, record)
-
-    @property
-    def phase(self) -> Array:
-        """Phases of the samples, (N,), 0..1 of a period."""
-        N = self.signals[self.rig.forces[0]].samples.shape[1]
-        return np.asarray(np.arange(N) / N)
 
     @property
     def found(self) -> npt.NDArray[np.bool_]:
@@ -114,16 +90,6 @@ class JointReconstruction:
             said.append("as many sensors as joint forces: nothing is left to check the body by")
         return tuple(said)
 
-    def to_xarray(self) -> Any:
-        """All of :meth:`arrays` as an xarray.Dataset with units, as in ``reconstruction.nc``.
-
-        Raises
-        ------
-        InputError
-            If xarray is not installed.
-        """
-        return dataset("to_xarray", *self.arrays(), rig=self.rig.name)
-
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with a row per record: peaks at every port, and what each joint takes.
 
@@ -132,8 +98,7 @@ class JointReconstruction:
         InputError
             If pandas is not installed.
         """
-        columns = {"record": self.spectra.labels, "level": self.spectra.level, "hz": self.spectra.hz}
-        columns |= {f"{name}_peak": np.abs(s.samples).max(axis=1) for name, s in self.signals.items()}
+        columns = self._peaks()
         for joint, energy in self.energy.items():
             columns |= {f"{joint}.energy_per_cycle": energy.value, f"{joint}.energy_per_cycle_std": energy.std}
         return frame("to_dataframe", columns)

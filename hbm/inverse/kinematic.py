@@ -52,10 +52,6 @@ def modal(sensing: Sensing, mean: Array) -> ForceEstimate:
     sensing : Sensing
     mean : (r,) array
         Mean friction [N].
-
-    Returns
-    -------
-    ForceEstimate
     """
     most = max(1, min(sensing.structure.n, len(sensing.channels) - 1))
     shapes = modal_shapes(sensing, most)
@@ -72,10 +68,6 @@ def nnm(sensing: Sensing, mean: Array) -> ForceEstimate:
     sensing : Sensing
     mean : (r,) array
         Mean friction [N].
-
-    Returns
-    -------
-    ForceEstimate
 
     Raises
     ------

@@ -132,16 +132,7 @@ def motion_of(reconstruction: Reconstruction) -> Motion:
 
 
 def observe(reconstruction: Reconstruction) -> Observed:
-    """Records of a reconstruction, ready to be compared with laws.
-
-    Parameters
-    ----------
-    reconstruction : Reconstruction
-
-    Returns
-    -------
-    Observed
-    """
+    """Records of a reconstruction, ready to be compared with laws."""
     H = reconstruction.H
     wide = H + ABOVE
     basis = FourierBasis(wide, max(SAMPLES, 1 << int(np.ceil(np.log2(12 * wide)))))

@@ -187,10 +187,6 @@ def readings(seen: Sensing, coupling: Complex) -> Readings:
     ----------
     seen : Sensing
     coupling : (r, H+1, n) complex array
-
-    Returns
-    -------
-    Readings
     """
     force = np.zeros((*seen.force.shape, 1, 3))
     force[..., 0, 1] = 1.0

@@ -13,6 +13,7 @@ from hbm.inverse.sensing import Complex
 from hbm.labelled import Variables, dataset, frame
 from hbm.measurement.spectra import MeasuredSpectra
 from models.display import Displayed
+from models.jointed import AnyRig
 from models.rig import Rig
 
 SIGNALS = {"slip": "m", "slip_velocity": "m/s", "friction": "N", "normal": "N"}
@@ -119,8 +120,67 @@ class LawInputs:
     factor: Complex
 
 
+class Reconstructed(Displayed):
+    """What spectra say of the motion and the forces where a rig touches, record by record."""
+
+    rig: AnyRig
+    spectra: MeasuredSpectra
+    signals: Mapping[str, EstimatedSignal]
+
+    def __len__(self) -> int:
+        """Number of records."""
+        return len(self.spectra)
+
+    def __getitem__(self, name: str) -> EstimatedSignal:
+        """Signal by name."""
+        return self.signals[name]
+
+    @property
+    def H(self) -> int:
+        """Highest harmonic."""
+        return self.spectra.H
+
+    @property
+    def phase(self) -> Array:
+        """Phases of the samples, (N,), 0..1 of a period."""
+        N = self.signals[self.rig.forces[0]].samples.shape[1]
+        return np.asarray(np.arange(N) / N)
+
+    def index(self, record: int | str) -> int:
+        """Place of a record by its number or name.
+
+        Raises
+        ------
+        InputError
+            If it is not there.
+        """
+        return int(np.flatnonzero(self.spectra.records == self.spectra.numbers([record])[0])[0])
+
+    def arrays(self) -> tuple[Variables, Variables]:
+        """Arrays and coordinates by name, each with its dimensions and unit."""
+        raise NotImplementedError
+
+    def to_xarray(self) -> Any:
+        """All of :meth:`arrays` as an xarray.Dataset with units, as in ``reconstruction.nc``.
+
+        Raises
+        ------
+        InputError
+            If xarray is not installed.
+        """
+        return dataset("to_xarray", *self.arrays(), **self._about())
+
+    def _about(self) -> dict[str, Any]:
+        return {"rig": self.rig.name}
+
+    def _peaks(self) -> dict[str, Any]:
+        """Columns of a table with a row per record: what it is, and the peak of each signal."""
+        columns = {"record": self.spectra.labels, "level": self.spectra.level, "hz": self.spectra.hz}
+        return columns | {f"{name}_peak": np.abs(s.samples).max(axis=1) for name, s in self.signals.items()}
+
+
 @dataclass(frozen=True, eq=False)
-class Reconstruction(Displayed):
+class Reconstruction(Reconstructed):
     """Contact forces and motion of r measured records.
 
     Attributes
@@ -160,15 +220,8 @@ class Reconstruction(Displayed):
     law_inputs: LawInputs
     warnings: tuple[str, ...]
 
-    def to_xarray(self) -> Any:
-        """All of :meth:`arrays` as an xarray.Dataset with units, as in ``reconstruction.nc``.
-
-        Raises
-        ------
-        InputError
-            If xarray is not installed.
-        """
-        return dataset("to_xarray", *self.arrays(), rig=self.rig.name, formulation=self.formulation)
+    def _about(self) -> dict[str, Any]:
+        return {**super()._about(), "formulation": self.formulation}
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame with a row per record: quantities of the contact with standard deviations.
@@ -178,8 +231,7 @@ class Reconstruction(Displayed):
         InputError
             If pandas is not installed.
         """
-        columns = {"record": self.spectra.labels, "level": self.spectra.level, "hz": self.spectra.hz}
-        columns |= {f"{name}_peak": np.abs(s.samples).max(axis=1) for name, s in self.signals.items()}
+        columns = self._peaks()
         for name, found in (("energy_per_cycle", self.energy_per_cycle), ("work_rate", self.work_rate)):
             columns |= {name: found.value, f"{name}_std": found.std}
         return frame("to_dataframe", {**columns, "slips": self.slips})
@@ -208,35 +260,6 @@ class Reconstruction(Displayed):
         head = f"{self.formulation} reconstruction of {', '.join(self.signals)} from {self.spectra}"
         return "\n".join([head, *self.warnings])
 
-    def __len__(self) -> int:
-        """Number of records."""
-        return len(self.spectra)
-
-    def __getitem__(self, name: str) -> EstimatedSignal:
-        """Signal by name."""
-        return self.signals[name]
-
-    @property
-    def H(self) -> int:
-        """Highest harmonic."""
-        return self.spectra.H
-
-    @property
-    def phase(self) -> Array:
-        """Phases of the samples, (N,), 0..1 of a period."""
-        N = self.signals["friction"].samples.shape[1]
-        return np.asarray(np.arange(N) / N)
-
-    def index(self, record: int | str) -> int:
-        """Place of a record by its number or name.
-
-        Raises
-        ------
-        InputError
-            If it is not there.
-        """
-        return place_of(self.spectra, record)
-
 
 OVER_HARMONICS = ("record", "harmonic")
 
@@ -264,14 +287,3 @@ def record_coordinates(spectra: MeasuredSpectra, phase: Array) -> Variables:
         "phase": (("phase",), phase, "1"),
         "harmonic": (("harmonic",), np.arange(spectra.H + 1), "1"),
     }
-
-
-def place_of(spectra: MeasuredSpectra, record: int | str) -> int:
-    """Place of a record by its number or name.
-
-    Raises
-    ------
-    InputError
-        If it is not there.
-    """
-    return int(np.flatnonzero(spectra.records == spectra.numbers([record])[0])[0])

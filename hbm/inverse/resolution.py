@@ -99,16 +99,7 @@ def harmonics(places: Iterable[int]) -> str:
 
 
 def resolution_of(estimate: ForceEstimate) -> Resolution:
-    """Work out what an estimate of the friction force resolves.
-
-    Parameters
-    ----------
-    estimate : ForceEstimate
-
-    Returns
-    -------
-    Resolution
-    """
+    """Work out what an estimate of the friction force resolves."""
     size = np.abs(estimate.friction[:, 1:]) / np.sqrt(2.0)
     by_sensors, std = estimate.resolution[:, 1:], np.linalg.norm(estimate.factor[:, 1:, 0], axis=2)
     poor = by_sensors > UNRESOLVED * size

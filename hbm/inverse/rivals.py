@@ -9,7 +9,7 @@ from hbm.fourier import Array
 from hbm.inverse.readings import Readings, readings
 from hbm.inverse.sensing import Complex, sensing
 from models.beam import Beam
-from models.change import structure_change, structure_scalars
+from models.change import structure_change
 from models.rig import Rig
 
 WITHIN = 0.1
@@ -56,7 +56,7 @@ def structure_score(rig: Rig, base: Readings) -> float:
     def slope(off: Array) -> Array:
         return _parts(_residual_change(at(off)) * nominal)
 
-    nominal = np.array([structure_scalars(rig)[key].value for key in PROPERTIES])
+    nominal = np.array([rig.number(key) for key in PROPERTIES])
     start = np.zeros(len(PROPERTIES))
     bounds = (-WITHIN, WITHIN)
     found = optimize.least_squares(misfit, start, slope, bounds=bounds, x_scale=1e-3, max_nfev=EVALUATIONS)

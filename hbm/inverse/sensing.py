@@ -135,15 +135,6 @@ class Sensing(Readings):
 def sensing(rig: Rig, spectra: MeasuredSpectra) -> Sensing:
     """Put measured spectra beside the linear structure of a rig, with its tip on the support.
 
-    Parameters
-    ----------
-    rig : Rig
-    spectra : MeasuredSpectra
-
-    Returns
-    -------
-    Sensing
-
     Raises
     ------
     InputError

@@ -75,15 +75,6 @@ class SensorCheck:
 def check_sensors(rig: Rig, spectra: MeasuredSpectra) -> SensorCheck:
     """Find channels that contradict the others, and say how.
 
-    Parameters
-    ----------
-    rig : Rig
-    spectra : MeasuredSpectra
-
-    Returns
-    -------
-    SensorCheck
-
     Raises
     ------
     InputError

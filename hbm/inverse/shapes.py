@@ -105,10 +105,6 @@ def fitted_shapes(sensing: Sensing, beam: Beam, functions: Functions) -> Shapes:
     beam : Beam
     functions : callable
         See :func:`series` and :func:`spline`.
-
-    Returns
-    -------
-    Shapes
     """
     rig, s = sensing.rig, sensing.structure
     drive, arm = rig.excitation.position, rig.contact.radius + beam.thickness / 2

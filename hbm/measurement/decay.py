@@ -163,10 +163,6 @@ def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "dec
     bins : int
         Classes, evenly spaced in the logarithm of the amplitude; those with fewer than two windows are left out.
     source : str
-
-    Returns
-    -------
-    Decay
     """
     A, hz, zeta = (np.concatenate([getattr(d, name) for d in decays]) for name in ("amplitude", "hz", "damping_ratio"))
     edges = np.geomspace(A.min() * (1 - 1e-9), A.max() * (1 + 1e-9), bins + 1)

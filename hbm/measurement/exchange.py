@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from hbm.errors import InputError
-from hbm.extras import extra
 from hbm.fourier import Array
-from hbm.labelled import Variables, dataset
+from hbm.labelled import Variables, dataset, extra
 from hbm.measurement.matfile import load_mat
 from hbm.measurement.npzfile import load_npz
 from hbm.measurement.recording import Recording

@@ -180,10 +180,6 @@ def spectra_of_records(
         Order of the channels; those in none of the records are left out.
     source : str
         For messages.
-
-    Returns
-    -------
-    MeasuredSpectra
     """
     kept = tuple(name for name in channels if any(name in e.channels for e in estimates))
     shape = len(estimates), len(kept)

@@ -27,8 +27,8 @@ from typing import Any
 import numpy as np
 
 from hbm.errors import InputError
-from hbm.extras import extra
 from hbm.fourier import Array
+from hbm.labelled import extra
 from hbm.measurement.csvhistory import read_csv
 from hbm.measurement.matfile import refuse_broken
 from hbm.measurement.npzfile import load_npz

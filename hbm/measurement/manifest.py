@@ -65,10 +65,6 @@ def entries_of(paths: Iterable[Path]) -> list[Entry]:
         that lists; without one all recordings in it, sorted by name, with the frequency and level that their names say,
         ``run_48.5Hz_2N.csv``.
 
-    Returns
-    -------
-    list of Entry
-
     Raises
     ------
     InputError

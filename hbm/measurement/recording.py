@@ -88,10 +88,6 @@ def recording(
     units : mapping of str to str, optional
         Units as recorded, of any of the channels.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     InputError

@@ -79,10 +79,6 @@ def with_std(rig: AnyRig | None, spectra: MeasuredSpectra, share: float = 0.0) -
     share : float
         Of the amplitude of a response.
 
-    Returns
-    -------
-    MeasuredSpectra
-
     Raises
     ------
     InputError

@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hbm.channels import computed_channels
 from hbm.errors import InputError
 from hbm.measurement.exchange import (
     mat_bytes,
@@ -203,7 +202,7 @@ def _assembled(
 ) -> MeasuredSpectra:
     """Put rows into arrays; a row that contradicts an earlier one is refused."""
     quantities = {channel.name: channel.quantity for channel in rig.channels} if rig else {}
-    names, computed = list(quantities), computed_channels(rig) if rig else ()
+    names, computed = list(quantities), rig.computed if rig else ()
     entries: dict[tuple[State, str, int], Row] = {}
     for row in rows:
         if row.channel in computed:

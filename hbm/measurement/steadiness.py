@@ -72,10 +72,6 @@ def steadiness(t: Array, c: Complex) -> Steadiness:
         Middle of each block [s], equally spaced.
     c : (B,) complex array
         Amplitude of the fundamental.
-
-    Returns
-    -------
-    Steadiness
     """
     B = len(t)
     if B < 3 or not c.any():
@@ -195,10 +191,6 @@ def leftover(residual: Array, rms: float, periods: int, hz: float) -> Leftover:
         Periods in it.
     hz : float
         Fundamental [Hz].
-
-    Returns
-    -------
-    Leftover
     """
     windowed = periods >= FEWEST_FOR_LINES
     reach = 4 if windowed else 0  # bins: half the main lobe

@@ -118,10 +118,6 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     cycles : int
         Of a window; windows do not overlap.
 
-    Returns
-    -------
-    Sweep
-
     Raises
     ------
     InputError
@@ -177,17 +173,7 @@ def _complex(parts: Array, H: int) -> Complex:
 
 
 def passage(sweep: Sweep, channel: str, force: str) -> Passage | None:
-    """How a response passed its highest peak per force; None where too few windows lie on it to tell.
-
-    Parameters
-    ----------
-    sweep : Sweep
-    channel, force : str
-
-    Returns
-    -------
-    Passage or None
-    """
+    """How a response passed its highest peak per force; None where too few windows lie on it to tell."""
     X, F = (sweep.amplitudes[:, sweep.channels.index(name), 1] for name in (channel, force))
     dX, dF = (sweep.slopes[:, sweep.channels.index(name), 1] for name in (channel, force))
     size = np.abs(X / F)

@@ -1,7 +1,6 @@
 """How a motion at given amplitudes of the drive is started and followed: from a linear mode with the contact stuck."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -9,11 +8,9 @@ from continuation import Branch, ConvergenceError, NewtonSettings, Predictor, Se
 from hbm.balance.equations import State
 from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
-from hbm.modes.linear import joint_stiffness, stuck_modes
+from hbm.modes.linear import stiffness_at_rest, stuck_modes
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
-from models.jointed import AnyRig, JointedRig
-from models.joints.law import numbers
-from models.rig import Rig
+from models.jointed import AnyRig
 
 TOLERANCE = 1e-10
 """Every balance closes to this fraction of ten times the motion's elastic force, the contact's in proportion."""
@@ -48,18 +45,9 @@ NEWTON = NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
 def default_amplitudes(rig: AnyRig, mode: int = 1) -> tuple[float, float]:
     """Drive amplitudes [m] from contacts that all stick to contacts that all slide freely, or nearly so."""
     linear = StuckMode.of(rig, mode)
-    per_drive = np.abs(np.atleast_1d(linear.forces) / linear.drive)
-    scales = [load / per_drive[ports].max() for load, ports in _pressed(rig) if load > 0.0 and per_drive[ports].any()]
+    per_drive = np.abs(linear.forces / linear.drive)
+    scales = [load / per_drive[ports].max() for load, ports in rig.pressed if load > 0.0 and per_drive[ports].any()]
     return (RANGE[0] * min(scales), RANGE[1] * max(scales)) if scales else FRICTIONLESS
-
-
-def _pressed(rig: AnyRig) -> list[tuple[float, slice]]:
-    """Static load of each contact or joint [N], 0 where none presses it, and its ports."""
-    if not isinstance(rig, JointedRig):
-        return [(rig.contact.normal_load, slice(0, 1))]
-    ends = np.cumsum([0, *(j.law.ports for j in rig.joints)]).tolist()
-    loads = [float(numbers(j.law).get("normal_load", 0.0)) for j in rig.joints]
-    return [(load, slice(*at)) for load, at in zip(loads, pairwise(ends), strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +60,8 @@ class StuckMode:
         Natural frequency [rad/s] and damping 2 zeta omega [1/s].
     shape : (n,) array
         Mass-normalised, of the modes of the structure.
-    forces : float or (m,) array
-        Friction force, or force at each port of the joints, per unit of its coordinate.
+    forces : (m,) array
+        Force on the structure at each port where something touches, per unit of its coordinate.
     drive : float
         Drive displacement per unit of its coordinate.
     """
@@ -81,7 +69,7 @@ class StuckMode:
     omega: float
     damping: float
     shape: Array
-    forces: float | Array
+    forces: Array
     drive: float
 
     @staticmethod
@@ -99,13 +87,18 @@ class StuckMode:
         rigid = np.count_nonzero(omega < RIGID * omega[-1])
         if mode <= rigid:
             raise ValueError(f"backbone: mode = {mode} is a rigid motion; must be from {rigid + 1} to {len(omega)}")
-        found = float(omega[mode - 1]), shapes[:, mode - 1]
-        return _of_joints(rig, *found) if isinstance(rig, JointedRig) else _of_contact(rig, *found)
+        found, shape, s, K = float(omega[mode - 1]), shapes[:, mode - 1], rig.structure, stiffness_at_rest(rig)
+        if np.isinf(K).any():
+            forces = np.linalg.lstsq(s.joints.T, (s.omega_n**2 - found**2) * shape, rcond=None)[0]
+        else:
+            forces = -K @ (s.joints @ shape)
+        drive = float(s.excitation @ shape + s.flexibility_to_force @ forces)
+        return StuckMode(found, s.damps(shape), shape, np.asarray(forces, dtype=float), drive)
 
     def motion(self, problem: DriveAmplitude, lam: float) -> Array:
         """Unknowns of its motion at an amplitude."""
         basis, q = problem.balance.basis, 10.0**lam / self.drive
-        Q, T = np.zeros((basis.size, len(self.shape))), np.zeros((basis.size, *np.shape(self.forces)))
+        Q, T = np.zeros((basis.size, len(self.shape))), np.zeros((basis.size, len(self.forces)))
         sine = problem.fundamental[1]
         Q[sine], T[sine] = q * self.shape, q * self.forces
         return problem.pack(State(Q, T, self.omega, 0.0), self.sustain(problem, self.damping, q), lam)
@@ -127,20 +120,6 @@ class StuckMode:
         weights[-2] = 100.0 / x[-2] ** 2
         weights[-1] = 100.0 / problem.pack_sustain(unit, problem.scale(lam)) ** 2
         return weights
-
-
-def _of_contact(rig: Rig, omega: float, shape: Array) -> StuckMode:
-    s, row = rig.structure, rig.structure.slip_row
-    force = float(row @ ((s.omega_n**2 - omega**2) * shape) / (row @ row)) if row.any() else 0.0
-    drive = float(s.excitation @ shape) + s.residual.slip_by_force * force
-    return StuckMode(omega, float(shape @ (s.damping * shape)), shape, force, drive)
-
-
-def _of_joints(rig: JointedRig, omega: float, shape: Array) -> StuckMode:
-    s = rig.structure
-    forces = -joint_stiffness(rig) @ (s.joints @ shape)
-    drive = float(s.excitation @ shape + s.flexibility_to_force @ forces)
-    return StuckMode(omega, float(shape @ s.damping @ shape), shape, forces, drive)
 
 
 def traced(

@@ -32,10 +32,6 @@ def over_channel(rig: AnyRig, mode: int, channel: str, amplitudes: tuple[float, 
     amplitudes : (float, float)
         Least and largest amplitude of the channel, in its unit.
 
-    Returns
-    -------
-    NonlinearMode
-
     Raises
     ------
     InputError

@@ -72,17 +72,13 @@ def linear_modes(rig: AnyRig) -> LinearModes:
     47.842
     """
     expect_rig(rig, "linear_modes", joints=True)
-    if isinstance(rig, JointedRig):
-        return _of_joints(rig)
-    s, k = rig.structure, contact_stiffness(rig)
-    stuck = np.full(s.n, np.nan)
-    omega, _ = stuck_modes(rig)
-    stuck[: len(omega)] = omega
+    s, (omega, _) = rig.structure, stuck_modes(rig)
+    elastic = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
     return LinearModes(
         sliding_hz=s.omega_n / (2 * np.pi),
-        stuck_hz=stuck / (2 * np.pi),
-        damping_ratio=s.damping / (2 * s.omega_n),
-        stiffness=k,
+        stuck_hz=np.append(omega, np.full(s.n - len(omega), np.nan)) / (2 * np.pi),
+        damping_ratio=np.array([s.damps(mode) for mode in np.eye(s.n)]) / (2 * elastic),
+        stiffness=float("nan") if isinstance(rig, JointedRig) else contact_stiffness(rig),
     )
 
 
@@ -123,15 +119,17 @@ def stuck_modes(rig: AnyRig) -> tuple[Array, Array]:
 
     Where one contact is held rigidly they are those of the motions without slip, m = n - 1.
     """
-    s = rig.structure
-    if isinstance(rig, JointedRig):
-        free, held = np.eye(s.n), rig.structure.joints.T @ joint_stiffness(rig) @ rig.structure.joints
-    else:
-        row, k = rig.structure.slip_row, contact_stiffness(rig)
-        free = null_space(row[None, :]) if np.isinf(k) else np.eye(s.n)
-        held = (0.0 if np.isinf(k) else k) * np.outer(row, row)
+    s, K = rig.structure, stiffness_at_rest(rig)
+    rigid = np.isinf(K).any()
+    free = null_space(s.joints) if rigid else np.eye(s.n)
+    held = 0.0 if rigid else s.joints.T @ K @ s.joints
     squares, shapes = np.linalg.eigh(free.T @ (np.diag(s.omega_n**2) + held) @ free)
     return np.sqrt(np.maximum(squares, 0.0)), np.asarray(free @ shapes)
+
+
+def stiffness_at_rest(rig: AnyRig) -> Array:
+    """Stiffness of all that touches at rest, seen by the modes, (m, m) [N/m]; inf of a contact that is held rigidly."""
+    return joint_stiffness(rig) if isinstance(rig, JointedRig) else np.array([[contact_stiffness(rig)]])
 
 
 RIGIDLY = 1e6
@@ -154,10 +152,3 @@ def joint_stiffness(rig: JointedRig) -> Array:
             K[here, here] = -ca.Function("slope", known, [slope])(*rest, [1e-4, 0.0], values(j.law)).full()
         at += j.law.ports
     return np.asarray(K @ np.linalg.inv(np.eye(m) + s.flexibility @ K))
-
-
-def _of_joints(rig: JointedRig) -> LinearModes:
-    s = rig.structure
-    elastic = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
-    stuck = stuck_modes(rig)[0] / (2 * np.pi)
-    return LinearModes(s.omega_n / (2 * np.pi), stuck, s.damping.diagonal() / (2 * elastic), float("nan"))

@@ -6,7 +6,7 @@ linearise to a :class:`Motion`, which is all that :mod:`hbm.modes.epmc` knows of
 
 from copy import copy
 from dataclasses import replace
-from typing import Protocol, TypeAlias
+from typing import Protocol, Self, TypeAlias
 
 import numpy as np
 
@@ -61,8 +61,8 @@ class Motion(Protocol):
         ...
 
 
-class SustainedContact(HarmonicBalance):
-    """A rig with one contact at a frequency, under a force and with some of its damping taken away.
+class UnderForce:
+    """A balance at a frequency, under a force and with some of its damping taken away.
 
     Attributes
     ----------
@@ -73,51 +73,46 @@ class SustainedContact(HarmonicBalance):
     """
 
     force = relief = 0.0
+    Omega_ref: float
 
-    def sustained(self, *, force: float = 0.0, relief: float = 0.0) -> "SustainedContact":
-        """The same rig with another force and relief; it shares the buffers of its law."""
-        other, s = copy(self), self.rig.structure
-        reaction = replace(s.reaction, damping=s.reaction.damping - relief * s.reaction.inertia)
-        other.structure = replace(s, damping=s.damping - relief, reaction=reaction)
-        other.rows = self.rows.copy()
-        other.rows[:, 2] = reaction.damping
+    def sustained(self, *, force: float = 0.0, relief: float = 0.0) -> Self:
+        """The same rig with another force and relief; it shares the buffers of its laws."""
+        other = copy(self)
         other.force, other.relief = force, relief
+        other._relieve()
         return other
+
+    def _relieve(self) -> None:
+        """Take the damping away."""
+        raise NotImplementedError
 
     def at(self, lam: float) -> tuple[float, float]:
         """Frequency [rad/s] and force amplitude [N] at a scaled frequency."""
         return lam * self.Omega_ref, self.force
+
+
+class SustainedContact(UnderForce, HarmonicBalance):
+    """A rig with one contact."""
+
+    def _relieve(self) -> None:
+        s, relief = self.rig.structure, self.relief
+        reaction = replace(s.reaction, damping=s.reaction.damping - relief * s.reaction.inertia)
+        self.structure = replace(s, damping=s.damping - relief, reaction=reaction)
+        self.rows = self.rows.copy()
+        self.rows[:, 2] = reaction.damping
 
     def motion(self, y: Array, Omega: float) -> "ContactMotion":
         """The state of scaled unknowns at a scaled frequency."""
         return ContactMotion(self.linearize(y, Omega))
 
 
-class SustainedJoints(JointBalance):
-    """A rig with joints at a frequency, under a force and with some of its damping taken away.
+class SustainedJoints(UnderForce, JointBalance):
+    """A rig with joints."""
 
-    Attributes
-    ----------
-    force : float
-        Excitation amplitude [N].
-    relief : float
-        Mass-proportional damping taken away, xi [1/s].
-    """
-
-    force = relief = 0.0
-
-    def sustained(self, *, force: float = 0.0, relief: float = 0.0) -> "SustainedJoints":
-        """The same rig with another force and relief; it shares the buffers of its laws."""
-        other, s = copy(self), self.rig.structure
-        other.structure = replace(
-            s, damping=s.damping - relief * np.eye(s.n), loads_damping=s.loads_damping - relief * s.loads_inertia
-        )
-        other.force, other.relief = force, relief
-        return other
-
-    def at(self, lam: float) -> tuple[float, float]:
-        """Frequency [rad/s] and force amplitude [N] at a scaled frequency."""
-        return lam * self.Omega_ref, self.force
+    def _relieve(self) -> None:
+        s, relief = self.rig.structure, self.relief
+        loads = s.loads_damping - relief * s.loads_inertia
+        self.structure = replace(s, damping=s.damping - relief * np.eye(s.n), loads_damping=loads)
 
     def motion(self, y: Array, Omega: float) -> "JointMotion":
         """The state of scaled unknowns at a scaled frequency."""

@@ -146,10 +146,6 @@ def evaluate(
     needed : collection of int
         Other records that must be found.
 
-    Returns
-    -------
-    Evaluation
-
     Raises
     ------
     ConvergenceError
@@ -196,19 +192,28 @@ def fit_model(
     reach : float
         Chi2 that is of use: the search ends where steps as good as the last one would not get there.
 
-    Returns
-    -------
-    Evaluation
-
     Raises
     ------
     ConvergenceError
         If the steady state of no record is found at `x`, or that of one that is needed is not.
     """
-    low, high = model.bounds()
-    here = evaluate(model, campaign, np.clip(x, low, high), last, needed=needed)
+    here = evaluate(model, campaign, np.clip(x, *model.bounds()), last, needed=needed)
+    return fit_from(here, campaign, last, steps, settled, part, reach)
+
+
+def fit_from(
+    here: Evaluation,
+    campaign: Campaign,
+    last: Solutions,
+    steps: int = STEPS,
+    settled: float = SETTLED,
+    part: float = PART,
+    reach: float = np.inf,
+) -> Evaluation:
+    """As :func:`fit_model`, from a model that is evaluated where it starts."""
+    model, (low, high) = here.model, here.model.bounds()
     damping, length = DAMPED, 1.0
-    for left in reversed(range(steps if len(x) else 0)):
+    for left in reversed(range(steps if len(here.x) else 0)):
         step, promised = _step(here, damping, low, high)
         if abs(promised) < max(settled, part * (here.chi2 - len(here.white))):
             break

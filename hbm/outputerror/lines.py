@@ -132,6 +132,22 @@ def _linear(rig: JointedRig, channels: Sequence[str], i_omega: Complex) -> Compl
     return np.pad(moved, ((0, 0), (1, 0)))  # no channel tells a mean
 
 
+def receptances(here: LinesHere, channels: Sequence[str], places: int) -> tuple[Complex, Complex]:
+    """Readings (p, c, H+1) of channels, and motion (p, H+1) there, per force at each of the last p ports."""
+    problem, s = here.problem, here.problem.structure
+    rate = 1j * problem.Omega * np.arange(problem.basis.H + 1)
+    forces = here.closed[:, :, -places:]  # (H+1, m, p)
+    moved = (problem.yielding[:, -places:] @ forces).diagonal(axis1=1, axis2=2)
+    Q = problem.modes.between(np.eye(s.n), s.joints) @ forces
+    named = {c.name: (i, c) for i, c in enumerate(problem.rig.response_channels)}
+    read = []
+    for name in channels:
+        i, c = named[name]
+        seen = np.einsum("n,hnp->hp", s.channels[i], Q) + np.einsum("m,hmp->hp", s.channels_by_joints[i], forces)
+        read.append(factor(c, rate)[:, None] * seen)
+    return np.array(read).transpose(2, 0, 1), moved.T
+
+
 def line_state(rig: JointedRig, basis: FourierBasis, record: Record, force: Array, last: State | None) -> LinesHere:
     """Steady state of a record, from the last one or, where that has other joints, from nothing.
 

@@ -8,11 +8,10 @@ from typing import Literal
 import numpy as np
 
 from hbm.fourier import Array
-from hbm.outputerror.nominal import SHAPES, nominal_scalars, tolerances, unit_of
+from hbm.outputerror.nominal import SHAPES, nominal_scalars, tolerances
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.jointed import AnyRig
-from models.numbers import with_numbers
 
 WIDE = 20.0
 """A number between positive bounds this factor apart is not fitted as it is."""
@@ -105,7 +104,7 @@ def free_of(unknown: Unknown, cause: int, tolerance: float = np.inf) -> Free:
 
 def calibrated_of(rig: AnyRig, key: str, value: float, std: float) -> Free:
     """Free number that is expected to be what the rig file says, within a standard deviation."""
-    unit = unit_of(rig, key)
+    unit = rig.numbers[key][1].unit
     if value == 0.0:
         return Free(key, unit, -FAR * std, FAR * std, 0.0, "linear", std, std=1.0)
     if value < 0.0 or key.startswith(SHAPES):  # entries of a shape differ by shares of its largest
@@ -190,7 +189,7 @@ class Model:
         """The rig at coordinates."""
         values = [f.value(v) for f, v in zip(self.free, x, strict=True)]
         named = list(zip(self.free, values, strict=True))
-        rig = with_numbers(self.nominal, {f.name: v for f, v in named if f.cause < 0})
+        rig = self.nominal.with_numbers({f.name: v for f, v in named if f.cause < 0})
         for i, cause in enumerate(self.causes):
             rig = cause.extend(rig, {f.name: v for f, v in named if f.cause == i})
         return rig

@@ -4,9 +4,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from hbm.sensitivity.scalars import ALPHA, FRICTION, LOAD, sensor_scalars
-from models.change import Scalar, drift_scalars, element_scalars, structure_scalars
-from models.friction import describe, parameters
+from hbm.sensitivity.scalars import ALPHA, FORCE, FRICTION, LOAD
 from models.jointed import AnyRig, JointedRig
 from models.jointednumbers import GAINS
 
@@ -95,24 +93,5 @@ def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
 
 
 def nominal_scalars(rig: AnyRig) -> dict[str, float]:
-    """Numbers of a rig by their keys."""
-    return {key: float(scalar.value) for key, scalar in _scalars(rig).items()}
-
-
-def unit_of(rig: AnyRig, key: str) -> str:
-    """SI unit of a number of a rig."""
-    return _scalars(rig)[key].unit
-
-
-def _scalars(rig: AnyRig) -> dict[str, Scalar]:
-    if isinstance(rig, JointedRig):
-        return {key: Scalar(value, p.unit) for key, (value, p) in rig.numbers.items()}
-    law = zip(describe(type(rig.contact.law)).items(), parameters(rig.contact.law).values(), strict=True)
-    return {
-        **{FRICTION + name: Scalar(value, p.unit) for (name, p), value in law},
-        LOAD: Scalar(rig.contact.normal_load, "N"),
-        **sensor_scalars(rig),
-        **structure_scalars(rig),
-        **element_scalars(rig),
-        **drift_scalars(rig),
-    }
+    """Numbers of a rig by their keys, but for the force: that is what each record says."""
+    return {key: float(value) for key, (value, _) in rig.numbers.items() if key != FORCE}

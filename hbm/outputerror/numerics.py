@@ -17,7 +17,7 @@ from hbm.fourier import Array, FourierBasis, sampled
 from hbm.outputerror.records import Measurement, Record, parts, solve_record
 from hbm.parallel import each
 from models.beam import Beam
-from models.jointed import AnyRig, JointedRig
+from models.jointed import AnyRig
 
 RESOLVED = 8.0
 """A working discretisation will do that is corrected by less than this, in standard deviations of a record in all."""
@@ -48,7 +48,7 @@ class Grid:
 
     def rig(self, rig: AnyRig) -> AnyRig:
         """The rig on so many modes; one with joints keeps its own, beside which it has the others at rest."""
-        if isinstance(rig, JointedRig) or not isinstance(rig.body, Beam) or rig.body.modes == self.modes:
+        if not isinstance(rig.body, Beam) or rig.body.modes == self.modes:
             return rig
         return rig.with_modes(self.modes)
 
@@ -88,10 +88,6 @@ def choose(rig: AnyRig, data: Measurement, executor: Executor | None = None) -> 
     data : Measurement
     executor : concurrent.futures.Executor, optional
         Does the records side by side.
-
-    Returns
-    -------
-    Numerics
     """
     n = rig.structure.n
     *rungs, fine = [Grid(sampled(max(H, data.H + 6), N_t), n + more) for H, N_t, more in (*LADDER, FINE)]

@@ -19,7 +19,6 @@ from hbm.inverse.sensing import Complex, Readings, Sensing
 from hbm.response.liftoff import solve_lifting
 from hbm.response.trace import first_solution
 from models.jointed import AnyRig
-from models.numbers import at_record
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +80,9 @@ class Record:
         Raises
         ------
         ValueError
-            As :func:`models.numbers.at_record`.
+            As :meth:`models.numbers.Numbered.at_record`.
         """
-        rig = at_record(rig, self.number)
+        rig = rig.at_record(self.number)
         if not rig.excitation.measured_harmonics:
             return rig
         return replace(rig, excitation=replace(rig.excitation, harmonics=self.tones))
@@ -116,10 +115,6 @@ def measurement_of(r: Reconstruction, seen: Sensing | None = None) -> Measuremen
     r : Reconstruction
     seen : Sensing, optional
         The measurement, where more channels are to be compared than the reconstruction trusted.
-
-    Returns
-    -------
-    Measurement
     """
     motion = motion_of(r)
     seen = motion.sensing if seen is None else seen

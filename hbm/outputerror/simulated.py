@@ -11,15 +11,13 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
 from hbm.outputerror.numerics import amplitudes_of
 from hbm.outputerror.records import Measurement, Record, parts, solve_from, solve_record
+from hbm.outputerror.transients import transients
 from hbm.sensitivity.derivatives import changes_where_solved
 from hbm.sensitivity.moving import Disturbance
 from hbm.sensitivity.scalars import FORCE, HZ
-from hbm.stability.transients import transients
-from models.change import drift_scalars, tone_scalars
-from models.friction import parameters
-from models.jointed import AnyRig, JointedRig
+from models.change import tone_scalars
+from models.jointed import AnyRig
 from models.jointednumbers import GAINS
-from models.numbers import number
 from models.parts import alike
 from models.rig import Rig
 
@@ -154,15 +152,10 @@ def sticks(solution: PeriodicSolution) -> bool:
 
 
 def spare_friction(rig: AnyRig, solution: PeriodicSolution) -> float:
-    """Friction that the contact can hold beside what oscillates, where it never slips; else 0 [N].
-
-    The mean force of a joint that sticks leaves a linear body as it is: no channel sees it.
-    """
-    if isinstance(rig, JointedRig) or not sticks(solution):
+    """Friction that the contact can hold beside what oscillates, where it never slips; else 0 [N]."""
+    if rig.holds == 0.0 or not sticks(solution):
         return 0.0
-    law = parameters(rig.contact.law)
-    held = max((float(law[name]) for name in ("mu", "mu_static") if name in law), default=0.0) * rig.contact.normal_load
-    return max(held - float(np.ptp(solution["friction"].samples)) / 2.0, 0.0)
+    return max(rig.holds - float(np.ptp(solution["friction"].samples)) / 2.0, 0.0)
 
 
 def held_beside(solution: PeriodicSolution) -> Disturbance:
@@ -217,7 +210,7 @@ def in_record(rig: AnyRig, keys: Sequence[str], record: Record) -> tuple[tuple[s
     (q, p) array
     """
     after = record.number - 1
-    drifting = dict(zip(drift_scalars(rig), rig.drift, strict=True))
+    drifting = rig.drifting
     grown = {drift.parameter: 1.0 + drift.rate * after for drift in rig.drift}
     gains = {f"{GAINS}{i}]": level for i, (level, _) in enumerate(rig.excitation.force_gain, 1)}
     acts_on = [FORCE if key in gains else drifting[key].parameter if key in drifting else key for key in keys]
@@ -227,5 +220,5 @@ def in_record(rig: AnyRig, keys: Sequence[str], record: Record) -> tuple[tuple[s
         if key in gains:
             by_keys[-1, j] = record.force if alike(gains[key], record.level) else 0.0
         else:
-            by_keys[own.index(target), j] = after * number(rig, target) if key in drifting else grown.get(target, 1.0)
+            by_keys[own.index(target), j] = after * rig.number(target) if key in drifting else grown.get(target, 1.0)
     return own, by_keys

@@ -16,7 +16,7 @@ from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
 from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
-from models.jointed import AnyRig, JointedRig
+from models.jointed import AnyRig
 
 TOLERANCE = 5e-3
 """Largest accepted change of drive displacement and friction force, relative to their peak on the curve."""
@@ -26,9 +26,6 @@ LADDER = (7, 9, 11, 13, 15, 17, 19, 23, 27, 33, 39, 47)
 
 UNDECIDED = 15
 """Harmonics taken where the number cannot be judged."""
-
-JUDGED = ("drive", "friction")
-"""Channels whose change is measured, and the force at every port of a joint."""
 
 STEPS = 40
 """Fewest steps over a sweep; there are more where the response is steep."""
@@ -106,7 +103,7 @@ def choose_harmonics(
     reason : str
     """
     pilot = scout_frequency(rig, hz, level=level)
-    found, scales = _telling_points(pilot), _scales(pilot)
+    found, scales = _telling_points(pilot), scales_of(pilot.rig, pilot.points)
     for H in LADDER:
         N_t = default_samples(finer(H))
         found = [p for p in _solve_again(found, rig, H, N_t, level) if p is not None]
@@ -165,19 +162,14 @@ def _choose_samples(
         N_t, coarse = 2 * N_t, fine
 
 
-def judged(curve: ResponseCurve) -> list[str]:
-    """Channels of a curve whose change is measured."""
-    return [name for name in (*JUDGED, *joint_forces(curve)) if name in curve.channels]
-
-
-def joint_forces(curve: ResponseCurve) -> list[str]:
-    """Channels of a curve that are forces at ports of joints."""
-    return curve.rig.forces if isinstance(curve.rig, JointedRig) else []
+def judged(rig: AnyRig) -> list[str]:
+    """Signals whose change is measured: motion of the drive, and every force where the rig touches."""
+    return ["drive", *rig.forces]
 
 
 def peaks(curve: ResponseCurve) -> set[int]:
     """Where drive displacement and friction force are largest."""
-    return {int(np.argmax(curve[name].peak)) for name in judged(curve)}
+    return {int(np.argmax(curve[name].peak)) for name in judged(curve.rig)}
 
 
 def probes(curve: ResponseCurve) -> list[PeriodicSolution]:
@@ -188,16 +180,7 @@ def probes(curve: ResponseCurve) -> list[PeriodicSolution]:
 
 
 def estimate_error(curve: ResponseCurve) -> NumericalError:
-    """Estimate the numerical error of a curve by solving some of its points again, refined.
-
-    Parameters
-    ----------
-    curve : ResponseCurve
-
-    Returns
-    -------
-    NumericalError
-    """
+    """Estimate the numerical error of a curve by solving some of its points again, refined."""
     rig, found = curve.rig, probes(curve)
     H, N_t, n = curve.basis.H, curve.basis.N_t, rig.structure.n
     finer_H, finer_N, finer_rig = finer(H), 2 * N_t, rig.with_modes(2 * n)
@@ -223,7 +206,7 @@ def estimate_error(curve: ResponseCurve) -> NumericalError:
 
 def _changes(curve: ResponseCurve, found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> Array:
     """Relative change of each point on another discretisation, nan where it was not found."""
-    again, scales = _solve_again(found, rig, H, N_t, curve.level), _scales(curve)
+    again, scales = _solve_again(found, rig, H, N_t, curve.level), scales_of(curve.rig, curve.points)
     return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
 
 
@@ -242,13 +225,10 @@ def _solve_again(
     return out
 
 
-def _scales(curve: ResponseCurve) -> dict[str, float]:
-    return judged_scales({name: float(curve[name].peak.max()) for name in judged(curve)})
-
-
-def judged_scales(peaks: dict[str, float]) -> dict[str, float]:
-    """Scales for changes of channels: their peaks; for ports of a joint, that of the largest of its forces."""
-    joints = {name: name.partition(".force")[0] for name in peaks}
+def scales_of(rig: AnyRig, points: Sequence[PeriodicSolution]) -> dict[str, float]:
+    """Scales for changes of signals: their peaks; for ports of a joint, that of the largest of its forces."""
+    joints = {name: name.partition(".force")[0] for name in judged(rig)}
+    peaks = {name: max(p.channels[name].peak for p in points) for name in joints}
     return {name: max(peak for other, peak in peaks.items() if joints[other] == joints[name]) for name in peaks}
 
 

@@ -37,10 +37,6 @@ def find_cause(name: str, folder: Path, consent: Consent = Consent.NAMED) -> typ
     consent : Consent
         Whether the file may be run.
 
-    Returns
-    -------
-    type
-
     Raises
     ------
     InputError
@@ -60,14 +56,6 @@ def find_cause(name: str, folder: Path, consent: Consent = Consent.NAMED) -> typ
 
 def causes_in_file(path: Path) -> list[type]:
     """All causes of a Python file, which is run; classes that lack something are refused.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    list of type
 
     Raises
     ------

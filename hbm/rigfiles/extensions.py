@@ -13,9 +13,8 @@ from hbm.errors import InputError
 from hbm.rigfiles.causes import ONE_VALUE, accepted_causes, find_cause
 from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.schema import MOST_ENTRIES, Complaint, found
-from models import describe, parameters
 from models.causes import Cause, Unknown, candidates_of
-from models.jointed import AnyRig, JointedRig
+from models.jointed import AnyRig
 from models.plausible import impossible, of_parameter
 
 CHOICES: dict[Any, tuple[Any, str]] = {
@@ -87,10 +86,6 @@ def rig_of_tables(
     consent : Consent
         Whether it may be run.
 
-    Returns
-    -------
-    Rig
-
     Raises
     ------
     InputError
@@ -99,7 +94,9 @@ def rig_of_tables(
     for i, table in enumerate(tables):
         extension = _read(rig, table, i, folder, consent)
         rig = extension.cause.extend(rig, extension.values)
-        _check_law(rig, i)
+        for low, other in rig.too_low:
+            name, least = (key.rpartition(".")[2] for key in (low, other))
+            _refuse(i, name, found(rig.number(low)), f"must be >= {least} = {rig.number(other)}")
     return rig
 
 
@@ -171,16 +168,6 @@ def _real(whole: int) -> float:
         return float(whole)
     except OverflowError:
         return math.inf if whole > 0 else -math.inf
-
-
-def _check_law(rig: AnyRig, i: int) -> None:
-    """Whether the parameters of the law still go together; laws of joints see to it themselves."""
-    if isinstance(rig, JointedRig):
-        return
-    values = parameters(rig.contact.law)
-    for name, p in describe(type(rig.contact.law)).items():
-        if p.at_least and values[name] < values[p.at_least]:
-            _refuse(i, name, found(values[name]), f"must be >= {p.at_least} = {values[p.at_least]}")
 
 
 def _refuse(i: int, name: str, what: str, accepted: str) -> NoReturn:

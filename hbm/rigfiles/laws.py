@@ -66,10 +66,6 @@ def find_law(name: str, folder: Path, consent: Consent = Consent.NAMED) -> type:
     consent : Consent
         Whether the file may be run.
 
-    Returns
-    -------
-    type
-
     Raises
     ------
     InputError
@@ -154,10 +150,6 @@ def class_in_file(path: Path, class_name: str) -> type:
     path : Path
         Absolute.
     class_name : str
-
-    Returns
-    -------
-    type
 
     Raises
     ------

@@ -13,7 +13,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from hbm.channels import COMPUTED_CHANNELS
 from hbm.errors import InputError, visible
 from hbm.rigfiles.extensions import rig_of_tables
 from hbm.rigfiles.joints import is_jointed, jointed_rig
@@ -109,10 +108,6 @@ def rig_from_dict(table: Mapping[str, Any], source: str, consent: Consent = Cons
         Name of the file, for messages; the file of a law of one's own is looked for beside it.
     consent : Consent
         Which Python files that it names may be run.
-
-    Returns
-    -------
-    Rig
 
     Raises
     ------
@@ -247,8 +242,8 @@ def _of_channels(channels: list[Any]) -> Iterator[Complaint]:
     forces = [i for i, channel in enumerate(channels) if channel.quantity == "force"]
     for i, name in enumerate(names):
         key: Key = ("channels", i, "name")
-        if name in COMPUTED_CHANNELS:
-            yield Complaint(key, found(name), f"must not be one of the computed {', '.join(COMPUTED_CHANNELS)}")
+        if name in Rig.computed:
+            yield Complaint(key, found(name), f"must not be one of the computed {', '.join(Rig.computed)}")
         if name in names[:i]:
             yield Complaint(key, found(name), f"must be unique, channels[{names.index(name) + 1}] has it too")
         if i in forces[1:]:

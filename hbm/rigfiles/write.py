@@ -21,10 +21,6 @@ def extended_rig_text(nominal: str, extensions: Sequence[Extension]) -> str:
     extensions : sequence of Extension
         In the order in which they are applied.
 
-    Returns
-    -------
-    str
-
     Raises
     ------
     ValueError
@@ -56,10 +52,6 @@ def write_extended_rig(
     extensions : sequence of Extension
     allow_code : bool, optional
         As :func:`hbm.rigfiles.load.load_rig`, for it is read back.
-
-    Returns
-    -------
-    Path
 
     Raises
     ------

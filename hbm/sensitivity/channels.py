@@ -1,6 +1,6 @@
 """Derivatives of the channels of a solution, each worked out when it is asked for."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,6 +11,9 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, DISPLACEMENT, VELOCITY, read
 from hbm.fourier import Array
 from hbm.sensitivity.held import HeldBalance, friction_change
+from hbm.sensitivity.scalars import solution_numbers
+from models.display import Displayed
+from models.jointed import AnyRig
 from models.parts import Channel
 
 
@@ -32,6 +35,62 @@ class ChannelSensitivity:
     coefficients: Array
     samples: Array
     peak: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives(Displayed):
+    """How a periodic solution changes with numbers of its rig; attributes as of those that inherit."""
+
+    solution: PeriodicSolution
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    values: Array
+    Q: Array
+    T: Array
+    channels: Mapping[str, ChannelSensitivity]
+
+    def __repr__(self) -> str:
+        """Name the numbers and the steady state, and how much the drive's peak changes with each."""
+        s = self.solution
+        changes = self.logarithmic("drive")
+        lines = [
+            f"  {name:32s} {value:12.6g} {'' if unit == '1' else unit:8s} {changes[name]:+.4g}"
+            for name, value, unit in zip(self.parameters, self.values, self.units, strict=True)
+        ]
+        head = (
+            f"sensitivities at {s.hz:.6g} Hz, {s.level:g} N; of the drive's peak, relative, to each number, relative:"
+        )
+        return "\n".join([head, *lines])
+
+    def __getitem__(self, name: str) -> ChannelSensitivity:
+        """Channel by name."""
+        return self.channels[name]
+
+    def logarithmic(self, channel: str) -> dict[str, float]:
+        """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent.
+
+        At the top of a resonance the derivative at the held frequency is also that of the resonance's height
+        (envelope theorem): the shift of the resonance does not count, since the curve is level there. How level is
+        told by the entry of ``frequency_hz``.
+        """
+        relative = self.values * self[channel].peak / self.solution[channel].peak
+        return dict(zip(self.parameters, relative.tolist(), strict=True))
+
+
+def described(rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str]) -> tuple[tuple[str, ...], Array]:
+    """Units and values (p,) of numbers that a solution depends on.
+
+    Raises
+    ------
+    ValueError
+        If one is not a number of the rig, or there are none.
+    """
+    known = solution_numbers(rig, solution.hz, solution.level)
+    unknown = [key for key in keys if key not in known]
+    if unknown or not keys:
+        found = f"{unknown[0]} is not a number of the rig" if unknown else "no keys"
+        raise ValueError(f"sensitivities: {found}; must be some of {', '.join(known)}")
+    return tuple(known[key][1].unit for key in keys), np.array([known[key][0] for key in keys])
 
 
 @dataclass(frozen=True)

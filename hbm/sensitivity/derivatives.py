@@ -24,7 +24,7 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.channels import read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
-from hbm.sensitivity.channels import Change, Channels, ChannelSensitivity
+from hbm.sensitivity.channels import Change, Channels, Derivatives, described
 from hbm.sensitivity.held import HeldBalance, friction_change, mixed, mixing_of
 from hbm.sensitivity.jointed import (
     JointSensitivities,
@@ -34,14 +34,13 @@ from hbm.sensitivity.jointed import (
     joint_sensitivities_at,
 )
 from hbm.sensitivity.moving import Disturbance, LinearBalance, refined
-from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys, rig_scalars
-from models.display import Displayed
+from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys
 from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
 
 
-@dataclass(frozen=True, eq=False)
-class Sensitivities(Displayed):
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivities(Derivatives):
     """How a periodic solution changes with the parameters of its rig, everything else held.
 
     Attributes
@@ -65,48 +64,14 @@ class Sensitivities(Displayed):
         What the disturbances beside do, as of :func:`disturbed`.
     """
 
-    solution: PeriodicSolution
-    parameters: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-    Q: Array
-    T: Array
-    channels: Mapping[str, ChannelSensitivity]
     refinements: int
     mixing: Array
     disturbed: Mapping[str, Array]
-
-    def __repr__(self) -> str:
-        """Name the numbers and the steady state, and how much the drive's peak changes with each."""
-        s = self.solution
-        changes = self.logarithmic("drive")
-        lines = [
-            f"  {name:32s} {value:12.6g} {'' if unit == '1' else unit:8s} {changes[name]:+.4g}"
-            for name, value, unit in zip(self.parameters, self.values, self.units, strict=True)
-        ]
-        head = (
-            f"sensitivities at {s.hz:.6g} Hz, {s.level:g} N; of the drive's peak, relative, to each number, relative:"
-        )
-        return "\n".join([head, *lines])
-
-    def __getitem__(self, name: str) -> ChannelSensitivity:
-        """Channel by name."""
-        return self.channels[name]
 
     @property
     def own_Q(self) -> Array:
         """Derivatives of Q in the modes that the changed rig has, (2H+1, n, p)."""
         return self.Q - mixed(self.solution.state.Q, self.mixing)
-
-    def logarithmic(self, channel: str) -> dict[str, float]:
-        """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent.
-
-        At the top of a resonance the derivative at the held frequency is also that of the resonance's height
-        (envelope theorem): the shift of the resonance does not count, since the curve is level there. How level is
-        told by the entry of ``frequency_hz``.
-        """
-        relative = self.values * self[channel].peak / self.solution[channel].peak
-        return dict(zip(self.parameters, relative.tolist(), strict=True))
 
 
 @one_thread
@@ -122,8 +87,8 @@ def sensitivities(
     solution : PeriodicSolution
         Steady state or point of a curve.
     keys : sequence of str, optional
-        What to differentiate to, of :func:`rig_scalars`; where omitted the friction law's parameters, normal load,
-        force, frequency and mass-proportional damping.
+        What to differentiate to, of :func:`hbm.sensitivity.scalars.solution_numbers`; where omitted the friction
+        law's parameters, normal load, force, frequency and mass-proportional damping.
     beside : Disturbance, optional
         Disturbance to solve for along with it, at next to no cost.
 
@@ -164,12 +129,8 @@ def _sensitivities(
 ) -> Sensitivities:
     """As :func:`sensitivities`, of a balance that is linearised; with a matrix from nearby, where one is known."""
     problem, rig = here.problem, here.problem.rig
-    known = rig_scalars(rig, solution)
     keys = (*law_keys(rig), LOAD, FORCE, HZ, ALPHA) if keys is None else tuple(keys)
-    unknown = [key for key in keys if key not in known]
-    if unknown or not keys:
-        found = f"{unknown[0]} is not a number of the rig" if unknown else "no keys"
-        raise ValueError(f"sensitivities: {found}; must be some of {', '.join(known)}")
+    units, values = described(rig, solution, keys)
     held, balance = HeldBalance(here, keys), LinearBalance(here)
     law = problem.basis.analysis @ friction_change(here, held.inputs)
     right = balance.scaled(-held.modal, law)
@@ -179,10 +140,9 @@ def _sensitivities(
     slid = held.slid + balance.slid(d_Q, d_T)
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
     channels = Channels(here, solution, held, Change(d_Q, d_T, signals, slid, balance.by_elements(d_Q)))
-    values, units = zip(*(known[key] for key in keys), strict=True)
     mixing = mixing_of(held.structure, problem.structure.omega_n**2)
     moved = {} if beside is None else _seen_of(balance, beside, x[:, len(keys) :])
-    return Sensitivities(solution, keys, units, np.array(values), d_Q, d_T, channels, refinements, mixing, moved)
+    return Sensitivities(solution, keys, units, values, d_Q, d_T, channels, refinements, mixing, moved)
 
 
 def changes(rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str]) -> Sensitivities | JointSensitivities:
@@ -268,7 +228,7 @@ def balance_change(here: AnyLinearization, keys: Sequence[str]) -> Array:
     here : Linearization or JointLinearization
         Any state, solution or not.
     keys : sequence of str, (p,)
-        Keys of :func:`rig_scalars`, or of :func:`hbm.sensitivity.jointed.joint_scalars`.
+        Keys of :func:`hbm.sensitivity.scalars.solution_numbers`.
 
     Returns
     -------

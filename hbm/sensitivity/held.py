@@ -9,7 +9,7 @@ from hbm.balance.problem import Linearization
 from hbm.fourier import Array
 from hbm.sensitivity.elementchange import HeldElements
 from hbm.sensitivity.scalars import FORCE, HZ, LIMIT, LOAD, law_keys
-from models.change import clamp_change, element_scalars, elements_change, structure_change, tone_scalars
+from models.change import clamp_change, elements_change, structure_change, tone_scalars
 from models.reduction import StructureChange
 
 
@@ -70,7 +70,7 @@ class HeldBalance:
         if problem.elements is None or forces is None:
             return None
         rows = stacked(elements_change(problem.rig, keys), axis=1)
-        own = np.array([[key == name for key in keys] for name in element_scalars(problem.rig)], dtype=float)
+        own = np.array([[key == name for key in keys] for name in problem.rig.of_elements], dtype=float)
         moved = ElementChange(rows, own.reshape(-1, len(keys)), 2 * np.pi * self.hz, self.force)
         change = problem.elements.along(state.Q, state.Omega, state.F * problem.force_shape, moved)
         return HeldElements(problem.elements, forces, change, rows)

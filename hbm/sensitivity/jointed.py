@@ -15,29 +15,17 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
-from hbm.sensitivity.channels import ChannelSensitivity, largest, smooth_peak
+from hbm.sensitivity.channels import ChannelSensitivity, Derivatives, described, largest, smooth_peak
+from hbm.sensitivity.scalars import FORCE, HZ, solution_numbers
 from models.change import tone_scalars
-from models.display import Displayed
-from models.friction.law import Parameter
 from models.jointed import JointedRig, JointedStructure
 from models.joints.law import numbers
 
 Peak = Callable[[Array, Array], Array]
 """Derivatives (p,) of the peak of a sampled signal, from its samples and theirs."""
 
-FORCE, HZ = "excitation.amplitude", "frequency_hz"
 UNBALANCED = 1e-6
 """A state that misses the balance by more than this fraction of the excitation is not a solution of the rig."""
-
-
-def joint_scalars(rig: JointedRig, hz: float, level: float) -> dict[str, tuple[float, Parameter]]:
-    """Numbers that a solution depends on and their bounds, with keys such as ``joints.tip.mu``."""
-    found = rig.numbers
-    for key, (value, _) in tone_scalars(rig.excitation).items():
-        found[key] = value, Parameter("1", "coefficient of a harmonic of the force", "", lower=-float("inf"))
-    found[FORCE] = level, found[FORCE][1]
-    found[HZ] = hz, Parameter("Hz", "excitation frequency", "")
-    return found
 
 
 def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array:
@@ -115,8 +103,8 @@ def tone_changes(problem: JointEquations, keys: Sequence[str]) -> Array:
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class JointSensitivities(Displayed):
+@dataclass(frozen=True, eq=False, repr=False)
+class JointSensitivities(Derivatives):
     """How a periodic solution of a rig with joints changes with its numbers, everything else held.
 
     Attributes
@@ -131,30 +119,6 @@ class JointSensitivities(Displayed):
     channels : mapping of str to ChannelSensitivity
     """
 
-    solution: PeriodicSolution
-    parameters: tuple[str, ...]
-    units: tuple[str, ...]
-    values: Array
-    Q: Array
-    T: Array
-    channels: Mapping[str, ChannelSensitivity]
-
-    def __repr__(self) -> str:
-        """Name the numbers and the steady state, and how much the drive's peak changes with each."""
-        s, changes = self.solution, self.logarithmic("drive")
-        head = (
-            f"sensitivities at {s.hz:.6g} Hz, {s.level:g} N; of the drive's peak, relative, to each number, relative:"
-        )
-        lines = [
-            f"  {name:32s} {value:12.6g} {'' if unit == '1' else unit:8s} {changes[name]:+.4g}"
-            for name, value, unit in zip(self.parameters, self.values, self.units, strict=True)
-        ]
-        return "\n".join([head, *lines])
-
-    def __getitem__(self, name: str) -> ChannelSensitivity:
-        """Channel by name."""
-        return self.channels[name]
-
     @property
     def own_Q(self) -> Array:
         """Derivatives of Q in the modes that the changed rig has: they are the same."""
@@ -165,17 +129,12 @@ class JointSensitivities(Displayed):
         """No disturbance goes beside."""
         return {}
 
-    def logarithmic(self, channel: str) -> dict[str, float]:
-        """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent."""
-        relative = self.values * self[channel].peak / self.solution[channel].peak
-        return dict(zip(self.parameters, relative.tolist(), strict=True))
-
 
 @one_thread
 def joint_sensitivities(
     rig: JointedRig, solution: PeriodicSolution, keys: Sequence[str] | None = None
 ) -> JointSensitivities:
-    """Exact derivatives of a periodic solution of a rig with joints; all of :func:`joint_scalars` where no keys.
+    """Exact derivatives of a periodic solution of a rig with joints; to all that it depends on where no keys.
 
     Raises
     ------
@@ -191,19 +150,15 @@ def joint_sensitivities_at(
     here: JointLinearization, solution: PeriodicSolution, keys: Sequence[str] | None
 ) -> JointSensitivities:
     """As :func:`joint_sensitivities`, of a balance that is linearised."""
-    problem, known = here.problem, joint_scalars(here.problem.rig, solution.hz, solution.level)
-    keys = tuple(known) if keys is None else tuple(keys)
-    unknown = [key for key in keys if key not in known]
-    if unknown or not keys:
-        found = f"{unknown[0]} is not a number of the rig" if unknown else "no keys"
-        raise ValueError(f"sensitivities: {found}; must be some of {', '.join(known)}")
+    problem = here.problem
+    keys = tuple(solution_numbers(problem.rig, solution.hz, solution.level) if keys is None else keys)
+    units, values = described(problem.rig, solution, keys)
     Q, T = followed(here, joint_balance_change(here, keys))
-    numbers_of = [known[key] for key in keys]
     return JointSensitivities(
         solution=solution,
         parameters=keys,
-        units=tuple(p.unit for _, p in numbers_of),
-        values=np.array([value for value, _ in numbers_of]),
+        units=units,
+        values=values,
         Q=Q,
         T=T,
         channels=JointChannels(problem, solution, keys, Q, T),

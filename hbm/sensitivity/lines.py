@@ -7,7 +7,8 @@ import numpy as np
 from hbm.balance.equations import State
 from hbm.balance.lines import LinesHere
 from hbm.fourier import Array
-from hbm.sensitivity.jointed import FORCE, structure_changes
+from hbm.sensitivity.jointed import structure_changes
+from hbm.sensitivity.scalars import FORCE
 from models.joints.law import numbers
 
 

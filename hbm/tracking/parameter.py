@@ -7,7 +7,7 @@ of the law along its marched period, of the modes among each other where the str
 import difflib
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,14 +16,9 @@ from hbm.balance.problem import AnyBalance, AnyLinearization, HarmonicBalance, N
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import Array, FourierBasis
 from hbm.sensitivity.derivatives import balance_change
-from hbm.sensitivity.jointed import joint_scalars
-from hbm.sensitivity.scalars import FORCE, FRICTION, HZ, LOAD, scalars_at
-from models.change import Scalar, drift_scalars, tone_scalars
-from models.friction import describe as described
+from hbm.sensitivity.scalars import FORCE, FRICTION, HZ, solution_numbers
 from models.friction.law import Parameter
-from models.jointed import AnyRig, JointedRig
-from models.numbers import with_number
-from models.parts import ModalBody
+from models.jointed import AnyRig
 from models.rig import Rig
 
 REFERENCES = 33
@@ -58,45 +53,17 @@ def parameter_key(rig: AnyRig, name: str, hz: float, level: float) -> Key:
     hz, level : float
         Frequency [Hz] and force amplitude [N] of the excitation.
 
-    Returns
-    -------
-    Key
-
     Raises
     ------
     ValueError
         If the rig has no such number; the closest ones are named.
     """
-    known: dict[str, Any] = (
-        joint_scalars(rig, hz, level) if isinstance(rig, JointedRig) else _of_contact(rig, hz, level)
-    )
+    known = {key: n for key, n in solution_numbers(rig, hz, level).items() if key not in rig.drifting}  # does nothing
     if name not in known:
         close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise ValueError(f"{name} is not a number of the rig; must be one of {', '.join(known)}{hint}")
-    value, accepted = known[name]
-    return Key(name, value, accepted if isinstance(rig, JointedRig) else _accepted(rig, name, accepted))
-
-
-def _of_contact(rig: Rig, hz: float, level: float) -> dict[str, Scalar]:
-    """Numbers of a rig with one contact, without those that do nothing along a curve."""
-    idle = drift_scalars(rig)
-    return {key: scalar for key, scalar in scalars_at(rig, hz, level).items() if key not in idle}
-
-
-def _accepted(rig: Rig, name: str, unit: str) -> Parameter:
-    """Bounds of a number, as the rig file has them."""
-    if name.startswith(FRICTION):
-        return described(type(rig.contact.law))[name.removeprefix(FRICTION)]
-    signed = name in tone_scalars(rig.excitation) or name.endswith((".gain", ".delay"))
-    positive = name in (HZ, FORCE, LOAD) or name.startswith("beam.")
-    upper = np.inf
-    if name.endswith(".position") and not isinstance(rig.body, ModalBody):
-        upper = float(rig.body.length)
-    lower = -np.inf if signed else 0.0
-    if name == "beam.length":
-        lower, positive = max(rig.excitation.position, *(c.position for c in rig.channels)), False
-    return Parameter(unit, "", "", lower=lower, upper=upper, strict=positive)
+    return Key(name, *known[name])
 
 
 def check_value(rig: AnyRig, key: Key, value: float) -> None:
@@ -111,22 +78,10 @@ def check_value(rig: AnyRig, key: Key, value: float) -> None:
     above = value > p.lower if p.strict else value >= p.lower
     if not (above and value <= p.upper and np.isfinite(value)):
         raise ValueError(f"{key.name} = {value:g}; must be {p.bound}")
-    if isinstance(rig, Rig) and key.name.startswith(FRICTION):
-        law = with_number(rig, key.name, value).contact.law
-        for name, other in described(type(law)).items():
-            if other.at_least is not None and getattr(law, name) < getattr(law, other.at_least):
-                raise ValueError(f"{key.name} = {value:g}; {name} must be >= {other.at_least}")
-
-
-def with_value(rig: AnyRig, key: str, value: float) -> AnyRig:
-    """The rig with another value of a number.
-
-    Raises
-    ------
-    KeyError
-        If it has no such number.
-    """
-    return rig.with_number(key, value) if isinstance(rig, JointedRig) else with_number(rig, key, value)
+    if key.name in rig.numbers:
+        for low, other in rig.with_number(key.name, value).too_low:
+            name, least = (k.rpartition(".")[2] for k in (low, other))
+            raise ValueError(f"{key.name} = {value:g}; {name} must be >= {least}")
 
 
 class ParameterBalance:
@@ -176,7 +131,7 @@ class ParameterBalance:
         """The rig with that value."""
         if self.key.name in (HZ, FORCE):
             return self.rig
-        return with_value(self.rig, self.key.name, self.value_at(lam))
+        return self.rig.with_number(self.key.name, self.value_at(lam))
 
     def at(self, lam: float) -> AnyBalance:
         """The balance of the rig with that value, in the units of the first."""
@@ -197,8 +152,8 @@ class ParameterBalance:
     @cached_property
     def _references(self) -> list[Array]:
         """Modes at values over the range, each with the signs that follow from those before."""
-        rigs = [self.rig_at(float(lam)) for lam in np.linspace(0.0, 1.0, REFERENCES)]
-        first, *others = [rig.reduction.kept for rig in rigs if isinstance(rig, Rig)]
+        each = [self.rig_at(float(lam)).followed_modes for lam in np.linspace(0.0, 1.0, REFERENCES)]
+        first, *others = [kept for kept in each if kept is not None]
         modes = [first]
         for kept in others:
             if kept.shape != modes[-1].shape:  # modes come or go with a resonator's frequency
@@ -206,20 +161,13 @@ class ParameterBalance:
             modes.append(kept * _signs(modes[-1], kept))
         return modes
 
-    def _mode_signs(self, rig: Rig, lam: float) -> Array:
-        """Sign (n,) that each mode of the rig at `lam` has against those before."""
-        i = round(min(max(lam, 0.0), 1.0) * (REFERENCES - 1))
-        return _signs(self._references[min(i, len(self._references) - 1)], rig.reduction.kept)
-
     def signs(self, problem: AnyBalance, lam: float) -> Array:
         """Sign (size,) of each unknown here against that of the balance of the rig at `lam`."""
-        signs, rig = np.ones(problem.size), problem.rig
-        if not isinstance(rig, Rig) or isinstance(rig.body, ModalBody):
-            return signs
-        if not rig.attachments or self.key.name.startswith(FRICTION):
-            return signs
-        modes = signs[: -self.basis.size].reshape(self.basis.size, -1)
-        modes[:] = self._mode_signs(rig, lam)
+        signs, kept = np.ones(problem.size), problem.rig.followed_modes
+        if kept is not None and not self.key.name.startswith(FRICTION):
+            i = round(min(max(lam, 0.0), 1.0) * (REFERENCES - 1))
+            modes = signs[: -self.basis.size].reshape(self.basis.size, -1)
+            modes[:] = _signs(self._references[min(i, len(self._references) - 1)], kept)
         return signs
 
     # ---- the interface of continuation.Problem

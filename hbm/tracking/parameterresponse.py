@@ -16,7 +16,7 @@ from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
-from hbm.response.accuracy import JUDGED, LADDER, TOLERANCE, finer, judged_scales, relative_change
+from hbm.response.accuracy import LADDER, TOLERANCE, finer, relative_change, scales_of
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import EXCURSION, first_solution, solve_near, trace_settings
@@ -112,7 +112,7 @@ def parameter_response(
     rig : Rig
     key : str
         Key of the number in the rig file, such as ``contact.friction.mu`` or ``beam.length``, of
-        :func:`hbm.sensitivity.derivatives.rig_scalars`; ``frequency_hz`` for the excitation frequency.
+        :func:`hbm.sensitivity.scalars.solution_numbers`; ``frequency_hz`` for the excitation frequency.
     values : (float, float)
         First and last value, either may be the larger.
     hz : float, optional
@@ -232,7 +232,7 @@ def _choose_harmonics(along: Callable[[int, int | None], ParameterBalance], budg
     pilot = along(7, 128)
     branch = _trace(pilot, 1.0 / 20, budget)
     points = [pilot.describe(p.x, p.lam) for p in branch.points]
-    scales = _scales(points)
+    scales = scales_of(pilot.rig, points)
     found = [(branch.points[i].lam, points[i]) for i in _telling(points)]
     for H in LADDER:
         coarse, fine = along(H, default_samples(finer(H))), along(finer(H), None)
@@ -250,14 +250,9 @@ def _error(curve: ParameterCurve) -> float:
     fine = ParameterBalance(
         curve.rig.with_modes(2 * n), along.key, along.values, refined, hz=along.hz_at(0.0), level=along.level_at(0.0)
     )
-    scales, points = _scales(curve.points), curve.branch.points
+    scales, points = scales_of(curve.rig, curve.points), curve.branch.points
     moved = [
         relative_change(curve.points[i], _again(fine, points[i].lam, curve.points[i]), scales)
         for i in _telling(curve.points)
     ]
     return max((m for m in moved if np.isfinite(m)), default=float("nan"))
-
-
-def _scales(points: Sequence[PeriodicSolution]) -> dict[str, float]:
-    names = [name for name in points[0].channels if name in JUDGED or ".force" in name]
-    return judged_scales({name: max(p.channels[name].peak for p in points) for name in names})

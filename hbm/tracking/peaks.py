@@ -23,7 +23,6 @@ from hbm.parallel import one_thread
 from hbm.response.trace import trace_frequency
 from hbm.sensitivity.derivatives import changes
 from hbm.sensitivity.scalars import FORCE, HZ
-from hbm.tracking.parameter import with_value
 from models.jointed import AnyRig
 
 FIRST_STRIDE = 1e-3
@@ -46,7 +45,7 @@ class Peaks:
     Attributes
     ----------
     key, channel : str
-        Key of the number that is varied, as in :func:`models.numbers.number`; and the channel whose peak it is.
+        Key of the number that is varied, as in the rig file; and the channel whose peak it is.
     values : (p,) array
         Values of the number.
     points : tuple of PeriodicSolution
@@ -122,7 +121,7 @@ def follow_peak(
     """
     expect_rig(rig, "follow_peak", joints=True)
     basis, held = FourierBasis(harmonics, samples or default_samples(harmonics)), (key, channel)
-    curve = _Curve(with_value(rig, key, values[0]), basis, *held)
+    curve = _Curve(rig.with_number(key, values[0]), basis, *held)
     if start is None:
         points = trace_frequency(curve.rig, harmonics=harmonics, samples=samples).points
         start = max(points, key=lambda p: p[channel].peak)
@@ -224,7 +223,7 @@ def _followed(
     rig: AnyRig, peak: _Place, ends: tuple[float, float], basis: FourierBasis, held: tuple[str, str], halvings: int = 0
 ) -> _Place:
     """Peak at the other end of a step of the number; the step is halved where it is too long."""
-    curve = _Curve(with_value(rig, held[0], ends[1]), basis, *held)
+    curve = _Curve(rig.with_number(held[0], ends[1]), basis, *held)
     try:
         return curve.peak(curve.near(peak.ahead(ends[1] - ends[0]), peak.tangent))
     except (ConvergenceError, ArithmeticError):

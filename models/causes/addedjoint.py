@@ -76,8 +76,11 @@ class AddedJoint(Cause):
         The place it is joined to; the ground where empty.
     numbers : tuple of Number
         Strengths first.
+    made : type
+        Class of the law, where it takes the numbers by their keys.
     """
 
+    made: ClassVar[type[JointLaw]]
     numbers: ClassVar[tuple[Number, ...]]
     rigs: ClassVar[tuple[type, ...]] = (JointedRig,)
 
@@ -96,10 +99,10 @@ class AddedJoint(Cause):
         """Name and place."""
         return f"{self.name} {self.at}" + f" to {self.to}" * bool(self.to)
 
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
+    @classmethod
+    def law(cls, values: Mapping[str, float]) -> JointLaw:
         """The law with values of its numbers, by their keys."""
-        raise NotImplementedError
+        return cls.made(**values)
 
     @staticmethod
     def held(values: Mapping[str, float]) -> float:

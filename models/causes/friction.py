@@ -16,7 +16,6 @@ from models.friction.extended import (
     asymmetric,
     beside_dashpot,
 )
-from models.numbers import with_number
 from models.parts import ModalBody
 from models.rig import Rig
 
@@ -218,7 +217,7 @@ class VariableNormalLoad(Cause):
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Scale the variation."""
-        return with_number(rig, "contact.load_variation", values["scale"])
+        return rig.with_number("contact.load_variation", values["scale"])
 
 
 def _jenkins(rig: Rig) -> Jenkins:

@@ -20,11 +20,7 @@ class LocalSpring(AddedJoint):
     confused_with = "parameter:modal.frequencies_hz[i]"
     check = "look for what touches the structure there, free it and repeat the records missed most"
     numbers = (Number("stiffness", "N/m", "linear", (1, -1, 0), signed=True),)
-
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
-        """A spring."""
-        return PolynomialSpring(**values)
+    made = PolynomialSpring
 
 
 class LocalDamper(AddedJoint):
@@ -36,11 +32,7 @@ class LocalDamper(AddedJoint):
     confused_with = "parameter:damping.modal_ratios[i]"
     check = "look for what rubs or shears there, take it away and let the structure ring down"
     numbers = (Number("coefficient", "N s/m", "linear", (1, -1, -1)),)
-
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
-        """A dashpot."""
-        return Dashpot(**values)
+    made = Dashpot
 
 
 class QuadraticDamping(AddedJoint):
@@ -52,11 +44,7 @@ class QuadraticDamping(AddedJoint):
     confused_with = "local-damper at one level, local-microslip"
     check = "let the structure ring down from a high level: the damping ratio must fall with the amplitude"
     numbers = (Number("coefficient", "N s2/m2", "quadratic", (1, -2, -2)),)
-
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
-        """A dashpot."""
-        return Dashpot(**values)
+    made = Dashpot
 
 
 class CubicStiffness(AddedJoint):
@@ -68,11 +56,7 @@ class CubicStiffness(AddedJoint):
     confused_with = "two-sided-stop, quintic-stiffness"
     check = "measure the resonance at three levels: its frequency must move with the square of the amplitude"
     numbers = (Number("cubic", "N/m3", "cubic", (1, -3, 0), signed=True),)
-
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
-        """A spring."""
-        return CubicSpring(**values)
+    made = CubicSpring
 
 
 class PolynomialStiffness(AddedJoint):
@@ -88,11 +72,7 @@ class PolynomialStiffness(AddedJoint):
         Number("quadratic", "N/m2", "quadratic", (1, -2, 0), signed=True),
         Number("cubic", "N/m3", "cubic", (1, -3, 0), signed=True),
     )
-
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
-        """A spring."""
-        return PolynomialSpring(**values)
+    made = PolynomialSpring
 
 
 class QuinticStiffness(AddedJoint):
@@ -108,11 +88,7 @@ class QuinticStiffness(AddedJoint):
         Number("cubic", "N/m3", "cubic", (1, -3, 0), signed=True),
         Number("quintic", "N/m5", "quintic", (1, -5, 0), signed=True),
     )
-
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
-        """A spring."""
-        return PolynomialSpring(**values)
+    made = PolynomialSpring
 
 
 class OneSidedStop(AddedJoint):
@@ -127,11 +103,7 @@ class OneSidedStop(AddedJoint):
         Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
         Number("gap", "m", "gap", (0, 1, 0), (*ONSETS, *(-s for s in ONSETS), 0.0), signed=True),
     )
-
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
-        """A stop."""
-        return Stop(**values)
+    made = Stop
 
 
 class TwoSidedStop(AddedJoint):
@@ -146,11 +118,7 @@ class TwoSidedStop(AddedJoint):
         Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
         Number("gap", "m", "gap", (0, 1, 0), ONSETS),
     )
-
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
-        """Stops."""
-        return Clearance(**values)
+    made = Clearance
 
 
 class LocalFriction(AddedJoint):
@@ -168,8 +136,8 @@ class LocalFriction(AddedJoint):
         Number("critical_slip", "m", "critical_slip", (0, 1, 0), ONSETS),
     )
 
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
+    @classmethod
+    def law(cls, values: Mapping[str, float]) -> JointLaw:
         """Friction whose limit is its load: the coefficient is one."""
         return Friction(Jenkins(1.0, values["critical_slip"]), values["normal_load"])
 
@@ -187,8 +155,8 @@ class LocalMicroslip(AddedJoint):
         Number("limit", "N", "normal_load", (1, 0, 0), ONSETS),
     )
 
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
+    @classmethod
+    def law(cls, values: Mapping[str, float]) -> JointLaw:
         """Friction whose limit is its load."""
         return Friction(Iwan(1.0, values["stiffness"]), values["normal_load"])
 
@@ -236,8 +204,8 @@ class LocalDahl(AddedJoint):
         Number("limit", "N", "normal_load", (1, 0, 0), ONSETS),
     )
 
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
+    @classmethod
+    def law(cls, values: Mapping[str, float]) -> JointLaw:
         """Friction whose limit is its load."""
         return Friction(Dahl(1.0, values["stiffness"]), values["normal_load"])
 
@@ -258,8 +226,8 @@ class LocalLuGre(AddedJoint):
         Number("stribeck_velocity", "m/s", "stribeck_velocity", (0, 1, 1), (0.05, 0.3)),
     )
 
-    @staticmethod
-    def law(values: Mapping[str, float]) -> JointLaw:
+    @classmethod
+    def law(cls, values: Mapping[str, float]) -> JointLaw:
         """Friction whose limit is its load."""
         v = dict(values)
         load = v.pop("normal_load")

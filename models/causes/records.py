@@ -8,7 +8,6 @@ from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
 from models.friction import describe
 from models.jointed import AnyRig
-from models.numbers import number, with_number
 from models.parts import Drift
 from models.rig import Rig
 
@@ -84,7 +83,7 @@ class NotSteady(Cause):
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Let the records have transients that decay so."""
         rig = replace(rig, excitation=replace(rig.excitation, settled=False))
-        return with_number(rig, ALPHA, 2.0 * values["decay_rate"]) if values else rig
+        return rig.with_number(ALPHA, 2.0 * values["decay_rate"]) if values else rig
 
 
 @dataclass(frozen=True)
@@ -111,7 +110,7 @@ class ParameterDrift(Cause):
         keys = [*([STIFFNESS] if isinstance(rig.body, Beam) else []), *([] if rig.damping.modal_ratios else [ALPHA])]
         keys += [LOAD, *(LAW + name for name in describe(type(rig.contact.law)))]
         drifting = {drift.parameter for drift in rig.drift}
-        yield from (cls(key) for key in keys if key not in drifting and number(rig, key) > 0.0)
+        yield from (cls(key) for key in keys if key not in drifting and rig.number(key) > 0.0)
 
     @property
     def label(self) -> str:

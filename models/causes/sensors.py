@@ -3,25 +3,55 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import combinations
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
 from models.jointed import AnyRig, JointedRig
-from models.numbers import number, with_number
 from models.parts import ModalBody
-from models.rig import Rig
 
 
 @dataclass(frozen=True)
-class SensorGain(Cause):
-    """A channel that reads a multiple of the truth; -1 is a wrong polarity.
+class OfChannel(Cause):
+    """A number of one channel of motion that is wrong.
 
     Attributes
     ----------
+    number : str
+        Its key among those of the channel.
     channel : str
     """
 
+    number: ClassVar[str]
+
+    channel: str
+
+    @classmethod
+    def candidates(cls, rig: AnyRig) -> Iterator[Self]:
+        """Offer one for each channel of motion."""
+        yield from (cls(c.name) for c in rig.response_channels)
+
+    @property
+    def label(self) -> str:
+        """Name and channel."""
+        return f"{self.name} {self.channel}"
+
+    @property
+    def key(self) -> str:
+        """Key of the number in the rig file."""
+        return f"channels.{self.channel}.{self.number}"
+
+    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
+        """Set the number."""
+        (value,) = values.values()
+        return rig.with_number(self.key, value)
+
+
+@dataclass(frozen=True)
+class SensorGain(OfChannel):
+    """A channel that reads a multiple of the truth; -1 is a wrong polarity."""
+
+    number: ClassVar[str] = "gain"
     name: ClassVar[str] = "sensor-gain"
     meaning: ClassVar[str] = "one channel reads gain times the truth"
     looks_like: ClassVar[str] = "one channel only, the same factor everywhere"
@@ -31,38 +61,17 @@ class SensorGain(Cause):
     )
     rigs: ClassVar[tuple[type, ...]] = EITHER
 
-    channel: str
-
-    @classmethod
-    def candidates(cls, rig: AnyRig) -> Iterator["SensorGain"]:
-        """Offer one for each channel of motion."""
-        yield from (cls(c.name) for c in rig.response_channels)
-
-    @property
-    def label(self) -> str:
-        """Name and channel."""
-        return f"{self.name} {self.channel}"
-
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The gain."""
-        key = f"channels.{self.channel}.gain"
-        now = number(rig, key)
-        return (Unknown("gain", "1", key, -100.0, 100.0, now, (now, -now)),)
-
-    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
-        """Set the gain."""
-        return with_number(rig, f"channels.{self.channel}.gain", values["gain"])
+        now = rig.number(self.key)
+        return (Unknown("gain", "1", self.key, -100.0, 100.0, now, (now, -now)),)
 
 
 @dataclass(frozen=True)
-class SensorDelay(Cause):
-    """A channel that lags.
+class SensorDelay(OfChannel):
+    """A channel that lags."""
 
-    Attributes
-    ----------
-    channel : str
-    """
-
+    number: ClassVar[str] = "delay"
     name: ClassVar[str] = "sensor-delay"
     meaning: ClassVar[str] = "one channel lags"
     looks_like: ClassVar[str] = "one channel only, a phase that grows with the frequency"
@@ -73,68 +82,35 @@ class SensorDelay(Cause):
     )
     rigs: ClassVar[tuple[type, ...]] = EITHER
 
-    channel: str
-
-    @classmethod
-    def candidates(cls, rig: AnyRig) -> Iterator["SensorDelay"]:
-        """Offer one for each channel of motion."""
-        yield from (cls(c.name) for c in rig.response_channels)
-
-    @property
-    def label(self) -> str:
-        """Name and channel."""
-        return f"{self.name} {self.channel}"
-
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The delay."""
-        key = f"channels.{self.channel}.delay"
-        now = number(rig, key)
-        return (Unknown("delay_s", "s", key, -1.0, 1.0, now, (now,)),)
-
-    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
-        """Set the delay."""
-        return with_number(rig, f"channels.{self.channel}.delay", values["delay_s"])
+        now = rig.number(self.key)
+        return (Unknown("delay_s", "s", self.key, -1.0, 1.0, now, (now,)),)
 
 
 @dataclass(frozen=True)
-class SensorPosition(Cause):
-    """A sensor that sits elsewhere.
+class SensorPosition(OfChannel):
+    """A sensor that sits elsewhere."""
 
-    Attributes
-    ----------
-    channel : str
-    """
-
+    number: ClassVar[str] = "position"
     name: ClassVar[str] = "sensor-position"
     meaning: ClassVar[str] = "one sensor sits elsewhere than its position says"
     looks_like: ClassVar[str] = "one channel only, a factor that differs between modes"
     confused_with: ClassVar[str] = "sensor-gain where one mode is measured"
     check: ClassVar[str] = "measure where the sensor sits"
 
-    channel: str
-
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["SensorPosition"]:
+    def candidates(cls, rig: AnyRig) -> Iterator[Self]:
         """Offer one for each channel of motion of a beam."""
         if isinstance(rig.body, Beam):
-            yield from (cls(c.name) for c in rig.response_channels)
+            yield from super().candidates(rig)
 
-    @property
-    def label(self) -> str:
-        """Name and channel."""
-        return f"{self.name} {self.channel}"
-
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The position; starts where it should be, and along the beam."""
         assert isinstance(rig.body, Beam)
-        key, L = f"channels.{self.channel}.position", float(rig.body.length)
-        now = number(rig, key)
+        now, L = rig.number(self.key), float(rig.body.length)
         elsewhere = (share * L for share in (0.15, 0.35, 0.55, 0.75, 0.95) if abs(share * L - now) > 0.05 * L)
-        return (Unknown("position", "m", key, 1e-6 * L, L, now, (now, *elsewhere)),)
-
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
-        """Move the sensor."""
-        return with_number(rig, f"channels.{self.channel}.position", values["position"])
+        return (Unknown("position", "m", self.key, 1e-6 * L, L, now, (now, *elsewhere)),)
 
 
 @dataclass(frozen=True)

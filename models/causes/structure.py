@@ -10,7 +10,6 @@ import numpy as np
 from models.attachments import PointMass, PointSpring, Resonator
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
-from models.numbers import with_number
 from models.rig import Rig
 
 TUNED = (1.2, 0.6, 0.8, 0.95, 1.1, 1.35, 1.6, 2.0, 3.2)
@@ -167,7 +166,7 @@ class StiffnessDamping(Cause):
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Set beta."""
-        return with_number(rig, "damping.stiffness_proportional", values["beta"])
+        return rig.with_number("damping.stiffness_proportional", values["beta"])
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,6 @@ from models.causes.friction import ViscousContact
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SwappedChannels
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportRotationSpring
-from models.numbers import with_numbers
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "data" / "examples"
 pytestmark = pytest.mark.skipif(not EXAMPLES.exists(), reason=f"the example measurements are not at {EXAMPLES}")
@@ -52,7 +51,7 @@ def truth(name):
 @cache
 def diagnosed(name, every, stiffer=1.0):
     rig, spectra = example(name, every)
-    rig = with_numbers(rig, {E: stiffer * rig.body.youngs_modulus})
+    rig = rig.with_numbers({E: stiffer * rig.body.youngs_modulus})
     return diagnose(rig, spectra, causes=CAUSES)
 
 
@@ -107,7 +106,7 @@ def test_exchanged_channels_are_found_beside_a_force():
 def test_no_cause_is_named_for_what_calibration_missed(monkeypatch):
     """Calibration that ends where it starts, from where a cause that does nothing leads to what tolerances explain."""
     rig, spectra = example("null", 6)
-    stiffer = with_numbers(rig, {E: 1.01 * rig.body.youngs_modulus})
+    stiffer = rig.with_numbers({E: 1.01 * rig.body.youngs_modulus})
 
     def stuck(model, campaign, last):
         return evaluate(model, campaign, model.start, last)
@@ -148,7 +147,7 @@ def test_score_of_a_small_effect_is_the_fall_of_chi2_of_a_refit():
     # a radius off by 3 %, on eight records, all of which the score test looks at
     rig, spectra = example("null", 6)
     radius = WrongParameter("contact.radius")
-    wrong = with_numbers(rig, {"contact.radius": 1.03 * rig.contact.radius})
+    wrong = rig.with_numbers({"contact.radius": 1.03 * rig.contact.radius})
     campaign, _ = campaign_of(wrong, spectra)
     bare = Model(wrong, {})
     nominal = evaluate(bare, campaign, bare.start, {})

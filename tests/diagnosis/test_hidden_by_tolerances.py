@@ -14,7 +14,6 @@ from models.causes.cause import candidates_of
 from models.causes.friction import ViscousContact
 from models.causes.parameter import WrongParameter
 from models.causes.structure import AddedMass
-from models.numbers import with_numbers
 from tests.hbm.rigs import beam
 
 E, STIFFER = "beam.youngs_modulus", 1.005
@@ -25,7 +24,7 @@ def diagnosed(coefficient):
     """A beam half a tolerance too stiff, whose contact is viscous too [N s/m]."""
     rig = beam(alpha=2.0)
     viscous = ViscousContact().extend(rig, {"coefficient": coefficient})
-    built = with_numbers(viscous, {E: STIFFER * rig.body.youngs_modulus})
+    built = viscous.with_numbers({E: STIFFER * rig.body.youngs_modulus})
     spectra = synthesize(built, LEVELS, HZ, snr=50.0, seed=1, harmonics=5).spectra
     return diagnose(rig, spectra, held_out=(), causes=(ViscousContact, AddedMass))
 

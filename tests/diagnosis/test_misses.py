@@ -20,7 +20,6 @@ from hbm.outputerror.model import FAR
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportRotationSpring
-from models.numbers import with_numbers
 
 CAUSES = (AddedMass, AddedSpring, ClampRotation, SupportRotationSpring, WrongParameter)
 CLAMPS = (ClampRotation, ClampFriction)
@@ -75,7 +74,7 @@ def test_a_number_far_beyond_its_tolerance_is_wrong(factor):
     """Young's modulus by 5.5 and 10 of them: calibration stays within its bounds, and is no base that hides it."""
     rig, spectra = read(9001)
     right = float(rig.body.youngs_modulus)
-    found = diagnose(with_numbers(rig, {E: factor * right}), spectra, causes=CAUSES)
+    found = diagnose(rig.with_numbers({E: factor * right}), spectra, causes=CAUSES)
     assert found.verdict in NAMED and found.cause == f"parameter:{E}", found
     assert found.parameters["value"].value == pytest.approx(right, rel=0.01)
     assert np.abs(found.calibrated.pulls).max() < FAR + 1e-9

@@ -28,7 +28,6 @@ from hbm.sensitivity.scalars import FORCE
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, ParameterDrift
-from models.numbers import at_record, number, with_number
 from models.parts import Drift
 from models.published import paper_rig
 from tests.truth import Coulomb, Settings, Tone, measure, scattered, simulate_records, table_1, write_rig, write_spectra
@@ -142,9 +141,9 @@ def test_rates_and_what_drifts_have_exact_derivatives(measured, exactly):
     first = few.simulate(rig, keys, {})
     here = simulated(few, rig, keys, first)
     for i, key in enumerate(keys):
-        now = number(rig, key)
+        now = rig.number(key)
         step = 1e-6 * (1.0 if key.endswith("rate") else now)
-        up, down = (simulated(few, with_number(rig, key, now + moved), keys, here) for moved in (step, -step))
+        up, down = (simulated(few, rig.with_number(key, now + moved), keys, here) for moved in (step, -step))
         for n in few.numbers:
             differences = (up[n].amplitudes - down[n].amplitudes) / (2 * step)
             # rounding of the solutions, over the step
@@ -226,7 +225,7 @@ def test_records_where_a_property_would_vanish_are_left_out(measured):
         few.simulate(replace(rig, drift=(Drift(MU, -0.2),)), (), {}, needed=(6,))
     assert list(few.simulate(replace(rig, drift=(Drift("contact.friction.stiffness", 1e-3),)), (), {})) == []
     with pytest.raises(ValueError, match=r"^drift of contact.friction.mu: 0 times its value in record 6; must be > 0$"):
-        at_record(replace(rig, drift=(Drift(MU, -0.2),)), 6)
+        replace(rig, drift=(Drift(MU, -0.2),)).at_record(6)
 
 
 def test_a_record_of_its_force_alone_counts_for_nothing(measured):
@@ -244,17 +243,17 @@ def test_a_record_of_its_force_alone_counts_for_nothing(measured):
 
 def test_a_record_has_its_own_numbers():
     rig = replace(paper_rig(), drift=(Drift(MU, 0.01), Drift(E, -0.02)))
-    assert at_record(rig, 1).drift == () and number(at_record(rig, 1), MU) == number(rig, MU)
-    fourth = at_record(rig, 4)
-    assert number(fourth, MU) == pytest.approx(1.03 * number(rig, MU), rel=1e-15)
-    assert number(fourth, E) == pytest.approx(0.94 * number(rig, E), rel=1e-15)
+    assert rig.at_record(1).drift == () and rig.at_record(1).number(MU) == rig.number(MU)
+    fourth = rig.at_record(4)
+    assert fourth.number(MU) == pytest.approx(1.03 * rig.number(MU), rel=1e-15)
+    assert fourth.number(E) == pytest.approx(0.94 * rig.number(E), rel=1e-15)
     record = SimpleNamespace(number=4, level=6.5, force=6.4)
     own, by_keys = in_record(rig, ("drift[1].rate", MU, E, LOAD), record)
     assert own == (E, MU, LOAD, FORCE)
     assert by_keys == pytest.approx(np.array([[3 * 210e9, 0, 0.94, 0], [0, 1.03, 0, 0], [0, 0, 0, 1.0], [0] * 4]))
-    assert number(with_number(rig, "drift[1].rate", 0.25), "drift[1].rate") == 0.25
+    assert rig.with_number("drift[1].rate", 0.25).number("drift[1].rate") == 0.25
     with pytest.raises(KeyError, match="is not a number of the rig"):
-        number(rig, "drift[2].rate")
+        rig.number("drift[2].rate")
 
 
 def test_what_drifts_already_is_not_offered_again():

@@ -11,14 +11,13 @@ from hbm.balance.clamp import ClampOverPeriod
 from hbm.balance.problem import HarmonicBalance
 from hbm.balance.slipping import SlippingBalance
 from hbm.balance.solution import PeriodicSolution
+from hbm.balance.symbolic import residual_function
 from hbm.fourier import FourierBasis
 from hbm.integration import integrate
 from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
-from hbm.symbolic import residual_function
 from models import Attachments, Channel, Dahl, Jenkins, Rig, Viscous
 from models.elements import MidplaneStretching
-from models.numbers import number, with_number
 from models.published import PAPER_BEAM, PAPER_PENALTY
 from models.structure import SpringPort
 from tests.truth.measure import coefficients
@@ -164,7 +163,7 @@ def test_derivatives_are_those_of_solutions_again(differentiated, key) -> None:
         start = {"harmonics": 7, "start": solution}
         if key == "frequency_hz":
             return steady_state(rig, 51.0 * factor, **start)
-        return steady_state(with_number(rig, key, number(rig, key) * factor), 51.0, **start)
+        return steady_state(rig.with_number(key, rig.number(key) * factor), 51.0, **start)
 
     above, below = again(1 + h), again(1 - h)
     for name in ("a1", "a3", "drive", "slip", "friction", "normal"):

@@ -16,7 +16,6 @@ from hbm.tracking.parameter import ParameterBalance, parameter_key
 from models import ContactSample, Rig
 from models.attachments import Attachments, Resonator
 from models.friction import parameter
-from models.numbers import with_number
 from tests.slopes import check_plane
 
 C1, C3, C5, GAMMA = 0.1, -0.25, 0.15, 0.2
@@ -89,7 +88,7 @@ def test_folds_of_friction_are_where_the_response_turns(key: str, within: tuple[
     curve = trace_frequency(rig, (48.4, 49.0), harmonics=3, samples=128)
     path = fold_path(curve, within, key=key, max_points=20)
     assert all(isinstance(part, ChordCurve) for part in path.parts)  # stick and slip: followed by chords
-    again = trace_frequency(with_number(rig, key, at), (48.4, 49.0), harmonics=3, samples=128)
+    again = trace_frequency(rig.with_number(key, at), (48.4, 49.0), harmonics=3, samples=128)
     found = [fold.lam * path.plane.along.first.hz_ref for fold in path.at(at)]
     assert found
     for hz in found:

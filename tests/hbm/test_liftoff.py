@@ -15,7 +15,6 @@ from hbm.response.bifurcations import stability_of
 from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
 from models import Attachments, Channel, Frictionless, Rig
-from models.numbers import with_number
 from models.published import PAPER_PENALTY
 from tests.truth.measure import coefficients
 
@@ -147,7 +146,7 @@ def test_derivatives_are_those_of_solutions_again(differentiated, key: str) -> N
             return steady_state(rig, HZ * factor, level=DIFFERENTIATED, **settings)
         if key == "excitation.amplitude":
             return steady_state(rig, HZ, level=DIFFERENTIATED * factor, **settings)
-        return steady_state(with_number(rig, key, s.values[i] * factor), HZ, level=DIFFERENTIATED, **settings)
+        return steady_state(rig.with_number(key, s.values[i] * factor), HZ, level=DIFFERENTIATED, **settings)
 
     above, below = again(1 + h), again(1 - h)
     for name in ("a1", "a2", "d", "drive", "friction", "normal"):

@@ -20,7 +20,6 @@ from hbm.tracking.parameterresponse import parameter_response
 from models import ContactSample, Rig
 from models.attachments import Attachments, PointMass, Resonator
 from models.friction import parameter
-from models.numbers import number, with_number
 from models.published import PAPER_DAHL, paper_rig
 
 
@@ -67,7 +66,7 @@ KEYS = [
 @pytest.mark.parametrize(("rig", "key"), KEYS, ids=[key for _, key in KEYS])
 def test_newton_step_is_that_of_the_whole_residual(rig: Rig, key: str) -> None:
     """Along any direction of unknowns and number together, away from a solution: a secant, 1e-6 wide, is its truth."""
-    begin = 50.0 if key == "frequency_hz" else number(rig, key)
+    begin = 50.0 if key == "frequency_hz" else rig.number(key)
     known = parameter_key(rig, key, 50.0, 6.5)
     problem = ParameterBalance(rig, known, (begin, 1.1 * begin), FourierBasis(5, 64), hz=50.0, level=6.5)
     x = first_solution(problem.first, problem.first.lam_at(50.0))
@@ -89,7 +88,7 @@ def test_newton_step_is_that_of_the_whole_residual(rig: Rig, key: str) -> None:
     [(beam(), "contact.friction.critical_slip"), (beam(PAPER_DAHL), "contact.radius"), (ATTACHED, "beam.thickness")],
 )
 def test_derivative_to_the_number_is_exact(rig: Rig, key: str) -> None:
-    begin = number(rig, key)
+    begin = rig.number(key)
     problem = ParameterBalance(
         rig, parameter_key(rig, key, 50.0, 6.5), (begin, 1.1 * begin), FourierBasis(5, 64), hz=50.0, level=6.5
     )
@@ -115,7 +114,7 @@ def test_points_are_steady_states_of_their_rig(rig: Rig, key: str, values: tuple
     assert curve.values[[0, -1]].tolist() == list(values)
     for i in (0, len(curve.points) // 2, -1):
         value, point = float(curve.values[i]), curve.points[i]
-        there = rig if hz is None else with_number(rig, key, value)
+        there = rig if hz is None else rig.with_number(key, value)
         alone = steady_state(there, hz or value, harmonics=5, start=point)
         assert point.hz == alone.hz and point.level == pytest.approx(alone.level)
         for name, channel in alone.channels.items():
@@ -168,7 +167,7 @@ def test_a_stretch_that_more_samples_judge_otherwise_is_in_doubt(monkeypatch: py
     assert curve.doubtful.any()
     assert not curve.stable[curve.doubtful].any()
     i = int(np.argmax(curve.doubtful))
-    assert abs(marched(curve.points[i], with_number(paper_rig(), "contact.friction.mu", float(curve.values[i])))) < 1.0
+    assert abs(marched(curve.points[i], paper_rig().with_number("contact.friction.mu", float(curve.values[i])))) < 1.0
     assert not curve.bifurcations
 
 

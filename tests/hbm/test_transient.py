@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hbm.integration import integrate
+from hbm.outputerror.transients import transients
 from hbm.response import trace as response
-from hbm.stability.transients import transients
 from models import Channel, Contact, Damping, Excitation, Frictionless, Jenkins, ModalBody, Rig
 from models.published import paper_rig
 

@@ -35,7 +35,6 @@ from models.friction.extended import (
     asymmetric,
     beside_dashpot,
 )
-from models.numbers import number, with_number
 from tests.truth import (
     AddedMass,
     ClampRotation,
@@ -147,7 +146,7 @@ def test_candidates_say_what_they_are_and_have_starts_within_their_bounds(rig):
         for i in range(max((len(u.starts) for u in cause.unknowns(rig)), default=1)):
             values = {u.name: u.starts[min(i, len(u.starts) - 1)] for u in cause.unknowns(rig)}
             extended = cause.extend(rig, values)
-            assert {u.name: number(extended, u.key) / u.times for u in cause.unknowns(rig)} == values
+            assert {u.name: extended.number(u.key) / u.times for u in cause.unknowns(rig)} == values
 
 
 def test_nothing_is_offered_where_it_makes_no_sense():
@@ -180,11 +179,11 @@ def test_numbers_of_a_rig_are_found_and_changed_by_their_keys():
         rig = more.extend(rig, of)
     lists = ("attachments.resonators[0].mass", "elements[0].axial_stiffness", "elements[1].gap")
     for key in ("beam.length", "channels.a3.gain", "contact.friction.mu", *lists):
-        assert number(with_number(rig, key, 0.625), key) == 0.625
+        assert rig.with_number(key, 0.625).number(key) == 0.625
     none = ("attachments.resonators[1].mass", "elements[0].gap", "elements[2].gap", "elements.gap")
     for key in ("beam.colour", "channels.a9.gain", *none, "contact.law", "beam", "x.y"):
         with pytest.raises(KeyError, match="is not a number of the rig"):
-            number(rig, key)
+            rig.number(key)
 
 
 # ---- at the neutral value
@@ -238,7 +237,7 @@ def test_derivatives_are_those_of_neighbouring_solutions_and_work_is_balanced(la
     s = sensitivities(extended, here, [u.key for u in unknowns])
     assert s.units == tuple(u.unit for u in unknowns)
     for i, u in enumerate(unknowns):
-        assert number(extended, u.key) == values[u.name]
+        assert extended.number(u.key) == values[u.name]
         size = values[u.name]
         left = []
         for step in (2e-5, 1e-5):

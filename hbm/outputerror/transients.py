@@ -58,10 +58,6 @@ def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transien
     harmonics : int
         H.
 
-    Returns
-    -------
-    Transients
-
     Raises
     ------
     ValueError
