@@ -151,6 +151,11 @@ class FourierBasis:
         )
 
     @cached_property
+    def doubled(self) -> "FourierBasis":
+        """Twice the harmonics on the same samples, which must be more than four a period of the highest."""
+        return FourierBasis(2 * self.H, self.N_t)
+
+    @cached_property
     def exact_products(self) -> "FourierBasis":
         """The coarsest basis whose samples carry products of two series without aliasing into 0..H."""
         return FourierBasis(self.H, 3 * self.H + 2)
