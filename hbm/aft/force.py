@@ -177,7 +177,10 @@ class LawOverPeriod(SteadyPeriod):
         self._show(signals, Omega, environment)
         T, basis = self._forces.copy(), self.basis
         by: dict[int, Array] = {}
-        for i, slope in zip(self.functions.active, self._projected(), strict=True):
+        now, before, ever = shown(basis)
+        inputs = [now if i < DT else before if i > DT else ever for i in self.functions.active]
+        projections = projected(self._local, 1, basis, inputs, self._first_period)
+        for i, (slope,) in zip(self.functions.active, projections, strict=True):
             i = i if i <= DT else i - DT - 1
             by[i] = by[i] + slope if i in by else slope
         by_u, by_v = by.get(0), by.get(1)
@@ -249,15 +252,3 @@ class LawOverPeriod(SteadyPeriod):
         compliance = np.zeros_like(change.Omega) if change.compliance is None else change.compliance
         law = [np.broadcast_to(value, dt.shape) for value in (*change.law, compliance)]
         return np.stack([*(inputs[i] for i in self.functions.active), *law], axis=1)
-
-    def _projected(self) -> list[Array]:
-        """Derivatives of the force's coefficients to those of each active input, (2H+1, 2H+1); to dt (2H+1, 1)."""
-        now, before, ever = shown(self.basis)
-        inputs = [now if i < DT else before if i > DT else ever for i in self.functions.active]
-
-        def virgin() -> Array:
-            self._carried[:] = 0.0
-            self._shown, self._sloped = (None, 0.0), False
-            return self._local
-
-        return [by[0] for by in projected(self._local, 1, self.basis, inputs, virgin)]

@@ -141,16 +141,6 @@ class JointOverPeriod(SteadyPeriod):
             by_Omega -= by_inputs[-1][:, :, 0] * 2 * np.pi / (Omega**2 * basis.N_t)
         return JointForces(f, tuple(found), by_used, by_Omega.T)
 
-    def _first_period(self) -> Array:
-        """Derivatives along the period from the virgin state; the buffers go on holding the steady one."""
-        steady, local = self._carried.copy(), self._local.copy()
-        self._carried[:] = 0.0
-        self._with_slopes()
-        first = self._slopes.copy()
-        self._carried[:] = steady
-        self._slopes[:] = local
-        return first
-
     def along(self, signals: Array, Omega: float, numbers: Array, compliance: Array) -> Array:
         """Derivatives of the coefficients of the forces to numbers of the law, signals held, (2H+1, m, c).
 

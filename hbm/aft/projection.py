@@ -60,36 +60,66 @@ def projected(
     list of (outputs, 2H+1, c) arrays
     """
     n = local.shape[1] - outputs
-    stays = _stays(local, outputs) if n == 1 else []
-    if stays is None or n > 1:
+    pulls: list[Pull] | None = [] if n == 0 else _pulls(local, outputs, basis.analysis, virgin) if n == 1 else None
+    if pulls is None:
         by_samples = gradients(local, outputs, basis.analysis, virgin)
         return [by @ shown.samples for by, shown in zip(by_samples, inputs, strict=True)]
     at_once = _at_once(local[:, :outputs, n:], basis)
     found = [by if shown.series is None else by @ shown.series for by, shown in zip(at_once, inputs, strict=True)]
-    if stays:
-        anchors = [begin for begin, _ in stays]
-        pulled = np.stack([_sum_between(basis.analysis, local[:, :outputs, 0], *stay) for stay in stays], axis=2)
-        for by, shown, dragged in zip(found, inputs, local[anchors, outputs, n:].T, strict=True):
-            by += (pulled * dragged) @ shown.samples[anchors]
+    if pulls:
+        at = [pull.sample for pull in pulls]
+        pulled = np.stack([pull.force for pull in pulls], axis=2)
+        followed = np.array([pull.followed for pull in pulls]).T
+        for by, shown, slopes in zip(found, inputs, followed, strict=True):
+            by += (pulled * slopes) @ shown.samples[at]
     return found
 
 
-def _stays(local: Array, outputs: int) -> list[tuple[int, int]] | None:
-    """Stretches over which an anchor stays: the samples around each, at which it is dragged.
+class Pull(NamedTuple):
+    """What an anchor that was dragged at a sample does to the coefficients of the outputs while it stays.
 
-    None where the state is no such anchor, or one that is never dragged.
+    Attributes
+    ----------
+    sample : int
+    followed : (inputs,) array
+        Derivatives of the anchor to the inputs of that sample.
+    force : (outputs, m) array
+        Derivatives of the coefficients to the anchor.
     """
+
+    sample: int
+    followed: Array
+    force: Array
+
+
+def _pulls(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) -> list[Pull] | None:
+    """Where an anchor was dragged and then stayed; None where the state is no such anchor."""
+    if not _is_anchor(local, outputs):
+        return None
+    dragged, slopes = _dragged(local, outputs), local[:, :outputs, 0]
+    if len(dragged):
+        stays = [(int(dragged[i]), int(dragged[i + 1])) for i in np.flatnonzero(dragged[1:] - dragged[:-1] > 1)]
+        if dragged[-1] - dragged[0] < len(local) - 1:
+            stays.append((int(dragged[-1]), int(dragged[0])))
+        return [Pull(begin, local[begin, outputs, 1:], _sum_between(W, slopes, begin, end)) for begin, end in stays]
+    force, first = np.asarray((W @ slopes).T), virgin()
+    if not _is_anchor(first, outputs):
+        return None
+    return [Pull(int(i), first[i, outputs, 1:], force) for i in _dragged(first, outputs)[-1:]]
+
+
+def _is_anchor(local: Array, outputs: int) -> bool:
+    """Whether the state either stays or is dragged along, its past forgotten, at every sample."""
     kept, by_inputs = local[:, outputs, 0], local[:, outputs, 1:]
-    dragged = np.flatnonzero(kept == 0.0)
     neither, squares = kept * kept - kept, by_inputs * by_inputs
-    largest = _ones(len(local)) @ squares
-    if not dragged.size or not neither @ neither < ROUNDING**2 or local[dragged, :outputs, 0].any():
-        return None
-    if (kept @ squares > ROUNDING**2 * largest).any():  # it drifts while it stays
-        return None
-    begins = np.flatnonzero(dragged[1:] - dragged[:-1] > 1)
-    around = [(int(dragged[-1]), int(dragged[0]))] if dragged[-1] - dragged[0] < len(local) - 1 else []
-    return [(int(dragged[i]), int(dragged[i + 1])) for i in begins] + around
+    if not neither @ neither < ROUNDING**2 or local[kept == 0.0, :outputs, 0].any():
+        return False
+    drifts = kept @ squares > ROUNDING**2 * (_ones(len(local)) @ squares)
+    return not drifts.any()
+
+
+def _dragged(local: Array, outputs: int) -> npt.NDArray[np.intp]:
+    return np.flatnonzero(local[:, outputs, 0] == 0.0)
 
 
 @lru_cache(maxsize=32)

@@ -17,10 +17,11 @@ import numpy.typing as npt
 from hbm.aft.force import ContactForce, Environment, LawOverPeriod
 from hbm.balance.clamp import ClampMotion, ClampOverPeriod
 from hbm.balance.elements import ElementSlope, ElementsOverPeriod
-from hbm.fourier import Array, FourierBasis
+from hbm.fourier import Array, FourierBasis, Turn
 from models.friction import parameters
 from models.parts import Excitation
 from models.rig import Rig
+from models.structure import ModalStructure
 
 Parameter = Literal["frequency", "force"]
 
@@ -148,9 +149,10 @@ class Balance:
         periods: int = 1,
     ) -> None:
         s = rig.structure
-        self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
+        self.rig, self.basis, self.parameter = rig, basis, parameter
         self.level = rig.excitation.amplitude if level is None else level
         self.fixed_hz, self.periods = hz, periods
+        self.take(s)
         self.units: Units = self._units() if like is None else like.units
         self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref = self.units
         self.Omega_ref = 2 * np.pi * self.hz_ref / periods
@@ -161,13 +163,20 @@ class Balance:
         self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
         self.law = LawOverPeriod(rig.contact.law, basis)
         self.environment, self.dynamic_lagrangian = self._environment(rig, like)
-        r = s.reaction
-        self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stiffness, r.stretch], axis=1)
         self._blocks: dict[bytes, DenseBlock] = {}
         self.coupling = rig.contact.normal_load * np.diag(s.shortening)
         self.coupled = self._coupled_modes()
 
     # ---- set-up
+
+    def take(self, structure: ModalStructure) -> None:
+        """Set the structure, with what is the same of it in all states."""
+        r = structure.reaction
+        self.structure, self.varies = structure, r.varies
+        self.rows = np.stack([structure.slip_row, r.inertia, r.damping, r.stiffness, r.stretch], axis=1)
+        self._stiffness, self._k_squared = structure.omega_n**2, (self.basis.k**2)[:, None]
+        self._crossed = self.basis.signed_k[:, None] * structure.damping
+        self._turn: tuple[float, Turn | None] = (0.0, None)
 
     def _units(self) -> "Units":
         omega_1 = float(self.structure.omega_n[0])
@@ -274,17 +283,20 @@ class Balance:
             Gq, pull = np.zeros_like(Q), None
         if self.dynamic_lagrangian:
             u -= self.dynamic_lagrangian * state.T
-        u += s.residual.slip_by_force * state.F * self.force_shape
+        if s.residual.slip_by_force:
+            u += s.residual.slip_by_force * state.F * self.force_shape
         clamp = None
         if self.clamp is not None:
             clamp = self.clamp.motion(self.clamp.held(Q, state.T, state.F * self.force_shape), Omega)
             u += self.clamp.port.residual[0] * clamp.slid
         signals[:, 1] = Omega * basis.derivative(u)
-        signals[:, 2] = self.reaction_of(rows[:, 1:4], Omega)
+        signals[:, 2:] = 0.0
+        if self.varies:
+            signals[:, 2] = self.reaction_of(rows[:, 1:4], Omega)
+            signals[:, 2] -= s.reaction.force_share * state.F * self.force_shape
+            signals[:, 3] = rows[:, 4]
+            signals[0, 3] -= s.reaction.friction_lever
         signals[0, 2] += self.rig.contact.normal_load
-        signals[:, 2] -= s.reaction.force_share * state.F * self.force_shape
-        signals[:, 3] = rows[:, 4]
-        signals[0, 3] -= s.reaction.friction_lever
         if self.clamp is not None and clamp is not None:
             signals[:, 2] += self.clamp.port.residual[-1] * clamp.slid
         if self.elements is None:
@@ -312,16 +324,23 @@ class Balance:
         k = np.arange(self.basis.H + 1)[:, None] * Omega
         return self.structure.omega_n**2 - k**2, k * self.structure.damping
 
+    def dynamic_turn(self, Omega: float) -> Turn:
+        """The dynamic stiffness as it acts on the coefficients of the modes [1/s2]."""
+        known, turn = self._turn
+        if turn is None or known != Omega:
+            direct = self._stiffness - Omega**2 * self._k_squared
+            turn = Turn(direct, Omega * self._crossed, self.basis.swapped)
+            self._turn = Omega, turn
+        return turn
+
     def _modal_balance(self, state: State, kin: Kinematics) -> Array:
         """Inertia, damping and stiffness minus friction, excitation and elements, per mode, (2H+1, n)."""
-        s, basis = self.structure, self.basis
-        Q, Omega = state.Q, state.Omega
-        force = np.outer(state.T, s.slip_row)
+        s = self.structure
+        balance = self.dynamic_turn(state.Omega).of(state.Q)
+        balance -= state.T[:, None] * s.slip_row
         if kin.pull is not None:
-            force -= kin.pull
-        balance = (s.omega_n**2 - (basis.k * Omega)[:, None] ** 2) * Q
-        balance += Omega * s.damping * basis.derivative(Q) - force
-        balance -= np.outer(state.F * self.force_shape, s.excitation)
+            balance += kin.pull
+        balance -= (state.F * self.force_shape)[:, None] * s.excitation
         if self.elements is not None and kin.elements is not None:
             balance -= kin.elements @ self.elements.rows
         if self.clamp is not None and kin.clamp is not None:
@@ -338,8 +357,10 @@ class Balance:
         """Derivative of the scaled balances, clamp excluded, to the scaled continuation parameter, (size,)."""
         s, basis, Q, Omega, shape = self.structure, self.basis, state.Q, state.Omega, self.force_shape
         if self.parameter == "frequency":
-            modal = s.damping * basis.derivative(Q) - (2 * Omega * basis.k**2)[:, None] * Q
-            d_rho = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
+            modal = self._crossed * Q[basis.swapped] - (2 * Omega * self._k_squared) * Q
+            d_rho = np.zeros(basis.size)
+            if self.varies:
+                d_rho = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
             law = -contact.by_Omega
             if slope is not None:
                 modal -= slope.by_Omega[:, :-1]

@@ -78,9 +78,7 @@ class SustainedContact(HarmonicBalance):
         """The same rig with another force and relief; it shares the buffers of its law."""
         other, s = copy(self), self.rig.structure
         reaction = replace(s.reaction, damping=s.reaction.damping - relief * s.reaction.inertia)
-        other.structure = replace(s, damping=s.damping - relief, reaction=reaction)
-        other.rows = self.rows.copy()
-        other.rows[:, 2] = reaction.damping
+        other.take(replace(s, damping=s.damping - relief, reaction=reaction))
         other.force, other.relief = force, relief
         return other
 
