@@ -60,39 +60,42 @@ def projected(
     list of (outputs, 2H+1, c) arrays
     """
     n = local.shape[1] - outputs
-    pulls: list[Pull] | None = [] if n == 0 else _pulls(local, outputs, basis.analysis, virgin) if n == 1 else None
+    pulls = _no_pulls(local, outputs) if n == 0 else _pulls(local, outputs, basis.analysis, virgin) if n == 1 else None
     if pulls is None:
         by_samples = gradients(local, outputs, basis.analysis, virgin)
         return [by @ shown.samples for by, shown in zip(by_samples, inputs, strict=True)]
     at_once = _at_once(local[:, :outputs, n:], basis)
     found = [by if shown.series is None else by @ shown.series for by, shown in zip(at_once, inputs, strict=True)]
-    if pulls:
-        at = [pull.sample for pull in pulls]
-        pulled = np.stack([pull.force for pull in pulls], axis=2)
-        followed = np.array([pull.followed for pull in pulls]).T
-        for by, shown, slopes in zip(found, inputs, followed, strict=True):
-            by += (pulled * slopes) @ shown.samples[at]
+    if len(pulls.samples):
+        there = {id(shown): shown.samples[pulls.samples] for shown in inputs}
+        force = pulls.force.reshape(len(pulls.force), -1).T
+        for by, shown, followed in zip(found, inputs, pulls.followed.T, strict=True):
+            by += (force @ (followed[:, None] * there[id(shown)])).reshape(by.shape)
     return found
 
 
-class Pull(NamedTuple):
-    """What an anchor that was dragged at a sample does to the coefficients of the outputs while it stays.
+class Pulls(NamedTuple):
+    """What an anchor that was dragged at J samples does to the coefficients of the outputs while it then stays.
 
     Attributes
     ----------
-    sample : int
-    followed : (inputs,) array
-        Derivatives of the anchor to the inputs of that sample.
-    force : (outputs, m) array
+    samples : sequence of J int
+    followed : (J, inputs) array
+        Derivatives of the anchor to the inputs of these samples.
+    force : (J, outputs, m) array
         Derivatives of the coefficients to the anchor.
     """
 
-    sample: int
+    samples: Sequence[int]
     followed: Array
     force: Array
 
 
-def _pulls(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) -> list[Pull] | None:
+def _no_pulls(local: Array, outputs: int) -> Pulls:
+    return Pulls((), local[:0, 0], local[:0, :outputs])
+
+
+def _pulls(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) -> Pulls | None:
     """Where an anchor was dragged and then stayed; None where the state is no such anchor."""
     if not _is_anchor(local, outputs):
         return None
@@ -101,11 +104,14 @@ def _pulls(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) ->
         stays = [(int(dragged[i]), int(dragged[i + 1])) for i in np.flatnonzero(dragged[1:] - dragged[:-1] > 1)]
         if dragged[-1] - dragged[0] < len(local) - 1:
             stays.append((int(dragged[-1]), int(dragged[0])))
-        return [Pull(begin, local[begin, outputs, 1:], _sum_between(W, slopes, begin, end)) for begin, end in stays]
-    force, first = np.asarray((W @ slopes).T), virgin()
+        begins = [begin for begin, _ in stays]
+        force = np.array([_sum_between(W, slopes, *stay) for stay in stays]).reshape(-1, outputs, len(W))
+        return Pulls(begins, local[begins, outputs, 1:], force)
+    held, first = np.asarray((W @ slopes).T), virgin()
     if not _is_anchor(first, outputs):
         return None
-    return [Pull(int(i), first[i, outputs, 1:], force) for i in _dragged(first, outputs)[-1:]]
+    last = _dragged(first, outputs)[-1:]
+    return Pulls(last.tolist(), first[last, outputs, 1:], held[None][: len(last)])
 
 
 def _is_anchor(local: Array, outputs: int) -> bool:
