@@ -74,8 +74,7 @@ class Frame:
 def frame_along(metric: Metric, state: Array, linearization: Linearization, row: Array) -> Frame | None:
     """Frame whose tangent has row . tangent > 0, or None where there is no unique tangent."""
     try:
-        row_x, row_lam = row[:-1], float(row[-1])  # the same object twice: a linearization keeps its factors by it
-        dx, dlam = linearization.solve_bordered(row_x, row_lam, np.zeros(state.size - 1), 1.0)
+        dx, dlam = linearization.solve_bordered(row[:-1], float(row[-1]), np.zeros(state.size - 1), 1.0)
     except np.linalg.LinAlgError:
         return None
     tangent = np.empty(state.size)
@@ -85,7 +84,7 @@ def frame_along(metric: Metric, state: Array, linearization: Linearization, row:
     if not (math.isfinite(length) and length > 0.0):
         return None
     tangent /= length
-    sign = linearization.determinant_sign(row_x, row_lam)
+    sign = linearization.determinant_sign(row[:-1], float(row[-1]))
     return Frame(state, tangent, metric.weights * tangent, sign)
 
 

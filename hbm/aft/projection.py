@@ -116,21 +116,19 @@ def _pulls(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) ->
 
 def _is_anchor(local: Array, outputs: int) -> bool:
     """Whether the state either stays or is dragged along, its past forgotten, at every sample."""
-    kept, by_inputs = local[:, outputs, 0], local[:, outputs, 1:]
-    neither, squares = kept * kept - kept, by_inputs * by_inputs
-    if not neither @ neither < ROUNDING**2 or local[kept == 0.0, :outputs, 0].any():
+    kept, *by_inputs = np.ascontiguousarray(local[:, outputs].T)
+    neither = kept * kept - kept
+    if not neither @ neither < ROUNDING**2 or (local[:, :outputs, 0].T * (kept == 0.0)).any():
         return False
-    drifts = kept @ squares > ROUNDING**2 * (_ones(len(local)) @ squares)
-    return not drifts.any()
+    for by_input in by_inputs:
+        drift = kept * by_input
+        if drift @ drift > ROUNDING**2 * (by_input @ by_input):
+            return False
+    return True
 
 
 def _dragged(local: Array, outputs: int) -> npt.NDArray[np.intp]:
     return np.flatnonzero(local[:, outputs, 0] == 0.0)
-
-
-@lru_cache(maxsize=32)
-def _ones(N_t: int) -> Array:
-    return np.ones(N_t)
 
 
 def _sum_between(W: Array, slopes: Array, begin: int, end: int) -> Array:

@@ -205,7 +205,7 @@ class Elimination:
     def _factor_with(self, row: Array, row_lam: float) -> "Factored":
         """Factors of the core with a border row; a chord, and the sign of a determinant, come with the row before."""
         known = self._factored
-        if known is None or known.row is not row or known.row_lam != row_lam:
+        if known is None or known.row_lam != row_lam or not (known.row is row or (known.row == row).all()):
             matrix, modes = self._bordered(row, row_lam)
             lu, pivots, info = lapack.dgetrf(matrix, overwrite_a=1)
             known = self._factored = Factored(row, row_lam, modes.ravel(), lu, pivots, info != 0)

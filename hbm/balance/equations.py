@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from hbm.aft.force import ContactForce, Environment, LawOverPeriod
 from hbm.balance.clamp import ClampMotion, ClampOverPeriod
+from hbm.balance.denseblock import DenseBlock
 from hbm.balance.elements import ElementSlope, ElementsOverPeriod
 from hbm.fourier import Array, FourierBasis, Turn
 from models.friction import parameters
@@ -65,38 +66,6 @@ class Kinematics:
     signals: Array
     elements: Array | None = None
     clamp: ClampMotion | None = None
-
-
-@dataclass(frozen=True)
-class DenseBlock:
-    """The coefficients whose parametric stiffness is kept in the Newton matrix.
-
-    Attributes
-    ----------
-    cosines : (c,) array of int
-        The pairs, in the order harmonic by harmonic, mode by mode.
-    coefficients : (d,) array of int
-        Their cosine, then their sine coefficients in the flat (2H+1, m) unknowns.
-    products : (d, d) array of int
-        Where each pair of coefficients finds its entry in the flat multiplication matrix of T.
-    G : (d, d) array
-        Shortening of the modes of each pair.
-    """
-
-    cosines: npt.NDArray[np.intp]
-    coefficients: npt.NDArray[np.intp]
-    products: npt.NDArray[np.intp]
-    G: Array
-
-    @staticmethod
-    def of(strong: npt.NDArray[np.bool_], shortening: Array, size: int) -> "DenseBlock":
-        """Block of the pairs `strong` (H+1, m); harmonic 0 whole."""
-        cosines = np.flatnonzero(strong)
-        sines = np.flatnonzero(strong[1:]) + strong.size  # behind the (H+1) m cosines
-        coefficients = np.concatenate([cosines, sines])
-        harmonic, mode = np.divmod(coefficients, strong.shape[1])
-        products = harmonic[:, None] * size + harmonic
-        return DenseBlock(cosines, coefficients, products, shortening[mode[:, None], mode])
 
 
 class Units(NamedTuple):
@@ -223,7 +192,7 @@ class Balance:
         strong = np.flatnonzero(self.coupling > COUPLING * least_stiffness)
         return int(strong[-1]) + 1 if strong.size else 0
 
-    def dense_block(self, strong: npt.NDArray[np.bool_]) -> "DenseBlock":
+    def dense_block(self, strong: npt.NDArray[np.bool_]) -> DenseBlock:
         """Where the (harmonic, mode) pairs `strong` (H+1, m) stand in the balance; remembered from point to point."""
         key = strong.tobytes()
         if key not in self._blocks:
@@ -274,13 +243,13 @@ class Balance:
         signals = np.empty((basis.size, 4))
         u = signals[:, 0]
         u[:] = rows[:, 0]
+        pull: Array | None = None
         if self.coupled:
-            Gq, fine = Q @ s.shortening, basis.exact_products
-            T, q, drawn = np.split(fine.synthesis @ np.hstack([state.T[:, None], Q, Gq]), (1, 1 + s.n), axis=1)
-            u -= 0.5 * (fine.analysis @ np.einsum("ti,ti->t", drawn, q))
-            pull: Array | None = fine.analysis @ (T * drawn)
+            Gq = Q @ s.shortening
+            shorter, pull = self._drawn_in(Q, Gq, state.T)
+            u -= shorter
         else:
-            Gq, pull = np.zeros_like(Q), None
+            Gq = np.zeros_like(Q)
         if self.dynamic_lagrangian:
             u -= self.dynamic_lagrangian * state.T
         if s.residual.slip_by_force:
@@ -304,6 +273,18 @@ class Balance:
         forces = self.elements.along_rows(Q, Omega, state.F * self.force_shape)
         signals[:, 2] -= forces @ self.elements.onto[:, -1]
         return Kinematics(Gq, pull, signals, forces, clamp)
+
+    def _drawn_in(self, Q: Array, Gq: Array, T: Array) -> tuple[Array, Array]:
+        """By how much the motion shortens the structure, q' G q / 2 (2H+1,), and T G q (2H+1, n)."""
+        fine, n = self.basis.exact_products, self.structure.n
+        series = np.empty((len(Q), 1 + 2 * n))
+        series[:, 0], series[:, 1 : 1 + n], series[:, 1 + n :] = T, Q, Gq
+        samples = fine.synthesis @ series
+        products, drawn = np.empty((len(samples), 1 + n)), samples[:, 1 + n :]
+        np.einsum("ti,ti->t", drawn, samples[:, 1 : 1 + n], out=products[:, 0])
+        np.multiply(samples[:, :1], drawn, out=products[:, 1:])
+        of_products = fine.analysis @ products
+        return 0.5 * of_products[:, 0], of_products[:, 1:]
 
     def reaction_of(self, rows: Array, Omega: float) -> Array:
         """Coefficients (2H+1, ...) of the reaction's part from the modes.
