@@ -5,7 +5,6 @@ modes and harmonics beside it, foreshortening and nonlinear elements, matters in
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,39 +13,13 @@ from scipy.linalg import lapack
 from hbm.aft.force import ContactForce
 from hbm.balance.elements import ElementSlope
 from hbm.balance.equations import Balance, Kinematics, State
+from hbm.balance.factors import Factored, determinant_sign
 from hbm.balance.jacobian import law_by_modes
 from hbm.fourier import Array
 
 LOW_HARMONICS = 5
 RESONANT = 2e-3
 """What couples modes stays in the matrix up to this harmonic, and above this fraction of the dynamic stiffness."""
-
-
-class Factored(NamedTuple):
-    """Factors of a core with a border row.
-
-    Attributes
-    ----------
-    row, row_lam : (size,) array, float
-        The border row.
-    modes : (2H+1 n,) array
-        Its part on the modes.
-    lu, pivots : (2H+2, 2H+2) array, (2H+2,) array of int
-        As LAPACK has them.
-    singular : bool
-        Whether there is no solution.
-    """
-
-    row: Array
-    row_lam: float
-    modes: Array
-    lu: Array
-    pivots: npt.NDArray[Any]
-    singular: bool
-
-    def solve(self, right: Array) -> Array:
-        """Solutions (2H+2, r)."""
-        return np.asarray(lapack.dgetrs(self.lu, self.pivots, right)[0])
 
 
 class Elimination:
@@ -202,13 +175,12 @@ class Elimination:
 
     # ---- the interface of continuation.Linearization
 
-    def _factor_with(self, row: Array, row_lam: float) -> "Factored":
-        """Factors of the core with a border row; a chord, and the sign of a determinant, come with the row before."""
+    def _factor_with(self, row: Array, row_lam: float) -> Factored:
+        """Factors of the core with a border row; those of the row before where it is that again."""
         known = self._factored
-        if known is None or known.row_lam != row_lam or not (known.row is row or (known.row == row).all()):
+        if known is None or not known.serves(row, row_lam):
             matrix, modes = self._bordered(row, row_lam)
-            lu, pivots, info = lapack.dgetrf(matrix, overwrite_a=1)
-            known = self._factored = Factored(row, row_lam, modes.ravel(), lu, pivots, info != 0)
+            known = self._factored = Factored.of(matrix, row, row_lam, modes.ravel())
         return known
 
     def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
@@ -257,7 +229,7 @@ class Elimination:
         right = np.empty((size + 1, r))
         right[:size] = core
         right[size] = rhs_row - factored.modes @ d_Q.reshape(size * n, r)
-        solution = np.full_like(right, np.nan) if factored.singular else factored.solve(right)
+        solution = factored.solve(right)
         d_T, d_lam = solution[:size], solution[size]
         if m:
             d_Q[:, :m] += self._coupled_of @ d_T
@@ -268,12 +240,5 @@ class Elimination:
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix; uncoupled modes contribute positive blocks."""
-        factored = self._factor_with(row, row_lam)
-        sign = _determinant_sign(factored.lu, factored.pivots)
-        return sign * _determinant_sign(self._lu, self._pivots) if self._m else sign
-
-
-def _determinant_sign(lu: Array, pivots: npt.NDArray[Any]) -> int:
-    """Sign of the determinant of a matrix from its LU factors."""
-    negative = np.count_nonzero(lu.diagonal() < 0.0) + np.count_nonzero(pivots != np.arange(len(pivots)))
-    return 0 if not lu.diagonal().all() else -1 if negative % 2 else 1
+        sign = self._factor_with(row, row_lam).sign
+        return sign * determinant_sign(self._lu, self._pivots) if self._m else sign
