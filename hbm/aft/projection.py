@@ -141,7 +141,7 @@ def _sum_between(W: Array, slopes: Array, begin: int, end: int) -> Array:
 def _at_once(slopes: npt.NDArray[np.float64], basis: FourierBasis) -> Array:
     """Slopes (N_t, outputs, inputs) to the inputs of the same sample, as (inputs, outputs, 2H+1, 2H+1)."""
     N_t, outputs, inputs = slopes.shape
-    if N_t > 4 * basis.H:
+    if N_t > 4 * basis.H and not basis.many:  # the map to products is as large as the square of a matrix's side
         series = basis.doubled.coefficients(slopes.reshape(N_t, -1))
         matrices = basis.multiplication(series).reshape(basis.size**2, -1)
         return np.ascontiguousarray(matrices.T).reshape(outputs, inputs, basis.size, basis.size).swapaxes(0, 1)
