@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,39 @@ Array = npt.NDArray[np.float64]
 
 MANY = 200
 """Harmonics above which series and samples are turned into each other by fast transforms, without a matrix."""
+
+
+class Turn(NamedTuple):
+    """Complex factors of the harmonics of some series, as they act on the coefficients of these.
+
+    Attributes
+    ----------
+    direct, crossed : (2H+1, n) arrays
+        Factor of each coefficient, and that of the other one of the same harmonic.
+    swapped : (2H+1,) array of int
+        Index of that other one.
+    """
+
+    direct: Array
+    crossed: Array
+    swapped: npt.NDArray[np.intp]
+
+    def of(self, coefficients: Array) -> Array:
+        """Coefficients (2H+1, n) or (2H+1, n, r) turned."""
+        other = coefficients[self.swapped]
+        if coefficients.ndim == 2:
+            return self.direct * coefficients + self.crossed * other
+        return self.direct[:, :, None] * coefficients + self.crossed[:, :, None] * other
+
+    def adjoint_of(self, coefficients: Array) -> Array:
+        """Coefficients (2H+1, n) turned by the conjugate factors."""
+        return self.direct * coefficients - self.crossed * coefficients[self.swapped]
+
+    def back(self, first: int) -> "Turn":
+        """The inverse for the series from `first` on."""
+        direct, crossed = self.direct[:, first:], self.crossed[:, first:]
+        squares = direct * direct + crossed * crossed
+        return Turn(direct / squares, crossed / -squares, self.swapped)
 
 
 @dataclass(frozen=True)
@@ -101,26 +135,26 @@ class FourierBasis:
         return self.real(lines)
 
     @cached_property
-    def _swapped(self) -> npt.NDArray[np.intp]:
+    def swapped(self) -> npt.NDArray[np.intp]:
         """Index of the other coefficient of the same harmonic."""
         H = self.H
         return np.concatenate([[0], np.arange(H + 1, 2 * H + 1), np.arange(1, H + 1)])
 
     @cached_property
-    def _signed_k(self) -> Array:
+    def signed_k(self) -> Array:
         """Factor of each coefficient of ds/dtheta, (2H+1,): k for cosines, -k for sines."""
         return np.where(np.arange(self.size) <= self.H, self.k, -self.k)
 
     def derivative(self, coefficients: Array) -> Array:
         """Coefficients of ds/dtheta, (2H+1, ...)."""
-        swapped = coefficients[self._swapped]
-        factor = self._signed_k if coefficients.ndim == 1 else self._signed_k[:, None]
+        swapped = coefficients[self.swapped]
+        factor = self.signed_k if coefficients.ndim == 1 else self.signed_k[:, None]
         return np.asarray(factor * swapped)
 
     def derivative_on_right(self, matrix: Array) -> Array:
         """Product of a (k, 2H+1) matrix, or of each of (k, 2H+1, m), with the matrix of :meth:`derivative`."""
-        factor = -self._signed_k if matrix.ndim == 2 else -self._signed_k[:, None]
-        return np.asarray(factor * matrix[:, self._swapped])
+        factor = -self.signed_k if matrix.ndim == 2 else -self.signed_k[:, None]
+        return np.asarray(factor * matrix[:, self.swapped])
 
     def complex(self, coefficients: Array) -> npt.NDArray[np.complex128]:
         """Amplitudes c_k with s = Re sum c_k exp(i k theta), (H+1, ...)."""
@@ -149,6 +183,11 @@ class FourierBasis:
         return np.asarray(_products(self.H, len(coefficients) // 2) @ coefficients).reshape(
             (self.size, self.size, *coefficients.shape[1:])
         )
+
+    @cached_property
+    def doubled(self) -> "FourierBasis":
+        """Twice the harmonics on the same samples, which must be more than four a period of the highest."""
+        return FourierBasis(2 * self.H, self.N_t)
 
     @cached_property
     def exact_products(self) -> "FourierBasis":

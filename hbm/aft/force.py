@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.aft.period import DT, law_functions
-from hbm.aft.recurrence import NEUTRAL, forwards, gradients, monodromy, radius
+from hbm.aft.projection import projected, shown
+from hbm.aft.recurrence import NEUTRAL, forwards, monodromy, radius
 from hbm.aft.steady import SteadyPeriod, buffered
 from hbm.aft.step import ENVIRONMENT, SIGNALS, law_step
 from hbm.fourier import Array, FourierBasis
@@ -175,16 +176,17 @@ class LawOverPeriod(SteadyPeriod):
         """Friction force with the derivatives of its coefficients; arguments as :meth:`force`."""
         self._show(signals, Omega, environment)
         T, basis = self._forces.copy(), self.basis
-        by_samples = dict(zip(self.functions.active, self._gradients(), strict=True))
-        for i in range(DT):
-            if (earlier := by_samples.get(DT + 1 + i)) is not None:  # the sample before the first is the last
-                earlier = np.roll(earlier, -1, axis=1)
-                by_samples[i] = by_samples[i] + earlier if i in by_samples else earlier
-        by = {i: by_samples[i] @ basis.synthesis for i in range(DT) if i in by_samples}
+        by: dict[int, Array] = {}
+        now, before, ever = shown(basis)
+        inputs = [now if i < DT else before if i > DT else ever for i in self.functions.active]
+        projections = projected(self._local, 1, basis, inputs, self._first_period)
+        for i, (slope,) in zip(self.functions.active, projections, strict=True):
+            i = i if i <= DT else i - DT - 1
+            by[i] = by[i] + slope if i in by else slope
         by_u, by_v = by.get(0), by.get(1)
         by_Omega = np.zeros(basis.size)
-        if DT in by_samples:
-            by_Omega -= by_samples[DT].sum(axis=1) * 2 * np.pi / (Omega**2 * basis.N_t)
+        if DT in by:
+            by_Omega -= by[DT][:, 0] * 2 * np.pi / (Omega**2 * basis.N_t)
         if by_v is not None:
             chained = Omega * basis.derivative_on_right(by_v)
             by_u = chained if by_u is None else by_u + chained
@@ -250,13 +252,3 @@ class LawOverPeriod(SteadyPeriod):
         compliance = np.zeros_like(change.Omega) if change.compliance is None else change.compliance
         law = [np.broadcast_to(value, dt.shape) for value in (*change.law, compliance)]
         return np.stack([*(inputs[i] for i in self.functions.active), *law], axis=1)
-
-    def _gradients(self) -> Array:
-        """Derivatives of the force's coefficients to each sample of each active input, (inputs, 2H+1, N_t)."""
-
-        def virgin() -> Array:
-            self._carried[:] = 0.0
-            self._shown, self._sloped = (None, 0.0), False
-            return self._local
-
-        return gradients(self._local, 1, self.basis.analysis, virgin)[:, 0]

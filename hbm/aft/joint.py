@@ -11,7 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from hbm.aft.jointstep import ENVIRONMENT, JointFunctions, joint_functions, signals_of, values
-from hbm.aft.recurrence import NEUTRAL, forwards, gradients, monodromy, radius
+from hbm.aft.projection import projected, shown
+from hbm.aft.recurrence import NEUTRAL, forwards, monodromy, radius
 from hbm.aft.steady import SteadyPeriod, buffered
 from hbm.fourier import Array, FourierBasis
 from models.joints.law import JointLaw
@@ -121,33 +122,24 @@ class JointOverPeriod(SteadyPeriod):
         self._show(signals, Omega)
         basis, m, all_signals = self.basis, self.ports, signals_of(self.ports)
         f = self._forces.reshape(-1, m).copy()
-        by_samples = gradients(self._local, m, basis.analysis, self._first_period)
+        (now, before, ever), reads, timed = shown(basis), self.functions.reads, self.functions.timed
+        inputs = [*(now if i < all_signals else before for i in reads), *([ever] if timed else [])]
+        by_inputs = projected(self._local, m, basis, inputs, self._first_period)
         found: dict[int, Array] = {}
-        for by, i in zip(by_samples, self.functions.reads, strict=False):  # the time between samples comes last
-            now, i = i < all_signals, i % all_signals
+        for by, i in zip(by_inputs, reads, strict=False):  # the time between samples comes last
+            i = i % all_signals
             if i != 2 * m or self._loaded:
-                by = by if now else np.roll(by, -1, axis=-1)  # the sample before the first is the last
                 found[i] = found[i] + by if i in found else by
         found = dict(sorted(found.items()))
-        by_used = np.array([by @ basis.synthesis for by in found.values()]).reshape(-1, m, basis.size, basis.size)
+        by_used = np.array(list(found.values())).reshape(-1, m, basis.size, basis.size)
         by_Omega = np.zeros((m, basis.size))
         for i, by in zip(found, by_used, strict=True):
             if m <= i < 2 * m:
                 by_Omega += by @ basis.derivative(signals[:, i])
                 by[:] = Omega * basis.derivative_on_right(by.reshape(-1, basis.size)).reshape(by.shape)
-        if self.functions.timed:
-            by_Omega -= by_samples[-1].sum(axis=-1) * 2 * np.pi / (Omega**2 * basis.N_t)
+        if timed:
+            by_Omega -= by_inputs[-1][:, :, 0] * 2 * np.pi / (Omega**2 * basis.N_t)
         return JointForces(f, tuple(found), by_used, by_Omega.T)
-
-    def _first_period(self) -> Array:
-        """Derivatives along the period from the virgin state; the buffers go on holding the steady one."""
-        steady, local = self._carried.copy(), self._local.copy()
-        self._carried[:] = 0.0
-        self._with_slopes()
-        first = self._slopes.copy()
-        self._carried[:] = steady
-        self._slopes[:] = local
-        return first
 
     def along(self, signals: Array, Omega: float, numbers: Array, compliance: Array) -> Array:
         """Derivatives of the coefficients of the forces to numbers of the law, signals held, (2H+1, m, c).

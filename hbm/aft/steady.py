@@ -132,6 +132,17 @@ class SteadyPeriod:
             self._sloped = True
         return self._slopes
 
+    def _first_period(self) -> Array:
+        """The slopes along the period from the virgin state; the buffers go on holding the steady one."""
+        buffers = self._carried, self._forces, self._gap, self._end, self._slopes
+        steady = [buffer.copy() for buffer in buffers]
+        self._carried[:] = 0.0
+        self._with_slopes()
+        first = self._slopes.copy()
+        for buffer, values in zip(buffers, steady, strict=True):
+            buffer[:] = values
+        return first
+
     @property
     def _transitions(self) -> Array:
         """Derivative of the memory after each sample to that before, (N_t, memory, memory)."""
@@ -146,6 +157,8 @@ class SteadyPeriod:
     @property
     def _solved(self) -> bool:
         """Whether f = law(f) holds at every sample of the last period."""
+        if not self._gap.any():
+            return True
         return bool(np.abs(self._gap).max() <= CLOSURE * np.abs(self._forces).max())
 
     @property

@@ -1,4 +1,4 @@
-"""Where the coefficients whose parametric stiffness is kept stand in the Newton matrix."""
+"""What couples modes and harmonics in a Newton matrix, where it is kept."""
 
 from dataclasses import dataclass
 

@@ -12,8 +12,10 @@ from scipy.linalg import lapack
 
 from hbm.aft.force import ContactForce
 from hbm.balance.elements import ElementSlope
-from hbm.balance.equations import Balance, Kinematics, State
+from hbm.balance.equations import Balance, Kinematics
+from hbm.balance.factors import Factored, determinant_sign
 from hbm.balance.jacobian import law_by_modes
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 
 LOW_HARMONICS = 5
@@ -48,11 +50,10 @@ class Elimination:
         s, basis, m = problem.structure, problem.basis, problem.coupled if slope is None else problem.structure.n
         size = basis.size
         self._m = m
-        real, imaginary = problem.dynamic_stiffness(state.Omega)
-        self._receptance = 1.0 / (real[:, m:] + 1j * imaginary[:, m:])
-        self._rows = problem.rows.T
+        if s.n > m:
+            self._receptance = problem.dynamic_turn(state.Omega).back(m)
         slopes = [contact.by_u, contact.by_rho, contact.by_eta]
-        self._seen = [i for i in range(3 if s.reaction.varies else 1) if slopes[i] is not None]
+        self._seen = [i for i in range(3 if problem.varies else 1) if slopes[i] is not None]
         self._law_slopes = [b for i, b in enumerate(slopes) if b is not None and i in self._seen]
         self._core = np.eye(size)
         if s.n > m:
@@ -64,12 +65,14 @@ class Elimination:
             p[0] += s.slip_row[:m]
             slip = basis.multiplication(p)  # (2H+1, 2H+1, m)
             self._law_by_coupled = law_by_modes(problem, state.Omega, contact, slope, slip)
+            real, imaginary = problem.dynamic_stiffness(state.Omega)
             self._factor(real[:, :m] + 1j * imaginary[:, :m], by_T)
             # what maps the modes to the slip takes T to the modes
             self._coupled_of = self._solve_coupled(np.ascontiguousarray(slip.transpose(0, 2, 1)))
             self._core -= self._law_of_coupled(self._coupled_of)
         self._column = problem.by_parameter(state, contact, slope) if column is None else column
         self._by_column: tuple[Array, Array] | None = None  # worked out with the first right side
+        self._factored: Factored | None = None
 
     def _reduced(self, forces: Array) -> tuple[Array, Array]:
         """Motion (2H+1, n, r) under scaled forces (size, r) with T held, and what they ask of T, (2H+1, r)."""
@@ -81,7 +84,7 @@ class Elimination:
             motion[:, :m] = self._solve_coupled(modal[:, :m])
             core += self._law_of_coupled(motion[:, :m])
         if n > m:
-            motion[:, m:] = self._receptance_of(modal[:, m:])
+            motion[:, m:] = self._receptance.of(modal[:, m:])
             core += self._law_of_field(motion[:, m:])
         return motion, core
 
@@ -137,53 +140,65 @@ class Elimination:
 
     # ---- other modes: their receptance is diagonal in modes and harmonics
 
-    def _receptance_of(self, forces: Array) -> Array:
-        """Motion (2H+1, n - m, r) of the other modes under modal forces."""
-        basis = self.problem.basis
-        return basis.real(basis.complex(forces) * self._receptance[:, :, None])
-
     def _law_of_field(self, others: Array) -> Array:
         """Change (2H+1, r) of the law's force coefficients with the other modes (2H+1, n - m, r)."""
-        seen = np.matmul(self._rows[:, self._m :], others)
-        rho = self.problem.reaction_of(seen[:, 1:4], self.state.Omega)
-        return self._law_of_signals([seen[:, 0], rho, seen[:, 4]])
+        problem, m = self.problem, self._m
+        if not problem.varies:
+            return self._law_of_signals([np.matmul(problem.structure.slip_row[m:], others)])
+        seen = np.matmul(problem.rows.T[:, m:], others)
+        return self._law_of_signals([seen[:, 0], problem.reaction_of(seen[:, 1:4], self.state.Omega), seen[:, 4]])
 
     def _law_of_others(self) -> Array:
         """Change (2H+1, 2H+1) of the law's force coefficients with those of T, through the other modes."""
-        problem, basis = self.problem, self.problem.basis
-        size, H = basis.size, basis.H
-        rows = self._rows[:, self._m :] * problem.structure.slip_row[self._m :]
-        transfer = self._receptance @ rows.T  # (H+1, 5)
-        k_Omega = np.arange(H + 1) * self.state.Omega
-        rho = -(k_Omega**2) * transfer[:, 1] + 1j * k_Omega * transfer[:, 2] + transfer[:, 3]
-        out = np.zeros((size, size))
-        of_signals = (transfer[:, 0], rho, transfer[:, 4])
+        swapped = self.problem.basis.swapped
+        signals = self._signals_of_others()
+        out = np.zeros_like(self._core)
         for i, slope in zip(self._seen, self._law_slopes, strict=True):
-            t = of_signals[i]
-            out += slope * np.concatenate([t.real, t.real[1:]])
-            # a - i b is turned by t: the sine column feeds the cosine with +imag, the cosine the sine with -imag
-            out[:, 1 : H + 1] -= slope[:, H + 1 :] * t.imag[1:]
-            out[:, H + 1 :] += slope[:, 1 : H + 1] * t.imag[1:]
+            direct, crossed = signals[i]
+            out += slope * direct
+            out += slope[:, swapped] * crossed[swapped]
         return out
 
+    def _signals_of_others(self) -> list[tuple[Array, Array]]:
+        """How u, rho and eta follow T through the other modes, factors as of :class:`hbm.fourier.Turn`."""
+        problem, m, moved = self.problem, self._m, self._receptance
+        slip = problem.structure.slip_row[m:]
+        if not problem.varies:
+            return [(moved.direct @ slip**2, moved.crossed @ slip**2)]
+        weights = problem.rows[m:] * slip[:, None]
+        direct, crossed = moved.direct @ weights, moved.crossed @ weights
+        rate, squared = self.state.Omega * problem.basis.signed_k, (self.state.Omega * problem.basis.k) ** 2
+        rho = (
+            direct[:, 3] - squared * direct[:, 1] - rate * crossed[:, 2],
+            crossed[:, 3] - squared * crossed[:, 1] + rate * direct[:, 2],
+        )
+        return [(direct[:, 0], crossed[:, 0]), rho, (direct[:, 4], crossed[:, 4])]
+
     # ---- the interface of continuation.Linearization
+
+    def _factor_with(self, row: Array, row_lam: float) -> Factored:
+        """Factors of the core with a border row; those of the row before where it is that again."""
+        known = self._factored
+        if known is None or not known.serves(row, row_lam):
+            matrix, modes = self._bordered(row, row_lam)
+            known = self._factored = Factored.of(matrix, row, row_lam, modes.ravel())
+        return known
 
     def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
         """Core matrix with the border row; and that row's part on the modes, (2H+1, n)."""
         problem, m, (motion, core) = self.problem, self._m, self._border()
         size, n = problem.basis.size, problem.structure.n
         modes = row[: size * n].reshape(size, n) / problem.q_ref
-        matrix = np.empty((size + 1, size + 1))
+        matrix = np.empty((size + 1, size + 1), order="F")
         matrix[:size, :size] = self._core
         matrix[:size, size] = core
-        matrix[size, :size] = row[size * n :] / problem.F_ref
-        matrix[size, size] = row_lam - np.vdot(modes, motion)
+        last = row[size * n :] / problem.F_ref
         if m:
-            matrix[size, :size] += modes[:, :m].ravel() @ self._coupled_of.reshape(size * m, size)
+            last += modes[:, :m].ravel() @ self._coupled_of.reshape(size * m, size)
         if n > m:
-            basis = problem.basis
-            adjoint = basis.real(basis.complex(modes[:, m:]) * self._receptance.conj())
-            matrix[size, :size] += adjoint @ problem.structure.slip_row[m:]
+            last += self._receptance.adjoint_of(modes[:, m:]) @ problem.structure.slip_row[m:]
+        matrix[size, :size] = last
+        matrix[size, size] = row_lam - np.vdot(modes, motion)
         return matrix, modes
 
     def _border(self) -> tuple[Array, Array]:
@@ -211,28 +226,20 @@ class Elimination:
         problem, m, r = self.problem, self._m, rhs.shape[1]
         size, n = problem.basis.size, problem.structure.n
         d_Q, core = self._reduced_beside(rhs)
-        matrix, modes = self._bordered(row, row_lam)
-        right = np.vstack([core, rhs_row - modes.ravel() @ d_Q.reshape(size * n, r)])
-        _, _, solution, info = lapack.dgesv(matrix, right)
-        if info:
-            solution = np.full((size + 1, r), np.nan)
+        factored = self._factor_with(row, row_lam)
+        right = np.empty((size + 1, r))
+        right[:size] = core
+        right[size] = rhs_row - factored.modes @ d_Q.reshape(size * n, r)
+        solution = factored.solve(right)
         d_T, d_lam = solution[:size], solution[size]
         if m:
             d_Q[:, :m] += self._coupled_of @ d_T
         if n > m:
-            d_Q[:, m:] += self._receptance_of(problem.structure.slip_row[m:, None] * d_T[:, None])
+            d_Q[:, m:] += self._receptance.of(problem.structure.slip_row[m:, None] * d_T[:, None])
         d_Q -= self._border()[0][:, :, None] * d_lam
         return np.concatenate([d_Q.reshape(size * n, r) / problem.q_ref, d_T / problem.F_ref]), d_lam
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix; uncoupled modes contribute positive blocks."""
-        matrix, _ = self._bordered(row, row_lam)
-        lu, pivots, _ = lapack.dgetrf(matrix)
-        sign = _determinant_sign(lu, pivots)
-        return sign * _determinant_sign(self._lu, self._pivots) if self._m else sign
-
-
-def _determinant_sign(lu: Array, pivots: Array) -> int:
-    """Sign of the determinant of a matrix from its LU factors."""
-    negative = np.count_nonzero(lu.diagonal() < 0.0) + np.count_nonzero(pivots != np.arange(len(pivots)))
-    return 0 if not lu.diagonal().all() else -1 if negative % 2 else 1
+        sign = self._factor_with(row, row_lam).sign
+        return sign * determinant_sign(self._lu, self._pivots) if self._m else sign

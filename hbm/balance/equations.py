@@ -1,17 +1,11 @@
-"""The force balance of a rig on a Fourier basis: unknowns, scaling and equations.
+"""The force balance of a rig with one contact on a Fourier basis.
 
 Unknowns are the modal coefficients Q (2H+1, n) and the coefficients of the friction force T (2H+1,).
-
-Scaling. Modal rows are divided by the largest generalised excitation, the contact row by the excitation
-amplitude: a residual of 1e-10 means that every force balance, harmonic by harmonic, closes to 1e-10 of the
-excitation.
 """
 
-from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass, replace
-from math import prod
-from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -20,30 +14,17 @@ from hbm.aft.force import ContactForce, Environment, LawOverPeriod
 from hbm.balance.clamp import ClampMotion, ClampOverPeriod
 from hbm.balance.denseblock import DenseBlock
 from hbm.balance.elements import ElementSlope, ElementsOverPeriod
-from hbm.fourier import Array, FourierBasis
+from hbm.balance.scaled import Scaled, State
+from hbm.fourier import Array, Turn
 from models.friction import parameters
-from models.jointed import JointedRig
-from models.parts import Excitation
 from models.rig import Rig
 from models.structure import ModalStructure
-
-Parameter = Literal["frequency", "force"]
 
 COUPLING = 0.02
 """Foreshortening of a mode stays out of the Newton matrix below this fraction of its least dynamic stiffness."""
 
 MOST_BLOCKS = 8
 """Blocks that are remembered: where an element acts they change with the motion."""
-
-
-@dataclass(frozen=True)
-class State:
-    """Unknowns in physical units: Q (2H+1, n), T (2H+1,) [N], Omega [rad/s] and force F [N]."""
-
-    Q: Array
-    T: Array
-    Omega: float
-    F: float
 
 
 @dataclass(frozen=True)
@@ -71,156 +52,6 @@ class Kinematics:
     clamp: ClampMotion | None = None
 
 
-def force_shape(excitation: Excitation, basis: FourierBasis, periods: int) -> Array:
-    """Coefficients of the excitation per amplitude of its fundamental, (2H+1,); harmonics beyond H left out."""
-    shape = np.zeros(basis.size)
-    for k, cosine, sine in excitation.tones:
-        if k * periods <= basis.H:
-            shape[k * periods], shape[basis.H + k * periods] = cosine, sine
-    return shape
-
-
-class Units(NamedTuple):
-    """Units of the scaled unknowns and balances.
-
-    Attributes
-    ----------
-    hz, F : float
-        Frequency [Hz], force [N].
-    modal_force, q : float
-        Generalised force and coordinate of a mass-normalised mode.
-    f : float or (m,) array
-        Force where it touches, at each port of the joints.
-    """
-
-    hz: float
-    F: float
-    modal_force: float
-    q: float
-    f: Any
-
-
-AnyRigKind = TypeVar("AnyRigKind", Rig, JointedRig)
-
-
-class Scaled(ABC, Generic[AnyRigKind]):
-    """Unknowns of a rig on a Fourier basis with one free parameter, in units of their own.
-
-    Parameters
-    ----------
-    rig : Rig or JointedRig
-    basis : FourierBasis
-        Harmonics and samples.
-    parameter : {"frequency", "force"}
-        Continuation parameter: the frequency in units of `hz_ref`, or F / amplitude.
-    hz : float
-        Excitation frequency where the parameter is the force [Hz].
-    level : float, optional
-        Force amplitude where the parameter is the frequency [N]; the rig's where omitted.
-    like : the same, optional
-        Balance of a similar rig whose units the unknowns and equations take.
-    periods : int
-        Periods of the force in one of the motion; frequencies are those of the force, Omega that of the motion.
-    """
-
-    rig: AnyRigKind
-    structure: Any
-
-    def __init__(
-        self,
-        rig: AnyRigKind,
-        basis: FourierBasis,
-        *,
-        parameter: Parameter = "frequency",
-        hz: float = 0.0,
-        level: float | None = None,
-        like: Self | None = None,
-        periods: int = 1,
-    ) -> None:
-        s = rig.structure
-        self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
-        self.level = rig.excitation.amplitude if level is None else level
-        self.fixed_hz, self.periods = hz, periods
-        elastic = s.omega_n[s.omega_n > 0.0]
-        self.omega_1 = float(elastic[0]) if elastic.size else 2 * np.pi
-        self.units: Units = self._units() if like is None else like.units
-        self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref, self.f_ref = self.units
-        self.Omega_ref = 2 * np.pi * self.hz_ref / periods
-        self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
-        self.force_shape = force_shape(rig.excitation, basis, periods)
-        self._set_up(like)
-
-    def _units(self) -> Units:
-        modal_force = self.level * float(np.abs(self.structure.excitation).max())
-        return Units(
-            hz=2.0 ** round(float(np.log2(self.omega_1 / (2 * np.pi)))),  # a power of two: scaling back loses no digit
-            F=self.level,
-            modal_force=modal_force,
-            q=10.0 * modal_force / self.omega_1**2,  # a tenfold dynamic amplification of the static response of mode 1
-            f=self.level * self._levers(),
-        )
-
-    @abstractmethod
-    def _levers(self) -> Any:
-        """Units of the forces where it touches, in those of the excitation."""
-
-    @abstractmethod
-    def _set_up(self, like: Self | None) -> None:
-        """Make ready what the equations need."""
-
-    @property
-    @abstractmethod
-    def touching(self) -> tuple[int, ...]:
-        """Shape of the coefficients of the forces where it touches."""
-
-    # ---- vectors
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return self.basis.size * int(self.structure.n) + prod(self.touching)
-
-    def pack(self, state: State) -> tuple[Array, float]:
-        """Scaled unknowns and continuation parameter of a state."""
-        x = np.concatenate([(state.Q / self.q_ref).ravel(), (state.T / self.f_ref).ravel()])
-        return x, state.Omega / self.Omega_ref if self.parameter == "frequency" else state.F / self.F_ref
-
-    def unpack(self, x: Array, lam: float) -> State:
-        """State in physical units of scaled unknowns."""
-        split = self.basis.size * self.structure.n
-        Q = x[:split].reshape(self.basis.size, -1) * self.q_ref
-        Omega, F = self.at(lam)
-        return State(Q, x[split:].reshape(self.touching) * self.f_ref, Omega, F)
-
-    def at(self, lam: float) -> tuple[float, float]:
-        """Frequency [rad/s] and force amplitude [N] at a value of the continuation parameter."""
-        if self.parameter == "frequency":
-            return lam * self.Omega_ref, self.level
-        return 2 * np.pi * self.fixed_hz / self.periods, lam * self.F_ref
-
-    def hz_at(self, lam: float) -> float:
-        """Frequency [Hz] at a value of the continuation parameter."""
-        return lam * self.hz_ref if self.parameter == "frequency" else self.fixed_hz
-
-    def lam_at(self, hz: float) -> float:
-        """Value of the continuation parameter at a frequency [Hz], where the frequency is the parameter."""
-        return hz / self.hz_ref
-
-    def on(self, basis: FourierBasis) -> Self:
-        """Return the same problem with other harmonics and samples."""
-        return type(self)(
-            self.rig, basis, parameter=self.parameter, hz=self.fixed_hz, level=self.level, periods=self.periods
-        )
-
-    def on_these_harmonics(self, coefficients: Array) -> Array:
-        """Coefficients (2H'+1, ...) cut to these harmonics (2H+1, ...); new ones are zero."""
-        H, given = self.basis.H, len(coefficients) // 2
-        keep, out = min(H, given), np.zeros((self.basis.size, *coefficients.shape[1:]))
-        source, target = (np.r_[0 : keep + 1, n + 1 : n + 1 + keep] for n in (given, H))
-        out[target] = coefficients[source]
-        return out
-
-
 class Balance(Scaled[Rig]):
     """A rig with one contact on a Fourier basis: its unknowns and their equations."""
 
@@ -231,16 +62,24 @@ class Balance(Scaled[Rig]):
 
     def _set_up(self, like: Self | None) -> None:
         rig, basis, s = self.rig, self.basis, self.structure
+        self.take(s)
         self.elements = ElementsOverPeriod(rig, basis) if rig.acting else None
         port, limit = rig.clamp, rig.attachments.clamp_limit
         self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
         self.law = LawOverPeriod(rig.contact.law, basis)
         self.environment, self.dynamic_lagrangian = self._environment(rig, like)
-        r = s.reaction
-        self.rows = np.stack([s.slip_row, r.inertia, r.damping, r.stiffness, r.stretch], axis=1)
         self._blocks: dict[bytes, DenseBlock] = {}
         self.coupling = rig.contact.normal_load * np.diag(s.shortening)
         self.coupled = self._coupled_modes()
+
+    def take(self, structure: ModalStructure) -> None:
+        """Set the structure, with what is the same of it in all states."""
+        r = structure.reaction
+        self.structure, self.varies = structure, r.varies
+        self.rows = np.stack([structure.slip_row, r.inertia, r.damping, r.stiffness, r.stretch], axis=1)
+        self._stiffness, self._k_squared = structure.omega_n**2, (self.basis.k**2)[:, None]
+        self._crossed = self.basis.signed_k[:, None] * structure.damping
+        self._turn: tuple[float, Turn | None] = (0.0, None)
 
     def with_law_of(self, rig: Rig) -> Self:
         """Return the same balance with the law's parameters of a rig that differs in nothing else."""
@@ -277,7 +116,7 @@ class Balance(Scaled[Rig]):
         strong = np.flatnonzero(self.coupling > COUPLING * least_stiffness)
         return int(strong[-1]) + 1 if strong.size else 0
 
-    def dense_block(self, strong: npt.NDArray[np.bool_]) -> "DenseBlock":
+    def dense_block(self, strong: npt.NDArray[np.bool_]) -> DenseBlock:
         """Where the (harmonic, mode) pairs `strong` (H+1, m) stand in the balance; remembered from point to point."""
         key = strong.tobytes()
         if key not in self._blocks:
@@ -300,26 +139,29 @@ class Balance(Scaled[Rig]):
         signals = np.empty((basis.size, 4))
         u = signals[:, 0]
         u[:] = rows[:, 0]
+        pull: Array | None = None
         if self.coupled:
-            Gq, fine = Q @ s.shortening, basis.exact_products
-            T, q, drawn = np.split(fine.synthesis @ np.hstack([state.T[:, None], Q, Gq]), (1, 1 + s.n), axis=1)
-            u -= 0.5 * (fine.analysis @ np.einsum("ti,ti->t", drawn, q))
-            pull: Array | None = fine.analysis @ (T * drawn)
+            Gq = Q @ s.shortening
+            shorter, pull = self._drawn_in(Q, Gq, state.T)
+            u -= shorter
         else:
-            Gq, pull = np.zeros_like(Q), None
+            Gq = np.zeros_like(Q)
         if self.dynamic_lagrangian:
             u -= self.dynamic_lagrangian * state.T
-        u += s.residual.slip_by_force * state.F * self.force_shape
+        if s.residual.slip_by_force:
+            u += s.residual.slip_by_force * state.F * self.force_shape
         clamp = None
         if self.clamp is not None:
             clamp = self.clamp.motion(self.clamp.held(Q, state.T, state.F * self.force_shape), Omega)
             u += self.clamp.port.residual[0] * clamp.slid
         signals[:, 1] = Omega * basis.derivative(u)
-        signals[:, 2] = self.reaction_of(rows[:, 1:4], Omega)
+        signals[:, 2:] = 0.0
+        if self.varies:
+            signals[:, 2] = self.reaction_of(rows[:, 1:4], Omega)
+            signals[:, 2] -= s.reaction.force_share * state.F * self.force_shape
+            signals[:, 3] = rows[:, 4]
+            signals[0, 3] -= s.reaction.friction_lever
         signals[0, 2] += self.rig.contact.normal_load
-        signals[:, 2] -= s.reaction.force_share * state.F * self.force_shape
-        signals[:, 3] = rows[:, 4]
-        signals[0, 3] -= s.reaction.friction_lever
         if self.clamp is not None and clamp is not None:
             signals[:, 2] += self.clamp.port.residual[-1] * clamp.slid
         if self.elements is None:
@@ -327,6 +169,18 @@ class Balance(Scaled[Rig]):
         forces = self.elements.along_rows(Q, Omega, state.F * self.force_shape)
         signals[:, 2] -= forces @ self.elements.onto[:, -1]
         return Kinematics(Gq, pull, signals, forces, clamp)
+
+    def _drawn_in(self, Q: Array, Gq: Array, T: Array) -> tuple[Array, Array]:
+        """By how much the motion shortens the structure, q' G q / 2 (2H+1,), and T G q (2H+1, n)."""
+        fine, n = self.basis.exact_products, self.structure.n
+        series = np.empty((len(Q), 1 + 2 * n))
+        series[:, 0], series[:, 1 : 1 + n], series[:, 1 + n :] = T, Q, Gq
+        samples = fine.synthesis @ series
+        products, drawn = np.empty((len(samples), 1 + n)), samples[:, 1 + n :]
+        np.einsum("ti,ti->t", drawn, samples[:, 1 : 1 + n], out=products[:, 0])
+        np.multiply(samples[:, :1], drawn, out=products[:, 1:])
+        of_products = fine.analysis @ products
+        return 0.5 * of_products[:, 0], of_products[:, 1:]
 
     def reaction_of(self, rows: Array, Omega: float) -> Array:
         """Coefficients (2H+1, ...) of the reaction's part from the modes.
@@ -347,16 +201,23 @@ class Balance(Scaled[Rig]):
         k = np.arange(self.basis.H + 1)[:, None] * Omega
         return self.structure.omega_n**2 - k**2, k * self.structure.damping
 
+    def dynamic_turn(self, Omega: float) -> Turn:
+        """The dynamic stiffness as it acts on the coefficients of the modes [1/s2]."""
+        known, turn = self._turn
+        if turn is None or known != Omega:
+            direct = self._stiffness - Omega**2 * self._k_squared
+            turn = Turn(direct, Omega * self._crossed, self.basis.swapped)
+            self._turn = Omega, turn
+        return turn
+
     def _modal_balance(self, state: State, kin: Kinematics) -> Array:
         """Inertia, damping and stiffness minus friction, excitation and elements, per mode, (2H+1, n)."""
-        s, basis = self.structure, self.basis
-        Q, Omega = state.Q, state.Omega
-        force = np.outer(state.T, s.slip_row)
+        s = self.structure
+        balance = self.dynamic_turn(state.Omega).of(state.Q)
+        balance -= state.T[:, None] * s.slip_row
         if kin.pull is not None:
-            force -= kin.pull
-        balance = (s.omega_n**2 - (basis.k * Omega)[:, None] ** 2) * Q
-        balance += Omega * s.damping * basis.derivative(Q) - force
-        balance -= np.outer(state.F * self.force_shape, s.excitation)
+            balance += kin.pull
+        balance -= (state.F * self.force_shape)[:, None] * s.excitation
         if self.elements is not None and kin.elements is not None:
             balance -= kin.elements @ self.elements.rows
         if self.clamp is not None and kin.clamp is not None:
@@ -373,8 +234,10 @@ class Balance(Scaled[Rig]):
         """Derivative of the scaled balances, clamp excluded, to the scaled continuation parameter, (size,)."""
         s, basis, Q, Omega, shape = self.structure, self.basis, state.Q, state.Omega, self.force_shape
         if self.parameter == "frequency":
-            modal = s.damping * basis.derivative(Q) - (2 * Omega * basis.k**2)[:, None] * Q
-            d_rho = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
+            modal = self._crossed * Q[basis.swapped] - (2 * Omega * self._k_squared) * Q
+            d_rho = np.zeros(basis.size)
+            if self.varies:
+                d_rho = basis.derivative(Q @ s.reaction.damping) - 2 * Omega * basis.k**2 * (Q @ s.reaction.inertia)
             law = -contact.by_Omega
             if slope is not None:
                 modal -= slope.by_Omega[:, :-1]

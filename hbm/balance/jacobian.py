@@ -4,7 +4,8 @@ import numpy as np
 
 from hbm.aft.force import ContactForce
 from hbm.balance.elements import ElementSlope
-from hbm.balance.equations import Balance, Kinematics, State
+from hbm.balance.equations import Balance, Kinematics
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 
 

@@ -6,9 +6,9 @@ forces (:class:`hbm.balance.jointednewton.JointNewton`).
 
 import numpy as np
 
-from hbm.balance.equations import State
 from hbm.balance.jointednewton import JointLinearization, Modes
 from hbm.balance.jointequations import JointEquations
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 
 

@@ -4,11 +4,11 @@ import weakref
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack
 
 from hbm.aft.joint import JointForces
-from hbm.balance.equations import Parameter, State
+from hbm.balance.factors import Factored
 from hbm.balance.jointequations import Complex, JointEquations
+from hbm.balance.scaled import Parameter, State
 from hbm.fourier import Array
 
 
@@ -225,6 +225,7 @@ class JointNewton:
     def __init__(self, here: JointLinearization, column: Array) -> None:
         self.here, self.problem, self.modes = here, here.problem, here.modes
         self.by_column, self._column = self._reduced(column[:, None])
+        self._factored: Factored | None = None
 
     @cached_property
     def core(self) -> Array:
@@ -253,6 +254,14 @@ class JointNewton:
         core = rhs[size * n :].reshape(size, m, r) * problem.f_ref[:, None] + self.here.law_of(motion)
         return motion, np.vstack([core.reshape(size * m, r), forces[0, problem.rigid]])
 
+    def _factor_with(self, row: Array, row_lam: float) -> Factored:
+        """Factors of the core with a border row; those of the row before where it is that again."""
+        known = self._factored
+        if known is None or not known.serves(row, row_lam):
+            matrix, modes = self._bordered(row, row_lam)
+            known = self._factored = Factored.of(matrix, row, row_lam, modes.ravel())
+        return known
+
     def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
         """Bordered core, and the row's part on the modes (2H+1, n)."""
         problem = self.problem
@@ -260,7 +269,7 @@ class JointNewton:
         modes = row[: size * n].reshape(size, n) / problem.q_ref
         by_joints = self.modes.pulled(modes) @ problem.structure.joints.T
         by_joints += row[size * n :].reshape(size, m) / problem.f_ref
-        matrix = np.empty((len(self._column) + 1, len(self._column) + 1))
+        matrix = np.empty((len(self._column) + 1, len(self._column) + 1), order="F")
         matrix[:-1, :-1], matrix[:-1, -1] = self.core, self._column[:, 0]
         matrix[-1, :-1] = np.append(by_joints, modes[0, problem.rigid])
         matrix[-1, -1] = row_lam - np.vdot(modes, self.by_column[:, :, 0])
@@ -275,12 +284,10 @@ class JointNewton:
         """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
         problem, r = self.problem, rhs.shape[1]
         size, n, m = problem.basis.size, problem.structure.n, len(problem.own)
-        matrix, modes = self._bordered(row, row_lam)
+        factored = self._factor_with(row, row_lam)
         d_Q, core = self._reduced(rhs)
-        right = np.vstack([core, rhs_row - modes.ravel() @ d_Q.reshape(size * n, r)])
-        _, _, solution, info = lapack.dgesv(matrix, right)
-        if info:
-            solution = np.full_like(right, np.nan)
+        right = np.vstack([core, rhs_row - factored.modes @ d_Q.reshape(size * n, r)])
+        solution = factored.solve(right)
         d_f, d_mean, d_lam = solution[: size * m].reshape(size, m, r), solution[size * m : -1], solution[-1]
         d_Q += self.modes.moved(problem.structure.joints.T @ d_f)
         d_Q[0, problem.rigid] += d_mean
@@ -290,8 +297,4 @@ class JointNewton:
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix; the modes that are eliminated contribute positive blocks."""
-        lu, pivots, _ = lapack.dgetrf(self._bordered(row, row_lam)[0])
-        if not lu.diagonal().all():
-            return 0
-        negative = np.count_nonzero(lu.diagonal() < 0.0) + np.count_nonzero(pivots != np.arange(len(pivots)))
-        return -1 if negative % 2 else 1
+        return self._factor_with(row, row_lam).sign

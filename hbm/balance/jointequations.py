@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.aft.joint import JointOverPeriod
-from hbm.balance.equations import Scaled, State
+from hbm.balance.scaled import Scaled, State
 from hbm.fourier import Array
 from models.jointed import JointedRig, JointedStructure
 

@@ -19,9 +19,9 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, gmres
 
 from continuation import ConvergenceError
-from hbm.balance.equations import State
 from hbm.balance.jointednewton import Modes
 from hbm.balance.jointequations import Complex, JointEquations
+from hbm.balance.scaled import State
 from hbm.fourier import Array, FourierBasis
 from models.jointed import JointedRig
 

@@ -3,8 +3,9 @@
 import numpy as np
 
 from hbm.balance.elements import ElementsOverPeriod
-from hbm.balance.equations import Balance, State
+from hbm.balance.equations import Balance
 from hbm.balance.jointed import JointBalance
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 from models.beam import Beam
 

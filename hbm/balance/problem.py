@@ -13,10 +13,11 @@ import numpy as np
 from hbm.aft.force import ContactForce
 from hbm.balance.elements import ElementSlope
 from hbm.balance.elimination import Elimination
-from hbm.balance.equations import Balance, Kinematics, Parameter, State
+from hbm.balance.equations import Balance, Kinematics
 from hbm.balance.jacobian import CompleteBalance
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointednewton import JointLinearization
+from hbm.balance.scaled import Parameter, State
 from hbm.balance.slipping import SlidRotation, SlippingBalance, lifted_tip
 from hbm.fourier import Array, FourierBasis
 from models.jointed import AnyRig, JointedRig

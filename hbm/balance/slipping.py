@@ -13,7 +13,8 @@ from hbm.aft.force import ContactForce
 from hbm.balance.clamp import ClampMotion, ClampOverPeriod
 from hbm.balance.elements import ElementSlope, ElementsOverPeriod
 from hbm.balance.elimination import Elimination
-from hbm.balance.equations import Balance, Kinematics, State
+from hbm.balance.equations import Balance, Kinematics
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 
 

@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from hbm.aft.jointstep import JointStep
-from hbm.balance.equations import State
 from hbm.balance.jointed import JointBalance
+from hbm.balance.scaled import State
 from hbm.channels import DERIVATIVES, Rates, late
 from hbm.integration.history import History, Signal, differences
 from hbm.integration.jointmarch import LEAST_STEPS, JointMarcher, resolving_steps

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from continuation import Branch, ConvergenceError, NewtonSettings, Predictor, Settings, solve_at
-from hbm.balance.equations import State
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
 from hbm.modes.linear import stiffness_at_rest, stuck_modes

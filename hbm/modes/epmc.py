@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from continuation import DenseLinearization
-from hbm.balance.equations import State
+from hbm.balance.scaled import State
 from hbm.fourier import Array, FourierBasis
 from hbm.modes.sustained import Motion, Sustained, sustained_balance
 from models.jointed import AnyRig

@@ -97,9 +97,7 @@ class SustainedContact(UnderForce, HarmonicBalance):
     def _relieve(self) -> None:
         s, relief = self.rig.structure, self.relief
         reaction = replace(s.reaction, damping=s.reaction.damping - relief * s.reaction.inertia)
-        self.structure = replace(s, damping=s.damping - relief, reaction=reaction)
-        self.rows = self.rows.copy()
-        self.rows[:, 2] = reaction.damping
+        self.take(replace(s, damping=s.damping - relief, reaction=reaction))
 
     def motion(self, y: Array, Omega: float) -> "ContactMotion":
         """The state of scaled unknowns at a scaled frequency."""

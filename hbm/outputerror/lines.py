@@ -12,8 +12,8 @@ from typing import Self
 
 import numpy as np
 
-from hbm.balance.equations import State
 from hbm.balance.lines import LineBalance, LinesHere
+from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution, describe_joints
 from hbm.channels import factor
 from hbm.errors import InputError

@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import eig
 
-from hbm.balance.equations import Balance, State
+from hbm.balance.equations import Balance
+from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, turned
 from hbm.fourier import Array, FourierBasis

@@ -3,10 +3,10 @@
 import numpy as np
 
 from continuation import Correction, NewtonSettings, solve_at
-from hbm.balance.equations import State
 from hbm.balance.jointed import JointBalance
 from hbm.balance.padding import pad
 from hbm.balance.problem import AnyBalance, HarmonicBalance
+from hbm.balance.scaled import State
 from hbm.balance.solution import describe
 from hbm.fourier import Array, FourierBasis
 from hbm.integration.handover import state_at_phase_zero

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hbm.balance.equations import force_shape
+from hbm.balance.scaled import force_shape
 from hbm.balance.solution import PeriodicSolution
 from hbm.channels import read
 from hbm.fourier import Array

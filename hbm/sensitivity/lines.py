@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hbm.balance.equations import State
 from hbm.balance.lines import LinesHere
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.sensitivity.jointed import structure_changes
 from hbm.sensitivity.scalars import FORCE

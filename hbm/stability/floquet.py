@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from hbm.aft.force import LawSteps
 from hbm.aft.recurrence import monodromy
-from hbm.balance.equations import Balance, State
+from hbm.balance.equations import Balance
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.integration.propagation import propagators, weights
 

@@ -15,7 +15,8 @@ over each period instead, `loop = 0`, it is the naive one, which is wrong away f
 import numpy as np
 import numpy.typing as npt
 
-from hbm.balance.equations import Balance, State
+from hbm.balance.equations import Balance
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.stability.floquet import Disturbance

@@ -6,8 +6,9 @@ are judged alike.
 
 import numpy as np
 
-from hbm.balance.equations import Balance, State
+from hbm.balance.equations import Balance
 from hbm.balance.jointed import JointBalance
+from hbm.balance.scaled import State
 from hbm.integration.jointed import state_at_phase_zero
 from hbm.integration.jointmarch import JointMarcher, resolving_steps
 from hbm.parallel import one_thread

@@ -9,7 +9,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from hbm.balance.equations import Balance, State
+from hbm.balance.equations import Balance
+from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.stability.floquet import Disturbance

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.optimize import brentq
 
 from continuation import Border, ConvergenceError, NewtonSettings, correct
-from hbm.balance.equations import State
 from hbm.balance.padding import pad
 from hbm.balance.problem import balance_of
+from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples

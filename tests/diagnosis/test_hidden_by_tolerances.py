@@ -45,7 +45,7 @@ def measured_of(off, snr):
     """A beam, and what it measures where some numbers of its rig file are off."""
     rig = beam(alpha=2.0)
     values = nominal_scalars(rig)
-    built = with_numbers(rig, {key: factor * values[key] for key, factor in off.items()})
+    built = rig.with_numbers({key: factor * values[key] for key, factor in off.items()})
     return rig, synthesize(built, LEVELS, HZ, snr=snr, seed=1, harmonics=5).spectra
 
 

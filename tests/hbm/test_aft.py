@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from hbm.aft.force import Environment, InputChange, LawOverPeriod
+from hbm.aft.projection import projected, shown
+from hbm.aft.recurrence import gradients
 from hbm.fourier import FourierBasis
 from models import (
     LAWS,
@@ -157,6 +159,37 @@ def test_derivatives_have_a_second_order_taylor_remainder(law, amplitude):
     coarse, fine = remainder(1e-6), remainder(1e-7)
     assert coarse < 1e-8 * max(scale, 1.0)
     assert fine < max(coarse / 30.0, 1e-10 * max(scale, 1.0))
+
+
+@pytest.mark.parametrize(
+    "law", [Jenkins(0.5, 4e-6), Stribeck(0.6, 0.4, 1e-3, critical_slip=4e-6)], ids=lambda law: law.name
+)
+@pytest.mark.parametrize("amplitude", [2e-5, 2.5e-6, 1e-6])  # slipping; stuck after a transient; stuck from the start
+@pytest.mark.parametrize("N_t", [128, 19])  # many samples; fewer than products of two series ask for
+def test_an_anchor_is_not_marched(law, amplitude, N_t):
+    """Slopes put together from where the anchor was dragged are those of the march back over all samples."""
+    basis = FourierBasis(5, N_t)
+    u = amplitude * np.random.default_rng(3).normal(size=basis.size) * np.exp(-basis.k)
+    contact = LawOverPeriod(law, basis)
+    contact.force(signals(basis, u), OMEGA, environment(law, 3e-8))
+    local = contact._local.copy()
+    inputs = shown(basis)[:2] + shown(basis)[:1] * (local.shape[2] - 3)
+    found = projected(local, 1, basis, inputs, contact._first_period)
+    marched = gradients(local, 1, basis.analysis, contact._first_period)
+    for by, by_samples, shown_input in zip(found, marched, inputs, strict=True):
+        expected = by_samples @ shown_input.samples
+        assert by == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("law", EVERY_LAW, ids=lambda law: law.name)
+def test_a_stuck_contact_is_linearized_twice_alike(law):
+    """What a stuck contact remembers of its first period is looked up aside: the steady period stays."""
+    basis = FourierBasis(5, 128)
+    shown_to_it = signals(basis, 2.5e-6 * np.random.default_rng(3).normal(size=basis.size) * np.exp(-basis.k))
+    contact = LawOverPeriod(law, basis)
+    first, second = (contact.linearize(shown_to_it, OMEGA, environment(law, 3e-8)) for _ in range(2))
+    assert np.array_equal(first.T, second.T)
+    assert first.by_u is None or np.array_equal(first.by_u, second.by_u)
 
 
 @pytest.mark.parametrize("law", EVERY_LAW, ids=lambda law: law.name)

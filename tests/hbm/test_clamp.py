@@ -11,11 +11,11 @@ from hbm.balance.clamp import ClampOverPeriod
 from hbm.balance.problem import HarmonicBalance
 from hbm.balance.slipping import SlippingBalance
 from hbm.balance.solution import PeriodicSolution
-from hbm.balance.symbolic import residual_function
 from hbm.fourier import FourierBasis
 from hbm.integration import integrate
 from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
+from hbm.symbolic import residual_function
 from models import Attachments, Channel, Dahl, Jenkins, Rig, Viscous
 from models.elements import MidplaneStretching
 from models.published import PAPER_BEAM, PAPER_PENALTY

@@ -12,13 +12,13 @@ from continuation import DenseLinearization
 from hbm.balance.jacobian import CompleteBalance
 from hbm.balance.problem import HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution
-from hbm.balance.symbolic import residual_function
 from hbm.fourier import FourierBasis
 from hbm.integration import integrate
 from hbm.integration.handover import state_at_phase_zero
 from hbm.integration.timestep import Stepper
 from hbm.response.trace import steady_state, trace_frequency
 from hbm.sensitivity.derivatives import sensitivities
+from hbm.symbolic import residual_function
 from models import Attachments, Channel, Dahl, Damping, Element, Frictionless, Jenkins, PointMass, Rig, Viscous
 from models.elements import ELEMENTS, ImpactStop, MidplaneStretching, QuadraticDrag
 from models.published import PAPER_BEAM, PAPER_PENALTY

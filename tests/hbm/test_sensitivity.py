@@ -17,10 +17,10 @@ from hbm import ResponseCurve, Sensitivities, sensitivities
 from hbm.balance.padding import pad
 from hbm.balance.problem import HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.balance.symbolic import residual_function
 from hbm.fourier import FourierBasis
 from hbm.response.trace import steady_state, trace_frequency
 from hbm.sensitivity.scalars import solution_numbers
+from hbm.symbolic import residual_function
 from models import (
     Attachments,
     Coulomb,

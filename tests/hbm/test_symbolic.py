@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from hbm.balance.problem import HarmonicBalance, State
-from hbm.balance.symbolic import residual_function
 from hbm.fourier import FourierBasis
+from hbm.symbolic import residual_function
 from models import (
     LAWS,
     Attachments,

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from hbm.balance.jointed import JointBalance
-from hbm.balance.symbolic import residual_function
 from hbm.fourier import FourierBasis
+from hbm.symbolic import residual_function
 from models.joints import numbers
 from tests.joints.rigs import made_up
 
