@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import re
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -208,6 +209,7 @@ def test_first_screen_of_the_page_says_what_is_wrong_what_it_means_how_much_and_
     first, table = text[text.index("<h1>") : text.index("<nav")], diagnosed(mass[0])
     assert first.count("data:image/") == 1 and "figures/overview.csv" in first
     value, std = (table["parameters"]["mass"][key] for key in ("value", "std"))
+    digits = 1 - math.floor(math.log10(std))  # two of what it is uncertain by
     errors = [
         f"{100 * table['errors'][model][part]['nrmse']:.{2 if table['errors'][model][part]['nrmse'] < 0.1 else 3}g}"
         for model in ("nominal", "calibrated", "extended")
@@ -217,7 +219,7 @@ def test_first_screen_of_the_page_says_what_is_wrong_what_it_means_how_much_and_
         "Cause found: added-mass",
         "This means: a lumped mass sits on the beam.",
         "The rig file misses",
-        *(f">{value:.6f} ± {std:.6f} kg<", ">position<"),
+        *(f">{value:.{digits}f} ± {std:.{digits}f} kg<", ">position<"),
         *(f">{error}<" for error in errors),
         "extended.toml is the rig file with added-mass",
         table["remainder"]["sentence"],

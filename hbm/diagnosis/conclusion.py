@@ -12,7 +12,7 @@ from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
 from hbm.diagnosis.decide import ALARM, Decision, inclusion, sidak, tied
 from hbm.diagnosis.estimates import estimates, lifted, name_of, told_of
-from hbm.diagnosis.judge import beside, freed, possible_background_of, std_of_records, std_within, widened
+from hbm.diagnosis.judge import beside, freed, possible_background_of, stands, std_of_records, std_within, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
@@ -183,6 +183,8 @@ class Conclusion:
         if self.best is None:
             return self._without_cause(self.decision.base)
         best, scored = self.best
+        if not self._stands:
+            return self._without_cause(self.search.calibrated)
         settled, least = best.model.rig(best.x).excitation.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
         if noise and (settled or (least >= MAIN and self._foretells(scored))):
@@ -195,6 +197,15 @@ class Conclusion:
             return "cause-found"
         # what is free in each record takes most of anything
         return "main-cause" if settled else self._without_cause(self.search.calibrated)
+
+    @cached_property
+    def _stands(self) -> bool:
+        """Whether the best cause is decisively likelier than none, each beside the background that it would leave."""
+        assert self.best is not None
+        best, search = self.best[0], self.search
+        base = search.calibrated if best.model.calibrated else search.nominal
+        calibrated = search.calibrated if search.tolerable(search.calibrated) else None
+        return stands(best, base, calibrated, search.tried, self.campaign)
 
     def _foretells(self, scored: Predicted | None) -> bool:
         """Whether the error on records held out is no larger than that of calibration, nothing fitted to them."""

@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from hbm.diagnosis.decide import DECISIVE, evidence, simpler
 from hbm.fourier import Array
 from hbm.outputerror.background import Linear, expected_sizes, likeliest_sizes, weights
 from hbm.outputerror.campaign import Campaign
@@ -65,6 +66,22 @@ def beside(e: Evaluation, campaign: Campaign) -> Evaluation:
     there = widened(e, campaign)
     white, step = there.white, _step(there)
     return replace(there, x=e.x + step, white=replace(white, residual=white.residual - white.jacobian @ step))
+
+
+def stands(best: Evaluation, base: Evaluation, calibrated: Evaluation | None, tried: int, campaign: Campaign) -> bool:
+    """Whether a cause is decisively likelier than none, each model beside the background that it leaves itself.
+
+    What noise alone cannot make of a rig file, a background may. `base` is what the cause extends, `calibrated` the rig
+    file within its tolerances, None where it has to leave them.
+    """
+    known, before = (_beside_its_own(e, campaign) for e in (best, base))
+    if calibrated is not None and not simpler(known, _beside_its_own(calibrated, campaign), tried):
+        return False
+    return bool(evidence(known) + 2.0 * np.log(tried) + DECISIVE < evidence(before))
+
+
+def _beside_its_own(e: Evaluation, campaign: Campaign) -> Evaluation:
+    return beside(e, replace(campaign, background=background_of(e, campaign)))
 
 
 def _step(e: Evaluation) -> Array:
