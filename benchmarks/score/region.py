@@ -1,6 +1,6 @@
 """The page of where names can be trusted: by size of effect and background and by what was measured, from scores.
 
-    python -m benchmarks.score.region docs/validation/archive/score-20261601*.md > docs/validation/region.md
+    python -m benchmarks.score.region docs/validation/archive/score-20262611*.md > docs/validation/region.md
 
 Reads the tables that `benchmarks.diagnosis` writes; scores of one set are added up.
 """
