@@ -5,9 +5,13 @@ from dataclasses import replace
 import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
+from hbm.diagnosis.decide import accepted
 from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.judge import stands
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.search import Search
+from hbm.diagnosis.search import Search, campaign_of
+from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.response.synthesis import synthesize
 from models.causes.cause import candidates_of
@@ -73,3 +77,16 @@ def test_what_a_background_may_hide_is_not_told_apart():
         conclusion.__dict__["_beside"] = replace(conclusion.campaign, background=dict.fromkeys(range(1, 6), size))
         ties[size] = [e.model.label for e in conclusion._ties(best)]
     assert ties == {0.0: [], 0.1: ["viscous-contact"]}
+
+
+@pytest.mark.parametrize(("off", "stands_too"), [(1.0015, False), (1.004, True)])
+def test_a_cause_that_a_background_could_be_is_not_believed(off, stands_too):
+    """Noise alone is decisively less likely than either wrong radius; the smaller one a background might be."""
+    rig, spectra = measured_of({"contact.radius": off}, 60.0)
+    campaign, _ = campaign_of(rig, spectra)
+    bare = Model(rig, {})
+    base = evaluate(bare, campaign, bare.start, {})
+    model = bare.extended_by(WrongParameter("contact.radius"))
+    best = fit_model(model, campaign, model.start, base.solutions)
+    assert accepted(base, best, tried=100)
+    assert stands(best, base, None, 100, campaign) is stands_too

@@ -100,7 +100,19 @@ def test_a_cause_that_another_contains_wins_unless_the_rest_pays():
     assert plainest(pair, [pair, elastic]) is elastic
 
 
-def judged(monkeypatch, *, settled, noise, shares, left=0.0, before=0.1, foretells=True, predicts=True, varies=None):
+def judged(
+    monkeypatch,
+    *,
+    settled,
+    noise,
+    shares,
+    left=0.0,
+    before=0.1,
+    foretells=True,
+    predicts=True,
+    varies=None,
+    stands=True,
+):
     """The verdict on a cause, from what is known of it."""
     rig = SimpleNamespace(excitation=SimpleNamespace(settled=settled))
     best = SimpleNamespace(model=SimpleNamespace(rig=lambda x: rig), x=None, white=left)
@@ -111,6 +123,7 @@ def judged(monkeypatch, *, settled, noise, shares, left=0.0, before=0.1, foretel
         campaign=None,
         search=SimpleNamespace(calibrated=None),
         _varying=varies,
+        _stands=stands,
         _shares=dict(zip(("train", "held_out"), shares, strict=True)),
         _noise=lambda e: e,
         _before=lambda e: SimpleNamespace(white=before),
@@ -135,6 +148,9 @@ def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):
     ):
         assert judged(monkeypatch, settled=True, noise=noise, shares=shares, left=left, before=before) == said
     assert judged(monkeypatch, settled=True, noise=False, shares=(0.9, 0.9), predicts=False) == "none"
+    assert (
+        judged(monkeypatch, settled=True, noise=True, shares=(0.9, 0.9), stands=False) == "none"
+    )  # a background may be it
     for noise in (True, False):  # a look-alike, whose number changes with the level
         assert judged(monkeypatch, settled=True, noise=noise, shares=(0.99, 0.97), varies="so") == "main-cause"
 
