@@ -13,7 +13,7 @@ from scipy.linalg import lapack
 from hbm.aft.force import ContactForce
 from hbm.balance.elements import ElementSlope
 from hbm.balance.equations import Balance, Kinematics
-from hbm.balance.factors import Factored, determinant_sign
+from hbm.balance.factors import BorderedCore, determinant_sign
 from hbm.balance.jacobian import law_by_modes
 from hbm.balance.scaled import State
 from hbm.fourier import Array
@@ -23,7 +23,7 @@ RESONANT = 2e-3
 """What couples modes stays in the matrix up to this harmonic, and above this fraction of the dynamic stiffness."""
 
 
-class Elimination:
+class Elimination(BorderedCore):
     """Linearised balance [K, -P; -E, S] of modes and contact, reduced to the contact.
 
     K is the structure with the friction force held (its foreshortening is a parametric stiffness, the slopes of its
@@ -72,7 +72,6 @@ class Elimination:
             self._core -= self._law_of_coupled(self._coupled_of)
         self._column = problem.by_parameter(state, contact, slope) if column is None else column
         self._by_column: tuple[Array, Array] | None = None  # worked out with the first right side
-        self._factored: Factored | None = None
 
     def _reduced(self, forces: Array) -> tuple[Array, Array]:
         """Motion (2H+1, n, r) under scaled forces (size, r) with T held, and what they ask of T, (2H+1, r)."""
@@ -175,14 +174,6 @@ class Elimination:
         return [(direct[:, 0], crossed[:, 0]), rho, (direct[:, 4], crossed[:, 4])]
 
     # ---- the interface of continuation.Linearization
-
-    def _factor_with(self, row: Array, row_lam: float) -> Factored:
-        """Factors of the core with a border row; those of the row before where it is that again."""
-        known = self._factored
-        if known is None or not known.serves(row, row_lam):
-            matrix, modes = self._bordered(row, row_lam)
-            known = self._factored = Factored.of(matrix, row, row_lam, modes.ravel())
-        return known
 
     def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
         """Core matrix with the border row; and that row's part on the modes, (2H+1, n)."""

@@ -1,5 +1,6 @@
 """Factors of a dense core with a border row, kept for the chords and the sign that come with the same row."""
 
+from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,14 +44,32 @@ class Factored(NamedTuple):
 
     def solve(self, right: Array) -> Array:
         """Solutions (c + 1, r); nan where there is none."""
-        return (
-            np.full_like(right, np.nan) if self.singular else np.asarray(lapack.dgetrs(self.lu, self.pivots, right)[0])
-        )
+        if self.singular:
+            return np.full_like(right, np.nan)
+        return np.asarray(lapack.dgetrs(self.lu, self.pivots, right)[0])
 
     @property
     def sign(self) -> int:
         """Sign of the determinant."""
         return determinant_sign(self.lu, self.pivots)
+
+
+class BorderedCore(ABC):
+    """What reduces a Newton system to a dense core with a border row, which it factors once for each row."""
+
+    _factored: Factored | None = None
+
+    @abstractmethod
+    def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
+        """Core matrix with the border row; and that row's part on the modes, (2H+1, n)."""
+
+    def _factor_with(self, row: Array, row_lam: float) -> Factored:
+        """Factors of the core with a border row; those of the row before where it is that again."""
+        known = self._factored
+        if known is None or not known.serves(row, row_lam):
+            matrix, modes = self._bordered(row, row_lam)
+            known = self._factored = Factored.of(matrix, row, row_lam, modes.ravel())
+        return known
 
 
 def determinant_sign(lu: Array, pivots: npt.NDArray[Any]) -> int:

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from hbm.aft.joint import JointForces
-from hbm.balance.factors import Factored
+from hbm.balance.factors import BorderedCore
 from hbm.balance.jointequations import Complex, JointEquations
 from hbm.balance.scaled import Parameter, State
 from hbm.fourier import Array
@@ -219,13 +219,12 @@ class JointLinearization:
         return out
 
 
-class JointNewton:
+class JointNewton(BorderedCore):
     """Newton's system reduced to the joint forces, bordered by a column (size,)."""
 
     def __init__(self, here: JointLinearization, column: Array) -> None:
         self.here, self.problem, self.modes = here, here.problem, here.modes
         self.by_column, self._column = self._reduced(column[:, None])
-        self._factored: Factored | None = None
 
     @cached_property
     def core(self) -> Array:
@@ -253,14 +252,6 @@ class JointNewton:
         motion = self.modes.moved(forces)
         core = rhs[size * n :].reshape(size, m, r) * problem.f_ref[:, None] + self.here.law_of(motion)
         return motion, np.vstack([core.reshape(size * m, r), forces[0, problem.rigid]])
-
-    def _factor_with(self, row: Array, row_lam: float) -> Factored:
-        """Factors of the core with a border row; those of the row before where it is that again."""
-        known = self._factored
-        if known is None or not known.serves(row, row_lam):
-            matrix, modes = self._bordered(row, row_lam)
-            known = self._factored = Factored.of(matrix, row, row_lam, modes.ravel())
-        return known
 
     def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
         """Bordered core, and the row's part on the modes (2H+1, n)."""

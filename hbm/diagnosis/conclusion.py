@@ -204,8 +204,8 @@ class Conclusion:
         assert self.best is not None
         best, search = self.best[0], self.search
         base = search.calibrated if best.model.calibrated else search.nominal
-        calibrated = search.calibrated if search.tolerable(search.calibrated) else None
-        return stands(best, base, calibrated, search.tried, self.campaign)
+        rival = search.calibrated if base is search.nominal and search.tolerable(search.calibrated) else None
+        return stands(best, base, rival, search.tried, self.campaign)
 
     def _foretells(self, scored: Predicted | None) -> bool:
         """Whether the error on records held out is no larger than that of calibration, nothing fitted to them."""

@@ -68,14 +68,14 @@ def beside(e: Evaluation, campaign: Campaign) -> Evaluation:
     return replace(there, x=e.x + step, white=replace(white, residual=white.residual - white.jacobian @ step))
 
 
-def stands(best: Evaluation, base: Evaluation, calibrated: Evaluation | None, tried: int, campaign: Campaign) -> bool:
+def stands(best: Evaluation, base: Evaluation, rival: Evaluation | None, tried: int, campaign: Campaign) -> bool:
     """Whether a cause is decisively likelier than none, each model beside the background that it leaves itself.
 
-    What noise alone cannot make of a rig file, a background may. `base` is what the cause extends, `calibrated` the rig
-    file within its tolerances, None where it has to leave them.
+    What noise alone cannot make of a rig file, a background may. `base` is what the cause extends. `rival` is
+    the calibrated rig file where that is another one and within its tolerances: many small errors in place of a cause.
     """
     known, before = (_beside_its_own(e, campaign) for e in (best, base))
-    if calibrated is not None and not simpler(known, _beside_its_own(calibrated, campaign), tried):
+    if rival is not None and not simpler(known, _beside_its_own(rival, campaign), tried):
         return False
     return bool(evidence(known) + 2.0 * np.log(tried) + DECISIVE < evidence(before))
 

@@ -178,10 +178,8 @@ class Search:
 
         Those that a cause contains; and in place of many small errors of the rig file the best single cause over it.
         """
-        if found.best is None and self._fits(self.nominal):
-            return []
         if found.best is None:
-            return [e for e in found.fits if self._enough(e)][:1]
+            return [] if self._fits(self.nominal) else [e for e in found.fits if self._enough(e)][:1]
         return inside(found.best, [e for e in self.fitted if self._enough(e)])
 
     def _plain(self) -> Decision:
