@@ -10,16 +10,18 @@ from continuation import ConvergenceError
 from hbm.diagnosis.calibrate import off
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
-from hbm.diagnosis.decide import ALARM, Decision, inclusion, sidak, tied
+from hbm.diagnosis.decide import ALARM, DECISIVE, Decision, inclusion, sidak, tied
+from hbm.diagnosis.deviations import deviations, matters
 from hbm.diagnosis.estimates import estimates, lifted, name_of, told_of
-from hbm.diagnosis.judge import beside, freed, possible_background_of, stands, std_of_records, std_within, widened
+from hbm.diagnosis.judge import CLEAR, beside, lead, possible_background_of, rig_freed, widened
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent, remainder
 from hbm.diagnosis.search import NEARLY, Search, campaign_of
 from hbm.diagnosis.separate import separate
-from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Estimate, Ranked, Verdict
+from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
+from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import CHANGING, LARGEST
 from hbm.outputerror.campaign import Campaign
@@ -96,7 +98,7 @@ class Conclusion:
         return Diagnosis(
             verdict=verdict,
             cause=None if best is None else name_of(best),
-            parameters={} if best is None else self._estimates(best),
+            parameters={} if best is None else estimates(best, self._std),
             confidence=self._confidence(verdict, best),
             not_separable=tuple(dict.fromkeys(told_of(e) for e in ties)),
             separate_by=self._advice(best, ties),
@@ -121,17 +123,6 @@ class Conclusion:
         return tied(fits, beside(best, self._beside))
 
     @cached_property
-    def _widened(self) -> tuple[Evaluation, Evaluation]:
-        """The best model beside whatever background there may be; and with all that has a tolerance free within it."""
-        return self._within(self._beside)
-
-    def _within(self, campaign: Campaign) -> tuple[Evaluation, Evaluation]:
-        """The best model beside the background of a campaign; and with all that has a tolerance free within it."""
-        assert self.best is not None
-        known = widened(self.best[0], campaign)
-        return known, known if known.model.calibrated else freed(known, self.search.trust.calibrated, campaign)
-
-    @cached_property
     def _beside(self) -> Campaign:
         """The records beside whatever background there may be."""
         assert self.best is not None
@@ -142,14 +133,16 @@ class Conclusion:
     @cached_property
     def _varying(self) -> Varying | None:
         """How the numbers of the cause change between levels or bands, which those of a look-alike do."""
-        _, wide = self._within(replace(self._beside, reach=CHANGING))
+        assert self.best is not None
+        _, wide = rig_freed(self.best[0], self.search.trust, replace(self._beside, reach=CHANGING))
         return varying(wide, self.campaign) if wide.model.rig(wide.x).excitation.settled else None
 
-    def _estimates(self, best: Evaluation) -> dict[str, Estimate]:
-        """Numbers of the cause, as uncertain as a background, the rest of the rig file and each record leave them."""
-        known, wide = self._widened
-        within = std_within(known, wide, *by_modes(wide, self._beside))
-        return estimates(known, np.maximum(within, std_of_records(known)))
+    @cached_property
+    def _std(self) -> Array:
+        """Of the numbers of the best cause, as a background, the rest of the rig file and each record leave them."""
+        assert self.best is not None
+        known, wide = rig_freed(self.best[0], self.search.trust, self._beside)
+        return deviations(known, wide, by_modes(wide, self._beside), self._noise(self.best[0]), self.campaign)
 
     def _remainder(self, best: Evaluation | None) -> Remainder:
         """The misfit that the model of the verdict leaves."""
@@ -180,10 +173,18 @@ class Conclusion:
     @cached_property
     def verdict(self) -> Verdict:
         """Verdict that follows from the decision, on the records fitted and those held out."""
+        claimed = self._claimed
+        if claimed not in NAMED or self.best is None or self._lead > CLEAR or matters(self.best[0], self._std):
+            return claimed
+        return self._without_cause(self.search.calibrated)
+
+    @cached_property
+    def _claimed(self) -> Verdict:
+        """The verdict by how much is explained, however uncertain the numbers of the cause are."""
         if self.best is None:
             return self._without_cause(self.decision.base)
         best, scored = self.best
-        if not self._stands:
+        if self._lead <= DECISIVE:
             return self._without_cause(self.search.calibrated)
         settled, least = best.model.rig(best.x).excitation.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
@@ -199,13 +200,13 @@ class Conclusion:
         return "main-cause" if settled else self._without_cause(self.search.calibrated)
 
     @cached_property
-    def _stands(self) -> bool:
-        """Whether the best cause is decisively likelier than none, each beside the background that it would leave."""
+    def _lead(self) -> float:
+        """How much likelier the best cause is than none, each beside the background that it would leave."""
         assert self.best is not None
         best, search = self.best[0], self.search
         base = search.calibrated if best.model.calibrated else search.nominal
         rival = search.calibrated if base is search.nominal and search.tolerable(search.calibrated) else None
-        return stands(best, base, rival, search.tried, self.campaign)
+        return lead(best, base, rival, search.tried, self.campaign)
 
     def _foretells(self, scored: Predicted | None) -> bool:
         """Whether the error on records held out is no larger than that of calibration, nothing fitted to them."""
@@ -312,9 +313,8 @@ class Conclusion:
 
     def _evidence(self, verdict: str, best: Evaluation | None) -> Iterator[str]:
         search = self.search
-        records, points = len(search.campaign.numbers), search.campaign.points
         held = f", {len(self.held)} held out" if self.held else "; none held out: too few records or levels"
-        yield f"{records} records with {points} coefficients fitted{held}."
+        yield f"{len(search.campaign.numbers)} records with {search.campaign.points} coefficients fitted{held}."
         yield f"{search.campaign.numerics}."
         yield from self._background()
         if len(np.unique(search.spectra.level)) == 1:

@@ -18,9 +18,9 @@ from hbm.diagnosis.candidates import HOPELESS
 from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
 from hbm.diagnosis.decide import accepted, best_of, held_by, inclusion, inside, tied
+from hbm.diagnosis.deviations import std_of_records
 from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.jointscan import Scanned
-from hbm.diagnosis.judge import std_of_records
 from hbm.diagnosis.linescan import line_scan
 from hbm.diagnosis.misfit import NOISE_KNOWN, nrmse
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent

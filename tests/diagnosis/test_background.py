@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hbm.diagnosis.judge import _disagreement, _mean_square
+from hbm.diagnosis.deviations import _disagreement, _mean_square
 from hbm.outputerror.background import LARGEST, SIZES, Linear, basis_of, expected_sizes, likeliest_sizes
 from hbm.outputerror.records import Record
 

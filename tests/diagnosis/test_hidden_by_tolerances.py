@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
-from hbm.diagnosis.decide import accepted
+from hbm.diagnosis.decide import DECISIVE, accepted
 from hbm.diagnosis.diagnose import diagnose
-from hbm.diagnosis.judge import stands
+from hbm.diagnosis.judge import lead
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.search import Search, campaign_of
 from hbm.outputerror.fit import evaluate, fit_model
@@ -89,4 +89,4 @@ def test_a_cause_that_a_background_could_be_is_not_believed(off, stands_too):
     model = bare.extended_by(WrongParameter("contact.radius"))
     best = fit_model(model, campaign, model.start, base.solutions)
     assert accepted(base, best, tried=100)
-    assert stands(best, base, None, 100, campaign) is stands_too
+    assert (lead(best, base, None, 100, campaign) > DECISIVE) is stands_too

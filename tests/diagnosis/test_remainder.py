@@ -123,7 +123,7 @@ def judged(
         campaign=None,
         search=SimpleNamespace(calibrated=None),
         _varying=varies,
-        _stands=stands,
+        _lead=np.inf if stands else 0.0,
         _shares=dict(zip(("train", "held_out"), shares, strict=True)),
         _noise=lambda e: e,
         _before=lambda e: SimpleNamespace(white=before),
@@ -132,7 +132,7 @@ def judged(
         _foretells=lambda scored: foretells,
         _without_cause=lambda base: "none",
     )
-    return Conclusion.verdict.func(concluded)
+    return Conclusion._claimed.func(concluded)
 
 
 def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):

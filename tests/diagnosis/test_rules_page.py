@@ -5,7 +5,7 @@ from importlib import import_module
 from pathlib import Path
 
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
-from hbm.diagnosis.judge import TRUSTED
+from hbm.diagnosis.deviations import TRUSTED
 from hbm.diagnosis.verdict import BELIEF
 from hbm.outputerror.background import SIZES
 from hbm.outputerror.nominal import TOLERANCES
