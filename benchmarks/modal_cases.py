@@ -24,7 +24,18 @@ from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models.bodies import ModalModel
 from models.jointed import JointedRig
 from models.parts import Channel, Damping, Excitation
-from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, quadratic, steady
+from tests.truth.modal import (
+    Hidden,
+    Modes,
+    accelerations,
+    cubic,
+    gap,
+    jenkins,
+    last_periods,
+    nothing,
+    quadratic,
+    steady,
+)
 
 Array = np.ndarray
 
@@ -64,7 +75,8 @@ OFFSETS = (-4.0, -1.5, -0.6, 0.0, 0.6, 1.5, 4.0)
 MOVED = 1e-4
 """Modal amplitude at resonance without an effect [m kg^(1/2)]."""
 
-H, STEPS, PERIODS = 5, 256, 250
+H, STEPS, PERIODS, MEASURED = 5, 256, 250, 8
+"""A record is the mean of so many last periods of the march; what does not repeat from one to the next is its noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +155,8 @@ def draw(kind: str, seed: int) -> Case:
     force = np.repeat(LEVELS, 2 * first) * per_mode[of_mode]  # both modes are moved alike
     without = steady(true, nothing, row, "p1", hz, force, PERIODS, STEPS, H)
     moved = float(np.abs(np.hypot(without[:, 1], without[:, H + 1]) @ np.abs(row)).max()) if row.any() else 1.0
-    q = steady(true, hidden(kind, rng, true, row, moved), row, "p1", hz, force, PERIODS, STEPS, H) if at else without
+    effect = hidden(kind, rng, true, row, moved) if at else nothing
+    by_period = last_periods(true, effect, row, "p1", hz, force, PERIODS, STEPS, H, MEASURED)
     by_file = steady(nominal, nothing, row, "p1", hz, force, PERIODS, STEPS, H)
 
     def seen(motion: Array, modes: Modes) -> dict[str, Array]:
@@ -152,13 +165,17 @@ def draw(kind: str, seed: int) -> Case:
     def apart(a: dict[str, Array], b: dict[str, Array]) -> float:
         return float(np.sqrt(sum(np.sum((a[k] - b[k]) ** 2) for k in a) / sum(np.sum(b[k] ** 2) for k in b)))
 
-    clean, null = seen(q, true), seen(without, true)
+    each = [seen(q, true) for q in by_period]
+    clean, null = {name: np.mean([e[name] for e in each], axis=0) for name in each[0]}, seen(without, true)
     size = (len(hz), 2 * H + 1)
     std = {name: NOISE * np.sqrt(np.mean(y[:, [1, H + 1]] ** 2)) for name, y in clean.items()}
     noisy = {name: y + std[name] * rng.standard_normal(size) for name, y in clean.items()}
     noisy["force"], std["force"] = np.zeros(size), 1e-4 * float(force.max())
     noisy["force"][:, 1] = force
     stds = {name: np.full((len(hz), H + 1), s) for name, s in std.items()}
+    for name in clean:
+        scatter = np.var([e[name] for e in each], axis=0)
+        stds[name][:, 1:] = np.sqrt(stds[name][:, 1:] ** 2 + (scatter[:, 1 : H + 1] + scatter[:, H + 1 :]) / 2)
     for name in noisy:  # no mean is measured
         noisy[name][:, 0] = stds[name][:, 0] = np.nan
     rig = rig_of(nominal)
