@@ -250,7 +250,7 @@ def refine(e: Evaluation, campaign: Campaign, steps: int = REFINED) -> Evaluatio
 
 
 def _reach(here: Evaluation) -> Array:
-    """Size of each coordinate, which steps are compared with: how stiff a stop is, the scale of its start does not say."""
+    """Size of each coordinate, which steps are compared with: the scale of its start may be far from it."""
     linear = [f.form == "linear" for f in here.model.free]
     return np.where(linear, np.maximum(np.abs(here.x), 1.0), 1.0)
 
