@@ -5,8 +5,8 @@
 Every structure is a random chain of masses and springs, of which 3 to 8 modes are kept. Its records come from
 `tests/truth/modal.py`, which shares no code with the package. The rig file is a little off in all that is identified
 of it (background), within the tolerances of the diagnosis. A case is drawn and diagnosed with what a user has, its rig
-and its spectra; the truth is looked at afterwards. OUT/cases.jsonl keeps a line per case: a run goes on where it
-stopped.
+and its spectra; the truth is looked at afterwards. OUT/cases.jsonl keeps a line per case, OUT/NNN.json what
+was said of it: a run goes on where it stopped.
 """
 
 import argparse
@@ -19,12 +19,23 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.score.rates import wilson
-from hbm import diagnose
+from hbm import Diagnosis, diagnose
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models.bodies import ModalModel
 from models.jointed import JointedRig
 from models.parts import Channel, Damping, Excitation
-from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, quadratic, steady
+from tests.truth.modal import (
+    Hidden,
+    Modes,
+    accelerations,
+    cubic,
+    gap,
+    jenkins,
+    last_periods,
+    nothing,
+    quadratic,
+    steady,
+)
 
 Array = np.ndarray
 
@@ -47,8 +58,9 @@ NAMES = {
     "friction": "local-friction",
     "stop": "one-sided-stop",
     "drag": "quadratic-damping",
+    "spring": "local-spring",
 }
-"""What the diagnosis calls each effect."""
+"""What the diagnosis calls each effect. Friction that slides in none of its records is a spring, and nothing else."""
 
 MASSES = 12
 BACKGROUND = {"hz": 1e-3, "ratio": 0.1, "shape": 5e-3}
@@ -64,7 +76,8 @@ OFFSETS = (-4.0, -1.5, -0.6, 0.0, 0.6, 1.5, 4.0)
 MOVED = 1e-4
 """Modal amplitude at resonance without an effect [m kg^(1/2)]."""
 
-H, STEPS, PERIODS = 5, 256, 250
+H, STEPS, PERIODS, MEASURED = 5, 256, 250, 8
+"""A record is the mean of so many last periods of the march; what does not repeat from one to the next is its noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +132,16 @@ def hidden(kind: str, rng: np.random.Generator, modes: Modes, at: Array, moved: 
     return nothing
 
 
+def slides(friction: Hidden, u: Array) -> bool:
+    """Whether the force of a friction element at rest is out of proportion to the largest of motions (r, 2H+1)."""
+    largest = float(np.hypot(u[:, 1 : H + 1], u[:, H + 1 :]).sum(axis=1).max())
+    rest = np.zeros(1)
+    far, near = (friction(np.array([x]), rest, rest)[0][0] / x for x in (largest, 1e-6 * largest))
+    return bool(abs(far) < (1.0 - 1e-9) * abs(near))
+
+
 def draw(kind: str, seed: int) -> Case:
-    """A case of a kind."""
+    """A case of a kind; of a spring where a friction element slides in no record."""
     rng = np.random.default_rng(seed)
     nominal = structure(rng)
     true = nominal.disturbed(rng, **BACKGROUND)
@@ -143,7 +164,8 @@ def draw(kind: str, seed: int) -> Case:
     force = np.repeat(LEVELS, 2 * first) * per_mode[of_mode]  # both modes are moved alike
     without = steady(true, nothing, row, "p1", hz, force, PERIODS, STEPS, H)
     moved = float(np.abs(np.hypot(without[:, 1], without[:, H + 1]) @ np.abs(row)).max()) if row.any() else 1.0
-    q = steady(true, hidden(kind, rng, true, row, moved), row, "p1", hz, force, PERIODS, STEPS, H) if at else without
+    effect = hidden(kind, rng, true, row, moved) if at else nothing
+    by_period = last_periods(true, effect, row, "p1", hz, force, PERIODS, STEPS, H, MEASURED)
     by_file = steady(nominal, nothing, row, "p1", hz, force, PERIODS, STEPS, H)
 
     def seen(motion: Array, modes: Modes) -> dict[str, Array]:
@@ -152,13 +174,19 @@ def draw(kind: str, seed: int) -> Case:
     def apart(a: dict[str, Array], b: dict[str, Array]) -> float:
         return float(np.sqrt(sum(np.sum((a[k] - b[k]) ** 2) for k in a) / sum(np.sum(b[k] ** 2) for k in b)))
 
-    clean, null = seen(q, true), seen(without, true)
+    if kind == "friction" and not slides(effect, by_period[-1] @ row):
+        kind = "spring"
+    each = [seen(q, true) for q in by_period]
+    clean, null = {name: np.mean([e[name] for e in each], axis=0) for name in each[0]}, seen(without, true)
     size = (len(hz), 2 * H + 1)
     std = {name: NOISE * np.sqrt(np.mean(y[:, [1, H + 1]] ** 2)) for name, y in clean.items()}
     noisy = {name: y + std[name] * rng.standard_normal(size) for name, y in clean.items()}
     noisy["force"], std["force"] = np.zeros(size), 1e-4 * float(force.max())
     noisy["force"][:, 1] = force
     stds = {name: np.full((len(hz), H + 1), s) for name, s in std.items()}
+    for name in clean:
+        scatter = np.var([e[name] for e in each], axis=0)
+        stds[name][:, 1:] = np.sqrt(stds[name][:, 1:] ** 2 + (scatter[:, 1 : H + 1] + scatter[:, H + 1 :]) / 2)
     for name in noisy:  # no mean is measured
         noisy[name][:, 0] = stds[name][:, 0] = np.nan
     rig = rig_of(nominal)
@@ -167,10 +195,8 @@ def draw(kind: str, seed: int) -> Case:
     return Case(kind, rig, spectra, at, key, *((beside, 0.0) if key else (apart(clean, null), beside)))
 
 
-def judged(case: Case) -> dict[str, object]:
+def judged(case: Case, d: Diagnosis, cpu_s: float) -> dict[str, object]:
     """What the diagnosis says, beside the truth."""
-    began = time.process_time()
-    d = diagnose(case.rig, case.spectra)
     place = tuple(str(d.parameters[name].value) for name in ("at", "to") if name in d.parameters)
     place = tuple(p for p in place if p and p != "ground")
     truth = NAMES.get(case.kind) or (f"parameter:{case.key}" if case.key else None)
@@ -188,7 +214,7 @@ def judged(case: Case) -> dict[str, object]:
         "named_at": list(place),
         "not_separable": told.get("not_separable", []),
         "confidence": d.confidence,
-        "cpu_s": round(time.process_time() - began, 1),
+        "cpu_s": round(cpu_s, 1),
     }
 
 
@@ -228,7 +254,11 @@ def main() -> None:
     kept = args.out / "cases.jsonl"
     found = [json.loads(line) for line in kept.read_text().splitlines()] if kept.exists() else []
     for i in range(len(found), args.count):
-        found.append(judged(draw(PLAN[i % len(PLAN)], args.seed + i)))
+        case = draw(PLAN[i % len(PLAN)], args.seed + i)
+        began = time.process_time()
+        d = diagnose(case.rig, case.spectra)
+        found.append(judged(case, d, time.process_time() - began))
+        (args.out / f"{i:03}.json").write_text(json.dumps(d.json(), default=str) + "\n")
         with kept.open("a") as lines:
             lines.write(json.dumps(found[-1]) + "\n")
         print(json.dumps(found[-1]), flush=True)

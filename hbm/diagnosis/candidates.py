@@ -286,14 +286,23 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     """Candidates in the order of the score test: what it favours first, what takes long last.
 
     A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause,
-    and for joints, which were scanned at the size that they have.
+    and for joints, which were scanned at the size that they have, and promise a share of what calibration leaves: they
+    are compared with each other.
     """
-    first = [s for s in screening.scores if s.drop > HOPELESS * screening.scores[0].drop][:RUNNING]
+    best: dict[bool, float] = {}
+    for s in screening.scores:
+        best[_joint(s)] = max(best.get(_joint(s), 0.0), s.drop)
+    first = [s for s in screening.scores if s.drop > HOPELESS * best[_joint(s)]][:RUNNING]
     others = [s for s in screening.scores if s not in first]
     forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
     known = small(base) or base.model.causes or _scanned(base)
     tried = [] if known else [s for s in forces if not _unseen(s)]
     return [*first, *tried, *(s for s in others if _unseen(s))]
+
+
+def _joint(score: Score) -> bool:
+    """Whether a candidate was scored by the force that is missing."""
+    return isinstance(score.cause, AddedJoint)
 
 
 def _from_other_starts(fitted: list[Candidate], quick: QuickFits, screening: Screening, tell: Tell) -> list[Candidate]:
@@ -324,7 +333,7 @@ def _unseen(score: Score) -> bool:
 
     A joint was scored by that force, at the size that it has.
     """
-    return not isinstance(score.cause, AddedJoint) and bool(getattr(score.cause, "abrupt", False) or score.starts)
+    return not _joint(score) and bool(getattr(score.cause, "abrupt", False) or score.starts)
 
 
 def _stuck(fitted: Sequence[Candidate], explained: float, rig: AnyRig, screening: Screening) -> list[Candidate]:

@@ -23,7 +23,7 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.records import Record
 from hbm.sensitivity.jointforces import Ends, pushed
-from models.causes.addedjoint import AddedJoint, ends_of
+from models.causes.addedjoint import AddedJoint, ends_of, turned
 from models.jointed import JointedRig
 
 HARMONICS, SAMPLES = 9, 128
@@ -68,7 +68,13 @@ def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint]) -> Itera
 
 def tried_ends(rig: JointedRig, causes: Sequence[AddedJoint]) -> list[Ends]:
     """Places of a rig where some causes act."""
-    return [pair for pair in ends_of(rig) if any((c.at, c.to) == pair for c in causes)]
+    return [pair for pair in ends_of(rig) if any(_way(c, pair) for c in causes)]
+
+
+def _way(cause: AddedJoint, pair: Ends) -> float:
+    """Sign with which a joint sees the motion of a pair of ends: 0 where it is not there."""
+    there = (cause.at, cause.to)
+    return 1.0 if there == pair else -1.0 if there == turned(pair) else 0.0
 
 
 def scanned(
@@ -77,7 +83,7 @@ def scanned(
     """Score candidates on records with forces at places."""
     for i, pair in enumerate(ends):
         place = _Place(base, records, i)
-        yield from (place.scanned(c) for c in causes if (c.at, c.to) == pair)
+        yield from (place.scanned(c, way) for c in causes if (way := _way(c, pair)))
 
 
 class Columns(Protocol):
@@ -144,21 +150,21 @@ class _Place:
         self.reach, self.omega = float(loudest.largest[i]), loudest.omega
         self.basis = sampled(max(HARMONICS, loudest.motion.shape[1]), SAMPLES)
 
-    def scanned(self, cause: AddedJoint) -> Scanned:
-        """A candidate here."""
-        tried = [self._tried(cause, shape) for shape in _shapes(cause)]
+    def scanned(self, cause: AddedJoint, way: float) -> Scanned:
+        """A candidate here, which sees the motion with a sign."""
+        tried = [self._tried(cause, way, shape) for shape in _shapes(cause)]
         best = sorted(tried, key=lambda t: -t.drop)
         starts = tuple(t.start for t in best[:MOST] if t.start and t.drop >= APART * best[0].drop)
         return Scanned(cause, best[0].drop, best[0].z, best[0].signature, starts)
 
-    def _tried(self, cause: AddedJoint, shape: dict[str, float]) -> "_Tried":
+    def _tried(self, cause: AddedJoint, way: float, shape: dict[str, float]) -> "_Tried":
         strengths = [n for n in cause.numbers if not n.shapes]
         of = {n.name: n.of(1.0, self.reach, self.omega) for n in cause.numbers} if self.reach > 0.0 else {}
         scaled = [n.name for n in cause.numbers if n.powers[0]]
         columns = []
         for one in strengths if of else ():
             values = {n.key: (shape[n.name] if n.shapes else float(n is one)) * of[n.name] for n in cause.numbers}
-            columns.append(self._felt(cause, values))
+            columns.append(self._felt(cause, way, values))
         none = _Tried(0.0, 0.0, np.zeros(self.points), {})
         if not columns:
             return none
@@ -180,16 +186,16 @@ class _Place:
         along = (v @ size)[: self.points]
         return _Tried(drop, float(np.sqrt(drop) * np.sign(size[0])), along / (np.linalg.norm(along) or 1.0), start)
 
-    def _felt(self, cause: AddedJoint, values: dict[str, float]) -> Array:
+    def _felt(self, cause: AddedJoint, way: float, values: dict[str, float]) -> Array:
         """What the records read of the force of a law, in standard deviations."""
         law, held, rows = JointOverPeriod(cause.law(values), self.basis, loaded=False), cause.held(values), []
         for r in self.records:
             H = r.motion.shape[1]
-            u = self.basis.real(np.pad(r.motion[self.i], (1, self.basis.H - H)))
+            u = way * self.basis.real(np.pad(r.motion[self.i], (1, self.basis.H - H)))
             signals = np.column_stack([u, u, np.zeros_like(u)])
             samples, _ = law.forces(signals, r.fundamental)
             force = self.basis.complex(self.basis.coefficients(samples[:, 0]) + held * u)[1 : H + 1]
-            rows.append(r.columns[self.i] @ np.concatenate([force.real, -force.imag]))
+            rows.append(way * (r.columns[self.i] @ np.concatenate([force.real, -force.imag])))
         return np.concatenate(rows)
 
 

@@ -35,7 +35,7 @@ MANY, MISSED = 8, 2
 """More starts than this are compared on so many records first."""
 
 MOST = 0.7
-"""Longest step of a coordinate."""
+"""Longest step of a coordinate; of one that is in proportion to its number and larger than 1, as a share of it."""
 
 LONGER, SHORTER, SHORTEST = 2.0, 0.25, 0.01
 """Factors of the length of a step where the last one helped and where it did not; from the last on it is damped."""
@@ -222,7 +222,7 @@ def fit_from(
             if damping > MOST_DAMPED:
                 break
             continue
-        length = min(length, float(MOST / max(np.abs(step).max(), 1e-300)))
+        length = min(length, MOST / max(float((np.abs(step) / _reach(here)).max()), 1e-300))
         try:
             there = evaluate(model, campaign, np.clip(here.x + length * step, low, high), last, here)
             gained = _fall(here, there)
@@ -247,6 +247,12 @@ def refine(e: Evaluation, campaign: Campaign, steps: int = REFINED) -> Evaluatio
     """Fit a model again with the discretisation corrected where the fit is."""
     there = campaign.corrected(e.model.rig(e.x), e.solutions)
     return fit_model(e.model, there, e.x, e.solutions, steps)
+
+
+def _reach(here: Evaluation) -> Array:
+    """Size of each coordinate, which steps are compared with: the scale of its start may be far from it."""
+    linear = [f.form == "linear" for f in here.model.free]
+    return np.where(linear, np.maximum(np.abs(here.x), 1.0), 1.0)
 
 
 def _fall(before: Evaluation, after: Evaluation) -> float:

@@ -17,6 +17,7 @@ import numpy as np
 from models.causes.cause import Cause, Unknown
 from models.jointed import JointedRig
 from models.joints import Joint, JointLaw, PolynomialSpring
+from models.joints.joint import terms
 from models.structure import Array
 
 SMALL = 1e-6
@@ -78,11 +79,14 @@ class AddedJoint(Cause):
         Strengths first.
     made : type
         Class of the law, where it takes the numbers by their keys.
+    one_sided : bool
+        Whether it answers one direction of the motion alone: then it may be there either way round.
     """
 
     made: ClassVar[type[JointLaw]]
     numbers: ClassVar[tuple[Number, ...]]
     rigs: ClassVar[tuple[type, ...]] = (JointedRig,)
+    one_sided: ClassVar[bool] = False
 
     at: str
     to: str = ""
@@ -92,7 +96,9 @@ class AddedJoint(Cause):
         """Offer it between the places of a rig, and to the ground, where there is none of its law yet."""
         there = {(type(j.law), *pair) for j in rig.joints for pair in j.ends}
         kind = type(cls.law({n.key: 1.0 for n in cls.numbers}))
-        yield from (cls(at, to) for at, to in ends_of(rig) if (kind, at, to) not in there)
+        for pair in ends_of(rig):
+            ways = (pair, turned(pair)) if cls.one_sided else (pair,)
+            yield from (cls(at, to) for at, to in ways if (kind, at, to) not in there)
 
     @property
     def label(self) -> str:
@@ -156,6 +162,16 @@ def ends_of(rig: JointedRig) -> list[tuple[str, str]]:
     return [(place, "") for place in places] + pairs
 
 
+def turned(ends: tuple[str, str]) -> tuple[str, str]:
+    """The same two ends the other way round, as a joint names them.
+
+    >>> turned(("a", "b")), turned(("a", ""))
+    (('b', 'a'), ('-1*a', ''))
+    """
+    at, to = ends
+    return (to, at) if to else (f"-1*{at}", "")
+
+
 @lru_cache(maxsize=16)
 def _rows(rig: JointedRig) -> dict[str, Array]:
     """Displacement per mode at each place that a rig names."""
@@ -177,7 +193,7 @@ def _alike(one: Array, other: Array) -> bool:
 def reach(rig: JointedRig, cause: AddedJoint) -> tuple[float, float]:
     """Largest motion [m] that the excitation makes where a joint would be, and the frequency of it [rad/s]."""
     rows, s = _rows(rig), rig.structure
-    row = rows[cause.at] - (rows[cause.to] if cause.to else 0.0)
+    row = np.sum([w * rows[place] for w, place in terms(cause.at)], axis=0) - (rows[cause.to] if cause.to else 0.0)
     omega = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
     loss = np.maximum(s.damping.diagonal(), 1e-6 * np.where(s.omega_n > 0.0, s.omega_n, 1.0))
     size = np.abs(row * s.excitation) * rig.excitation.amplitude / (omega * loss)

@@ -104,6 +104,7 @@ class OneSidedStop(AddedJoint):
         Number("gap", "m", "gap", (0, 1, 0), (*ONSETS, *(-s for s in ONSETS), 0.0), signed=True),
     )
     made = Stop
+    one_sided = True
 
 
 class TwoSidedStop(AddedJoint):

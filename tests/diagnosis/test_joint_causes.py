@@ -234,24 +234,34 @@ def test_a_joint_of_no_size_changes_nothing_and_its_unknowns_are_numbers(kind: t
     assert set(numbers(extended.joints[0].law)) >= {u.key.rpartition(".")[2] for u in unknowns}
 
 
-def test_a_scan_of_exact_records_finds_the_size_of_what_made_them() -> None:
+@pytest.mark.parametrize(
+    ("hidden", "row", "at", "name", "size", "within"),
+    [
+        (cubic(2e6), ROWS["b"], "b", "cubic", 2e6, 2e-2),
+        (gap(200.0, 1e-4), -ROWS["b"], "-1*b", "stiffness", 200.0, 0.2),  # struck where b moves backwards
+    ],
+    ids=["cubic", "stop"],
+)
+def test_a_scan_of_exact_records_finds_the_size_of_what_made_them(
+    hidden: Hidden, row: np.ndarray, at: str, name: str, size: float, within: float
+) -> None:
     rig, hz = rig_of(NOMINAL), np.array([18.5, 20.2, 22.0, 46.0, 47.0, 48.0])
     level = np.where(hz > 40.0, 4.0, 1.0)
-    q = steady(NOMINAL, cubic(2e6), ROWS["b"], "drive", hz, level, periods=200, steps=512, H=3)
-    clean = {name: accelerations(NOMINAL, q, name, hz) for name in SENSORS}
+    q = steady(NOMINAL, hidden, row, "drive", hz, level, periods=200, steps=512, H=3)
+    clean = {channel: accelerations(NOMINAL, q, channel, hz) for channel in SENSORS}
     clean["force"] = np.zeros((6, 7))
     clean["force"][:, 1] = level
-    stds = {name: np.full((6, 4), 1e-4 * np.abs(y[:, 1:]).max()) for name, y in clean.items()}
-    for name in clean:
-        clean[name][:, 0] = stds[name][:, 0] = np.nan
+    stds = {channel: np.full((6, 4), 1e-4 * np.abs(y[:, 1:]).max()) for channel, y in clean.items()}
+    for channel in clean:
+        clean[channel][:, 0] = stds[channel][:, 0] = np.nan
     campaign, _ = campaign_of(rig, spectra_of(rig, hz, level, clean, stds))
     bare = Model(rig, {})
     base = evaluate(bare, campaign, bare.start, {})
     best = max(
         scan(base, campaign, [c for c in all_candidates(rig) if isinstance(c, AddedJoint)]), key=lambda s: s.drop
     )
-    assert best.cause.at == "b" and best.cause.to == ""
-    assert best.starts[0]["cubic"] == pytest.approx(2e6, rel=2e-2)
+    assert best.cause.at == at and best.cause.to == ""
+    assert best.starts[0][name] == pytest.approx(size, rel=within)
 
 
 # ---- a force that is known but for a factor at each level

@@ -85,6 +85,22 @@ def steady(
 
     `at` (n,) is the row of the relative displacement that the hidden force sees and acts along.
     """
+    return last_periods(modes, hidden, at, drive, hz, force, periods, steps, H, 1)[0]
+
+
+def last_periods(
+    modes: Modes,
+    hidden: Hidden,
+    at: Array,
+    drive: str,
+    hz: Array,
+    force: Array,
+    periods: int,
+    steps: int,
+    H: int,
+    kept: int,
+) -> Array:
+    """As :func:`steady`, of each of the last periods, (kept, r, 2H+1, n): not every motion repeats."""
     omega_n, r, n = 2 * np.pi * modes.hz, len(hz), len(modes.hz)
     dt = 1.0 / (hz * steps)
     through, first, second = (np.empty((r, n, *shape)) for shape in ((2, 2), (2,), (2,)))
@@ -99,7 +115,7 @@ def steady(
             first[i, j] = E[:2, 2] - second[i, j]
     phase = np.cos(2 * np.pi * np.arange(steps) / steps)
     pushed = modes.rows[drive]
-    x, z, f, last = np.zeros((r, n, 2)), np.zeros(r), np.zeros(r), np.empty((steps, r, n))
+    x, z, f, last = np.zeros((r, n, 2)), np.zeros(r), np.zeros(r), np.empty((kept, steps, r, n))
     for step in range(periods * steps):
         here, there = phase[step % steps], phase[(step + 1) % steps]
         before = (force * here)[:, None] * pushed + f[:, None] * at
@@ -110,11 +126,11 @@ def steady(
             x = free + second * (new[:, None] * at)[..., None]
             new, after = hidden(x[..., 0] @ at, x[..., 1] @ at, z)
         f, z = new, after
-        if step >= (periods - 1) * steps:
-            last[(step + 1) % steps] = x[..., 0]
-    spectrum = np.fft.rfft(last, axis=0)[: H + 1] * 2 / steps
-    spectrum[0] /= 2
-    return np.concatenate([spectrum.real, -spectrum.imag[1:]]).transpose(1, 0, 2)
+        if step >= (periods - kept) * steps:
+            last[step // steps - periods + kept, (step + 1) % steps] = x[..., 0]
+    spectrum = np.fft.rfft(last, axis=1)[:, : H + 1] * 2 / steps
+    spectrum[:, 0] /= 2
+    return np.concatenate([spectrum.real, -spectrum.imag[:, 1:]], axis=1).transpose(0, 2, 1, 3)
 
 
 def accelerations(modes: Modes, q: Array, place: str, hz: Array) -> Array:
