@@ -1,0 +1,81 @@
+"""How exactly numbers of causes are known at a kink, and which of them are surely not where a cause changes nothing."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hbm.diagnosis.deviations import matters, std_at_kinks
+from hbm.diagnosis.search import campaign_of
+from hbm.outputerror.fit import evaluate
+from hbm.outputerror.model import Model
+from hbm.response.synthesis import synthesize
+from models.causes.clamp import ClampFriction
+from models.causes.parameter import WrongParameter
+from models.causes.structure import AddedMass, AttachedResonator
+from models.friction.extended import WeakeningJenkins
+from tests.hbm.rigs import beam
+
+STICKING = 0.508
+"""Static coefficient from which on the tip sticks at 5.5 N and 48 Hz."""
+
+
+def measured(level, law, key):
+    """One record of a beam, and a model of it with one free number."""
+    rig = beam(law, alpha=2.0)
+    campaign, _ = campaign_of(rig, synthesize(rig, (level,), (48.0,), snr=60.0, seed=1, harmonics=3).spectra)
+    return campaign, Model(rig, {}, (WrongParameter(key),))
+
+
+def test_at_the_onset_of_slip_a_number_is_as_uncertain_as_where_the_tip_sticks():
+    campaign, model = measured(5.5, WeakeningJenkins(0.5, 0.4, 2e-3, 1e7), "contact.friction.mu_static")
+    (free,) = model.free
+    slides, sticks, far = (
+        evaluate(model, campaign, np.array([free.of(mu)]), {}) for mu in (0.5, STICKING, 0.5 + 3.0 * 0.095)
+    )
+    assert slides.std == pytest.approx(0.095, rel=0.01)
+    assert not sticks.white.jacobian.any()  # nothing is known of it there
+    linear = slides.white.residual - slides.white.jacobian @ (far.x - slides.x)
+    assert linear @ linear - slides.white.chi2 > 5.0  # by the derivative, and by simulation:
+    assert abs(far.white.chi2 - slides.white.chi2) < 1.0
+    assert std_at_kinks(slides, campaign) == pytest.approx(sticks.std)
+
+
+def test_where_a_tip_slides_on_either_side_the_derivative_is_believed():
+    campaign, model = measured(6.5, beam().contact.law, "contact.friction.mu")
+    e = evaluate(model, campaign, model.start, {})
+    assert std_at_kinks(e, campaign) == pytest.approx(e.std, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("causes", "numbers", "said"),
+    [
+        ((AddedMass(),), {"mass": (0.010, 0.003), "position": (0.3, 0.2)}, True),
+        ((AddedMass(),), {"mass": (0.008, 0.003), "position": (0.3, 0.001)}, False),  # where nothing is, is exact
+        ((AttachedResonator(),), {"mass": (8e-5, 3e-5), "frequency_hz": (230.0, 1.0), "position": (0.3, 0.1)}, False),
+        ((ClampFriction(),), {"stiffness": (1e12, 1e18), "limit": (2.3, 0.1)}, True),  # rigid until it slips
+        ((ClampFriction(),), {"stiffness": (1e12, 1e18), "limit": (2.3, 1.0)}, False),
+        ((ClampFriction(),), {"stiffness": (np.inf, np.nan), "limit": (np.inf, np.nan)}, False),
+    ],
+)
+def test_a_cause_matters_where_a_number_is_surely_not_neutral(causes, numbers, said):
+    model = Model(beam(), {}, causes)
+    values, std = zip(*(numbers[f.name] for f in model.free), strict=True)
+    x = np.array([f.of(value) for f, value in zip(model.free, values, strict=True)])
+    assert matters(SimpleNamespace(model=model, x=x), np.array(std)) is said
+
+
+def test_of_two_causes_each_must_matter():
+    model = Model(beam(), {}, (AddedMass(), ClampFriction()))
+    known = {(0, "mass"): (0.01, 0.001), (0, "position"): (0.3, 0.01), (1, "stiffness"): (1e4, 10.0)}
+    for limit, said in ((0.1, True), (5.0, False)):
+        numbers = known | {(1, "limit"): (2.3, limit)}
+        numbers[1, "stiffness"] = (1e4, 10.0) if said else (1e12, 1e18)
+        values, std = zip(*(numbers[f.cause, f.name] for f in model.free), strict=True)
+        x = np.array([f.of(value) for f, value in zip(model.free, values, strict=True)])
+        assert matters(SimpleNamespace(model=model, x=x), np.array(std)) is said
+
+
+def test_a_cause_without_a_size_matters():
+    model = Model(beam(), {}, ())
+    assert matters(SimpleNamespace(model=model, x=np.zeros(0)), np.zeros(0))
