@@ -79,14 +79,18 @@ class Conclusion:
     def untold(self) -> bool:
         """Whether the records fitted are explained but do not tell of what those held out show.
 
-        Or name a main cause where another one foretells these much better.
+        Or name a main cause where another one foretells these much better. Records that agree with anything tell no
+        more where others of them are fitted.
         """
         if self.hidden is None:
             return False
         if self.verdict == "main-cause":
             own, *others = self._nrmse_held_out
             return own is not None and any(other < BETTER * own for other in others if other is not None)
-        return self.verdict == "unexplained" and misfit(self._noise(self.decision.story), self.campaign).fits
+        story = self._noise(self.decision.story)
+        return (
+            self.verdict == "unexplained" and misfit(story, self.campaign).fits and nrmse(story.white) <= SAYS_NOTHING
+        )
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""
