@@ -10,9 +10,9 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # more of them only wait for each other on matrices this small
-# commands that tests start find compiled what those before them compiled, and leave nothing in the tree
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-os.environ.setdefault("PYTHONPYCACHEPREFIX", str(Path(tempfile.gettempdir()) / "hbm-compiled"))
+if os.environ.pop("PYTHONDONTWRITEBYTECODE", None):
+    # workers, and commands that tests start, find compiled what those before them compiled; nothing is left in the tree
+    os.environ.setdefault("PYTHONPYCACHEPREFIX", str(Path(tempfile.gettempdir()) / "hbm-compiled"))
 
 
 @pytest.fixture(autouse=True)

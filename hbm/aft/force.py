@@ -5,6 +5,7 @@ state) is a banded recurrence, solved backwards for the Fourier coefficients of 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -107,7 +108,7 @@ class LawSteps:
         """Whether the force depends on samples before."""
         return bool(self.by_states.size or self.by_signals_before.any())
 
-    @property
+    @cached_property
     def undying(self) -> int:
         """How many disturbances of the states return undiminished where the motion is held: anchors that stick."""
         transitions = self.by_states[:, 1:]

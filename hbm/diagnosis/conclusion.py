@@ -79,7 +79,7 @@ class Conclusion:
 
     @property
     def untold(self) -> bool:
-        """Whether the records fitted are explained but do not tell of what those held out show.
+        """Whether the records fitted are explained, and do not agree with anything, but do not tell of those held out.
 
         Or name a main cause where another one foretells these much better.
         """
@@ -88,7 +88,9 @@ class Conclusion:
         if self.verdict == "main-cause":
             own, *others = self._nrmse_held_out
             return own is not None and any(other < BETTER * own for other in others if other is not None)
-        return self.verdict == "unexplained" and misfit(self._noise(self.decision.story), self.campaign).fits
+        story = self._noise(self.decision.story)
+        told = misfit(story, self.campaign).fits and nrmse(story.white) <= SAYS_NOTHING
+        return self.verdict == "unexplained" and told
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""
@@ -261,8 +263,7 @@ class Conclusion:
     def _confidence(self, verdict: Verdict, best: Evaluation | None) -> float:
         """Share of repetitions that would decide alike; else how improbable it is that another verdict is right.
 
-        Times how often such a verdict was right in blind cases, for a model that is wrong in another way
-        would decide alike in every repetition. What is within tolerances may hide a weak effect.
+        Times how often such a verdict was right in blind cases: a model that is wrong otherwise would decide alike.
         """
         if best is not None:
             kind: str = verdict
@@ -271,8 +272,7 @@ class Conclusion:
                 kind = "foretold" if foretold else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":
-            e = self._noise(self.decision.story)
-            return RELIABLE[verdict] * (1.0 - misfit(e, self.campaign).probability)
+            return RELIABLE[verdict] * (1.0 - misfit(self._noise(self.decision.story), self.campaign).probability)
         noise = misfit(self.search.nominal, self.campaign).fits
         return RELIABLE[verdict] * nothing_missing(self.search, self.decision) if noise else RELIABLE["within"]
 

@@ -120,23 +120,27 @@ class Disturbance:
         old, new = (np.concatenate([w[f"q_{name}"], w[f"v_{name}"]])[:, None] for name in ("old", "new"))
         return free, old, new
 
-    def _driven(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples, Y: Array) -> Array:
-        """Fill `Y` (N, 2n, 2n+1): (q, q') at samples from (q, q', T) at those before; return it per T there."""
+    def _driven(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples, J: Array) -> Array:
+        """Fill `J` (N, size, size) with (q, q') at samples from (q, q', T) at those before; return it per T there."""
         n, direction = self.problem.structure.n, self._slip[0]
         free, old, new = modes
-        Y[:, :, 2 * n] = np.tile(direction[before], 2) * old[:, 0]
-        per_T = np.tile(direction[now], 2) * new[:, 0]
+        motion = slice(0, 2 * n)
+        per_T, per_T_before = np.tile(direction[now], 2) * new[:, 0], np.tile(direction[before], 2) * old[:, 0]
         if self.problem.elements is not None:
-            Y[:, :, : 2 * n] = free
-            return _implicit(Y, per_T, self._tangent[0][now], self._tangent[0][before], old, new)
+            J[:] = 0.0
+            J[:, motion, motion], J[:, motion, 2 * n] = free, per_T_before
+            lost = self._tangent[0]
+            return _implicit(J[:, motion, : 2 * n + 1], per_T, lost[now], lost[before], old, new)
         G, T, T_before = self.problem.structure.shortening, self.law.T[now], self.law.T[before]
         # what T shortens at the end of a step is taken of the motion without it: dt^2 T G is small beside 1
-        start, end = np.zeros((2 * n, 2 * n)), new * np.tile(G @ free[:n], (2, 1))
-        start[:, :n] = old * np.tile(G, (2, 1))
-        factors = np.column_stack([np.ones_like(T), -T_before, -T])
-        Y[:, :, : 2 * n] = (factors @ np.stack([free, start, end]).reshape(3, -1)).reshape(-1, 2 * n, 2 * n)
-        for column in (Y[:, :, 2 * n], per_T):
+        parts = np.zeros((3, *J.shape[1:]))
+        parts[0, motion, motion] = free
+        parts[1, motion, :n] = old * np.tile(G, (2, 1))
+        parts[2, motion, motion] = new * np.tile(G @ free[:n], (2, 1))
+        np.matmul(np.column_stack([np.ones_like(T), -T_before, -T]), parts.reshape(3, -1), out=J.reshape(len(J), -1))
+        for column in (per_T_before, per_T):
             column -= T[:, None] * new[:, 0] * np.tile(column[:, :n] @ G, 2)
+        J[:, motion, 2 * n] = per_T_before
         return per_T
 
     def steps(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples) -> Array:
@@ -144,20 +148,18 @@ class Disturbance:
         n, n_z = self.problem.structure.n, self.law.by_states.shape[2]
         by_signals, by_signals_before = self.law.by_signals[now], self.law.by_signals_before[now]
         seen, seen_T = self._signals
-        J = np.zeros((len(now), 2 * n + 1 + n_z, 2 * n + 1 + n_z))
-        motion = J[:, : 2 * n]  # without T of the sample itself
-        per_T = self._driven(modes, now, before, motion[:, :, : 2 * n + 1])
+        J = np.empty((len(now), 2 * n + 1 + n_z, 2 * n + 1 + n_z))
+        per_T = self._driven(modes, now, before, J)  # motion without T of the sample itself
         by_motion = by_signals @ seen[now]  # (N, 1 + n_z, 2n)
-        known = by_motion @ motion
+        known = by_motion @ J[:, : 2 * n]
         known[:, :, : 2 * n] += by_signals_before @ seen[before]
-        known[:, :, 2 * n] += (by_signals_before @ seen_T[before][:, :, None])[:, :, 0]
+        known[:, :, 2 * n] += _times(by_signals_before, seen_T[before])
         known[:, :, 2 * n + 1 :] += self.law.by_states[now]
         # T = known + by_T T
-        by_T = (by_motion @ per_T[:, :, None] + by_signals @ seen_T[now][:, :, None])[:, :, 0]
+        by_T = _times(by_motion, per_T) + _times(by_signals, seen_T[now])
         T = known[:, 0] / (1.0 - by_T[:, :1])
-        motion += per_T[:, :, None] * T[:, None]
-        J[:, 2 * n] = T
-        J[:, 2 * n + 1 :] = known[:, 1:] + by_T[:, 1:, None] * T[:, None]
+        J[:, 2 * n + 1 :] = known[:, 1:]
+        J += np.einsum("ki,kj->kij", np.hstack([per_T, np.ones((len(now), 1)), by_T[:, 1:]]), T)
         return J
 
     def _over_period(self, stride: int = 1) -> Array:
@@ -229,6 +231,11 @@ class Disturbance:
         back = np.concatenate([back[:, :1] * gain, back[:, 1:] + by_T[:, 1:] * gain * back[:, :1]], axis=1)
         T = _periodic(kept * back, driven)[:, :1]
         return np.asarray(self._slip[0][:, :, None] * T - self._tangent[0] @ y)
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Products (N, m) of matrices (N, m, n) and vectors (N, n), in less than half the time of `@`."""
+    return np.asarray(np.einsum("kij,kj->ki", matrices, vectors))
 
 
 def _implicit(Y: Array, per_T: Array, lost: Array, lost_before: Array, old: Array, new: Array) -> Array:

@@ -184,19 +184,24 @@ class Batch:
         m, T = self.m, self.law.force(state.law)
         q, v = np.where(self.dynamic[:, None], state.q, 0.0), np.where(self.dynamic[:, None], state.v, 0.0)
         still, soft = np.where(self.dynamic[:, None], 0.0, 1.0 / m["omega2"][:, None]), 0 * self.row_flexibility
-        whole, Gq = state.q, state.q @ m["G"]
+        whole, Gq, driven = state.q, state.q @ m["G"], self._driven(F)
         for _ in range(8):
             push, tension, at_tip, _ = self._effects(whole, v, Gq, 0.0, state.hidden, state.hidden, soft, 0 * self.dt)
-            p = self._forces(F, T, tension, Gq) + push
+            p = self._forces(driven, T, tension, Gq) + push
             whole = q + still * p
             Gq = whole @ m["G"]
         u, v_slip, R, rest = self._contact(whole, v, p, Gq, T, tension, at_tip)
         return Instant(replace(state, q=whole, v=v), p, Gq, T, R, u, v_slip, rest, T)
 
-    def _forces(self, F: Array, T: Array, tension: Array | float, Gq: Array) -> Array:
-        p = T[..., None] * (self.m["contact"][:, None] - Gq)
-        p += F[..., None] * self.m["drive"][:, None]
+    def _forces(self, driven: Array, T: Array, tension: Array | float, Gq: Array) -> Array:
+        """Forces on the modes; `driven` are those of the excitation."""
+        p = self.m["contact"][:, None] - Gq
+        p *= T[..., None]
+        p += driven
         return p - np.asarray(tension)[..., None] * Gq if self.hidden else p
+
+    def _driven(self, F: Array) -> Array:
+        return F[..., None] * self.m["drive"][:, None]
 
     def _contact(self, q, v, p, Gq, T, tension, at_tip) -> tuple[Array, Array, Array, Array]:
         """Slip, slip velocity of the modes, reaction, and the slip of what has no inertia."""
@@ -218,20 +223,24 @@ class Batch:
         T, Gq, p, memory = 2 * now.T - now.T_before, now.Gq, now.p, old.hidden
         q, v, push, tension = q0 + self.q1 * p, v0 + self.v1 * p, 0.0, 0.0
         R_old, tolerance = self.normal(now.R), self.tolerance * self.P
-        ones = np.ones_like(T)
+        ones, driven = np.ones_like(T), self._driven(F)
+        answers = [row * ones for row in (self.u_T, self.v_T, self.w_T, self.R_T)]
         for trial in range(1, TRIALS + 1):
             before = push
             push, tension, at_tip, memory = self._effects(
                 q, v, Gq, phase, old.hidden, memory, self.row_flexibility, self.dt
             )
-            p = self._forces(F, T, tension, Gq) + push
-            q, v = q0 + self.q1 * p, v0 + self.v1 * p
+            p = self._forces(driven, T, tension, Gq)
+            p += push
+            q, v = self.q1 * p, self.v1 * p  # in place from here on: new arrays cost more than what is done with them
+            q += q0
+            v += v0
             Gq = q @ m["G"]
             u, v_slip, R, rest = self._contact(q, v, p, Gq, T, tension, at_tip)
             w = v_slip + (rest - now.rest) / self.dt
             at = Trial(
                 u - now.u, v_slip, w, self.normal(R), now.v_slip, R_old, self.dt, self.P,
-                self.u_T * ones, self.v_T * ones, self.w_T * ones, self.R_T * ones, u,
+                *answers, u,
             )  # fmt: skip
             remembered, slope = law.advance(old.law, at)
             change = (law.force(remembered) - T) / np.maximum(1.0 - slope, 0.3)

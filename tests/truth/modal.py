@@ -103,7 +103,7 @@ def last_periods(
     """As :func:`steady`, of each of the last periods, (kept, r, 2H+1, n): not every motion repeats."""
     omega_n, r, n = 2 * np.pi * modes.hz, len(hz), len(modes.hz)
     dt = 1.0 / (hz * steps)
-    through, first, second = (np.empty((r, n, *shape)) for shape in ((2, 2), (2,), (2,)))
+    through, first, second = (np.empty((r, *shape, n)) for shape in ((2, 2), (2,), (2,)))
     for i in range(r):
         for j in range(n):
             # (q, q', p, p') with a force p on the mode that changes evenly
@@ -111,23 +111,24 @@ def last_periods(
             A[0, 1] = A[2, 3] = 1.0
             A[1] = [-(omega_n[j] ** 2), -2 * modes.ratio[j] * omega_n[j], 1.0, 0.0]
             E = expm(A * dt[i])
-            through[i, j], second[i, j] = E[:2, :2], E[:2, 3] / dt[i]
-            first[i, j] = E[:2, 2] - second[i, j]
-    phase = np.cos(2 * np.pi * np.arange(steps) / steps)
-    pushed = modes.rows[drive]
-    x, z, f, last = np.zeros((r, n, 2)), np.zeros(r), np.zeros(r), np.empty((kept, steps, r, n))
+            through[i, :, :, j], second[i, :, j] = E[:2, :2], E[:2, 3] / dt[i]
+            first[i, :, j] = E[:2, 2] - second[i, :, j]
+    phase = np.cos(2 * np.pi * np.arange(steps + 1) / steps)[:, None, None, None]
+    pushed = (phase[:-1] * first + phase[1:] * second) * (force[:, None, None] * modes.rows[drive])
+    first, second = first * at, second * at  # of the hidden force
+    seen = (second @ at).T.copy()  # displacement and velocity that it feels of itself
+    x, z, f, last = np.zeros((r, 2, n)), np.zeros(r), np.zeros(r), np.empty((kept, steps, r, n))
     for step in range(periods * steps):
-        here, there = phase[step % steps], phase[(step + 1) % steps]
-        before = (force * here)[:, None] * pushed + f[:, None] * at
-        free = np.einsum("rnab,rnb->rna", through, x) + first * before[..., None]
-        free += second * ((force * there)[:, None] * pushed)[..., None]
-        new = f
-        for _ in range(ITERATIONS):
-            x = free + second * (new[:, None] * at)[..., None]
-            new, after = hidden(x[..., 0] @ at, x[..., 1] @ at, z)
-        f, z = new, after
+        free = np.einsum("rabn,rbn->ran", through, x)
+        free += pushed[step % steps]
+        free += first * f[:, None, None]
+        u, v = (free @ at).T
+        used, (new, after) = f, hidden(u + seen[0] * f, v + seen[1] * f, z)
+        for _ in range(ITERATIONS - 1):
+            used, (new, after) = new, hidden(u + seen[0] * new, v + seen[1] * new, z)
+        x, f, z = free + second * used[:, None, None], new, after
         if step >= (periods - kept) * steps:
-            last[step // steps - periods + kept, (step + 1) % steps] = x[..., 0]
+            last[step // steps - periods + kept, (step + 1) % steps] = x[:, 0]
     spectrum = np.fft.rfft(last, axis=1)[:, : H + 1] * 2 / steps
     spectrum[:, 0] /= 2
     return np.concatenate([spectrum.real, -spectrum.imag[:, 1:]], axis=1).transpose(0, 2, 1, 3)
