@@ -224,24 +224,49 @@ def share(count: int, of: int) -> str:
     return f"{count} of {of} ({low:.0%} to {high:.0%})" if of else "none"
 
 
+def right(f: dict[str, object]) -> bool:
+    """Whether what is said first of a case is the truth."""
+    return f["verdict"] == "consistent" if f["truth"] is None else f["cause"] == f["truth"]
+
+
+def told(f: dict[str, object]) -> bool:
+    """Whether the truth is said, first or among what is not separable from it."""
+    return right(f) or (f["truth"] is not None and str(f["truth"]) in str(f["not_separable"]))
+
+
+def placed(f: dict[str, object]) -> bool:
+    """Whether the cause that is said first is at the ports of the truth."""
+    return set(f["named_at"]) == set(f["at"])
+
+
 def summary(found: list[dict[str, object]]) -> Iterator[str]:
-    """Rates over all cases."""
+    """A table of all cases by kind, then rates with their intervals of 95 %."""
+    yield "| hidden | cases | named first | told | placed | CPU s, median |"
+    yield "|---|---|---|---|---|---|"
+    for kind in dict.fromkeys(str(f["kind"]) for f in found):
+        some = [f for f in found if f["kind"] == kind]
+        counts = (sum(map(right, some)), sum(map(told, some)), sum(map(placed, some)) if some[0]["at"] else "-")
+        cpu = np.median([f["cpu_s"] for f in some])
+        yield f"| {kind} | {len(some)} | {counts[0]} | {counts[1]} | {counts[2]} | {cpu:.0f} |"
+    yield ""
     nulls = [f for f in found if f["truth"] is None]
     physics = [f for f in found if f["kind"] in NAMES]
-    clear = [f for f in physics if f["effect"] >= 5.0 * f["background"]]
+    named = [f for f in physics if f["cause"]]
     wrong = [f for f in found if f["kind"] in ("frequency", "damping")]
-    yield f"null, consistent: {share(sum(f['verdict'] == 'consistent' for f in nulls), len(nulls))}"
-    for name, some in (("physics", physics), ("effect of 5 backgrounds or more", clear)):
-        right = [f for f in some if f["cause"] == f["truth"]]
-        within = [f for f in some if f["cause"] == f["truth"] or f["truth"] in str(f["not_separable"])]
-        placed = [f for f in some if f["cause"] and set(f["named_at"]) == set(f["at"])]
-        yield f"{name}: named first {share(len(right), len(some))}, among those told {share(len(within), len(some))}"
-        yield f"{name}: placed, where a cause was named {share(len(placed), sum(f['cause'] is not None for f in some))}"
-    yield f"wrong number, named: {share(sum(f['cause'] == f['truth'] for f in wrong), len(wrong))}"
-    numbers = sum(str(f["cause"] or "").startswith("parameter:") for f in physics)
-    causes = sum(f["cause"] is not None and not str(f["cause"]).startswith("parameter:") for f in wrong)
-    yield f"number taken for physics or the reverse: {share(numbers + causes, len(physics) + len(wrong))}"
-    yield f"CPU seconds: median {np.median([f['cpu_s'] for f in found]):.0f}, most {max(f['cpu_s'] for f in found):.0f}"
+    both = physics + wrong
+    mixed = [f for f in both if f["cause"] and (f in wrong) != str(f["cause"]).startswith("parameter:")]
+    rates = {
+        "nulls with a cause": ([f for f in nulls if f["cause"]], nulls),
+        "physics named first": (list(filter(right, physics)), physics),
+        "physics told": (list(filter(told, physics)), physics),
+        "placed, where a cause was named": (list(filter(placed, named)), named),
+        "wrong number named first": (list(filter(right, wrong)), wrong),
+        "number and physics told apart": ([f for f in both if f["cause"] and f not in mixed], both),
+    }
+    for name, (some, of) in rates.items():
+        yield f"- {name}: {share(len(some), len(of))}"
+    cpu = [f["cpu_s"] for f in found]
+    yield f"- CPU seconds: median {np.median(cpu):.0f}, most {max(cpu):.0f}"
 
 
 def main() -> None:

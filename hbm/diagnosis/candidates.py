@@ -229,7 +229,9 @@ def _by_quick_fits(
     if _scanned(quick.base):
         confused = _confused(fitted, EXPLAINED * few.points, screening, tried)
         tried |= {s.cause.label for s in confused}
-        fitted = sorted([*fitted, *(r for r in quick.run(confused) if r is not None)], key=lambda r: r.chi2)
+        fitted = sorted(
+            [*fitted, *(r for r in quick.run(confused, steps=MORE_STEPS) if r is not None)], key=lambda r: r.chi2
+        )
     hopeless = fitted[0].chi2 > HELPS * quick.before
     chosen = _chosen(fitted, few, hopeless, len(quick.campaign.numbers) / len(few.numbers))
     return [r for r in chosen if r.chi2 < reached], tried
@@ -270,7 +272,8 @@ def _confused(
 ) -> list[Score]:
     """Candidates not tried that those that explain the records, or the best one, say they are confused with.
 
-    A number that is wrong by more than a resonance is wide does not show its effect by the first of it.
+    A number that is wrong by more than a resonance is wide does not show its effect by the first of it, and its fit has
+    further to go than that of a joint, which starts at the size that it has.
     """
     told = " ".join(r.cause.confused_with for i, r in enumerate(fitted) if i == 0 or r.chi2 <= explained)
     kinds = {s.cause.label: ENTRY.sub("[i]", s.cause.label) for s in screening.scores}

@@ -7,6 +7,7 @@ Structures 154, 2015).
 
 import numpy as np
 
+from hbm.channels import factor
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.modes.backbone import NonlinearMode, nonlinear_mode
@@ -40,7 +41,9 @@ def over_channel(rig: AnyRig, mode: int, channel: str, amplitudes: tuple[float, 
         If there is no first motion.
     """
     low, high = amplitudes[0] / BEYOND, amplitudes[1] * BEYOND
-    drive = low, high  # 1 m of drive for each unit of the channel, to begin with
+    read = next(c for c in rig.channels if c.name == channel)
+    per_metre = float(abs(factor(read, np.array([1j * rig.structure.omega_n[mode - 1]]))[0]))
+    drive = low / per_metre, high / per_metre  # as if the channel were at the drive, to begin with
     for _ in range(ROUNDS):
         found = nonlinear_mode(rig, mode, amplitudes=drive)
         reached = _channel_amplitude(found, channel)

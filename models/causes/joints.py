@@ -1,10 +1,21 @@
 """The catalogue of joints that may not have been modelled, each a law and its numbers."""
 
 from collections.abc import Mapping
+from math import pi
 
 from models.causes.addedjoint import AddedJoint, Number
 from models.friction import Dahl, Iwan, Jenkins, LuGre
-from models.joints import Clearance, CubicSpring, Dashpot, Friction, JointLaw, PolynomialSpring, Stop
+from models.joints import (
+    Backlash,
+    Clearance,
+    CubicSpring,
+    Dashpot,
+    Friction,
+    HystereticDamping,
+    JointLaw,
+    PolynomialSpring,
+    Stop,
+)
 
 ONSETS = (0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9)
 """Starts of displacements at which something sets in, in units of the largest motion there; and of the limits at which
@@ -33,6 +44,21 @@ class LocalDamper(AddedJoint):
     check = "look for what rubs or shears there, take it away and let the structure ring down"
     numbers = (Number("coefficient", "N s/m", "linear", (1, -1, -1)),)
     made = Dashpot
+
+
+class LocalHysteresis(AddedJoint):
+    """Damping by a loss factor."""
+
+    name = "hysteretic-damping"
+    meaning = "a material between two places loses a fixed share of its energy per cycle (loss factor)"
+    looks_like = "linear, in quadrature; damps low modes more than a viscous damper that damps high ones as much"
+    confused_with = "local-damper where one mode was measured, parameter:damping.modal_ratios[i]"
+    check = "compare the damping of two modes far apart: the loss per cycle must not grow with the frequency"
+    numbers = (
+        Number("loss", "N/m", "loss", (1, -1, 0)),
+        Number("frequency", "Hz", "frequency", (0, 0, 1), (0.5 / pi,)),
+    )
+    made = HystereticDamping
 
 
 class QuadraticDamping(AddedJoint):
@@ -162,6 +188,25 @@ class LocalMicroslip(AddedJoint):
         return Friction(Iwan(1.0, values["stiffness"]), values["normal_load"])
 
 
+class LocalBacklash(AddedJoint):
+    """A slider behind a play."""
+
+    name = "backlash"
+    meaning = "a joint has play before it rubs: a spring that slides at a limit, behind a lost motion"
+    looks_like = (
+        "nothing while the motion is within the play; then a loss, frequencies that rise and fall; odd harmonics"
+    )
+    confused_with = "local-friction, two-sided-stop"
+    check = "move it slowly to and fro by hand: a part of the way must need no force"
+    contains = ("local-friction",)
+    numbers = (
+        Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
+        Number("limit", "N", "limit", (1, 0, 0), ONSETS[::2]),
+        Number("play", "m", "play", (0, 1, 0), (0.2, 0.5, 1.0, 1.5)),
+    )
+    made = Backlash
+
+
 class JointSlip(LocalFriction):
     """A Jenkins element that the modes hold, and that slips."""
 
@@ -238,6 +283,7 @@ class LocalLuGre(AddedJoint):
 JOINT_CAUSES: tuple[type[AddedJoint], ...] = (
     LocalSpring,
     LocalDamper,
+    LocalHysteresis,
     QuadraticDamping,
     CubicStiffness,
     PolynomialStiffness,
@@ -248,6 +294,7 @@ JOINT_CAUSES: tuple[type[AddedJoint], ...] = (
     LocalMicroslip,
     LocalDahl,
     LocalLuGre,
+    LocalBacklash,
     JointSlip,
     JointMicroslip,
 )

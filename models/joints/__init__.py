@@ -2,15 +2,18 @@
 
 from models.joints.joint import Joint
 from models.joints.law import JointLaw, JointSample, numbers
+from models.joints.lossy import Backlash, HystereticDamping
 from models.joints.rubbing import Friction, PlaneFriction
 from models.joints.springs import Clearance, CubicSpring, Dashpot, PolynomialSpring, Stop
 
 __all__ = [
     "JOINT_LAWS",
+    "Backlash",
     "Clearance",
     "CubicSpring",
     "Dashpot",
     "Friction",
+    "HystereticDamping",
     "Joint",
     "JointLaw",
     "JointSample",
@@ -21,6 +24,7 @@ __all__ = [
 ]
 
 JOINT_LAWS: dict[str, type] = {
-    law.name: law for law in (PolynomialSpring, CubicSpring, Dashpot, Stop, Clearance, PlaneFriction)
+    law.name: law
+    for law in (PolynomialSpring, CubicSpring, Dashpot, Stop, Clearance, HystereticDamping, Backlash, PlaneFriction)
 }
 """Laws of joints by name, beside the friction laws."""

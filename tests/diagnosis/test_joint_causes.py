@@ -34,7 +34,7 @@ from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
 from models.joints.law import numbers
 from models.parts import Channel, Damping, Excitation
-from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, steady
+from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, slack, steady
 
 ROWS = {
     "drive": np.array([0.8, 0.5, -0.6]),
@@ -239,8 +239,9 @@ def test_a_joint_of_no_size_changes_nothing_and_its_unknowns_are_numbers(kind: t
     [
         (cubic(2e6), ROWS["b"], "b", "cubic", 2e6, 2e-2),
         (gap(200.0, 1e-4), -ROWS["b"], "-1*b", "stiffness", 200.0, 0.2),  # struck where b moves backwards
+        (slack(400.0, 0.02, 2e-4), ROWS["b"], "b", "play", 2e-4, 0.5),
     ],
-    ids=["cubic", "stop"],
+    ids=["cubic", "stop", "backlash"],
 )
 def test_a_scan_of_exact_records_finds_the_size_of_what_made_them(
     hidden: Hidden, row: np.ndarray, at: str, name: str, size: float, within: float
@@ -262,6 +263,27 @@ def test_a_scan_of_exact_records_finds_the_size_of_what_made_them(
     )
     assert best.cause.at == at and best.cause.to == ""
     assert best.starts[0][name] == pytest.approx(size, rel=within)
+
+
+def test_a_loss_factor_is_told_from_a_viscous_damper_by_two_modes() -> None:
+    """Records of a complex stiffness i h between b and the ground, by dense algebra."""
+    loss, hz = 2000.0, np.array([18.5, 19.9, 20.2, 22.0, 46.0, 46.8, 47.2, 48.0])
+    w0, w = 2 * np.pi * NOMINAL.hz, 2 * np.pi * hz[:, None, None]
+    dynamic = np.diag(w0**2) - w**2 * np.eye(3) + 2j * w * np.diag(NOMINAL.ratio * w0)
+    dynamic = dynamic + 1j * loss * np.outer(ROWS["b"], ROWS["b"])
+    q = np.linalg.solve(dynamic, np.tile(ROWS["drive"], (len(hz), 1))[:, :, None])[:, :, 0]
+    modal = np.zeros((len(hz), 7, 3))
+    modal[:, 1], modal[:, 4] = q.real, -q.imag
+    clean = {channel: accelerations(NOMINAL, modal, channel, hz) for channel in SENSORS}
+    clean["force"] = np.zeros((len(hz), 7))
+    clean["force"][:, 1] = 1.0
+    stds = {channel: np.full((len(hz), 4), 1e-3 * np.abs(y[:, 1:]).max()) for channel, y in clean.items()}
+    for channel in clean:
+        clean[channel][:, 0] = stds[channel][:, 0] = np.nan
+    d = diagnose(rig_of(NOMINAL), spectra_of(rig_of(NOMINAL), hz, np.ones(len(hz)), clean, stds), held_out=())
+    assert d.cause == "hysteretic-damping" and d.parameters["at"].value == "b"
+    found, std = value(d, "loss")
+    assert found == pytest.approx(loss, abs=0.03 * loss + 3.0 * std)
 
 
 # ---- a force that is known but for a factor at each level

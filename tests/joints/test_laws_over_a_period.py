@@ -24,7 +24,17 @@ from models import (
     Viscous,
 )
 from models.friction import parameters
-from models.joints import Clearance, CubicSpring, Dashpot, Friction, PlaneFriction, PolynomialSpring, Stop
+from models.joints import (
+    Backlash,
+    Clearance,
+    CubicSpring,
+    Dashpot,
+    Friction,
+    HystereticDamping,
+    PlaneFriction,
+    PolynomialSpring,
+    Stop,
+)
 from models.joints.law import with_numbers
 
 BASIS = FourierBasis(7, 256)
@@ -48,6 +58,8 @@ LAWS = {
     "dashpot": (Dashpot(0.3, 0.2), 0.0),
     "stop": (Stop(3.0, 0.1), 0.0),
     "clearance": (Clearance(3.0, 0.1), 0.0),
+    "loss factor": (HystereticDamping(0.4, 0.2), 0.0),
+    "backlash": (Backlash(3.0, 0.4, 0.2), 0.0),
     "plane": (PlaneFriction(0.4, 2.0, 1.0, 0.8), 0.0),
     "normal port": (Friction(Jenkins(0.4, 0.3), 2.0, 1.5), 0.1),
     "open at rest": (Friction(Jenkins(0.4, 0.3), -0.5, 1.5, 2.0), 0.1),
@@ -167,3 +179,39 @@ def test_open_at_rest_needs_a_gap_and_a_load_to_refer_to() -> None:
         Friction(Jenkins(0.4, 0.3), -1.0, 2.0)
     with pytest.raises(ValueError, match=r"^PlaneFriction: normal_load = -1; must be >= 0"):
         PlaneFriction(0.4, 2.0, -1.0, 0.0)
+
+
+@pytest.mark.parametrize(("times", "within"), [(1.0, 1e-9), (1 / 3, 0.02), (3.0, 0.02), (0.1, 0.04), (10.0, 0.04)])
+def test_a_loss_factor_loses_the_same_at_any_frequency_and_stiffens_as_causality_asks(
+    times: float, within: float
+) -> None:
+    """Complex stiffness i h within a part `within`; Kramers and Kronig: it stiffens by 2/pi h ln(f / reference)."""
+    loss, u = 0.4, np.zeros((BASIS.size, 3))
+    u[1, :2] = 1.0
+    basis = FourierBasis(7, 4096)
+    f = -basis.complex(
+        basis.analysis @ JointOverPeriod(HystereticDamping(loss, 0.2), basis).forces(u, 2 * np.pi * 0.2 * times)[0]
+    )
+    stiffness = f[1, 0]
+    assert stiffness.imag == pytest.approx(loss, rel=within + 1e-5)
+    assert stiffness.real == pytest.approx(2.0 / np.pi * loss * np.log(times), abs=(within + 1e-4) * loss)
+    assert np.abs(f[2:]).max() < 1e-4 * loss  # it is linear
+
+
+def test_a_cycle_through_a_play_loses_four_times_the_limit_times_what_slides() -> None:
+    """To and fro by 2 U: the play and the spring's turn 2 limit / k take their part, the limit is there on the rest."""
+    limit, k, play, U = 0.4, 3.0, 0.2, 1.0
+    u = np.zeros((BASIS.size, 3))
+    u[1, :2] = U
+    basis = FourierBasis(7, 8192)
+    f = JointOverPeriod(Backlash(k, limit, play), basis).forces(u, OMEGA)[0][:, 0]
+    lost = -np.mean(f * (basis.synthesis @ basis.derivative(u[:, 0]))) * 2 * np.pi
+    assert lost == pytest.approx(2 * limit * (2 * U - play - 2 * limit / k), rel=1e-5)
+    assert np.mean(f == 0.0) > 0.05  # within the play nothing acts
+
+
+def test_a_play_of_nothing_is_a_jenkins_element() -> None:
+    signals, _ = _signals(1, loaded=False)
+    f = JointOverPeriod(Backlash(0.8 / 0.3, 0.8, 0.0), BASIS).forces(signals, OMEGA)[0]
+    one = JointOverPeriod(Friction(Jenkins(0.4, 0.3), 2.0), BASIS).forces(signals, OMEGA)[0]
+    assert np.abs(f - one).max() < 1e-12

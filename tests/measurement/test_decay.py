@@ -140,6 +140,16 @@ def test_a_decay_with_friction_follows_the_nonlinear_mode(tmp_path: Path) -> Non
     assert d.damping_ratio == pytest.approx(ratio, rel=0.008)
 
 
+def test_a_mode_is_found_over_the_amplitudes_of_an_accelerometer(tmp_path: Path) -> None:
+    """1 m/s2 is a tenth of a millimetre at this frequency; a metre there would be far out of the spring's reach."""
+    (tmp_path / "rig.toml").write_text(RIG.replace('"velocity"', '"acceleration"'))
+    rig = load_rig(tmp_path / "rig.toml")
+    mode = over_channel(rig, 1, "v", (0.5, 10.0))
+    omega = 2 * np.pi * mode.hz
+    assert mode.amplitude[0] * omega[0] ** 2 == pytest.approx(0.5 / 1.2, rel=0.05)
+    assert mode.amplitude[-1] * omega[-1] ** 2 == pytest.approx(12.0, rel=0.05)
+
+
 def test_the_command_prints_and_writes_the_table(motion, tmp_path: Path) -> None:
     t, *_ = motion
     np.savez(tmp_path / "blows.npz", time_s=t, **{f"v{s}": blow(motion, s).channels["v"] for s in range(3)})

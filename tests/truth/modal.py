@@ -65,6 +65,17 @@ def jenkins(k: float, limit: float) -> Hidden:
     return force
 
 
+def slack(k: float, limit: float, play: float) -> Hidden:
+    """A spring that slides at a limit, behind a play; its memory is where the middle of the play is."""
+
+    def force(u: Array, v: Array, z: Array) -> tuple[Array, Array]:
+        beyond = np.maximum(np.abs(u - z) - play / 2.0, 0.0)
+        f = -np.sign(u - z) * np.minimum(k * beyond, limit)
+        return f, z + np.sign(u - z) * np.maximum(beyond - limit / k, 0.0)
+
+    return force
+
+
 def quadratic(c: float) -> Hidden:
     """A dashpot whose force grows with the square of the velocity."""
     return lambda u, v, z: (-c * v * np.abs(v), z)
