@@ -197,7 +197,7 @@ class LocalBacklash(AddedJoint):
         "nothing while the motion is within the play; then a loss, frequencies that rise and fall; odd harmonics"
     )
     confused_with = "local-friction, two-sided-stop"
-    check = "move it slowly to and fro by hand: a part of the way must need no force"
+    check = "move it slowly back and forth by hand: a part of the way must need no force"
     contains = ("local-friction",)
     numbers = (
         Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
