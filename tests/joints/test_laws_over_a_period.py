@@ -199,7 +199,7 @@ def test_a_loss_factor_loses_the_same_at_any_frequency_and_stiffens_as_causality
 
 
 def test_a_cycle_through_a_play_loses_four_times_the_limit_times_what_slides() -> None:
-    """To and fro by 2 U: the play and the spring's turn 2 limit / k take their part, the limit is there on the rest."""
+    """Back and forth by 2 U: the play and the spring (2 limit / k) take their part; the limit has the rest."""
     limit, k, play, U = 0.4, 3.0, 0.2, 1.0
     u = np.zeros((BASIS.size, 3))
     u[1, :2] = U
