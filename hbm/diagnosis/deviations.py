@@ -1,4 +1,7 @@
-"""How exactly the numbers of a cause are known: as noise, a background, the rest of the rig file and kinks allow."""
+"""How exactly the numbers of a cause are known, as noise, a background, the rest of the rig file and kinks allow.
+
+And whether they say, known so, that it matters at all.
+"""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -22,7 +25,6 @@ TRUSTED = (0.0, 0.01, 0.03, 0.1, 0.3, 1.0)
 
 ALONE = 0.5
 """Share of what is known of a number from which on one record alone says it."""
-
 
 SURE = 3.0
 """Standard deviations by which a number differs for sure."""
@@ -102,8 +104,7 @@ def std_within(e: Evaluation, wide: Evaluation, frequencies: Array, ratios: Arra
     pull = np.where(known, (wide.x - [f.expected for f in free])[~held], 0.0)
     others = (J[:, held] * std[held], frequencies, ratios)
     square = _mean_square(J[:, ~held], others, wide.white.residual, precision, pull)
-    slopes = np.array([f.slope(x) for f, x in zip(e.model.free, e.x, strict=True)])
-    return np.asarray(np.maximum(np.abs(slopes) * np.sqrt(square), e.std))
+    return np.asarray(np.maximum(e.scales * np.sqrt(square), e.std))
 
 
 def std_of_records(e: Evaluation) -> Array:
@@ -114,9 +115,8 @@ def std_of_records(e: Evaluation) -> Array:
     is off by, whatever the misfit is made of (Huber, Proc. 5th Berkeley Symp. 1 (1967), 221; White, Econometrica 50
     (1982), 1), records being independent once they are whitened.
     """
-    slopes = np.array([f.slope(x) for f, x in zip(e.model.free, e.x, strict=True)])
     square = _disagreement(e.white.jacobian, e.white.residual, e.white.record, e.covariance, e.expected)
-    return np.asarray(np.abs(slopes) * np.sqrt(square))
+    return np.asarray(e.scales * np.sqrt(square))
 
 
 def std_at_kinks(e: Evaluation, campaign: Campaign) -> Array:
@@ -126,18 +126,17 @@ def std_at_kinks(e: Evaluation, campaign: Campaign) -> Array:
     a fit that makes the most of such a record ends at its kink. There a derivative holds for one side. The record is
     simulated one standard deviation to either side, and counts as on the side that says less.
     """
-    slopes = np.array([f.slope(x) for f, x in zip(e.model.free, e.x, strict=True)])
     covariance = e.covariance
-    std = np.sqrt(np.diag(covariance))
+    std, known = np.sqrt(np.diag(covariance)), np.linalg.inv(covariance)
     for i, f in enumerate(e.model.free):
         step = covariance[:, i] / std[i]
         record, share = _tells_most(e, step)
         if f.cause >= 0 and share > ALONE:
             own = e.white.jacobian[e.white.record == record]
-            others = np.linalg.inv(covariance) - own.T @ own
+            others = known - own.T @ own
             sides = (np.linalg.inv(others + J.T @ J)[i, i] for J in _beside(e, campaign, record, step))
             std[i] = max([std[i], *np.sqrt([*sides])])
-    return np.asarray(np.abs(slopes) * std)
+    return np.asarray(e.scales * std)
 
 
 def _tells_most(e: Evaluation, step: Array) -> tuple[int, float]:

@@ -113,10 +113,14 @@ class Evaluation:
         return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / width**2)))
 
     @property
+    def scales(self) -> Array:
+        """Standard deviations of the values by those of the coordinates, (n,)."""
+        return np.abs([f.slope(v) for f, v in zip(self.model.free, self.x, strict=True)])
+
+    @property
     def std(self) -> Array:
         """Standard deviations of the values, (n,)."""
-        slopes = np.array([f.slope(v) for f, v in zip(self.model.free, self.x, strict=True)])
-        return np.asarray(np.abs(slopes) * np.sqrt(np.diag(self.covariance)))
+        return np.asarray(self.scales * np.sqrt(np.diag(self.covariance)))
 
     @property
     def bic(self) -> float:

@@ -67,10 +67,9 @@ def test_a_cause_matters_where_a_number_is_surely_not_neutral(causes, numbers, s
 
 def test_of_two_causes_each_must_matter():
     model = Model(beam(), {}, (AddedMass(), ClampFriction()))
-    known = {(0, "mass"): (0.01, 0.001), (0, "position"): (0.3, 0.01), (1, "stiffness"): (1e4, 10.0)}
-    for limit, said in ((0.1, True), (5.0, False)):
-        numbers = known | {(1, "limit"): (2.3, limit)}
-        numbers[1, "stiffness"] = (1e4, 10.0) if said else (1e12, 1e18)
+    mass = {(0, "mass"): (0.01, 0.001), (0, "position"): (0.3, 0.01)}
+    for stiffness, limit, said in (((1e4, 10.0), (2.3, 0.1), True), ((1e12, 1e18), (2.3, 5.0), False)):
+        numbers = mass | {(1, "stiffness"): stiffness, (1, "limit"): limit}
         values, std = zip(*(numbers[f.cause, f.name] for f in model.free), strict=True)
         x = np.array([f.of(value) for f, value in zip(model.free, values, strict=True)])
         assert matters(SimpleNamespace(model=model, x=x), np.array(std)) is said
