@@ -168,7 +168,7 @@ class Rig(Numbered):
         """Where a force follows a law: the contact."""
         return 1
 
-    @property
+    @cached_property
     def numbers(self) -> Described:
         """All its numbers by the keys of its rig file, with unit and bounds."""
         return {
@@ -248,7 +248,7 @@ class Rig(Numbered):
             return np.arange(1, len(self.body.frequencies_hz) + 1)
         return _numbers(self.body, self.attachments)
 
-    @property
+    @cached_property
     def layout(self) -> Layout:
         """Geometry of a beam rig.
 

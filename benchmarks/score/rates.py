@@ -152,6 +152,10 @@ def over_background(causes: Sequence[Outcome]) -> list[Row]:
         chosen = [o for o, ratio in ratios if low <= ratio < high or ratio == high == np.inf]
         name = f">= {low:g}" if np.isinf(high) else f"< {high:g}" if low == 0 else f"{low:g} to {high:g}"
         rows.append(rate(RATIO, name, (o.right for o in chosen)))
+        beyond = [o for o in chosen if not o.tolerated]
+        rows.append(rate(RATIO, f"{name}, but for numbers within tolerances", (o.right for o in beyond)))
+    within = [o for o, _ in ratios if o.tolerated]
+    rows.append(rate(RATIO, "numbers within tolerances, consistent", (o.verdict == "consistent" for o in within)))
     return rows
 
 

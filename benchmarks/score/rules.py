@@ -8,6 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from hbm.outputerror.model import FAR
+from hbm.outputerror.nominal import TOLERANCES
+from hbm.sensitivity.scalars import FRICTION
+
 GROUPS: dict[str, tuple[str, ...]] = {
     "friction": (
         "stribeck-weakening",
@@ -123,6 +127,22 @@ class Outcome:
         if not self.background:
             return np.inf
         return None if self.effect is None else self.effect / self.background
+
+    @property
+    def tolerated(self) -> bool:
+        """Whether the truth is a number of the rig file that is off by what calibration may move it: it is not wrong.
+
+        By the usual tolerances: blind rig files state none.
+        """
+        key = str(self.answer["cause"]).removeprefix(PARAMETER)
+        if self.answer["cause"] == key or "value" not in self.answer["parameters"]:
+            return False
+        nominal = nominal_number(self.nominal, key)
+        usual = TOLERANCES["friction"] if key.startswith(FRICTION) else None
+        tolerance = TOLERANCES.get(key, usual)
+        if not nominal or tolerance is None:
+            return False
+        return bool(abs(self.answer["parameters"]["value"] / nominal - 1.0) <= FAR * tolerance)
 
     @property
     def remainder(self) -> Mapping[str, Any]:

@@ -17,6 +17,7 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
+from models.causes.sensors import OfChannel
 from models.jointed import AnyRig, JointedRig
 
 SCANNED = 10
@@ -290,7 +291,8 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
 
     A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause,
     and for joints, which were scanned at the size that they have, and promise a share of what calibration leaves: they
-    are compared with each other.
+    are compared with each other. Nor does that test foresee what a sensor reads that sits far from its place: of a
+    channel that it favours every number runs.
     """
     best: dict[bool, float] = {}
     for s in screening.scores:
@@ -299,8 +301,14 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     others = [s for s in screening.scores if s not in first]
     forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
     known = small(base) or base.model.causes or _scanned(base)
-    tried = [] if known else [s for s in forces if not _unseen(s)]
+    tried = [] if known else [*_of_channels(first, others), *(s for s in forces if not _unseen(s))]
     return [*first, *tried, *(s for s in others if _unseen(s))]
+
+
+def _of_channels(first: Sequence[Score], others: Sequence[Score]) -> list[Score]:
+    """Those of the others that are numbers of the same channels as the first."""
+    blamed = {s.cause.channel for s in first if isinstance(s.cause, OfChannel)}
+    return [s for s in others if isinstance(s.cause, OfChannel) and s.cause.channel in blamed]
 
 
 def _joint(score: Score) -> bool:

@@ -1,23 +1,20 @@
 """The conclusion from a decision: scored on the records held out, and said in numbers and sentences."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 
-import numpy as np
-
 from continuation import ConvergenceError
-from hbm.diagnosis.calibrate import off
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
-from hbm.diagnosis.decide import ALARM, DECISIVE, Decision, inclusion, sidak, tied
+from hbm.diagnosis.decide import DECISIVE, Decision, inclusion, tied
 from hbm.diagnosis.deviations import deviations, matters
-from hbm.diagnosis.estimates import estimates, lifted, name_of, told_of
-from hbm.diagnosis.judge import CLEAR, beside, lead, possible_background_of, rig_freed, widened
+from hbm.diagnosis.estimates import estimates, name_of, told_of
+from hbm.diagnosis.evidence import Evidence
+from hbm.diagnosis.judge import CLEAR, beside, beside_noise, lead, possible_background_of, rig_freed
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
-from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent, remainder
+from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, remainder
 from hbm.diagnosis.search import NEARLY, Search, campaign_of
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
@@ -26,9 +23,6 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import CHANGING, LARGEST
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
-
-MOVED = 3
-"""So many numbers that calibration moves far are named."""
 
 MAIN, NOTABLE = 0.5, 0.005
 """Share of the misfit of the rig file, on records held out too, that a main cause explains; and how large that misfit
@@ -67,9 +61,7 @@ class Conclusion:
 
     def _noise(self, e: Evaluation) -> Evaluation:
         """A model beside noise alone."""
-        if not any(self.search.campaign.background.values()):
-            return e
-        return widened(e, self.campaign)
+        return beside_noise(e, self.search.campaign)
 
     @property
     def plain(self) -> dict[str, tuple[Evaluation, Predicted | None]]:
@@ -108,7 +100,7 @@ class Conclusion:
             errors=self._errors(best),
             held_out_records=self.held,
             ranking=tuple(map(self._ranked, self.decision.fits, self._nrmse_held_out)),
-            evidence=tuple(self._evidence(verdict, best)),
+            evidence=tuple(self._evidence.lines(verdict, best)),
             extended=None if best is None else best.model.rig(best.x),
             nominal=self.search.nominal,
             calibrated=self.search.calibrated,
@@ -311,90 +303,8 @@ class Conclusion:
         found = separate(best, ties[0], self.search.campaign)
         return "" if found is None else str(found)
 
-    def _evidence(self, verdict: str, best: Evaluation | None) -> Iterator[str]:
-        search = self.search
-        held = f", {len(self.held)} held out" if self.held else "; none held out: too few records or levels"
-        yield f"{len(search.campaign.numbers)} records with {search.campaign.points} coefficients fitted{held}."
-        yield f"{search.campaign.numerics}."
-        yield from self._background()
-        if len(np.unique(search.spectra.level)) == 1:
-            yield "One level only: damping laws, and friction from its amplitude, cannot be told apart."
-        yield from (f"Sensors: {line}." for line in search.sensors)
-        yield from self._misfits()
-        yield from lifted(self.decision.best or self.decision.base)
-        yield from self._moved()
-        yield from self._scores()
-        if best is not None:
-            yield from self._found(best)
-        elif verdict == "unexplained" and self.decision.fits:
-            tried = self.decision.fits[0]
-            m = misfit(self._noise(tried), self.campaign)
-            yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances; worst {m.worst.what}."
-            scored = self.best[1] if self.best is not None else None
-            if scored is not None and not scored.misfit.fits:
-                worst = scored.misfit.worst
-                yield (
-                    f"It does not predict the records held out: {scored.errors.chi2_reduced:.4g} noise variances, "
-                    f"most clearly in {worst.what} ({worst.chi2_reduced:.3g}); chance {scored.misfit.probability:.2g}."
-                )
-
-    def _background(self) -> Iterator[str]:
-        """Say what counts beside the noise because no candidate describes it."""
-        sizes = {k: size for k, size in self.search.campaign.background.items() if size > 0.0}
-        if sizes:
-            told = ", ".join(f"{percent(size)} of harmonic {k}" for k, size in sizes.items())
-            yield f"Compared beside a background that no candidate describes, as the best model leaves it: {told}."
-
-    def _misfits(self) -> Iterator[str]:
-        for name, (e, scored) in self.plain.items():
-            m = misfit(e, self.campaign)
-            hidden = "" if scored is None else f", {scored.errors.chi2_reduced:.4g} on those held out"
-            yield (
-                f"The {name} model is off by {m.nrmse:.3%}, {e.white.chi2 / len(e.white):.4g} noise variances on the "
-                f"mean{hidden}; probability by noise {m.probability:.2g}"
-                + ("." if m.fits else f", most clearly in {m.worst.what} ({m.worst.chi2_reduced:.3g}).")
-            )
-            if e.missing:
-                yield f"No steady state of the {name} model was found for records {', '.join(map(str, e.missing))}."
-
-    def _moved(self) -> Iterator[str]:
-        far = [f"{key} ({pull:+.1f})" for key, pull in off(self.search.trust, self.search.calibrated).items()]
-        if far:
-            told = ", ".join(far[:MOVED]) + (f" and {len(far) - MOVED} more" if far[MOVED:] else "")
-            yield (
-                f"Calibration moves {told} as many tolerances as it may: a number of the rig file is wrong, or physics "
-                "is missing."
-            )
-
-    def _scores(self) -> Iterator[str]:
-        screening = self.search.screening
-        if not screening.scores or not screening.scores[0].drop:
-            return
-        told = ", ".join(f"{s.cause.label} {s.drop:.3g}" for s in screening.scores[:4])
-        yield (
-            f"Score test on {screening.records} records, predicted fall of chi2: {told}; chance reaches "
-            f"{sidak(self.search.tried):.3g} in {ALARM:.1%} of the searches over {self.search.tried} candidates."
-        )
-        first = screening.scores[0].cause.label
-        alike = screening.look_alikes(first)
-        if alike:
-            yield f"Looks like {first}: " + ", ".join(f"{name} (cosine {c:.3f})" for name, c in alike.items()) + "."
-
-    def _found(self, best: Evaluation) -> Iterator[str]:
-        base, plain = self.plain["calibrated" if best.model.calibrated else "nominal"][0], self._noise(best)
-        scored = self.best[1] if self.best is not None else None
-        hidden = "" if scored is None else f"; on records held out {scored.errors.chi2_reduced:.4g} noise variances"
-        yield (
-            f"{best.model.label} lowers chi2 from {base.chi2:.5g} to {plain.chi2:.5g} "
-            f"(BIC by {base.bic - plain.bic:.4g}){hidden}."
-        )
-        if self._within_too(best):
-            yield "Without it numbers within their tolerances leave noise alone too, but are further from the rig file."
-        if not best.model.rig(best.x).excitation.settled:
-            yield (
-                "Size and phase of the transients are free in each record, those held out too; what the records miss "
-                "has no order from one to the next. Hold each frequency longer, measure some again: they then agree."
-            )
-        for i, cause in enumerate(best.model.causes[1:], start=1):
-            said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
-            yield f"Beside it: {cause.label}, {said}."
+    @property
+    def _evidence(self) -> Evidence:
+        scored = None if self.best is None else self.best[1]
+        within = self.best is not None and self._within_too(self.best[0])
+        return Evidence(self.search, self.decision, self.campaign, len(self.held), self.plain, scored, within)

@@ -57,6 +57,11 @@ def widened(e: Evaluation, campaign: Campaign) -> Evaluation:
     return replace(e, white=replace(campaign, corrections=e.corrections).whiten(e.found, e.by_x))
 
 
+def beside_noise(e: Evaluation, campaign: Campaign) -> Evaluation:
+    """A model of a campaign where it is, beside noise alone."""
+    return widened(e, replace(campaign, background={})) if any(campaign.background.values()) else e
+
+
 def beside(e: Evaluation, campaign: Campaign) -> Evaluation:
     """A model where it is likeliest beside the background of a campaign, to first order."""
     there = widened(e, campaign)

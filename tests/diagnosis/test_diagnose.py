@@ -27,7 +27,7 @@ from hbm.outputerror.whitened import uncorrelated
 from models.causes.cause import Unknown
 from models.causes.friction import ViscousContact
 from models.causes.parameter import WrongParameter
-from models.causes.sensors import SwappedChannels
+from models.causes.sensors import SensorGain, SensorPosition, SwappedChannels
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportRotationSpring
 
 EXAMPLES = Path(__file__).parents[3] / "shared" / "data" / "examples"
@@ -92,6 +92,9 @@ def test_wrong_youngs_modulus_is_called_by_its_key():
     assert value.unit == "Pa"
     assert abs(value.value - example("null", 4)[0].body.youngs_modulus) < 3 * value.std
     assert found.gain["held_out_nrmse_ratio"] <= 1.0
+    (clock,) = [line for line in found.evidence if line.startswith("A clock does nearly the same")]
+    softer = 1.0 - np.sqrt(value.value / (1.08 * example("null", 4)[0].body.youngs_modulus))
+    assert f"frequencies stated {softer:.2%} too low" in clock
 
 
 def test_exchanged_channels_are_found_beside_a_force():
@@ -101,6 +104,20 @@ def test_exchanged_channels_are_found_beside_a_force():
     found = diagnose(exchanged.extend(rig, {}), spectra, causes=(exchanged, ClampRotation))
     assert (found.verdict, found.cause) == ("cause-found", "swapped-channels")
     assert {name: p.value for name, p in found.parameters.items()} == {"channel": "a2", "other": "a4"}
+
+
+def test_a_sensor_far_from_its_place_is_found_where_small_steps_foresee_nothing():
+    """Where the beam moves most a small step changes nothing and the gain is blamed: all numbers of its channel run."""
+    rig, spectra = example("null", 6)
+    length = float(rig.body.length)
+    moved = rig.with_number("channels.a1.position", 0.58 * length)
+    told = []
+    causes = (SensorGain, SensorPosition)
+    found = diagnose(moved, spectra, causes=causes, on_progress=lambda what, share: told.append(what))
+    assert (found.verdict, found.cause) == ("cause-found", "sensor-position")
+    position = found.parameters["position"]
+    assert abs(position.value - rig.number("channels.a1.position")) < 3 * position.std
+    assert "sensor-position a1 (2 of 2)" in told  # at once, not after all else has failed
 
 
 def test_no_cause_is_named_for_what_calibration_missed(monkeypatch):

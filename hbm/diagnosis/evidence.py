@@ -1,0 +1,150 @@
+"""What supports a conclusion, in sentences."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.diagnosis.calibrate import off
+from hbm.diagnosis.decide import ALARM, Decision, sidak
+from hbm.diagnosis.estimates import lifted
+from hbm.diagnosis.judge import beside_noise
+from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.predict import Predicted
+from hbm.diagnosis.remainder import percent
+from hbm.diagnosis.search import Search
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
+from models.causes.parameter import WrongParameter
+
+MOVED = 3
+"""So many numbers that calibration moves far are named."""
+
+TIMED = {"beam.youngs_modulus": 0.5, "beam.density": -0.5}
+"""Power of a number that all natural frequencies are proportional to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What was seen on the way to a verdict.
+
+    Attributes
+    ----------
+    search : Search
+    decision : Decision
+    held : int
+        How many records were held out.
+    plain : mapping of str to (Evaluation, Predicted or None)
+        The models without a cause, on the records fitted and on those held out.
+    scored : Predicted, optional
+        The best model on the records held out.
+    within : bool
+        Whether numbers within their tolerances leave noise alone without the cause that was found beside them.
+    """
+
+    search: Search
+    decision: Decision
+    noise: Campaign
+    held: int
+    plain: Mapping[str, tuple[Evaluation, Predicted | None]]
+    scored: Predicted | None
+    within: bool
+
+    def lines(self, verdict: str, best: Evaluation | None) -> Iterator[str]:
+        """All of it; `best` is the model with the cause that is named."""
+        search = self.search
+        held = f", {self.held} held out" if self.held else "; none held out: too few records or levels"
+        yield f"{len(search.campaign.numbers)} records with {search.campaign.points} coefficients fitted{held}."
+        yield f"{search.campaign.numerics}."
+        yield from self._background()
+        if len(np.unique(search.spectra.level)) == 1:
+            yield "One level only: damping laws, and friction from its amplitude, cannot be told apart."
+        yield from (f"Sensors: {line}." for line in search.sensors)
+        yield from self._misfits()
+        yield from lifted(self.decision.best or self.decision.base)
+        yield from self._moved()
+        yield from self._scores()
+        if best is not None:
+            yield from self._found(best)
+        elif verdict == "unexplained" and self.decision.fits:
+            tried = self.decision.fits[0]
+            m = misfit(beside_noise(tried, search.campaign), self.noise)
+            yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances; worst {m.worst.what}."
+            if (scored := self.scored) is not None and not scored.misfit.fits:
+                worst = scored.misfit.worst
+                yield (
+                    f"It does not predict the records held out: {scored.errors.chi2_reduced:.4g} noise variances, "
+                    f"most clearly in {worst.what} ({worst.chi2_reduced:.3g}); chance {scored.misfit.probability:.2g}."
+                )
+
+    def _background(self) -> Iterator[str]:
+        """Say what counts beside the noise because no candidate describes it."""
+        sizes = {k: size for k, size in self.search.campaign.background.items() if size > 0.0}
+        if sizes:
+            told = ", ".join(f"{percent(size)} of harmonic {k}" for k, size in sizes.items())
+            yield f"Compared beside a background that no candidate describes, as the best model leaves it: {told}."
+
+    def _misfits(self) -> Iterator[str]:
+        for name, (e, scored) in self.plain.items():
+            m = misfit(e, self.noise)
+            hidden = "" if scored is None else f", {scored.errors.chi2_reduced:.4g} on those held out"
+            yield (
+                f"The {name} model is off by {m.nrmse:.3%}, {e.white.chi2 / len(e.white):.4g} noise variances on the "
+                f"mean{hidden}; probability by noise {m.probability:.2g}"
+                + ("." if m.fits else f", most clearly in {m.worst.what} ({m.worst.chi2_reduced:.3g}).")
+            )
+            if e.missing:
+                yield f"No steady state of the {name} model was found for records {', '.join(map(str, e.missing))}."
+
+    def _moved(self) -> Iterator[str]:
+        far = [f"{key} ({pull:+.1f})" for key, pull in off(self.search.trust, self.search.calibrated).items()]
+        if far:
+            told = ", ".join(far[:MOVED]) + (f" and {len(far) - MOVED} more" if far[MOVED:] else "")
+            yield (
+                f"Calibration moves {told} as many tolerances as it may: a number of the rig file is wrong, or physics "
+                "is missing."
+            )
+
+    def _scores(self) -> Iterator[str]:
+        screening = self.search.screening
+        if not screening.scores or not screening.scores[0].drop:
+            return
+        told = ", ".join(f"{s.cause.label} {s.drop:.3g}" for s in screening.scores[:4])
+        yield (
+            f"Score test on {screening.records} records, predicted fall of chi2: {told}; chance reaches "
+            f"{sidak(self.search.tried):.3g} in {ALARM:.1%} of the searches over {self.search.tried} candidates."
+        )
+        first = screening.scores[0].cause.label
+        alike = screening.look_alikes(first)
+        if alike:
+            yield f"Looks like {first}: " + ", ".join(f"{name} (cosine {c:.3f})" for name, c in alike.items()) + "."
+
+    def _found(self, best: Evaluation) -> Iterator[str]:
+        base = self.plain["calibrated" if best.model.calibrated else "nominal"][0]
+        plain, scored = beside_noise(best, self.search.campaign), self.scored
+        hidden = "" if scored is None else f"; on records held out {scored.errors.chi2_reduced:.4g} noise variances"
+        yield (
+            f"{best.model.label} lowers chi2 from {base.chi2:.5g} to {plain.chi2:.5g} "
+            f"(BIC by {base.bic - plain.bic:.4g}){hidden}."
+        )
+        yield from _clock(best)
+        if self.within:
+            yield "Without it numbers within their tolerances leave noise alone too, but are further from the rig file."
+        if not best.model.rig(best.x).excitation.settled:
+            yield (
+                "Size and phase of the transients are free in each record, those held out too; what the records miss "
+                "has no order from one to the next. Hold each frequency longer, measure some again: they then agree."
+            )
+        for i, cause in enumerate(best.model.causes[1:], start=1):
+            said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
+            yield f"Beside it: {cause.label}, {said}."
+
+
+def _clock(best: Evaluation) -> Iterator[str]:
+    """What else moves all natural frequencies alike: nobody looks for it, and the records cannot tell."""
+    cause = best.model.causes[0]
+    if isinstance(cause, WrongParameter) and cause.key in TIMED:
+        (now,) = cause.unknowns(best.model.nominal)
+        share = (best.model.values(best.x, 0)["value"] / now.neutral) ** TIMED[cause.key] - 1.0
+        way = "low" if share < 0.0 else "high"
+        yield f"A clock does nearly the same, frequencies stated {abs(share):.2%} too {way}: compare it with another."
