@@ -115,6 +115,17 @@ def test_answers_without_sizes_still_count():
     assert outcome("added-mass", sizes=(0.01,)).dominance is None
 
 
+def test_a_number_that_calibration_may_move_is_told_apart():
+    def tolerated(cause, value):
+        return outcome(cause, true={"value": value}).tolerated
+
+    assert tolerated("parameter:beam.youngs_modulus", 206e9)  # three tolerances of 1 %
+    assert not tolerated("parameter:beam.youngs_modulus", 208e9)
+    assert not tolerated("parameter:beam.length", 0.5)  # has none
+    assert not outcome("added-mass", true={"mass": 0.1}).tolerated
+    assert not outcome(None).tolerated
+
+
 def test_truth_among_those_not_separable():
     tied = outcome("added-mass", "added-spring", not_separable=["parameter:beam.density", "added-mass"])
     assert tied.covered and not tied.right and tied.set_size == 3

@@ -134,15 +134,14 @@ class Outcome:
 
         By the usual tolerances: blind rig files state none.
         """
-        key = str(self.answer["cause"]).removeprefix(PARAMETER)
-        if self.answer["cause"] == key or "value" not in self.answer["parameters"]:
+        cause = str(self.answer["cause"])
+        key = cause.removeprefix(PARAMETER)
+        tolerance = TOLERANCES.get(key, TOLERANCES["friction"] if key.startswith(FRICTION) else None)
+        if not is_parameter(cause) or tolerance is None:
             return False
-        nominal = nominal_number(self.nominal, key)
-        usual = TOLERANCES["friction"] if key.startswith(FRICTION) else None
-        tolerance = TOLERANCES.get(key, usual)
-        if not nominal or tolerance is None:
-            return False
-        return bool(abs(self.answer["parameters"]["value"] / nominal - 1.0) <= FAR * tolerance)
+        return bool(
+            abs(self.answer["parameters"]["value"] / nominal_number(self.nominal, key) - 1.0) <= FAR * tolerance
+        )
 
     @property
     def remainder(self) -> Mapping[str, Any]:
