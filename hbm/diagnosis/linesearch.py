@@ -202,6 +202,9 @@ class LineSearch:
             nominal=self.beside(self.nominal, self.campaign.floor),
             calibrated=self.beside(self.calibrated, self.campaign.floor),
             extended_fit=named,
+            campaign=replace(self.campaign, floor=0.0, executor=None),
+            held=unseen,
+            held_campaign=None if self.hidden is None else replace(self.hidden, executor=None),
             tried=tuple(self.fits),
         )
 

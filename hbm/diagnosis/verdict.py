@@ -7,6 +7,7 @@ from typing import Any, Literal
 from hbm.diagnosis.remainder import Remainder, percent
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.lines import LineCampaign
 from models.display import Displayed
 from models.jointed import AnyRig
 
@@ -129,6 +130,11 @@ class Diagnosis(Displayed):
     held: Mapping[str, Evaluation] = field(default_factory=dict, repr=False)
     held_campaign: Campaign | None = field(default=None, repr=False)
     tried: tuple[Evaluation, ...] = field(default=(), repr=False)
+
+    @property
+    def of_lines(self) -> bool:
+        """Whether its records are of many lines, not of one frequency and its harmonics."""
+        return isinstance(self.campaign, LineCampaign)
 
     @property
     def gain(self) -> dict[str, float]:

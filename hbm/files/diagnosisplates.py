@@ -9,6 +9,7 @@ from hbm.diagnosis.verdict import Diagnosis
 from hbm.figures import diagnosis as figures
 from hbm.figures.gain import plot_gain
 from hbm.figures.identification import plot_ranking
+from hbm.figures.lines import most_missed, plot_lines
 from hbm.figures.misfitmap import plot_misfit_map
 from hbm.figures.missingforce import plot_missing_force
 from hbm.figures.overview import plot_overview
@@ -24,7 +25,7 @@ from hbm.files.diagnosiscolumns import (
 )
 from hbm.files.figurefiles import Plate
 
-PLATES = ("overview", "responses", "gain", "deviations", "misfit_map", "missing_force", "ranking")
+PLATES = ("overview", "lines", "responses", "gain", "deviations", "misfit_map", "missing_force", "ranking")
 """Names of all that there can be."""
 
 CURVE_FILE = "response_curves.csv"
@@ -43,6 +44,8 @@ RULES = (
 def diagnosis_plates(found: Diagnosed) -> list[Plate]:
     """The figures with their numbers; those of the models only where these are known."""
     own = found.diagnosis
+    if own.of_lines:
+        return [*_line_plates(found), *_gain_plates(own), *_ranking_plates(found)]
     return [
         *_overview(found),
         *_response_plates(found),
@@ -68,6 +71,26 @@ def _overview(found: Diagnosed) -> Iterator[Plate]:
         "makes of it. Hollow: records held out, which no fit has seen.",
         plot_overview(found.compared, view, channel, unit, traced=found.traced),
         found.labelled(overview_columns(found.compared, view)),
+    )
+
+
+def _line_plates(found: Diagnosed) -> Iterator[Plate]:
+    """The one figure that shows what is wrong in records of many lines."""
+    models = found.compared
+    if not models:
+        return
+    record, channel = most_missed(models)
+    (label,) = found.spectra.labels_of(np.array([record])).tolist()
+    first = next(iter(models.values()))
+    held = ", which no fit has seen" if first.held_out[first.record == record].any() else ""
+    columns = found.labelled(compared_columns(models, found.channels))
+    yield Plate(
+        "lines",
+        "What is wrong",
+        f"Amplitude of each line of {found.channels[channel]} in record {label}{held}; that of what each model misses, "
+        "phase included; and of the noise that was stated.",
+        plot_lines(models, record, channel, found.channels[channel], found.units[channel]),
+        columns,
     )
 
 

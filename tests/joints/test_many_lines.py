@@ -11,6 +11,8 @@ from hbm import diagnose, joint_sensitivities, steady_state
 from hbm.balance.lines import LineBalance
 from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.linesearch import hopeful
+from hbm.files.diagnosed import Diagnosed
+from hbm.files.diagnosisplates import diagnosis_plates
 from hbm.fourier import MANY, Array, FourierBasis, sampled
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.sensitivity.lines import line_changes
@@ -167,7 +169,8 @@ def test_lines_agree_with_integration_in_time() -> None:
 
 
 def test_a_cubic_spring_is_named_from_lines() -> None:
-    found = diagnose(oscillator(F_N * 1.004), measured(lambda u: -2e7 * u**3, 0.02), held_out=[2, 5])
+    rig, spectra = oscillator(F_N * 1.004), measured(lambda u: -2e7 * u**3, 0.02)
+    found = diagnose(rig, spectra, held_out=[2, 5])
     assert (found.verdict, found.cause, found.parameters["at"].value) == ("cause-found", "cubic-stiffness", "m")
     k3 = found.parameters["cubic"]
     assert isinstance(k3.value, float)
@@ -176,6 +179,14 @@ def test_a_cubic_spring_is_named_from_lines() -> None:
     assert found.gain["held_out_nrmse_ratio"] < 0.3
     assert found.extended is not None
     assert found.extended.number("modal.frequencies_hz[1]") == pytest.approx(F_N, rel=2e-3)
+    plates = {plate.name: plate for plate in diagnosis_plates(Diagnosed(found, rig, spectra))}
+    assert list(plates) == ["lines", "gain", "ranking"]
+    assert "record 2, which no fit has seen" in plates["lines"].caption
+    rows = plates["lines"].columns
+    for model, errors in found.errors.items():  # what is drawn is what the errors are made of
+        own = (rows["model"] == model) & rows["held_out"]
+        y, x = (rows[f"{what}_real"][own] + 1j * rows[f"{what}_imag"][own] for what in ("measured", "simulated"))
+        assert np.linalg.norm(y - x) / np.linalg.norm(y) == pytest.approx(errors["held_out"].nrmse, rel=1e-6)
 
 
 def test_nothing_is_named_where_lines_are_noise() -> None:
