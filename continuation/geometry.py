@@ -37,6 +37,10 @@ class Metric:
         """Length."""
         return math.sqrt(float(a @ (self.weights * a)))
 
+    def motion(self, state: Array) -> float:
+        """Size of the unknowns of a state (x, lam)."""
+        return self.norm(np.append(state[:-1], 0.0))
+
     def unit(self, a: Array) -> Array:
         """Vector of length 1 along a."""
         return a / self.norm(a)
@@ -121,3 +125,36 @@ def fold_lam(first: Frame, second: Frame, length: float) -> float:
     roots = [numerator / denominator for numerator, denominator in ((q, a), (c, q)) if denominator != 0.0]
     u = min(roots, key=lambda root: abs(root - 0.5))
     return lam + m0 * u + 0.5 * b * u**2 + a * u**3 / 3.0
+
+
+class Stretch:
+    """The cubic between two solutions that has their tangents (Hermite), a curve in the space of (x, lam).
+
+    Parameters
+    ----------
+    ends, tangents : pair of (N + 1,) array
+        States, and unit tangents in the direction of travel.
+    length : float
+        Of the path from one end to the other, > 0.
+    """
+
+    def __init__(self, ends: tuple[Array, Array], tangents: tuple[Array, Array], length: float) -> None:
+        self.ends, self.tangents, self.length = ends, tangents, length
+        self.chord = ends[1] - ends[0]
+
+    @classmethod
+    def between(cls, before: Frame, behind: Frame, length: float) -> "Stretch":
+        """The cubic between two frames."""
+        return cls((before.state, behind.state), (before.tangent, behind.tangent), length)
+
+    def at(self, u: float) -> Array:
+        """State at a fraction u of the way, (N + 1,)."""
+        s, t = self.tangents
+        turn = (1.0 - u) * (self.length * s - self.chord) - u * (self.length * t - self.chord)
+        return np.asarray(self.ends[0] + u * self.chord + u * (1.0 - u) * turn)
+
+    def slope(self, u: float) -> Array:
+        """Derivative to the length there, (N + 1,); about a unit vector."""
+        s, t = self.tangents
+        mean = self.chord / self.length
+        return np.asarray(mean + (1.0 - u) * (1.0 - 3.0 * u) * (s - mean) + u * (3.0 * u - 2.0) * (t - mean))
