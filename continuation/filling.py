@@ -103,7 +103,7 @@ class Filling:
         found = correct(self.problem, guess, border, self.settings)
         if not found.converged or metric.norm(found.state - guess) > 0.5 * step.length:
             return None
-        near = metric.norm(found.state - found.solved_at) <= self.settings.tangent_slack * step.length
+        near = found.near(metric.norm, self.settings.tangent_slack * step.length)
         source = found.solved_with if near else found.linearization
         frame = frame_along(metric, found.state, source, np.append(border.row, border.row_lam))
         if frame is None:

@@ -51,7 +51,9 @@ class Segment:
         solve = correct_sharply if self.sharply else correct
         correction = solve(self.problem, guess, Border(row[:-1], float(row[-1])), self.settings)
         close = self.metric.norm(correction.state - guess) < self.metric.norm(self.chord)
-        frame = frame_along(self.metric, correction.state, correction.linearization, row)
+        exact = self.sharply or not correction.near(self.metric.norm, self.settings.tangent_slack * self.length)
+        slope = correction.linearization if exact else correction.solved_with
+        frame = frame_along(self.metric, correction.state, slope, row)
         if frame is None or not (close and correction.residual_norm <= self.settings.tolerance):
             raise ConvergenceError(
                 f"refine: no solution close to lam = {guess[-1]:.10g}, last residual {correction.residual_norm:.2g}, "

@@ -148,7 +148,7 @@ class Stepper:
 
     def _tangent_source(self, correction: Correction, size: float) -> Linearization:
         """Linearization for the tangent: that of the iterate before where it is as good as the last one."""
-        near = self._metric.norm(correction.state - correction.solved_at) <= self._settings.tangent_slack * size
+        near = correction.near(self._metric.norm, self._settings.tangent_slack * size)
         near &= abs(float(self.frame.tangent[-1])) > _STEEP  # a fold is located by its tangents
         return correction.solved_with if near else correction.linearization
 
