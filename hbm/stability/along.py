@@ -84,7 +84,8 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     outside = np.maximum(grown[1:], grown[:-1]) > ROUNDING
     grazing = (wide > NARROW) & (np.minimum(*ends) < GRAZING * error)
     shallow = (wide > FINE) & outside & (np.minimum(*ends) < error)
-    shallow |= (wide > NARROW) & (np.maximum(grown[1:], grown[:-1]) > -CLOSE * error)
+    moved = np.abs(np.diff(grown, axis=0)) > error
+    shallow |= (wide > NARROW) & moved & (np.maximum(grown[1:], grown[:-1]) > -CLOSE * error)
     shallow |= (wide > TOP) & _beside_tops(grown, error)
     out = np.asarray(np.any(concerned & (grazing | shallow | (least < STEEPER * steepest * length)), axis=1))
     out |= _meeting(found, count)
