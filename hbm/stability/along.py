@@ -57,8 +57,8 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     """Steps between neighbouring points that may hide a bubble higher than the error, (points - 1,).
 
     There a multiplier, as steep as next to there and STEEPER, could reach beyond the unit circle and return; or a pair
-    may meet on the real axis; or one grazes the circle and the step is not NARROW, or is outside by less than its error
-    and the step is not FINE.
+    may meet on the real axis; or one grazes the circle, or moves CLOSE to it, and the step is not NARROW; or is outside
+    by less than its error and the step is not FINE, beside its highest point as short as TOP.
 
     Parameters
     ----------
