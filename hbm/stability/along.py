@@ -98,7 +98,7 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
 
 
 def _beside_tops(grown: Array, error: Array) -> Flags:
-    """Steps from or to a top of a multiplier's growth that is between half its error and its error, (points - 1, ranks)."""
+    """Steps beside a highest point of a multiplier that is outside by half of its error to all of it."""
     padded = np.pad(grown, ((1, 1), (0, 0)), constant_values=-np.inf)
     top = (grown >= padded[:-2]) & (grown >= padded[2:])
     higher = np.maximum(grown[1:], grown[:-1])
