@@ -1,8 +1,8 @@
-"""Points on the way of a step: next to its corner, and where the cubic between its ends is not true enough.
+"""Points on the way of a step: next to its corner, at its fold, and where the cubic between its ends is not true.
 
-The cubic is judged in its middle, where one residual and the slope at the far end tell how far the curve is from it:
-a Newton step that is not taken. Where that is more than `Settings.curve_tolerance` the curve is solved there, and both
-halves are judged.
+The cubic is judged at two places, where a residual and the slope at the far end tell how far the curve is from it: a
+Newton step that is not taken. Where that is more than `Settings.curve_tolerance` the curve is solved in the middle, and
+both halves are judged. A step that is off by more than halving mends is refused.
 """
 
 import math
@@ -17,6 +17,8 @@ from .problem import Array, Linearization, Problem
 from .settings import Settings
 from .step import Step
 
+_JUDGED = (0.3, 0.7)
+_LARGER = 1.417  # in the middle of a smooth curve the error is that much larger than there
 _HALVINGS = 6
 _HALVED = 16.0  # times what is allowed: where the curve is smooth, halving gains so much
 _BESIDE = 1e-3  # of the way: closer solutions are no points of their own
@@ -63,14 +65,16 @@ class Filling:
         """
         if step.slope is None:
             return (step,), 0.0
-        guess = Stretch.between(before, step.frame, step.length).at(0.5)
-        border = self._across(before, step.frame)
-        away = self._newton_step(guess, step.slope, border)
-        if away is None:
+        cubic, border = Stretch.between(before, step.frame, step.length), self._across(before, step.frame)
+        aways = [self._newton_step(cubic.at(u), step.slope, border) for u in _JUDGED]
+        known = [away for away in aways if away is not None]
+        if len(known) < len(aways):
             return (), math.inf
-        error, allowed = self.metric.norm(away) / self.metric.motion(guess), self.settings.curve_tolerance
+        guess, away = cubic.at(0.5), _LARGER * np.mean(known, axis=0)
+        error = _LARGER * max(map(self.metric.norm, known)) / self.metric.motion(guess)
+        allowed = self.settings.curve_tolerance
         if error <= allowed or not halvings:
-            return (step,), error
+            return self._at_fold(before, step, cubic, border), error
         halves = self._halves(before, step, guess + away, border) if error <= _HALVED * allowed else None
         if halves is None:
             return (), error
@@ -81,6 +85,14 @@ class Filling:
                 return (), error
             parts, before = parts + found, half.frame
         return parts, error
+
+    def _at_fold(self, before: Frame, step: Step, cubic: Stretch, border: Border) -> tuple[Step, ...]:
+        """The step with a point at its fold, where it has one: the cubic then tells well where that is."""
+        if float(before.tangent[-1]) * float(step.frame.tangent[-1]) >= 0.0:
+            return (step,)
+        u = cubic.fold
+        inside = _BESIDE < u < 1.0 - _BESIDE
+        return (inside and self._halves(before, step, cubic.at(u), border)) or (step,)
 
     def _across(self, before: Frame, behind: Frame) -> Border:
         """Row of the hyperplane across the chord."""

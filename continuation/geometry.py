@@ -113,20 +113,6 @@ def arc_length(chord: float, angle: float) -> float:
     return chord if half < 1e-8 else chord * half / math.sin(half)
 
 
-def fold_lam(first: Frame, second: Frame, length: float) -> float:
-    """Parameter where it turns between two frames, on the cubic Hermite interpolant of lam over `length`.
-
-    The parameter's slopes must have opposite signs; the quadratic derivative then has one root in between.
-    """
-    lam, rise = float(first.state[-1]), float(second.state[-1] - first.state[-1])
-    m0, m1 = length * float(first.tangent[-1]), length * float(second.tangent[-1])
-    a, b, c = 3.0 * (m0 + m1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * m0 - m1), m0
-    q = -0.5 * (b + math.copysign(math.sqrt(max(b * b - 4.0 * a * c, 0.0)), b))
-    roots = [numerator / denominator for numerator, denominator in ((q, a), (c, q)) if denominator != 0.0]
-    u = min(roots, key=lambda root: abs(root - 0.5))
-    return lam + m0 * u + 0.5 * b * u**2 + a * u**3 / 3.0
-
-
 class Stretch:
     """The cubic between two solutions that has their tangents (Hermite), a curve in the space of (x, lam).
 
@@ -158,3 +144,12 @@ class Stretch:
         s, t = self.tangents
         mean = self.chord / self.length
         return np.asarray(mean + (1.0 - u) * (1.0 - 3.0 * u) * (s - mean) + u * (3.0 * u - 2.0) * (t - mean))
+
+    @property
+    def fold(self) -> float:
+        """Fraction at which the parameter turns; its slopes at the ends must have opposite signs."""
+        rise, m0, m1 = float(self.chord[-1]), *(self.length * float(t[-1]) for t in self.tangents)
+        a, b, c = 3.0 * (m0 + m1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * m0 - m1), m0
+        q = -0.5 * (b + math.copysign(math.sqrt(max(b * b - 4.0 * a * c, 0.0)), b))
+        roots = [numerator / denominator for numerator, denominator in ((q, a), (c, q)) if denominator != 0.0]
+        return min(roots, key=lambda root: abs(root - 0.5))

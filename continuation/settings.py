@@ -56,7 +56,7 @@ class Settings(NewtonSettings):
         Largest step as a fraction of |x|, where that is more than `step_max`: a resonance a hundred times as high needs
         not a hundred times as many points.
     curve_tolerance : float
-        Largest error of the cubic between two points (`Branch.dense`), judged in its middle, as a fraction of |x|:
+        Largest error of the cubic between two points (`Branch.dense`), judged at two places, as a fraction of |x|:
         steps are as long as that allows, and where it is not enough points are added. Default: not judged.
     target_iterations : int
         Newton matrices per point that the step control aims at.

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .branch import Branch, End, Point
-from .geometry import Frame, Metric, fold_lam, frame_along
+from .geometry import Frame, Metric, Stretch, frame_along
 from .loop import closing_step
 from .newton import Border, Correction, correct, solve_at
 from .problem import Array, Problem
@@ -245,7 +245,7 @@ def _point(before: Frame, step: Step, arclength: float, settings: Settings) -> P
     if not fold or step.jumped:
         turned_at = None
     else:
-        turned_at = fold_lam(before, frame, step.length) if corner is None else corner.lam
+        turned_at = _fold_lam(before, frame, step.length) if corner is None else corner.lam
     return Point(
         x=frame.state[:-1],
         lam=float(frame.state[-1]),
@@ -262,6 +262,12 @@ def _point(before: Frame, step: Step, arclength: float, settings: Settings) -> P
         fold_lam=turned_at,
         corner_lam=None if corner is None else corner.lam,
     )
+
+
+def _fold_lam(before: Frame, behind: Frame, length: float) -> float:
+    """Parameter where it turns between two frames, on the cubic."""
+    cubic = Stretch.between(before, behind, length)
+    return float(cubic.at(cubic.fold)[-1])
 
 
 def _message(end: End, lam: float, number: int) -> str:

@@ -25,7 +25,7 @@ from hbm.response.peak import with_peak
 from models.jointed import AnyRig
 
 CURVE_TOLERANCE = 1.5e-3
-"""Largest error of the curve between its points as a fraction of the motion: about 1e-3 of the peak as it is drawn."""
+"""Largest error of the curve between its points (:attr:`hbm.response.curve.ResponseCurve.dense`), of the motion."""
 
 FEWEST = 10
 """Steps over a sweep at least, where the motion is small."""

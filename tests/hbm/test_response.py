@@ -9,7 +9,7 @@ from rigs import HZ, CubicSpring, beam, oscillator
 from hbm.balance.problem import HarmonicBalance
 from hbm.balance.solution import describe
 from hbm.fourier import FourierBasis
-from hbm.response.trace import force_response, solve_near, steady_state, trace_frequency
+from hbm.response.trace import CURVE_TOLERANCE, force_response, solve_near, steady_state, trace_frequency
 from models import Coulomb, Frictionless, Jenkins, Stribeck, Viscous
 
 
@@ -179,7 +179,7 @@ def test_stuck_coulomb_contact_does_no_work():
     ids=lambda law: law.name,
 )
 def test_a_curve_is_known_between_its_points(law) -> None:
-    """Beside a fine one it is drawn to a thousandth of sweep and peak."""
+    """Beside a fine one it is drawn to the tolerance, in units of sweep and peak."""
     rig, hz = beam(law), (44.0, 56.0)
     curve = trace_frequency(rig, hz, harmonics=9, samples=128)
     fine = trace_frequency(rig, hz, harmonics=9, samples=128, step_hz=12.0 / 500)
@@ -189,4 +189,4 @@ def test_a_curve_is_known_between_its_points(law) -> None:
     start, along = drawn[:-1], np.diff(drawn, axis=0)
     there = true[:, None] - start
     share = np.clip((there * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)
-    assert np.linalg.norm(there - share[..., None] * along, axis=2).min(axis=1).max() < 1e-3
+    assert np.linalg.norm(there - share[..., None] * along, axis=2).min(axis=1).max() < CURVE_TOLERANCE
