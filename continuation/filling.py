@@ -20,7 +20,7 @@ from .step import Step
 _JUDGED = (0.3, 0.7)
 _LARGER = 1.417  # in the middle of a smooth curve the error is that much larger than there
 _HALVINGS = 6
-_HALVED = 16.0  # times what is allowed: where the curve is smooth, halving gains so much
+_HALVED = 64.0  # times what is allowed: where the curve is smooth, a halving gains 16
 _BESIDE = 1e-3  # of the way: closer solutions are no points of their own
 
 
@@ -66,9 +66,9 @@ class Filling:
         if step.slope is None:
             return (step,), 0.0
         cubic, border = Stretch.between(before, step.frame, step.length), self._across(before, step.frame)
-        aways = [self._newton_step(cubic.at(u), step.slope, border) for u in _JUDGED]
-        known = [away for away in aways if away is not None]
-        if len(known) < len(aways):
+        misses = [self._newton_step(cubic.at(u), step.slope, border) for u in _JUDGED]
+        known = [away for away in misses if away is not None]
+        if len(known) < len(misses):
             return (), math.inf
         guess, away = cubic.at(0.5), _LARGER * np.mean(known, axis=0)
         error = _LARGER * max(map(self.metric.norm, known)) / self.metric.motion(guess)
