@@ -28,7 +28,7 @@ UNDECIDED = 15
 """Harmonics taken where the number cannot be judged."""
 
 SAMPLES_LIMIT = 4096
-SPREAD = 8
+SPREAD = 16
 """Points spread over a curve that are solved again to estimate its error."""
 
 
