@@ -90,6 +90,8 @@ class Traced:
         Per period.
     rejected : int
         Points computed and thrown away, or found wrong.
+    drawn : Traced or None
+        The curve as the tool draws it between these points; None by straight lines.
     """
 
     tool: str
@@ -97,6 +99,7 @@ class Traced:
     drive: np.ndarray
     samples: int
     rejected: int = 0
+    drawn: "Traced | None" = None
 
     @property
     def height(self) -> np.ndarray:

@@ -38,7 +38,7 @@ from hbm.parallel import one_thread
 from models.plausible import PlausibilityWarning
 
 REPEATS = 5
-FINER = 5
+FINER = 10
 """Steps of the reference, in those of the curve."""
 
 PACKAGES = {"pyharm": "pyHarm", "harmonicbalance_oscillator": "harmonicbalance"}
@@ -51,7 +51,7 @@ COLUMNS = (
 
 NOTES = f"""iteration: residual and derivative, ours with its solution
 digits: of the largest displacement, by a parabola through three points, beside ours with {FINER} times as many
-chord error: of that curve beside the polygon of the points, in units of sweep and peak
+chord error: of that curve beside what is drawn (ours by cubics, others by lines), in units of sweep and peak
 ratios: median (least-largest) of {REPEATS}"""
 
 
@@ -111,7 +111,7 @@ def run_of(tools: dict[str, ProcessPoolExecutor], name: str) -> dict[str, Timed]
 
 
 def chord_error(found: Traced, true: Traced, hz: tuple[float, float]) -> float:
-    """Largest distance of a fine curve to the polygon of a tool's points, in units of the sweep and of the peak."""
+    """Largest distance of a fine curve to what a tool draws, in units of the sweep and of the peak."""
     scale = np.array([hz[1] - hz[0], true.height.max()])
     corners, fine = (np.column_stack([c.hz, c.height]) / scale for c in (found, true))
     fine = fine[(true.hz >= hz[0]) & (true.hz <= hz[1])]
@@ -173,7 +173,7 @@ def rows(name: str, timed: dict[str, Timed]) -> Iterator[list[str]]:
             f"{at:.6g}",
             f"{digits(height, true_height):.1f}",
             f"{digits_at_its_top(same, found.curve):.1f}" if found is not mine else "",
-            f"{chord_error(found.curve, true, case.hz):.1e}",
+            f"{chord_error(found.curve.drawn or found.curve, true, case.hz):.1e}",
             *(ratios if found is not mine else ["", ""]),
         ]
 

@@ -1,10 +1,13 @@
 """The result of a trace: points in order, and a sentence that says why it ended."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from enum import Enum
+from itertools import pairwise
 
 import numpy as np
 
+from .geometry import Metric, Stretch
 from .problem import Array
 from .settings import Settings
 
@@ -69,6 +72,16 @@ class Point:
     jumped: bool = False
     fold_lam: float | None = None
     corner_lam: float | None = None
+
+    @property
+    def state(self) -> Array:
+        """(x, lam), (N + 1,)."""
+        return np.append(self.x, self.lam)
+
+    @property
+    def tangent(self) -> Array:
+        """Unit tangent, (N + 1,)."""
+        return np.append(self.tangent_x, self.tangent_lam)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,6 +152,27 @@ class Branch:
         """Points just behind a stretch that had to be jumped over."""
         return tuple(point for point in self.points if point.jumped)
 
+    def dense(self, tolerance: float = 1e-3) -> "Branch":
+        """The branch with so many points between its own that straight lines from one to the next draw it.
+
+        Between two points it is the cubic that has their tangents (Hermite), over a corner or a jump a straight line.
+
+        Parameters
+        ----------
+        tolerance : float
+            Largest distance of the lines to the cubics, as a fraction of |x| in the metric of the settings.
+
+        Returns
+        -------
+        Branch
+            Added points are not solved: their residual is nan. They have no flags; those of its own points then speak
+            of the stretch since the last one of these.
+        """
+        points = list(self.points[:1])
+        for before, behind in pairwise(self.points):
+            points += [*_between(before, behind, self.settings, tolerance), behind]
+        return replace(self, points=tuple(points))
+
     def require_complete(self) -> "Branch":
         """Return the branch itself if it reached `lam_end`.
 
@@ -150,6 +184,38 @@ class Branch:
         if not self.complete:
             raise ConvergenceError(self.message, self)
         return self
+
+
+def stretch_between(before: Point, behind: Point) -> Stretch:
+    """The cubic between two neighbouring points."""
+    length = behind.arclength - before.arclength
+    return Stretch((before.state, behind.state), (before.tangent, behind.tangent), length)
+
+
+def _between(before: Point, behind: Point, settings: Settings, tolerance: float) -> list[Point]:
+    """Points on the cubic between two points; none over a corner or a jump."""
+    if behind.corner or behind.jumped:
+        return []
+    cubic, metric = stretch_between(before, behind), Metric.of(settings, before.x.size)
+    bulge = metric.norm(cubic.at(0.5) - 0.5 * (cubic.ends[0] + cubic.ends[1]))
+    motion = max(metric.motion(cubic.at(0.5)), bulge, np.finfo(float).tiny)
+    pieces = max(math.ceil(math.sqrt(bulge / (tolerance * motion))), 1)
+    return [_on(cubic, u, before) for u in np.arange(1, pieces) / pieces]
+
+
+def _on(cubic: Stretch, u: float, before: Point) -> Point:
+    """Point of a cubic at a fraction u."""
+    state, tangent = cubic.at(u), cubic.slope(u)
+    return Point(
+        x=state[:-1],
+        lam=float(state[-1]),
+        tangent_x=tangent[:-1],
+        tangent_lam=float(tangent[-1]),
+        arclength=before.arclength + u * cubic.length,
+        step=0.0,
+        iterations=0,
+        residual_norm=math.nan,
+    )
 
 
 class ConvergenceError(RuntimeError):

@@ -39,10 +39,14 @@ class Corner:
         Parameter at the corner.
     length : float
         Length of the path from the first frame over the corner to the second.
+    before, behind : Frame
+        Solutions next to it.
     """
 
     lam: float
     length: float
+    before: Frame
+    behind: Frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +79,8 @@ def locate_corner(problem: Problem, metric: Metric, first: Frame, second: Frame,
             return None
         length = length or stretch
         if stretch < max(_RESOLUTION * length, 1e-9 * (1.0 + metric.norm(second.state))):
-            return Corner(float(first.state[-1] + max(a, 0.0) * first.tangent[-1]), length)
+            lam = float(first.state[-1] + max(a, 0.0) * first.tangent[-1])
+            return Corner(lam, length, first, second)
         closer = _close_in(problem, metric, (first, second), (a - zoom * stretch, b - zoom * stretch), settings)
         if closer is None:
             return None

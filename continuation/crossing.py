@@ -125,7 +125,7 @@ def refine_branch_point(problem: Problem, before: Point, behind: Point, settings
         If there is none: the search fails, leaves the neighbourhood, or two curves come close without a crossing.
     """
     segment = Segment(problem, before, behind, settings)
-    length, middle = segment.metric.norm(segment.chord), segment.guess(0.5)
+    length, middle = segment.metric.norm(segment.chord), segment.cubic.at(0.5)
     reduced = _reduced(problem, segment)
     state = _saddle(reduced, middle, length)
     where = f"refine: near lam = {middle[-1]:.10g} "
@@ -152,7 +152,7 @@ def _reduced(problem: Problem, segment: Segment) -> _Reduced:
     column = np.random.default_rng(0).standard_normal(row.size - 1)
     column /= max_norm(column)
     for u in (0.5, 0.4):  # one of them may be the branch point itself
-        state = segment.guess(u)
+        state = segment.cubic.at(u)
         linearization = problem.linearize(state[:-1], float(state[-1]))
         try:
             across = np.append(*linearization.solve_bordered(row[:-1], float(row[-1]), column, 0.0))
@@ -162,7 +162,7 @@ def _reduced(problem: Problem, segment: Segment) -> _Reduced:
             rows = metric.weights * np.array([along, metric.unit(across)])
             shortest = _LAST_STEP * metric.norm(segment.chord) + _ROUNDING * metric.norm(state)
             return _Reduced(problem, metric, rows, column, shortest)
-    raise ConvergenceError(f"refine: no unique tangent around lam = {segment.guess(0.5)[-1]:.10g}")
+    raise ConvergenceError(f"refine: no unique tangent around lam = {segment.cubic.at(0.5)[-1]:.10g}")
 
 
 def _saddle(reduced: _Reduced, guess: Array, length: float) -> Array:

@@ -12,7 +12,7 @@ from .foldsystem import FoldLinearization, FoldSystem, SecondDerivative
 from .newton import solve_at
 from .problem import Array
 from .refine import located
-from .segment import Segment, root_between, tangent_of
+from .segment import Segment, root_between
 from .settings import Settings
 from .special import Kind, SpecialPoint, special
 from .trace import continue_branch
@@ -84,8 +84,8 @@ class FoldCurve:
         settings = self.branch.settings
         system = FoldSystem(self.problem, np.append(before.x, before.lam), self.second)
         segment = Segment(system, before, behind, settings)
-        u = root_between(lambda u: float(segment.guess(u)[-1]) - mu, f"mu = {before.lam:.10g} and {behind.lam:.10g}")
-        found = solve_at(system, segment.guess(u)[:-1], mu, settings)
+        u = root_between(lambda u: float(segment.cubic.at(u)[-1]) - mu, f"mu = {before.lam:.10g} and {behind.lam:.10g}")
+        found = solve_at(system, segment.cubic.at(u)[:-1], mu, settings)
         if not found.converged:
             raise ConvergenceError(
                 f"fold curve: no fold at mu = {mu:.10g} although there is one at {before.lam:.10g} and one at "
@@ -164,8 +164,8 @@ class _Watch:
             before, there = self.last
             found = []
             for test in (_level, _along):
-                value = test(here, tangent_of(point))
-                if test(there, tangent_of(before)) * value < 0.0 or value == 0.0:
+                value = test(here, point.tangent)
+                if test(there, before.tangent) * value < 0.0 or value == 0.0:
                     found.append(self._locate(before, point, test))
             self.found += sorted(found, key=lambda found: found.arclength)
         self.last = point, self.system.recentre(point.x, point.lam)

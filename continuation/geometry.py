@@ -37,6 +37,10 @@ class Metric:
         """Length."""
         return math.sqrt(float(a @ (self.weights * a)))
 
+    def motion(self, state: Array) -> float:
+        """Size of the unknowns of a state (x, lam)."""
+        return self.norm(np.append(state[:-1], 0.0))
+
     def unit(self, a: Array) -> Array:
         """Vector of length 1 along a."""
         return a / self.norm(a)
@@ -109,15 +113,43 @@ def arc_length(chord: float, angle: float) -> float:
     return chord if half < 1e-8 else chord * half / math.sin(half)
 
 
-def fold_lam(first: Frame, second: Frame, length: float) -> float:
-    """Parameter where it turns between two frames, on the cubic Hermite interpolant of lam over `length`.
+class Stretch:
+    """The cubic between two solutions that has their tangents (Hermite), a curve in the space of (x, lam).
 
-    The parameter's slopes must have opposite signs; the quadratic derivative then has one root in between.
+    Parameters
+    ----------
+    ends, tangents : pair of (N + 1,) array
+        States, and unit tangents in the direction of travel.
+    length : float
+        Of the path from one end to the other, > 0.
     """
-    lam, rise = float(first.state[-1]), float(second.state[-1] - first.state[-1])
-    m0, m1 = length * float(first.tangent[-1]), length * float(second.tangent[-1])
-    a, b, c = 3.0 * (m0 + m1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * m0 - m1), m0
-    q = -0.5 * (b + math.copysign(math.sqrt(max(b * b - 4.0 * a * c, 0.0)), b))
-    roots = [numerator / denominator for numerator, denominator in ((q, a), (c, q)) if denominator != 0.0]
-    u = min(roots, key=lambda root: abs(root - 0.5))
-    return lam + m0 * u + 0.5 * b * u**2 + a * u**3 / 3.0
+
+    def __init__(self, ends: tuple[Array, Array], tangents: tuple[Array, Array], length: float) -> None:
+        self.ends, self.tangents, self.length = ends, tangents, length
+        self.chord = ends[1] - ends[0]
+
+    @classmethod
+    def between(cls, before: Frame, behind: Frame, length: float) -> "Stretch":
+        """The cubic between two frames."""
+        return cls((before.state, behind.state), (before.tangent, behind.tangent), length)
+
+    def at(self, u: float) -> Array:
+        """State at a fraction u of the way, (N + 1,)."""
+        s, t = self.tangents
+        turn = (1.0 - u) * (self.length * s - self.chord) - u * (self.length * t - self.chord)
+        return np.asarray(self.ends[0] + u * self.chord + u * (1.0 - u) * turn)
+
+    def slope(self, u: float) -> Array:
+        """Derivative to the length there, (N + 1,); about a unit vector."""
+        s, t = self.tangents
+        mean = self.chord / self.length
+        return np.asarray(mean + (1.0 - u) * (1.0 - 3.0 * u) * (s - mean) + u * (3.0 * u - 2.0) * (t - mean))
+
+    @property
+    def fold(self) -> float:
+        """Fraction at which the parameter turns; its slopes at the ends must have opposite signs."""
+        rise, m0, m1 = float(self.chord[-1]), *(self.length * float(t[-1]) for t in self.tangents)
+        a, b, c = 3.0 * (m0 + m1 - 2.0 * rise), 2.0 * (3.0 * rise - 2.0 * m0 - m1), m0
+        q = -0.5 * (b + math.copysign(math.sqrt(max(b * b - 4.0 * a * c, 0.0)), b))
+        roots = [numerator / denominator for numerator, denominator in ((q, a), (c, q)) if denominator != 0.0]
+        return min(roots, key=lambda root: abs(root - 0.5))

@@ -9,7 +9,6 @@ from .branch import Branch
 from .foldcurve import FoldCurve
 from .problem import Array
 from .refine import refine
-from .segment import state_of
 from .settings import Settings
 from .special import Kind
 from .trace import continue_along
@@ -47,16 +46,16 @@ def isolas(curve: FoldCurve, mu: float, branches: Sequence[Branch], settings: Se
     low = -np.inf if settings.lam_min is None else settings.lam_min
     high = np.inf if settings.lam_max is None else settings.lam_max
     bounded = replace(settings, lam_min=low, lam_max=high)
-    met = [state_of(point) for branch in branches for point in refine(problem, branch) if point.kind is Kind.FOLD]
+    met = [point.state for branch in branches for point in refine(problem, branch) if point.kind is Kind.FOLD]
     found = []
     for fold in curve.at(mu):
-        state = state_of(fold)
+        state = fold.state
         if any(_same(state, other) for other in met):
             continue
         ahead = state + 0.5 * settings.step * fold.tangent  # the fold itself is passed at the end
         branch = continue_along(problem, ahead[:-1], float(ahead[-1]), fold.tangent, bounded)
         found.append(branch)
-        met += [state, *(state_of(point) for point in refine(problem, branch) if point.kind is Kind.FOLD)]
+        met += [state, *(point.state for point in refine(problem, branch) if point.kind is Kind.FOLD)]
     return tuple(found)
 
 

@@ -6,7 +6,7 @@ from .geometry import Frame, Metric, arc_length
 from .newton import Border, correct_sharply
 from .problem import Problem
 from .settings import Settings
-from .stepper import Step
+from .step import Step
 
 _SAME = 1e-4
 
@@ -34,4 +34,11 @@ def closing_step(
         return None
     angle = metric.angle(before.tangent, start.tangent)
     length = arc_length(metric.norm(start.state - before.state), angle)
-    return replace(step, frame=start, correction=again, length=length, angle=angle)
+    return replace(
+        step,
+        frame=start,
+        iterations=again.iterations,
+        residual_norm=again.residual_norm,
+        length=length,
+        angle=angle,
+    )

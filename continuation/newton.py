@@ -10,6 +10,7 @@ a line search starts from the best iterate (watchdog technique, Chamberlain et a
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
@@ -74,6 +75,10 @@ class Correction:
     def lam(self) -> float:
         """Parameter."""
         return float(self.state[-1])
+
+    def near(self, norm: Callable[[Array], float], distance: float) -> bool:
+        """Whether the iterate that gave the last step is no further from the end than that."""
+        return norm(self.state - self.solved_at) <= distance
 
     @property
     def converged(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 from .branch import Branch, ConvergenceError, Point
 from .crossing import refine_branch_point
 from .problem import Array, Problem
-from .segment import CLOSE, Segment, tangent_of
+from .segment import CLOSE, Segment
 from .settings import Settings
 from .special import Kind, SpecialPoint, special
 
@@ -130,6 +130,4 @@ def located(kind: Enum, behind: Point, search: Callable[[], SpecialPoint]) -> Sp
     try:
         return search()
     except (ConvergenceError, ValueError):
-        return SpecialPoint(
-            kind, behind.x, behind.lam, tangent_of(behind)[None], np.nan, behind.arclength, located=False
-        )
+        return SpecialPoint(kind, behind.x, behind.lam, behind.tangent[None], np.nan, behind.arclength, located=False)

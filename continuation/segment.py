@@ -1,30 +1,18 @@
 """The stretch of a smooth curve between two of its points, solved anywhere between."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
-import numpy as np
-
-from .branch import ConvergenceError, Point
+from .branch import ConvergenceError, Point, stretch_between
 from .geometry import Frame, Metric, frame_along
 from .newton import Border, Correction, correct, correct_sharply
-from .problem import Array, Problem
+from .problem import Problem
 from .settings import Settings
-from .special import SpecialPoint
 
 CLOSE = 1e-9
 """Roots are found to this fraction of the stretch."""
 
 _ITERATIONS = 100
-
-
-def state_of(point: Point | SpecialPoint) -> Array:
-    """(x, lam) of a point, (N + 1,)."""
-    return np.append(point.x, point.lam)
-
-
-def tangent_of(point: Point) -> Array:
-    """Unit tangent of a point, (N + 1,)."""
-    return np.append(point.tangent_x, point.tangent_lam)
 
 
 class Segment:
@@ -47,17 +35,9 @@ class Segment:
     ) -> None:
         self.problem, self.settings, self.sharply = problem, settings, sharply
         self.metric = Metric.of(settings, before.x.size)
-        self.start, self.length = before.arclength, behind.arclength - before.arclength
-        self.ends = state_of(before), state_of(behind)
-        self.tangents = tangent_of(before), tangent_of(behind)
-        self.chord = self.ends[1] - self.ends[0]
-
-    def guess(self, u: float) -> Array:
-        """Cubic Hermite interpolant at a fraction u of the stretch, (N + 1,)."""
-        a = self.ends[0]
-        s, t = self.tangents
-        turn = (1.0 - u) * (self.length * s - self.chord) - u * (self.length * t - self.chord)
-        return np.asarray(a + u * self.chord + u * (1.0 - u) * turn)
+        self.before, self.behind = before, behind
+        self.cubic = stretch_between(before, behind)
+        self.ends, self.chord, self.length = self.cubic.ends, self.cubic.chord, self.cubic.length
 
     def solve(self, u: float) -> tuple[Correction, Frame]:
         """Solution in the hyperplane across the chord at a fraction u, with its tangent.
@@ -67,11 +47,13 @@ class Segment:
         ConvergenceError
             If there is none close by.
         """
-        guess, row = self.guess(u), self.metric.weights * self.metric.unit(self.chord)
+        guess, row = self.cubic.at(u), self.metric.weights * self.metric.unit(self.chord)
         solve = correct_sharply if self.sharply else correct
         correction = solve(self.problem, guess, Border(row[:-1], float(row[-1])), self.settings)
         close = self.metric.norm(correction.state - guess) < self.metric.norm(self.chord)
-        frame = frame_along(self.metric, correction.state, correction.linearization, row)
+        exact = self.sharply or not correction.near(self.metric.norm, self.settings.tangent_slack * self.length)
+        slope = correction.linearization if exact else correction.solved_with
+        frame = frame_along(self.metric, correction.state, slope, row)
         if frame is None or not (close and correction.residual_norm <= self.settings.tolerance):
             raise ConvergenceError(
                 f"refine: no solution close to lam = {guess[-1]:.10g}, last residual {correction.residual_norm:.2g}, "
@@ -93,9 +75,16 @@ class Segment:
             residual_norm=correction.residual_norm,
         )
 
+    def parted(self, u: float) -> tuple[Point, Point]:
+        """Solution at a fraction u, and the point behind; each with the flags of its part of a smooth stretch."""
+        point, behind = self.point(u), self.behind
+        folds = [a.tangent_lam * b.tangent_lam < 0.0 for a, b in ((self.before, point), (point, behind))]
+        at = [self.behind.fold_lam if fold else None for fold in folds]
+        return replace(point, fold=folds[0], fold_lam=at[0]), replace(behind, fold=folds[1], fold_lam=at[1])
+
     def arclength(self, u: float) -> float:
         """Length of the branch up to a fraction u, about."""
-        return self.start + u * self.length
+        return self.before.arclength + u * self.length
 
     def root(self, test: Callable[[float], float], close: float = CLOSE) -> float:
         """Fraction at which a function of it, of opposite signs at 0 and 1, vanishes, to within `close`.

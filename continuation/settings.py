@@ -55,6 +55,9 @@ class Settings(NewtonSettings):
     relative_step : float
         Largest step as a fraction of |x|, where that is more than `step_max`: a resonance a hundred times as high needs
         not a hundred times as many points.
+    curve_tolerance : float
+        Largest error of the cubic between two points (`Branch.dense`), judged at two places, as a fraction of |x|:
+        steps are as long as that allows, and where it is not enough points are added. Default: not judged.
     target_iterations : int
         Newton matrices per point that the step control aims at.
     max_points : int
@@ -85,6 +88,7 @@ class Settings(NewtonSettings):
     step_min: float = 1e-6
     step_max: float = 0.5
     relative_step: float = 0.0
+    curve_tolerance: float = math.inf
     target_iterations: int = 3
     max_points: int = 2000
     max_angle: float = 0.5
@@ -102,6 +106,8 @@ class Settings(NewtonSettings):
             _check_positive(name, getattr(self, name))
         if not (math.isfinite(self.relative_step) and self.relative_step >= 0.0):
             raise ValueError(f"Settings: relative_step = {self.relative_step:g}; must be >= 0")
+        if not self.curve_tolerance > 0.0:
+            raise ValueError(f"Settings: curve_tolerance = {self.curve_tolerance:g}; must be > 0")
         for name in ("target_iterations", "max_points"):
             _check_count(name, getattr(self, name))
         if not self.step_min <= self.step <= self.step_max:

@@ -54,6 +54,11 @@ class SpecialPoint:
     located: bool = True
 
     @property
+    def state(self) -> Array:
+        """(x, lam), (N + 1,)."""
+        return np.append(self.x, self.lam)
+
+    @property
     def tangent(self) -> Array:
         """Unit tangent of the curve on which the point was found, (N + 1,)."""
         return np.asarray(self.null_space[0])

@@ -9,20 +9,21 @@ a solution half way confirms that the curve is smooth there (otherwise the step 
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from .corner import Corner, locate_corner, turn_corner
+from .corner import locate_corner, turn_corner
+from .filling import Filling
 from .geometry import Frame, Metric, arc_length, frame_along
 from .newton import Border, Correction, correct, solve_at
 from .problem import Array, Linearization, Problem
 from .settings import Predictor, Settings
+from .step import Step
+from .stepsize import StepSize
 
-_GROWTH = (0.5, 2.0)
 _SUDDEN = 3.0
 _SAME_ANGLE = 0.7
-_RISE = (1.0, 3.0)
 _THOROUGH = 0.02
 _SKEW_ALLOWED, _SKEW_PER_ANGLE = 0.1, 0.25
 _BRANCH_SKEW = 0.1
@@ -30,36 +31,6 @@ _JUMPS_IN_A_ROW = 3
 _ORDINARY_STEPS = 10
 _LONGEST_JUMP = 5.0
 _STEEP = 0.3
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
-    """An accepted step.
-
-    Attributes
-    ----------
-    frame : Frame
-        The new solution with its tangent in the direction of travel.
-    correction : Correction
-        How it was found.
-    size, length, angle : float
-        Step asked for, length of the path, turn of the tangent [rad].
-    corner : Corner, optional
-        The corner passed, if it was located.
-    jumped : bool
-        Whether smaller steps failed and the stretch in between is unknown.
-    branch_point : bool
-        Whether another branch was crossed.
-    """
-
-    frame: Frame
-    correction: Correction
-    size: float
-    length: float
-    angle: float
-    corner: Corner | None = None
-    jumped: bool = False
-    branch_point: bool = False
 
 
 class Stepper:
@@ -87,22 +58,28 @@ class Stepper:
         self.frame = frame
         self._bend: Array | None = None  # change of the tangent per length over the last step
         self._chord = frame.tangent
-        self._curvature = 0.0
-        self._step = settings.step
+        self._pace = StepSize(metric, settings)
         self._jumps = self._since_jump = 0
         self._refused_angle = math.inf  # of the last step refused for its angle, from the same frame
+        self._filling = Filling(problem, metric, settings) if math.isfinite(settings.curve_tolerance) else None
         self.refusal = "nothing tried"
 
-    def advance(self) -> Step | None:
-        """Next step, or None where every means failed; the stepper then stays where it is."""
+    def advance(self) -> tuple[Step, ...]:
+        """Next steps, none where every means failed; the stepper then stays where it is.
+
+        There are several where a corner or the error of the cubic asks for points on the way.
+        """
         self._refused_angle = math.inf
         step = self._shrinking() or self._jump()
-        if step is not None:
-            self._remember(step)
-        return step
+        if step is None:
+            return ()
+        if self._filling is not None and step.corner is not None:
+            step = replace(step, parts=self._filling.around_corner(self.frame, step, step.corner))
+        self._remember(step)
+        return step.parts or (step,)
 
     def _shrinking(self) -> Step | None:
-        size, smallest = self._step, self._settings.step_min
+        size, smallest = self._pace.size, self._settings.step_min
         first = True
         while True:
             found = self._try(size, lenient=size <= smallest)
@@ -127,7 +104,18 @@ class Stepper:
         bound = self._bound_beyond(correction.lam)
         if bound is not None:
             correction = self._cut_at(bound, correction.state)
-        return None if correction is None else self._judge(correction, size, lenient=lenient)
+        step = None if correction is None else self._judge(correction, size, lenient=lenient)
+        return step if step is None or lenient else self._filled(step)
+
+    def _filled(self, step: Step) -> Step | None:
+        """A smooth step with the points on its way that the cubic asks for, or None if it should be smaller."""
+        if self._filling is None or step.corner is not None:
+            return step
+        parts, error = self._filling.parted(self.frame, step)
+        if parts:
+            return replace(step, parts=parts, error=error)
+        self.refusal = f"residual {step.residual_norm:.2g}, but the curve on the way is off the cubic by {error:.2g}"
+        return None
 
     def _predict(self, size: float) -> tuple[Array, Border]:
         frame = self.frame
@@ -160,14 +148,15 @@ class Stepper:
 
     def _tangent_source(self, correction: Correction, size: float) -> Linearization:
         """Linearization for the tangent: that of the iterate before where it is as good as the last one."""
-        near = self._metric.norm(correction.state - correction.solved_at) <= self._settings.tangent_slack * size
+        near = correction.near(self._metric.norm, self._settings.tangent_slack * size)
         near &= abs(float(self.frame.tangent[-1])) > _STEEP  # a fold is located by its tangents
         return correction.solved_with if near else correction.linearization
 
     def _judge(self, correction: Correction, size: float, *, lenient: bool) -> Step | None:
         """Step that a correction makes, or None if it should be smaller."""
         old, metric, settings = self.frame, self._metric, self._settings
-        new = frame_along(metric, correction.state, self._tangent_source(correction, size), old.row)
+        source = self._tangent_source(correction, size)
+        new = frame_along(metric, correction.state, source, old.row)
         if new is None:  # no unique tangent, as on a branch point: straight on
             new = Frame(correction.state, old.tangent, old.row, old.sign)
         chord = metric.norm(new.state - old.state)
@@ -190,13 +179,14 @@ class Stepper:
             return None
         sign = new.sign or old.sign
         frame = Frame(new.state, new.tangent, new.row, sign)
-        return Step(frame, correction, size, arc_length(chord, angle), angle, branch_point=flipped)
+        length = arc_length(chord, angle)
+        return Step.to(frame, correction, size, length, angle, slope=source, branch_point=flipped)
 
     def _is_suspicious(self, angle: float, chord: float) -> bool:
         """Whether a corner search is worth its price: a sudden turn that a smaller step would not prevent."""
         if angle > self._settings.max_angle:  # refused anyway unless a corner; see if the angle shrinks
             return angle > _SAME_ANGLE * self._refused_angle and math.isfinite(self._refused_angle)
-        return angle > self._settings.corner_angle and angle > _SUDDEN * self._curvature * chord
+        return angle > self._settings.corner_angle and angle > _SUDDEN * self._pace.curvature * chord
 
     def _corner_between(self, new: Frame, correction: Correction, size: float) -> Step | None:
         """Step over a corner, oriented by the chord; the determinant only says which orientation to try first."""
@@ -206,7 +196,7 @@ class Stepper:
             if corner is not None:
                 angle = self._metric.angle(self.frame.tangent, frame.tangent)
                 crossed = flipped and frame is new
-                return Step(frame, correction, size, corner.length, angle, corner=corner, branch_point=crossed)
+                return Step.to(frame, correction, size, corner.length, angle, corner=corner, branch_point=crossed)
         return None
 
     def _skew(self, old: Frame, new: Frame) -> float:
@@ -273,13 +263,15 @@ class Stepper:
             self.frame,
             size,
             self._settings,
-            both_ways=size < _THOROUGH * self._step,
+            both_ways=size < _THOROUGH * self._pace.size,
         )
         if turn is None or self._bound_beyond(turn.correction.lam) is not None:
             return None  # bounds are left to the ordinary step or to a smaller turn
         angle = self._metric.angle(self.frame.tangent, turn.frame.tangent)
         crossed = turn.frame.sign * self.frame.sign < 0
-        return Step(turn.frame, turn.correction, size, turn.corner.length, angle, turn.corner, branch_point=crossed)
+        return Step.to(
+            turn.frame, turn.correction, size, turn.corner.length, angle, corner=turn.corner, branch_point=crossed
+        )
 
     @np.errstate(all="ignore")
     def _jump(self) -> Step | None:
@@ -329,35 +321,21 @@ class Stepper:
         crossed = corner is not None and frame.sign * self.frame.sign < 0
         if corner is not None:
             length = corner.length
-        return Step(frame, correction, size, length, angle, corner, jumped=corner is None, branch_point=crossed)
+        jumped = corner is None
+        return Step.to(frame, correction, size, length, angle, corner=corner, jumped=jumped, branch_point=crossed)
 
     def _remember(self, step: Step) -> None:
-        smooth = step.corner is None and not step.jumped
-        length = max(step.length, self._settings.step_min)
-        longest = self._longest(step)
-        ahead = longest if smooth else step.size
-        if smooth:
-            ahead = self._next_size(step, step.angle / length)
-        self._bend = (step.frame.tangent - self.frame.tangent) / length if smooth else None
-        self._chord = self._metric.unit(step.frame.state - self.frame.state) if smooth else step.frame.tangent
-        self._curvature = step.angle / length if smooth else 0.0
+        last = step.parts[-1] if step.parts else step
+        before = step.parts[-2].frame if len(step.parts) > 1 else self.frame
+        if step.corner is None and not step.jumped:
+            length = max(last.length, self._settings.step_min)
+            self._pace.proceed(step, curvature=last.angle / length)
+            self._bend = (last.frame.tangent - before.tangent) / length
+            self._chord = self._metric.unit(last.frame.state - before.state)
+        else:
+            self._pace.restart(step)
+            self._bend, self._chord = None, step.frame.tangent
         self._since_jump = 0 if step.jumped else self._since_jump + 1
         if step.jumped or self._since_jump > _ORDINARY_STEPS:
             self._jumps = self._jumps + 1 if step.jumped else 0
-        self._step = min(max(ahead, self._settings.step_min), longest)
         self.frame = step.frame
-
-    def _longest(self, step: Step) -> float:
-        """Largest step from a point: `step_max`, or a fraction of the size of x."""
-        unknowns = np.append(step.frame.state[:-1], 0.0)
-        return max(self._settings.step_max, self._settings.relative_step * self._metric.norm(unknowns))
-
-    def _next_size(self, step: Step, curvature: float) -> float:
-        """Step after a smooth one: from the Newton count, and from the curvature if it keeps rising as it did."""
-        settings = self._settings
-        growth = settings.target_iterations / max(step.correction.iterations, 1)
-        if curvature > 0.0:
-            low, high = _RISE
-            rise = min(max(curvature / self._curvature, low), high) if self._curvature > 0.0 else high
-            growth = min(growth, 0.5 * settings.max_angle / (curvature * rise * step.size))
-        return step.size * min(max(growth, _GROWTH[0]), _GROWTH[1])

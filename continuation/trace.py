@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .branch import Branch, End, Point
-from .geometry import Frame, Metric, fold_lam, frame_along
+from .geometry import Frame, Metric, Stretch, frame_along
 from .loop import closing_step
 from .newton import Border, Correction, correct, solve_at
 from .problem import Array, Problem
 from .settings import Settings
-from .stepper import Step, Stepper
+from .step import Step
+from .stepper import Stepper
 
 
 class Ending(NamedTuple):
@@ -120,16 +121,18 @@ def _walk(
         return Ending(End.START_NOT_CONVERGED, _start_message(start))
     point = _start_point(first, start)
     yield point
-    stepper = Stepper(problem, metric, first, settings, interval)
-    for number in range(2, settings.max_points + 1):
-        before, step = stepper.frame, stepper.advance()
-        if step is None:
-            return Ending(End.STEP_BELOW_MINIMUM, _stuck_message(point, number - 1, stepper.refusal, settings))
-        closing = closing_step(problem, metric, first, before, step, settings)
-        point = _point(before, closing or step, point.arclength, settings)
-        yield point
-        if closing is not None:
-            return Ending(End.CLOSED, _message(End.CLOSED, point.lam, number))
+    stepper, number = Stepper(problem, metric, first, settings, interval), 1
+    while number < settings.max_points:
+        before, steps = stepper.frame, stepper.advance()
+        if not steps:
+            return Ending(End.STEP_BELOW_MINIMUM, _stuck_message(point, number, stepper.refusal, settings))
+        for step in steps[: settings.max_points - number]:
+            closing = closing_step(problem, metric, first, before, step, settings)
+            point, number = _point(before, closing or step, point.arclength, settings), number + 1
+            yield point
+            if closing is not None:
+                return Ending(End.CLOSED, _message(End.CLOSED, point.lam, number))
+            before = step.frame
         if point.lam == settings.lam_end:
             return Ending(End.REACHED_END, _message(End.REACHED_END, point.lam, number))
         if point.lam in interval:
@@ -237,21 +240,21 @@ def _start_point(frame: Frame, start: Correction) -> Point:
 
 
 def _point(before: Frame, step: Step, arclength: float, settings: Settings) -> Point:
-    frame, correction, corner = step.frame, step.correction, step.corner
+    frame, corner = step.frame, step.corner
     fold = float(before.tangent[-1]) * float(frame.tangent[-1]) < 0.0
     if not fold or step.jumped:
         turned_at = None
     else:
-        turned_at = fold_lam(before, frame, step.length) if corner is None else corner.lam
+        turned_at = _fold_lam(before, frame, step.length) if corner is None else corner.lam
     return Point(
-        x=correction.x,
-        lam=correction.lam,
+        x=frame.state[:-1],
+        lam=float(frame.state[-1]),
         tangent_x=frame.tangent[:-1],
         tangent_lam=float(frame.tangent[-1]),
         arclength=arclength + step.length,
         step=step.size,
-        iterations=correction.iterations,
-        residual_norm=correction.residual_norm,
+        iterations=step.iterations,
+        residual_norm=step.residual_norm,
         fold=fold,
         corner=corner is not None or (step.jumped and step.angle > settings.corner_angle),
         branch_point=step.branch_point,
@@ -259,6 +262,12 @@ def _point(before: Frame, step: Step, arclength: float, settings: Settings) -> P
         fold_lam=turned_at,
         corner_lam=None if corner is None else corner.lam,
     )
+
+
+def _fold_lam(before: Frame, behind: Frame, length: float) -> float:
+    """Parameter where it turns between two frames, on the cubic."""
+    cubic = Stretch.between(before, behind, length)
+    return float(cubic.at(cubic.fold)[-1])
 
 
 def _message(end: End, lam: float, number: int) -> str:

@@ -61,8 +61,9 @@ def test_amplitude_is_the_peak_of_the_drive_in_millimetres(curves: list[Response
     assert plot_frequency_response(curves, ax) is ax
     assert [line.get_label() for line in lines(ax)] == ["6.5 N", "2 N", "4 N"]
     for line, curve in zip(lines(ax), curves, strict=True):
-        assert np.array_equal(line.get_xdata(), curve.hz)
-        assert np.array_equal(line.get_ydata(), curve["drive"].peak * 1e3)
+        assert np.array_equal(line.get_xdata(), curve.dense.hz)
+        assert np.array_equal(line.get_ydata(), curve.dense["drive"].peak * 1e3)
+        assert set(curve.hz) <= set(curve.dense.hz)
         assert line.get_linestyle() == "-"
     assert ax.get_ylabel() == "Drive displacement,\npeak [mm]"
     assert ax.get_xlabel() == "Excitation frequency [Hz]"
@@ -98,8 +99,12 @@ def test_unstable_stretches_are_dashed_and_join_the_stable_ones(curves: list[Res
     solid, dashed = ax.lines
     assert (solid.get_linestyle(), dashed.get_linestyle()) == ("-", "--")
     assert solid.get_color() == dashed.get_color()
-    assert np.array_equal(np.isnan(solid.get_ydata()), ~stable)
-    assert list(np.flatnonzero(~np.isnan(dashed.get_ydata()))) == list(range(4, 10))
+    shown = curve.dense.stable
+    assert shown is not None
+    assert list(shown[np.isin(curve.dense.hz, curve.hz)]) == list(stable)
+    assert np.array_equal(np.isnan(solid.get_ydata()), ~shown)
+    first, *_, last = np.flatnonzero(~shown)
+    assert list(np.flatnonzero(~np.isnan(dashed.get_ydata()))) == list(range(first - 1, last + 2))
 
 
 def test_more_force_is_darker_so_that_grey_print_can_be_read(curves: list[ResponseCurve]) -> None:
@@ -117,16 +122,17 @@ def test_phase_is_that_of_the_fundamental(curves: list[ResponseCurve]) -> None:
     plot_phase(curves, ax)
     for line, curve in zip(lines(ax), curves, strict=True):
         shown = np.radians(np.asarray(line.get_ydata()))
-        assert np.allclose(np.exp(1j * shown), np.exp(1j * curve["drive"].phase[:, 1]))
+        assert np.allclose(np.exp(1j * shown), np.exp(1j * curve.dense["drive"].phase[:, 1]))
         assert np.all((np.degrees(shown) >= -270.0) & (np.degrees(shown) <= 90.0))
 
 
 def test_contact_panels_show_slip_friction_and_both_ends_of_the_reaction(curves: list[ResponseCurve]) -> None:
     slip, friction, normal = plot_contact(curves[0], panels(3))
-    assert np.array_equal(lines(slip)[0].get_ydata(), curves[0]["slip"].peak * 1e6)
-    assert np.array_equal(lines(friction)[0].get_ydata(), curves[0]["friction"].peak)
-    assert np.array_equal(lines(normal)[0].get_ydata(), curves[0]["normal"].peak)
-    least = [p.channels["normal"].samples.min() for p in curves[0].points]
+    drawn = curves[0].dense
+    assert np.array_equal(lines(slip)[0].get_ydata(), drawn["slip"].peak * 1e6)
+    assert np.array_equal(lines(friction)[0].get_ydata(), drawn["friction"].peak)
+    assert np.array_equal(lines(normal)[0].get_ydata(), drawn["normal"].peak)
+    least = [p.channels["normal"].samples.min() for p in drawn.points]
     assert np.array_equal(lines(normal)[1].get_ydata(), least)
 
 

@@ -25,7 +25,9 @@ def traced(curve: ResponseCurve) -> Traced:
         name = f"casadi-hbm {version('casadi-hbm')}"
     except PackageNotFoundError:
         name = "casadi-hbm"
-    return Traced(name, curve.hz, curve["drive"].coefficients, curve.problem.basis.N_t)
+    samples, dense = curve.problem.basis.N_t, curve.dense
+    drawn = Traced(name, dense.hz, dense["drive"].coefficients, samples)
+    return Traced(name, curve.hz, curve["drive"].coefficients, samples, drawn=drawn)
 
 
 def prepared(case: Case) -> Callable[[], tuple[Traced, Callable[[], Any]]]:

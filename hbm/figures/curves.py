@@ -157,8 +157,8 @@ def least_reaction(curve: ResponseCurve) -> Array:
 
 
 def listed(curves: Curves) -> list[ResponseCurve]:
-    """One curve or several as a list."""
-    return [curves] if isinstance(curves, ResponseCurve) else list(curves)
+    """One curve or several as a list, to be drawn: with what lies between their points."""
+    return [c.dense for c in ([curves] if isinstance(curves, ResponseCurve) else curves)]
 
 
 def over(curves: Sequence[ResponseCurve]) -> str:

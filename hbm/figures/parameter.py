@@ -23,7 +23,7 @@ def plot_parameter_curve(curve: ParameterCurve, axes: AxesArray | None = None) -
     -------
     (4,) array of Axes
     """
-    jointed = isinstance(curve.rig, JointedRig)
+    curve, jointed = curve.dense, isinstance(curve.rig, JointedRig)
     height, ratios = (5.6, (1.6, 1.2, 1.2)) if jointed else (6.6, (2.2, 1.2, 1.2, 1.4))
     rows = panels(axes, len(ratios), 1, height, sharex=True, height_ratios=ratios).ravel()
     drive, y, color = rows[0], curve["drive"].peak * 1e3, graded([0.0])[0]

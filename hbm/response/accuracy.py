@@ -27,11 +27,8 @@ LADDER = (7, 9, 11, 13, 15, 17, 19, 23, 27, 33, 39, 47)
 UNDECIDED = 15
 """Harmonics taken where the number cannot be judged."""
 
-STEPS = 40
-"""Fewest steps over a sweep; there are more where the response is steep."""
-
 SAMPLES_LIMIT = 4096
-SPREAD = 8
+SPREAD = 16
 """Points spread over a curve that are solved again to estimate its error."""
 
 
@@ -79,10 +76,7 @@ def frequency_response(
         H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance)
     else:
         H, N_t, reason = harmonics, default_samples(harmonics), f"H = {harmonics} as asked for"
-    step = abs(sweep[1] - sweep[0]) / STEPS
-    curve = trace_frequency(
-        rig, sweep, level=level, harmonics=H, samples=N_t, step_hz=step, on_point=on_point, budget=budget
-    )
+    curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, on_point=on_point, budget=budget)
     error = estimate_error(curve)
     return replace(curve, assessment=Assessment(error, reason, tuple(_warnings(curve, error, tolerance))))
 

@@ -45,6 +45,9 @@ MOST = 60
 HALVED = 7
 """A step of the curve is halved so many times at most to see whether multipliers cross and return within it."""
 
+ROOM = 400
+"""So many points are added in halves at most, or as many as the curve has where that is more."""
+
 CLEAR = 0.02
 """A stretch of a curve is judged once more where its multipliers come no further from the unit circle than this."""
 
@@ -189,8 +192,8 @@ class _Followed:
         return [int(i) for i in steps if self.halved[i] < HALVED and not self.points[i].jumped]
 
     def halve(self, judged: Judged) -> list[int]:
-        """Halve long steps until there are none, or as many new points as the curve has; the steps still long."""
-        room = len(self.points)
+        """Halve long steps until there are none or no room for more points; the steps still long."""
+        room = max(len(self.points), ROOM)
         while room > 0 and (steps := self.long()[:room]):
             room -= len(steps)
             for i in reversed(steps):

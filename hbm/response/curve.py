@@ -1,8 +1,8 @@
 """A branch of periodic solutions in physical terms, with what is known of its accuracy."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -297,6 +297,39 @@ class ResponseCurve(Displayed):
         lifted = np.array([p.lift_off for p in self.points])
         at, edges = self.values, np.flatnonzero(np.diff(np.concatenate([[False], lifted, [False]]).astype(int)))
         return [(float(at[i:j].min()), float(at[i:j].max())) for i, j in zip(edges[::2], edges[1::2], strict=True)]
+
+    @cached_property
+    def dense(self) -> Self:
+        """The curve with motions between its points, so many that lines from one to the next draw it.
+
+        They lie on the cubics between its points (:meth:`continuation.Branch.dense`): whoever reads the curve between
+        its points reads it here. Their stability is that of the point before, beyond a bifurcation of that behind.
+        """
+        branch = self.branch.dense()
+        own = {id(point): solution for point, solution in zip(self.branch.points, self.points, strict=True)}
+        points = tuple(own.get(id(p)) or self.solution_at(p.x, p.lam) for p in branch.points)
+        if self.stability is None or self.doubtful is None:
+            return replace(self, branch=branch, points=points)
+        arclengths = np.array([p.arclength for p in branch.points])
+        like = self._judged_as(arclengths)
+        behind = np.searchsorted(arclengths, [b.special.arclength for b in self.bifurcations])
+        return replace(
+            self,
+            branch=branch,
+            points=points,
+            stability=tuple(self.stability[i] for i in like),
+            doubtful=self.doubtful[like],
+            bifurcations=tuple(replace(b, behind=int(i)) for b, i in zip(self.bifurcations, behind, strict=True)),
+        )
+
+    def _judged_as(self, arclengths: Array) -> npt.NDArray[np.intp]:
+        """Points of the curve that tell the stability at arclengths on it."""
+        at = np.array([p.arclength for p in self.branch.points])
+        behind = np.searchsorted(at, arclengths)
+        turns = at.copy()  # from where on a point speaks for the stretch before it
+        for b in reversed(self.bifurcations):
+            turns[b.behind] = b.special.arclength
+        return np.asarray(behind - (arclengths < turns[behind]))
 
     def to_xarray(self) -> Any:
         """Coefficients (channel, point, coefficient), peaks and rms values, as an xarray.Dataset with units.

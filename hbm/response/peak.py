@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from continuation import Border, NewtonSettings, correct
-from hbm.balance.problem import TOLERANCE
+from continuation import ConvergenceError
+from continuation.segment import Segment
 from hbm.balance.solution import describe
 from hbm.parallel import one_thread
 from hbm.response.curve import ResponseCurve
@@ -33,28 +33,16 @@ def with_peak(curve: ResponseCurve) -> ResponseCurve:
 
 
 def _inserted(curve: ResponseCurve, i: int, offset: float) -> ResponseCurve:
-    """Add the point at arclength `offset` from point i, solved across the chord to its neighbour."""
-    a, b = curve.branch.points[i], curve.branch.points[i + 1 if offset > 0 else i - 1]
-    chord = np.append(b.x - a.x, b.lam - a.lam)
-    guess = np.append(a.x, a.lam) + offset / (b.arclength - a.arclength) * chord
-    weights = curve.branch.settings.weights
-    row = chord[:-1] if weights is None else weights * chord[:-1]
-    newton = NewtonSettings(tolerance=TOLERANCE, max_iterations=10)
-    result = correct(curve.problem, guess, Border(row, float(chord[-1])), newton)
-    if not result.converged:
-        return curve
-    point = replace(
-        a,
-        x=result.x,
-        lam=result.lam,
-        arclength=a.arclength + offset,
-        residual_norm=result.residual_norm,
-        fold=False,
-        corner=False,
-        branch_point=False,
-    )
-    at = i + 1 if offset > 0 else i
+    """Add the point at arclength `offset` from point i; the curve itself where it is not found."""
     points, found = list(curve.branch.points), list(curve.points)
-    points.insert(at, point)
-    found.insert(at, describe(curve.problem, result.x, result.lam))
+    at = i + 1 if offset > 0 else i
+    before, behind = points[at - 1 : at + 1]
+    if behind.corner or behind.jumped:
+        return curve
+    stretch = Segment(curve.problem, before, behind, curve.branch.settings, sharply=False)
+    try:
+        points[at : at + 1] = stretch.parted(offset / stretch.length % 1.0)
+    except ConvergenceError:
+        return curve
+    found.insert(at, describe(curve.problem, points[at].x, points[at].lam))
     return replace(curve, branch=replace(curve.branch, points=tuple(points)), points=tuple(found))

@@ -4,6 +4,7 @@
 :class:`PeriodicSolution` objects and whose channels are arrays with names and units.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -23,8 +24,14 @@ from hbm.response.liftoff import solve_lifting
 from hbm.response.peak import with_peak
 from models.jointed import AnyRig
 
-RELATIVE_STEP = 0.01
-"""Largest step as a fraction of the motion, where that is more than the step asked for: on tall resonances."""
+CURVE_TOLERANCE = 1.5e-3
+"""Largest error of the curve between its points (:attr:`hbm.response.curve.ResponseCurve.dense`), of the motion."""
+
+FEWEST = 10
+"""Steps over a sweep at least, where the motion is small."""
+
+RELATIVE_STEPS = {"free": 0.5, "asked": 0.01}
+"""Largest step as a fraction of the motion, where that is more: on tall resonances; less where a step was asked for."""
 
 SCOUTED = 128
 """Samples per period of a coarse curve."""
@@ -151,7 +158,7 @@ def _by_force(problem: AnyBalance, lam: float, H: int | None = None) -> Array | 
     hz, F = problem.hz_at(lam), problem.at(lam)[1]
     basis = problem.basis if H is None else FourierBasis(H, problem.basis.N_t)
     ramp = balance_of(problem.rig, basis, parameter="force", hz=hz, level=F)
-    settings = replace(trace_settings(ramp, 1e-3, 1.0, 0.02), max_points=300)
+    settings = _ramp_settings(ramp, 1e-3, 1.0, 0.02)
     branch = continue_branch(ramp, np.zeros(ramp.size), 1e-3, settings)
     return _upwards(problem, lam, basis.H, ramp.unpack(branch.points[-1].x, 1.0)) if branch.complete else None
 
@@ -162,7 +169,7 @@ def _from_afar(problem: AnyBalance, lam: float) -> Array | None:
     for far in (0.7 * end, 1.4 * end):
         x = _from_rest(sweep, far)
         if x is not None:
-            settings = replace(trace_settings(sweep, far, end, abs(end - far) / 20), max_points=300)
+            settings = _ramp_settings(sweep, far, end, abs(end - far) / 20)
             branch = continue_branch(sweep, x, far, settings)
             if branch.complete:
                 return pad(problem, sweep.unpack(branch.points[-1].x, end))
@@ -194,8 +201,10 @@ def _newton() -> NewtonSettings:
     return NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
 
 
-def trace_settings(problem: AnyBalance, lam0: float, lam_end: float, step_max: float) -> Settings:
-    """Settings of a trace from `lam0` to `lam_end`, with a largest step."""
+def trace_settings(problem: AnyBalance, lam0: float, lam_end: float, step_max: float | None = None) -> Settings:
+    """Settings of a trace from `lam0` to `lam_end`, with a largest step where one is asked for."""
+    relative = RELATIVE_STEPS["free" if step_max is None else "asked"]
+    step_max = abs(lam_end - lam0) / FEWEST if step_max is None else step_max
     # a reference amplitude counts as much as the whole sweep; the friction force follows from the motion and turns
     # much faster: it hardly counts
     weights = np.full(problem.size, (lam_end - lam0) ** 2)
@@ -208,15 +217,22 @@ def trace_settings(problem: AnyBalance, lam0: float, lam_end: float, step_max: f
         step=step_max / 5,
         step_min=step_max * 1e-6,
         step_max=step_max,
-        relative_step=RELATIVE_STEP,
+        relative_step=relative,
+        curve_tolerance=CURVE_TOLERANCE,
+        target_iterations=4,
         tolerance=TOLERANCE,
         weights=weights,
         max_points=20000,
-        max_angle=1.0,
+        max_angle=2.0,
         corner_angle=0.5,
-        tangent_slack=0.1,
+        tangent_slack=0.01,
         predictor=Predictor.CURVED,
     )
+
+
+def _ramp_settings(problem: AnyBalance, lam0: float, lam_end: float, step_max: float) -> Settings:
+    """Settings of a way to a solution: nobody looks at what lies between its points."""
+    return replace(trace_settings(problem, lam0, lam_end, step_max), max_points=300, curve_tolerance=math.inf)
 
 
 def sweep_of(rig: AnyRig, hz: tuple[float, float] | None, where: str) -> tuple[float, float]:
@@ -259,7 +275,8 @@ def trace_frequency(
     harmonics, samples : int
         Highest harmonic H, and samples per period N_t.
     step_hz : float, optional
-        Largest step [Hz] (as arclength: shorter where the amplitude changes); 1/50 of the range where omitted.
+        Largest step [Hz] (as arclength: shorter where the amplitude changes); a tenth of the range, or half of the
+        motion where that is more, where omitted.
     on_point : callable, optional
         Progress: called with frequency and point number.
     budget : Budget, optional
@@ -278,7 +295,7 @@ def trace_frequency(
     begin, end = sweep_of(rig, hz, "trace_frequency")
     problem = balance_of(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
-    step = abs(lam1 - lam0) / 50 if step_hz is None else problem.lam_at(step_hz)
+    step = None if step_hz is None else problem.lam_at(step_hz)
     return with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point, budget))
 
 
@@ -297,7 +314,7 @@ def scout_frequency(
     problem = balance_of(rig, FourierBasis(harmonics, SCOUTED), level=level)
     lam0, lam1 = map(problem.lam_at, hz)
     settings = trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 20)
-    return _trace(problem, lam0, replace(settings, max_angle=2.0, corner_angle=np.pi), None, budget)
+    return _trace(problem, lam0, replace(settings, curve_tolerance=math.inf, corner_angle=np.pi), None, budget)
 
 
 def force_response(
@@ -337,7 +354,7 @@ def force_response(
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = balance_of(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
-    return with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 50), on_point))
+    return with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1), on_point))
 
 
 @one_thread

@@ -25,16 +25,22 @@ FAR = 0.1
 STEEPER = 2.0
 """Between two points multipliers may change so many times faster than they do there and next to there."""
 
-NARROW = 1e-3
+NARROW = 2e-3
 """A crossing is at one place if within this fraction of what is varied the multiplier is known for certain again."""
 
 FINE = 5e-4
 """Steps of this fraction of what is varied tell how high a bubble is that was no higher than the error where met."""
 
+TOP = 1e-4
+"""The same of the steps beside its highest point, where that is more than half of the error."""
+
+CLOSE = 2.0
+"""Beside a point whose multiplier is no further inside the unit circle than so many errors, steps are NARROW."""
+
 GRAZING = 0.25
 """Beside a point whose multiplier is closer to the unit circle than this part of its error, steps are NARROW too."""
 
-MEETING, NEAR = 1.25, 0.5
+MEETING, NEAR = 3.0, 0.5
 """A pair may meet on the real axis within a step if its angles to it are no more than so many times what it turns by in
 the step, and below this [rad]."""
 
@@ -51,8 +57,8 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     """Steps between neighbouring points that may hide a bubble higher than the error, (points - 1,).
 
     There a multiplier, as steep as next to there and STEEPER, could reach beyond the unit circle and return; or a pair
-    may meet on the real axis; or one grazes the circle and the step is not NARROW, or is outside by less than its error
-    and the step is not FINE.
+    may meet on the real axis; or one grazes the circle, or moves CLOSE to it, and the step is not NARROW; or is outside
+    by less than its error and the step is not FINE, beside its highest point as short as TOP.
 
     Parameters
     ----------
@@ -78,6 +84,9 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     outside = np.maximum(grown[1:], grown[:-1]) > ROUNDING
     grazing = (wide > NARROW) & (np.minimum(*ends) < GRAZING * error)
     shallow = (wide > FINE) & outside & (np.minimum(*ends) < error)
+    moved = np.abs(np.diff(grown, axis=0)) > error
+    shallow |= (wide > NARROW) & moved & (np.maximum(grown[1:], grown[:-1]) > -CLOSE * error)
+    shallow |= (wide > TOP) & _beside_tops(grown, error)
     out = np.asarray(np.any(concerned & (grazing | shallow | (least < STEEPER * steepest * length)), axis=1))
     out |= _meeting(found, count)
     for rank in range(count.max()):
@@ -88,6 +97,14 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     return out
 
 
+def _beside_tops(grown: Array, error: Array) -> Flags:
+    """Steps beside a highest point of a multiplier that is outside by half of its error to all of it."""
+    padded = np.pad(grown, ((1, 1), (0, 0)), constant_values=-np.inf)
+    top = (grown >= padded[:-2]) & (grown >= padded[2:])
+    higher = np.maximum(grown[1:], grown[:-1])
+    return np.asarray((top[1:] | top[:-1]) & (higher > 0.5 * error) & (higher < error))
+
+
 def _meeting(found: Sequence[Stability], count: Sides) -> Flags:
     """Steps within which the first pair inside the unit circle may meet on the real axis, and one of it get out."""
     first = [s.multipliers[min(n, len(s.multipliers) - 1)] for s, n in zip(found, count, strict=True)]
@@ -96,7 +113,7 @@ def _meeting(found: Sequence[Stability], count: Sides) -> Flags:
     off = np.minimum(angle, np.pi - angle)
     wider = np.maximum(off[1:], off[:-1])  # on the axis they part by about as much
     meeting = (off[1:] + off[:-1] < MEETING * np.abs(np.diff(angle))) & (wider < NEAR)
-    return np.asarray(meeting & (np.minimum(depth[1:], depth[:-1]) < wider) & (count[1:] == count[:-1]))
+    return np.asarray(meeting & (np.minimum(depth[1:], depth[:-1]) < wider))
 
 
 def sides(found: Sequence[Stability], rank: int) -> Sides:

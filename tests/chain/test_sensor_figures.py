@@ -46,7 +46,7 @@ def test_measured_points_lie_on_the_curves_of_their_levels(
         own = (measured.level > 0.9 * curve.level) & (measured.level < 1.1 * curve.level) & (measured.hz < 52.0)
         np.testing.assert_array_equal(x, measured.hz[own])
         np.testing.assert_allclose(y, np.abs(measured.complex("a1")[own, 1]))
-        np.testing.assert_allclose(y, np.interp(x, curve.hz, curve["a1"].amplitude[:, 1]), rtol=0.02)
+        np.testing.assert_allclose(y, np.interp(x, curve.dense.hz, curve.dense["a1"].amplitude[:, 1]), rtol=0.02)
 
 
 def test_a_panel_for_the_drive_and_every_sensor_on_axes_that_are_given(curves: list[ResponseCurve]) -> None:
@@ -62,7 +62,7 @@ def test_a_panel_for_the_drive_and_every_sensor_on_axes_that_are_given(curves: l
 def test_levels_per_force_are_amplitudes_over_the_force(curves: list[ResponseCurve]) -> None:
     ax = plot_channel(curves, "a1", per_force=True)
     for line, curve in zip(ax.lines, curves, strict=False):
-        np.testing.assert_allclose(line.get_ydata(), curve["a1"].amplitude[:, 1] / curve.level)
+        np.testing.assert_allclose(line.get_ydata(), curve.dense["a1"].amplitude[:, 1] / curve.level)
     assert ax.get_ylabel() == "a1 [m/s² / N]"
 
 
@@ -83,7 +83,7 @@ def test_a_force_response_is_drawn_over_the_force(measured: MeasuredSpectra) -> 
     assert ax.get_xlabel() == "Force amplitude [N]"
     x, y = ax.containers[0][0].get_data()
     np.testing.assert_array_equal(x, [1.0, 2.0])
-    np.testing.assert_allclose(y, np.interp(x, curve.force, curve["a1"].amplitude[:, 1]), rtol=0.02)
+    np.testing.assert_allclose(y, np.interp(x, curve.dense.force, curve.dense["a1"].amplitude[:, 1]), rtol=0.02)
     assert plot_frequency_response(curve).get_xlabel() == "Force amplitude [N]"
 
 

@@ -239,14 +239,13 @@ def test_a_curve_says_where_it_is_stable_in_files_and_figures(sink: ResponseCurv
 
 @pytest.mark.slow
 def test_bifurcations_do_not_depend_on_the_window() -> None:
-    """Of the paper's beam: the same list within 1 mHz from windows of other ends, directions and steps.
+    """Of the paper's beam: the same list within 1 mHz from windows of other ends and directions.
 
     Above 47.6 Hz: two folds lie 1.3 mHz apart below, and a sweep may step over both.
     """
     lists = []
-    for window in ((40.0, 65.0), (65.0, 40.0), (45.0, 60.0), (47.5, 52.5)):
-        step = abs(window[1] - window[0]) / 40
-        curve = with_stability(trace_frequency(paper_rig(), window, harmonics=19, samples=256, step_hz=step))
+    for window in ((40.0, 65.0), (65.0, 40.0), (45.0, 60.0), (47.5, 52.5), (52.6, 44.0)):
+        curve = with_stability(trace_frequency(paper_rig(), window, harmonics=19, samples=256))
         assert curve.stable is not None
         assert curve.doubtful is not None
         inside = (curve.hz > 47.6) & (curve.hz < 52.5)
@@ -291,5 +290,5 @@ def test_steps_are_halved_where_a_multiplier_could_cross_and_return() -> None:
     assert hiding(known_to(1e-3, -1e-4, -1e-4), np.arange(2.0), hz[:2]).all()  # it grazes the circle
     assert not hiding(known_to(1e-3, -1e-4, -1e-4), np.arange(2.0), np.array([50.0, 50.01])).any()
     # a pair comes to the real axis and turns back: where it met, one of it may have left
-    pair = [Stability(0.99 * np.exp(1j * np.array([a, -a])), 1.0, error=1e-3) for a in (2.7, 3.0, 3.13, 2.9)]
+    pair = [Stability(0.99 * np.exp(1j * np.array([a, -a])), 1.0, error=1e-3) for a in (2.68, 2.72, 3.13, 2.9)]
     assert hiding(pair, np.arange(4.0), np.full(4, 50.0)).tolist() == [False, True, True]

@@ -9,8 +9,8 @@ from rigs import HZ, CubicSpring, beam, oscillator
 from hbm.balance.problem import HarmonicBalance
 from hbm.balance.solution import describe
 from hbm.fourier import FourierBasis
-from hbm.response.trace import force_response, solve_near, steady_state, trace_frequency
-from models import Coulomb, Frictionless, Jenkins, Viscous
+from hbm.response.trace import CURVE_TOLERANCE, force_response, solve_near, steady_state, trace_frequency
+from models import Coulomb, Frictionless, Jenkins, Stribeck, Viscous
 
 
 def test_linear_oscillator_matches_its_closed_form():
@@ -171,3 +171,22 @@ def test_stuck_coulomb_contact_does_no_work():
     # against 17 mW of the modal slip, rounding only
     assert point.work_rate < 1e-12
     assert abs(point.friction_loss) < 1e-15
+
+
+@pytest.mark.parametrize(
+    "law",
+    [Viscous(20.0), Jenkins(0.52, 4.15e-6), Stribeck(0.57, 0.52, 5e-3, critical_slip=4.15e-6)],
+    ids=lambda law: law.name,
+)
+def test_a_curve_is_known_between_its_points(law) -> None:
+    """Beside a fine one it is drawn to the tolerance, in units of sweep and peak."""
+    rig, hz = beam(law), (44.0, 56.0)
+    curve = trace_frequency(rig, hz, harmonics=9, samples=128)
+    fine = trace_frequency(rig, hz, harmonics=9, samples=128, step_hz=12.0 / 500)
+    assert len(fine.points) > 5 * len(curve.points)
+    scale = np.array([12.0, fine["drive"].peak.max()])
+    drawn, true = (np.column_stack([c.hz, c["drive"].peak]) / scale for c in (curve.dense, fine))
+    start, along = drawn[:-1], np.diff(drawn, axis=0)
+    there = true[:, None] - start
+    share = np.clip((there * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)
+    assert np.linalg.norm(there - share[..., None] * along, axis=2).min(axis=1).max() < CURVE_TOLERANCE
