@@ -11,7 +11,7 @@ import numpy as np
 
 from hbm.aft.period import DT, law_functions
 from hbm.aft.projection import projected, shown
-from hbm.aft.recurrence import NEUTRAL, forwards, monodromy, radius
+from hbm.aft.recurrence import NEUTRAL, Loop, monodromy
 from hbm.aft.steady import SteadyPeriod, buffered
 from hbm.aft.step import ENVIRONMENT, SIGNALS, law_step
 from hbm.fourier import Array, FourierBasis
@@ -219,28 +219,16 @@ class LawOverPeriod(SteadyPeriod):
         self._show(signals, Omega, environment)
         evaluate, (_, _, local, _) = buffered(self.functions.tangent(), self._inputs)
         evaluate()
-        n_z, local = self.functions.states, local.reshape(self.basis.N_t, 1 + self.functions.states, -1)
-        inputs = self._sampled(signals, Omega, change)
-        if n_z == 0:
-            return np.asarray((local @ inputs)[:, 0])
+        local = local.reshape(self.basis.N_t, 1 + self.functions.states, -1)
 
-        def march(start: Array) -> tuple[Array, Array]:
-            """Change of the force (N_t, p) and of the state at the end (n_z, p) over a period."""
-            driven = local[:, :, n_z:] @ inputs
-            z = forwards(local[:, 1:, :n_z], start, driven[:, 1:])
-            return driven[:, 0] + np.einsum("kz,kzp->kp", local[:, 0, :n_z], z[:-1]), z[-1]
-
-        start = np.zeros((n_z, len(change.Omega)))
-        if radius(local[:, 1:, :n_z]) < 1.0 - NEUTRAL:
-            start += np.linalg.solve(np.eye(n_z) - monodromy(local[:, 1:, :n_z]), march(start)[1])
-        else:  # a contact that stays stuck remembers the period before, which started from its virgin state
+        def virgin() -> Array:
             steady = self._carried.copy()
             self._carried[:] = 0.0
             evaluate()
-            start = march(start)[1]
             self._carried[:] = steady
-            evaluate()
-        return march(start)[0]
+            return local
+
+        return Loop(local.copy(), 1, virgin).changed(self._sampled(signals, Omega, change))[:, 0]
 
     def _sampled(self, signals: Array, Omega: float, change: InputChange) -> Array:
         """Change of the active inputs, the parameters, the load and the compliance at the samples, (N_t, inputs, p)."""

@@ -4,7 +4,6 @@ CasADi differentiates the law sample by sample; what couples the samples (its me
 backwards for the Fourier coefficients of the forces.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from hbm.aft.jointstep import ENVIRONMENT, JointFunctions, joint_functions, signals_of, values
 from hbm.aft.projection import projected, shown
-from hbm.aft.recurrence import NEUTRAL, forwards, monodromy, radius
+from hbm.aft.recurrence import NEUTRAL, Loop, monodromy
 from hbm.aft.steady import SteadyPeriod, buffered
 from hbm.fourier import Array, FourierBasis
 from models.joints.law import JointLaw
@@ -63,6 +62,7 @@ class JointOverPeriod(SteadyPeriod):
         self.law, self.basis, self.compliance, self.ports = law, basis, compliance, law.ports
         self._sampled = np.zeros((basis.N_t, signals_of(law.ports)))
         self._shown: tuple[Array | None, float] = (None, 0.0)
+        self._loop: Loop | None = None
         self._fades, self._loaded = False, loaded
         self._environment = np.zeros(len(ENVIRONMENT))
         self._bind(self.choices[0])
@@ -84,7 +84,7 @@ class JointOverPeriod(SteadyPeriod):
         Omega : float
             Fundamental frequency [rad/s].
         """
-        self._shown = (signals, Omega)
+        self._shown, self._loop = (signals, Omega), None
         m, basis = self.ports, self.basis
         shown = signals.copy()
         shown[:, m : 2 * m] = Omega * basis.derivative(signals[:, m : 2 * m])
@@ -171,7 +171,7 @@ class JointOverPeriod(SteadyPeriod):
             return found
 
         inputs = np.broadcast_to(np.vstack([numbers, compliance]), (basis.N_t, len(numbers) + 1, numbers.shape[1]))
-        return self._followed(read(), inputs, virgin)
+        return basis.coefficients(Loop(read(), m, virgin).changed(inputs))
 
     def pushed(self, signals: Array, Omega: float, change: Array) -> Array:
         """Change (2H+1, m, c) of the coefficients of the forces with small changes of the signals, no matrix made.
@@ -185,34 +185,13 @@ class JointOverPeriod(SteadyPeriod):
         """
         self._show(signals, Omega)
         m, basis, all_signals = self.ports, self.basis, signals_of(self.ports)
-        shown = change.copy()
-        for i in range(m, 2 * m):
-            shown[:, i] = Omega * basis.derivative(change[:, i])
-        now = basis.samples(shown)
-        before = np.roll(now, 1, axis=0)
-        inputs = np.stack([(now, before)[i // all_signals][:, i % all_signals] for i in self.functions.reads], axis=1)
-        n = self.functions.memory + len(self.functions.reads)  # the time between samples, which is held, comes last
-        return self._followed(self._local[:, :, :n], inputs, lambda: self._first_period()[:, :, :n])
-
-    def _followed(self, by: Array, inputs: Array, virgin: Callable[[], Array]) -> Array:
-        """Change (2H+1, m, c) of the coefficients of the forces with inputs (N_t, i, c) of a loop that stays closed.
-
-        `by` (N_t, m + memory, memory + i) are slopes along the steady period, those that `virgin` makes along the
-        period before, from the virgin state.
-        """
-        m, n, basis = self.ports, self.functions.memory, self.basis
-
-        def march(by: Array, start: Array) -> tuple[Array, Array]:
-            driven = np.matmul(by[:, :, n:], inputs)
-            if n == 0:
-                return driven, start
-            z = forwards(by[:, m:, :n], start, driven[:, m:])
-            return driven[:, :m] + np.matmul(by[:, :m, :n], z[:-1]), z[-1]
-
-        start: Array = np.zeros((n, inputs.shape[2]))
-        transitions = by[:, m:, :n]
-        if n and radius(transitions) < 1.0 - NEUTRAL:
-            start[:] = np.linalg.solve(np.eye(n) - monodromy(transitions), march(by, start)[1])
-        elif n:  # a joint that stays stuck remembers the period before, which started from its virgin state
-            start = march(virgin(), start)[1]
-        return basis.coefficients(march(by, start)[0])
+        now: dict[int, Array] = {}
+        for i in {i % all_signals for i in self.functions.reads}:
+            rate = m <= i < 2 * m
+            now[i] = basis.samples(Omega * basis.derivative(change[:, i]) if rate else change[:, i])
+        before = {i: np.roll(samples, 1, axis=0) for i, samples in now.items()}
+        inputs = np.stack([(now, before)[i // all_signals][i % all_signals] for i in self.functions.reads], axis=1)
+        if self._loop is None:
+            n = self.functions.memory + len(self.functions.reads)  # the time between samples, which is held, comes last
+            self._loop = Loop(self._local[:, :, :n], m, lambda: self._first_period()[:, :, :n])
+        return basis.coefficients(self._loop.changed(inputs))

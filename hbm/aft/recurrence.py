@@ -5,6 +5,8 @@ outputs and of its internal states after a sample to the states before it and to
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import lapack
@@ -67,6 +69,59 @@ def gradients(local: Array, outputs: int, W: Array, virgin: Callable[[], Array])
     lam = backwards(before[:, outputs:, :n], right)
     steady += _through_states(lam, before[:, outputs:, n:], steady.shape)
     return steady
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A loop that stays closed while what drives it changes a little; what this takes is worked out once.
+
+    Attributes
+    ----------
+    local : (N_t, outputs + states, states + inputs) array
+        Slopes along the steady period.
+    outputs : int
+    virgin : callable
+        The slopes along the period before, from the virgin state. A contact that stays stuck remembers it.
+    """
+
+    local: Array
+    outputs: int
+    virgin: Callable[[], Array]
+
+    @property
+    def states(self) -> int:
+        """Number of internal states."""
+        return int(self.local.shape[1]) - self.outputs
+
+    @cached_property
+    def _open(self) -> Array | None:
+        """1 less the product of the state transitions over a period; None where a loop returns undiminished."""
+        over_period = monodromy(self.local[:, self.outputs :, : self.states])
+        if not np.isfinite(over_period).all() or np.abs(np.linalg.eigvals(over_period)).max() >= 1.0 - NEUTRAL:
+            return None
+        return np.asarray(np.eye(self.states) - over_period)
+
+    @cached_property
+    def _before(self) -> Array:
+        return self.virgin()
+
+    def changed(self, inputs: Array) -> Array:
+        """Change of the outputs (N_t, outputs, c) with inputs (N_t, inputs, c)."""
+        if not self.states:
+            return np.asarray(np.matmul(self.local, inputs))
+        begin: Array = np.zeros((self.states, inputs.shape[2]))
+        if self._open is None:
+            begin = self._march(self._before, begin, inputs)[1]
+        else:
+            begin = np.asarray(np.linalg.solve(self._open, self._march(self.local, begin, inputs)[1]))
+        return self._march(self.local, begin, inputs)[0]
+
+    def _march(self, by: Array, start: Array, inputs: Array) -> tuple[Array, Array]:
+        """Change of the outputs over a period, and of the states (states, c) at its end."""
+        n, outputs = self.states, self.outputs
+        driven = np.matmul(by[:, :, n:], inputs)
+        z = forwards(by[:, outputs:, :n], start, driven[:, outputs:])
+        return driven[:, :outputs] + np.matmul(by[:, :outputs, :n], z[:-1]), z[-1]
 
 
 def backwards(A: Array, right: Array) -> Array:

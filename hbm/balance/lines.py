@@ -12,15 +12,16 @@ SIAM J. Sci. Stat. Comput. 7 (1986) 856-869 (GMRES); J. B. Roberts, P. D. Spanos
 Linearization (1990).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.sparse.linalg import LinearOperator, gmres
 
 from continuation import ConvergenceError
 from hbm.balance.jointednewton import Modes
 from hbm.balance.jointequations import Complex, JointEquations
+from hbm.balance.krylov import solved
 from hbm.balance.scaled import State
 from hbm.fourier import Array, FourierBasis
 from models.jointed import JointedRig
@@ -76,6 +77,15 @@ class LineBalance(JointEquations):
         s = self.structure
         return self.modes.between(s.joints, s.joints) + self.flexibility
 
+    @cached_property
+    def signalled(self) -> list[Complex]:
+        """Signals at each joint per force at every port, harmonic by harmonic, (H+1, 2 ports + 1, m)."""
+        s, rate = self.structure, 1j * self.Omega * np.arange(self.basis.H + 1)[:, None, None]
+        moved, between = self.modes.between(s.joints, s.joints), self.modes.between
+        loads = rate**2 * between(s.loads_inertia, s.joints) + rate * between(s.loads_damping, s.joints)
+        u, w, loads = moved + self.flexibility, moved + self.flexibility_of_rate, loads + s.loads_by_joints
+        return [np.concatenate([u[:, at], w[:, at], loads[:, [j]]], axis=1) for j, at in enumerate(self.slices)]
+
     def state(self, f: Array, F: float = 1.0) -> State:
         """State in which the joints push with forces (2H+1, m), under a share of the excitation."""
         return State(self.modes.moved(self.modal_forces(f, F)), f, self.Omega, F)
@@ -108,7 +118,8 @@ class LineBalance(JointEquations):
         """A state near the steady one, by statistical linearisation."""
         here = self.law(np.zeros((self.basis.size, len(self.own))), F)
         for _ in range(STATISTICAL):
-            here = self.law(here.preconditioned(here.answer - here.held(here.state.T)), F)
+            missed = here.answer[:, :, None] - here.held(here.state.T[:, :, None])
+            here = self.law(here.preconditioned(missed)[:, :, 0], F)
         return here
 
     def _raised(self) -> "LinesHere":
@@ -129,7 +140,7 @@ class LineBalance(JointEquations):
         for _ in range(ITERATIONS):
             if here.missed <= CLOSED * np.abs(here.answer).max(initial=0.0):
                 return here
-            here = self._nearer(here, here.followed(here.answer - here.state.T, INEXACT))
+            here = self._nearer(here, here.followed((here.answer - here.state.T)[:, :, None], INEXACT)[:, :, 0])
         raise ConvergenceError(f"{self._failed}: forces miss their balance by {here.missed:.2g} N")
 
     def _nearer(self, here: "LinesHere", step: Array) -> "LinesHere":
@@ -184,53 +195,58 @@ class LinesHere:
 
     def _times(self, matrices: Complex, forces: Array) -> Array:
         basis = self.problem.basis
-        return basis.real((matrices @ basis.complex(forces)[:, :, None])[:, :, 0])
+        return basis.real(matrices @ basis.complex(forces))
 
     def preconditioned(self, forces: Array) -> Array:
-        """Forces (2H+1, m) with which springs and dashpots in place of the joints answer to what is missed."""
+        """Forces (2H+1, m, c) with which springs and dashpots in place of the joints answer to what is missed."""
         return self._times(self.closed, forces)
 
     def held(self, forces: Array) -> Array:
-        """Answer of the same springs and dashpots to the motion that forces (2H+1, m) make."""
+        """Answer of the same springs and dashpots to the motion that forces (2H+1, m, c) make."""
         return self._times(self.linearized @ self.problem.yielding, forces)
 
-    def pushed(self, Q: Array, f: Array) -> Array:
-        """Change (2H+1, m) of the joints' answer with modes (2H+1, n) and forces (2H+1, m)."""
-        problem = self.problem
-        change = problem.signals(State(Q, f, problem.Omega, 0.0))
-        return self.answered(change)
+    def pushed(self, f: Array) -> Array:
+        """Change (2H+1, m, c) of the joints' answer with forces (2H+1, m, c)."""
+        basis, amplitudes = self.problem.basis, self.problem.basis.complex(f)
+        return self.answered([basis.real(by_force @ amplitudes) for by_force in self.problem.signalled])
 
-    def answered(self, change: list[Array]) -> Array:
-        """Change (2H+1, m) of the joints' answer with their signals."""
-        answers = [
-            j.pushed(s, self.problem.Omega, d[:, :, None])[:, :, 0]
-            for j, s, d in zip(self.problem.joints, self.signals, change, strict=True)
-        ]
-        return np.hstack([np.zeros((self.problem.basis.size, 0)), *answers])
+    def answered(self, change: Sequence[Array]) -> Array:
+        """Change (2H+1, m, c) of the joints' answer with the signals at each, (2H+1, 2 ports + 1, c)."""
+        joints = zip(self.problem.joints, self.signals, change, strict=True)
+        return np.concatenate([j.pushed(s, self.problem.Omega, d) for j, s, d in joints], axis=1)
 
     def followed(self, missed: Array, accuracy: float = EXACT) -> Array:
-        """Change of the forces (2H+1, m) that balances what is missed, (2H+1, m), all joints answering to it.
+        """Changes of the forces that balance what is missed, (2H+1, m, c), all joints answering to each.
 
         Raises
         ------
         ConvergenceError
             If GMRES does not get there.
         """
-        problem, s = self.problem, self.problem.structure
-        if not missed.any():
-            return np.zeros_like(missed)
+        there, out = np.flatnonzero(missed.any(axis=(0, 1))), np.zeros_like(missed)
+        if not len(there):
+            return out
+        right = missed[:, :, there]
 
-        def unanswered(x: Array) -> Array:
-            f = x.reshape(missed.shape)
-            return (f - self.pushed(problem.modes.moved(f @ s.joints), f)).ravel()
+        def forces(rows: Array) -> Array:
+            return rows.T.reshape(right.shape)
 
-        def nearly(x: Array) -> Array:
-            return self.preconditioned(x.reshape(missed.shape)).ravel()
+        def unanswered(rows: Array) -> Array:
+            return rows - self._rows(self.pushed(forces(rows)))
 
-        shape = (missed.size, missed.size)
-        A, M = LinearOperator(shape, unanswered, dtype=float), LinearOperator(shape, nearly, dtype=float)
+        def nearly(rows: Array) -> Array:
+            return self._rows(self.preconditioned(forces(rows)))
+
         again = RESTARTS if accuracy < INEXACT else 1  # a step that is not near is shortened, or the excitation raised
-        x, failed = gmres(A, missed.ravel(), rtol=accuracy, restart=KRYLOV, maxiter=again, M=M)
-        if failed and accuracy < INEXACT:
-            raise ConvergenceError(f"no derivative under the lines of {problem.fixed_hz:.6g} Hz: GMRES does not end")
-        return np.asarray(x.reshape(missed.shape))
+        found, reached = solved(unanswered, nearly, self._rows(right), accuracy, KRYLOV, again)
+        if not reached and accuracy < INEXACT:
+            raise ConvergenceError(
+                f"no derivative under the lines of {self.problem.fixed_hz:.6g} Hz: GMRES does not end"
+            )
+        out[:, :, there] = forces(found)
+        return out
+
+    @staticmethod
+    def _rows(forces: Array) -> Array:
+        """Forces (2H+1, m, c) as vectors (c, ...)."""
+        return forces.reshape(-1, forces.shape[2]).T

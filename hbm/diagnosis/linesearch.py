@@ -183,7 +183,7 @@ class LineSearch:
         if named is None:
             for part in (plain, unseen):
                 part.pop("extended", None)
-        shares = {} if named is None else _shares(plain, unseen)
+        shares = {} if named is None else self._shares(plain, unseen)
         judged = plain["calibrated" if named is None else "extended"]
         ties = [] if named is None else tied([e for e in self.fits if len(e.model.causes) == 1], named)
         return Diagnosis(
@@ -218,9 +218,24 @@ class LineSearch:
             return None
         return None if found.missing else found
 
+    def _shares(self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, float]:
+        """Share of the misfit that the extended rig does not leave, of records fitted and held out.
+
+        Beside the largest background that may be: else lines where nothing was excited, and noise is least, outweigh
+        all others.
+        """
+        parts = (("train", plain, self.campaign), ("held_out", unseen, self.hidden))
+        found = {}
+        for name, part, campaign in parts:
+            if campaign is not None and "extended" in part:
+                beside = replace(campaign, floor=LARGEST)
+                before, after = (beside.whiten(part[m].found, part[m].by_x) for m in ("calibrated", "extended"))
+                found[name] = explained(before, after)
+        return found
+
     def _verdict(self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> Verdict:
         if "extended" in plain:
-            least, left = min(_shares(plain, unseen).values()), beyond_noise(plain["extended"].white)
+            least, left = min(self._shares(plain, unseen).values()), beyond_noise(plain["extended"].white)
             if least >= NEARLY and left <= LARGEST:
                 return "cause-found"
             if least >= MAIN and left <= SAYS_NOTHING:
@@ -325,16 +340,6 @@ def likeliest_floor(e: Evaluation, campaign: LineCampaign) -> float:
 def _pays(simple: Evaluation, rich: Evaluation) -> bool:
     """Whether a richer model takes a large share of what a simpler one leaves."""
     return bool(rich.chi2 < PAYS * simple.chi2)
-
-
-def _shares(plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, float]:
-    """Share of the misfit beyond noise that the extended rig does not leave, of records fitted and held out."""
-    parts = {"train": plain, "held_out": unseen}
-    return {
-        name: explained(part["calibrated"].white, part["extended"].white)
-        for name, part in parts.items()
-        if "extended" in part
-    }
 
 
 def _errors(plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, dict[str, Errors]]:

@@ -39,7 +39,7 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
     hz, ratio, hz_std, ratio_std = modes.hz, modes.ratio, modes.hz_std, modes.ratio_std
     own = 1.0 if drive is None else float(modes.below[channels.index(drive)])
     clear = modes.below_std * CLEAR < np.abs(modes.below)
-    rigid = own > 0.0 and (clear.any() if drive is None else clear[channels.index(drive)])
+    rigid = own > 0.0 and bool(clear.any() if drive is None else clear[channels.index(drive)])
     if rigid:  # phi_j phi_drive = L_j
         hz, ratio, hz_std, ratio_std = (np.append(0.0, row) for row in (hz, ratio, hz_std, ratio_std))
         first = modes.below / np.sqrt(own)
@@ -56,7 +56,7 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
         "",
         "[modal]",
         f"frequencies_hz = {_row(hz)}" + ("  # 0: all modes below the band" if rigid else ""),
-        f"flexibility = {_matrix(_flexibility(modes, list(ports), at))}  # of modes above the band, where it was seen",
+        f"flexibility = {_matrix(_flexibility(modes, list(ports), at, rigid))}  # of other modes, where it was seen",
         "",
         "[modal.ports]" + ("" if drive else "  # the force acts on 1 of each mode: shapes carry the scale"),
         *(f'"{port}" = {_row(row)}' for port, (row, _) in ports.items()),
@@ -84,11 +84,11 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
     return "\n".join(lines) + "\n"
 
 
-def _flexibility(modes: Modes, ports: list[str], at: str) -> Array:
+def _flexibility(modes: Modes, ports: list[str], at: str, rigid: bool) -> Array:
     """Flexibility between the ports; only that to the place of the force was seen."""
     out = np.zeros((len(ports), len(ports)))
     seen = [ports.index(channel) for channel in modes.responses.channels]
-    out[seen, ports.index(at)] = out[ports.index(at), seen] = modes.above
+    out[seen, ports.index(at)] = out[ports.index(at), seen] = modes.flexibility(rigid)
     return out
 
 

@@ -78,8 +78,8 @@ class Modes(Displayed):
         Natural frequencies [Hz], ascending, and damping ratios.
     A, A_std : (c, r) array
         Product of a channel's shape and that of the drive [1/kg].
-    above, above_std, below, below_std : (c,) array
-        U [m/N] and L [1/kg].
+    above, above_std, beside, below, below_std : (c,) array
+        U [m/N], V [m s2/N] and L [1/kg].
     phase, phase_std : float
         By which the force leads the channel that stands for it [rad]; 0 where that is the force.
     chi2_reduced : float
@@ -95,6 +95,7 @@ class Modes(Displayed):
     A_std: Array
     above: Array
     above_std: Array
+    beside: Array
     below: Array
     below_std: Array
     phase: float
@@ -112,6 +113,22 @@ class Modes(Displayed):
             for f, sf, z, sz in zip(self.hz, self.hz_std, self.ratio, self.ratio_std, strict=True)
         ]
         return "\n".join([f"{len(self)} modes, misfit {self.chi2_reduced:.3g} noise variances", *lines])
+
+    def flexibility(self, masses: bool) -> Array:
+        """The one number of each channel that comes nearest to its residuals in the band, (c,) [m/N].
+
+        In a narrow band the three residual terms are hardly told apart, and one of them alone says nothing.
+
+        Parameters
+        ----------
+        masses : bool
+            Whether what is below the band is told by L; else it is among what the number stands for.
+        """
+        squared = (2 * np.pi * self.responses.hz[:, None]) ** 2
+        order = np.array([ORDER[quantity] for quantity in self.responses.channels.values()])
+        weight = np.where(np.isfinite(self.responses.H), squared**order / self.responses.std**2, 0.0)
+        rest = self.above + self.beside * squared - (0.0 if masses else self.below / squared)
+        return np.asarray(np.sum(weight * rest, axis=0) / np.sum(weight, axis=0))
 
     def shapes(self, drive: str | None) -> tuple[Array, Array, Array]:
         """Mass-normalised shapes of the channels (c, r), their standard deviations, and the shape at the drive (r,).
@@ -362,6 +379,7 @@ class _Problem:
             A_std=std(of_A)[:, order],
             above=flexibility[:, modes],
             above_std=spread[place[:, modes]],
+            beside=flexibility[:, modes + 1] / self.middle**2,
             below=flexibility[:, modes + 2] * self.middle**2,
             below_std=spread[place[:, modes + 2]] * self.middle**2,
             phase=self.phase(x),

@@ -69,7 +69,8 @@ def _of_channels(channels: Collection[str]) -> dict[str, float]:
 def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
     """Tolerances of a rig with joints: of modes as far as anything touches them, and of the laws of the joints.
 
-    Those that the rig states go first; what it states to be exact is held.
+    Those that the rig states go first; what it states to be exact is held. Of a port that nothing touches it may state
+    how its shapes are known: they move once a joint that was not modelled acts there.
     """
     found: dict[str, float] = {}
     largest = np.abs(rig.ported.rows).max(axis=0)
@@ -88,7 +89,7 @@ def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
             found[key] = TOLERANCES[ALPHA]
         elif key.startswith(GAINS):
             found[key] = FORCE_GAIN
-    found |= {key: std for key, std in rig.tolerances.items() if key in found}
+    found |= {key: std for key, std in rig.tolerances.items() if key in found or key.startswith(SHAPES)}
     return {key: std for key, std in found.items() if std > 0.0} | _of_channels(channels)
 
 

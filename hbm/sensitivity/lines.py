@@ -24,7 +24,7 @@ def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
     """
     problem, s = here.problem, here.problem.structure
     Q = np.zeros((*here.state.Q.shape, len(keys)))
-    missed = np.zeros((*here.state.T.shape, len(keys)))
+    changes = [np.zeros((*signals.shape, len(keys))) for signals in here.signals]
     for i, change in enumerate(structure_changes(problem.rig, keys)):
         if change is None:
             continue
@@ -33,13 +33,15 @@ def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
         balance -= here.state.T @ change.joints + np.outer(problem.force_shape, change.excitation)
         Q[:, :, i] = -problem.modes.moved(balance)
         moved = problem.signals(State(Q[:, :, i], np.zeros_like(here.state.T), problem.Omega, 0.0))
-        seen = problem.signals(here.state, change)
-        missed[:, :, i] = here.answered([a + b for a, b in zip(moved, seen, strict=True)])
+        for own, a, b in zip(changes, moved, problem.signals(here.state, change), strict=True):
+            own[:, :, i] = a + b
     if FORCE in keys:
         i, shape = keys.index(FORCE), np.outer(problem.force_shape, s.excitation)
         Q[:, :, i] = problem.modes.moved(shape)
         grown = problem.signals(State(Q[:, :, i], np.zeros_like(here.state.T), problem.Omega, 1.0))
-        missed[:, :, i] = here.answered(grown)
+        for own, a in zip(changes, grown, strict=True):
+            own[:, :, i] = a
+    missed = here.answered(changes) if changes else np.zeros((*here.state.T.shape, len(keys)))
     for j, (joint, at) in enumerate(zip(problem.rig.joints, problem.slices, strict=True)):
         names = [f"joints.{joint.name}.{name}" for name in numbers(joint.law)]
         columns = [i for i, key in enumerate(keys) if key in names]
@@ -47,5 +49,5 @@ def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
             of_law = np.array([[float(name == keys[i]) for i in columns] for name in names])
             law = problem.joints[j]
             missed[:, at, columns] = law.along(here.signals[j], problem.Omega, of_law, np.zeros(len(columns)))
-    T = np.stack([here.followed(missed[:, :, i]) for i in range(len(keys))], axis=2) if keys else missed
+    T = here.followed(missed)
     return Q + problem.modes.moved(np.einsum("kmp,mn->knp", T, s.joints)), T

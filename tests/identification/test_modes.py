@@ -153,6 +153,33 @@ def test_the_rig_file_answers_as_the_structure(tmp_path: Path) -> None:
             assert c[1] - 1j * c[2] == pytest.approx(expected, abs=0.02 * abs(expected))
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_rig_of_one_mode_in_a_narrow_band_answers_as_the_structure(tmp_path: Path, seed: int) -> None:
+    """What modes on both sides add is nearly a constant there: its parts are not told apart, their sum is."""
+    whole = spectra(seed)
+    near = (AT > 52.0) & (AT < 58.0)
+    narrow = MeasuredSpectra(
+        "steps",
+        np.arange(1, near.sum() + 1),
+        whole.level[near],
+        AT[near],
+        whole.channels,
+        whole.coefficients[near],
+        whole.std[near],
+    )
+    write_spectra(tmp_path / "narrow.csv", narrow)
+    args = ["modal", str(tmp_path / "narrow.csv"), "--drive", "a1", "--modes", "1", "--out", str(tmp_path / "rig.toml")]
+    result = CliRunner().invoke(app, [*args, "--quantity", "v2=velocity", "--quantity", "x3=displacement"])
+    assert result.exit_code == 0, result.output
+    rig = load_rig(tmp_path / "rig.toml")
+    for hz in (52.5, 54.8, 55.3, 57.5):
+        state = steady_state(rig, hz, level=2.0, harmonics=1)
+        true, peak = 2.0 * responses(np.array([hz, 55.0]))
+        for name, expected, largest in zip(CHANNELS, true, peak, strict=True):
+            c = state[name].coefficients
+            assert c[1] - 1j * c[2] == pytest.approx(expected, abs=0.02 * abs(largest))
+
+
 def test_bad_input_is_one_line(tmp_path: Path) -> None:
     write_spectra(tmp_path / "low.csv", spectra(1))
     file, out = str(tmp_path / "low.csv"), str(tmp_path / "rig.toml")

@@ -189,6 +189,26 @@ def test_a_cubic_spring_is_named_from_lines() -> None:
         assert np.linalg.norm(y - x) / np.linalg.norm(y) == pytest.approx(errors["held_out"].nrmse, rel=1e-6)
 
 
+def test_quiet_lines_where_nothing_was_excited_do_not_outweigh_all_others() -> None:
+    """Even lines that no cause of these makes: small, and of a noise that is smaller still."""
+    found, even = measured(lambda u: -2e7 * u**3, 0.02), np.arange(2, H + 1, 2)
+    i, rng = found.index("x"), np.random.default_rng(11)
+    rms = float(np.sqrt(np.nanmean(found.coefficients[:, i] ** 2)))
+    coefficients, std = found.coefficients.copy(), found.std.copy()
+    for k in (even, H + even):
+        coefficients[:, i, k] = 2e-3 * rms * rng.standard_normal((5, len(even)))
+        coefficients[:, found.index("force"), k] = 0.0
+    std[:, i, even], std[:, found.index("force"), even] = 2e-5 * rms, 1e-9
+    diagnosis = diagnose(
+        oscillator(F_N * 1.004),
+        replace(found, coefficients=coefficients, std=std),
+        held_out=[2, 5],
+        causes=[CubicStiffness, LocalSpring],
+    )
+    assert diagnosis.cause == "cubic-stiffness"
+    assert min(diagnosis.remainder.explained.values()) > 0.9
+
+
 def test_nothing_is_named_where_lines_are_noise() -> None:
     found = diagnose(oscillator(F_N * 1.004), measured(lambda u: 0.0 * u, 0.02), held_out=[2, 5])
     assert (found.verdict, found.cause) == ("consistent", None)

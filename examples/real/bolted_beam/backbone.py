@@ -13,15 +13,13 @@ rig, table = load_rig(sys.argv[1]), np.genfromtxt(sys.argv[2], delimiter=",", na
 amplitude, held = table["amplitude"], np.arange(len(table)) % 3 == 1  # a third is never used to fit
 measured = np.array([table["frequency_hz"], table["damping_ratio"]])
 scale = np.array([[5e-4], [0.1]]) * measured.mean(axis=1, keepdims=True)
-omega = 2 * np.pi * measured[0].mean()
-motion = amplitude.max() / omega**2
+low, high, w = amplitude.min(), amplitude.max(), 2 * np.pi * measured[0].mean()
 
 
 def left(x, cause):
     """What a joint leaves, the linear mode at its best."""
-    sizes = [n.of(0.01 * omega**2 * motion, motion, omega) for n in cause.numbers] * np.exp(x)
-    values = {n.name: size for n, size in zip(cause.numbers, sizes, strict=True)}
-    mode = over_channel(cause.extend(rig, values), 1, rig.channels[1].name, (amplitude.min(), amplitude.max()))
+    values = {n.name: n.of(0.01 * high, high / w**2, w) * np.exp(v) for n, v in zip(cause.numbers, x, strict=True)}
+    mode = over_channel(cause.extend(rig, values), 1, rig.channels[1].name, (low, high))
     bent = (measured - np.array(predicted(mode, rig.channels[1].name, amplitude))) / scale
     return bent - bent[:, ~held].mean(axis=1, keepdims=True)
 
