@@ -99,12 +99,13 @@ def _draw(ax: Any, curve: ResponseCurve, shown: Array, **style: Any) -> None:
 
 
 def _responses(ax: Any, response: ResponseCurve, still: ResponseCurve, isola: ResponseCurve) -> None:
-    ax.semilogy(still.hz, 1e3 * still["drive"].peak, color=FAINT, lw=1.2, label="mode 2 damped by 20 %")
-    _draw(ax, response, np.ones(len(response.points), dtype=bool), color=DARK, lw=1.4, label="response at 6.5 N")
-    off = np.array([p.lift_off for p in isola.points])
-    _draw(ax, isola, ~off, color=ORANGE, lw=1.8, label="isola, tip on its support")
-    height = np.where(off, 1e3 * isola["drive"].peak, np.nan)
-    ax.plot(isola.hz, height, color=ORANGE, lw=0.8, ls=":", label="isola, tip would lift off")
+    drawn, ring = response.dense, isola.dense
+    ax.semilogy(still.dense.hz, 1e3 * still.dense["drive"].peak, color=FAINT, lw=1.2, label="mode 2 damped by 20 %")
+    _draw(ax, drawn, np.ones(len(drawn.points), dtype=bool), color=DARK, lw=1.4, label="response at 6.5 N")
+    off = np.array([p.lift_off for p in ring.points])
+    _draw(ax, ring, ~off, color=ORANGE, lw=1.8, label="isola, tip on its support")
+    height = np.where(off, 1e3 * ring["drive"].peak, np.nan)
+    ax.plot(ring.hz, height, color=ORANGE, lw=0.8, ls=":", label="isola, tip would lift off")
     ax.plot([], [], color=INK, lw=1.4, ls=(0, (2, 1)), label="unstable")
     wanted = [49.5, 51.5, 53.9, 55.0, 57.0]
     starts = [min(response.points, key=lambda p: abs(p.hz - hz)) for hz in wanted]
@@ -135,6 +136,7 @@ def _responses(ax: Any, response: ResponseCurve, still: ResponseCurve, isola: Re
 
 def _harmonics(ax: Any, response: ResponseCurve) -> None:
     """Slip by single modes in single harmonics."""
+    response = response.dense
     modes, H, s = linear_modes(response.rig), response.basis.H, response.rig.structure
     Q = np.array([p.state.Q for p in response.points])
     colors = graded([float(mode) for mode, _ in RESONANCES])

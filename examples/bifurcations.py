@@ -92,10 +92,11 @@ def _within(curve: ResponseCurve, end: float) -> Branch:
 def draw(ax: Axes, curves: dict[str, ResponseCurve]) -> None:
     """Largest displacement over the frequency: solid where stable, and the bifurcations by their kinds."""
     for order, (name, curve) in enumerate(curves.items()):
-        y, color, zorder = curve["x"].peak, COLORS[order], 5 - order
-        unstable = ~curve.stable
-        ax.plot(curve.hz / HZ, y, color=color, linewidth=0.9, linestyle=(0, (3, 1.5)), zorder=zorder)
-        ax.plot(curve.hz / HZ, np.where(unstable, np.nan, y), color=color, linewidth=1.6, label=name, zorder=zorder)
+        drawn = curve.dense
+        y, color, zorder = drawn["x"].peak, COLORS[order], 5 - order
+        unstable = ~drawn.stable
+        ax.plot(drawn.hz / HZ, y, color=color, linewidth=0.9, linestyle=(0, (3, 1.5)), zorder=zorder)
+        ax.plot(drawn.hz / HZ, np.where(unstable, np.nan, y), color=color, linewidth=1.6, label=name, zorder=zorder)
         for kind, marker in MARKS.items():
             at = [(b.hz / HZ, b.solution["x"].peak) for b in curve.bifurcations if b.kind is kind]
             if at:

@@ -181,11 +181,11 @@ folds = sorted((2 * np.pi * np.array(one.folds)).tolist())
 print(f"folds of one harmonic: {folds[0]:.5f}, {folds[1]:.5f}; closed form {lower_fold:.5f}, {upper_fold:.5f} rad/s")
 assert np.allclose(folds, [lower_fold, upper_fold], atol=1e-5)
 
-sampled = np.array([np.abs(p.channels["y"].samples).max() for p in seven.points])
+sampled = np.array([np.abs(p.channels["y"].samples).max() for p in seven.dense.points])
 peak = float(seven["y"].peak.max())
 print(f"seven harmonics: peak {peak:.5f}, largest of the 128 samples {sampled.max():.5f}; eight codes: 2.31747")
 assert abs(sampled.max() / 2.31747 - 1) < 1e-4 and abs(peak / 2.31747 - 1) < 3e-4
-at = float(2 * np.pi * seven.hz[sampled.argmax()])
+at = float(2 * np.pi * seven.dense.hz[sampled.argmax()])
 print(f"at {at:.5f} rad/s; eight codes: 2.21148")
 assert abs(at / 2.21148 - 1) < 1e-3
 known += [
@@ -195,7 +195,7 @@ known += [
 ]
 
 fig, ax = plt.subplots(figsize=(6.3, 2.9))
-ax.plot(2 * np.pi * seven.hz, seven["y"].peak, color=BLUE, linewidth=1.6, label="seven harmonics, peak")
+ax.plot(2 * np.pi * seven.dense.hz, seven.dense["y"].peak, color=BLUE, linewidth=1.6, label="seven harmonics, peak")
 ax.plot(W, A1, color=ORANGE, linewidth=2.2, label="one harmonic")
 grid = np.linspace(0.05, 2.3, 4000)
 for number, flank in enumerate(flanks(grid)):

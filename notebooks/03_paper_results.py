@@ -109,7 +109,7 @@ assert abs(lagrange.peak.hz - 49.06) < 0.05 and abs(spring.peak.hz - 48.83) < 0.
 fig, axes = plt.subplots(1, 2, figsize=(6.3, 2.7), sharey=True)
 for ax, (name, (_, color)) in zip(axes, COLORS.items(), strict=True):
     curve = curves[name]
-    ax.plot(curve.hz, curve["drive"].peak * 1e3, color=color, linewidth=1.4, label="steady")
+    ax.plot(curve.dense.hz, curve.dense["drive"].peak * 1e3, color=color, linewidth=1.4, label="steady")
     ax.plot(sweep, heights[name] * 1e3, "o", color="0.15", markersize=2.2, label="1.2 s from rest")
     ax.axvline(52.8 if ax is axes[0] else 53.0, **GUIDE)
     ax.text(53.1, 0.27, "Abaqus", color="0.35", fontsize=8, va="center")
@@ -208,7 +208,7 @@ plt.show()
 # %%
 def stuck_to_sliding(name):
     """Contact point over frequency: slip, velocity, friction, least and largest reaction."""
-    curve = curves[name]
+    curve = curves[name].dense
     least = np.array([p.channels["normal"].samples.min() for p in curve.points])
     return (
         curve.hz,
@@ -292,7 +292,12 @@ assert np.allclose(short, [0.16, -0.11], atol=0.02) and np.allclose(long, [0.19,
 
 fig, ax = plt.subplots(figsize=(6.3, 2.6))
 for (factor, (curve, _)), shade in zip(changes.items(), (0.05, 0.4, 0.7), strict=True):
-    ax.plot(curve.hz, curve["drive"].peak * 1e3, color=plt.cm.viridis(shade), label=f"$\\mu$ = {0.49 * factor:.4f}")
+    ax.plot(
+        curve.dense.hz,
+        curve.dense["drive"].peak * 1e3,
+        color=plt.cm.viridis(shade),
+        label=f"$\\mu$ = {0.49 * factor:.4f}",
+    )
 ax.set(xlabel="Excitation frequency [Hz]", ylabel="Drive displacement,\npeak [mm]", xlim=(47, 53), ylim=(0, 0.21))
 ax.legend(loc="upper right")
 plt.show()
@@ -372,8 +377,8 @@ for hz in decay_hz:
     decay_rate.append(hz / 50 * float(contact["normal"][1:] @ np.abs(np.diff(contact["slip"]))))
     assert contact["normal"].min() > 0.0
 print("decay law [mW]:", np.round(1e3 * np.array(decay_rate)))
-rates = {name: np.array([p.work_rate for p in curve.points]) for name, curve in curves.items()}
-modal = np.array([modal_work_rate(p) for p in lagrange.points])
+rates = {name: np.array([p.work_rate for p in curve.dense.points]) for name, curve in curves.items()}
+modal = np.array([modal_work_rate(p) for p in lagrange.dense.points])
 stuck = steady_state(paper_rig(LAGRANGE), 42.0, harmonics=13)
 elastic = steady_state(paper_rig(PENALTY), 45.0, harmonics=13)
 print(
@@ -388,8 +393,8 @@ assert elastic.work_rate > 0.04 and abs(elastic.friction_loss) < 1e-9
 
 fig, ax = plt.subplots(figsize=(6.3, 3.0))
 for name, (_, color) in COLORS.items():
-    ax.semilogy(curves[name].hz, np.where(rates[name] > 1e-9, rates[name], np.nan) * 1e3, color=color, label=name)
-ax.semilogy(lagrange.hz, modal * 1e3, ":", color=ORANGE, linewidth=1.2, label="Lagrange, modal slip")
+    ax.semilogy(curves[name].dense.hz, np.where(rates[name] > 1e-9, rates[name], np.nan) * 1e3, color=color, label=name)
+ax.semilogy(lagrange.dense.hz, modal * 1e3, ":", color=ORANGE, linewidth=1.2, label="Lagrange, modal slip")
 ax.semilogy(decay_hz, np.array(decay_rate) * 1e3, "s", color=GREEN, markersize=4, label="decay, after 10 s")
 ax.set(xlabel="Excitation frequency [Hz]", ylabel="Work rate [mW]", xlim=(43, 58), ylim=(0.1, 2e3))
 ax.legend(loc="lower right", ncols=2)
@@ -585,7 +590,7 @@ assert printed.T.max() < 1.5 < 10.0 < loops["LuGre, consistent"].T.max()
 fig, ax = plt.subplots(figsize=(6.3, 2.6))
 for name, (law, color) in sets.items():
     curve = trace_frequency(replace(paper_rig(law), channels=()), (46.0, 60.0), level=1.0, harmonics=7)
-    ax.semilogy(curve.hz, curve["drive"].peak * 1e6, color=color, label=name)
+    ax.semilogy(curve.dense.hz, curve.dense["drive"].peak * 1e6, color=color, label=name)
     lifts = " (lift-off)" * bool(curve.lift_off)
     print(
         f"{name:18} {curve.peak.hz:.2f} Hz, {1e6 * curve['drive'].peak.max():.1f} µm{lifts}, {len(curve.points)} points"

@@ -145,7 +145,7 @@ measured, std = np.abs(spectra.complex(channel)[here]), spectra.std[here, spectr
 fig, axes = plt.subplots(1, 2, figsize=(6.3, 2.7), layout="constrained")
 for k, ax in zip((1, 3), axes, strict=True):
     for name, curve in curves.items():
-        ax.plot(curve.hz, curve[channel].amplitude[:, k], color=figures.COLORS[name], label=name)
+        ax.plot(curve.dense.hz, curve.dense[channel].amplitude[:, k], color=figures.COLORS[name], label=name)
     ax.errorbar(spectra.hz[here], measured[:, k], 1.96 * std[:, k], fmt="o", ms=3.5, color="0.2", label="measured")
     ax.set(xlabel="Frequency [Hz]", title=f"Harmonic {k}")
 axes[0].set_ylabel(f"Acceleration {channel} [m/s²]")

@@ -134,7 +134,7 @@ figure, ax = plt.subplots(figsize=(7.5, 4.0), layout="constrained")
 for name, curve in curves.items():
     color = "0.2" if name == "beam theory" else "tab:blue" if "stress" in name else "tab:red"
     style = "--" if "601" in name else "-"
-    ax.plot(curve.hz, 1e3 * curve["drive"].peak, style, lw=1.2, color=color, label=name)
+    ax.plot(curve.dense.hz, 1e3 * curve.dense["drive"].peak, style, lw=1.2, color=color, label=name)
 for hz, words in ((50.0, "experiment"), (53.0, "Abaqus, penalty")):
     ax.axvline(hz, color="0.6", lw=0.8, ls=":")
     ax.annotate(words, (hz, 0.98), xycoords=("data", "axes fraction"), rotation=90, va="top", ha="right", fontsize=8)
