@@ -71,7 +71,7 @@ class Conclusion:
 
     @property
     def untold(self) -> bool:
-        """Whether the records fitted are explained, and do not agree with anything, but do not tell of those held out.
+        """Whether the records fitted are explained, but for a background, and do not tell of those held out.
 
         Or name a main cause where another one foretells these much better.
         """
@@ -81,8 +81,8 @@ class Conclusion:
             own, *others = self._nrmse_held_out
             return own is not None and any(other < BETTER * own for other in others if other is not None)
         story = self._noise(self.decision.story)
-        told = misfit(story, self.campaign).fits and nrmse(story.white) <= SAYS_NOTHING
-        return self.verdict == "unexplained" and told
+        told = misfit(story, self.campaign).fits or beyond_noise(story.white) <= LARGEST
+        return self.verdict == "unexplained" and told and nrmse(story.white) <= SAYS_NOTHING
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""

@@ -14,7 +14,8 @@ from hbm.rigfiles.causes import ONE_VALUE, accepted_causes, find_cause
 from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.schema import MOST_ENTRIES, Complaint, found
 from models.causes import Cause, Unknown, candidates_of
-from models.jointed import AnyRig
+from models.causes.parameter import WrongParameter
+from models.jointed import AnyRig, JointedRig
 from models.plausible import impossible, of_parameter
 
 CHOICES: dict[Any, tuple[Any, str]] = {
@@ -111,13 +112,26 @@ def _read(rig: AnyRig, table: Mapping[str, Any], i: int, folder: Path, consent: 
         _refuse(i, "cause", found(named), str(refused))
     chosen = {"key": named.removeprefix(ONE_VALUE)} if named.startswith(ONE_VALUE) else _chosen(kind, table, i)
     cause = kind(**chosen)
-    _check_candidate(rig, cause, i, named)
-    unknowns = cause.unknowns(rig)
+    unknowns = _of_joints(rig, cause)
+    if not unknowns:
+        _check_candidate(rig, cause, i, named)
+        unknowns = cause.unknowns(rig)
     known = ["cause", *(f.name for f in fields(kind) if not named.startswith(ONE_VALUE)), *(u.name for u in unknowns)]
     for name in table:
         if name not in known:
             _refuse(i, name, "is unknown", f"accepted keys are {', '.join(known)}")
     return Extension(named, cause, {u.name: _value(u, table, i) for u in unknowns})
+
+
+def _of_joints(rig: AnyRig, cause: Cause) -> tuple[Unknown, ...]:
+    """The value of a number of a rig with joints: any, whatever it was.
+
+    Calibration moves shapes that are hardly known through zero, and those of a place that only a cause touches.
+    """
+    if not (isinstance(cause, WrongParameter) and isinstance(rig, JointedRig) and cause.key in rig.numbers):
+        return ()
+    now, accepted = rig.numbers[cause.key]
+    return (Unknown("value", accepted.unit, cause.key, accepted.lower, accepted.upper, now, (now,)),)
 
 
 def _chosen(kind: type, table: Mapping[str, Any], i: int) -> dict[str, Any]:

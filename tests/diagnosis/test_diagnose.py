@@ -12,6 +12,7 @@ import pytest
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.calibrate import calibrate, trusted
 from hbm.diagnosis.candidates import followed
+from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.decide import sidak
 from hbm.diagnosis.diagnose import HALF, diagnose
 from hbm.diagnosis.estimates import lifted
@@ -21,6 +22,7 @@ from hbm.diagnosis.restart import started
 from hbm.diagnosis.screen import screen
 from hbm.diagnosis.search import campaign_of
 from hbm.errors import InputError
+from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import evaluate, fit_model
 from hbm.outputerror.model import Model, free_of
 from hbm.outputerror.whitened import uncorrelated
@@ -299,6 +301,18 @@ def test_where_only_records_held_out_disagree_half_of_them_are_fitted():
     assert found.held_out_records == held[1::2]
     assert found.verdict == "unexplained" and found.evidence[0] == HALF
     assert found.errors["nominal"]["train"].chi2_reduced > 10.0
+
+
+@pytest.mark.parametrize(("left", "again"), [(0.9 * LARGEST, True), (1.1 * LARGEST, False)])
+def test_records_fitted_but_for_a_background_are_explained_too(monkeypatch, left, again):
+    """Where they are no more than that from noise, and those held out disagree, half of these are fitted as well."""
+    story = SimpleNamespace(white=None)
+    found = SimpleNamespace(
+        hidden=story, verdict="unexplained", campaign=None, decision=SimpleNamespace(story=story), _noise=lambda e: e
+    )
+    for name, value in {"misfit": SimpleNamespace(fits=False), "beyond_noise": left, "nrmse": left}.items():
+        monkeypatch.setattr(f"hbm.diagnosis.conclusion.{name}", lambda *_, value=value: value)
+    assert Conclusion.untold.fget(found) is again
 
 
 def test_chance_grows_with_the_number_of_candidates():

@@ -1,17 +1,20 @@
 """A port whose shapes are hardly known: they move with the joint that is missing there, and with it alone."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hbm.balance.lines import LineBalance
 from hbm.diagnosis.calibrate import trusted
+from hbm.errors import InputError
 from hbm.fourier import MANY, Array, FourierBasis
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.fit import Evaluation, fit_model
 from hbm.outputerror.lines import line_campaign
 from hbm.outputerror.nominal import tolerances
+from hbm.rigfiles.extensions import rig_of_tables
 from models.bodies.modal import ModalModel
 from models.causes.joints import CubicStiffness
 from models.jointed import JointedRig
@@ -78,3 +81,14 @@ def test_of_a_port_that_nothing_touches_only_what_is_stated_moves() -> None:
     known = structure(STATED)
     assert not any(key.startswith("modal.ports.gap") for key in tolerances(known))
     assert tolerances(replace(known, tolerances={OWN: 1.0}))[OWN] == 1.0
+
+
+def test_a_shape_that_went_through_zero_is_read_back() -> None:
+    """As an extended rig has it: numbers first, before the cause touches the place."""
+    tables = [{"cause": f"parameter:{OWN}", "value": -0.9}, {"cause": "cubic-stiffness", "at": "gap", "cubic": CUBIC}]
+    for stated in (STATED, (0.6, 0.0), (0.6, 0.2)):
+        assert rig_of_tables(structure(stated), tables, Path()).number(OWN) == -0.9
+    with pytest.raises(InputError, match="does not apply"):
+        rig_of_tables(structure(STATED), [{"cause": "parameter:modal.ports.gap[3]", "value": 1.0}], Path())
+    with pytest.raises(InputError, match="must be >= 0"):
+        rig_of_tables(structure(STATED), [{"cause": "parameter:modal.frequencies_hz[1]", "value": -1.0}], Path())
