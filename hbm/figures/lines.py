@@ -44,7 +44,7 @@ def plot_lines(
     (1,) array of Axes
     """
     found = panels(axes, 1, 1, 3.2).ravel()
-    (ax,), handles = found, list[Line2D]()
+    (ax,), handles, bottom = found, list[Line2D](), 0.0
     dots: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5}
     for name, c in models.items():
         own = c.where((c.record == record) & (c.channel == channel))
@@ -52,7 +52,7 @@ def plot_lines(
         if not handles:
             ax.plot(hz, np.abs(own.measured), color=INK, **dots)
             ax.plot(hz, np.sqrt(2.0) * own.std, color=INK, linewidth=0.8)
-            ax.set_ylim(bottom=np.sqrt(2.0) * own.std.min() / ROOM)
+            bottom = np.sqrt(2.0) * float(own.std.min()) / ROOM
             handles = [
                 Line2D([], [], color=INK, label="measured", **dots | {"markersize": 6}),
                 Line2D([], [], color=INK, linewidth=0.8, label="noise"),
@@ -60,6 +60,7 @@ def plot_lines(
         ax.plot(hz, np.abs(own.measured - own.simulated), color=COLORS[name], **dots)
         handles.append(Line2D([], [], color=COLORS[name], label=f"missed, {name}", **dots | {"markersize": 6}))
     ax.set_yscale("log")
+    ax.set_ylim(bottom=bottom)
     low, high = ax.get_ylim()
     few_powers(ax.yaxis, high / low)
     dressed(ax, FREQUENCY, f"{as_written(quantity)} [{unit}]")

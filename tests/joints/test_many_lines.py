@@ -183,6 +183,9 @@ def test_a_cubic_spring_is_named_from_lines() -> None:
     assert list(plates) == ["lines", "gain", "ranking"]
     assert "record 2, which no fit has seen" in plates["lines"].caption
     rows = plates["lines"].columns
+    (ax,) = plates["lines"].axes
+    shown = rows["record"] == 2
+    assert ax.get_ylim()[1] > np.abs(rows["measured_real"][shown] + 1j * rows["measured_imag"][shown]).max()
     for model, errors in found.errors.items():  # what is drawn is what the errors are made of
         own = (rows["model"] == model) & rows["held_out"]
         y, x = (rows[f"{what}_real"][own] + 1j * rows[f"{what}_imag"][own] for what in ("measured", "simulated"))
