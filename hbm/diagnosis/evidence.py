@@ -32,6 +32,8 @@ class Evidence:
     ----------
     search : Search
     decision : Decision
+    noise : Campaign
+        The records fitted, beside noise alone.
     held : int
         How many records were held out.
     plain : mapping of str to (Evaluation, Predicted or None)

@@ -178,12 +178,13 @@ class LineSearch:
         models = {"nominal": self.nominal, "calibrated": self.calibrated} | ({} if best is None else {"extended": best})
         plain = {name: self.beside(e, 0.0) for name, e in models.items()}
         unseen = {name: held for name, e in models.items() if (held := self.predicted(e)) is not None}
-        verdict = self._verdict(plain, unseen)
+        shares = self._shares(plain, unseen)
+        verdict = self._verdict(plain, unseen, shares)
         named = best if verdict in NAMED else None
         if named is None:
             for part in (plain, unseen):
                 part.pop("extended", None)
-        shares = {} if named is None else self._shares(plain, unseen)
+            shares = {}
         judged = plain["calibrated" if named is None else "extended"]
         ties = [] if named is None else tied([e for e in self.fits if len(e.model.causes) == 1], named)
         return Diagnosis(
@@ -233,9 +234,11 @@ class LineSearch:
                 found[name] = explained(before, after)
         return found
 
-    def _verdict(self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> Verdict:
-        if "extended" in plain:
-            least, left = min(self._shares(plain, unseen).values()), beyond_noise(plain["extended"].white)
+    def _verdict(
+        self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation], shares: Mapping[str, float]
+    ) -> Verdict:
+        if shares:
+            least, left = min(shares.values()), beyond_noise(plain["extended"].white)
             if least >= NEARLY and left <= LARGEST:
                 return "cause-found"
             if least >= MAIN and left <= SAYS_NOTHING:
