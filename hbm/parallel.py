@@ -56,9 +56,18 @@ def all_cores(prepare: Callable[[], None] | None = None) -> Iterator[ProcessPool
     except BaseException:
         with _unconcerned():
             kill_workers()
+            _hear_no_more(executor)
             executor.shutdown(cancel_futures=True)
         raise
     executor.shutdown()
+
+
+def _hear_no_more(executor: ProcessPoolExecutor) -> None:
+    """Let the thread that reads results end, whose processes were killed.
+
+    One killed within a message leaves that thread waiting for the rest, as long as this process could still write it.
+    """
+    executor._result_queue._writer.close()  # type: ignore[attr-defined]
 
 
 @contextmanager
