@@ -93,7 +93,8 @@ def _dissipates(point: Any) -> bool:
 def of_spectra(path: Path, rig: Path) -> dict[str, Any]:
     """What spectra give: the contact of their first two records; and a mode, of which nothing is compared."""
     from hbm import InputError, load_rig, load_spectra, reconstruct
-    from hbm.identification.modes import fit_modes, frequency_responses
+    from hbm.identification.modalfit import fit_modes
+    from hbm.identification.responses import frequency_responses
 
     loaded = load_rig(rig)
     measured = load_spectra(path, loaded)

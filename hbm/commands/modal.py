@@ -66,7 +66,8 @@ def modal(
     count = None if modes is None else whole(COMMAND, "--modes", modes, 100)
     records, floor = different(COMMAND, "--record", record), share(COMMAND, repeatability)
     from hbm.files.modalrig import modal_rig_text
-    from hbm.identification.modes import fit_modes, frequency_responses
+    from hbm.identification.modalfit import fit_modes
+    from hbm.identification.responses import frequency_responses
     from hbm.measurement.repeatability import with_floor
     from hbm.measurement.spectrafile import load_spectra
     from hbm.textfiles import write_together
@@ -91,7 +92,7 @@ def modal(
 
 def _channels(names: Sequence[str], texts: Sequence[str]) -> dict[str, str]:
     """Quantity of each response."""
-    from hbm.identification.modes import ORDER
+    from hbm.identification.responses import ORDER
 
     channels = dict.fromkeys(names, "acceleration")
     for text in texts:
