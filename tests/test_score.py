@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +125,13 @@ def test_a_number_that_calibration_may_move_is_told_apart():
     assert not tolerated("parameter:beam.length", 0.5)  # has none
     assert not outcome("added-mass", true={"mass": 0.1}).tolerated
     assert not outcome(None).tolerated
+
+    def clock(ratio):
+        return replace(
+            outcome(None), answer={"cause": None, "drawn": "clock", "parameters": {"ratio": ratio}}
+        ).tolerated
+
+    assert clock(0.985) and not clock(1.02)  # of a modulus off by 3 % and 4 %
 
 
 def test_truth_among_those_not_separable():

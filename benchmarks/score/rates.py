@@ -21,7 +21,8 @@ LACKS = 10.0
 
 EFFECT_BINS = ((0.0, 0.01), (0.01, 0.03), (0.03, 0.1), (0.1, np.inf))
 BACKGROUND_BINS = ((0.0, 0.003), (0.003, 0.006), (0.006, np.inf))
-DOMINANCE_BINS = ((5.0, np.inf), (2.0, 5.0), (0.0, 2.0))
+LARGE = 5.0
+DOMINANCE_BINS = ((LARGE, np.inf), (2.0, LARGE), (0.0, 2.0))
 CONFIDENT = 0.9
 CERTAIN = 0.995
 VERDICTS = (*NAMING, "consistent", "unexplained")
@@ -191,8 +192,11 @@ def alarms(nulls: Sequence[Outcome]) -> list[Row]:
 def strangers(outside: Sequence[Outcome]) -> list[Row]:
     group = "outside the catalogue"
     lacking = [o for o in outside if o.lacks >= LACKS]
+    large = [o for o in outside if o.dominance is not None and o.dominance >= LARGE]
     return [
         rate(group, "right", (o.right for o in outside)),
+        rate(group, f"right, effect >= {LARGE:g} x background", (o.right for o in large)),
+        rate(group, "and but for clocks within tolerances", (o.right for o in large if not o.tolerated)),
         rate(group, "called unexplained", (o.verdict == "unexplained" for o in outside)),
         rate(group, f"called unexplained, lack of fit >= {LACKS:g}", (o.verdict == "unexplained" for o in lacking)),
         *(
