@@ -167,14 +167,23 @@ class Linear:
     def deviance(self, sizes: Mapping[int, float]) -> float:
         """Twice the negative logarithm of the likelihood, numbers and disturbances integrated out."""
         n = 1 + self.columns.shape[1]
-        gram, spread = np.zeros((n, n)), 0.0
-        for k, rows in self._apart.items():
-            variance = 1.0 + sizes.get(k, 0.0) ** 2 * np.tile(self.basis.harmonics[k].size, 2)
-            gram += (rows / variance[:, None]).T @ rows
-            spread += float(np.log(variance).sum())
+        parts = [self._part(k, sizes.get(k, 0.0)) for k in self._apart]
+        gram, spread = sum((p for p, _ in parts), np.zeros((n, n))), sum(s for _, s in parts)
         A, b = gram[1:, 1:] + np.diag(self.precision), gram[1:, 0] - self.precision * self.pull
         chi2 = gram[0, 0] + float(self.precision @ self.pull**2) - float(b @ np.linalg.solve(A, b))
         return float(chi2 + spread + np.linalg.slogdet(A)[1])
+
+    @cached_property
+    def _known(self) -> dict[tuple[int, float], tuple[Array, float]]:
+        return {}
+
+    def _part(self, k: int, size: float) -> tuple[Array, float]:
+        """What a harmonic adds to the squares of residual and columns, and to the logarithm of the determinant."""
+        if (k, size) not in self._known:  # sizes are tried harmonic by harmonic, the others stay
+            rows = self._apart[k]
+            variance = 1.0 + size**2 * np.tile(self.basis.harmonics[k].size, 2)
+            self._known[k, size] = (rows / variance[:, None]).T @ rows, float(np.log(variance).sum())
+        return self._known[k, size]
 
 
 SIZES = (0.0, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2)
