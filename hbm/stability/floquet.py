@@ -12,6 +12,7 @@ folds are; :mod:`hbm.stability.hill` does better.
 """
 
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
@@ -162,13 +163,17 @@ class Disturbance:
         J += np.einsum("ki,kj->kij", np.hstack([per_T, np.ones((len(now), 1)), by_T[:, 1:]]), T)
         return J
 
-    def _over_period(self, stride: int = 1) -> Array:
-        """Product of the steps of so many samples, (size, size); in blocks that stay in the processor's cache."""
+    def _blocks(self, stride: int) -> list[Array]:
+        """Steps of so many samples over a period, in blocks (N, size, size) that stay in the processor's cache."""
         modes = self._modes(stride)
         samples = np.arange(stride - 1, self.problem.basis.N_t, stride)
         size = 2 * self.problem.structure.n + 1 + self.law.by_states.shape[2]
-        blocks = np.array_split(samples, -(-len(samples) * size**2 // HELD))
-        return monodromy(np.stack([monodromy(self.steps(modes, now, now - stride)) for now in blocks]))
+        parts = np.array_split(samples, -(-len(samples) * size**2 // HELD))
+        return [self.steps(modes, now, now - stride) for now in parts]
+
+    @cached_property
+    def _by_sample(self) -> list[Array]:
+        return self._blocks(1)
 
     @property
     def monodromy(self) -> Array:
@@ -177,10 +182,10 @@ class Disturbance:
         The product of the steps is accurate to second order. Where the law remembers nothing, it is extrapolated to
         fourth from steps of two samples (Richardson).
         """
-        fine = self._over_period()
+        fine = _product(self._by_sample)
         if self.law.remembers or self.problem.basis.N_t % 2:
             return fine
-        return np.asarray((4.0 * fine - self._over_period(2)) / 3.0)
+        return np.asarray((4.0 * fine - _product(self._blocks(2))) / 3.0)
 
     def motion(self, starts: Complex) -> Complex:
         """Disturbances (q, q', T, states) at the samples from those at the sample before the first.
@@ -193,11 +198,12 @@ class Disturbance:
         -------
         (N_t, size, m) array
         """
-        now = np.arange(self.problem.basis.N_t)
-        out = np.empty((len(now), *starts.shape), dtype=complex)
-        for k, step in enumerate(self.steps(self._modes(1), now, now - 1)):
-            out[k] = starts = step @ starts
-        return out
+        m = starts.shape[1]
+        y = np.hstack([starts.real, starts.imag])  # steps are real
+        out = np.empty((self.problem.basis.N_t, *y.shape))
+        for k, step in enumerate(chain.from_iterable(self._by_sample)):
+            y = np.matmul(step, y, out=out[k])
+        return np.asarray(out[:, :, :m] + 1j * out[:, :, m:])
 
     @property
     def rate(self) -> Array:
@@ -231,6 +237,11 @@ class Disturbance:
         back = np.concatenate([back[:, :1] * gain, back[:, 1:] + by_T[:, 1:] * gain * back[:, :1]], axis=1)
         T = _periodic(kept * back, driven)[:, :1]
         return np.asarray(self._slip[0][:, :, None] * T - self._tangent[0] @ y)
+
+
+def _product(blocks: list[Array]) -> Array:
+    """Product of the steps of a period, (size, size)."""
+    return monodromy(np.stack([monodromy(block) for block in blocks]))
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
