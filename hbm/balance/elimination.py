@@ -5,6 +5,7 @@ modes and harmonics beside it, foreshortening and nonlinear elements, matters in
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from scipy.linalg import lapack
 from hbm.aft.force import ContactForce
 from hbm.balance.elements import ElementSlope
 from hbm.balance.equations import Balance, Kinematics
-from hbm.balance.factors import BorderedCore, determinant_sign
+from hbm.balance.factors import BorderedCore, Factors, determinant_sign
 from hbm.balance.jacobian import law_by_modes
 from hbm.balance.scaled import State
 from hbm.fourier import Array
@@ -70,7 +71,7 @@ class Elimination(BorderedCore):
             # what maps the modes to the slip takes T to the modes
             self._coupled_of = self._solve_coupled(np.ascontiguousarray(slip.transpose(0, 2, 1)))
             self._core -= self._law_of_coupled(self._coupled_of)
-        self._column = problem.by_parameter(state, contact, slope) if column is None else column
+        self._given_column = column
         self._by_column: tuple[Array, Array] | None = None  # worked out with the first right side
 
     def _reduced(self, forces: Array) -> tuple[Array, Array]:
@@ -192,6 +193,12 @@ class Elimination(BorderedCore):
         matrix[size, size] = row_lam - np.vdot(modes, motion)
         return matrix, modes
 
+    @cached_property
+    def _column(self) -> Array:
+        if self._given_column is not None:
+            return self._given_column
+        return self.problem.by_parameter(self.state, self.contact, self.slope)
+
     def _border(self) -> tuple[Array, Array]:
         """What the border column reduces to."""
         if self._by_column is None:
@@ -214,23 +221,35 @@ class Elimination(BorderedCore):
 
     def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
         """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
-        problem, m, r = self.problem, self._m, rhs.shape[1]
-        size, n = problem.basis.size, problem.structure.n
+        if row_lam and rhs_row == 0.0 and not row.any():  # the parameter is held: no border is needed
+            d_Q, core = self._reduced(rhs)
+            return self._moved(d_Q, self._alone.solve(core)), np.zeros(rhs.shape[1])
+        size, r = self.problem.basis.size, rhs.shape[1]
         d_Q, core = self._reduced_beside(rhs)
         factored = self._factor_with(row, row_lam)
         right = np.empty((size + 1, r))
         right[:size] = core
-        right[size] = rhs_row - factored.modes @ d_Q.reshape(size * n, r)
-        solution = factored.solve(right)
+        right[size] = rhs_row - factored.modes @ d_Q.reshape(-1, r)
+        solution = factored.factors.solve(right)
         d_T, d_lam = solution[:size], solution[size]
+        d_Q -= self._border()[0][:, :, None] * d_lam
+        return self._moved(d_Q, d_T), d_lam
+
+    @cached_property
+    def _alone(self) -> Factors:
+        """Factors of the core without a border."""
+        return Factors.of(self._core.copy(order="F"))
+
+    def _moved(self, d_Q: Array, d_T: Array) -> Array:
+        """Scaled unknowns (size, r) of the motion (2H+1, n, r) with T held, which T (2H+1, r) moves further."""
+        problem, m, (size, n, r) = self.problem, self._m, d_Q.shape
         if m:
             d_Q[:, :m] += self._coupled_of @ d_T
         if n > m:
             d_Q[:, m:] += self._receptance.of(problem.structure.slip_row[m:, None] * d_T[:, None])
-        d_Q -= self._border()[0][:, :, None] * d_lam
-        return np.concatenate([d_Q.reshape(size * n, r) / problem.q_ref, d_T / problem.F_ref]), d_lam
+        return np.concatenate([d_Q.reshape(size * n, r) / problem.q_ref, d_T / problem.F_ref])
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix; uncoupled modes contribute positive blocks."""
-        sign = self._factor_with(row, row_lam).sign
+        sign = self._factor_with(row, row_lam).factors.sign
         return sign * determinant_sign(self._lu, self._pivots) if self._m else sign

@@ -10,40 +10,29 @@ from scipy.linalg import lapack
 from hbm.fourier import Array
 
 
-class Factored(NamedTuple):
-    """Factors of a core with a border row.
+class Factors(NamedTuple):
+    """Factors of a matrix.
 
     Attributes
     ----------
-    row, row_lam : (size,) array, float
-        The border row.
-    modes : array
-        Its part on the modes, flat.
-    lu, pivots : (c + 1, c + 1) array, (c + 1,) array of int
+    lu, pivots : (c, c) array, (c,) array of int
         As LAPACK has them.
     singular : bool
         Whether there is no solution.
     """
 
-    row: Array
-    row_lam: float
-    modes: Array
     lu: Array
     pivots: npt.NDArray[Any]
     singular: bool
 
     @classmethod
-    def of(cls, matrix: Array, row: Array, row_lam: float, modes: Array) -> "Factored":
+    def of(cls, matrix: Array) -> "Factors":
         """Factor a matrix, which is overwritten where it is stored by columns."""
         lu, pivots, info = lapack.dgetrf(matrix, overwrite_a=1)
-        return cls(row.copy(), row_lam, modes, lu, pivots, info != 0)
-
-    def serves(self, row: Array, row_lam: float) -> bool:
-        """Whether the border row is this one."""
-        return self.row_lam == row_lam and bool((self.row == row).all())
+        return cls(lu, pivots, info != 0)
 
     def solve(self, right: Array) -> Array:
-        """Solutions (c + 1, r); nan where there is none."""
+        """Solutions (c, r); nan where there is none."""
         if self.singular:
             return np.full_like(right, np.nan)
         return np.asarray(lapack.dgetrs(self.lu, self.pivots, right)[0])
@@ -54,21 +43,44 @@ class Factored(NamedTuple):
         return determinant_sign(self.lu, self.pivots)
 
 
+class Bordered(NamedTuple):
+    """Factors of a core with a border row.
+
+    Attributes
+    ----------
+    row, row_lam : (size,) array, float
+        The border row.
+    modes : array
+        Its part on the modes, flat.
+    factors : Factors
+        Of the core with this row, (c + 1, c + 1).
+    """
+
+    row: Array
+    row_lam: float
+    modes: Array
+    factors: Factors
+
+    def serves(self, row: Array, row_lam: float) -> bool:
+        """Whether the border row is this one."""
+        return self.row_lam == row_lam and bool((self.row == row).all())
+
+
 class BorderedCore(ABC):
     """What reduces a Newton system to a dense core with a border row, which it factors once for each row."""
 
-    _factored: Factored | None = None
+    _factored: Bordered | None = None
 
     @abstractmethod
     def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
         """Core matrix with the border row; and that row's part on the modes, (2H+1, n)."""
 
-    def _factor_with(self, row: Array, row_lam: float) -> Factored:
+    def _factor_with(self, row: Array, row_lam: float) -> Bordered:
         """Factors of the core with a border row; those of the row before where it is that again."""
         known = self._factored
         if known is None or not known.serves(row, row_lam):
             matrix, modes = self._bordered(row, row_lam)
-            known = self._factored = Factored.of(matrix, row, row_lam, modes.ravel())
+            known = self._factored = Bordered(row.copy(), row_lam, modes.ravel(), Factors.of(matrix))
         return known
 
 

@@ -278,7 +278,7 @@ class JointNewton(BorderedCore):
         factored = self._factor_with(row, row_lam)
         d_Q, core = self._reduced(rhs)
         right = np.vstack([core, rhs_row - factored.modes @ d_Q.reshape(size * n, r)])
-        solution = factored.solve(right)
+        solution = factored.factors.solve(right)
         d_f, d_mean, d_lam = solution[: size * m].reshape(size, m, r), solution[size * m : -1], solution[-1]
         d_Q += self.modes.moved(problem.structure.joints.T @ d_f)
         d_Q[0, problem.rigid] += d_mean
@@ -288,4 +288,4 @@ class JointNewton(BorderedCore):
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix; the modes that are eliminated contribute positive blocks."""
-        return self._factor_with(row, row_lam).sign
+        return self._factor_with(row, row_lam).factors.sign
