@@ -64,6 +64,14 @@ def _laws(names: Sequence[str] | None) -> list[Any]:
     return laws
 
 
+def _way(law: Any) -> str:
+    """How to make parameters of a law of one's own known."""
+    from models import LAWS
+
+    ready = f"; write a ready-made one into its file, NAME = {law.__name__}(...), or give all its fields defaults"
+    return "" if law in LAWS.values() else ready
+
+
 def _with_values(laws: Sequence[Any], *, refuse: bool) -> list["KnownLaw"]:
     """Laws with the parameters that are known of them; those without any are refused or left out."""
     from hbm.rigfiles.lawchoice import known_law
@@ -72,5 +80,6 @@ def _with_values(laws: Sequence[Any], *, refuse: bool) -> list["KnownLaw"]:
     known = {law: known_law(law) for law in laws}
     for law, values in known.items():
         if values is None and refuse:
-            raise InputError(f"laws: --plot of {law.name}; no parameters are known of it to draw its loops with")
+            drawn = "no parameters are known of it to draw its loops with"
+            raise InputError(f"laws: --plot of {law.name}; {drawn}{_way(law)}")
     return [values for law, values in known.items() if values is not None and (refuse or describe(law))]

@@ -135,7 +135,7 @@ def _words(
     if separable:
         return f"{fit.name} is worse: chi2 differs by {delta_chi2:+.4g}{held_out}, BIC by {delta_chi2 + penalty:+.4g}"
     more = fit.quality.free - best.quality.free
-    extra = "" if more <= 0 else f" and has {more} parameter{'s' if more > 1 else ''} more"
+    extra = "" if more <= 0 else f", with {more} parameter{'s' if more > 1 else ''} more"
     undetermined = [e for e in fit.parameters.entries if e.undetermined]
     units = ["" if e.unit == "1" else f" {e.unit}" for e in undetermined]
     open_ones = [f"{e.name} = {e.value:.3g}{u}: {e.undetermined}" for e, u in zip(undetermined, units, strict=True)]

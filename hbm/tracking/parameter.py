@@ -60,7 +60,10 @@ def parameter_key(rig: AnyRig, name: str, hz: float, level: float) -> Key:
     """
     known = {key: n for key, n in solution_numbers(rig, hz, level).items() if key not in rig.drifting}  # does nothing
     if name not in known:
-        close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+        last = name.rpartition(".")[2]  # who knows the number may not know where it stands
+        alike = [key for key in known if key.rpartition(".")[2] == last]
+        close = difflib.get_close_matches(name, alike, n=1, cutoff=0.0)
+        close = close or difflib.get_close_matches(name, known, n=1, cutoff=0.5)
         hint = f"; did you mean {close[0]}?" if close else ""
         raise ValueError(f"{name} is not a number of the rig; must be one of {', '.join(known)}{hint}")
     return Key(name, *known[name])

@@ -195,6 +195,7 @@ def test_folds_along_a_parameter_of_the_law_are_those_of_the_closed_form() -> No
     ("key", "values", "options", "refusal"),
     [
         ("contact.friction.muu", (0.3, 0.6), {"hz": 50.0}, "did you mean contact.friction.mu?"),
+        ("contact.mu", (0.3, 0.6), {"hz": 50.0}, "did you mean contact.friction.mu?"),
         ("contact.friction.mu", (-0.3, 0.6), {"hz": 50.0}, "contact.friction.mu = -0.3; must be > 0"),
         ("contact.friction.mu", (0.3, 0.3), {"hz": 50.0}, "contact.friction.mu from 0.3 to 0.3; must differ"),
         (
