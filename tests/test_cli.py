@@ -474,13 +474,14 @@ def test_a_failed_simulation_is_one_line_and_its_status(
 def test_simulate_writes_the_history_and_the_figure(tmp_path: Path) -> None:
     out, plot = tmp_path / "h.csv", tmp_path / "h.svg"
     done = command(
-        "simulate", ONE_MODE, "--frequency", "40", "--duration", "0.1", "--out", str(out), "--plot", str(plot)
+        *("simulate", ONE_MODE, "--frequency", "40", "--duration", "0.1", "--level", "1.5"),
+        *("--out", str(out), "--plot", str(plot)),
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert out.read_text().splitlines()[0] == "time_s,force,a1"
     time, force, _ = np.loadtxt(out, delimiter=",", skiprows=1).T
     assert time[-1] == pytest.approx(0.1)
-    assert force == pytest.approx(np.cos(2 * np.pi * 40.0 * time))
+    assert force == pytest.approx(1.5 * np.cos(2 * np.pi * 40.0 * time))
     assert plot.read_text().startswith("<?xml")
     assert done.stdout.splitlines()[-2:] == [f"wrote {out}", f"wrote {plot}"]
 

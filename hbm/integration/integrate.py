@@ -97,7 +97,8 @@ def simulate(
     last_periods : int, optional
         Number of periods at the end to keep; everything unless given.
     every : int
-        Keep one of so many steps; a divisor of `steps_per_period`.
+        Keep one of so many steps; a divisor of `steps_per_period`. Nothing is filtered: what is above half the rate
+        that is left folds back into the harmonics.
     progress : callable, optional
         Called with the time reached [s] after each period.
 
