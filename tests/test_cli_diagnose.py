@@ -324,6 +324,14 @@ def test_a_main_cause_says_what_it_leaves_and_how_to_go_on() -> None:
 
 
 @pytest.mark.usefixtures("mass")
+def test_records_that_were_warned_of_are_measured_again_first() -> None:
+    left = replace(FOUND[0], verdict="unexplained", remainder=LEFT, **WITHOUT)
+    said = first_screen(left, None, "harmonic 1 of a3", 0.012, ("5", "7", "8", "9", "16"))["What to measure next"]
+    assert said.startswith("First measure again what is warned of below: records 5, 7, 8, 9 and 1 more. Add records")
+    assert "again" not in first_screen(left, None, "harmonic 1 of a3", 0.012)["What to measure next"]
+
+
+@pytest.mark.usefixtures("mass")
 def test_ties_are_told_apart_before_anything_is_confirmed() -> None:
     said = answers(not_separable=("added-spring",), separate_by="three records at 9 N")
     assert said["Why"].endswith("These records cannot tell it from added-spring.")

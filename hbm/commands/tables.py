@@ -74,7 +74,11 @@ def print_curves(console: Console, curves: Sequence[ResponseCurve]) -> None:
     first = curves[0].rig
     print_rows(console, f"{first.name}, {first.law_name}", map(_response_row, curves))
     assessed = [(c, c.assessment) for c in curves if c.assessment is not None]
-    print_rows(console, "numerical error, relative to the peak", (_numerics_row(c, known) for c, known in assessed))
+    print_rows(
+        console,
+        "numerical error of drive and contact forces, relative to the largest of each",
+        (_numerics_row(c, known) for c, known in assessed),
+    )
     for c, known in assessed:
         remarks = [known.reason, *(f"warning: {w}" for w in known.warnings)]
         print_lines(console, [f"{c.level:g} N: {remark}" for remark in remarks])

@@ -129,7 +129,10 @@ class Conclusion:
         """How the numbers of the cause change between levels or bands, which those of a look-alike do."""
         assert self.best is not None
         _, wide = rig_freed(self.best[0], self.search.trust, replace(self._beside, reach=CHANGING))
-        return varying(wide, self.campaign) if wide.model.rig(wide.x).excitation.settled else None
+        if not wide.model.rig(wide.x).excitation.settled:
+            return None
+        own = [i for i, f in enumerate(self.best[0].model.free) if f.cause == 0]
+        return varying(wide, self.campaign, float(self._std[own[0]]) if own else 0.0)
 
     @cached_property
     def _std(self) -> Array:

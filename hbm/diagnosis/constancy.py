@@ -28,8 +28,10 @@ class Varying:
     sentence: str
 
 
-def varying(e: Evaluation, campaign: Campaign) -> Varying | None:
+def varying(e: Evaluation, campaign: Campaign, std: float = 0.0) -> Varying | None:
     """The clearest change of the first cause's numbers between levels or bands; None where they are constant.
+
+    So they are, as far as anybody is told, where the first of them changes by less than its standard deviation.
 
     Parameters
     ----------
@@ -37,8 +39,10 @@ def varying(e: Evaluation, campaign: Campaign) -> Varying | None:
         Fit of a cause, all numbers of the rig file that have a tolerance among its own.
     campaign : Campaign
         Its records.
+    std : float
+        That the first number is said to have.
     """
-    found = [v for groups, name in _groupings(campaign) for v in _between(e, groups, name)]
+    found = [v for groups, name in _groupings(campaign) for v in _between(e, groups, name, std)]
     return max(found, key=lambda v: v.gain, default=None)
 
 
@@ -56,7 +60,9 @@ def _band(records: list[Record]) -> str:
     return f"about {np.mean([r.hz for r in records]):.3g} Hz"
 
 
-def _between(e: Evaluation, groups: list[list[Record]], name: Callable[[list[Record]], str]) -> Iterator[Varying]:
+def _between(
+    e: Evaluation, groups: list[list[Record]], name: Callable[[list[Record]], str], std: float
+) -> Iterator[Varying]:
     found = [group for group in groups if any(r.number in e.found for r in group)]
     own = [i for i, f in enumerate(e.model.free) if f.cause == 0]
     if len(found) < 2 or not own:
@@ -65,13 +71,16 @@ def _between(e: Evaluation, groups: list[list[Record]], name: Callable[[list[Rec
     record = np.concatenate([e.white.record, np.zeros(len(e.x), dtype=int)])
     apart = [np.isin(record, [r.number for r in group])[:, None] * J[:, own] for group in found]
     rest = np.delete(J, own, axis=1)
-    each = Span(np.column_stack([rest, *apart]))
-    gain = float(np.sum(Span(np.column_stack([rest, sum(apart)])).across(r) ** 2) - np.sum(each.across(r) ** 2))
+    each, alike = Span(np.column_stack([rest, *apart])), Span(np.column_stack([rest, sum(apart)]))
+    gain = float(np.sum(alike.across(r) ** 2) - np.sum(each.across(r) ** 2))
     if gain < max(DECISIVE, float(special.chdtri(len(own) * (len(found) - 1), ALARM))):
         return
     free, first = e.model.free[own[0]], e.x[own[0]]
-    steps = each.amplitudes(r)[rest.shape[1] :: len(own)]
+    # from the number that was found: that it moves with others of the rig file, at all levels alike, is not at issue
+    steps = each.amplitudes(r)[rest.shape[1] :: len(own)] - alike.amplitudes(r)[rest.shape[1]]
     values = [free.value(float(np.clip(first + step, *free.bounds))) for step in steps]
+    if np.ptp(values) <= std:
+        return
     told = ", ".join(f"{value:.4g} {name(group)}" for value, group in zip(values, found, strict=True))
     unit = "" if free.unit == "1" else f" [{free.unit}]"
     yield Varying(gain, f"{free.name}{unit} is not one number: {told} (chi2 falls by {gain:.3g} if it may change)")

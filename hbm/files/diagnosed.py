@@ -85,4 +85,10 @@ class Diagnosed:
         view, where = self.view, ""
         if view is not None:
             where = f"harmonic {view.harmonic} of {self.channels[view.channel]} at {view.level:.3g} N"
-        return first_screen(self.diagnosis, self.force, where, self.noise(held=bool(self.diagnosis.held_out_records)))
+        noise = self.noise(held=bool(self.diagnosis.held_out_records))
+        return first_screen(self.diagnosis, self.force, where, noise, self.doubted)
+
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """Names of the records that something speaks against."""
+        return tuple(dict.fromkeys(self.spectra.label(record) for record, _ in self.spectra.notes))

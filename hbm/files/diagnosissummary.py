@@ -31,6 +31,9 @@ NEW_MOUNTING = (
     "What does not repeat is stated with --repeatability."
 )
 
+MOST_DOUBTED = 4
+"""Records that are to be measured again, by name at most."""
+
 MOST_IN = "most in records "
 """Beginning of the place of a remainder that names records."""
 
@@ -42,7 +45,9 @@ def verdict_line(d: Diagnosis) -> str:
     return f"{VERDICTS[d.verdict]}:{cause} {d.belief} (confidence {d.confidence:.2f}){rest}."
 
 
-def first_screen(d: Diagnosis, force: Discrepancy | None, where: str, noise: float) -> dict[str, str]:
+def first_screen(
+    d: Diagnosis, force: Discrepancy | None, where: str, noise: float, doubted: Sequence[str] = ()
+) -> dict[str, str]:
     """The six answers by their questions.
 
     Parameters
@@ -54,6 +59,8 @@ def first_screen(d: Diagnosis, force: Discrepancy | None, where: str, noise: flo
         Name of the signal that shows the misfit best, in words.
     noise : float
         Relative error that noise alone makes, on the records held out if there are any; 0 where it is not known.
+    doubted : sequence of str
+        Names of records that something speaks against: they are not steady, a channel is clipped.
     """
     return {
         WRONG: _wrong(d, where),
@@ -61,7 +68,7 @@ def first_screen(d: Diagnosis, force: Discrepancy | None, where: str, noise: flo
         ADDED: _added(d),
         "Gain": _gain(d, noise),
         REMAINS: d.remainder.sentence,
-        NEXT: " ".join(_next(d, force)),
+        NEXT: " ".join(_next(d, force, doubted)),
     }
 
 
@@ -178,7 +185,9 @@ def _gain(d: Diagnosis, noise: float) -> str:
     return f"{'' if 'extended' in d.errors else 'None. '}Error on the {records}: {', '.join(told)}{alone}."
 
 
-def _next(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
+def _next(d: Diagnosis, force: Discrepancy | None, doubted: Sequence[str]) -> Iterator[str]:
+    if doubted and d.remainder.structured:
+        yield f"First measure again what is warned of below: {_named(doubted)}."
     if d.not_separable:
         advice = d.separate_by or "no experiment that was simulated would"
         yield f"To tell {d.cause} from {d.not_separable[0]}: {advice}."
@@ -192,6 +201,13 @@ def _next(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
         yield NEW_MOUNTING
     elif d.verdict == "consistent":
         yield "Nothing for these records. Levels, modes and harmonics that were not measured may still show something."
+
+
+def _named(records: Sequence[str]) -> str:
+    """Some records by name, and how many more there are."""
+    more = len(records) - MOST_DOUBTED
+    some = ", ".join(records[:MOST_DOUBTED]) + (f" and {more} more" if more > 0 else "")
+    return f"{'record' if len(records) == 1 else 'records'} {some}"
 
 
 def _checks(causes: Sequence[Cause]) -> Iterator[str]:

@@ -17,6 +17,7 @@ from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
 from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
 from models.jointed import AnyRig
+from models.rig import Rig
 
 TOLERANCE = 5e-3
 """Largest accepted change of drive displacement and friction force, relative to their peak on the curve."""
@@ -97,7 +98,7 @@ def choose_harmonics(
     reason : str
     """
     pilot = scout_frequency(rig, hz, level=level)
-    found, scales = _telling_points(pilot), scales_of(pilot.rig, pilot.points)
+    (where, found), scales, what = _telling_points(pilot), scales_of(pilot.rig, pilot.points), _in_words(rig)
     for H in LADDER:
         N_t = default_samples(finer(H))
         found = [p for p in _solve_again(found, rig, H, N_t, level) if p is not None]
@@ -110,15 +111,15 @@ def choose_harmonics(
         if change < tolerance:
             N_t, moved = _choose_samples(rig, found, H, level, scales, tolerance)
             reason = (
-                f"H = {H}: {finer(H)} harmonics change peak and friction by {change:.2%}, "
+                f"H = {H}: at {where} {finer(H)} harmonics change {what} by {change:.2%} of its largest, "
                 f"{2 * N_t} samples by {moved:.2%} (tolerance {tolerance:.2%})"
             )
             return H, N_t, reason
     return H, default_samples(H), f"H = {H}, the most that is tried: still {change:.2%} from {finer(H)} harmonics"
 
 
-def _telling_points(curve: ResponseCurve) -> list[PeriodicSolution]:
-    """Peaks of a curve, by which to choose harmonics and samples.
+def _telling_points(curve: ResponseCurve) -> tuple[str, list[PeriodicSolution]]:
+    """Peaks of a curve, by which to choose harmonics and samples; and what they are, in words.
 
     Where the tip lifts off they are no prediction, and resolving them would cost the rest of the curve dearly: then the
     largest motion that keeps the contact stands for them.
@@ -126,9 +127,9 @@ def _telling_points(curve: ResponseCurve) -> list[PeriodicSolution]:
     found = [curve.points[i] for i in sorted(peaks(curve))]
     in_contact = [p for p in curve.points if not p.lift_off]
     if not in_contact or not any(p.lift_off for p in found):
-        return found
+        return "the peaks", found
     largest = max(in_contact, key=lambda p: p.channels["drive"].peak)
-    return [p for p in found if not p.lift_off] or [largest]
+    return "the largest motion that keeps the contact", [p for p in found if not p.lift_off] or [largest]
 
 
 def finer(H: int) -> int:
@@ -159,6 +160,11 @@ def _choose_samples(
 def judged(rig: AnyRig) -> list[str]:
     """Signals whose change is measured: motion of the drive, and every force where the rig touches."""
     return ["drive", *rig.forces]
+
+
+def _in_words(rig: AnyRig) -> str:
+    """What is judged."""
+    return "drive displacement or friction force" if isinstance(rig, Rig) else "drive displacement or a joint's force"
 
 
 def peaks(curve: ResponseCurve) -> set[int]:
@@ -241,13 +247,15 @@ def relative_change(before: PeriodicSolution, after: PeriodicSolution | None, sc
 
 
 def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> Iterable[str]:
-    n, H, worst = curve.rig.structure.n, curve.basis.H, error.worst
+    n, H, worst, what = curve.rig.structure.n, curve.basis.H, error.worst, _in_words(curve.rig)
+    lifted = ", where the tip would lift off" if curve.peak.lift_off else ""
     if error.at_peak.modes > tolerance:
-        yield f"{2 * n} modes move the peak by {error.at_peak.modes:.2%}: set beam.modes = {2 * n}"
+        advice = "" if lifted else f": set beam.modes = {2 * n}"
+        yield f"at the peak {2 * n} modes change {what} by {error.at_peak.modes:.2%} of its largest{lifted}{advice}"
     if error.at_peak.harmonics > tolerance:
-        yield f"more than {H} harmonics move the peak by {error.at_peak.harmonics:.2%}"
+        yield f"at the peak {finer(H)} harmonics change {what} by {error.at_peak.harmonics:.2%} of its largest{lifted}"
     if error.largest("samples") > tolerance:
-        yield f"doubling the {curve.basis.N_t} samples moves the answer by {error.largest('samples'):.2%}"
+        yield f"{2 * curve.basis.N_t} samples change {what} by up to {error.largest('samples'):.2%} of its largest"
     if worst.total > 2 * tolerance and worst is not error.at_peak:
         cause = "modes" if worst.modes > worst.harmonics else "harmonics"
         yield f"near {worst.hz:.5g} Hz the error reaches {worst.total:.1%}, mostly for want of {cause}"
