@@ -230,7 +230,7 @@ def _missing_force(found: "Diagnosis", executor: "Executor") -> tuple["Discrepan
     from hbm.diagnosis.discrepancy import discrepancy
     from hbm.outputerror.simulated import FAILURES
 
-    if found.calibrated is None or found.campaign is None or found.of_lines or found.verdict == "consistent":
+    if found.calibrated is None or found.campaign is None or found.floored or found.verdict == "consistent":
         return None, ""
     try:
         return discrepancy(found.calibrated, found.campaign, executor), ""
@@ -242,7 +242,7 @@ def _warnings(found: "Diagnosis", failure: str) -> list[str]:
     from hbm.diagnosis.noise import said, understated
 
     lines = [f"Partial result. {failure}."] * bool(failure)
-    if found.calibrated is not None and found.campaign is not None and not found.of_lines:
+    if found.calibrated is not None and found.campaign is not None and not found.floored:
         k = understated(found.calibrated, found.campaign)
         lines += [] if k is None else [said(k)]
     return lines

@@ -55,7 +55,7 @@ class Diagnosed:
     def view(self) -> View | None:
         """Signal that shows the misfit best; if the rig is consistent, the one that moves most."""
         models = self.compared
-        if not models or self.diagnosis.of_lines:
+        if not models or self.diagnosis.floored:
             return None
         missed = self.diagnosis.verdict != "consistent"
         return clearest([c for name, c in models.items() if name != "extended"], missed=missed)

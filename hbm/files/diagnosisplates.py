@@ -44,7 +44,7 @@ RULES = (
 def diagnosis_plates(found: Diagnosed) -> list[Plate]:
     """The figures with their numbers; those of the models only where these are known."""
     own = found.diagnosis
-    if own.of_lines:
+    if own.floored:
         return [*_line_plates(found), *_gain_plates(own), *_ranking_plates(found)]
     return [
         *_overview(found),

@@ -71,7 +71,7 @@ def _changed(mode: NonlinearMode, i: int, channel: str, keys: tuple[str, ...]) -
     none = np.zeros_like
     by = np.concatenate([Q[..., :-1], none(Q[..., :1]), Q[..., -1:]], axis=2)
     pushed = np.concatenate([T[..., :-1], none(T[..., :1]), T[..., -1:]], axis=2)
-    read = JointChannels(balance, solution, (*keys, HZ, AMPLITUDE), by, pushed)[channel].coefficients
+    read = JointChannels(motion.balance, solution, (*keys, HZ, AMPLITUDE), by, pushed)[channel].coefficients
     cosine, sine = problem.fundamental
     there = solution[channel].coefficients
     growth = (there[cosine] * read[cosine] + there[sine] * read[sine]) / np.hypot(there[cosine], there[sine]) ** 2
