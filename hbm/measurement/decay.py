@@ -82,6 +82,11 @@ class Decay(Displayed):
         )
 
     @property
+    def channels(self) -> tuple[str, ...]:
+        """The channel, as the channels of other measurements."""
+        return (self.channel,)
+
+    @property
     def records(self) -> npt.NDArray[np.int64]:
         """Numbers of its rows."""
         return np.arange(1, len(self) + 1)
