@@ -36,8 +36,9 @@ from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.jointed import AnyRig
 
-FITTED, PLACES, MOST_CAUSES = 5, 2, 2
-"""Joints that are fitted of those that were scanned, and places of each law; causes that are named, at most."""
+FITTED, PLACES, TOGETHER = 5, 2, 2
+"""Joints that are fitted of those that were scanned, and places of each law; and of those that were not accepted alone
+so many beside which a second one is looked for, at most."""
 
 FLOORS, SETTLED = 4, 0.1
 """Times the floor is found anew, at most, and the relative change of it at which it is settled."""
@@ -156,16 +157,31 @@ class FlooredSearch:
 
     def decide(self) -> Evaluation | None:
         """The simplest model whose causes each take much of what is left without them; None where there is none."""
-        best, base = None, self.calibrated
-        while len(base.model.causes) < MOST_CAUSES and beyond_noise(self.beside(base, 0.0).white) > LARGEST:
-            found = self._best_over(base)
-            if found is None:
-                break
-            best = base = found
-        return best
+        if not self._left(self.calibrated):
+            return None
+        singles = self.race(self.calibrated)
+        first = self._best(self.calibrated, singles)
+        if first is None:
+            return self._together(singles)
+        return (self._best(first, self.race(first)) if self._left(first) else None) or first
 
-    def _best_over(self, base: Evaluation) -> Evaluation | None:
-        fits, before = best_of([e for e in self.race(base) if not off(self.trust, e)]), self.campaign
+    def _left(self, e: Evaluation) -> bool:
+        """Whether a model leaves more than a background."""
+        return beyond_noise(self.beside(e, 0.0).white) > LARGEST
+
+    def _together(self, singles: Sequence[Evaluation]) -> Evaluation | None:
+        """Two causes that are seen together alone, as of one that softens and one that hardens.
+
+        The second is looked for over the best of those that were not accepted, where more than noise is left.
+        """
+        if within_noise(self.beside(self.calibrated, 0.0).white):
+            return None
+        pairs = [e for single in best_of(singles)[:TOGETHER] for e in self.race(single)]
+        return self._best(self.calibrated, pairs)
+
+    def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
+        """The simplest of some fits over a base that does as well as the best, if that is accepted."""
+        fits, before = best_of([e for e in raced if not off(self.trust, e)]), self.campaign
         if not fits or (base.model.causes and not _pays(base, fits[0])):
             return None
         leader = self._settled(fits[0])
@@ -175,8 +191,7 @@ class FlooredSearch:
         others = [self._again(e) for e in fits[1:]]
         fits = best_of([leader, *(e for e in others if e is not None)])
         self.fits = [*fits, *(self.beside(e, self.campaign.floor) for e in self.fits)]
-        best = next((e for e in inside(fits[0], fits) if not _pays(e, fits[0])), fits[0])
-        return best
+        return next((e for e in inside(fits[0], fits) if not _pays(e, fits[0])), fits[0])
 
     def _again(self, e: Evaluation) -> Evaluation | None:
         try:

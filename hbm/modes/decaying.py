@@ -12,6 +12,7 @@ from hbm.channels import factor
 from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.modes.backbone import NonlinearMode, nonlinear_mode
+from hbm.response.budget import Budget
 from models.jointed import AnyRig
 
 BASIS = FourierBasis(15, default_samples(15))
@@ -28,7 +29,12 @@ ROUNDS = 6
 
 
 def over_channel(
-    rig: AnyRig, mode: int, channel: str, amplitudes: tuple[float, float], basis: FourierBasis = BASIS
+    rig: AnyRig,
+    mode: int,
+    channel: str,
+    amplitudes: tuple[float, float],
+    basis: FourierBasis = BASIS,
+    budget: Budget | None = None,
 ) -> NonlinearMode:
     """Nonlinear mode whose motions have at least these amplitudes of a channel.
 
@@ -42,6 +48,8 @@ def over_channel(
     amplitudes : (float, float)
         Least and largest amplitude of the channel, in its unit.
     basis : FourierBasis
+    budget : Budget, optional
+        As for :func:`hbm.modes.backbone.nonlinear_mode`.
 
     Raises
     ------
@@ -55,10 +63,12 @@ def over_channel(
     per_metre = float(abs(factor(read, np.array([1j * rig.structure.omega_n[mode - 1]]))[0]))
     drive = low / per_metre, high / per_metre  # as if the channel were at the drive, to begin with
     for _ in range(ROUNDS):
-        found = nonlinear_mode(rig, mode, amplitudes=drive, harmonics=basis.H, samples=basis.N_t)
+        found = nonlinear_mode(rig, mode, amplitudes=drive, harmonics=basis.H, samples=basis.N_t, budget=budget)
         reached = _channel_amplitude(found, channel)
         if reached[0] <= amplitudes[0] and reached[-1] >= amplitudes[1]:
             return found
+        if not found.complete:
+            break
         drive = found.amplitude[0] * low / reached[0], found.amplitude[-1] * high / reached[-1]
     raise InputError(
         f"{rig.name}: {channel} of mode {mode} reaches {reached[0]:.3g} to {reached[-1]:.3g}; must be "

@@ -23,10 +23,14 @@ from hbm.outputerror.floored import FlooredCampaign
 from hbm.outputerror.numerics import Grid, Numerics
 from hbm.outputerror.records import Measurement, Record
 from hbm.outputerror.simulated import FAILURES, Simulated, States
+from hbm.response.budget import Budget
 from models.jointed import AnyRig, JointedRig
 
 BASIS = FourierBasis(7, 128)
 """Harmonics and samples of the motions; a diagnosis says what twice as many of both would change."""
+
+BUDGET = Budget(points=60)
+"""A branch that does not fold takes 20 points for two decades; one that folds is not what a decay shows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +73,7 @@ class BackboneCampaign(FlooredCampaign):
 
     def _along_mode(self, rig: AnyRig, keys: Sequence[str]) -> dict[int, Simulated]:
         channel, held, basis = self.data.channels[0], self.amplitudes_held, self.numerics.working.basis
-        branch = over_channel(rig, self.mode, channel, (float(held.min()), float(held.max())), basis)
+        branch = over_channel(rig, self.mode, channel, (float(held.min()), float(held.max())), basis, BUDGET)
         motions = at_channel(branch, channel, held)
         half = motions.hz * motions.damping_ratio
         found = {}

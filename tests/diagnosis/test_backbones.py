@@ -88,6 +88,19 @@ def test_the_joint_that_bends_a_backbone_is_named(
         assert estimate.std < 0.5 * value
 
 
+def test_what_softens_and_what_hardens_are_named_together(rig: JointedRig) -> None:
+    """Each hides the other: the frequency falls and rises again."""
+    softer = JointMicroslip("tip").extend(rig, {"stiffness": 6e3, "limit": 1.2 * 6e3 * LARGEST})
+    found = diagnose_backbone(
+        rig,
+        decayed(CubicStiffness("tip").extend(softer, {"cubic": 3e3 / LARGEST**2}), 1),
+        causes=[JointMicroslip, CubicStiffness],
+    )
+    assert found.verdict == "cause-found"
+    assert found.extended_fit is not None
+    assert {c.name for c in found.extended_fit.model.causes} == {"joint-microslip", "cubic-stiffness"}
+
+
 def test_a_linear_decay_is_consistent(rig: JointedRig, tmp_path: Path) -> None:
     """Counted over five draws of noise."""
     verdicts = [diagnose_backbone(rig, decayed(made(tmp_path, 0.0013), seed)).verdict for seed in range(5)]
