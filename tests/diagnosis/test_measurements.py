@@ -9,7 +9,7 @@ from hbm import diagnose, diagnose_backbone, load_history, load_rig, load_spectr
 from hbm.measurement.decay import free_decay
 from hbm.outputerror.nominal import tolerances
 from models.causes import WrongParameter
-from models.causes.joints import CubicStiffness, JointMicroslip, JointSlip, LocalFriction, LocalSpring
+from models.causes.joints import CubicStiffness, JointMicroslip, JointSlip, LocalFriction, LocalSpring, OneSidedStop
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
@@ -38,14 +38,17 @@ def test_silverbox_has_a_cubic_spring() -> None:
     assert found.errors["extended"]["held_out"].nrmse < 0.0055
 
 
-def test_a_bolted_joint_slips_in_parts_and_the_wrong_laws_are_not_named() -> None:
-    """One blow on the Brake-Reuss beam; published fits are within 0.05 % of the frequency and 10 % of the damping."""
+def test_a_bolted_joint_slips_in_parts() -> None:
+    """One blow on the Brake-Reuss beam; published fits are within 0.05 % of the frequency and 10 % of the damping.
+
+    Of the catalogue what the whole of it comes to, and some that it does not.
+    """
     recorded = load_history(data("brb_jointed_beam/hammer_impact.csv"))
     decay = free_decay(
         recorded.between(float(recorded.time[0]) + 0.2, float(recorded.time[-1])), "acc3_ms2", (70.0, 90.0)
     )
     rig = load_rig(REAL / "bolted_beam" / "rig.toml")
-    found = diagnose_backbone(rig, decay, causes=[JointMicroslip, JointSlip, CubicStiffness, LocalSpring])
+    found = diagnose_backbone(rig, decay, causes=[JointMicroslip, JointSlip, CubicStiffness, OneSidedStop])
     assert (found.verdict, found.cause) == ("main-cause", "joint-microslip")
     row = next(line for line in found.evidence if line.startswith("The extended model"))
     hz, ratio = (float(x) for x in re.findall(r"within ([0-9.]+) %", row))
