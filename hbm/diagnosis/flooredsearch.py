@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from hbm.diagnosis.calibrate import off, trusted
 from hbm.diagnosis.candidates import HOPELESS
@@ -28,7 +27,7 @@ from hbm.diagnosis.search import NEARLY, PAYS, OnProgress
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import Evaluation, evaluate, fit_from, fit_model
-from hbm.outputerror.floored import FlooredCampaign
+from hbm.outputerror.floored import FlooredCampaign, likeliest_floor
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import Whitened
@@ -376,22 +375,6 @@ def hopeful(scores: Sequence[Scanned], missed: float) -> list[Scanned]:
         if s.drop >= HOPELESS * best and at[s.cause.name] <= PLACES:
             out.append(s)
     return out[:FITTED]
-
-
-def likeliest_floor(e: Evaluation, campaign: FlooredCampaign) -> float:
-    """The floor beside which what a model leaves is likeliest."""
-    plain = replace(campaign, floor=0.0)
-    records = [r for r in plain.data.records if r.number in e.found]
-    missed = np.concatenate([plain.missed(r, e.found[r.number]) for r in records]) ** 2
-    noise = np.concatenate([plain.listed_std(r) for r in records]) ** 2
-    unit = np.concatenate([replace(plain, floor=1.0).listed_std(r) for r in records]) ** 2 - noise
-
-    def deviance(log_floor: float) -> float:
-        variance = noise + np.exp(2 * log_floor) * unit
-        return float(np.sum(np.log(variance) + missed / variance))
-
-    found = minimize_scalar(deviance, bounds=(np.log(1e-6), np.log(2.0)), method="bounded")
-    return float(np.exp(found.x))
 
 
 def _pays(simple: Evaluation, rich: Evaluation) -> bool:

@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from hbm.fourier import Array, FourierBasis
 from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.numerics import Grid
 from hbm.outputerror.records import Record
 from hbm.outputerror.simulated import Simulated, Solutions
@@ -62,3 +64,19 @@ class FlooredCampaign(Campaign, ABC):
         basis = self.numerics.working.basis
         fine = Grid(FourierBasis(2 * basis.H, 2 * basis.N_t), self.numerics.working.modes)
         return replace(self, numerics=replace(self.numerics, working=fine))
+
+
+def likeliest_floor(e: Evaluation, campaign: FlooredCampaign) -> float:
+    """The floor beside which what a model leaves is likeliest."""
+    plain = replace(campaign, floor=0.0)
+    records = [r for r in plain.data.records if r.number in e.found]
+    missed = np.concatenate([plain.missed(r, e.found[r.number]) for r in records]) ** 2
+    noise = np.concatenate([plain.listed_std(r) for r in records]) ** 2
+    unit = np.concatenate([replace(plain, floor=1.0).listed_std(r) for r in records]) ** 2 - noise
+
+    def deviance(log_floor: float) -> float:
+        variance = noise + np.exp(2 * log_floor) * unit
+        return float(np.sum(np.log(variance) + missed / variance))
+
+    found = minimize_scalar(deviance, bounds=(np.log(1e-6), np.log(2.0)), method="bounded")
+    return float(np.exp(found.x))

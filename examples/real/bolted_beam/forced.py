@@ -1,7 +1,4 @@
-"""Frequency and damping over amplitude from forced records, by the force balance of the one mode of the rig.
-
-python forced.py forced.toml forced_harmonics.csv forced_backbone.csv
-"""
+"""Backbone of forced records by the force balance of one mode: python forced.py forced.toml spectra.csv forced.csv."""
 
 import sys
 from pathlib import Path
