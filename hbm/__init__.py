@@ -39,6 +39,7 @@ from hbm.siblings import install
 if TYPE_CHECKING:
     from continuation import ConvergenceError
     from hbm.balance.solution import PeriodicSolution
+    from hbm.diagnosis.backbones import diagnose_backbone
     from hbm.diagnosis.diagnose import diagnose
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.errors import InputError
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from hbm.inverse.placement import Placement, place_sensors
     from hbm.inverse.reconstruct import reconstruct
     from hbm.inverse.reconstruction import Reconstruction
+    from hbm.measurement.decayfile import load_decay
     from hbm.measurement.harmonicestimate import HarmonicEstimate
     from hbm.measurement.harmonics import harmonic_spectra
     from hbm.measurement.historyfile import load_history
@@ -114,6 +116,7 @@ __all__ = [
     "TimeHistory",
     "choose_law",
     "diagnose",
+    "diagnose_backbone",
     "fit_spectra",
     "fold_path",
     "follow_peak",
@@ -126,6 +129,7 @@ __all__ = [
     "joint_sensitivities",
     "joint_steady_state",
     "linear_modes",
+    "load_decay",
     "load_history",
     "load_rig",
     "load_spectra",
@@ -167,12 +171,14 @@ _HOMES = {
     "hbm.inverse.jointreconstruction": ("JointReconstruction",),
     "hbm.sensitivity.jointed": ("JointSensitivities", "joint_sensitivities"),
     "hbm.inverse.placement": ("Placement", "place_sensors"),
+    "hbm.diagnosis.backbones": ("diagnose_backbone",),
     "hbm.diagnosis.diagnose": ("diagnose",),
     "hbm.diagnosis.verdict": ("Diagnosis",),
     "hbm.inverse.reconstruct": ("reconstruct",),
     "hbm.inverse.reconstruction": ("Reconstruction",),
     "hbm.rigfiles.lawchoice": ("choose_law",),
     "hbm.response.loop": ("FrictionLoop", "friction_loop"),
+    "hbm.measurement.decayfile": ("load_decay",),
     "hbm.measurement.harmonicestimate": ("HarmonicEstimate",),
     "hbm.measurement.harmonics": ("harmonic_spectra",),
     "hbm.measurement.historyfile": ("load_history",),

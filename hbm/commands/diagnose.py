@@ -1,6 +1,6 @@
 """The command ``hbm diagnose``: what a simulation gets wrong, the cause, and what the extended model gains."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hbm.commands.budgets import RunSeconds, seconds_of, within
-from hbm.commands.inverse import Repeatability, SpectraFile, different, share, working
+from hbm.commands.inverse import Repeatability, different, share, working
 from hbm.commands.options import (
     UNSOLVABLE,
     AllowCode,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from hbm.diagnosis.discrepancy import Discrepancy
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.files.diagnosed import Diagnosed
+    from hbm.measurement.decay import Decay
     from hbm.measurement.spectra import MeasuredSpectra
     from models.jointed import AnyRig
 
@@ -44,14 +45,22 @@ NEARLY_DONE = 0.97
 
 def diagnose(
     rig: RigFile,
-    spectra: SpectraFile,
+    spectra: Annotated[
+        Path,
+        typer.Argument(
+            metavar="SPECTRA",
+            help="Spectra file (csv, npz, nc or mat), see hbm spectra; or the table of hbm decay.",
+            show_default=False,
+        ),
+    ],
     out: OutFolder,
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
             "--hold-out",
             metavar="N ...",
-            help="Records no fit sees, on which the gain is measured; a level and a band of frequencies where omitted.",
+            help="Records no fit sees, on which the gain is measured; where omitted a level and a band of frequencies, "
+            "of a decay every third amplitude.",
         ),
     ] = None,
     cause: Annotated[
@@ -89,6 +98,8 @@ def diagnose(
     Writes the verdict, diagnosis.json, the extended rig, extended.toml, figures with the numbers of each curve, and one
     page that opens offline, report.html. Where nothing is named, candidates/ has the rigs that came nearest.
 
+    Of a free decay (the table of hbm decay) joints are fitted through the nonlinear mode of the rig.
+
     Example:  hbm diagnose rig.toml spectra.csv --hold-out 3 7 --out diagnosis
     """
     from hbm.files.diagnosed import Diagnosed
@@ -99,16 +110,14 @@ def diagnose(
     limit, band = seconds_of(COMMAND, max_seconds), both_ends(COMMAND, begin, end, "Hz")
     check_out(COMMAND, out, (*FILES, f"{CANDIDATES}/1.toml"))
     candidates, own = _causes(cause, causes_file)
-    from hbm.measurement.spectrafile import load_spectra
+    from hbm.measurement.decay import Decay
     from hbm.rigfiles.load import load_rig
 
     loaded = load_rig(rig, allow_code=allow_code or None)
-    measured = load_spectra(spectra, loaded, repeatability=floor)
-    measured = measured.between(*band, _sensors(loaded, measured)) if band else measured
+    measured = _measured(spectra, loaded, floor, band)
     _check_apply(loaded, candidates if cause else ())
     from hbm.commands.progress import Work
     from hbm.diagnosis.curves import traced_responses
-    from hbm.diagnosis.diagnose import diagnose as search
     from hbm.parallel import all_cores
     from hbm.rigfiles.laws import files_run, run_files
 
@@ -119,27 +128,35 @@ def diagnose(
         within(COMMAND, limit, work.doing, ADVICE),
         all_cores(partial(run_files, files_run())) as executor,
     ):
-        found = search(
-            loaded,
-            measured,
-            held_out=held or None,
-            causes=candidates,
-            tolerances=tolerances,
-            repeatability=floor,
-            on_progress=work.show,
-            executor=executor,
-        )
+        search = _search(measured, floor, executor)
+        found = search(loaded, held_out=held or None, causes=candidates, tolerances=tolerances, on_progress=work.show)
         work.show("the force that is missing", NEARLY_DONE)
         force, failure = _missing_force(found, executor)
         work.show("response curves", NEARLY_DONE)
-        traced = traced_responses(found, measured, executor)
+        traced = () if isinstance(measured, Decay) else traced_responses(found, measured, executor)
     result = Diagnosed(found, loaded, measured, force, traced, tuple(_warnings(found, failure)))
     _deliver(result, rig, out, own)
     if failure:
         raise typer.Exit(say(failure, 1))
 
 
-# ---------------------------------------------------------------------------------------------------------- options
+# --------------------------------------------------------------------------------------------- options and measurements
+
+
+def _measured(
+    path: Path, rig: "AnyRig", repeatability: float, band: tuple[float, float] | None
+) -> "MeasuredSpectra | Decay":
+    """Spectra of a file, within a band of frequencies, or a decay."""
+    from hbm.measurement.decayfile import is_decay, load_decay
+    from hbm.measurement.spectrafile import load_spectra
+
+    if is_decay(path):
+        for option, given in (("--repeatability", repeatability), ("--from and --to", band)):
+            if given:
+                raise InputError(f"{COMMAND}: {option}: {path} is a decay; must be of spectra")
+        return load_decay(path)
+    measured = load_spectra(path, rig, repeatability=repeatability)
+    return measured.between(*band, _sensors(rig, measured)) if band else measured
 
 
 def _causes(names: Sequence[str] | None, file: Path | None) -> tuple[list[Any] | None, dict[type, str]]:
@@ -202,12 +219,25 @@ def _tolerances(rig: "AnyRig", channels: Sequence[str], texts: Sequence[str] | N
     return chosen
 
 
-def _sensors(rig: "AnyRig", spectra: "MeasuredSpectra") -> list[str]:
+def _sensors(rig: "AnyRig", measured: "MeasuredSpectra | Decay") -> list[str]:
     """Channels of motion that were measured."""
-    return [c.name for c in rig.response_channels if c.name in spectra.channels]
+    return [c.name for c in rig.response_channels if c.name in measured.channels]
 
 
 # -------------------------------------------------------------------------------------------------------- computing
+
+
+def _search(
+    measured: "MeasuredSpectra | Decay", repeatability: float, executor: "Executor"
+) -> "Callable[..., Diagnosis]":
+    """The diagnosis of such measurements."""
+    from hbm.diagnosis.backbones import diagnose_backbone
+    from hbm.diagnosis.diagnose import diagnose as search
+    from hbm.measurement.decay import Decay
+
+    if isinstance(measured, Decay):
+        return partial(diagnose_backbone, decay=measured)
+    return partial(search, spectra=measured, repeatability=repeatability, executor=executor)
 
 
 @contextmanager
@@ -230,7 +260,7 @@ def _missing_force(found: "Diagnosis", executor: "Executor") -> tuple["Discrepan
     from hbm.diagnosis.discrepancy import discrepancy
     from hbm.outputerror.simulated import FAILURES
 
-    if found.calibrated is None or found.campaign is None or found.of_lines or found.verdict == "consistent":
+    if found.calibrated is None or found.campaign is None or found.floored or found.verdict == "consistent":
         return None, ""
     try:
         return discrepancy(found.calibrated, found.campaign, executor), ""
@@ -242,7 +272,7 @@ def _warnings(found: "Diagnosis", failure: str) -> list[str]:
     from hbm.diagnosis.noise import said, understated
 
     lines = [f"Partial result. {failure}."] * bool(failure)
-    if found.calibrated is not None and found.campaign is not None and not found.of_lines:
+    if found.calibrated is not None and found.campaign is not None and not found.floored:
         k = understated(found.calibrated, found.campaign)
         lines += [] if k is None else [said(k)]
     return lines

@@ -78,7 +78,7 @@ def traced_responses(
         Without models whose response is none of the frequency alone, such as a rig that drifts from record to record,
         without bands of a single frequency, and without curves that have no first solution.
     """
-    if d.campaign is None or d.of_lines:
+    if d.campaign is None or d.floored:
         return ()
     grid, channels = d.campaign.numerics.working, d.campaign.data.channels
     H = max(d.campaign.data.H + SPARE, LEAST)

@@ -10,8 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.conclusion import Conclusion
+from hbm.diagnosis.flooredsearch import FlooredSearch
 from hbm.diagnosis.heldout import choose_held_out
-from hbm.diagnosis.linesearch import LineSearch
+from hbm.diagnosis.linescan import line_scan
 from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.search import OnProgress, Search
 from hbm.diagnosis.verdict import Diagnosis
@@ -19,6 +20,7 @@ from hbm.errors import InputError, expect_rig
 from hbm.fourier import MANY
 from hbm.measurement.repeatability import repeatability_of, unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.lines import line_campaign
 from hbm.parallel import one_thread
 from models import causes as catalogue
 from models.causes.cause import Cause, candidates_of
@@ -83,7 +85,7 @@ def diagnose(
     numbered = [level for level, _ in rig.excitation.force_gain]
     held = choose_held_out(spectra, numbered) if held_out is None else tuple(spectra.numbers(held_out))
     tell = on_progress or (lambda doing, done: None)
-    candidates = list(_candidates(rig, causes))
+    candidates = list(candidates_among(rig, causes))
     shares = repeatability_of(rig, spectra, repeatability)
     spectra = unrepeatable(spectra, shares)
 
@@ -94,7 +96,10 @@ def diagnose(
 
     beside = (*_unrepeatable(shares), *spectra.warnings)
     if isinstance(rig, JointedRig) and spectra.H > MANY:
-        diagnosis = LineSearch(rig, spectra, held, candidates, tolerances, tell, executor).diagnosis()
+        train, unseen = spectra.split(held) if held else (spectra, None)
+        campaign = line_campaign(rig, train, executor)
+        hidden = None if unseen is None else line_campaign(rig, unseen, executor)
+        diagnosis = FlooredSearch(rig, campaign, hidden, line_scan, candidates, tolerances, tell).diagnosis()
     else:
         found = conclude(held)
         if held_out is None and found.untold:
@@ -119,6 +124,7 @@ def _unrepeatable(shares: Mapping[str, float]) -> Iterator[str]:
         yield f"What does not repeat from one mounting to the next counts as noise, of the response of {told}."
 
 
-def _candidates(rig: AnyRig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
+def candidates_among(rig: AnyRig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
+    """Candidates for a rig: some causes, of a class all that there are of it, or the whole catalogue."""
     for cause in catalogue.CAUSES.values() if causes is None else causes:
         yield from candidates_of(cause, rig) if isinstance(cause, type) else (cause,)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from hbm.diagnosis.remainder import Remainder, percent
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
-from hbm.outputerror.lines import LineCampaign
+from hbm.outputerror.floored import FlooredCampaign
 from models.display import Displayed
 from models.jointed import AnyRig
 
@@ -132,9 +132,9 @@ class Diagnosis(Displayed):
     tried: tuple[Evaluation, ...] = field(default=(), repr=False)
 
     @property
-    def of_lines(self) -> bool:
-        """Whether its records are of many lines, not of one frequency and its harmonics."""
-        return isinstance(self.campaign, LineCampaign)
+    def floored(self) -> bool:
+        """Whether its records are of many lines or of a backbone, not of one frequency and its harmonics."""
+        return isinstance(self.campaign, FlooredCampaign)
 
     @property
     def gain(self) -> dict[str, float]:

@@ -155,10 +155,12 @@ def _entries(
     for r in campaign.data.records:
         if r.number not in e.found:
             continue
-        simulated = campaign.amplitudes(r.number, e.solutions[r.number]) + campaign.lasting(r, e.found[r.number])
+        found = e.found[r.number]
+        simulated = campaign.correct(r.number, found.amplitudes) + campaign.lasting(r, found)
+        std = np.sqrt(np.mean(np.broadcast_to(r.std, r.measured.shape) ** 2, axis=0))
         channel, k = np.nonzero(r.listed.all(axis=0))
         size = np.ones(len(k))
         complex_of = [a[0, channel, k] + 1j * a[1, channel, k] for a in (r.measured, simulated)]
         numbers = np.full(len(k), r.number), channel, k + 1
-        rows.append((*numbers, level[r.number] * size, r.hz * size, *complex_of, r.std[channel, k], size == held))
+        rows.append((*numbers, level[r.number] * size, r.hz * size, *complex_of, std[channel, k], size == held))
     return tuple(np.concatenate(column) for column in zip(*rows, strict=True)) if rows else ()

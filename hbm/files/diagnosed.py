@@ -10,6 +10,7 @@ from hbm.diagnosis.verdict import Diagnosis
 from hbm.figures.compared import Compared, View, clearest, compared, noise_error
 from hbm.files.diagnosissummary import first_screen
 from hbm.files.outputs import Columns
+from hbm.measurement.decay import Decay
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import AnyRig
 from models.parts import UNITS
@@ -24,7 +25,8 @@ class Diagnosed:
     diagnosis : Diagnosis
     rig : Rig or JointedRig
         Nominal.
-    spectra : MeasuredSpectra
+    spectra : MeasuredSpectra or Decay
+        What was measured.
     force : Discrepancy or None
         Force that the calibrated model lacks; None where it was not worked out.
     traced : tuple of TracedResponse
@@ -35,7 +37,7 @@ class Diagnosed:
 
     diagnosis: Diagnosis
     rig: AnyRig
-    spectra: MeasuredSpectra
+    spectra: MeasuredSpectra | Decay
     force: Discrepancy | None = None
     traced: tuple[TracedResponse, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -55,7 +57,7 @@ class Diagnosed:
     def view(self) -> View | None:
         """Signal that shows the misfit best; if the rig is consistent, the one that moves most."""
         models = self.compared
-        if not models or self.diagnosis.of_lines:
+        if not models or self.diagnosis.floored:
             return None
         missed = self.diagnosis.verdict != "consistent"
         return clearest([c for name, c in models.items() if name != "extended"], missed=missed)
@@ -91,4 +93,6 @@ class Diagnosed:
     @property
     def doubted(self) -> tuple[str, ...]:
         """Names of the records that something speaks against."""
+        if isinstance(self.spectra, Decay):
+            return ()
         return tuple(dict.fromkeys(self.spectra.label(record) for record, _ in self.spectra.notes))

@@ -9,8 +9,10 @@ from hbm.diagnosis.discrepancy import Discrepancy
 from hbm.diagnosis.missingforce import MissingForce
 from hbm.diagnosis.verdict import Diagnosis, Ranked
 from hbm.figures.compared import Compared, View, record_errors
+from hbm.figures.decay import decay_compared
 from hbm.files.diagnosissummary import text
 from hbm.files.outputs import Columns, columns_of
+from hbm.measurement.decay import Decay
 
 PLAIN = {"nominal": "rig file as it is", "calibrated": "rig file calibrated"}
 """Names of the models without a cause among the causes."""
@@ -89,6 +91,29 @@ def compared_columns(models: Mapping[str, Compared], channels: Sequence[str]) ->
                 "simulated_imag": c.simulated.imag,
                 "std": c.std,
                 "deviation": c.deviation,
+            }
+        )
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def decay_columns(models: Mapping[str, Compared], decay: Decay) -> Columns:
+    """Columns of a backbone: a row per model and amplitude."""
+    parts = []
+    for name, model in models.items():
+        c = decay_compared(decay, model)
+        at = c.row - 1
+        parts.append(
+            {
+                "model": np.full(len(at), name),
+                "record": c.row,
+                "amplitude": c.amplitude,
+                "held_out": c.held_out,
+                "frequency_hz": decay.hz[at],
+                "frequency_hz_std": decay.hz_std[at],
+                "simulated_hz": c.hz,
+                "damping_ratio": decay.damping_ratio[at],
+                "damping_ratio_std": decay.damping_ratio_std[at],
+                "simulated_damping_ratio": c.damping_ratio,
             }
         )
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -24,7 +24,7 @@ def diagnosis_page(found: Diagnosed, plates: Sequence[Plate]) -> Page:
     """The page about a diagnosis, with its figures; the overview comes first."""
     d, answers = found.diagnosis, found.answers()
     shown = {plate.name: plate.section for plate in plates}
-    overview, responses = shown.pop("overview", None), shown.pop("responses", None)
+    overview, responses = shown.pop("overview", shown.pop("backbone", None)), shown.pop("responses", None)
     return Page(
         title=f"{found.rig.name}: what the simulation gets wrong",
         lead=tuple(filter(None, (verdict_line(d), meaning(d) or answers["Why"], answers[WRONG]))),
@@ -41,7 +41,7 @@ def diagnosis_page(found: Diagnosed, plates: Sequence[Plate]) -> Page:
             *_error_section(d),
             Section("Evidence", text=found.evidence),
         ],
-        foot=f"hbm {installed_version()}, hbm diagnose; spectra: {found.spectra.source}",
+        foot=f"hbm {installed_version()}, hbm diagnose; measured: {found.spectra.source}",
     )
 
 

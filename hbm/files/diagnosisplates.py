@@ -7,6 +7,7 @@ import numpy as np
 from hbm.diagnosis.decide import DECISIVE, TIED
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.figures import diagnosis as figures
+from hbm.figures.decay import plot_decay
 from hbm.figures.gain import plot_gain
 from hbm.figures.identification import plot_ranking
 from hbm.figures.lines import most_missed, plot_lines
@@ -16,6 +17,7 @@ from hbm.figures.overview import plot_overview
 from hbm.files.diagnosed import Diagnosed
 from hbm.files.diagnosiscolumns import (
     compared_columns,
+    decay_columns,
     deviation_columns,
     error_columns,
     overview_columns,
@@ -24,8 +26,9 @@ from hbm.files.diagnosiscolumns import (
     ranking_columns,
 )
 from hbm.files.figurefiles import Plate
+from hbm.measurement.decay import Decay
 
-PLATES = ("overview", "lines", "responses", "gain", "deviations", "misfit_map", "missing_force", "ranking")
+PLATES = ("overview", "lines", "backbone", "responses", "gain", "deviations", "misfit_map", "missing_force", "ranking")
 """Names of all that there can be."""
 
 CURVE_FILE = "response_curves.csv"
@@ -44,8 +47,9 @@ RULES = (
 def diagnosis_plates(found: Diagnosed) -> list[Plate]:
     """The figures with their numbers; those of the models only where these are known."""
     own = found.diagnosis
-    if own.of_lines:
-        return [*_line_plates(found), *_gain_plates(own), *_ranking_plates(found)]
+    if own.floored:
+        first = _decay_plates(found, found.spectra) if isinstance(found.spectra, Decay) else _line_plates(found)
+        return [*first, *_gain_plates(own), *_ranking_plates(found)]
     return [
         *_overview(found),
         *_response_plates(found),
@@ -91,6 +95,21 @@ def _line_plates(found: Diagnosed) -> Iterator[Plate]:
         "phase included; and of the noise that was stated.",
         plot_lines(models, record, channel, found.channels[channel], found.units[channel]),
         columns,
+    )
+
+
+def _decay_plates(found: Diagnosed, decay: Decay) -> Iterator[Plate]:
+    """The one figure that shows what is wrong with a backbone."""
+    models = found.compared
+    if not models:
+        return
+    yield Plate(
+        "backbone",
+        "What is wrong",
+        "Frequency and damping ratio over the amplitude, measured, with 95 % bars, and simulated; below, what models "
+        "miss. Hollow: amplitudes held out, which no fit has seen.",
+        plot_decay(models, decay, found.channels[0], found.units[0]),
+        decay_columns(models, decay),
     )
 
 

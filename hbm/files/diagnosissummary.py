@@ -96,7 +96,7 @@ def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
         yield from _missing(force)
     elif d.remainder.structured:
         yield "No cause that was tried takes most of what is left."
-    elif d.nominal and d.campaign and not d.of_lines and misfit(d.nominal, d.campaign).fits:
+    elif d.nominal and d.campaign and not d.floored and misfit(d.nominal, d.campaign).fits:
         yield "No cause that was tried makes the records decisively likelier."
     else:
         yield "Numbers of the rig file that moved within their tolerances explain the difference."

@@ -82,9 +82,29 @@ class Decay(Displayed):
         )
 
     @property
-    def columns(self) -> dict[str, Array]:
+    def channels(self) -> tuple[str, ...]:
+        """The channel, as the channels of other measurements."""
+        return (self.channel,)
+
+    @property
+    def records(self) -> npt.NDArray[np.int64]:
+        """Numbers of its rows."""
+        return np.arange(1, len(self) + 1)
+
+    @property
+    def level(self) -> Array:
+        """Amplitude of each row."""
+        return self.amplitude
+
+    def labels_of(self, records: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """What rows are called: their numbers."""
+        return records
+
+    @property
+    def columns(self) -> dict[str, npt.NDArray[Any]]:
         """Columns of a table, by name."""
         return {
+            "channel": np.full(len(self), self.channel),
             "amplitude": self.amplitude,
             "frequency_hz": self.hz,
             "frequency_hz_std": self.hz_std,

@@ -7,20 +7,35 @@ Structures 154, 2015).
 
 import numpy as np
 
+from continuation import ConvergenceError
 from hbm.channels import factor
 from hbm.errors import InputError
-from hbm.fourier import Array
+from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.modes.backbone import NonlinearMode, nonlinear_mode
+from hbm.response.budget import Budget
 from models.jointed import AnyRig
+
+BASIS = FourierBasis(15, default_samples(15))
+"""Harmonics and samples of its motions."""
 
 BEYOND = 1.2
 """Factor by which the mode reaches beyond the amplitudes asked for."""
 
-ROUNDS = 4
+EXACT = 1e-9
+"""Amplitudes of a channel are met to within this share."""
+
+ROUNDS = 6
 """A channel's amplitude per drive displacement changes with the amplitude: it is found in turns."""
 
 
-def over_channel(rig: AnyRig, mode: int, channel: str, amplitudes: tuple[float, float]) -> NonlinearMode:
+def over_channel(
+    rig: AnyRig,
+    mode: int,
+    channel: str,
+    amplitudes: tuple[float, float],
+    basis: FourierBasis = BASIS,
+    budget: Budget | None = None,
+) -> NonlinearMode:
     """Nonlinear mode whose motions have at least these amplitudes of a channel.
 
     Parameters
@@ -32,6 +47,9 @@ def over_channel(rig: AnyRig, mode: int, channel: str, amplitudes: tuple[float, 
         A channel of the rig.
     amplitudes : (float, float)
         Least and largest amplitude of the channel, in its unit.
+    basis : FourierBasis
+    budget : Budget, optional
+        As for :func:`hbm.modes.backbone.nonlinear_mode`.
 
     Raises
     ------
@@ -45,10 +63,12 @@ def over_channel(rig: AnyRig, mode: int, channel: str, amplitudes: tuple[float, 
     per_metre = float(abs(factor(read, np.array([1j * rig.structure.omega_n[mode - 1]]))[0]))
     drive = low / per_metre, high / per_metre  # as if the channel were at the drive, to begin with
     for _ in range(ROUNDS):
-        found = nonlinear_mode(rig, mode, amplitudes=drive)
+        found = nonlinear_mode(rig, mode, amplitudes=drive, harmonics=basis.H, samples=basis.N_t, budget=budget)
         reached = _channel_amplitude(found, channel)
         if reached[0] <= amplitudes[0] and reached[-1] >= amplitudes[1]:
             return found
+        if not found.complete:
+            break
         drive = found.amplitude[0] * low / reached[0], found.amplitude[-1] * high / reached[-1]
     raise InputError(
         f"{rig.name}: {channel} of mode {mode} reaches {reached[0]:.3g} to {reached[-1]:.3g}; must be "
@@ -61,6 +81,30 @@ def predicted(mode: NonlinearMode, channel: str, amplitude: Array) -> tuple[Arra
     x = np.log(_channel_amplitude(mode, channel))
     at = np.log(amplitude)
     return np.asarray(np.interp(at, x, mode.hz)), np.asarray(np.interp(at, x, mode.damping_ratio))
+
+
+def at_channel(mode: NonlinearMode, channel: str, amplitudes: Array) -> NonlinearMode:
+    """The motions of a mode at amplitudes of a channel, (m,), solved there.
+
+    Raises
+    ------
+    ValueError
+        If the mode does not reach one of them.
+    continuation.ConvergenceError
+        If one cannot be solved.
+    """
+    reached = np.log(_channel_amplitude(mode, channel))
+    drive = np.exp(np.interp(np.log(amplitudes), reached, np.log(mode.amplitude)))
+    for _ in range(ROUNDS):
+        found = mode.at(drive.tolist())
+        off = amplitudes / _channel_amplitude(found, channel)
+        if np.abs(off - 1.0).max() < EXACT:
+            return found
+        drive = drive * off
+    raise ConvergenceError(
+        f"{mode.rig.name}: amplitudes of {channel} are {np.abs(off - 1.0).max():.2g} off after {ROUNDS} rounds; must "
+        f"be within {EXACT:g}"
+    )
 
 
 def _channel_amplitude(mode: NonlinearMode, channel: str) -> Array:

@@ -13,8 +13,9 @@ import numpy as np
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.problem import HarmonicBalance, Linearization
+from hbm.balance.scaled import State
 from hbm.fourier import Array, FourierBasis
-from models.jointed import AnyRig, JointedRig
+from models.jointed import AnyRig, JointedRig, JointedStructure
 
 
 class Motion(Protocol):
@@ -111,6 +112,12 @@ class SustainedJoints(UnderForce, JointBalance):
         s, relief = self.rig.structure, self.relief
         loads = s.loads_damping - relief * s.loads_inertia
         self.structure = replace(s, damping=s.damping - relief * np.eye(s.n), loads_damping=loads)
+
+    def signals(self, state: State, change: JointedStructure | None = None) -> list[Array]:
+        """As of a rig under force; the damping taken away counts in changes of what loads a joint too."""
+        if change is not None:
+            change = replace(change, loads_damping=change.loads_damping - self.relief * change.loads_inertia)
+        return super().signals(state, change)
 
     def motion(self, y: Array, Omega: float) -> "JointMotion":
         """The state of scaled unknowns at a scaled frequency."""

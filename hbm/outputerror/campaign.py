@@ -125,11 +125,15 @@ class Campaign:
 
     def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:
         """Amplitudes of the channels in a record, corrected, (2, c, H)."""
+        return self.correct(number, amplitudes_of(self.data, solution))
+
+    def correct(self, number: int, amplitudes: Array) -> Array:
+        """Amplitudes (2, c, H) of a record as simulated, with what the discretisation adds."""
         correction = self.corrections.get(number)
-        return amplitudes_of(self.data, solution) + (0.0 if correction is None else correction.added)
+        return amplitudes + (0.0 if correction is None else correction.added)
 
     def std(self, record: Record) -> Array:
-        """Standard deviation of each amplitude of a record: noise and what the discretisation leaves, (c, H)."""
+        """Standard deviation of each amplitude of a record: noise and what the discretisation leaves, as the noise."""
         correction = self.corrections.get(record.number)
         return np.asarray(np.hypot(record.std, 0.0 if correction is None else correction.left))
 
@@ -149,7 +153,7 @@ class Campaign:
 
     def missed(self, record: Record, simulated: Simulated) -> Array:
         """Measured less simulated of each coefficient listed, (m,)."""
-        return np.asarray((record.measured - self.amplitudes(record.number, simulated.solution))[record.listed])
+        return np.asarray((record.measured - self.correct(record.number, simulated.amplitudes))[record.listed])
 
     def correlated(self, record: Record, simulated: Simulated) -> Array:
         """Disturbances of the coefficients listed, in standard deviations of these, (m, k)."""

@@ -6,9 +6,9 @@ deviations of the force go through the linear rig to the channels and are added 
 
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
-from typing import Self
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,60 +20,41 @@ from hbm.errors import InputError
 from hbm.fourier import MANY, Array, FourierBasis, sampled
 from hbm.inverse.sensing import Complex, readings
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.floored import FlooredCampaign
 from hbm.outputerror.numerics import Grid, Numerics, amplitudes_of
 from hbm.outputerror.records import Measurement, Record, parts
-from hbm.outputerror.simulated import FAILURES, Simulated, Solutions, States, in_record
+from hbm.outputerror.simulated import FAILURES, Simulated, States, in_record
 from hbm.sensitivity.jointed import JointChannels
 from hbm.sensitivity.lines import line_changes
 from models.jointed import AnyRig, JointedRig
 
 
 @dataclass(frozen=True, eq=False)
-class LineCampaign(Campaign):
+class LineCampaign(FlooredCampaign):
     """Records of many lines.
 
     Attributes
     ----------
     forces : dict of int to (2H+1,) array
         Coefficients of the force of each record [N].
-    floor : float
-        What no model describes, as noise of one level on all lines: its standard deviation as a share of the rms that
-        the lines of the channel have in the record.
     """
 
+    floor_of: ClassVar[str] = "the rms of the lines of a channel on each of them"
+
     forces: Mapping[int, Array] = field(default_factory=dict)
-    floor: float = 0.0
 
-    def std(self, record: Record) -> Array:
-        """Standard deviation of each amplitude of a record, (c, H)."""
-        rms = np.sqrt(np.nanmean(record.measured**2, axis=(0, 2)))
-        return np.asarray(np.hypot(record.std, self.floor * rms[:, None]))
-
-    def of(self, numbers: Sequence[int]) -> Self:
-        """Some of the records."""
-        return replace(self, data=super().of(numbers).data)
-
-    def corrected(self, rig: AnyRig, solutions: Solutions) -> Self:
-        """The same: the discretisation is fine enough as it is."""
-        return self
+    @property
+    def described(self) -> str:
+        """The records in words."""
+        lines = int(np.max([r.listed[0].any(axis=0).sum() for r in self.data.records]))
+        return f"{len(self.data.records)} records of up to {lines} lines"
 
     def simulate(
         self, rig: AnyRig, keys: Sequence[str], starts: States, needed: Collection[int] = ()
     ) -> dict[int, Simulated]:
-        """As of any campaign."""
+        """As of any campaign; what the force is uncertain by is in the standard deviations of the channels."""
         task = partial(_simulated, rig, self.numerics.working.basis, self.data, self.forces, tuple(keys))
         return self._each(task, starts, needed)
-
-    def disturbances(self, record: Record, simulated: Simulated) -> Array:
-        """None: what the force is uncertain by is in the standard deviations of the channels."""
-        return np.zeros((0, *record.measured.shape))
-
-    def refined(self) -> Self:
-        """The same on twice the harmonics and samples."""
-        basis = self.numerics.working.basis
-        fine = Grid(FourierBasis(2 * basis.H, 2 * basis.N_t), self.numerics.working.modes)
-        return replace(self, numerics=replace(self.numerics, working=fine))
 
 
 def line_campaign(rig: JointedRig, spectra: MeasuredSpectra, executor: Executor | None = None) -> LineCampaign:

@@ -34,8 +34,8 @@ class Record:
         Frequency [Hz], amplitude of the force [N] and standard deviation of each of its cos and sin.
     measured : (2, c, H) array
         Real and imaginary part of the amplitudes, nan where not measured.
-    std : (c, H) array
-        Standard deviation of each of them.
+    std : (c, H) or (2, c, H) array
+        Standard deviation of each of them, alike for both parts or not.
     start : State
         Motion by the reconstruction.
     distortion : (2, H-1) array

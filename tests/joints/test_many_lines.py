@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 from hbm import diagnose, joint_sensitivities, steady_state
 from hbm.balance.lines import LineBalance
+from hbm.diagnosis.flooredsearch import hopeful
 from hbm.diagnosis.jointscan import Scanned
-from hbm.diagnosis.linesearch import hopeful
 from hbm.files.diagnosed import Diagnosed
 from hbm.files.diagnosisplates import diagnosis_plates
 from hbm.fourier import MANY, Array, FourierBasis, sampled

@@ -1,17 +1,16 @@
-"""A diagnosis from records of many lines: the same questions as of other records, asked with what lines allow.
+"""A diagnosis beside a floor, of records of many lines and of backbones: the same questions as of other records.
 
-What no model describes counts as noise of one level on all lines of a channel. How large it is, the model says that is
-judged best: with it, its misfit is what noise makes. All models are fitted and compared beside it.
+What no model describes counts as noise of one level on all that a channel reads in a record. How large it is, the
+model says that is judged best: with it, its misfit is what noise makes. All models are fitted and compared beside it.
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from hbm.diagnosis.calibrate import off, trusted
 from hbm.diagnosis.candidates import HOPELESS
@@ -21,30 +20,33 @@ from hbm.diagnosis.decide import accepted, best_of, held_by, inclusion, inside, 
 from hbm.diagnosis.deviations import std_of_records
 from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.jointscan import Scanned
-from hbm.diagnosis.linescan import line_scan
 from hbm.diagnosis.misfit import NOISE_KNOWN, nrmse
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent
 from hbm.diagnosis.screen import starting
 from hbm.diagnosis.search import NEARLY, PAYS, OnProgress
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
-from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import Evaluation, evaluate, fit_from, fit_model
-from hbm.outputerror.lines import LineCampaign, line_campaign
+from hbm.outputerror.floored import FlooredCampaign, likeliest_floor
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
+from hbm.outputerror.whitened import Whitened
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
-from models.jointed import JointedRig
+from models.jointed import AnyRig
 
-FITTED, PLACES, MOST_CAUSES = 5, 2, 2
-"""Joints that are fitted of those that were scanned, and places of each law; causes that are named, at most."""
+FITTED, PLACES, TOGETHER = 5, 2, 2
+"""Joints that are fitted of those that were scanned, and places of each law; and of those that were not accepted alone
+so many beside which a second one is looked for, at most."""
 
 FLOORS, SETTLED = 4, 0.1
 """Times the floor is found anew, at most, and the relative change of it at which it is settled."""
 
 BEHIND = 2.0
 """A fit is given up that will not leave less than so many times what the best one does."""
+
+SAME = 1e-6
+"""Of the fall of chi2 that a law promises: places where it differs by less are not told apart."""
 
 PULLED = 2.0
 """A number of the rig file may be wrong that calibration moves by so many tolerances."""
@@ -53,23 +55,38 @@ NOISE = 5.0
 """Chi2 that noise makes is known to so many standard deviations."""
 
 
-class LineSearch:
-    """The search on the records fitted, and its score on those held out."""
+Scan = Callable[[Evaluation, Any, Sequence[AddedJoint]], Iterable[Scanned]]
+"""Scores joints that a model may lack, on the records of a campaign."""
+
+
+class FlooredSearch:
+    """The search on the records fitted, and its score on those held out.
+
+    Parameters
+    ----------
+    rig : JointedRig
+        Nominal.
+    campaign, hidden : FlooredCampaign
+        Records fitted, and held out if any.
+    scan : callable
+        For the campaign's kind of records.
+    candidates : sequence of Cause
+    tolerances : mapping of str to float or None
+    tell : callable
+    """
 
     def __init__(
         self,
-        rig: JointedRig,
-        spectra: MeasuredSpectra,
-        held: Sequence[int],
+        rig: AnyRig,
+        campaign: FlooredCampaign,
+        hidden: FlooredCampaign | None,
+        scan: Scan,
         candidates: Sequence[Cause],
         tolerances: Mapping[str, float] | None,
         tell: OnProgress,
-        executor: Executor | None,
     ) -> None:
-        train, unseen = spectra.split(held) if held else (spectra, None)
-        self.tell, self.candidates = tell, candidates
-        self.campaign = line_campaign(rig, train, executor)
-        self.hidden = None if unseen is None else line_campaign(rig, unseen, executor)
+        self.tell, self.candidates, self.scan = tell, candidates, scan
+        self.campaign, self.hidden = campaign, hidden
         self.trust = trusted(rig, self.campaign.data.channels, tolerances)
         tell("nominal", 0.0)
         bare = Model(rig, {})
@@ -99,7 +116,7 @@ class LineSearch:
         """Fits of the candidates that may explain what a model leaves, over it."""
         joints = [c for c in self.candidates if isinstance(c, AddedJoint)]
         self.tell("joints that may be missing", 0.3)
-        scores = [s for s in line_scan(base, self.campaign, joints) if s.starts]
+        scores = [s for s in self.scan(base, self.campaign, joints) if s.starts]
         self.tried += len(joints)
         starts: list[tuple[Cause, Sequence[dict[str, float]]]]
         starts = [(s.cause, s.starts) for s in hopeful(scores, base.chi2)]
@@ -139,24 +156,41 @@ class LineSearch:
 
     def decide(self) -> Evaluation | None:
         """The simplest model whose causes each take much of what is left without them; None where there is none."""
-        best, base = None, self.calibrated
-        while len(base.model.causes) < MOST_CAUSES and beyond_noise(self.beside(base, 0.0).white) > LARGEST:
-            found = self._best_over(base)
-            if found is None:
-                break
-            best = base = found
-        return best
+        if not self._left(self.calibrated):
+            return None
+        singles = self.race(self.calibrated)
+        first = self._best(self.calibrated, singles)
+        if first is None:
+            return self._together(singles)
+        return (self._best(first, self.race(first)) if self._left(first) else None) or first
 
-    def _best_over(self, base: Evaluation) -> Evaluation | None:
-        fits = best_of([e for e in self.race(base) if not off(self.trust, e)])
-        if not fits or not accepted(base, fits[0], self.tried) or (base.model.causes and not _pays(base, fits[0])):
+    def _left(self, e: Evaluation) -> bool:
+        """Whether a model leaves more than a background."""
+        return beyond_noise(self.beside(e, 0.0).white) > LARGEST
+
+    def _together(self, singles: Sequence[Evaluation]) -> Evaluation | None:
+        """Two causes that are seen together alone, as of one that softens and one that hardens.
+
+        The second is looked for over the best of those that were not accepted, where more than noise is left.
+        """
+        if within_noise(self.beside(self.calibrated, 0.0).white):
+            return None
+        pairs = [e for single in best_of(singles)[:TOGETHER] for e in self.race(single)]
+        return self._best(self.calibrated, pairs)
+
+    def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
+        """The simplest of some fits over a base that does as well as the best, if that is accepted."""
+        fits, before = best_of([e for e in raced if not off(self.trust, e)]), self.campaign
+        if not fits or (base.model.causes and not _pays(base, fits[0])):
             return None
         leader = self._settled(fits[0])
+        if not accepted(self.beside(base, self.campaign.floor), leader, self.tried):
+            self.campaign = before
+            return None
         others = [self._again(e) for e in fits[1:]]
         fits = best_of([leader, *(e for e in others if e is not None)])
         self.fits = [*fits, *(self.beside(e, self.campaign.floor) for e in self.fits)]
-        best = next((e for e in inside(fits[0], fits) if not _pays(e, fits[0])), fits[0])
-        return best
+        return next((e for e in inside(fits[0], fits) if not _pays(e, fits[0])), fits[0])
 
     def _again(self, e: Evaluation) -> Evaluation | None:
         try:
@@ -166,8 +200,7 @@ class LineSearch:
 
     def noise_alone(self, e: Evaluation) -> bool:
         """Whether a model leaves no more than the noise stated, and is within tolerances."""
-        white, n = self.beside(e, 0.0).white, len(e.white)
-        return bool(white.chi2 < (1 + NOISE_KNOWN) ** 2 * (n + NOISE * np.sqrt(2 * n)) and not off(self.trust, e))
+        return within_noise(self.beside(e, 0.0).white) and not off(self.trust, e)
 
     # ---- the conclusion
 
@@ -186,7 +219,7 @@ class LineSearch:
                 part.pop("extended", None)
             shares = {}
         judged = plain["calibrated" if named is None else "extended"]
-        ties = [] if named is None else tied([e for e in self.fits if len(e.model.causes) == 1], named)
+        ties = [] if named is None else self._ties(named)
         return Diagnosis(
             verdict=verdict,
             cause=None if named is None else name_of(named),
@@ -208,6 +241,11 @@ class LineSearch:
             held_campaign=None if self.hidden is None else replace(self.hidden, executor=None),
             tried=tuple(self.fits),
         )
+
+    def _ties(self, named: Evaluation) -> list[Evaluation]:
+        """Single causes that the records cannot tell from the first one named, where that is fitted alone."""
+        singles = [e for e in self.fits if len(e.model.causes) == 1]
+        return [other for e in singles if e.model.causes == named.model.causes[:1] for other in tied(singles, e)]
 
     def predicted(self, e: Evaluation) -> Evaluation | None:
         """A model on the records held out, beside noise alone; None where it has no steady state there."""
@@ -238,14 +276,13 @@ class LineSearch:
         self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation], shares: Mapping[str, float]
     ) -> Verdict:
         if shares:
-            least, left = min(shares.values()), beyond_noise(plain["extended"].white)
-            if least >= NEARLY and left <= LARGEST:
+            least, left = min(shares.values()), plain["extended"].white
+            if least >= NEARLY and negligible(left):
                 return "cause-found"
-            if least >= MAIN and left <= SAYS_NOTHING:
+            if least >= MAIN and beyond_noise(left) <= SAYS_NOTHING:
                 return "main-cause"
         whites = [part["calibrated"].white for part in (plain, unseen) if "calibrated" in part]
-        small = not off(self.trust, self.calibrated) and all(beyond_noise(w) <= LARGEST for w in whites)
-        return "consistent" if small else "unexplained"
+        return "consistent" if not off(self.trust, self.calibrated) and all(map(negligible, whites)) else "unexplained"
 
     def _confidence(self, verdict: Verdict, named: Evaluation | None, shares: Mapping[str, float]) -> float:
         if named is None:
@@ -268,9 +305,8 @@ class LineSearch:
     def _evidence(
         self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation], named: Evaluation | None
     ) -> Iterator[str]:
-        records, held = self.campaign.data.records, () if self.hidden is None else self.hidden.data.records
-        lines = int(np.max([r.listed[0].any(axis=0).sum() for r in records]))
-        yield f"{len(records)} records of up to {lines} lines fitted, {len(held)} held out."
+        held = 0 if self.hidden is None else len(self.hidden.data.records)
+        yield f"{self.campaign.described} fitted, {held} held out."
         basis = self.campaign.numerics.working.basis
         judged = plain["calibrated" if named is None else "extended"]
         yield (
@@ -279,10 +315,13 @@ class LineSearch:
         )
         yield (
             "Models are compared beside what none of them describes, as the best one leaves it: noise of "
-            f"{percent(self.campaign.floor)} of the rms of the lines of a channel on each of them."
+            f"{percent(self.campaign.floor)} of {self.campaign.floor_of}."
         )
         for name, e in plain.items():
-            scored = f", {nrmse(unseen[name].white):.3%} on those held out" if name in unseen else ""
+            scored = ""
+            if self.hidden is not None and name in unseen:
+                further = self.hidden.worst(unseen[name].found)
+                scored = f", {nrmse(unseen[name].white):.3%} on those held out{further}"
             yield (
                 f"The {name} model is off by {nrmse(e.white):.3%} on the records fitted{scored} "
                 f"({e.white.chi2 / len(e.white):.4g} noise variances)."
@@ -305,10 +344,22 @@ class LineSearch:
         return float(np.linalg.norm(fine.white.raw - e.white.raw[same]) / np.linalg.norm(fine.white.measured))
 
 
+def within_noise(white: Whitened) -> bool:
+    """Whether what a model leaves of records may be noise."""
+    n = len(white)
+    return bool(white.chi2 < (1 + NOISE_KNOWN) ** 2 * (n + NOISE * np.sqrt(2 * n)))
+
+
+def negligible(white: Whitened) -> bool:
+    """Whether what a model leaves of records may be noise, or is hardly more."""
+    return beyond_noise(white) <= LARGEST or within_noise(white)
+
+
 def hopeful(scores: Sequence[Scanned], missed: float) -> list[Scanned]:
     """Joints worth a fit, of each law at few places: alike at all of them, one law would leave no room for others.
 
-    A law that holds a simpler one, and promises to leave hardly less of what is missed, is none.
+    A law that holds a simpler one, and promises to leave hardly less of what is missed, is none. One that promises the
+    very same elsewhere, as a stop the other way round may, is tried once.
     """
     left = {s.cause.label: missed - s.drop for s in scores}
     plain = [
@@ -318,26 +369,12 @@ def hopeful(scores: Sequence[Scanned], missed: float) -> list[Scanned]:
     ]
     best, at, out = max((s.drop for s in plain), default=0.0), Counter[str](), list[Scanned]()
     for s in sorted(plain, key=lambda s: -s.drop):
+        if any(o.cause.name == s.cause.name and np.isclose(o.drop, s.drop, rtol=SAME) for o in out):
+            continue
         at[s.cause.name] += 1
         if s.drop >= HOPELESS * best and at[s.cause.name] <= PLACES:
             out.append(s)
     return out[:FITTED]
-
-
-def likeliest_floor(e: Evaluation, campaign: LineCampaign) -> float:
-    """The floor beside which what a model leaves is likeliest."""
-    plain = replace(campaign, floor=0.0)
-    records = [r for r in plain.data.records if r.number in e.found]
-    missed = np.concatenate([plain.missed(r, e.found[r.number]) for r in records]) ** 2
-    noise = np.concatenate([plain.listed_std(r) for r in records]) ** 2
-    unit = np.concatenate([replace(plain, floor=1.0).listed_std(r) for r in records]) ** 2 - noise
-
-    def deviance(log_floor: float) -> float:
-        variance = noise + np.exp(2 * log_floor) * unit
-        return float(np.sum(np.log(variance) + missed / variance))
-
-    found = minimize_scalar(deviance, bounds=(np.log(1e-6), np.log(2.0)), method="bounded")
-    return float(np.exp(found.x))
 
 
 def _pays(simple: Evaluation, rich: Evaluation) -> bool:

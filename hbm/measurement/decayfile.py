@@ -1,0 +1,72 @@
+"""Decay files, docs/reference/data_files.md: frequency and damping ratio over amplitude, as of ``hbm decay``."""
+
+from pathlib import Path
+
+import numpy as np
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.measurement.decay import Decay
+from hbm.textfiles import StrPath, read_rows
+
+NUMBERS = ("amplitude", "frequency_hz", "frequency_hz_std", "damping_ratio", "damping_ratio_std")
+COLUMNS = ("channel", *NUMBERS)
+
+
+def is_decay(path: StrPath) -> bool:
+    """Whether a file is a CSV file with the columns of a decay."""
+    if Path(path).suffix.lower() != ".csv" or not Path(path).is_file():
+        return False
+    _, heading = next(read_rows(path, "a CSV file"), (1, []))
+    names = [name.strip() for name in heading]
+    return {"amplitude", "frequency_hz", "damping_ratio"} <= set(names)
+
+
+def load_decay(path: StrPath) -> Decay:
+    """Read a decay file.
+
+    Parameters
+    ----------
+    path : str or path
+        CSV with the columns ``channel,amplitude,frequency_hz,frequency_hz_std,damping_ratio,damping_ratio_std``, in any
+        order, others left out. One row per amplitude of one channel.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, an entry is no number, or a number is out of its bounds.
+    """
+    rows = read_rows(path, "a decay file (CSV)")
+    line, heading = next(rows, (1, []))
+    names = [name.strip() for name in heading]
+    for name in COLUMNS:
+        if names.count(name) != 1:
+            raise InputError(f"{path} line {line}: no column {name}; must have {','.join(COLUMNS)}, each once")
+    at = [names.index(name) for name in COLUMNS]
+    channels, table = [], []
+    for line, row in rows:
+        where = f"{path} line {line}"
+        if len(row) != len(names):
+            raise InputError(f"{where}: {len(row)} entries; must have {len(names)}")
+        channel, *numbers = (row[i].strip() for i in at)
+        channels.append(channel)
+        table.append(_numbers(where, numbers))
+    if not table:
+        raise InputError(f"{path}: no rows; must have one per amplitude")
+    if len(set(channels)) > 1:
+        raise InputError(f"{path}: channels {', '.join(dict.fromkeys(channels))}; must be one")
+    amplitude, hz, hz_std, ratio, ratio_std = np.array(table).T
+    return Decay(str(path), channels[0], "", amplitude, hz, hz_std, ratio, ratio_std)
+
+
+def _numbers(where: str, texts: list[str]) -> Array:
+    """Numbers of a row, all but the damping ratio above zero."""
+    try:
+        row = np.array([float(text) for text in texts])
+    except ValueError:
+        raise InputError(f"{where}: {', '.join(texts)}; must be numbers, {', '.join(NUMBERS)}") from None
+    for name, value in zip(NUMBERS, row, strict=True):
+        if not np.isfinite(value) or (name != "damping_ratio" and value <= 0.0):
+            accepted = "finite" if name == "damping_ratio" else "> 0"
+            raise InputError(f"{where}: {name} = {value:g}; must be {accepted}")
+    return row

@@ -1,0 +1,154 @@
+"""A measured backbone beside that of a rig: frequency and damping of a mode over the amplitude of a channel.
+
+A record is one amplitude. Its one reading is the complex frequency of the decay in Hz: the frequency less a reference,
+and half the bandwidth, which is damping ratio times frequency. An error of this reading relative to the half bandwidth
+is that of the force that keeps the motion up at its resonance.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from continuation import ConvergenceError
+from hbm.balance.scaled import State
+from hbm.errors import InputError
+from hbm.fourier import Array, FourierBasis
+from hbm.measurement.decay import Decay
+from hbm.modes.decaying import at_channel, over_channel
+from hbm.modes.linear import linear_modes
+from hbm.modes.sensitivity import decay_changes
+from hbm.outputerror.floored import FlooredCampaign
+from hbm.outputerror.numerics import Grid, Numerics
+from hbm.outputerror.records import Measurement, Record
+from hbm.outputerror.simulated import FAILURES, Simulated, States
+from hbm.response.budget import Budget
+from models.jointed import AnyRig, JointedRig
+
+BASIS = FourierBasis(7, 128)
+"""Harmonics and samples of the motions; a diagnosis says what twice as many of both would change."""
+
+BUDGET = Budget(points=60)
+"""A branch that does not fold takes 20 points for two decades; one that folds is not what a decay shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class BackboneCampaign(FlooredCampaign):
+    """Amplitudes of a decay.
+
+    Attributes
+    ----------
+    mode : int
+        Number of the mode, counted from 1.
+    reference : float
+        Frequency from which frequencies are counted [Hz].
+    """
+
+    floor_of: ClassVar[str] = "the complex frequency at each amplitude"
+
+    mode: int = 1
+    reference: float = 0.0
+
+    @property
+    def described(self) -> str:
+        """The amplitudes in words."""
+        return f"{len(self.data.records)} amplitudes of {self.data.channels[0]}"
+
+    @property
+    def amplitudes_held(self) -> Array:
+        """Amplitude of the channel in each record, (r,)."""
+        return np.array([r.level for r in self.data.records])
+
+    def simulate(
+        self, rig: AnyRig, keys: Sequence[str], starts: States, needed: Collection[int] = ()
+    ) -> dict[int, Simulated]:
+        """As of any campaign: all amplitudes, along the nonlinear mode of the rig, or none."""
+        try:
+            return self._along_mode(rig, keys)
+        except FAILURES as failed:
+            if needed:
+                raise ConvergenceError(f"diagnose: the rig has lost its nonlinear mode: {failed}") from None
+            return {}
+
+    def _along_mode(self, rig: AnyRig, keys: Sequence[str]) -> dict[int, Simulated]:
+        channel, held, basis = self.data.channels[0], self.amplitudes_held, self.numerics.working.basis
+        branch = over_channel(rig, self.mode, channel, (float(held.min()), float(held.max())), basis, BUDGET)
+        motions = at_channel(branch, channel, held)
+        half = motions.hz * motions.damping_ratio
+        found = {}
+        for i, (r, by) in enumerate(zip(self.data.records, decay_changes(motions, channel, keys), strict=True)):
+            nothing = np.zeros(r.measured.shape)
+            found[r.number] = Simulated(
+                solution=motions.points[i],
+                amplitudes=_reading(float(motions.hz[i]) - self.reference, float(half[i])),
+                by_keys=np.array([by.hz, by.relief / (4 * np.pi)])[:, None, None],
+                by_force=nothing,
+                by_hz=nothing,
+                by_tones=None,
+                by_history=None,
+                by_transients=None,
+                Q_by_keys=by.Q,
+                T_by_keys=by.T,
+            )
+        return found
+
+    def worst(self, found: Mapping[int, Simulated]) -> str:
+        """The largest errors of frequency and damping ratio, in words."""
+        hz, ratio = [], []
+        for r in self.data.records:
+            real, simulated = self._frequency(r.measured), self._frequency(found[r.number].amplitudes)
+            hz.append(abs(simulated[0] / real[0] - 1.0))
+            ratio.append(abs(simulated[1] / real[1] - 1.0))
+        return f", frequency within {100 * max(hz):.2g} % and damping ratio within {100 * max(ratio):.2g} %"
+
+    def _frequency(self, reading: Array) -> tuple[float, float]:
+        """Frequency [Hz] and damping ratio of a reading."""
+        hz = self.reference + float(reading[0, 0, 0])
+        return hz, float(reading[1, 0, 0]) / hz
+
+
+def backbone_campaign(rig: AnyRig, decay: Decay, rows: Sequence[int], reference: float) -> BackboneCampaign:
+    """Some amplitudes of a decay, by the numbers of their rows.
+
+    Raises
+    ------
+    InputError
+        If the rig has no joints, or not the channel of the decay.
+    """
+    if not isinstance(rig, JointedRig):
+        raise InputError(
+            f"{rig.name}: has one contact; a decay is diagnosed with a rig with [[joints]] or [modal] ports"
+        )
+    if decay.channel not in [c.name for c in rig.response_channels]:
+        names = ", ".join(c.name for c in rig.response_channels)
+        raise InputError(f"{decay.source}: channel {decay.channel}; must be one of the rig: {names}")
+    records = tuple(_record(decay, number, reference) for number in rows)
+    stuck = linear_modes(rig).stuck_hz
+    mode = 1 + int(np.nanargmin(np.abs(stuck - float(decay.hz[np.argmin(decay.amplitude)]))))
+    grid = Grid(BASIS, rig.structure.n)
+    data = Measurement(records, (decay.channel,), 1, decay.amplitude[np.array(rows) - 1])
+    return BackboneCampaign(data, Numerics(grid, grid, grid, 0.0), mode=mode, reference=reference)
+
+
+def _record(decay: Decay, number: int, reference: float) -> Record:
+    i = number - 1
+    hz, ratio, amplitude = float(decay.hz[i]), float(decay.damping_ratio[i]), float(decay.amplitude[i])
+    return Record(
+        number=number,
+        name=str(number),
+        hz=hz,
+        force=amplitude,
+        force_std=0.0,
+        measured=_reading(hz - reference, ratio * hz),
+        std=_reading(float(decay.hz_std[i]), float(decay.damping_ratio_std[i]) * hz),
+        start=State(np.zeros((1, 0)), np.zeros((1, 0)), 2 * np.pi * hz, 1.0),
+        distortion=np.full((2, 0), np.nan),
+        distortion_std=np.full(0, np.nan),
+        level=amplitude,
+    )
+
+
+def _reading(hz: float, half: float) -> Array:
+    """Frequency and half bandwidth as the two parts of the fundamental of one channel, (2, 1, 1)."""
+    return np.array([hz, half])[:, None, None]

@@ -1,0 +1,187 @@
+"""Diagnosis of decays whose answer is known: simulated on another discretisation by another rig, with noise."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hbm.cli import app
+from hbm.diagnosis.backbones import diagnose_backbone
+from hbm.errors import InputError
+from hbm.files.outputs import columns_text
+from hbm.fourier import FourierBasis
+from hbm.measurement.decay import Decay
+from hbm.measurement.decayfile import is_decay, load_decay
+from hbm.modes.decaying import at_channel, over_channel
+from hbm.rigfiles.load import load_rig
+from models.causes.addedjoint import AddedJoint
+from models.causes.joints import CubicStiffness, JointMicroslip, JointSlip, QuadraticDamping
+from models.jointed import JointedRig
+
+RIG = """
+name = "one mode"
+[modal]
+frequencies_hz = [80.0]
+ports = {{ tip = [0.8] }}
+[damping]
+modal_ratios = [{ratio}]
+[excitation]
+at = "tip"
+amplitude = 1.0
+[[channels]]
+name = "acc"
+quantity = "acceleration"
+at = "tip"
+"""
+AMPLITUDES = np.geomspace(14.0, 0.4, 18)
+LARGEST = 14.0 / (2 * np.pi * 80.0) ** 2
+"""Motion [m]."""
+
+TRIED = [CubicStiffness, QuadraticDamping, JointSlip, JointMicroslip]
+HELD = (2, 5, 8, 11, 14, 17)
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> JointedRig:
+    return made(tmp_path, 0.0012)
+
+
+def made(folder: Path, ratio: float) -> JointedRig:
+    (folder / "rig.toml").write_text(RIG.format(ratio=ratio))
+    found = load_rig(folder / "rig.toml")
+    assert isinstance(found, JointedRig)
+    return found
+
+
+def decayed(rig: JointedRig, seed: int) -> Decay:
+    """Its backbone with 0.02 % of noise on the frequency and 3 % on the damping, on a grid of its own."""
+    branch = over_channel(rig, 1, "acc", (float(AMPLITUDES[-1]), float(AMPLITUDES[0])), FourierBasis(15, 512))
+    mode, draw = at_channel(branch, "acc", AMPLITUDES), np.random.default_rng(seed).normal(size=(2, len(AMPLITUDES)))
+    hz, ratio = mode.hz * (1 + 2e-4 * draw[0]), mode.damping_ratio * (1 + 0.03 * draw[1])
+    return Decay("decay.csv", "acc", "m/s^2", AMPLITUDES, hz, 2e-4 * mode.hz, ratio, 0.03 * mode.damping_ratio)
+
+
+@pytest.mark.parametrize(
+    ("cause", "values"),
+    [
+        (JointMicroslip("tip"), {"stiffness": 4e3, "limit": 0.9 * 4e3 * LARGEST}),
+        (JointSlip("tip"), {"limit": 0.3 * 4e3 * LARGEST, "critical_slip": 0.3 * LARGEST}),
+        (CubicStiffness("tip"), {"cubic": 3e3 / LARGEST**2}),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_the_joint_that_bends_a_backbone_is_named(
+    cause: AddedJoint, values: dict[str, float], rig: JointedRig, tmp_path: Path
+) -> None:
+    """The linear mode of the rig is off by half a tolerance; the numbers of the joint come back."""
+    truth = cause.extend(made(tmp_path, 0.0013), values)
+    found = diagnose_backbone(rig, decayed(truth, 1), causes=TRIED)
+    assert (found.verdict, found.cause) == ("cause-found", cause.name)
+    assert found.held_out_records == HELD
+    assert found.errors["extended"]["held_out"].chi2_reduced < 3.0 < found.errors["calibrated"]["held_out"].chi2_reduced
+    for name, value in values.items():
+        estimate = found.parameters[name]
+        assert isinstance(estimate.value, float)
+        assert abs(estimate.value - value) < 4.0 * estimate.std
+        assert estimate.std < 0.5 * value
+
+
+def test_what_softens_and_what_hardens_are_named_together(rig: JointedRig) -> None:
+    """Each hides the other: the frequency falls and rises again."""
+    softer = JointMicroslip("tip").extend(rig, {"stiffness": 6e3, "limit": 1.2 * 6e3 * LARGEST})
+    found = diagnose_backbone(
+        rig,
+        decayed(CubicStiffness("tip").extend(softer, {"cubic": 3e3 / LARGEST**2}), 1),
+        causes=[JointMicroslip, CubicStiffness],
+    )
+    assert found.verdict == "cause-found"
+    assert found.extended_fit is not None
+    assert {c.name for c in found.extended_fit.model.causes} == {"joint-microslip", "cubic-stiffness"}
+
+
+def test_a_linear_decay_is_consistent(rig: JointedRig, tmp_path: Path) -> None:
+    """Counted over five draws of noise."""
+    verdicts = [diagnose_backbone(rig, decayed(made(tmp_path, 0.0013), seed)).verdict for seed in range(5)]
+    assert verdicts == 5 * ["consistent"]
+
+
+def test_a_law_that_is_not_tried_is_not_explained(rig: JointedRig, tmp_path: Path) -> None:
+    truth = CubicStiffness("tip").extend(rig, {"cubic": 3e3 / LARGEST**2})
+    found = diagnose_backbone(rig, decayed(truth, 1), causes=[QuadraticDamping])
+    assert (found.verdict, found.cause, found.extended) == ("unexplained", None, None)
+
+
+def written(path: Path, decay: Decay) -> Path:
+    path.write_text(columns_text(decay.columns))
+    return path
+
+
+def test_the_command_writes_what_of_other_records_it_writes(rig: JointedRig, tmp_path: Path) -> None:
+    truth = CubicStiffness("tip").extend(rig, {"cubic": 3e3 / LARGEST**2})
+    file, out = written(tmp_path / "decay.csv", decayed(truth, 1)), tmp_path / "out"
+    args = ["diagnose", str(tmp_path / "rig.toml"), str(file), "--out", str(out), "--cause", "cubic-stiffness"]
+    result = CliRunner().invoke(app, [*args, "--hold-out", "1", "--hold-out", "18"])
+    assert result.exit_code == 0, result.output
+    table = json.loads((out / "diagnosis.json").read_text())
+    assert (table["verdict"], table["cause"]) == ("cause-found", "cubic-stiffness")
+    assert table["held_out_records"] == [1, 18]
+    assert {p.name for p in out.iterdir()} == {
+        "diagnosis.json", "errors.csv", "ranking.csv", "extended.toml", "report.html", "figures",
+    }  # fmt: skip
+    extended = load_rig(out / "extended.toml")
+    branch = at_channel(over_channel(extended, 1, "acc", (0.4, 14.0)), "acc", AMPLITUDES)
+    drawn = np.genfromtxt(out / "figures" / "backbone.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+    own = drawn[drawn["model"] == "extended"]
+    assert own["simulated_hz"] == pytest.approx(branch.hz[::-1], rel=1e-6)
+    assert own["simulated_damping_ratio"] == pytest.approx(branch.damping_ratio[::-1], rel=1e-4)
+
+
+def test_what_is_no_question_of_a_decay_is_refused(rig: JointedRig, tmp_path: Path) -> None:
+    decay = decayed(rig, 1)
+    file = written(tmp_path / "decay.csv", decay)
+    args = ["diagnose", str(tmp_path / "rig.toml"), str(file), "--out", str(tmp_path / "out")]
+    for more, line in (
+        (["--repeatability", "1"], f"diagnose: --repeatability: {file} is a decay; must be of spectra\n"),
+        (["--hold-out", "19"], f"{file}: no amplitude 19 to hold out; must be from 1 to 18\n"),
+    ):
+        result = CliRunner().invoke(app, [*args, *more])
+        assert (result.exit_code, result.stderr) == (2, line)
+    with pytest.raises(InputError, match="channel tip; must be one of the rig: acc"):
+        diagnose_backbone(rig, Decay("d.csv", "tip", "", *[getattr(decay, n) for n in FIELDS]))
+    with pytest.raises(InputError, match="5 amplitudes; must be 6 at least"):
+        diagnose_backbone(rig, Decay("d.csv", "acc", "", *[getattr(decay, n)[:5] for n in FIELDS]))
+
+
+FIELDS = ("amplitude", "hz", "hz_std", "damping_ratio", "damping_ratio_std")
+
+
+def test_a_decay_file_is_read_back(rig: JointedRig, tmp_path: Path) -> None:
+    decay = decayed(rig, 2)
+    file = written(tmp_path / "decay.csv", decay)
+    back = load_decay(file)
+    assert is_decay(file)
+    assert back.channel == "acc"
+    for name in FIELDS:
+        assert getattr(back, name) == pytest.approx(getattr(decay, name), rel=1e-9)
+
+
+HEADING = "channel,amplitude,frequency_hz,frequency_hz_std,damping_ratio,damping_ratio_std\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("amplitude,frequency_hz,damping_ratio\n", "line 1: no column channel; must have " + HEADING[:-1]),
+        (HEADING, "no rows; must have one per amplitude"),
+        (HEADING + "v,1,80,0,0.1,0.1\n", "line 2: frequency_hz_std = 0; must be > 0"),
+        (HEADING + "v,1,80,x,0.1,0.1\n", "line 2: 1, 80, x, 0.1, 0.1; must be numbers"),
+        (HEADING + "v,1,80,1\n", "line 2: 4 entries; must have 6"),
+        (HEADING + "v,1,80,1,0.1,0.1\nw,1,80,1,0.1,0.1\n", "channels v, w; must be one"),
+    ],
+)
+def test_what_is_no_decay_file_is_refused(text: str, line: str, tmp_path: Path) -> None:
+    (tmp_path / "decay.csv").write_text(text)
+    with pytest.raises(InputError, match=line):
+        load_decay(tmp_path / "decay.csv")
