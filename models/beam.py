@@ -126,7 +126,9 @@ class Beam:
     @property
     def quantities(self) -> Iterator[tuple[str, str, Any]]:
         """Key of the rig file, quantity of :mod:`models.plausible`, value."""
-        return ((f"beam.{name}", name, getattr(self, name)) for name in MEASURES)
+        yield from ((f"beam.{name}", name, getattr(self, name)) for name in MEASURES)
+        if isinstance(self.length, float) and isinstance(self.thickness, float):
+            yield "beam.thickness", "thickness of a beam", self.thickness / self.length
 
     @property
     def area(self) -> float:
