@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from hbm.figures.joints import draw_joints
+from hbm.figures.stretches import DASHES, draw_line
 from hbm.figures.style import (
     FAINT,
     INK,
@@ -35,7 +35,6 @@ MARKERS = {
     "period doubling": ("^", 4.0),
     "ends here": ("x", 6.0),
 }
-DASHES = {"unstable": (0, (3, 1.5)), "in doubt": (0, (1, 1))}
 PHASE_TICKS = np.arange(-270, 91, 90)
 
 
@@ -166,30 +165,6 @@ def over(curves: Sequence[ResponseCurve]) -> str:
     return "Force amplitude [N]" if curves[0].problem.parameter == "force" else "Excitation frequency [Hz]"
 
 
-def draw_line(
-    ax: Axes, curve: ResponseCurve, y: Array, color: Color, linewidth: float = 1.4, label: str | None = None
-) -> None:
-    """Draw a line over what is varied, dashed where the curve says it is unstable, dotted in doubt."""
-    label = f"{curve.level:g} N" if label is None else label
-    if curve.stable is None or curve.doubtful is None:
-        ax.plot(curve.values, y, color=color, linewidth=linewidth, label=label)
-        return
-    unstable = ~curve.stable & ~curve.doubtful
-    ax.plot(curve.values, np.where(unstable | curve.doubtful, np.nan, y), color=color, linewidth=linewidth, label=label)
-    for name, chosen in (("unstable", unstable), ("in doubt", curve.doubtful)):
-        if chosen.any():
-            part = np.where(_with_neighbours(chosen), y, np.nan)
-            ax.plot(curve.values, part, color=color, linewidth=linewidth, linestyle=DASHES[name], label=f"_{name}")
-
-
-def _with_neighbours(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    """Mask that also covers the entries beside it: the segments that lead there."""
-    wide = mask.copy()
-    wide[1:] |= mask[:-1]
-    wide[:-1] |= mask[1:]
-    return wide
-
-
 def mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
     """Discreet markers where the curve turns back, has corners, bifurcates, or ends too early."""
     for kind, (values, heights) in _places(curve, y).items():
@@ -249,12 +224,12 @@ def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve]) -> None:
     if min(float(least_reaction(c).min()) for c in curves) < 0.25 * P:
         ax.axhline(0.0, color="0.35", linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=0)
         ax.text(
-            0.995,
+            0.005,
             0.0,
             "lift-off below",
             transform=ax.get_yaxis_transform(),
-            ha="right",
-            va="bottom",
+            ha="left",
+            va="top",
             fontsize=SMALL,
             color="0.35",
         )

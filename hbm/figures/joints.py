@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
+from hbm.figures.stretches import draw_line
 from hbm.figures.style import INK, SMALL, as_written, dressed
 
 if TYPE_CHECKING:
@@ -15,6 +17,9 @@ if TYPE_CHECKING:
 
 SHOWN = 1e-4
 """Share of the largest value below which a value is left off the panel."""
+
+WIDTHS = (0.7, 1.7)
+"""Of the lines of the lowest and of the highest level."""
 
 LEGEND = 12
 """Largest number of ports that are named in a legend."""
@@ -32,25 +37,32 @@ def _units(rig: "JointedRig") -> tuple[str, str]:
 
 
 def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) -> None:
-    """Peaks of force and motion at every port over what is varied; every level in the port's colour."""
+    """Peaks of force and motion at every port over what is varied, a colour a port; the higher the level the wider."""
     rig: Any = curves[0].rig
     if not rig.joints:
         force.set_axis_off()
         motion.set_axis_off()
         return
-    for i, curve in enumerate(curves):
-        for color, f, u in zip(colors_of(rig), rig.forces, rig.motions, strict=True):
-            label = as_written(f.replace(".force", "")) if i == 0 else "_"
-            force.plot(curve.values, curve[f].peak, color=color, linewidth=1.2, label=label)
-            motion.plot(curve.values, curve[u].peak * 1e6, color=color, linewidth=1.2)
-    for ax in (force, motion):
+    curves = sorted(curves, key=lambda c: c.level)
+    widths = np.linspace(*WIDTHS, len(curves)) if len(curves) > 1 else [float(np.mean(WIDTHS))]
+    for ax, names, scale in ((force, rig.forces, 1.0), (motion, rig.motions, 1e6)):
+        peaks = [[scale * curve[name].peak for name in names] for curve in curves]
+        for curve, width, own in zip(curves, widths, peaks, strict=True):
+            for color, peak in zip(colors_of(rig), own, strict=True):
+                draw_line(ax, curve, peak, color, width)
         ax.set_yscale("log")
-        highest = max(float(np.max(np.asarray(line.get_ydata(), dtype=float))) for line in ax.get_lines())
-        lowest = min(float(np.min(np.asarray(line.get_ydata(), dtype=float))) for line in ax.get_lines())
+        highest, lowest = (float(find([find(p) for own in peaks for p in own])) for find in (np.max, np.min))
         ax.set_ylim(bottom=max(lowest, SHOWN * highest) / 2)
+    handles = []
     if rig.ports <= LEGEND:
-        columns = 1 + (rig.ports - 1) // 6
-        force.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best", ncols=columns)
+        named = zip(colors_of(rig), rig.forces, strict=True)
+        handles = [Line2D([], [], color=c, label=as_written(f.replace(".force", ""))) for c, f in named]
+    if len(curves) > 1:
+        levels = zip(widths, curves, strict=True)
+        handles += [Line2D([], [], color=INK, linewidth=w, label=f"{c.level:g} N") for w, c in levels]
+    if handles:
+        columns = max(1 + (len(handles) - 1) // 6, 1 + (len(curves) > 1))
+        force.legend(handles=handles, frameon=False, fontsize=SMALL, labelcolor=INK, loc="best", ncols=columns)
     dressed(force, "", f"Joint force,\npeak [{_units(rig)[0]}]")
     dressed(motion, "", f"Joint motion,\npeak [{_units(rig)[1]}]")
 

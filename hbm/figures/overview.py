@@ -71,10 +71,10 @@ def plot_overview(
     _draw_record_errors(right, models)
     handles = record_handles(any_model)
     for name in models:
-        shown: dict[str, Any] = {"linestyle": STYLES[name], "marker": MARKERS[name], "markersize": 4}
+        shown: dict[str, Any] = {"linestyle": STYLES[name], "marker": MARKERS[name], "markersize": 4, "linewidth": 1.2}
         handles.append(Line2D([], [], color=COLORS[name], label=name, **shown))
     handles.append(Line2D([], [], linestyle="", marker="_", color="0.35", label="noise"))
-    legend_above(pair, handles, ncols=6, columnspacing=1.4)
+    legend_above(pair, handles, ncols=6, columnspacing=1.4, handlelength=2.6)  # as long as shows dashes
     return pair
 
 
@@ -98,7 +98,7 @@ def _draw_record_errors(ax: Axes, models: Mapping[str, Compared]) -> None:
         ends = np.searchsorted(frequencies, [hz for band in bands for hz in band])
         ax.set_xticks(place[ends], [f"{hz:.4g}" for hz in frequencies[ends]])
     dressed(ax, f"{FREQUENCY}{', not to scale' if several else ''}", "Error [%]")
-    ax.set_title("all channels and harmonics, by record", fontsize=SMALL + 1, loc="left", color=INK)
+    ax.set_title("all channels and harmonics", fontsize=SMALL + 1, loc="left", color=INK)
 
 
 def _in_order(frequencies: Array, bands: Sequence[tuple[float, float]]) -> Array:

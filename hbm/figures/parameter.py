@@ -1,7 +1,8 @@
 """Figure of a response along a number of the rig."""
 
-from hbm.figures.curves import draw_line, explain, least_reaction, mark
+from hbm.figures.curves import explain, least_reaction, mark
 from hbm.figures.joints import draw_joints
+from hbm.figures.stretches import draw_line
 from hbm.figures.style import FAINT, INK, AxesArray, Color, align_labels, dressed, graded, headed, panels
 from hbm.tracking.parameterresponse import ParameterCurve
 from models.jointed import JointedRig

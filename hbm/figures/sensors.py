@@ -9,7 +9,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from hbm.errors import InputError
-from hbm.figures.curves import DASHES, Curves, draw_line, listed, over
+from hbm.figures.curves import Curves, listed, over
+from hbm.figures.stretches import DASHES, draw_line
 from hbm.figures.style import (
     INK,
     SMALL,
