@@ -21,6 +21,7 @@ LARGEST_HISTORY = 20_000_000  # samples
 def simulate(
     rig: RigFile,
     frequency: Annotated[str, typer.Option(metavar="HZ", help="Excitation frequency.", show_default=False)],
+    level: Annotated[str | None, typer.Option(metavar="N", help="Force amplitude; the rig's where omitted.")] = None,
     duration: Annotated[
         str | None, typer.Option(metavar="S", help="How long, in seconds; 50 periods where omitted.")
     ] = None,
@@ -39,11 +40,12 @@ def simulate(
     check_outputs("simulate", out, plot)
     hz = positive("simulate", "--frequency", frequency, "Hz")
     seconds = 50.0 / hz if duration is None else positive("simulate", "--duration", duration, "s")
+    force = None if level is None else positive("simulate", "--level", level, "N")
     limit = seconds_of("simulate", max_seconds)
     _check_duration(hz, seconds)
     from hbm.rigfiles.load import load_rig
 
-    history = _march(load_rig(rig, allow_code=allow_code or None), hz, seconds, limit)
+    history = _march(load_rig(rig, allow_code=allow_code or None), hz, force, seconds, limit)
     deliver_history(history, out, plot, contact=contact)
 
 
@@ -56,10 +58,10 @@ def _check_duration(hz: float, seconds: float) -> None:
         raise InputError(f"simulate: --duration = {seconds:g}; must be <= {most:.6g} s at {hz:g} Hz, for memory's sake")
 
 
-def _march(rig: "AnyRig", hz: float, seconds: float, limit: float) -> "TimeHistory | JointHistory":
+def _march(rig: "AnyRig", hz: float, level: float | None, seconds: float, limit: float) -> "TimeHistory | JointHistory":
     from hbm.commands.progress import Sweep
     from hbm.integration.integrate import simulate as march
 
     advice = "try a shorter --duration, or a larger --max-seconds"
     with Sweep("time", 0.0, seconds, unit="s") as progress, within("simulate", limit, progress.doing, advice):
-        return march(rig, hz, duration=seconds, progress=progress.time)
+        return march(rig, hz, level=level, duration=seconds, progress=progress.time)

@@ -3,11 +3,11 @@
 import sys
 
 import numpy as np
+from hbm.models.causes.joints import JointMicroslip, JointSlip, LocalDahl, QuadraticDamping
 from scipy.optimize import minimize
 
 from hbm import load_rig
 from hbm.modes.decaying import over_channel, predicted
-from models.causes.joints import JointMicroslip, JointSlip, LocalDahl, QuadraticDamping
 
 rig, table = load_rig(sys.argv[1]), np.genfromtxt(sys.argv[2], delimiter=",", names=True)
 amplitude, held = table["amplitude"], np.arange(len(table)) % 3 == 1  # a third is never used to fit
