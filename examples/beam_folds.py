@@ -15,9 +15,11 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from hbm.continuation import Kind
+from hbm.models import Damping, Rig
+from hbm.models.published import paper_rig
 from matplotlib.figure import Figure
 
-from continuation import Kind
 from hbm import ResponseCurve, linear_modes, steady_state, with_stability
 from hbm.balance.solution import PeriodicSolution
 from hbm.figures.style import FAINT, INK, SMALL, dressed, graded
@@ -26,8 +28,6 @@ from hbm.integration.handover import state_at_phase_zero
 from hbm.integration.integrate import simulate
 from hbm.response.trace import trace_frequency
 from hbm.tracking.folds import FoldPath, fold_path, isolas
-from models import Damping, Rig
-from models.published import paper_rig
 
 RANGE = 45.0, 58.0
 LEVEL = 6.5

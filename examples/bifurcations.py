@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
+from hbm.continuation import Branch, ConvergenceError, Kind
+from hbm.models import Channel, Contact, Damping, Excitation, ModalBody, Rig
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from continuation import Branch, ConvergenceError, Kind
 from hbm import ResponseCurve, trace_frequency, with_stability
 from hbm.response.branching import crossing, doubled
-from models import Channel, Contact, Damping, Excitation, ModalBody, Rig
 
 HZ = 1 / (2 * np.pi)
 """One radian per second."""

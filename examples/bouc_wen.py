@@ -4,8 +4,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 import casadi as ca
-
-from models.friction import ContactSample, Value, parameter
+from hbm.models.friction import ContactSample, Value, parameter
 
 
 @dataclass(frozen=True, eq=False)

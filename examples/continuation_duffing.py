@@ -16,9 +16,7 @@ from typing import Any
 import casadi as ca
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
-
-from continuation import (
+from hbm.continuation import (
     AtMu,
     Branch,
     DenseTwoParameterProblem,
@@ -30,6 +28,7 @@ from continuation import (
     isolas,
     refine,
 )
+from matplotlib.figure import Figure
 
 SAMPLES = 32
 BLUE, ORANGE, GREEN, GREY = "#0072b2", "#d55e00", "#009e73", "0.6"

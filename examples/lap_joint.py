@@ -12,17 +12,17 @@ from functools import cache
 
 import numpy as np
 import skfem
+from hbm.models import Jenkins
+from hbm.models.bodies import MatrixBody
+from hbm.models.jointed import JointedRig
+from hbm.models.joints import Friction, Joint, PlaneFriction
+from hbm.models.parts import Damping, Excitation
 from scipy import sparse
 from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from hbm import frequency_response, nonlinear_mode
 from hbm.figures.backbone import plot_backbones
-from models import Jenkins
-from models.bodies import MatrixBody
-from models.jointed import JointedRig
-from models.joints import Friction, Joint, PlaneFriction
-from models.parts import Damping, Excitation
 
 LENGTH, WIDTH, THICKNESS, LAP = 200.0, 30.0, 3.0, 100.0  # mm, of each plate and of their overlap
 E, NU, DENSITY = 210e9, 0.3, 7800.0

@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, replace
 from math import nan
 from typing import ClassVar
 
-from models import Beam, Rig
-from models.causes import Cause, Unknown
-from models.elements import Reading
-from models.friction import Value, parameter
+from hbm.models import Beam, Rig
+from hbm.models.causes import Cause, Unknown
+from hbm.models.elements import Reading
+from hbm.models.friction import Value, parameter
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,11 +8,14 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
+import typer
 from rich.console import Console
+from rich.text import Text
+from typer.core import TyperGroup
 from typer.testing import CliRunner, Result
 
 import hbm
@@ -488,6 +491,24 @@ def test_simulate_writes_the_history_and_the_figure(tmp_path: Path) -> None:
 
 def test_simulate_lasts_50_periods_unless_told() -> None:
     assert "50 periods, 1 s" in run("simulate", ONE_MODE, "--frequency", "50").stdout
+
+
+def test_simulate_at_a_level_of_ones_own(tmp_path: Path) -> None:
+    out = tmp_path / "h.csv"
+    done = run("simulate", ONE_MODE, "--frequency", "40", "--level", "3", "--duration", "0.1", "--out", str(out))
+    assert done.exit_code == 0
+    time, force, _ = np.loadtxt(out, delimiter=",", skiprows=1).T
+    assert force == pytest.approx(3.0 * np.cos(2 * np.pi * 40.0 * time))
+
+
+# ---------------------------------------------------------------------------------------------------------------- help
+
+
+@pytest.mark.parametrize("name", [c.name or c.callback.__name__ for c in app.registered_commands if c.callback])
+def test_help_shows_every_word_that_it_is_made_of(name: str) -> None:
+    command = cast(TyperGroup, typer.main.get_command(app)).commands[name]
+    for text in [command.help, *(getattr(p, "help", None) for p in command.params)]:
+        assert text is None or Text.from_markup(text).plain == text  # square brackets are Rich's markup
 
 
 # ------------------------------------------------------------------------------------------------- light on its feet

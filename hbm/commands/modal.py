@@ -51,7 +51,7 @@ def modal(
     repeatability: Repeatability = None,
     max_seconds: RunSeconds = "600",
 ) -> None:
-    """A rig of modes, its residuals and uncertainties, from spectra of a structure at a low level.
+    """A rig file of modes, their residuals and uncertainties, from spectra of a structure at a low level.
 
     Stepped sines, sweeps and multisines: every harmonic that the force excites is a point of a frequency response.
 

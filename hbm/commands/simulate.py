@@ -21,11 +21,9 @@ LARGEST_HISTORY = 20_000_000  # samples
 def simulate(
     rig: RigFile,
     frequency: Annotated[str, typer.Option(metavar="HZ", help="Excitation frequency.", show_default=False)],
+    level: Annotated[str | None, typer.Option(metavar="N", help="Force amplitude; the rig's where omitted.")] = None,
     duration: Annotated[
         str | None, typer.Option(metavar="S", help="How long, in seconds; 50 periods where omitted.")
-    ] = None,
-    level: Annotated[
-        str | None, typer.Option("--level", metavar="N", help="Force amplitude; the rig's where omitted.")
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="F.csv", help="Write the rig's channels over time here.")] = None,
     plot: Plot = None,
@@ -47,7 +45,7 @@ def simulate(
     _check_duration(hz, seconds)
     from hbm.rigfiles.load import load_rig
 
-    history = _march(load_rig(rig, allow_code=allow_code or None), hz, seconds, force, limit)
+    history = _march(load_rig(rig, allow_code=allow_code or None), hz, force, seconds, limit)
     deliver_history(history, out, plot, contact=contact)
 
 
@@ -60,10 +58,10 @@ def _check_duration(hz: float, seconds: float) -> None:
         raise InputError(f"simulate: --duration = {seconds:g}; must be <= {most:.6g} s at {hz:g} Hz, for memory's sake")
 
 
-def _march(rig: "AnyRig", hz: float, seconds: float, level: float | None, limit: float) -> "TimeHistory | JointHistory":
+def _march(rig: "AnyRig", hz: float, level: float | None, seconds: float, limit: float) -> "TimeHistory | JointHistory":
     from hbm.commands.progress import Sweep
     from hbm.integration.integrate import simulate as march
 
     advice = "try a shorter --duration, or a larger --max-seconds"
     with Sweep("time", 0.0, seconds, unit="s") as progress, within("simulate", limit, progress.doing, advice):
-        return march(rig, hz, duration=seconds, level=level, progress=progress.time)
+        return march(rig, hz, level=level, duration=seconds, progress=progress.time)

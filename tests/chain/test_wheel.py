@@ -79,6 +79,12 @@ def test_a_rig_is_loaded_beside_modules_of_the_same_names(installed: Path, folde
     assert python(installed, folder, "-c", code) == "hbm.models.rig hbm.continuation.branch\n"
 
 
+@pytest.mark.parametrize("name", ["bouc_wen", "own_cause"])
+def test_files_of_the_guides_run_beside_an_installation(installed: Path, folder: Path, name: str) -> None:
+    (folder / f"{name}.py").write_bytes((ROOT / "examples" / f"{name}.py").read_bytes())
+    assert python(installed, folder, "-c", f"import {name}; print({name}.__name__)") == f"{name}\n"
+
+
 def test_the_script_and_other_processes_run_beside_them(installed: Path, folder: Path) -> None:
     script = (
         "import sys; sys.path.insert(0, ''); sys.argv = ['hbm', 'modes', 'rig.toml']; from hbm.cli import main; main()"
