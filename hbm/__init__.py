@@ -78,7 +78,7 @@ if TYPE_CHECKING:
     from hbm.stability.multipliers import Stability
     from hbm.tracking.folds import FoldPath, fold_path, isolas
     from hbm.tracking.parameterresponse import ParameterCurve, parameter_response
-    from hbm.tracking.peaks import Peaks, follow_peak
+    from hbm.tracking.peaks import PeakLost, Peaks, follow_peak
 
     __version__: str
 
@@ -101,6 +101,7 @@ __all__ = [
     "NonlinearMode",
     "NumericalError",
     "ParameterCurve",
+    "PeakLost",
     "Peaks",
     "PeriodicSolution",
     "PhaseResonance",
@@ -187,7 +188,7 @@ _HOMES = {
     "hbm.measurement.spectrafile": ("load_spectra", "write_spectra"),
     "hbm.modes.linear": ("LinearModes", "linear_modes"),
     "hbm.tracking.parameterresponse": ("ParameterCurve", "parameter_response"),
-    "hbm.tracking.peaks": ("Peaks", "follow_peak"),
+    "hbm.tracking.peaks": ("PeakLost", "Peaks", "follow_peak"),
     "hbm.response.synthesis": ("Synthesis", "synthesize"),
     "hbm.response.trace": ("force_response", "steady_state", "trace_frequency"),
     "hbm.files.curves": ("SavedCurve", "read_curves", "write_curves", "write_history"),

@@ -7,7 +7,6 @@ the curve, so that peaks beside a fold are found too.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy.optimize import brentq
@@ -64,7 +63,7 @@ class Peaks:
         """Ranges of the number, the frequency and the height."""
         unit = self.points[0][self.channel].unit
         return (
-            f"peak of {self.channel} over {self.key} from {self.values[0]:.6g} to {self.values[-1]:.6g}: "
+            f"one peak of {self.channel} over {self.key} from {self.values[0]:.6g} to {self.values[-1]:.6g}: "
             f"{self.hz[0]:.6g} to {self.hz[-1]:.6g} Hz, {self.height[0]:.4g} to {self.height[-1]:.4g} {unit}, "
             f"{len(self.points)} points"
         )
@@ -78,6 +77,22 @@ class Peaks:
     def height(self) -> Array:
         """Peak of the channel there, (p,), in its unit."""
         return np.array([p[self.channel].peak for p in self.points])
+
+
+class PeakLost(ConvergenceError):
+    """A peak could not be followed further.
+
+    Parameters
+    ----------
+    message : str
+        One line: where, what was found, and the value of the number that was reached.
+    peaks : Peaks
+        Peaks of the values that were reached, and of the last one on the way.
+    """
+
+    def __init__(self, message: str, peaks: Peaks) -> None:
+        super().__init__(message)
+        self.peaks = peaks
 
 
 @one_thread
@@ -115,9 +130,16 @@ def follow_peak(
     ------
     KeyError
         If the rig has no such number.
+    PeakLost
+        If the peak is lost; it carries those found, up to the value that was reached. One that merges with another, on
+        a detached curve, ends: the force along :func:`hbm.modes.backbone.phase_resonance` has a maximum there.
     continuation.ConvergenceError
-        If a peak is lost. One that merges with another, on a detached curve, ends: the force along
-        :func:`hbm.modes.backbone.phase_resonance` has a maximum there.
+        If the first peak cannot be found.
+
+    Notes
+    -----
+    One peak is followed. Another one of the same curve may become larger on the way, and is not noticed; the largest at
+    a value is found by :func:`hbm.frequency_response` there.
     """
     expect_rig(rig, "follow_peak", joints=True)
     basis, held = FourierBasis(harmonics, samples or default_samples(harmonics)), (key, channel)
@@ -125,11 +147,21 @@ def follow_peak(
     if start is None:
         points = trace_frequency(curve.rig, harmonics=harmonics, samples=samples).points
         start = max(points, key=lambda p: p[channel].peak)
-    found = [curve.peak(curve.near(start.state))]
-    for ends in pairwise(values):
-        found.append(_followed(rig, found[-1], ends, basis, held))
-    points, slope = tuple(p.solution for p in found), np.array([p.slope for p in found])
-    return Peaks(key, channel, np.array(values, dtype=float), points, slope)
+    found = [(values[0], curve.peak(curve.near(start.state)))]
+    for value in values[1:]:
+        steps = [found[-1]]
+        try:
+            _follow(rig, steps, value, basis, held)
+        except (ConvergenceError, ArithmeticError) as lost:
+            said = f"{lost}; {key} reached {steps[-1][0]:.6g} on the way to {value:.6g}"
+            raise PeakLost(said, _peaks(held, found + steps[1:][-1:])) from lost
+        found.append(steps[-1])
+    return _peaks(held, found)
+
+
+def _peaks(held: tuple[str, str], found: Sequence[tuple[float, "_Place"]]) -> Peaks:
+    points, slope = tuple(p.solution for _, p in found), np.array([p.slope for _, p in found])
+    return Peaks(*held, np.array([value for value, _ in found], dtype=float), points, slope)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,16 +251,22 @@ class _Curve:
         return places[top]
 
 
-def _followed(
-    rig: AnyRig, peak: _Place, ends: tuple[float, float], basis: FourierBasis, held: tuple[str, str], halvings: int = 0
-) -> _Place:
-    """Peak at the other end of a step of the number; the step is halved where it is too long."""
-    curve = _Curve(rig.with_number(held[0], ends[1]), basis, *held)
+def _follow(
+    rig: AnyRig,
+    steps: list[tuple[float, _Place]],
+    goal: float,
+    basis: FourierBasis,
+    held: tuple[str, str],
+    halvings: int = 0,
+) -> None:
+    """Append values of the number and their peaks, up to the goal; a step is halved where it is too long."""
+    value, peak = steps[-1]
     try:
-        return curve.peak(curve.near(peak.ahead(ends[1] - ends[0]), peak.tangent))
+        curve = _Curve(rig.with_number(held[0], goal), basis, *held)
+        steps.append((goal, curve.peak(curve.near(peak.ahead(goal - value), peak.tangent))))
+        return
     except (ConvergenceError, ArithmeticError):
         if halvings == MOST_HALVINGS:
             raise
-    middle = (ends[0] + ends[1]) / 2
-    half = _followed(rig, peak, (ends[0], middle), basis, held, halvings + 1)
-    return _followed(rig, half, (middle, ends[1]), basis, held, halvings + 1)
+    _follow(rig, steps, (value + goal) / 2, basis, held, halvings + 1)
+    _follow(rig, steps, goal, basis, held, halvings + 1)

@@ -16,7 +16,7 @@ from hbm.modes.backbone import NonlinearMode, nonlinear_mode, phase_resonance
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.modes.linear import linear_modes, stuck_modes
 from hbm.response.trace import steady_state
-from hbm.tracking.peaks import follow_peak
+from hbm.tracking.peaks import PeakLost, follow_peak
 from models import Attachments, Coulomb, Dahl, Frictionless, Jenkins, Rig, Viscous
 from models.elements import MidplaneStretching
 from tests.decay import cycles_of
@@ -259,6 +259,24 @@ def test_peak_followed_against_load_is_the_top_of_the_response() -> None:
     assert min(beside) > 0.98 * peaks.height[-1]  # near enough to see a top
     rise = (peaks.height[1] - peaks.height[0]) / 12.0
     assert min(peaks.slope) < rise < max(peaks.slope) < 0.0
+
+
+def test_a_peak_that_is_lost_carries_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    number = Rig.with_number
+
+    def cut(rig: Rig, key: str, value: float) -> Rig:
+        if value > 90.0:
+            raise ArithmeticError("no such load")
+        return number(rig, key, value)
+
+    rig = beam(modes=1)
+    start = steady_state(rig, 50.0, harmonics=3)
+    monkeypatch.setattr(Rig, "with_number", cut)
+    with pytest.raises(PeakLost, match=r"no such load; contact\.normal_load reached 90 on the way to 95") as lost:
+        follow_peak(rig, [83.0, 87.0, 95.0], "contact.normal_load", start=start, harmonics=3)
+    peaks = lost.value.peaks
+    assert list(peaks.values) == [83.0, 87.0, 90.0]  # half steps from 87 to 95, and a half of the second
+    assert len(peaks.points) == len(peaks.slope) == 3
 
 
 def test_amplitudes_and_modes_are_checked() -> None:
