@@ -126,9 +126,7 @@ class Beam:
     @property
     def quantities(self) -> Iterator[tuple[str, str, Any]]:
         """Key of the rig file, quantity of :mod:`models.plausible`, value."""
-        yield from ((f"beam.{name}", name, getattr(self, name)) for name in MEASURES)
-        if isinstance(self.length, float) and isinstance(self.thickness, float):
-            yield "beam.thickness", "thickness of a beam", self.thickness / self.length
+        return ((f"beam.{name}", name, getattr(self, name)) for name in MEASURES)
 
     @property
     def area(self) -> float:

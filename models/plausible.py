@@ -50,7 +50,6 @@ RANGES: dict[str, Range] = {
     "length": Range("m", (1e-9, 1e5), (1e-3, 100.0), ATOM, MM_OR_UM),
     "width": Range("m", (1e-10, 1e5), (1e-4, 20.0), ATOM, MM_OR_UM),
     "thickness": Range("m", (1e-10, 1e5), (1e-5, 10.0), ATOM, MM_OR_UM),
-    "thickness of a beam": Range("of the length", (0.0, 1e6), (0.0, 0.5), "a beam is longer than thick"),
     "radius": Range("m", (1e-10, 1e5), (1e-6, 1.0), ATOM, MM_OR_UM),
     "position": Range("m", (0.0, 1e5), ANY, ATOM),
     "youngs_modulus": Range(

@@ -67,11 +67,6 @@ def test_what_nothing_real_has_is_refused_with_its_range_and_reason(old, new, sa
             "beam.youngs_modulus = 70 Pa; usual are 10000 to 2e+12 Pa; is it meant in GPa (7e+10 Pa)?",
         ),
         (
-            "thickness = 0.00478",
-            "thickness = 4.78",
-            "beam.thickness = 7.88779 of the length; usual are <= 0.5 of the length; check it",
-        ),
-        (
             "density = 7800.0",
             "density = 7.8",
             "beam.density = 7.8 kg/m3; usual are 10 to 25000 kg/m3; is it meant in g/cm3 (7800 kg/m3)?",
