@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from models.bounds import bounded
-from models.plausible import plausible
+from models.plausible import Proportion, plain, plausible
 from models.structure import Array
 
 MEASURES = ("length", "width", "thickness", "youngs_modulus", "density")
@@ -129,6 +129,11 @@ class Beam:
         return ((f"beam.{name}", name, getattr(self, name)) for name in MEASURES)
 
     @property
+    def proportions(self) -> Iterator[Proportion]:
+        """Numbers that are usually less than others of it: a beam is longer than it is thick."""
+        yield Proportion("beam.thickness", self.thickness, "m", self.length, "beam.length")
+
+    @property
     def area(self) -> float:
         """Cross section A [m2]."""
         return self.width * self.thickness
@@ -153,6 +158,11 @@ class Beam:
         """Natural frequencies with the tip sliding freely, (modes,) [rad/s]."""
         wave = wavenumbers(self.modes) / self.length
         return np.asarray(wave**2 * np.sqrt(self.bending_stiffness / self.mass_per_length))
+
+    @property
+    def fundamental(self) -> float | None:
+        """Lowest natural frequency [rad/s]; None where a number is a symbol."""
+        return float(self.natural_frequencies()[0]) if all(plain(getattr(self, name)) for name in MEASURES) else None
 
     def tip_load_shape(self, x: Array, order: int = 0) -> Array:
         """Static shape s(x) of a cantilever under a tip load, s(L) = 1, or its first derivative."""

@@ -16,7 +16,7 @@ from models.joints.law import numbers
 from models.joints.rubbing import Friction
 from models.numbers import Described, Numbered
 from models.parts import Channel, Damping, Drift, Excitation
-from models.plausible import warn_of
+from models.plausible import Proportion, warn_of
 from models.rig import Rig
 from models.structure import Array
 
@@ -134,7 +134,7 @@ class JointedRig(Numbered):
             self.ported  # noqa: B018  # a place that is none is refused here
         except ValueError as refused:
             raise ValueError(f"{self.name}: {refused}") from None
-        warn_of(self.quantities)
+        warn_of(self.quantities, self.proportions)
 
     @property
     def quantities(self) -> Iterator[tuple[str, str, Any]]:
@@ -142,6 +142,11 @@ class JointedRig(Numbered):
         yield from getattr(self.body, "quantities", ())
         yield from self.damping.quantities
         yield "excitation.amplitude", "amplitude", self.excitation.amplitude
+
+    @property
+    def proportions(self) -> Iterator[Proportion]:
+        """Numbers of its body that are usually less than others of it."""
+        yield from getattr(self.body, "proportions", ())
 
     def __str__(self) -> str:
         """In words."""

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from models.bounds import bounded
 from models.friction import FrictionLaw, check_parameters
-from models.plausible import plausible
+from models.plausible import plain, plausible
 from models.reduction import Dampers
 from models.structure import Array, modal_damping
 
@@ -66,6 +66,12 @@ class ModalBody:
         """Modes in a few words."""
         hz = sorted(self.frequencies_hz)
         return f"{len(hz)} modes given, {hz[0]:.6g} to {hz[-1]:.6g} Hz"
+
+    @property
+    def fundamental(self) -> float | None:
+        """Lowest natural frequency [rad/s]; None where a number is a symbol."""
+        hz = self.frequencies_hz
+        return float(2 * np.pi * min(hz)) if all(map(plain, hz)) else None
 
 
 @dataclass(frozen=True)

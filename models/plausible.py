@@ -40,6 +40,39 @@ class Range(NamedTuple):
     mistaken: tuple[tuple[str, float], ...] = ()
 
 
+class Proportion(NamedTuple):
+    """A number that is usually less than another one of the same rig.
+
+    Attributes
+    ----------
+    key, unit : str
+        Key of the rig file, and the unit of both.
+    value : float
+    most : float
+        What it is usually less than.
+    named : str
+        What that is.
+    """
+
+    key: str
+    value: Any
+    unit: str
+    most: Any
+    named: str
+
+    @property
+    def doubt(self) -> str | None:
+        """Doubt about the number, in words; none where one of the two is no plain number.
+
+        >>> Proportion("beam.thickness", 0.6, "m", 0.5, "beam.length").doubt
+        'beam.thickness = 0.6 m; usual are less than beam.length (0.5 m); check both'
+        """
+        if not (plain(self.value) and plain(self.most)) or self.value < self.most:
+            return None
+        value, most = (f"{float(x):.6g} {self.unit}" for x in (self.value, self.most))
+        return f"{self.key} = {value}; usual are less than {self.named} ({most}); check both"
+
+
 ANY = (0.0, inf)
 MM_OR_UM = (("mm", 1e-3), ("um", 1e-6))
 ATOM = "an atom is 1e-10 m wide, and no structure longer than 100 km"
@@ -53,7 +86,7 @@ RANGES: dict[str, Range] = {
     "radius": Range("m", (1e-10, 1e5), (1e-6, 1.0), ATOM, MM_OR_UM),
     "position": Range("m", (0.0, 1e5), ANY, ATOM),
     "youngs_modulus": Range(
-        "Pa", (1.0, 1e14), (1e4, 2e12), "the softest gels have 1 Pa, diamond 1.2e12", (("GPa", 1e9), ("MPa", 1e6))
+        "Pa", (1.0, 1e14), (1e6, 2e12), "the softest gels have 1 Pa, diamond 1.2e12", (("GPa", 1e9), ("MPa", 1e6))
     ),
     "density": Range(
         "kg/m3",
@@ -143,7 +176,7 @@ def doubt(quantity: str, value: Any) -> str | None:
     """Doubt about a value that is possible, in words.
 
     >>> doubt("youngs_modulus", 70.0)
-    '= 70 Pa; usual are 10000 to 2e+12 Pa; is it meant in GPa (7e+10 Pa)?'
+    '= 70 Pa; usual are 1e+06 to 2e+12 Pa; is it meant in GPa (7e+10 Pa)?'
     >>> doubt("youngs_modulus", 70e9)
     """
     known = RANGES.get(quantity)
@@ -179,23 +212,25 @@ def plausible(where: str, value: Any, quantity: str) -> None:
         raise ValueError(f"{where} = {float(value)!r}; {accepted}")
 
 
-def doubts(numbers: Iterable[tuple[str, str, Any]]) -> dict[str, str]:
-    """Doubts about numbers, by their keys.
+def doubts(numbers: Iterable[tuple[str, str, Any]], proportions: Iterable[Proportion] = ()) -> dict[str, str]:
+    """Doubts about numbers, by their keys; about proportions only where each number alone is usual.
 
     Parameters
     ----------
     numbers : iterable of (str, str, float)
         Key, such as ``beam.length``, quantity and value.
+    proportions : iterable of Proportion
 
     >>> doubts([("beam.length", "length", 800.0), ("contact.radius", "radius", 0.005)])
     {'beam.length': 'beam.length = 800 m; usual are 0.001 to 100 m; is it meant in mm (0.8 m)?'}
     """
     found = ((key, doubt(quantity, value)) for key, quantity, value in numbers)
-    return {key: f"{key} {against}" for key, against in found if against is not None}
+    alone = {key: f"{key} {against}" for key, against in found if against is not None}
+    return alone or {p.key: said for p in proportions if (said := p.doubt) is not None}
 
 
-def warn_of(numbers: Iterable[tuple[str, str, Any]]) -> None:
-    """Warn of numbers that look like another unit, once per key and process, since a search makes many rigs.
+def warn_of(numbers: Iterable[tuple[str, str, Any]], proportions: Iterable[Proportion] = ()) -> None:
+    """Warn of numbers that look wrong, once per key and process, since a search makes many rigs.
 
     Warns
     -----
@@ -203,7 +238,7 @@ def warn_of(numbers: Iterable[tuple[str, str, Any]]) -> None:
     """
     if _quiet.get() or parent_process() is not None:  # workers know the rig from their parent
         return
-    for key, said in doubts(numbers).items():
+    for key, said in doubts(numbers, proportions).items():
         if key not in _said:
             _said.add(key)
             warnings.warn(said, PlausibilityWarning, stacklevel=1)  # no line of a caller is to blame for a number
@@ -221,7 +256,12 @@ def quiet() -> Iterator[None]:
 
 def _within(value: Any, bounds: tuple[float, float]) -> bool:
     """Whether a value is zero, no plain number, or of a magnitude within bounds."""
-    if not isinstance(value, Real) or isinstance(value, bool):
+    if not plain(value):
         return True
     size = abs(float(value))
     return size == 0.0 or bounds[0] <= size <= bounds[1]
+
+
+def plain(value: Any) -> bool:
+    """Whether a value is a number, no symbol."""
+    return isinstance(value, Real) and not isinstance(value, bool)

@@ -16,7 +16,7 @@ from models.friction import describe, parameters, quantities_of
 from models.friction.law import Parameter
 from models.numbers import Described, Numbered
 from models.parts import Channel, Contact, Damping, Drift, Excitation, ModalBody, Numbers
-from models.plausible import warn_of
+from models.plausible import Proportion, warn_of
 from models.reduction import Reduction, Switches
 from models.structure import Array, ModalStructure, SpringPort
 
@@ -102,7 +102,7 @@ class Rig(Numbered):
             bounded("Excitation: position", self.excitation.position, 0.0, length)
             for c in self.response_channels:
                 bounded(f"Channel {c.name}: position", c.position, 0.0, length)
-        warn_of(self.quantities)
+        warn_of(self.quantities, self.proportions)
 
     def __str__(self) -> str:
         """In words."""
@@ -131,6 +131,18 @@ class Rig(Numbered):
         yield from ((f"contact.{name}", name, getattr(self.contact, name)) for name in ("normal_load", "radius"))
         yield from quantities_of(self.contact.law, "contact.friction")
         yield "excitation.amplitude", "amplitude", self.excitation.amplitude
+
+    @property
+    def proportions(self) -> Iterator[Proportion]:
+        """Numbers that are usually less than others of it."""
+        body, alpha = self.body, self.damping.mass_proportional
+        critical = None if body.fundamental is None else 2 * body.fundamental
+        yield Proportion("damping.mass_proportional", alpha, "1/s", critical, "critical damping of the first mode")
+        if isinstance(body, Beam):
+            yield from body.proportions
+            yield Proportion("contact.radius", self.contact.radius, "m", body.length, "beam.length")
+            slip = getattr(self.contact.law, "critical_slip", 0.0)
+            yield Proportion("contact.friction.critical_slip", slip, "m", body.thickness, "beam.thickness")
 
     @property
     def law_name(self) -> str:

@@ -67,13 +67,13 @@ def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> An
     Warns
     -----
     models.plausible.PlausibilityWarning
-        Of numbers that look like another unit.
+        Of numbers that look like another unit, or out of proportion to others.
     """
     source = str(path)
     table = _parse(_read(Path(path), source), source)
     with quiet():
         rig = rig_of_table(table, source, Consent.of_data(allow_code))
-    for said in doubts(rig.quantities).values():
+    for said in doubts(rig.quantities, rig.proportions).values():
         warnings.warn(f"{source}: {said}", PlausibilityWarning, stacklevel=2)
     return rig
 

@@ -13,6 +13,7 @@ from models.beam import Beam
 from models.bodies.matrix import MatrixBody
 from models.bodies.ported import AsGiven, PortedModes
 from models.parts import Damping
+from models.plausible import Proportion
 from models.structure import Array
 
 End = Literal["clamped", "supported", "free"]
@@ -61,6 +62,11 @@ class FiniteBeam(AsGiven):
     def quantities(self) -> Iterator[tuple[str, str, Any]]:
         """Key of the rig file, quantity of :mod:`models.plausible`, value."""
         return self.beam.quantities
+
+    @property
+    def proportions(self) -> Iterator[Proportion]:
+        """Numbers that are usually less than others of it."""
+        return self.beam.proportions
 
     def __str__(self) -> str:
         """Dimensions and supports in words."""

@@ -64,12 +64,43 @@ def test_what_nothing_real_has_is_refused_with_its_range_and_reason(old, new, sa
         (
             "210e9",
             "70.0",
-            "beam.youngs_modulus = 70 Pa; usual are 10000 to 2e+12 Pa; is it meant in GPa (7e+10 Pa)?",
+            "beam.youngs_modulus = 70 Pa; usual are 1e+06 to 2e+12 Pa; is it meant in GPa (7e+10 Pa)?",
         ),
         (
             "density = 7800.0",
             "density = 7.8",
             "beam.density = 7.8 kg/m3; usual are 10 to 25000 kg/m3; is it meant in g/cm3 (7800 kg/m3)?",
+        ),
+        (
+            "210e9",
+            "210e3",
+            "beam.youngs_modulus = 210000 Pa; usual are 1e+06 to 2e+12 Pa; is it meant in MPa (2.1e+11 Pa)?",
+        ),
+        (
+            "density = 7800.0",
+            "density = 7.8e4",
+            "beam.density = 78000 kg/m3; usual are 10 to 25000 kg/m3; check it",
+        ),
+        (
+            "thickness = 0.00478",
+            "thickness = 0.7",
+            "beam.thickness = 0.7 m; usual are less than beam.length (0.606 m); check both",
+        ),
+        (
+            "radius = 0.005",
+            "radius = 0.65",
+            "contact.radius = 0.65 m; usual are less than beam.length (0.606 m); check both",
+        ),
+        (
+            "critical_slip = 4.15e-6",
+            "critical_slip = 0.0095",
+            "contact.friction.critical_slip = 0.0095 m; usual are less than beam.thickness (0.00478 m); check both",
+        ),
+        (
+            "mass_proportional = 0.06",
+            "mass_proportional = 700.0",
+            "damping.mass_proportional = 700 1/s; usual are less than critical damping of the first mode "
+            "(601.199 1/s); check both",
         ),
     ],
 )
