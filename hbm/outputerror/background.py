@@ -37,13 +37,6 @@ NARROW = 1e-3
 ALIKE = 0.9
 """Share of the variance that all channels have in common."""
 
-ALONE = 0.04
-"""Share of the variance that each coefficient has for itself."""
-
-SPILLED = 0.04
-"""A weak harmonic errs by a share of its size, or by that share of so much of the fundamental if this is more: shakers
-and sensors that are not quite linear spill some of it into all others."""
-
 Complex = npt.NDArray[np.complex128]
 
 
@@ -114,16 +107,14 @@ def basis_of(records: list[Record], stds: list[Array], reach: Reach = ALIKE_OVER
     place = _places(records)
     std = np.stack(stds)
     correlation = _between(np.array([r.hz for r in records]), np.array([r.force for r in records]), reach)
-    typical = [typical_size(np.where(pair[:, :, k], np.abs(measured[:, :, k]), np.nan)) for k in range(pair.shape[2])]
     harmonics = {}
     for k in range(pair.shape[2]):
         i, c = np.nonzero(pair[:, :, k])
         if len(i) == 0:
             continue
         y = measured[:, :, k]
-        scale = np.fmax(typical[k], SPILLED * typical[0])[i, c] / std[i, c, k]
+        scale = typical_size(np.where(pair[:, :, k], np.abs(y), np.nan))[i, c] / std[i, c, k]
         K = correlation[np.ix_(i, i)] * (ALIKE + (1.0 - ALIKE) * (c[:, None] == c))
-        K = (1.0 - ALONE) * K + ALONE * np.eye(len(i))
         size, V = np.linalg.eigh(scale[:, None] * K * scale)
         turn = np.exp(1j * np.angle(y[i, c]))
         harmonics[k + 1] = Harmonic(place[:, i, c, k], turn, V, np.maximum(size, 0.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.diagnosis.deviations import _disagreement, _mean_square
-from hbm.outputerror.background import LARGEST, SIZES, SPILLED, Linear, basis_of, expected_sizes, likeliest_sizes
+from hbm.outputerror.background import LARGEST, SIZES, Linear, basis_of, expected_sizes, likeliest_sizes
 from hbm.outputerror.records import Record
 
 HZ, LEVELS, CHANNELS, H = np.linspace(48.0, 56.0, 9), (2.0, 5.0), 3, 2
@@ -42,32 +42,6 @@ def covariance(basis, sizes):
 def drawn(basis, sizes, rng):
     """Noise and background."""
     return np.linalg.cholesky(covariance(basis, sizes)) @ rng.standard_normal(basis.points)
-
-
-def test_errors_that_are_alike_in_nothing_do_not_decide():
-    """They move a gain hardly more beside a background than beside noise alone, which counts all of them alike."""
-    rng, noise, found = np.random.default_rng(3), 1e-3 * STD, []
-    for _ in range(30):
-        there = [replace(r, std=np.full((CHANNELS, H), noise)) for r in records(rng)]
-        measured = np.stack([r.measured for r in there])
-        own = 0.003 * np.abs(measured).max(axis=(1, 2, 3), keepdims=True) * rng.standard_normal(measured.shape)
-        column = np.zeros(own.shape)
-        column[:, :, 0] = measured[:, :, 0]
-        rows = np.column_stack(
-            [np.concatenate([a[r.listed] for a, r in zip(x, there, strict=True)]) for x in (own, column)]
-        )
-        basis = basis_of(there, [r.std for r in there])
-        whitened = [basis.whiten(sizes, rows / noise) for sizes in ({}, {1: 0.01, 2: 0.05})]
-        found.append([float(W[:, 1] @ W[:, 0] / (W[:, 1] @ W[:, 1])) for W in whitened])
-    alone, beside = np.sqrt(np.mean(np.square(found), axis=0))
-    assert beside < 1.5 * alone
-
-
-def test_a_weak_harmonic_errs_by_a_share_of_the_fundamental():
-    there = [replace(r, measured=r.measured * np.array([1.0, 1e-4])) for r in records(np.random.default_rng(2))]
-    basis = basis_of(there, [r.std for r in there])
-    size = np.sqrt(np.diag(covariance(basis, {1: 0.01, 2: 0.01})) - 1.0)
-    assert size[basis.harmonics[2].where] == pytest.approx(SPILLED * size[basis.harmonics[1].where], rel=1e-6)
 
 
 def test_a_background_of_no_size_is_noise_alone(basis):
