@@ -41,6 +41,28 @@ def read_rows(path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
     return _numbered(csv.reader(io.StringIO(text)), path, kind)
 
 
+def read_columns(path: StrPath, kind: str, columns: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
+    """Entries of some columns of a CSV file, whatever their order and whatever else it has, each row with its place.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, a column is not there once, or a row is not as long as the heading.
+    """
+    rows = read_rows(path, kind)
+    line, heading = next(rows, (1, []))
+    names = [name.strip() for name in heading]
+    for name in columns:
+        if names.count(name) != 1:
+            raise InputError(f"{path} line {line}: no column {name}; must have {','.join(columns)}, each once")
+    at = [names.index(name) for name in columns]
+    for line, row in rows:
+        where = f"{path} line {line}"
+        if len(row) != len(names):
+            raise InputError(f"{where}: {len(row)} entries; must have {len(names)}")
+        yield where, [row[i] for i in at]
+
+
 def _numbered(rows: Iterator[list[str]], path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
     try:
         yield from ((line, row) for line, row in enumerate(rows, start=1) if row)

@@ -92,15 +92,15 @@ def modal(
 
 def _channels(names: Sequence[str], texts: Sequence[str]) -> dict[str, str]:
     """Quantity of each response."""
-    from hbm.identification.responses import ORDER
+    from hbm.channels import DERIVATIVES
 
     channels = dict.fromkeys(names, "acceleration")
     for text in texts:
         name, _, quantity = text.partition("=")
-        if name not in channels or quantity not in ORDER:
+        if name not in channels or quantity not in DERIVATIVES:
             raise InputError(
                 f"{COMMAND}: --quantity = {quoted(text)}; must be NAME=QUANTITY, of {', '.join(names)} and "
-                f"{', '.join(ORDER)}"
+                f"{', '.join(DERIVATIVES)}"
             )
         channels[name] = quantity
     return channels

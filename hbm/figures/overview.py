@@ -74,7 +74,8 @@ def plot_overview(
         shown: dict[str, Any] = {"linestyle": STYLES[name], "marker": MARKERS[name], "markersize": 4, "linewidth": 1.2}
         handles.append(Line2D([], [], color=COLORS[name], label=name, **shown))
     handles.append(Line2D([], [], linestyle="", marker="_", color="0.35", label="noise"))
-    legend_above(pair, handles, ncols=6, columnspacing=1.4, handlelength=2.6)  # as long as shows dashes
+    # handles as long as shows dashes, and no wider together than the figure
+    legend_above(pair, handles, ncols=6, columnspacing=0.8, handlelength=2.5, handletextpad=0.5)
     return pair
 
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from hbm.diagnosis.curves import TracedResponse
 from hbm.diagnosis.discrepancy import Discrepancy
 from hbm.diagnosis.verdict import Diagnosis
@@ -93,6 +95,5 @@ class Diagnosed:
     @property
     def doubted(self) -> tuple[str, ...]:
         """Names of the records that something speaks against."""
-        if isinstance(self.spectra, Decay):
-            return ()
-        return tuple(dict.fromkeys(self.spectra.label(record) for record, _ in self.spectra.notes))
+        numbers = np.array([record for record, _ in self.spectra.notes], dtype=int)
+        return tuple(dict.fromkeys(map(str, self.spectra.labels_of(numbers))))

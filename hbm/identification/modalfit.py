@@ -14,10 +14,11 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
+from hbm.channels import DERIVATIVES
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.identification.modes import Modes
-from hbm.identification.responses import ORDER, Complex, FrequencyResponses
+from hbm.identification.responses import Complex, FrequencyResponses
 
 MOST_MODES = 30
 GRID, RATIOS = 400, (5e-4, 2e-3, 8e-3, 0.03)
@@ -80,7 +81,7 @@ class _Problem:
         self.weight = np.where(listed, 1.0 / np.where(listed, responses.std, 1.0), 0.0)
         self.measured = np.where(listed, responses.H, 0.0)
         self.omega = 2 * np.pi * responses.hz
-        order = np.array([ORDER[quantity] for quantity in responses.channels.values()])
+        order = np.array([DERIVATIVES[quantity] for quantity in responses.channels.values()])
         self.by_motion = (1j * self.omega[:, None]) ** order
         self.middle = float(np.median(self.omega))
         self.points = 2 * int(listed.sum())
@@ -116,10 +117,14 @@ class _Problem:
         motion = self.weight * self.by_motion * np.exp(1j * self.phase(x))
         left = motion.conj() * self.weight * (self.measured - self._answer(x, len(poles)))
         hz = np.geomspace(self.responses.hz[0], self.responses.hz[-1], GRID)
-        tried = np.array([(f, ratio) for ratio in RATIOS for f in hz])
-        columns = self._columns(tried)[:, : len(tried)]
-        taken = (columns.conj().T @ left).real ** 2 / (np.abs(columns.T) ** 2 @ np.abs(motion) ** 2)
-        return tried[[np.argmax(taken.sum(axis=1))]]
+        tried, taken = [], []
+        for ratio in RATIOS:  # in turn: their columns are the largest arrays here
+            poles_tried = np.column_stack([hz, np.full(GRID, ratio)])
+            columns = self._columns(poles_tried)[:, :GRID]
+            shares = (columns.conj().T @ left).real ** 2 / (np.abs(columns.T) ** 2 @ np.abs(motion) ** 2)
+            tried.append(poles_tried)
+            taken.append(shares.sum(axis=1))
+        return np.concatenate(tried)[[np.argmax(np.concatenate(taken))]]
 
     # ---- all of it
 

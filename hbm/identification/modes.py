@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hbm.channels import DERIVATIVES
 from hbm.errors import InputError
 from hbm.fourier import Array
-from hbm.identification.responses import ORDER, FrequencyResponses
+from hbm.identification.responses import FrequencyResponses
 from models.display import Displayed
 
 
@@ -68,7 +69,7 @@ class Modes(Displayed):
             Whether what is below the band is told by L; else it is among what the number stands for.
         """
         squared = (2 * np.pi * self.responses.hz[:, None]) ** 2
-        order = np.array([ORDER[quantity] for quantity in self.responses.channels.values()])
+        order = np.array([DERIVATIVES[quantity] for quantity in self.responses.channels.values()])
         weight = np.where(np.isfinite(self.responses.H), squared**order / self.responses.std**2, 0.0)
         rest = self.above + self.beside * squared - (0.0 if masses else self.below / squared)
         return np.asarray(np.sum(weight * rest, axis=0) / np.sum(weight, axis=0))

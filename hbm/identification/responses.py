@@ -12,9 +12,6 @@ from hbm.measurement.spectra import MeasuredSpectra
 
 Complex = npt.NDArray[np.complex128]
 
-ORDER = {"displacement": 0, "velocity": 1, "acceleration": 2}
-"""Quantities that are measured, and how many times displacement is differentiated for them."""
-
 SHARP = 0.2
 """A response is used whose force is known to this part of it."""
 

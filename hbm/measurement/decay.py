@@ -96,6 +96,11 @@ class Decay(Displayed):
         """Amplitude of each row."""
         return self.amplitude
 
+    @property
+    def notes(self) -> tuple[tuple[int, str], ...]:
+        """What speaks against a row: nothing is known."""
+        return ()
+
     def labels_of(self, records: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """What rows are called: their numbers."""
         return records

@@ -1,5 +1,6 @@
 """Decay files, docs/reference/data_files.md: frequency and damping ratio over amplitude, as of ``hbm decay``."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.decay import Decay
-from hbm.textfiles import StrPath, read_rows
+from hbm.textfiles import StrPath, read_columns
 
 NUMBERS = ("amplitude", "frequency_hz", "frequency_hz_std", "damping_ratio", "damping_ratio_std")
 COLUMNS = ("channel", *NUMBERS)
@@ -17,9 +18,12 @@ def is_decay(path: StrPath) -> bool:
     """Whether a file is a CSV file with the columns of a decay."""
     if Path(path).suffix.lower() != ".csv" or not Path(path).is_file():
         return False
-    _, heading = next(read_rows(path, "a CSV file"), (1, []))
-    names = [name.strip() for name in heading]
-    return {"amplitude", "frequency_hz", "damping_ratio"} <= set(names)
+    try:
+        with Path(path).open(encoding="utf-8-sig", newline="") as stream:  # spectra may be long: the heading alone
+            heading: list[str] = next(filter(None, csv.reader(stream)), [])
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return False  # whoever reads it says why it cannot be read
+    return {"amplitude", "frequency_hz", "damping_ratio"} <= {name.strip() for name in heading}
 
 
 def load_decay(path: StrPath) -> Decay:
@@ -36,19 +40,9 @@ def load_decay(path: StrPath) -> Decay:
     InputError
         If a column is missing, an entry is no number, or a number is out of its bounds.
     """
-    rows = read_rows(path, "a decay file (CSV)")
-    line, heading = next(rows, (1, []))
-    names = [name.strip() for name in heading]
-    for name in COLUMNS:
-        if names.count(name) != 1:
-            raise InputError(f"{path} line {line}: no column {name}; must have {','.join(COLUMNS)}, each once")
-    at = [names.index(name) for name in COLUMNS]
     channels, table = [], []
-    for line, row in rows:
-        where = f"{path} line {line}"
-        if len(row) != len(names):
-            raise InputError(f"{where}: {len(row)} entries; must have {len(names)}")
-        channel, *numbers = (row[i].strip() for i in at)
+    for where, entries in read_columns(path, "a decay file (CSV)", COLUMNS):
+        channel, *numbers = (entry.strip() for entry in entries)
         channels.append(channel)
         table.append(_numbers(where, numbers))
     if not table:

@@ -7,7 +7,7 @@ import numpy as np
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.recording import recording
-from hbm.textfiles import StrPath, read_rows
+from hbm.textfiles import StrPath, read_columns
 
 COLUMNS = ("loop", "time_s", "displacement_m", "force_n")
 FEWEST = 32
@@ -56,24 +56,12 @@ def load_loops(path: StrPath) -> list[MeasuredLoop]:
     InputError
         If a column is missing, an entry is no number, time does not increase, or a loop is too short.
     """
-    rows = read_rows(path, "a loops file (CSV)")
-    line, heading = next(rows, (1, []))
-    names = [name.strip() for name in heading]
-    for name in COLUMNS:
-        if names.count(name) != 1:
-            raise InputError(f"{path} line {line}: no column {name}; must have {','.join(COLUMNS)}, each once")
-    at = [names.index(name) for name in COLUMNS]
     found: dict[str, list[list[float]]] = {}
-    for line, row in rows:
-        if len(row) != len(names):
-            raise InputError(f"{path} line {line}: {len(row)} entries; must have {len(names)}")
-        loop, *numbers = (row[i] for i in at)
+    for where, (loop, *numbers) in read_columns(path, "a loops file (CSV)", COLUMNS):
         try:
             found.setdefault(loop.strip(), []).append([float(text) for text in numbers])
         except ValueError:
-            raise InputError(
-                f"{path} line {line}: {', '.join(numbers)}; must be numbers, {', '.join(COLUMNS[1:])}"
-            ) from None
+            raise InputError(f"{where}: {', '.join(numbers)}; must be numbers, {', '.join(COLUMNS[1:])}") from None
     if not found:
         raise InputError(f"{path}: no rows; must have at least one loop")
     return [_loop(f"{path}: loop {name}", name, np.array(table).T) for name, table in found.items()]
