@@ -4,7 +4,7 @@ Each sample is differentiated by CasADi in what the rows of the elements read; b
 product with the Fourier coefficients of these slopes, so that no sum over samples meets a pair of modes.
 """
 
-from copy import copy
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -15,9 +15,22 @@ import numpy.typing as npt
 
 from hbm.aft.steady import buffered
 from hbm.fourier import Array, FourierBasis
-from models.elements import ElementRows
+from models.elements import ElementRows, Reading
 from models.friction import chosen, describe, parameters, with_symbols
 from models.rig import Rig
+
+
+class Entries(NamedTuple):
+    """Slopes (N_t, entries) of the forces along rows to what columns read, (entries,) each."""
+
+    k: Array
+    row: npt.NDArray[np.intp]
+    column: npt.NDArray[np.intp]
+
+    def along(self, rows: npt.NDArray[np.bool_]) -> "Entries | None":
+        """Those along some rows; None where there are none."""
+        kept = rows[self.row]
+        return Entries(self.k[:, kept], self.row[kept], self.column[kept]) if kept.any() else None
 
 
 class ElementSlope:
@@ -26,46 +39,37 @@ class ElementSlope:
     Parameters
     ----------
     elements : ElementsOverPeriod
-    slopes : list of array
-        Derivatives of the force along the rows to y and to y_t, the entries of each sample in turn.
+    entries : list of (array, array, array) or None
+        Derivatives (N_t, entries) of the force along the rows to y and to y_t, with their rows and columns; None where
+        there are none.
     y_t : (N_t, r) array
         Velocities along the rows.
     Omega : float
         Fundamental frequency [rad/s].
     """
 
-    def __init__(self, elements: "ElementsOverPeriod", slopes: list[Array], y_t: Array, Omega: float) -> None:
-        self._elements, self._y_t, self._Omega = elements, y_t, Omega
-        N_t = elements.basis.N_t
-        places = elements.places
-        entries = [(k.reshape(N_t, -1), *place) for k, place in zip(slopes, places, strict=True)]
-        self._entries = [entry if len(entry[1]) else None for entry in entries]
+    def __init__(self, elements: "ElementsOverPeriod", entries: list[Entries | None], y_t: Array, Omega: float) -> None:
+        self._elements, self._entries, self._y_t, self._Omega = elements, entries, y_t, Omega
 
-    @property
-    def lifting(self) -> Array | None:
-        """Slope, over its reading, of what a tip off its support does not bear, (N_t,); None where it never is off."""
-        stiffness = self._entries[0]
-        if not self._elements.lifts or stiffness is None:
-            return None
-        k, row, _ = stiffness
-        found = k[:, row == len(self._elements.rows) - 1][:, 0]
-        return found if found.any() else None
+    @cached_property
+    def at_points(self) -> "ElementSlope":
+        """Those along the rows of elements that read a point or the support."""
+        return self._along(self._elements.at_points)
 
-    @property
-    def supported(self) -> "ElementSlope":
-        """What else acts."""
-        stiffness = self._entries[0]
-        if not self._elements.lifts or stiffness is None:
-            return self
-        k, row, column = stiffness
-        others, rest = row < len(self._elements.rows) - 1, copy(self)
-        rest._entries = [(k[:, others], row[others], column[others]) if others.any() else None, self._entries[1]]
-        return rest
+    @cached_property
+    def spread(self) -> "ElementSlope":
+        """Those along all other rows, about as many as there are modes."""
+        return self._along(~self._elements.at_points)
+
+    def _along(self, rows: npt.NDArray[np.bool_]) -> "ElementSlope":
+        """Those along some rows: no row of one element depends on what another one reads."""
+        picked = [None if entry is None else entry.along(rows) for entry in self._entries]
+        return ElementSlope(self._elements, picked, self._y_t, self._Omega)
 
     @property
     def acts(self) -> bool:
         """Whether any of the forces changes with the motion: none does while every stop stays open."""
-        return any(entry is not None and entry[0].any() for entry in self._entries)
+        return any(entry is not None and entry.k.any() for entry in self._entries)
 
     def strength(self) -> Array:
         """Dynamic stiffness that the elements add to each harmonic and mode, at most, (H+1, n)."""
@@ -81,19 +85,31 @@ class ElementSlope:
     @cached_property
     def by_Q(self) -> Array:
         """Derivatives to the coefficients of the modes, (2H+1, n+1, 2H+1, n)."""
-        e, basis, n = self._elements, self._elements.basis, self._elements.rows.shape[1]
-        found = np.zeros((basis.size, basis.size, (n + 1) * n))
+        e, size, n = self._elements, self._elements.basis.size, self._elements.rows.shape[1]
+
+        def between_modes(entry: Entries) -> Array:
+            return (e.onto[entry.row][:, :, None] * e.rows[entry.column][:, None]).reshape(len(entry.row), -1)
+
+        return self._between(between_modes, (n + 1) * n).reshape(size, size, n + 1, n).swapaxes(1, 2)
+
+    def by_readings(self, rows: npt.NDArray[np.intp]) -> Array:
+        """Derivatives of the forces along some rows to the coefficients of what these read, (j, 2H+1, j, 2H+1)."""
+        size, j, picked = self._elements.basis.size, len(rows), np.eye(len(self._elements.rows))[:, rows]
+
+        def between_rows(entry: Entries) -> Array:
+            return (picked[entry.row][:, :, None] * picked[entry.column][:, None]).reshape(len(entry.row), -1)
+
+        return self._between(between_rows, j * j).reshape(size, size, j, j).transpose(2, 0, 3, 1)
+
+    def _between(self, shares: Callable[[Entries], Array], m: int) -> Array:
+        """Matrices (2H+1, 2H+1, m) that the slopes make, of the shares (entries, m) that each has in them."""
+        e, basis = self._elements, self._elements.basis
+        found = np.zeros((basis.size, basis.size, m))
         for i, entry in enumerate(self._entries):
-            if entry is None:
-                continue
-            k, row, column = entry
-            onto_modes = (e.onto[row][:, :, None] * e.rows[column][:, None]).reshape(len(row), -1)
-            series = (e.wide.analysis @ k) @ onto_modes  # of the stiffness, then of the damping, between the modes
-            matrices = basis.multiplication(series)
-            if i:
-                matrices = self._Omega * basis.derivative_on_right(matrices)
-            found += matrices
-        return found.reshape(basis.size, basis.size, n + 1, n).swapaxes(1, 2)
+            if entry is not None:
+                matrices = basis.multiplication((e.wide.analysis @ entry.k) @ shares(entry))
+                found += self._Omega * basis.derivative_on_right(matrices) if i else matrices
+        return found
 
     @cached_property
     def by_Omega(self) -> Array:
@@ -109,6 +125,17 @@ class ElementSlope:
         if not self._elements.static.any():
             return np.zeros((len(shape), len(self._elements.rows)))
         return self.along(np.outer(shape, self._elements.static[:, 0])[:, :, None])[:, :, 0]
+
+    def pushed(self, Q: Array) -> Array:
+        """Change (2H+1, n+1, p) of the forces on modes and support with coefficients of the modes (2H+1, n, p)."""
+        e, basis = self._elements, self._elements.basis
+        y, out = np.matmul(e.rows, Q), np.zeros((basis.size, e.onto.shape[1], Q.shape[2]))
+        for i, entry in enumerate(self._entries):
+            if entry is not None:
+                read = self._Omega * basis.derivative(y.reshape(basis.size, -1)).reshape(y.shape) if i else y
+                seen = entry.k[:, :, None] * basis.samples(np.ascontiguousarray(read[:, entry.column]))
+                out += np.matmul(e.onto[entry.row].T, basis.coefficients(seen))
+        return out
 
     def by_modes(self) -> Array:
         """Derivative (2H+1, r, (2H+1) n) of the forces along the rows to coefficients of the modes, velocities held."""
@@ -247,6 +274,8 @@ class ElementsOverPeriod:
         if self.lifts:
             parts = [*parts[:-1], parts[-1].under(load)]
         rows, share, self.weight, self.static = stacked(parts)
+        reads = [element.reads in (Reading.POINT, Reading.SUPPORT) for element in rig.acting]
+        self.at_points = np.repeat(reads, [len(part.weight) for part in parts])
         self.rows, self.onto = rows, np.column_stack([rows, share])  # reads (r, n), pushes modes and support (r, n+1)
         self._parameters = element_numbers(rig)
         self._functions = _functions(described_elements(rig), basis.N_t)
@@ -302,7 +331,9 @@ class ElementsOverPeriod:
 
     def linearize(self, Q: Array, Omega: float, F: Array) -> ElementSlope:
         """Derivatives of what the forces of :meth:`along_rows` do to modes and support."""
-        return ElementSlope(self, self._slopes(Q, Omega, F), self._y_t.copy(), Omega)
+        slopes, N_t = self._slopes(Q, Omega, F), self.basis.N_t
+        entries = [Entries(k.reshape(N_t, -1), *place) for k, place in zip(slopes, self.places, strict=True)]
+        return ElementSlope(self, [e if len(e.row) else None for e in entries], self._y_t.copy(), Omega)
 
     def slopes_in_time(self, Q: Array, Omega: float, F: Array) -> tuple[Array, Array]:
         """Derivatives of the forces on modes and support to q and to q' at the samples, two of (N_t, n+1, n)."""

@@ -4,7 +4,7 @@ Mechanics outside the contact is linear, or nearly: the dense core is as large a
 modes and harmonics beside it, foreshortening and nonlinear elements, matters in few of them.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -33,8 +33,8 @@ class Elimination(BorderedCore):
     form. What couples the others, weak beside their damping, is left out here, not in the residual: it costs Newton a
     little of its quadratic rate, never the answer.
 
-    The border column is the derivative of the scaled balances to the scaled continuation parameter: `column` (size,),
-    or where omitted that of the problem's own parameter.
+    The border column is the derivative of the scaled balances to the scaled continuation parameter, which `column`
+    works out, (size,), where it is needed.
     """
 
     def __init__(
@@ -45,7 +45,7 @@ class Elimination(BorderedCore):
         contact: ContactForce,
         by_T: Array | None,
         slope: ElementSlope | None,
-        column: Array | None = None,
+        column: Callable[[], Array],
     ) -> None:
         self.problem, self.state, self.contact, self.slope = problem, state, contact, slope
         s, basis, m = problem.structure, problem.basis, problem.coupled if slope is None else problem.structure.n
@@ -71,7 +71,7 @@ class Elimination(BorderedCore):
             # what maps the modes to the slip takes T to the modes
             self._coupled_of = self._solve_coupled(np.ascontiguousarray(slip.transpose(0, 2, 1)))
             self._core -= self._law_of_coupled(self._coupled_of)
-        self._given_column = column
+        self._column = column
         self._by_column: tuple[Array, Array] | None = None  # worked out with the first right side
 
     def _reduced(self, forces: Array) -> tuple[Array, Array]:
@@ -193,16 +193,10 @@ class Elimination(BorderedCore):
         matrix[size, size] = row_lam - np.vdot(modes, motion)
         return matrix, modes
 
-    @cached_property
-    def _column(self) -> Array:
-        if self._given_column is not None:
-            return self._given_column
-        return self.problem.by_parameter(self.state, self.contact, self.slope)
-
     def _border(self) -> tuple[Array, Array]:
         """What the border column reduces to."""
         if self._by_column is None:
-            motion, core = self._reduced(self._column[:, None])
+            motion, core = self._reduced(self._column()[:, None])
             self._by_column = motion[:, :, 0], core[:, 0]
         return self._by_column
 
@@ -210,7 +204,7 @@ class Elimination(BorderedCore):
         """What right sides (size, r) reduce to, with the border column where that is not known yet."""
         if self._by_column is not None:
             return self._reduced(rhs)
-        motion, core = self._reduced(np.hstack([self._column[:, None], rhs]))
+        motion, core = self._reduced(np.hstack([self._column()[:, None], rhs]))
         self._by_column = np.ascontiguousarray(motion[:, :, 0]), core[:, 0]
         return motion[:, :, 1:], core[:, 1:]
 

@@ -18,7 +18,7 @@ from hbm.balance.jacobian import CompleteBalance
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.scaled import Parameter, State
-from hbm.balance.slipping import SlidRotation, SlippingBalance, lifted_tip
+from hbm.balance.slipping import PointForces, SlidRotation, SlippingBalance
 from hbm.fourier import Array, FourierBasis
 from models.jointed import AnyRig, JointedRig
 
@@ -115,11 +115,19 @@ class Linearization:
 
     def bordered(self, column: Array | None = None) -> Newton:
         """The derivative, with another column (size,) in place of that of the problem's parameter."""
-        place = self.rotation or lifted_tip(self.problem, self.contact, self.slope)
-        supported = None if self.slope is None else self.slope.supported
-        acting = supported if supported is not None and supported.acts else None
-        held = Elimination(*self._parts, self.by_T, acting, column)
-        return held if place is None else SlippingBalance(held, place, self.problem, own_column=column is None)
+        problem, slope = self.problem, self.slope
+        spread = None if slope is None or not slope.spread.acts else slope.spread
+
+        def own() -> Array:
+            return problem.by_parameter(self.state, self.contact, slope) if column is None else column
+
+        newton: Newton = Elimination(*self._parts, self.by_T, spread, own)
+        if problem.elements is not None and slope is not None and slope.at_points.acts:
+            newton = SlippingBalance(newton, PointForces(problem, problem.elements, self.contact, slope.at_points))
+        if self.rotation is None:
+            return newton
+        slides = column is None and problem.parameter == "force"
+        return SlippingBalance(newton, self.rotation, problem.lam_ref * problem.force_shape if slides else None)
 
     @cached_property
     def complete(self) -> Array:

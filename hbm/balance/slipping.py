@@ -1,11 +1,11 @@
-"""Newton's system where one place gives way, a clamp that slips or a tip that lifts off.
+"""Newton's system where a place gives way: a clamp that slips, a tip that lifts off, elements at points.
 
-That is the system with what is slid or lifted held, and a correction of the rank of one signal: exact, however stiff
-the place is while it holds.
+That is the system with what gives way held, and a correction of the rank of its few signals: exact, however stiff the
+place is.
 """
 
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -23,9 +23,9 @@ class Yielding(Protocol):
 
     Attributes
     ----------
-    slid : (2H+1, 2H+1) array
-        Derivative of what is slid to the load on the place if nothing had.
-    by_slid : (size, 2H+1) array
+    slid : (s, s) array
+        Derivative of what is slid, s coefficients, to the load on the place if nothing had.
+    by_slid : (size, s) array
         Part of the scaled balances that it takes off.
     """
 
@@ -37,36 +37,36 @@ class Yielding(Protocol):
         ...
 
     def load(self, x: Array, force: Array | float = 0.0) -> Array:
-        """Change (2H+1, r) of that load with scaled unknowns (size, r) and force (2H+1, r)."""
+        """Change (s, r) of that load with scaled unknowns (size, r) and force (2H+1, r)."""
         ...
 
 
-class LiftedTip:
-    """A tip off its support, as :class:`Yielding`: slid is the force along its row, its load the row's reading."""
+class PointForces:
+    """Forces of elements at points, as :class:`Yielding`: slid are those along their rows, the load what these read.
 
-    def __init__(self, problem: Balance, elements: ElementsOverPeriod, contact: ContactForce, slope: Array) -> None:
+    Row by row, (j (2H+1),) for j rows. A tip off its support is one of them: what it lacks of the normal load.
+    """
+
+    def __init__(
+        self, problem: Balance, elements: ElementsOverPeriod, contact: ContactForce, slope: ElementSlope
+    ) -> None:
         self._problem, self._elements, self._contact = problem, elements, contact
-        self.slid = (problem.basis.analysis * slope) @ problem.basis.synthesis
+        self._rows = np.flatnonzero(elements.at_points)
+        side = len(self._rows) * problem.basis.size
+        self.slid = slope.by_readings(self._rows).reshape(side, side)
 
     @cached_property
     def by_slid(self) -> Array:
-        """Part of the scaled balances that the force along the row takes off, (size, 2H+1)."""
-        *row, share = self._elements.onto[-1]
-        return _lost(self._problem, np.array(row), [(self._contact.by_rho, -share)])
+        """Part of the scaled balances that the forces take off, (size, j (2H+1))."""
+        onto, by_rho = self._elements.onto[self._rows], self._contact.by_rho
+        return np.hstack([_lost(self._problem, row[:-1], [(by_rho, -float(row[-1]))]) for row in onto])
 
     def load(self, x: Array, force: Array | float = 0.0) -> Array:
-        """Change (2H+1, r) of the reading with scaled unknowns (size, r) and force (2H+1, r)."""
-        problem, size, r = self._problem, self._problem.basis.size, x.shape[1]
+        """Change (j (2H+1), r) of the readings with scaled unknowns (size, r) and force (2H+1, r)."""
+        problem, e, (size, r) = self._problem, self._elements, (self._problem.basis.size, x.shape[1])
         Q = x[: size * problem.structure.n].reshape(size, -1, r) * problem.q_ref
-        return np.asarray(np.einsum("knr,n->kr", Q, self._elements.rows[-1]) + self._elements.static[-1, 0] * force)
-
-
-def lifted_tip(problem: Balance, contact: ContactForce, slope: ElementSlope | None) -> LiftedTip | None:
-    """The tip of a balance where it is off its support; None where it never is."""
-    lifting = None if slope is None else slope.lifting
-    if problem.elements is None or lifting is None:
-        return None
-    return LiftedTip(problem, problem.elements, contact, lifting)
+        read = np.matmul(e.rows[self._rows], Q) + e.static[self._rows, :1] * (np.zeros((size, 1, r)) + force)
+        return np.ascontiguousarray(read.swapaxes(0, 1)).reshape(-1, r)
 
 
 class SlidRotation:
@@ -121,35 +121,62 @@ def _lost(problem: Balance, row: Array, seen: list[tuple[Array | None, float]]) 
     return np.concatenate([modal / problem.modal_force_ref, friction / problem.F_ref])
 
 
+class Correction(NamedTuple):
+    """What a place that gives way adds to solutions with it held.
+
+    Attributes
+    ----------
+    row, row_lam : (size,) array, float
+        The border row that it belongs to.
+    x, lam : (size, s) and (s,) array
+        Motion and parameter per slid motion.
+    matrix : (s, s) array
+        What is slid less what that slides.
+    """
+
+    row: Array
+    row_lam: float
+    x: Array
+    lam: Array
+    matrix: Array
+
+
 class SlippingBalance:
     """Linearised balance with what is slid at a place following the unknowns (Sherman, Morrison and Woodbury).
 
     Attributes
     ----------
-    held : Elimination
+    held : Elimination or SlippingBalance
         The balance with what is slid held.
     place : Yielding
-
-    The border column is that of `held`; where it is the problem's own, what the parameter slides is added.
+    force_by_parameter : (2H+1,) array
+        Excitation per parameter that the border column of `held` does not show to the place.
     """
 
-    def __init__(self, held: Elimination, place: Yielding, problem: Balance, own_column: bool) -> None:
+    def __init__(
+        self, held: "Elimination | SlippingBalance", place: Yielding, force_by_parameter: Array | None = None
+    ) -> None:
         self.held, self.place = held, place
-        slides = own_column and problem.parameter == "force"
-        self._force_by_parameter = problem.lam_ref * problem.force_shape * slides
+        self._force_by_parameter = force_by_parameter
+        self._known: Correction | None = None
 
     @property
     def slid(self) -> Array:
-        """Derivative of what is slid to the load if nothing had, (2H+1, 2H+1)."""
+        """Derivative of what is slid to the load if nothing had, (s, s)."""
         return self.place.slid
 
     def _load(self, x: Array, lam: Array) -> Array:
+        if self._force_by_parameter is None:
+            return self.place.load(x)
         return self.place.load(x, np.outer(self._force_by_parameter, lam))
 
-    def _correction(self, row: Array, row_lam: float) -> tuple[Array, Array, Array]:
-        """Motion and parameter per slid rotation, (size, 2H+1) and (2H+1,), and what is slid less what that slides."""
-        x, lam = self.held.solve_columns(row, row_lam, self.place.by_slid, 0.0)
-        return x, lam, np.eye(len(self.slid)) - self.slid @ self._load(x, lam)
+    def _correction(self, row: Array, row_lam: float) -> Correction:
+        known = self._known
+        if known is None or known.row_lam != row_lam or not (known.row == row).all():
+            x, lam = self.held.solve_columns(row, row_lam, self.place.by_slid, 0.0)
+            matrix = np.eye(len(self.slid)) - self.slid @ self._load(x, lam)
+            known = self._known = Correction(row.copy(), row_lam, x, lam, matrix)
+        return known
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
@@ -159,15 +186,15 @@ class SlippingBalance:
     def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
         """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
         x, lam = self.held.solve_columns(row, row_lam, rhs, rhs_row)
-        by_slid, lam_by_slid, matrix = self._correction(row, row_lam)
-        if not np.isfinite(matrix).all():
+        correction = self._correction(row, row_lam)
+        if not np.isfinite(correction.matrix).all():
             return np.full_like(x, np.nan), np.full_like(lam, np.nan)
-        slid = np.linalg.solve(matrix, self.slid @ self._load(x, lam))
-        return x + by_slid @ slid, lam + lam_by_slid @ slid
+        slid = np.linalg.solve(correction.matrix, self.slid @ self._load(x, lam))
+        return x + correction.x @ slid, lam + correction.lam @ slid
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix."""
-        _, _, matrix = self._correction(row, row_lam)
+        matrix = self._correction(row, row_lam).matrix
         return self.held.determinant_sign(row, row_lam) * int(np.sign(np.linalg.det(matrix)))
 
 

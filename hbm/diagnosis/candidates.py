@@ -29,8 +29,9 @@ AGAIN, MORE_STARTS, MORE_STEPS = 3, 5, 12
 RUNNING, HOPELESS = 20, 0.15
 """So many candidates run first, at most, and none whose predicted fall of chi2 is less than this share of the best."""
 
-FAVOURED = AT_ONCE
-"""After so many in the order of the score test the others run in that of what their best start leaves."""
+FAVOURED = 1 + AT_ONCE
+"""After so many in the order of the score test, the first of them alone, the others run in that of what their best
+start leaves."""
 
 COMPARED = 8
 """Where joints were scanned and one explains the records, so many of those that promised most are compared with it."""
@@ -256,16 +257,23 @@ def _first_quick_fits(
             waiting = quick.ordered(waiting)
         if started >= COMPARED and _scanned(quick.base) and any(r.chi2 <= explained for r in fitted):
             break
-        batch, waiting = waiting[: quick.at_once], waiting[quick.at_once :]
+        count = AT_ONCE if started else 1
+        batch, waiting = waiting[:count], waiting[count:]
         started += len(batch)
         tell(", ".join(s.cause.label for s in batch) + f" ({started} of {len(listed)})")
-        for score, candidate in zip(batch, quick.run(batch), strict=True):  # the same with and without an executor
+        for score, candidate in zip(batch, quick.run(batch, reach=_reach(fitted, explained)), strict=True):
             if excluded(score):
                 continue
             tried.add(score.cause.label)
             if candidate is not None:
                 fitted.append(candidate)
     return sorted(fitted, key=lambda r: r.chi2), tried
+
+
+def _reach(fitted: Sequence[Candidate], explained: float) -> float:
+    """Chi2 from which on a candidate is of no use: where one explains the records, others must come near it."""
+    best = min((r.chi2 for r in fitted), default=np.inf)
+    return BEHIND * best if best <= explained else np.inf
 
 
 def _confused(

@@ -32,7 +32,7 @@ SETTLED, PART = 1.0, 0.01
 """They end when chi2 would fall by less than this, or by less than this part of its excess."""
 
 AT_ONCE = 4
-"""Candidates run side by side where there is an executor."""
+"""Candidates that run, side by side where there is an executor, before their outcome is looked at."""
 
 CLOSE = 30.0
 """Fits are close whose chi2 differs by less."""
@@ -116,11 +116,6 @@ class QuickFits:
         points = {n: int(np.sum(self.base.white.record == n)) for n in self._numbers}
         return sum(points[n] * min(missed, self._usual) for n, missed in self._missed.items())
 
-    @property
-    def at_once(self) -> int:
-        """Fits that are run before their outcome is looked at."""
-        return 1 if self.campaign.executor is None else AT_ONCE
-
     @cached_property
     def _quick(self) -> Evaluation:
         """The base on these records alone."""
@@ -136,16 +131,18 @@ class QuickFits:
         """Logarithm of the determinant of the covariance of these records before."""
         return self.few.whiten(self._quick.found, self._quick.by_x).spread
 
-    def run(self, scores: Sequence[Score], most: int = STARTS, steps: int = STEPS) -> list[Candidate | None]:
-        """Candidates where they stand, None where there is no fit."""
+    def run(
+        self, scores: Sequence[Score], most: int = STARTS, steps: int = STEPS, reach: float = np.inf
+    ) -> list[Candidate | None]:
+        """Candidates where they stand, None where there is no fit; those that do not get to a chi2 of use end early."""
         self._compare(scores)
         before = self.before
         near = [_near(self._quick, before, s, self.compared[s.cause.label], most) for s in scores]
         causes = [score.cause for score, starts in zip(scores, near, strict=True) for _ in starts]
-        task = partial(_stepped, self._quick, self.few, steps)
+        task = partial(_stepped, self._quick, self.few, steps, reach)
         each_fit = iter(each(self.campaign.executor, task, causes, [x for starts in near for x in starts]))
         fits = [[e for e in islice(each_fit, len(starts)) if e is not None] for starts in near]
-        limited = each(self.campaign.executor, partial(_limited, self.few, steps), fits)
+        limited = each(self.campaign.executor, partial(_limited, self.few, steps, reach), fits)
         return [_candidate(self._quick, self.spread, s.cause, f) for s, f in zip(scores, limited, strict=True)]
 
     def _compare(self, scores: Sequence[Score]) -> None:
@@ -182,20 +179,21 @@ def _near(base: Evaluation, before: float, score: Score, starts: Starts, most: i
     return near
 
 
-def _stepped(base: Evaluation, few: Campaign, steps: int, cause: Cause, x: Array) -> Evaluation | None:
+def _stepped(base: Evaluation, few: Campaign, steps: int, reach: float, cause: Cause, x: Array) -> Evaluation | None:
     """Quick fit of a candidate from one start; None where that has no steady state."""
+    model = lighter(base).extended_by(cause)
     try:
-        return fit_model(lighter(base).extended_by(cause), few, x, base.solutions, steps, SETTLED, PART)
+        return fit_model(model, few, x, base.solutions, steps, SETTLED, PART, reach=reach)
     except FAILURES:
         return None
 
 
-def _limited(few: Campaign, steps: int, fits: Sequence[Evaluation]) -> list[Evaluation]:
-    """Fits of a candidate, the best first, with those whose limits are lowered."""
-    found = list(fits)
-    if found:
+def _limited(few: Campaign, steps: int, reach: float, fits: Sequence[Evaluation]) -> list[Evaluation]:
+    """Fits of a candidate, the best first, with those whose limits are lowered where that may be of use."""
+    found = sorted(fits, key=rank)
+    if found and found[0].chi2 <= reach:
         with suppress(*FAILURES):
-            found += with_limits(min(found, key=rank), few, steps)
+            found += with_limits(found[0], few, steps)
     return sorted(found, key=rank)
 
 

@@ -49,7 +49,6 @@ class LinearBalance:
         self.here = here
         self.problem, self.state, self.by_T, self.contact = problem, state, here.by_T, here.contact
         self._slid = None if here.rotation is None else here.rotation.slid
-        self._elements = None if here.slope is None else here.slope.by_Q
         real, imaginary = problem.dynamic_stiffness(state.Omega)
         self._stiffness = (real + 1j * imaginary)[:, :, None]
         size, n = problem.basis.size, problem.structure.n
@@ -57,7 +56,7 @@ class LinearBalance:
         self._modes_to_slip = slip_by_modes.reshape(size, size * n)
         # what maps the modes to u takes T to the modes
         self._friction_to_modes = np.ascontiguousarray(slip_by_modes.transpose(0, 2, 1)).reshape(size * n, size)
-        self._law_by_modes = law_by_modes(problem, state.Omega, here.contact, here.slope, slip_by_modes)
+        self._law_by_modes = law_by_modes(problem, state.Omega, here.contact, None, slip_by_modes)
         self._rows = np.ascontiguousarray(problem.rows[:, 1:].T)
 
     def by_elements(self, d_Q: Array) -> Array:
@@ -80,8 +79,8 @@ class LinearBalance:
         u = self._modes_to_slip @ d_Q.reshape(-1, d_Q.shape[2]) - problem.dynamic_lagrangian * d_T
         rows = self._rows @ d_Q
         rho = problem.reaction_of(rows, self.state.Omega)
-        if self._elements is not None:
-            rho -= np.tensordot(self._elements[:, -1], d_Q, axes=2)
+        if self.here.slope is not None:
+            rho -= self.here.slope.pushed(d_Q)[:, -1]
         signals = np.stack([u, rho, rows[:, 3]], axis=1)
         return signals if problem.clamp is None else signals + self._by_slid(self.slid(d_Q, d_T))
 
@@ -98,11 +97,14 @@ class LinearBalance:
         if self.by_T is not None:
             drawn_in = self.problem.structure.shortening.T @ d_Q
             modal += (self.by_T @ drawn_in.reshape(len(drawn_in), -1)).reshape(modal.shape)
-        if self._elements is not None:
-            modal -= np.tensordot(self._elements[:, :-1], d_Q, axes=2)
+        pushed = None if self.here.slope is None else self.here.slope.pushed(d_Q)
+        if pushed is not None:
+            modal -= pushed[:, :-1]
         if self.problem.clamp is not None:
             modal -= np.einsum("kp,i->kip", self.slid(d_Q, d_T), self.problem.clamp.port.row)
         law = self._law_by_modes @ d_Q.reshape(-1, d_Q.shape[2])
+        if pushed is not None and self.contact.by_rho is not None:
+            law -= self.contact.by_rho @ pushed[:, -1]
         if self.problem.dynamic_lagrangian and self.contact.by_u is not None:
             law -= self.problem.dynamic_lagrangian * (self.contact.by_u @ d_T)
         if self.problem.clamp is not None:
