@@ -27,10 +27,11 @@ RESONANT = 2e-3
 class Elimination(BorderedCore):
     """Linearised balance [K, -P; -E, S] of modes and contact, reduced to the contact.
 
-    K is the structure with the friction force held (its foreshortening is a parametric stiffness, the slopes of elements
-    all along it are another; those at points are a correction, :class:`hbm.balance.slipping.PointForces`), P takes T to
-    the modes, E takes the modes to T through the law. The lowest `coupled` modes, all where such an element acts, are
-    eliminated with a dense factorisation, the others harmonic by harmonic in closed form. What couples the others, weak beside their damping, is left out here, not in the residual: it costs Newton a
+    K is the structure with the friction force held (its foreshortening is a parametric stiffness, the slopes of
+    elements all along it are another), P takes T to the modes, E takes the modes to T through the law. Elements at
+    points come after it, see :class:`hbm.balance.slipping.PointForces`. The lowest `coupled` modes, all where an
+    element all along it acts, are eliminated with a dense factorisation, the others harmonic by harmonic in closed
+    form. What couples the others, weak beside their damping, is left out here, not in the residual: it costs Newton a
     little of its quadratic rate, never the answer.
 
     The border column is the derivative of the scaled balances to the scaled continuation parameter, which `column`
