@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from continuation import Branch, ConvergenceError, NewtonSettings, Predictor, Settings, solve_at
+from continuation import Branch, ConvergenceError, Correction, NewtonSettings, Predictor, Settings, solve_at
 from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
@@ -151,7 +151,7 @@ def _first_motion(problem: DriveAmplitude, linear: StuckMode, lam: float) -> Arr
     if result.converged:
         return result.x
     low = lam - DOWN
-    branch = _continued(problem, linear, solved(problem, linear.motion(problem, low), low), (low, lam), BUDGET)
+    branch = _continued(problem, linear, solved(problem, linear.motion(problem, low), low).x, (low, lam), BUDGET)
     return branch.require_complete().points[-1].x
 
 
@@ -185,7 +185,7 @@ def _settings(weights: Array, lam: tuple[float, float]) -> Settings:
     )
 
 
-def solved(problem: DriveAmplitude, x: Array, lam: float) -> Array:
+def solved(problem: DriveAmplitude, x: Array, lam: float) -> Correction:
     """Motion at an amplitude by Newton from a guess."""
     result = solve_at(problem, x, lam, NEWTON)
     if not result.converged:
@@ -193,4 +193,4 @@ def solved(problem: DriveAmplitude, x: Array, lam: float) -> Array:
             f"backbone: no convergence at a drive amplitude of {10.0**lam:.6g} m, last residual "
             f"{result.residual_norm:.2g}; {result.reason.value}; try another amplitude or more harmonics"
         )
-    return result.x
+    return result

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from continuation import Branch, ConvergenceError, Point
+from continuation import Branch, ConvergenceError, Correction, End, Point, Settings
 from hbm.balance.padding import pad
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
@@ -162,13 +162,19 @@ class Backbone(ABC):
 
     def _solved(self, starts: Sequence[int], lams: Sequence[float] | Array) -> Self:
         """Motions at given parameters, each from the two points behind which it lies."""
-        found = []
-        for i, lam in zip(starts, lams, strict=True):
-            a, b = self.branch.points[i], self.branch.points[i + 1]
-            share = (lam - a.lam) / (b.lam - a.lam)
-            x = solved(self.problem, a.x + share * (b.x - a.x), float(lam))
-            found.append(_point(self.problem, a, x, float(lam)))
-        return replace(self, points=_described(self.problem, found), branch=replace(self.branch, points=tuple(found)))
+        guesses = [self._between(i, lam) for i, lam in zip(starts, lams, strict=True)]
+        found = [solved(self.problem, x, float(lam)) for x, lam in zip(guesses, lams, strict=True)]
+        points = tuple(_point(self.problem, f) for f in found)
+        return replace(self, points=_described(self.problem, points), branch=replace(self.branch, points=points))
+
+    def _between(self, i: int, lam: float) -> Array:
+        """Unknowns between a point and the next, to first order."""
+        a, b = self.branch.points[i], self.branch.points[i + 1]
+        return np.asarray(a.x + (lam - a.lam) / (b.lam - a.lam) * (b.x - a.x))
+
+    def near(self, amplitudes: Sequence[float] | Array) -> list[Array]:
+        """Unknowns at given amplitudes [m] to first order, where :meth:`at` would begin; errors as there."""
+        return [self._between(self._crossing(self.amplitude, a), float(np.log10(a))) for a in amplitudes]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,6 +183,14 @@ class NonlinearMode(Backbone):
 
     A free decay has, at each amplitude it comes through, this frequency, damping ratio xi / (2 Omega) and shape.
     """
+
+    @staticmethod
+    def of(problem: DriveAmplitude, found: Sequence[Correction]) -> "NonlinearMode":
+        """Motions that were solved at some amplitudes, on no traced branch."""
+        points = tuple(_point(problem, f) for f in found)
+        settings = Settings(lam_end=points[-1].lam)
+        branch = Branch(points, End.REACHED_END, "solved at given amplitudes", settings)
+        return NonlinearMode(problem.rig, _described(problem, points), branch, problem)
 
     @cached_property
     def lost(self) -> Array:
@@ -266,7 +280,7 @@ def _changed(backbone: Backbone, i: int, rig: AnyRig, basis: FourierBasis) -> tu
     sustain = problem.pack_sustain(state.F if problem.grows else balance.relief, scale)
     x = np.concatenate([pad(problem.balance, state) / scale, [problem.balance.pack(state)[1], sustain]])
     try:
-        point = _point(problem, near, solved(problem, x, near.lam), near.lam)
+        point = _point(problem, solved(problem, x, near.lam))
     except ConvergenceError:
         return float("nan"), float("nan")
     again = replace(
@@ -356,12 +370,12 @@ def phase_resonance(
     return PhaseResonance(rig, _described(motion, branch.points), branch, motion)
 
 
-def _point(problem: DriveAmplitude, near: Point, x: Array, lam: float) -> Point:
-    """A motion near a point of a branch, with its tangent."""
-    none = np.zeros_like(x)
-    tangent, _ = problem.linearize(x, lam).solve_bordered(none, 1.0, none, 1.0)
-    flags = dict.fromkeys(("fold", "corner", "branch_point", "jumped"), False)
-    return replace(near, x=x, lam=lam, tangent_x=tangent, tangent_lam=1.0, **flags)
+def _point(problem: DriveAmplitude, found: Correction) -> Point:
+    """A motion solved at an amplitude, with the tangent of the branch through it."""
+    none = np.zeros_like(found.x)
+    tangent, _ = found.linearization.solve_bordered(none, 1.0, none, 1.0)
+    alone = float("nan")
+    return Point(found.x, found.lam, tangent, 1.0, alone, alone, found.iterations, found.residual_norm)
 
 
 def _described(problem: DriveAmplitude, points: Sequence[Point]) -> tuple[PeriodicSolution, ...]:

@@ -5,15 +5,22 @@ and loses what they lose (Krack, Nonlinear modal analysis of nonconservative sys
 Structures 154, 2015).
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from continuation import ConvergenceError
+from hbm.balance.scaled import State
+from hbm.balance.solution import PeriodicSolution, describe
 from hbm.channels import factor
 from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.modes.amplitudes import solved
 from hbm.modes.backbone import NonlinearMode, nonlinear_mode
+from hbm.modes.epmc import DriveAmplitude, FreeMotion
+from hbm.parallel import one_thread
 from hbm.response.budget import Budget
-from models.jointed import AnyRig
+from models.jointed import AnyRig, JointedRig
 
 BASIS = FourierBasis(15, default_samples(15))
 """Harmonics and samples of its motions."""
@@ -64,7 +71,7 @@ def over_channel(
     drive = low / per_metre, high / per_metre  # as if the channel were at the drive, to begin with
     for _ in range(ROUNDS):
         found = nonlinear_mode(rig, mode, amplitudes=drive, harmonics=basis.H, samples=basis.N_t, budget=budget)
-        reached = _channel_amplitude(found, channel)
+        reached = _channel_amplitude(found.points, channel)
         if reached[0] <= amplitudes[0] and reached[-1] >= amplitudes[1]:
             return found
         if not found.complete:
@@ -78,7 +85,7 @@ def over_channel(
 
 def predicted(mode: NonlinearMode, channel: str, amplitude: Array) -> tuple[Array, Array]:
     """Frequency [Hz] and damping ratio of a mode at amplitudes of a channel, (m,) each."""
-    x = np.log(_channel_amplitude(mode, channel))
+    x = np.log(_channel_amplitude(mode.points, channel))
     at = np.log(amplitude)
     return np.asarray(np.interp(at, x, mode.hz)), np.asarray(np.interp(at, x, mode.damping_ratio))
 
@@ -93,20 +100,56 @@ def at_channel(mode: NonlinearMode, channel: str, amplitudes: Array) -> Nonlinea
     continuation.ConvergenceError
         If one cannot be solved.
     """
-    reached = np.log(_channel_amplitude(mode, channel))
+    reached = np.log(_channel_amplitude(mode.points, channel))
     drive = np.exp(np.interp(np.log(amplitudes), reached, np.log(mode.amplitude)))
+    return _settled(mode.problem, mode.near(drive), drive, channel, amplitudes)
+
+
+@one_thread
+def near_states(
+    rig: JointedRig, basis: FourierBasis, states: Sequence[State], relief: Array, channel: str, amplitudes: Array
+) -> NonlinearMode:
+    """The motions of a nonlinear mode at amplitudes of a channel, (m,), each from a state that is near.
+
+    Parameters
+    ----------
+    rig : JointedRig
+    basis : FourierBasis
+    states : sequence of State, (m,)
+    relief : (m,) array
+        Damping xi that may keep each up [1/s].
+    channel : str
+    amplitudes : (m,) array
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If one cannot be solved.
+    """
+    problem, s = FreeMotion(rig, basis), rig.structure
+    moved = np.array([state.Q @ s.excitation + state.T @ s.flexibility_to_force for state in states])
+    drive = np.linalg.norm(moved[:, problem.fundamental], axis=1)
+    x = [problem.pack(state, float(xi), np.log10(a)) for state, xi, a in zip(states, relief, drive, strict=True)]
+    return _settled(problem, x, drive, channel, amplitudes)
+
+
+def _settled(
+    problem: DriveAmplitude, x: Sequence[Array], drive: Array, channel: str, amplitudes: Array
+) -> NonlinearMode:
+    """Motions at amplitudes of a channel, from unknowns near them at amplitudes of the drive."""
     for _ in range(ROUNDS):
-        found = mode.at(drive.tolist())
-        off = amplitudes / _channel_amplitude(found, channel)
+        found = [solved(problem, near, lam) for near, lam in zip(x, np.log10(drive).tolist(), strict=True)]
+        x = [f.x for f in found]
+        off = amplitudes / _channel_amplitude([describe(*problem.unpack(f.x, f.lam)) for f in found], channel)
         if np.abs(off - 1.0).max() < EXACT:
-            return found
+            return NonlinearMode.of(problem, found)
         drive = drive * off
     raise ConvergenceError(
-        f"{mode.rig.name}: amplitudes of {channel} are {np.abs(off - 1.0).max():.2g} off after {ROUNDS} rounds; must "
-        f"be within {EXACT:g}"
+        f"{problem.rig.name}: amplitudes of {channel} are {np.abs(off - 1.0).max():.2g} off after {ROUNDS} rounds; "
+        f"must be within {EXACT:g}"
     )
 
 
-def _channel_amplitude(mode: NonlinearMode, channel: str) -> Array:
+def _channel_amplitude(points: Sequence[PeriodicSolution], channel: str) -> Array:
     """Amplitude of the fundamental of a channel, (points,)."""
-    return np.array([np.hypot(c[1], c[len(c) // 2 + 1]) for c in (p[channel].coefficients for p in mode.points)])
+    return np.array([p[channel].amplitude[1] for p in points])

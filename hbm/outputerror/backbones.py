@@ -6,6 +6,7 @@ is that of the force that keeps the motion up at its resonance.
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,7 +17,8 @@ from hbm.balance.scaled import State
 from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis
 from hbm.measurement.decay import Decay
-from hbm.modes.decaying import at_channel, over_channel
+from hbm.modes.backbone import NonlinearMode
+from hbm.modes.decaying import at_channel, near_states, over_channel
 from hbm.modes.linear import linear_modes
 from hbm.modes.sensitivity import decay_changes
 from hbm.outputerror.floored import FlooredCampaign
@@ -65,16 +67,26 @@ class BackboneCampaign(FlooredCampaign):
     ) -> dict[int, Simulated]:
         """As of any campaign: all amplitudes, along the nonlinear mode of the rig, or none."""
         try:
-            return self._along_mode(rig, keys)
+            return self._simulated(self._motions(rig, starts), keys)
         except FAILURES as failed:
             if needed:
                 raise ConvergenceError(f"diagnose: the rig has lost its nonlinear mode: {failed}") from None
             return {}
 
-    def _along_mode(self, rig: AnyRig, keys: Sequence[str]) -> dict[int, Simulated]:
+    def _motions(self, rig: AnyRig, starts: States) -> NonlinearMode:
+        """Motions at all amplitudes: from those before, or along the mode where there are none of such a rig."""
         channel, held, basis = self.data.channels[0], self.amplitudes_held, self.numerics.working.basis
+        states = [starts[r.number] for r in self.data.records if r.number in starts]
+        alike = len(states) == len(held) and all(s.T.shape == (basis.size, len(rig.motions)) for s in states)
+        if alike and isinstance(rig, JointedRig):
+            relief = 4 * np.pi * np.array([float(r.measured[1, 0, 0]) for r in self.data.records])
+            with suppress(*FAILURES):
+                return near_states(rig, basis, states, relief, channel, held)
         branch = over_channel(rig, self.mode, channel, (float(held.min()), float(held.max())), basis, BUDGET)
-        motions = at_channel(branch, channel, held)
+        return at_channel(branch, channel, held)
+
+    def _simulated(self, motions: NonlinearMode, keys: Sequence[str]) -> dict[int, Simulated]:
+        channel = self.data.channels[0]
         half = motions.hz * motions.damping_ratio
         found = {}
         for i, (r, by) in enumerate(zip(self.data.records, decay_changes(motions, channel, keys), strict=True)):

@@ -5,7 +5,7 @@ import pytest
 
 from hbm.fourier import Array, FourierBasis
 from hbm.modes.backbone import NonlinearMode
-from hbm.modes.decaying import at_channel, over_channel
+from hbm.modes.decaying import at_channel, near_states, over_channel
 from hbm.modes.sensitivity import decay_changes
 from models import Dahl, Jenkins
 from models.bodies.modal import ModalModel
@@ -66,3 +66,14 @@ def test_derivatives_are_those_of_decays_solved_anew() -> None:
         )
         slope = (ahead - behind) / 2e-4
         assert np.all(np.abs((exact @ way).T - slope).max(axis=1) < 1e-5 * np.abs(slope).max(axis=1))
+
+
+def test_a_decay_from_motions_nearby_is_that_from_the_linear_mode() -> None:
+    rig = loaded_rig()
+    before = found(rig.with_number("joints.bristle.stiffness", 1.7e4))
+    states, relief = [p.state for p in before.points], 2.0 * described(before)[1]
+    near, anew = near_states(rig, BASIS, states, relief, "acc", AMPLITUDES), found(rig)
+    np.testing.assert_allclose(described(near), described(anew), rtol=1e-8)
+    keys = ["joints.bristle.stiffness", "joints.slider.normal_load"]
+    for a, b in zip(decay_changes(near, "acc", keys), decay_changes(anew, "acc", keys), strict=True):
+        np.testing.assert_allclose(a.relief, b.relief, rtol=1e-6)
