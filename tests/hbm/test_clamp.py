@@ -17,7 +17,7 @@ from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
 from hbm.symbolic import residual_function
 from models import Attachments, Channel, Dahl, Jenkins, Rig, Viscous
-from models.elements import MidplaneStretching
+from models.elements import ImpactStop, MidplaneStretching
 from models.published import PAPER_BEAM, PAPER_PENALTY
 from models.structure import SpringPort
 from tests.truth.measure import coefficients
@@ -99,7 +99,11 @@ def test_a_rigid_clamp_slips_too() -> None:
 # ---- derivatives
 
 
-@pytest.mark.parametrize("elements", [(), (MidplaneStretching(3e8),)], ids=["alone", "beside an element"])
+@pytest.mark.parametrize(
+    "elements",
+    [(), (MidplaneStretching(3e8),), (ImpactStop(2e-6, 1e5, 0.3),)],
+    ids=["alone", "beside an element", "beside a stop"],
+)
 @pytest.mark.parametrize("parameter", ["frequency", "force"])
 def test_newton_matrix_is_the_derivative(parameter, elements) -> None:
     """Taylor remainder; samples pass the kinks of the clamp one by one, hence less than second order."""
@@ -111,6 +115,7 @@ def test_newton_matrix_is_the_derivative(parameter, elements) -> None:
     direction, row = rng.standard_normal(problem.size) * np.abs(x).max(), rng.standard_normal(problem.size)
     here = problem.linearize(x, lam)
     assert isinstance(here.newton, SlippingBalance)
+    assert isinstance(here.newton.held, SlippingBalance) == any(isinstance(e, ImpactStop) for e in elements)  # it acts
     assert np.abs(here.newton.slid - np.eye(basis.size) / problem.clamp.port.stiffness).max() > 1e-5  # it slips
     columns = here.newton.solve_columns(row, 1.0, np.eye(problem.size), 0.0)
     last = here.solve_bordered(row, 1.0, np.zeros(problem.size), 1.0)
