@@ -84,14 +84,20 @@ class JointOverPeriod(SteadyPeriod):
         Omega : float
             Fundamental frequency [rad/s].
         """
-        self._shown, self._loop = (signals, Omega), None
         m, basis = self.ports, self.basis
         shown = signals.copy()
         shown[:, m : 2 * m] = Omega * basis.derivative(signals[:, m : 2 * m])
-        self._sampled[:] = basis.samples(shown)
-        self._environment[:] = 2 * np.pi / (Omega * basis.N_t), self.compliance
+        found = self.forces_of_samples(basis.samples(shown), Omega)
+        self._shown = signals, Omega
+        return found
+
+    def forces_of_samples(self, shown: Array, Omega: float) -> tuple[Array, float]:
+        """As :meth:`forces`, of displacements, velocities and load at the samples, (N_t, 2 m + 1)."""
+        self._shown, self._loop = (None, Omega), None
+        self._sampled[:] = shown
+        self._environment[:] = 2 * np.pi / (Omega * self.basis.N_t), self.compliance
         closure = self._steady()
-        return self._forces.reshape(basis.N_t, m), closure
+        return self._forces.reshape(self.basis.N_t, self.ports), closure
 
     @property
     def memory(self) -> Array:

@@ -123,6 +123,11 @@ class PushedRecord:
     omega: float
     fundamental: float
 
+    def read(self, i: int, force: Complex) -> Array:
+        """Readings (m,) of a force at a place, in standard deviations, by its amplitudes from the fundamental on."""
+        amplitudes = force[: self.motion.shape[1]]
+        return np.asarray(self.columns[i] @ np.concatenate([amplitudes.real, -amplitudes.imag]))
+
 
 def _pushed(record: Record, base: Evaluation, few: Campaign, rig: JointedRig, ends: Sequence[Ends]) -> PushedRecord:
     solution, H = base.found[record.number].solution, few.data.H
@@ -149,6 +154,13 @@ class _Place:
         loudest = max(records, key=lambda r: float(r.largest[i]))
         self.reach, self.omega = float(loudest.largest[i]), loudest.omega
         self.basis = sampled(max(HARMONICS, loudest.motion.shape[1]), SAMPLES)
+        self._moved = [self._motion(r) for r in records]
+
+    def _motion(self, r: "PushedRecord") -> tuple[Array, Array]:
+        """Motion here in a record: its coefficients (2H+1,), and what a law is shown of it at the samples (N_t, 3)."""
+        u = self.basis.real(np.pad(r.motion[self.i], (1, self.basis.H - r.motion.shape[1])))
+        signals = np.column_stack([u, r.fundamental * self.basis.derivative(u), np.zeros_like(u)])
+        return u, self.basis.samples(signals)
 
     def scanned(self, cause: AddedJoint, way: float) -> Scanned:
         """A candidate here, which sees the motion with a sign."""
@@ -188,15 +200,15 @@ class _Place:
 
     def _felt(self, cause: AddedJoint, way: float, values: dict[str, float]) -> Array:
         """What the records read of the force of a law, in standard deviations."""
-        law, held, rows = JointOverPeriod(cause.law(values), self.basis, loaded=False), cause.held(values), []
-        for r in self.records:
-            H = r.motion.shape[1]
-            u = way * self.basis.real(np.pad(r.motion[self.i], (1, self.basis.H - H)))
-            signals = np.column_stack([u, u, np.zeros_like(u)])
-            samples, _ = law.forces(signals, r.fundamental)
-            force = self.basis.complex(self.basis.coefficients(samples[:, 0]) + held * u)[1 : H + 1]
-            rows.append(way * (r.columns[self.i] @ np.concatenate([force.real, -force.imag])))
-        return np.concatenate(rows)
+        law = JointOverPeriod(cause.law(values), self.basis, loaded=False)
+        samples = [
+            law.forces_of_samples(way * shown, r.fundamental)[0][:, 0].copy()
+            for r, (_, shown) in zip(self.records, self._moved, strict=True)
+        ]
+        held = cause.held(values) * way * np.column_stack([u for u, _ in self._moved])
+        forces = self.basis.complex(self.basis.coefficients(np.column_stack(samples)) + held).T
+        of_record = zip(self.records, forces, strict=True)
+        return way * np.concatenate([r.read(self.i, force[1:]) for r, force in of_record])
 
 
 @dataclass(frozen=True)
