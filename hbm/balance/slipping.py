@@ -121,7 +121,7 @@ def _lost(problem: Balance, row: Array, seen: list[tuple[Array | None, float]]) 
     return np.concatenate([modal / problem.modal_force_ref, friction / problem.F_ref])
 
 
-class Correction(NamedTuple):
+class Yielded(NamedTuple):
     """What a place that gives way adds to solutions with it held.
 
     Attributes
@@ -158,7 +158,7 @@ class SlippingBalance:
     ) -> None:
         self.held, self.place = held, place
         self._force_by_parameter = force_by_parameter
-        self._known: Correction | None = None
+        self._known: Yielded | None = None
 
     @property
     def slid(self) -> Array:
@@ -170,12 +170,12 @@ class SlippingBalance:
             return self.place.load(x)
         return self.place.load(x, np.outer(self._force_by_parameter, lam))
 
-    def _correction(self, row: Array, row_lam: float) -> Correction:
+    def _correction(self, row: Array, row_lam: float) -> Yielded:
         known = self._known
         if known is None or known.row_lam != row_lam or not (known.row == row).all():
             x, lam = self.held.solve_columns(row, row_lam, self.place.by_slid, 0.0)
             matrix = np.eye(len(self.slid)) - self.slid @ self._load(x, lam)
-            known = self._known = Correction(row.copy(), row_lam, x, lam, matrix)
+            known = self._known = Yielded(row.copy(), row_lam, x, lam, matrix)
         return known
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
