@@ -115,15 +115,15 @@ class Linearization:
 
     def bordered(self, column: Array | None = None) -> Newton:
         """The derivative, with another column (size,) in place of that of the problem's parameter."""
-        problem, slope = self.problem, self.slope
+        problem, state, contact, slope = self.problem, self.state, self.contact, self.slope
         spread = None if slope is None or not slope.spread.acts else slope.spread
 
-        def own() -> Array:
-            return problem.by_parameter(self.state, self.contact, slope) if column is None else column
+        def own() -> Array:  # holds nothing that holds it
+            return problem.by_parameter(state, contact, slope) if column is None else column
 
         newton: Newton = Elimination(*self._parts, self.by_T, spread, own)
         if problem.elements is not None and slope is not None and slope.at_points.acts:
-            newton = SlippingBalance(newton, PointForces(problem, problem.elements, self.contact, slope.at_points))
+            newton = SlippingBalance(newton, PointForces(problem, problem.elements, contact, slope.at_points))
         if self.rotation is None:
             return newton
         slides = column is None and problem.parameter == "force"
