@@ -70,6 +70,10 @@ def main() -> None:
         app(prog_name="hbm")
     except KeyboardInterrupt:  # before or after Typer answers it
         say(interrupts.said(), 0)
+    except Exception:
+        if not interrupts.ending():
+            raise
+        say(interrupts.said(), 0)  # a library made another error of it
     finally:
         interrupts.conclude()
 

@@ -57,6 +57,11 @@ def kill_workers() -> None:
         worker.kill()
 
 
+def ending() -> bool:
+    """Whether the command was told to end."""
+    return bool(_received)
+
+
 def status() -> int:
     """Exit status of an interrupted command: 128 and the number of the signal; 1 where it has spent its time."""
     return 1 if _spent else 128 + (_received[0] if _received else signal.SIGINT)
