@@ -39,7 +39,7 @@ class ElementSlope:
     Parameters
     ----------
     elements : ElementsOverPeriod
-    entries : list of (array, array, array) or None
+    entries : list of Entries or None
         Derivatives (N_t, entries) of the force along the rows to y and to y_t, with their rows and columns; None where
         there are none.
     y_t : (N_t, r) array
@@ -128,29 +128,23 @@ class ElementSlope:
 
     def pushed(self, Q: Array) -> Array:
         """Change (2H+1, n+1, p) of the forces on modes and support with coefficients of the modes (2H+1, n, p)."""
-        e, basis = self._elements, self._elements.basis
-        y, out = np.matmul(e.rows, Q), np.zeros((basis.size, e.onto.shape[1], Q.shape[2]))
-        for i, entry in enumerate(self._entries):
-            if entry is not None:
-                read = self._Omega * basis.derivative(y.reshape(basis.size, -1)).reshape(y.shape) if i else y
-                seen = entry.k[:, :, None] * basis.samples(np.ascontiguousarray(read[:, entry.column]))
-                out += np.matmul(e.onto[entry.row].T, basis.coefficients(seen))
-        return out
+        e = self._elements
+        y = np.matmul(e.rows, Q)
+        faster = self._Omega * e.basis.derivative(y.reshape(e.basis.size, -1)).reshape(y.shape)
+        return np.asarray(np.matmul(e.onto.T, self.along(y, faster)))
 
     def by_modes(self) -> Array:
         """Derivative (2H+1, r, (2H+1) n) of the forces along the rows to coefficients of the modes, velocities held."""
         size, (_, n) = self._elements.basis.size, self._elements.rows.shape
         return self.along(np.einsum("kl,ri->krli", np.eye(size), self._elements.rows).reshape(size, -1, size * n))
 
-    def along(self, change: Array) -> Array:
-        """Change (2H+1, r, p) of the forces along the rows with deflections (2H+1, r, p), velocities held."""
-        e, stiffness = self._elements, self._entries[0]
-        out = np.zeros(change.shape)
-        if stiffness is not None:
-            k, row, column = stiffness
-            seen = np.tensordot(e.basis.synthesis, change, axes=1)
-            moved = np.tensordot(e.basis.analysis, k[:, :, None] * seen[:, column], axes=1)
-            out += np.einsum("kep,er->krp", moved, np.eye(change.shape[1])[row])
+    def along(self, y: Array, y_t: Array | None = None) -> Array:
+        """Change (2H+1, r, p) of the forces along the rows with deflections and velocities, which are held if omitted."""
+        basis, gathered, out = self._elements.basis, np.eye(y.shape[1]), np.zeros(y.shape)
+        for entry, read in zip(self._entries, (y, y_t), strict=True):
+            if entry is not None and read is not None:
+                seen = entry.k[:, :, None] * basis.samples(np.ascontiguousarray(read[:, entry.column]))
+                out += np.matmul(gathered[:, entry.row], basis.coefficients(seen))
         return out
 
 
@@ -249,7 +243,7 @@ def _forces(described: Described) -> ca.Function:
 
 
 class ElementsOverPeriod:
-    """The elements of a rig on a Fourier basis; the last is the lift of the tip where it `lifts`.
+    """The elements of a rig on a Fourier basis; the last is the lift of the tip where that may lift off.
 
     One object serves one thread: it owns the buffers that CasADi reads and fills.
 
@@ -269,9 +263,9 @@ class ElementsOverPeriod:
     def __init__(self, rig: Rig, basis: FourierBasis, load: float = 1.0) -> None:
         if basis.N_t <= 4 * basis.H:
             raise ValueError(f"elements: {basis.N_t} samples for {basis.H} harmonics; must be more than 4 per harmonic")
-        self.basis, self.wide, self.lifts = basis, FourierBasis(2 * basis.H, basis.N_t), rig.contact.lift_off
+        self.basis, self.wide = basis, FourierBasis(2 * basis.H, basis.N_t)
         parts = rig.element_rows
-        if self.lifts:
+        if rig.contact.lift_off:
             parts = [*parts[:-1], parts[-1].under(load)]
         rows, share, self.weight, self.static = stacked(parts)
         reads = [element.reads in (Reading.POINT, Reading.SUPPORT) for element in rig.acting]
@@ -317,30 +311,24 @@ class ElementsOverPeriod:
         """Largest reading of a tip that lifts off, in units of the load that holds it."""
         return float((self.basis.synthesis @ self.read(Q, F)[:, -1]).max())
 
-    def _slopes(self, Q: Array, Omega: float, F: Array) -> list[Array]:
-        """Derivatives of the force along the rows to y and to y_t, the entries of each sample in turn."""
+    def _slopes(self, Q: Array, Omega: float, F: Array) -> list[Entries]:
+        """Derivatives of the force along the rows to y and to y_t."""
         self._read(Q, Omega, F)
         evaluate, slopes = buffered(self._functions.slopes, self._inputs)
         evaluate()
-        return slopes
-
-    @property
-    def places(self) -> list[npt.NDArray[np.intp]]:
-        """Rows and columns of the entries of the slopes to y and to y_t."""
-        return self._functions.places[:2]
+        places = self._functions.places[:2]
+        return [Entries(k.reshape(len(self._y), -1), *place) for k, place in zip(slopes, places, strict=True)]
 
     def linearize(self, Q: Array, Omega: float, F: Array) -> ElementSlope:
         """Derivatives of what the forces of :meth:`along_rows` do to modes and support."""
-        slopes, N_t = self._slopes(Q, Omega, F), self.basis.N_t
-        entries = [Entries(k.reshape(N_t, -1), *place) for k, place in zip(slopes, self.places, strict=True)]
-        return ElementSlope(self, [e if len(e.row) else None for e in entries], self._y_t.copy(), Omega)
+        entries = [e if len(e.row) else None for e in self._slopes(Q, Omega, F)]
+        return ElementSlope(self, entries, self._y_t.copy(), Omega)
 
     def slopes_in_time(self, Q: Array, Omega: float, F: Array) -> tuple[Array, Array]:
         """Derivatives of the forces on modes and support to q and to q' at the samples, two of (N_t, n+1, n)."""
-        slopes, N_t = self._slopes(Q, Omega, F), self.basis.N_t
         by_q, by_v = (
-            np.einsum("te,ei,ej->tij", k.reshape(N_t, -1), self.onto[row], self.rows[column], optimize=True)
-            for k, (row, column) in zip(slopes, self.places, strict=True)
+            np.einsum("te,ei,ej->tij", k, self.onto[row], self.rows[column], optimize=True)
+            for k, row, column in self._slopes(Q, Omega, F)
         )
         return by_q, by_v
 

@@ -43,27 +43,32 @@ class Factors(NamedTuple):
         return determinant_sign(self.lu, self.pivots)
 
 
+class Border(NamedTuple):
+    """The row (size,) that closes a Newton system, and its entry for the parameter."""
+
+    row: Array
+    row_lam: float
+
+    def is_again(self, row: Array, row_lam: float) -> bool:
+        """Whether the border row is this one."""
+        return self.row_lam == row_lam and bool((self.row == row).all())
+
+
 class Bordered(NamedTuple):
     """Factors of a core with a border row.
 
     Attributes
     ----------
-    row, row_lam : (size,) array, float
-        The border row.
+    border : Border
     modes : array
         Its part on the modes, flat.
     factors : Factors
         Of the core with this row, (c + 1, c + 1).
     """
 
-    row: Array
-    row_lam: float
+    border: Border
     modes: Array
     factors: Factors
-
-    def serves(self, row: Array, row_lam: float) -> bool:
-        """Whether the border row is this one."""
-        return self.row_lam == row_lam and bool((self.row == row).all())
 
 
 class BorderedCore(ABC):
@@ -78,9 +83,9 @@ class BorderedCore(ABC):
     def _factor_with(self, row: Array, row_lam: float) -> Bordered:
         """Factors of the core with a border row; those of the row before where it is that again."""
         known = self._factored
-        if known is None or not known.serves(row, row_lam):
+        if known is None or not known.border.is_again(row, row_lam):
             matrix, modes = self._bordered(row, row_lam)
-            known = self._factored = Bordered(row.copy(), row_lam, modes.ravel(), Factors.of(matrix))
+            known = self._factored = Bordered(Border(row.copy(), row_lam), modes.ravel(), Factors.of(matrix))
         return known
 
 

@@ -127,7 +127,8 @@ class Linearization:
         if self.rotation is None:
             return newton
         slides = column is None and problem.parameter == "force"
-        return SlippingBalance(newton, self.rotation, problem.lam_ref * problem.force_shape if slides else None)
+        turned = self.rotation.load_by_force(problem.lam_ref * problem.force_shape) if slides else None
+        return SlippingBalance(newton, self.rotation, turned)
 
     @cached_property
     def complete(self) -> Array:

@@ -14,6 +14,7 @@ from hbm.balance.clamp import ClampMotion, ClampOverPeriod
 from hbm.balance.elements import ElementSlope, ElementsOverPeriod
 from hbm.balance.elimination import Elimination
 from hbm.balance.equations import Balance, Kinematics
+from hbm.balance.factors import Border, Factors
 from hbm.balance.scaled import State
 from hbm.fourier import Array
 
@@ -36,8 +37,8 @@ class Yielding(Protocol):
         """Part of the scaled balances that a slid motion takes off."""
         ...
 
-    def load(self, x: Array, force: Array | float = 0.0) -> Array:
-        """Change (s, r) of that load with scaled unknowns (size, r) and force (2H+1, r)."""
+    def load(self, x: Array) -> Array:
+        """Change (s, r) of that load with scaled unknowns (size, r)."""
         ...
 
 
@@ -61,11 +62,11 @@ class PointForces:
         onto, by_rho = self._elements.onto[self._rows], self._contact.by_rho
         return np.hstack([_lost(self._problem, row[:-1], [(by_rho, -float(row[-1]))]) for row in onto])
 
-    def load(self, x: Array, force: Array | float = 0.0) -> Array:
-        """Change (j (2H+1), r) of the readings with scaled unknowns (size, r) and force (2H+1, r)."""
-        problem, e, (size, r) = self._problem, self._elements, (self._problem.basis.size, x.shape[1])
+    def load(self, x: Array) -> Array:
+        """Change (j (2H+1), r) of the readings with scaled unknowns (size, r)."""
+        problem, (size, r) = self._problem, (self._problem.basis.size, x.shape[1])
         Q = x[: size * problem.structure.n].reshape(size, -1, r) * problem.q_ref
-        read = np.matmul(e.rows[self._rows], Q) + e.static[self._rows, :1] * (np.zeros((size, 1, r)) + force)
+        read = np.matmul(self._elements.rows[self._rows], Q)
         return np.ascontiguousarray(read.swapaxes(0, 1)).reshape(-1, r)
 
 
@@ -90,12 +91,17 @@ class SlidRotation:
         seen = [(contact.by_u, port.residual[0]), (contact.by_rho, port.residual[-1])]
         return _lost(self._problem, port.row, seen)
 
-    def load(self, x: Array, force: Array | float = 0.0) -> Array:
-        """Change (2H+1, r) of the moment if nothing had slid with scaled unknowns (size, r) and force (2H+1, r)."""
+    def load(self, x: Array) -> Array:
+        """Change (2H+1, r) of the moment if nothing had slid with scaled unknowns (size, r)."""
         problem, size, r = self._problem, self._problem.basis.size, x.shape[1]
         split = size * problem.structure.n
         Q, T = x[:split].reshape(size, -1, r) * problem.q_ref, x[split:] * problem.F_ref
-        return self._clamp.held(Q, T, np.zeros_like(T) + force)
+        return self._clamp.held(Q, T, np.zeros_like(T))
+
+    def load_by_force(self, force: Array) -> Array:
+        """Change (2H+1,) of that moment with an excitation (2H+1,) at held unknowns."""
+        Q = np.zeros((len(force), self._problem.structure.n))
+        return self._clamp.held(Q, np.zeros_like(force), force)
 
     @cached_property
     def slid_by_unknowns(self) -> Array:
@@ -126,19 +132,18 @@ class Yielded(NamedTuple):
 
     Attributes
     ----------
-    row, row_lam : (size,) array, float
-        The border row that it belongs to.
+    border : Border
+        The row that it belongs to.
     x, lam : (size, s) and (s,) array
         Motion and parameter per slid motion.
-    matrix : (s, s) array
-        What is slid less what that slides.
+    factors : Factors
+        Of what is slid less what that slides, (s, s).
     """
 
-    row: Array
-    row_lam: float
+    border: Border
     x: Array
     lam: Array
-    matrix: Array
+    factors: Factors
 
 
 class SlippingBalance:
@@ -149,15 +154,15 @@ class SlippingBalance:
     held : Elimination or SlippingBalance
         The balance with what is slid held.
     place : Yielding
-    force_by_parameter : (2H+1,) array
-        Excitation per parameter that the border column of `held` does not show to the place.
+    load_by_parameter : (s,) array, optional
+        Change of the load with the parameter at held unknowns that the border column of `held` leaves out; none where
+        omitted.
     """
 
     def __init__(
-        self, held: "Elimination | SlippingBalance", place: Yielding, force_by_parameter: Array | None = None
+        self, held: "Elimination | SlippingBalance", place: Yielding, load_by_parameter: Array | None = None
     ) -> None:
-        self.held, self.place = held, place
-        self._force_by_parameter = force_by_parameter
+        self.held, self.place, self._load_by_parameter = held, place, load_by_parameter
         self._known: Yielded | None = None
 
     @property
@@ -166,16 +171,15 @@ class SlippingBalance:
         return self.place.slid
 
     def _load(self, x: Array, lam: Array) -> Array:
-        if self._force_by_parameter is None:
-            return self.place.load(x)
-        return self.place.load(x, np.outer(self._force_by_parameter, lam))
+        load, by_parameter = self.place.load(x), self._load_by_parameter
+        return load if by_parameter is None else load + np.outer(by_parameter, lam)
 
-    def _correction(self, row: Array, row_lam: float) -> Yielded:
+    def _yielded(self, row: Array, row_lam: float) -> Yielded:
         known = self._known
-        if known is None or known.row_lam != row_lam or not (known.row == row).all():
+        if known is None or not known.border.is_again(row, row_lam):
             x, lam = self.held.solve_columns(row, row_lam, self.place.by_slid, 0.0)
-            matrix = np.eye(len(self.slid)) - self.slid @ self._load(x, lam)
-            known = self._known = Yielded(row.copy(), row_lam, x, lam, matrix)
+            factors = Factors.of(np.eye(len(self.slid)) - self.slid @ self._load(x, lam))
+            known = self._known = Yielded(Border(row.copy(), row_lam), x, lam, factors)
         return known
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
@@ -186,16 +190,13 @@ class SlippingBalance:
     def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
         """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
         x, lam = self.held.solve_columns(row, row_lam, rhs, rhs_row)
-        correction = self._correction(row, row_lam)
-        if not np.isfinite(correction.matrix).all():
-            return np.full_like(x, np.nan), np.full_like(lam, np.nan)
-        slid = np.linalg.solve(correction.matrix, self.slid @ self._load(x, lam))
-        return x + correction.x @ slid, lam + correction.lam @ slid
+        yielded = self._yielded(row, row_lam)
+        slid = yielded.factors.solve(self.slid @ self._load(x, lam))
+        return x + yielded.x @ slid, lam + yielded.lam @ slid
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix."""
-        matrix = self._correction(row, row_lam).matrix
-        return self.held.determinant_sign(row, row_lam) * int(np.sign(np.linalg.det(matrix)))
+        return self.held.determinant_sign(row, row_lam) * self._yielded(row, row_lam).factors.sign
 
 
 def _slipping(problem: Balance, kin: Kinematics) -> tuple[ClampOverPeriod, ClampMotion]:

@@ -136,12 +136,13 @@ class Backbone(ABC):
         continuation.ConvergenceError
             If one cannot be solved.
         """
-        return self._solved([self._crossing(self.amplitude, a) for a in amplitudes], np.log10(amplitudes))
+        return self._solved(self.near(amplitudes), np.log10(amplitudes))
 
     def at_force(self, forces: Sequence[float]) -> Self:
         """The motions at given forces [N], each where the branch first comes to it; errors as :meth:`at`."""
         crossings = [self._crossing(self.force, F) for F in forces]
-        return self._solved(crossings, [self._lam_of(F, i) for F, i in zip(forces, crossings, strict=True)])
+        lams = [self._lam_of(F, i) for F, i in zip(forces, crossings, strict=True)]
+        return self._solved([self._between(i, lam) for i, lam in zip(crossings, lams, strict=True)], lams)
 
     def _crossing(self, values: Array, wanted: float) -> int:
         """First point behind which a quantity passes a value."""
@@ -156,14 +157,13 @@ class Backbone(ABC):
         ends = (float(self.branch.points[i].lam), float(self.branch.points[i + 1].lam))
 
         def missing(lam: float) -> float:
-            return float(np.log(self._solved([i], [lam]).force[0] / force))
+            return float(np.log(self._solved([self._between(i, lam)], [lam]).force[0] / force))
 
         return float(brentq(missing, *ends, xtol=1e-12, rtol=1e-12))
 
-    def _solved(self, starts: Sequence[int], lams: Sequence[float] | Array) -> Self:
-        """Motions at given parameters, each from the two points behind which it lies."""
-        guesses = [self._between(i, lam) for i, lam in zip(starts, lams, strict=True)]
-        found = [solved(self.problem, x, float(lam)) for x, lam in zip(guesses, lams, strict=True)]
+    def _solved(self, near: Sequence[Array], lams: Sequence[float] | Array) -> Self:
+        """Motions at given parameters, from unknowns near them."""
+        found = [solved(self.problem, x, float(lam)) for x, lam in zip(near, lams, strict=True)]
         points = tuple(_point(self.problem, f) for f in found)
         return replace(self, points=_described(self.problem, points), branch=replace(self.branch, points=points))
 
@@ -185,12 +185,13 @@ class NonlinearMode(Backbone):
     """
 
     @staticmethod
-    def of(problem: DriveAmplitude, found: Sequence[Correction]) -> "NonlinearMode":
-        """Motions that were solved at some amplitudes, on no traced branch."""
+    def of(
+        problem: DriveAmplitude, found: Sequence[Correction], motions: tuple[PeriodicSolution, ...]
+    ) -> "NonlinearMode":
+        """Motions that were solved at some amplitudes, on no traced branch, and what they are in physical terms."""
         points = tuple(_point(problem, f) for f in found)
-        settings = Settings(lam_end=points[-1].lam)
-        branch = Branch(points, End.REACHED_END, "solved at given amplitudes", settings)
-        return NonlinearMode(problem.rig, _described(problem, points), branch, problem)
+        branch = Branch(points, End.REACHED_END, "solved at given amplitudes", Settings(lam_end=points[-1].lam))
+        return NonlinearMode(problem.rig, motions, branch, problem)
 
     @cached_property
     def lost(self) -> Array:

@@ -20,7 +20,7 @@ from hbm.modes.backbone import NonlinearMode, nonlinear_mode
 from hbm.modes.epmc import DriveAmplitude, FreeMotion
 from hbm.parallel import one_thread
 from hbm.response.budget import Budget
-from models.jointed import AnyRig, JointedRig
+from models.jointed import AnyRig
 
 BASIS = FourierBasis(15, default_samples(15))
 """Harmonics and samples of its motions."""
@@ -107,13 +107,13 @@ def at_channel(mode: NonlinearMode, channel: str, amplitudes: Array) -> Nonlinea
 
 @one_thread
 def near_states(
-    rig: JointedRig, basis: FourierBasis, states: Sequence[State], relief: Array, channel: str, amplitudes: Array
+    rig: AnyRig, basis: FourierBasis, states: Sequence[State], relief: Array, channel: str, amplitudes: Array
 ) -> NonlinearMode:
     """The motions of a nonlinear mode at amplitudes of a channel, (m,), each from a state that is near.
 
     Parameters
     ----------
-    rig : JointedRig
+    rig : Rig or JointedRig
     basis : FourierBasis
     states : sequence of State, (m,)
     relief : (m,) array
@@ -127,7 +127,8 @@ def near_states(
         If one cannot be solved.
     """
     problem, s = FreeMotion(rig, basis), rig.structure
-    moved = np.array([state.Q @ s.excitation + state.T @ s.flexibility_to_force for state in states])
+    forces = [state.T.reshape(basis.size, -1) for state in states]
+    moved = np.array([x.Q @ s.excitation + T @ s.flexibility_to_force for x, T in zip(states, forces, strict=True)])
     drive = np.linalg.norm(moved[:, problem.fundamental], axis=1)
     x = [problem.pack(state, float(xi), np.log10(a)) for state, xi, a in zip(states, relief, drive, strict=True)]
     return _settled(problem, x, drive, channel, amplitudes)
@@ -140,9 +141,10 @@ def _settled(
     for _ in range(ROUNDS):
         found = [solved(problem, near, lam) for near, lam in zip(x, np.log10(drive).tolist(), strict=True)]
         x = [f.x for f in found]
-        off = amplitudes / _channel_amplitude([describe(*problem.unpack(f.x, f.lam)) for f in found], channel)
+        motions = tuple(describe(*problem.unpack(f.x, f.lam)) for f in found)
+        off = amplitudes / _channel_amplitude(motions, channel)
         if np.abs(off - 1.0).max() < EXACT:
-            return NonlinearMode.of(problem, found)
+            return NonlinearMode.of(problem, found, motions)
         drive = drive * off
     raise ConvergenceError(
         f"{problem.rig.name}: amplitudes of {channel} are {np.abs(off - 1.0).max():.2g} off after {ROUNDS} rounds; "

@@ -77,8 +77,7 @@ class BackboneCampaign(FlooredCampaign):
         """Motions at all amplitudes: from those before, or along the mode where there are none of such a rig."""
         channel, held, basis = self.data.channels[0], self.amplitudes_held, self.numerics.working.basis
         states = [starts[r.number] for r in self.data.records if r.number in starts]
-        alike = len(states) == len(held) and all(s.T.shape == (basis.size, len(rig.motions)) for s in states)
-        if alike and isinstance(rig, JointedRig):
+        if len(states) == len(held) and all(s.T.shape == (basis.size, len(rig.motions)) for s in states):
             relief = 4 * np.pi * np.array([float(r.measured[1, 0, 0]) for r in self.data.records])
             with suppress(*FAILURES):
                 return near_states(rig, basis, states, relief, channel, held)
