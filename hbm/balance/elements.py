@@ -139,7 +139,7 @@ class ElementSlope:
         return self.along(np.einsum("kl,ri->krli", np.eye(size), self._elements.rows).reshape(size, -1, size * n))
 
     def along(self, y: Array, y_t: Array | None = None) -> Array:
-        """Change (2H+1, r, p) of the forces along the rows with deflections and velocities, which are held if omitted."""
+        """Change (2H+1, r, p) of the forces along the rows with deflections and velocities, held where omitted."""
         basis, gathered, out = self._elements.basis, np.eye(y.shape[1]), np.zeros(y.shape)
         for entry, read in zip(self._entries, (y, y_t), strict=True):
             if entry is not None and read is not None:
