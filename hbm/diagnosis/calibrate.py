@@ -17,6 +17,7 @@ from hbm.outputerror.model import FAR, SENSORS, Model
 from hbm.outputerror.nominal import SHAPES, tolerances
 from hbm.outputerror.simulated import Solutions
 from hbm.sensitivity.scalars import LOAD
+from models.causes.parameter import WrongParameter
 from models.jointed import AnyRig
 
 FEW = 8
@@ -50,6 +51,17 @@ def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
     few = coarse(campaign, [n for n in spread(campaign, FEW) if n in last])
     rough = fit_model(model, few, model.start, last, settled=1.0)
     return fit_model(model, campaign, rough.x, last, LAST_STEPS)
+
+
+def named_within(trust: Model, e: Evaluation) -> bool:
+    """Whether a number that is blamed differs from the rig file by no more than its tolerance explains."""
+    expected = {t.name: t for t in trust.free}
+    for f, x in zip(e.model.free, e.x, strict=True):
+        cause = e.model.causes[f.cause] if f.cause >= 0 else None
+        t = expected.get(cause.key) if isinstance(cause, WrongParameter) else None
+        if t is not None and abs(t.of(f.value(x)) - t.expected) <= FAR * t.std:
+            return True
+    return False
 
 
 def off(trust: Model, e: Evaluation) -> dict[str, float]:

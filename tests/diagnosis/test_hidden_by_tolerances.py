@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
@@ -90,3 +91,16 @@ def test_a_cause_that_a_background_could_be_is_not_believed(off, stands_too):
     best = fit_model(model, campaign, model.start, base.solutions)
     assert accepted(base, best, tried=100)
     assert (lead(best, base, None, 100, campaign) > DECISIVE) is stands_too
+
+
+@pytest.mark.parametrize(("off", "blamed"), [(1.02, False), (1.05, True)])
+def test_a_number_is_not_blamed_for_what_its_tolerance_explains(off, blamed):
+    """Young's modulus, known to 1 %: 3.5 tolerances are the bound, whichever route found it."""
+    rig, spectra = measured_of({E: off}, 50.0)
+    search = Search(rig, spectra, [WrongParameter(E)], None, lambda doing, done: None, None)
+    model = search.nominal.model.extended_by(WrongParameter(E))
+    true = np.array([f.of(off * rig.body.youngs_modulus) for f in model.free])
+    found = fit_model(model, search.campaign, true, search.nominal.solutions)
+    assert found.model.rig(found.x).body.youngs_modulus == pytest.approx(off * rig.body.youngs_modulus, rel=1e-3)
+    assert accepted(search.nominal, found, tried=100)
+    assert search.tolerable(found) is blamed
