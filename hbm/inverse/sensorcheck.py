@@ -205,12 +205,18 @@ def _cases(lefts: list[_Left]) -> Iterator[_Case]:
 
 
 def _exchanged(rig: Rig, spectra: MeasuredSpectra, base: Readings) -> Iterator[_Case]:
-    """All pairs of channels of one quantity, exchanged back."""
+    """Pairs of channels of one quantity, exchanged back.
+
+    The product of friction and motion is small: a pair that does not agree better beside it as it is was not exchanged.
+    """
     quantity = {c.name: c.quantity for c in rig.channels}
     for a, b in combinations(base.seen.channels, 2):
         if quantity[a] == quantity[b]:
             fault = Fault("swapped-channels", a, other=b)
-            trial = _readings(rig, fault.corrected(rig, spectra)[1])
+            back = fault.corrected(rig, spectra)[1]
+            if readings(sensing(rig, back), base.coupling).everyone.chi2 >= base.everyone.chi2:
+                continue
+            trial = _readings(rig, back)
             others = trial.others((a,))
             added = trial.everyone.chi2 - others.chi2
             yield _Case(replace(fault, chi2=added, score=added), _Left(a, trial, others))
