@@ -68,7 +68,8 @@ class JointOverPeriod(SteadyPeriod):
         self._bind(self.choices[0])
 
     def _bind(self, iterations: int) -> None:
-        self.functions: JointFunctions = joint_functions(self.law, self.basis.N_t, iterations)
+        yields = self.compliance != 0.0
+        self.functions: JointFunctions = joint_functions(self.law, self.basis.N_t, iterations, yields=yields)
         self._memory, self._outputs, self._iterations = self.functions.memory, self.ports, iterations
         self._allocate(self.functions, self._sampled, self._environment, values(self.law))
 
@@ -147,7 +148,7 @@ class JointOverPeriod(SteadyPeriod):
             by_Omega -= by_inputs[-1][:, :, 0] * 2 * np.pi / (Omega**2 * basis.N_t)
         return JointForces(f, tuple(found), by_used, by_Omega.T)
 
-    def along(self, signals: Array, Omega: float, numbers: Array, compliance: Array) -> Array:
+    def along(self, signals: Array, Omega: float, numbers: Array) -> Array:
         """Derivatives of the coefficients of the forces to numbers of the law, signals held, (2H+1, m, c).
 
         Parameters
@@ -156,8 +157,6 @@ class JointOverPeriod(SteadyPeriod):
             As for :meth:`forces`.
         numbers : (p, c) array
             Changes of the law's parameters.
-        compliance : (c,) array
-            Change of the compliance that the law takes into account.
         """
         self._show(signals, Omega)
         m, n, basis = self.ports, self.functions.memory, self.basis
@@ -176,7 +175,7 @@ class JointOverPeriod(SteadyPeriod):
             self._carried[:] = kept
             return found
 
-        inputs = np.broadcast_to(np.vstack([numbers, compliance]), (basis.N_t, len(numbers) + 1, numbers.shape[1]))
+        inputs = np.broadcast_to(numbers, (basis.N_t, *numbers.shape))
         return basis.coefficients(Loop(read(), m, virgin).changed(inputs))
 
     def pushed(self, signals: Array, Omega: float, change: Array) -> Array:

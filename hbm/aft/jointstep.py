@@ -25,6 +25,12 @@ def signals_of(ports: int) -> int:
 class JointStep:
     """One sample of a law.
 
+    Parameters
+    ----------
+    law : JointLaw
+    yields : bool
+        Whether the law may be told of a compliance. Without one most forces do not depend on themselves.
+
     Attributes
     ----------
     states : int
@@ -39,7 +45,7 @@ class JointStep:
         All that `force` and `z_new` depend on.
     """
 
-    def __init__(self, law: JointLaw) -> None:
+    def __init__(self, law: JointLaw, *, yields: bool = True) -> None:
         symbolic, self.p = with_symbols(law)
         m, n = law.ports, signals_of(law.ports)
         self.ports, self.states = m, law.states
@@ -47,6 +53,7 @@ class JointStep:
         self.now, self.before = ca.SX.sym("now", n), ca.SX.sym("before", n)
         self.environment = ca.SX.sym("environment", len(ENVIRONMENT))
         dt, C = ca.vertsplit(self.environment)
+        C = C if yields else ca.SX(0.0)
 
         def sample(s: Any, f: Any) -> JointSample:
             return JointSample(ca.vertsplit(s[:m]), ca.vertsplit(s[m : 2 * m]), s[2 * m], C, dt, ca.vertsplit(f))
@@ -113,7 +120,7 @@ class JointFunctions:
         `gap` is what f = law(f) is short of.
     period : (carried, signals, environment, p) -> (forces, gap, local, carried)
         `local` (forces, memory) by (memory, signals read, dt if it matters).
-    by_numbers : like `period`, with derivatives to (memory, signals read, dt if..., p, C).
+    by_numbers : like `period`, with derivatives to (memory, signals read, dt if..., p).
     """
 
     memory: int
@@ -126,17 +133,16 @@ class JointFunctions:
     by_numbers: ca.Function
 
 
-def joint_functions(law: JointLaw, N_t: int, iterations: int) -> JointFunctions:
-    """Functions of a law over N_t samples that solve f = law(f) with so many iterations."""
-    return _functions(form(law), N_t, iterations)
+def joint_functions(law: JointLaw, N_t: int, iterations: int, *, yields: bool = True) -> JointFunctions:
+    """Functions of a law over N_t samples that solve f = law(f) with so many iterations, see :class:`JointStep`."""
+    return _functions(form(law), N_t, iterations, yields)
 
 
 @lru_cache(maxsize=64)
-def _functions(made_of: Form, N_t: int, iterations: int) -> JointFunctions:
-    step = JointStep(of_form(made_of))
+def _functions(made_of: Form, N_t: int, iterations: int, yields: bool) -> JointFunctions:
+    step = JointStep(of_form(made_of), yields=yields)
     inputs = ca.vertcat(step.now, step.before)[list(step.reads)]
-    dt, C = ca.vertsplit(step.environment)
-    inputs = ca.vertcat(inputs, dt) if step.uses_time else inputs
+    inputs = ca.vertcat(inputs, step.environment[ENVIRONMENT.index("dt")]) if step.uses_time else inputs
     gap = step.force - step.f if step.implicit else ca.SX.zeros(step.ports)
 
     def stepped(*outputs: Any) -> ca.Function:
@@ -155,7 +161,7 @@ def _functions(made_of: Form, N_t: int, iterations: int) -> JointFunctions:
         march=unrolled(stepped(), N_t),
         force=unrolled(stepped(step.f, gap), N_t),
         period=with_derivatives(inputs),
-        by_numbers=with_derivatives(ca.vertcat(inputs, step.p, C)),
+        by_numbers=with_derivatives(ca.vertcat(inputs, step.p)),
     )
 
 

@@ -1,21 +1,19 @@
 """From slopes at the samples of a period to those of Fourier coefficients.
 
-Most friction has one state, an anchor that stays where it is or is dragged along, its past forgotten. Between those
-events the period is linear: an anchor moves as it did where it was dragged last, and nothing is marched.
+Most friction has one state or several side by side, anchors that stay where they are or are dragged along, their past
+forgotten. Between those events the period is linear: an anchor moves as it did where it was dragged last, and nothing
+is marched.
 """
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from hbm.aft.recurrence import gradients
+from hbm.aft.recurrence import ROUNDING, apart, gradients
 from hbm.fourier import Array, FourierBasis
-
-ROUNDING = 1e-12
-"""An anchor stays where its slope to itself is one and those to the inputs are none, to this fraction."""
 
 
 class Shown(NamedTuple):
@@ -60,13 +58,15 @@ def projected(
     list of (outputs, 2H+1, c) arrays
     """
     n = local.shape[1] - outputs
-    pulls = _no_pulls(local, outputs) if n == 0 else _pulls(local, outputs, basis.analysis, virgin) if n == 1 else None
-    if pulls is None:
+    anchors = _anchors(local, outputs, basis.analysis, virgin)
+    if anchors is None:
         by_samples = gradients(local, outputs, basis.analysis, virgin)
         return [by @ shown.samples for by, shown in zip(by_samples, inputs, strict=True)]
     at_once = _at_once(local[:, :outputs, n:], basis)
     found = [by if shown.series is None else by @ shown.series for by, shown in zip(at_once, inputs, strict=True)]
-    if len(pulls.samples):
+    for pulls in anchors:
+        if not len(pulls.samples):
+            continue
         there = {id(shown): shown.samples[pulls.samples] for shown in inputs}
         force = pulls.force.reshape(len(pulls.force), -1).T
         for by, shown, followed in zip(found, inputs, pulls.followed.T, strict=True):
@@ -91,8 +91,22 @@ class Pulls(NamedTuple):
     force: Array
 
 
-def _no_pulls(local: Array, outputs: int) -> Pulls:
-    return Pulls((), local[:0, 0], local[:0, :outputs])
+def _anchors(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) -> list[Pulls] | None:
+    """What each of the states does that is an anchor; None where they are others, or act on each other."""
+    n = local.shape[1] - outputs
+    if n == 1:
+        alone = _pulls(local, outputs, W, virgin)
+        return None if alone is None else [alone]
+    if n and not apart(local[:, outputs:, :n]):
+        return None
+    found, first = list[Pulls](), cache(virgin)
+    for i in range(n):
+        of = np.ix_(range(len(local)), [*range(outputs), outputs + i], [i, *range(n, local.shape[2])])
+        pulls = _pulls(local[of], outputs, W, lambda of=of: first()[of])  # type: ignore[misc]
+        if pulls is None:
+            return None
+        found.append(pulls)
+    return found
 
 
 def _pulls(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) -> Pulls | None:

@@ -9,12 +9,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import lapack
 
 from hbm.fourier import Array
 
 FEW_STATES = 5
 """Up to so many internal states the recurrence is solved as one banded system, else sample by sample."""
+
+ROUNDING = 1e-12
+"""An anchor stays where its slope to itself is one and those to the inputs are none, to this fraction."""
 
 NEUTRAL = 1e-9
 """A loop whose state returns undiminished to this accuracy never slips: its history decides its mean force."""
@@ -102,26 +106,65 @@ class Loop:
         return np.asarray(np.eye(self.states) - over_period)
 
     @cached_property
-    def _before(self) -> Array:
-        return self.virgin()
+    def _before(self) -> "Loop":
+        return Loop(self.virgin(), self.outputs, self.virgin)
+
+    @cached_property
+    def _dragged(self) -> npt.NDArray[np.intp] | None:
+        """Number of the last sample that dragged each anchor, (N_t, states), -1 for none; None where one is no anchor.
+
+        A state follows from that sample alone.
+        """
+        n, after = self.states, self.local[:, self.outputs :]
+        return last_dragged(after) if n == 1 or apart(after[:, :, :n]) else None
 
     def changed(self, inputs: Array) -> Array:
         """Change of the outputs (N_t, outputs, c) with inputs (N_t, inputs, c)."""
-        if not self.states:
-            return np.asarray(np.matmul(self.local, inputs))
-        begin: Array = np.zeros((self.states, inputs.shape[2]))
+        n = self.states
+        driven = np.matmul(self.local[:, :, n:], inputs)
+        if not n:
+            return np.asarray(driven)
+        begin: Array = np.zeros((n, inputs.shape[2]))
         if self._open is None:
-            begin = self._march(self._before, begin, inputs)[1]
+            before = self._before
+            begin = before._states(begin, np.matmul(before.local[:, self.outputs :, n:], inputs))[-1]
         else:
-            begin = np.asarray(np.linalg.solve(self._open, self._march(self.local, begin, inputs)[1]))
-        return self._march(self.local, begin, inputs)[0]
+            begin = np.asarray(np.linalg.solve(self._open, self._states(begin, driven[:, self.outputs :])[-1]))
+        z = self._states(begin, driven[:, self.outputs :])
+        return np.asarray(driven[:, : self.outputs] + np.matmul(self.local[:, : self.outputs, :n], z[:-1]))
 
-    def _march(self, by: Array, start: Array, inputs: Array) -> tuple[Array, Array]:
-        """Change of the outputs over a period, and of the states (states, c) at its end."""
-        n, outputs = self.states, self.outputs
-        driven = np.matmul(by[:, :, n:], inputs)
-        z = forwards(by[:, outputs:, :n], start, driven[:, outputs:])
-        return driven[:, :outputs] + np.matmul(by[:, :outputs, :n], z[:-1]), z[-1]
+    def _states(self, start: Array, driven: Array) -> Array:
+        """Change (N_t + 1, states, c) of the states over a period from `start` (states, c)."""
+        n = self.states
+        if self._dragged is None:
+            return forwards(self.local[:, self.outputs :, :n], start, driven)
+        z = np.concatenate([start[None], driven])
+        z[1:] = z[self._dragged + 1, np.arange(n)]
+        return z
+
+
+def last_dragged(after: Array) -> npt.NDArray[np.intp] | None:
+    """Number of the last sample that dragged each of some anchors that do not act on each other, -1 for none.
+
+    Parameters
+    ----------
+    after : (N_t, n, n + inputs) array
+        Slopes of the states after a sample to those before it and to its inputs.
+
+    Returns
+    -------
+    (N_t, n) array of int or None
+        None where a state is no anchor, that either stays where it is or is dragged along, its past forgotten.
+    """
+    n = after.shape[1]
+    kept, driven = np.diagonal(after[:, :, :n], axis1=1, axis2=2), after[:, :, n:]
+    stays = np.abs(kept) > ROUNDING
+    if (np.abs(kept - stays) > ROUNDING).any():
+        return None
+    drift, largest = np.abs(driven * stays[:, :, None]).max(axis=0), np.abs(driven).max(axis=0)
+    if (drift > ROUNDING * largest).any():
+        return None
+    return np.maximum.accumulate(np.where(stays, -1, np.arange(len(after))[:, None]), axis=0)
 
 
 def backwards(A: Array, right: Array) -> Array:
@@ -155,7 +198,7 @@ def backwards(A: Array, right: Array) -> Array:
 def forwards(A: Array, start: Array, driven: Array) -> Array:
     """States (N_t + 1, n_z, p) of z_k = A_k z_{k-1} + driven_k from `start` (n_z, p)."""
     N_t, n_z = A.shape[:2]
-    if n_z > FEW_STATES and _apart(A):
+    if n_z > FEW_STATES and apart(A):
         alone = [forwards(A[:, i : i + 1, i : i + 1], start[i : i + 1], driven[:, i : i + 1]) for i in range(n_z)]
         return np.concatenate(alone, axis=1)
     z = np.concatenate([start[None], driven])
@@ -170,7 +213,7 @@ def forwards(A: Array, start: Array, driven: Array) -> Array:
     return _solved(band, np.ascontiguousarray(z.transpose(2, 0, 1)), "L").transpose(1, 2, 0)
 
 
-def _apart(A: Array) -> bool:
+def apart(A: Array) -> bool:
     """Whether no state acts on another one: elements side by side."""
     return not A[:, ~np.eye(A.shape[1], dtype=bool)].any()
 

@@ -39,7 +39,7 @@ def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array
         if columns:
             change = np.zeros((len(names), len(columns)))
             change[[names.index(keys[i]) for i in columns], range(len(columns))] = 1.0
-            by = problem.joints[j].along(here.signals[j], here.state.Omega, change, np.zeros(len(columns)))
+            by = problem.joints[j].along(here.signals[j], here.state.Omega, change)
             rows = out[split:].reshape(basis.size, len(problem.own), -1)
             rows[:, at, columns] -= by / problem.f_ref[at, None]
     for i, moved in enumerate(structure_changes(problem.rig, keys)):

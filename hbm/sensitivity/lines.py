@@ -48,6 +48,6 @@ def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
         if columns:
             of_law = np.array([[float(name == keys[i]) for i in columns] for name in names])
             law = problem.joints[j]
-            missed[:, at, columns] = law.along(here.signals[j], problem.Omega, of_law, np.zeros(len(columns)))
+            missed[:, at, columns] = law.along(here.signals[j], problem.Omega, of_law)
     T = here.followed(missed)
     return Q + problem.modes.moved(np.einsum("kmp,mn->knp", T, s.joints)), T
