@@ -26,7 +26,7 @@ LEAST = 1e-9
 
 def with_floor(spectra: MeasuredSpectra, channels: Iterable[str], share: float) -> MeasuredSpectra:
     """Spectra whose standard deviations hold a share of the response of channels, once."""
-    return spectra if spectra.assumed else unrepeatable(spectra, dict.fromkeys(channels, share))
+    return unrepeatable(spectra, {name: share for name in channels if name not in spectra.assumed})
 
 
 def repeatability_of(rig: AnyRig, spectra: MeasuredSpectra, least: float = 0.0) -> dict[str, float]:
@@ -39,7 +39,7 @@ def repeatability_of(rig: AnyRig, spectra: MeasuredSpectra, least: float = 0.0) 
     spectra : MeasuredSpectra
         Records of the same level and frequency show it.
     least : float
-        What is known of all channels; it counts once where standard deviations are made of it already.
+        What is known of all channels; it counts once in those whose standard deviations are made of it already.
 
     Returns
     -------
@@ -48,8 +48,8 @@ def repeatability_of(rig: AnyRig, spectra: MeasuredSpectra, least: float = 0.0) 
     """
     stated = {c.name: c.repeatability for c in rig.response_channels if c.name in spectra.channels}
     seen = _of_repetitions(rig, spectra, list(stated))
-    least = 0.0 if spectra.assumed else least
-    return {name: max(least, share, seen.get(name, 0.0)) for name, share in stated.items()}
+    floor = {name: 0.0 if name in spectra.assumed else least for name in stated}
+    return {name: max(floor[name], share, seen.get(name, 0.0)) for name, share in stated.items()}
 
 
 def unrepeatable(spectra: MeasuredSpectra, shares: Mapping[str, float]) -> MeasuredSpectra:
@@ -104,7 +104,8 @@ def with_std(rig: AnyRig | None, spectra: MeasuredSpectra, share: float = 0.0) -
             size[:, own] = _typical(spectra, own.tolist())
     least = np.maximum(LEAST * size.max(axis=(0, 2), keepdims=True), np.finfo(float).tiny)
     std = np.where(missing, np.maximum(relative * size, least), spectra.std)
-    return replace(spectra, std=std, assumed=share)
+    made = missing.any(axis=(0, 2)) if share else np.zeros(len(spectra.channels), dtype=bool)
+    return replace(spectra, std=std, assumed=tuple(np.array(spectra.channels)[made].tolist()))
 
 
 def _typical(spectra: MeasuredSpectra, places: list[int]) -> Array:

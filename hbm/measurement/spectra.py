@@ -48,8 +48,8 @@ class MeasuredSpectra(Displayed):
         What speaks against a record, by its number, one sentence each: it is not steady, a channel is clipped...
     names : tuple of str
         Names of the records where they are no numbers, by number less one; of a selection too, those of all.
-    assumed : float
-        Share of the response that stands in for standard deviations that the source does not give, 0 where it does.
+    assumed : tuple of str
+        Channels in which a repeatability that was stated stands in for standard deviations that are not given.
     """
 
     source: str
@@ -61,7 +61,7 @@ class MeasuredSpectra(Displayed):
     std: Array
     notes: tuple[tuple[int, str], ...] = ()
     names: tuple[str, ...] = ()
-    assumed: float = 0.0
+    assumed: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         """Summary in words."""

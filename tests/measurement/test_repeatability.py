@@ -7,7 +7,7 @@ import pytest
 
 from hbm.errors import InputError
 from hbm.fourier import MANY
-from hbm.measurement.repeatability import repeatability_of, typical_size, unrepeatable, with_std
+from hbm.measurement.repeatability import repeatability_of, typical_size, unrepeatable, with_floor, with_std
 from hbm.measurement.spectra import spectra_of
 from models import Beam, Channel, Contact, Coulomb, Damping, Excitation, Rig
 
@@ -102,7 +102,7 @@ def test_records_measured_more_than_once_say_what_a_standard_deviation_is(rig):
     size = {name: np.abs(spectra.complex(name)[:, 1]) for name in spectra.channels}
     for name, share in {"a1": 0.01, "a2": 0.03, "force": 0.02}.items():  # each of cosine and sine; 80 records
         assert found.std[:, found.index(name), 1] / size[name] == pytest.approx(share, rel=0.2)
-    assert found.assumed == 0.0
+    assert found.assumed == ()
     assert repeatability_of(rig, found)["a2"] < 0.015  # it is noise already
 
 
@@ -117,6 +117,21 @@ def test_a_stated_repeatability_stands_in_for_standard_deviations_once(rig):
     assert found.std[:, 1, 1] == pytest.approx(0.02 * size / np.sqrt(2.0), rel=1e-4)
     again = unrepeatable(found, repeatability_of(rig, found, 0.02))
     assert np.array_equal(again.std, found.std)
+
+
+def test_a_stated_repeatability_counts_where_another_channel_has_no_standard_deviation(rig):
+    """A force known by its setting alone, beside a response with its noise."""
+    spectra = measured(rig, {"a1": 0.0, "a2": 0.0}).select(records=[1, 41])
+    std = spectra.std.copy()
+    std[:, spectra.index("force")] = np.nan
+    found = with_std(rig, replace(spectra, std=std), 0.02)
+    assert found.assumed == ("force",)
+    assert repeatability_of(rig, found, 0.02) == {"a1": 0.02, "a2": 0.02}
+    assert np.array_equal(found.std[:, 1:], spectra.std[:, 1:])
+    floored = with_floor(found, ("a1", "force"), 0.02)
+    size = np.abs(found.complex("a1")[:, 1])
+    assert floored.std[:, 1, 1] == pytest.approx(np.hypot(spectra.std[:, 1, 1], 0.02 * size / np.sqrt(2.0)), rel=1e-4)
+    assert np.array_equal(floored.std[:, 0], found.std[:, 0])
 
 
 def test_standard_deviations_that_are_given_stay(rig):
