@@ -43,13 +43,9 @@ def write_result(table: "Contents", plot: Path | None, draw: Callable[[], "AxesA
 
     if plot is None:
         return write_together(table)
-    import matplotlib.pyplot as plt
+    from hbm.figures.page import figure_bytes, settle
 
-    from hbm.figures.page import figure_bytes
-
-    figure = draw().flat[0].figure
-    drawn = figure_bytes(figure, plot.suffix[1:].lower(), dpi=200)
-    plt.close(figure)
+    drawn = figure_bytes(settle(draw().flat[0].figure), plot.suffix[1:].lower())
     return write_together({**table, plot: drawn})
 
 

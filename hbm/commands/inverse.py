@@ -274,4 +274,4 @@ def _write(contents: Mapping[str, str | bytes], tell: Callable[[], None], out: P
     tell()
     print_written(written)
     if not has_netcdf():
-        print(f"no {NETCDF_FILE}: needs {' and '.join(NEEDED_FOR_NETCDF)}; pip install 'casadi-hbm[io]'")
+        print(f"no {NETCDF_FILE}: needs {NEEDED_FOR_NETCDF}; pip install 'casadi-hbm[io]'")

@@ -14,18 +14,18 @@ from rich.table import Table
 from rich.text import Text
 
 from hbm.errors import visible
-from hbm.integration.history import TimeHistory
-from hbm.integration.jointed import JointHistory
-from hbm.modes.linear import LinearModes
-from hbm.response.curve import Assessment, ResponseCurve
-from hbm.response.loop import FrictionLoop
 from hbm.rigfiles.lawchoice import KnownLaw, known_law, plain
 from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
 from models.jointed import AnyRig, JointedRig
 
 if TYPE_CHECKING:
+    from hbm.integration.history import TimeHistory
+    from hbm.integration.jointed import JointHistory
     from hbm.measurement.harmonicestimate import HarmonicEstimate
+    from hbm.modes.linear import LinearModes
+    from hbm.response.curve import Assessment, ResponseCurve
+    from hbm.response.loop import FrictionLoop
 
 TEXTS = ("record", "channel", "unit", "law", "values", "example", "about")
 """Headings of columns that hold no numbers."""
@@ -44,7 +44,7 @@ LAWS_FOOT = (
 )
 
 
-def print_modes(console: Console, rig: AnyRig, modes: LinearModes) -> None:
+def print_modes(console: Console, rig: AnyRig, modes: "LinearModes") -> None:
     """Print natural frequencies, damping, and what the modes left out contribute."""
     numbers = zip(modes.sliding_hz, modes.stuck_hz, modes.damping_ratio, strict=True)
     rows = [
@@ -69,7 +69,7 @@ def print_modes(console: Console, rig: AnyRig, modes: LinearModes) -> None:
     )
 
 
-def print_curves(console: Console, curves: Sequence[ResponseCurve]) -> None:
+def print_curves(console: Console, curves: Sequence["ResponseCurve"]) -> None:
     """Print what was found at each level, how accurate it is, why, and what to beware of."""
     first = curves[0].rig
     print_rows(console, f"{first.name}, {first.law_name}", map(_response_row, curves))
@@ -86,7 +86,7 @@ def print_curves(console: Console, curves: Sequence[ResponseCurve]) -> None:
         print_lines(console, [f"{c.level:g} N: {line}" for line in _stability_lines(c)])
 
 
-def stable_words(curve: ResponseCurve) -> str:
+def stable_words(curve: "ResponseCurve") -> str:
     """How much of a curve is unstable."""
     if curve.stable is None or curve.doubtful is None:
         return "stability not worked out"
@@ -99,7 +99,7 @@ def stable_words(curve: ResponseCurve) -> str:
     )
 
 
-def _stability_lines(curve: ResponseCurve) -> list[str]:
+def _stability_lines(curve: "ResponseCurve") -> list[str]:
     """How much of a curve is unstable, and where it bifurcates."""
     if curve.stable is None:
         return []
@@ -109,7 +109,7 @@ def _stability_lines(curve: ResponseCurve) -> list[str]:
     return [stable_words(curve), "bifurcations: " + ", ".join(f"{count} {kind}" for kind, count in counts.items())]
 
 
-def _response_row(c: ResponseCurve) -> dict[str, str]:
+def _response_row(c: "ResponseCurve") -> dict[str, str]:
     return {
         "level\nN": f"{c.level:g}",
         "points": str(len(c.points)),
@@ -121,7 +121,7 @@ def _response_row(c: ResponseCurve) -> dict[str, str]:
     }
 
 
-def force_cells(c: ResponseCurve, points: slice = EVERYWHERE) -> dict[str, str]:
+def force_cells(c: "ResponseCurve", points: slice = EVERYWHERE) -> dict[str, str]:
     """Largest forces of the contact, or of the joint with the largest, in some points of a curve."""
     if "normal" in c.rig.computed:
         normal = [p["normal"] for p in c.points[points]]
@@ -137,7 +137,7 @@ def force_cells(c: ResponseCurve, points: slice = EVERYWHERE) -> dict[str, str]:
     return {"largest\njoint force": f"{largest[name]:.3g} {c[name].unit}", "in": name.replace(".force", "")}
 
 
-def _numerics_row(c: ResponseCurve, known: Assessment) -> dict[str, str]:
+def _numerics_row(c: "ResponseCurve", known: "Assessment") -> dict[str, str]:
     worst = known.error.worst
     return {
         "level\nN": f"{c.level:g}",
@@ -151,8 +151,10 @@ def _numerics_row(c: ResponseCurve, known: Assessment) -> dict[str, str]:
     }
 
 
-def print_history(console: Console, history: TimeHistory | JointHistory) -> None:
+def print_history(console: Console, history: "TimeHistory | JointHistory") -> None:
     """Print the last period's peaks, how steady it is, and what to beware of."""
+    from hbm.integration.history import TimeHistory
+
     title = f"{history.rig.name}, {history.level:g} N at {history.hz:g} Hz"
     rows = []
     for name, signal in history.channels.items():
@@ -240,7 +242,7 @@ def _unit_bound_and_meaning(law: type, f: "Field[Any]") -> tuple[str, str, str]:
     return "", accepted_setting(law, f.name), f"{s.meaning}; {s.source}{optional}{others}"
 
 
-def print_loops(console: Console, loops: Sequence[FrictionLoop], sets: Sequence[str]) -> None:
+def print_loops(console: Console, loops: Sequence["FrictionLoop"], sets: Sequence[str]) -> None:
     """Print the largest force and the energy lost per period of some laws' loops, and their sets of parameters."""
     first = loops[0]
     amplitude = f"{1e6 * (first.u.max() - first.u.min()) / 2:g}"

@@ -7,19 +7,25 @@ Colour carries the level, line style the stability (dashed where unstable). Noth
 style stays in force for everything that is not said here. Figures of the inverse problem are in
 :mod:`hbm.figures.inverse`, of identified laws in :mod:`hbm.figures.identification`; :mod:`hbm.figures.page` makes the
 one HTML page that holds figures, tables and what to beware of.
+
+Names are imported when they are first used: what draws a reconstruction needs nothing of curves.
 """
 
-from hbm.figures.curves import (
-    least_reaction,
-    phase_degrees,
-    plot_contact,
-    plot_curves,
-    plot_frequency_response,
-    plot_phase,
-)
-from hbm.figures.histories import plot_history
-from hbm.figures.loops import plot_loop, plot_loops
-from hbm.figures.sensors import plot_channel, plot_sensors
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hbm.figures.curves import (
+        least_reaction,
+        phase_degrees,
+        plot_contact,
+        plot_curves,
+        plot_frequency_response,
+        plot_phase,
+    )
+    from hbm.figures.histories import plot_history
+    from hbm.figures.loops import plot_loop, plot_loops
+    from hbm.figures.sensors import plot_channel, plot_sensors
 
 __all__ = [
     "least_reaction",
@@ -34,3 +40,24 @@ __all__ = [
     "plot_phase",
     "plot_sensors",
 ]
+
+_HOMES = {
+    "hbm.figures.curves": (
+        "least_reaction",
+        "phase_degrees",
+        "plot_contact",
+        "plot_curves",
+        "plot_frequency_response",
+        "plot_phase",
+    ),
+    "hbm.figures.histories": ("plot_history",),
+    "hbm.figures.loops": ("plot_loop", "plot_loops"),
+    "hbm.figures.sensors": ("plot_channel", "plot_sensors"),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'hbm.figures' has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)

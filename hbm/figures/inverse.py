@@ -122,7 +122,8 @@ def plot_reconstructed_loop(
     color = level_color(reconstruction, reconstruction.spectra.level[i])
     u, T = slip.samples[i] * 1e6, friction.samples[i]
     band = loop_band(u, T, slip.std[i] * 1e6, friction.std[i])
-    ax.add_patch(PathPatch(band, facecolor=tint(color), linewidth=0, zorder=1))
+    ax.add_artist(PathPatch(band, facecolor=tint(color), linewidth=0, zorder=1))
+    ax.update_datalim(band.vertices)  # add_patch would look for the ends of each curve, of which there are none
     ax.plot(closed(u), closed(T), color=color, linewidth=1.2, zorder=3, label="reconstructed")
     if truth is not None:
         known = [closed(_comparable(reconstruction, truth, name, i)) for name in ("slip", "friction")]
@@ -275,7 +276,7 @@ def plot_signals(
         titled(grid[0, column], reconstruction, record)
     _mark_load(grid[1], reconstruction)
     for ax in grid.flat:
-        ax.set_xlim(0.0, 1.0)
+        ax.set_xlim(0.0, 1.0, emit=False)  # each has its turn
         ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
     label_all(grid, "Phase of the period")
     if truth is not None:

@@ -190,7 +190,7 @@ def embedded(figure: Figure, dpi: int = RESOLUTIONS[0]) -> str:
 
 
 def settle(figure: Figure) -> Figure:
-    """Fix the layout of a figure, so that saving it several times is quick; return it, detached from `pyplot`."""
+    """Fix the layout of a figure, so that saving it is quick; return it, detached from `pyplot`."""
     import matplotlib.pyplot as plt
 
     plt.close(figure)

@@ -28,7 +28,7 @@ IN_HARMONICS = ("friction", "slip", "normal")
 PARTS = ("cos", "sin", "amplitude", "std")
 SIGNAL_FILE, NETCDF_FILE = "reconstruction.csv", "reconstruction.nc"
 FILES = (SIGNAL_FILE, "energy.csv", "harmonics.csv", "reconstruction.mat", NETCDF_FILE)
-NEEDED_FOR_NETCDF = ("xarray", "h5netcdf")
+NEEDED_FOR_NETCDF = "h5netcdf"
 
 
 # ------------------------------------------------------------------------------------------------------------ writing
@@ -43,7 +43,7 @@ def write_reconstruction(folder: StrPath, reconstruction: Reconstruction, *, net
         Made where it does not exist, in a directory that does.
     reconstruction : Reconstruction
     netcdf : bool, optional
-        Write ``reconstruction.nc`` too; where omitted, if the packages that make it are there.
+        Write ``reconstruction.nc`` too; where omitted, if the package that makes it is there.
 
     Returns
     -------
@@ -53,7 +53,7 @@ def write_reconstruction(folder: StrPath, reconstruction: Reconstruction, *, net
     Raises
     ------
     InputError
-        If the files cannot be written; then none is. If NetCDF is asked for and its packages are missing.
+        If the files cannot be written; then none is. If NetCDF is asked for and its package is missing.
     """
     return write_folder(folder, reconstruction_contents(reconstruction, netcdf=netcdf), FILES)
 
@@ -73,10 +73,10 @@ def reconstruction_contents(reconstruction: Reconstruction, *, netcdf: bool | No
 
 
 def has_netcdf() -> bool:
-    """Whether the packages that make NetCDF files are installed."""
+    """Whether the package that makes NetCDF files is installed."""
     from importlib.util import find_spec
 
-    return all(find_spec(package) is not None for package in NEEDED_FOR_NETCDF)
+    return find_spec(NEEDED_FOR_NETCDF) is not None
 
 
 def record_columns(reconstruction: Reconstruction, places: npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:

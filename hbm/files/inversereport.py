@@ -271,7 +271,7 @@ def _files_section() -> Section:
             "SI units throughout. Every _std is one standard deviation; bands and bars in figures are 1.96 of them.",
             "reconstruction.csv: the signals over the period. energy.csv: a row per record. harmonics.csv: cosine, "
             "sine and amplitude of each harmonic, the resolution of the sensors and the condition number. "
-            "reconstruction.mat, and reconstruction.nc where xarray is installed: all of it as arrays, with units.",
+            "reconstruction.mat, and reconstruction.nc where h5netcdf is installed: all of it as arrays, with units.",
             "Where a record's sensors contradict the structure beyond noise, its standard deviations are widened "
             "by the square root of its misfit.",
         ),

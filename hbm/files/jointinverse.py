@@ -165,7 +165,7 @@ def _page(found: JointReconstruction, plates: Sequence[Plate]) -> Page:
                     "SI units throughout. Every _std is one standard deviation; bands in figures are 1.96 of them.",
                     "reconstruction.csv: the signals over the period. energy.csv: a row per record. harmonics.csv: "
                     "cosine, sine and amplitude of each harmonic. reconstruction.mat, and reconstruction.nc where "
-                    "xarray is installed: all of it as arrays, with units.",
+                    "h5netcdf is installed: all of it as arrays, with units.",
                     "Means are not known: no accelerometer sees them. Positive forces act on the body along its port.",
                 ),
                 csv=TABLES[:3],

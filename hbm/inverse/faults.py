@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import optimize
 
 from hbm.fourier import Array, coefficients_of
 from hbm.inverse.readings import Others, Readings
@@ -109,6 +108,8 @@ def explanations(readings: Readings, channel: str, others: Others) -> Iterator[F
 
 def _scatter(readings: Readings, channel: str, others: Others, right: float, price: float) -> Fault:
     """A standard deviation that is larger than stated, by maximum likelihood."""
+    from scipy.optimize import minimize_scalar
+
     error, variance = readings.against(channel, others)
     measured = readings.weight[:, :, readings.channels.index(channel)] > 0.0
     square, unsure = np.abs(error[measured]) ** 2, variance[measured] - 1.0
@@ -118,7 +119,7 @@ def _scatter(readings: Readings, channel: str, others: Others, right: float, pri
         return float(np.sum(square / total + 2.0 * np.log(total)))
 
     most = float(np.log(1.0 + np.sqrt(square.max(initial=1.0))))
-    found = optimize.minimize_scalar(unlikely, bounds=(0.0, most), method="bounded")
+    found = minimize_scalar(unlikely, bounds=(0.0, most), method="bounded")
     times = float(np.exp(found.x))
     information = float(np.sum(4.0 * times**2 / (times**2 + unsure) ** 2))
     score = right + min(found.fun - unlikely(0.0), 0.0) + price
@@ -161,10 +162,12 @@ def _regression(readings: Readings, channel: str, others: Others, rows: Complex)
 
 def _least(objective: Objective, grid: Array) -> tuple[float, float]:
     """Place and value of the least misfit: a grid tells minima apart, and Brent's method refines the lowest."""
+    from scipy.optimize import minimize_scalar
+
     values = objective(grid)
     best = int(values.argmin())
     low, high = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
-    found = optimize.minimize_scalar(
+    found = minimize_scalar(
         lambda x: float(objective(np.array([x]))[0]),
         bounds=(low, high),
         method="bounded",
@@ -189,6 +192,8 @@ def with_std(fault: Fault, readings: Readings, others: Others) -> Fault:
 
 def _rise(objective: Objective, fault: Fault, rise: float, most: float) -> float:
     """Distance at which the misfit exceeds its least by `rise`, the mean of both sides."""
+    from scipy.optimize import brentq
+
     sides = []
     for sign in (-1.0, 1.0):
 
@@ -199,5 +204,5 @@ def _rise(objective: Objective, fault: Fault, rise: float, most: float) -> float
         while far < most and excess(far) < 0.0:
             far *= 4.0
         if far < most:
-            sides.append(float(optimize.brentq(excess, 0.0, far, rtol=1e-3)))
+            sides.append(float(brentq(excess, 0.0, far, rtol=1e-3)))
     return float(np.mean(sides)) if sides else float("inf")

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy import optimize
 
 from hbm.fourier import Array
 from hbm.inverse.readings import Readings, readings
@@ -43,6 +42,8 @@ def structure_score(rig: Rig, base: Readings) -> float:
         With the price of one parameter, since one is wrong more often than all are; inf where the structure is given
         by its modes.
     """
+    from scipy.optimize import least_squares
+
     if not isinstance(rig.body, Beam):
         return float("inf")
 
@@ -59,7 +60,7 @@ def structure_score(rig: Rig, base: Readings) -> float:
     nominal = np.array([rig.number(key) for key in PROPERTIES])
     start = np.zeros(len(PROPERTIES))
     bounds = (-WITHIN, WITHIN)
-    found = optimize.least_squares(misfit, start, slope, bounds=bounds, x_scale=1e-3, max_nfev=EVALUATIONS)
+    found = least_squares(misfit, start, slope, bounds=bounds, x_scale=1e-3, max_nfev=EVALUATIONS)
     return float(2.0 * found.cost + np.log(base.total))
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from math import perm
 
 import numpy as np
-from scipy.interpolate import BSpline
 from scipy.linalg import null_space
 
 from hbm.fourier import Array
@@ -152,6 +151,8 @@ def series(beam: Beam) -> Functions:
 
 def spline(beam: Beam) -> Functions:
     """B-splines on equal pieces, held at the ends."""
+    from scipy.interpolate import BSpline
+
     inner = np.linspace(0.0, beam.length, INTERVALS + 1)
     knots = np.concatenate([np.zeros(DEGREE), inner, np.full(DEGREE, beam.length)])
     basis = BSpline(knots, np.eye(INTERVALS + DEGREE), DEGREE)

@@ -1,6 +1,6 @@
-"""Spectra and recordings for other programs: NPZ (NumPy), NetCDF (xarray), MAT (SciPy) and UFF58 (pyuff).
+"""Spectra and recordings for other programs: NPZ (NumPy), NetCDF (h5netcdf, xarray), MAT (SciPy) and UFF58 (pyuff).
 
-Each format is made and taken apart by the library its users know. Contents are built as bytes, so that a file
+Each format is made and taken apart by a library its users know. Contents are built as bytes, so that a file
 appears complete or not at all (:func:`hbm.textfiles.write_together`).
 """
 
@@ -9,6 +9,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
 from traceback import clear_frames
 from typing import Any
@@ -17,7 +18,7 @@ import numpy as np
 
 from hbm.errors import InputError
 from hbm.fourier import Array
-from hbm.labelled import Variables, dataset, extra
+from hbm.labelled import Variables, extra
 from hbm.measurement.matfile import load_mat
 from hbm.measurement.npzfile import load_npz
 from hbm.measurement.recording import Recording
@@ -151,9 +152,21 @@ def note_lines(spectra: MeasuredSpectra) -> Iterator[str]:
 
 
 def _netcdf(where: str, arrays: Variables, coordinates: Variables) -> bytes:
-    made = dataset(where, arrays, coordinates)
-    extra("h5netcdf", where)
-    return _through_a_file(lambda file: made.to_netcdf(file, engine="h5netcdf"))
+    """As xarray writes and reads it, without the second that its import takes."""
+    h5netcdf, file = extra("h5netcdf", where), io.BytesIO()
+    text, entries = extra("h5py", where).string_dtype(), {**coordinates, **arrays}
+    with h5netcdf.File(file, "w") as made:
+        sizes = (zip(dims, np.shape(values), strict=True) for dims, values, _ in entries.values())
+        made.dimensions = dict(chain.from_iterable(sizes))
+        for name, (dims, values, unit) in entries.items():
+            data = np.asarray(values)
+            kind = text if data.dtype.kind in "OU" else data.dtype
+            missing = np.nan if data.dtype.kind == "f" else None
+            variable = made.create_variable(name, dims, kind, data.astype(kind), missing)
+            beside = [other for other, (own, _, _) in coordinates.items() if (other,) != own and set(own) <= set(dims)]
+            notes = {"units": unit, "coordinates": " ".join(sorted(beside)) if name in arrays else ""}
+            variable.attrs.update({key: note for key, note in notes.items() if note})
+    return file.getvalue()
 
 
 def _mat(where: str, arrays: Variables, coordinates: Variables) -> bytes:
