@@ -32,7 +32,8 @@ from tests.truth.effects import (
 from tests.truth.laws import Coulomb, Dahl, Iwan, LuGre, NoFriction, Parallel, Stribeck, Viscous
 from tests.truth.measure import Spectra, measure, write_contact, write_rig, write_spectra
 from tests.truth.rig import Sensor, Tone, TrueRig, table_1
-from tests.truth.simulate import Record, Settings, Truth, scattered, simulate_records
+from tests.truth.shooting import Settings
+from tests.truth.simulate import Record, Truth, scattered, simulate_records
 
 __all__ = [
     "AddedMass",

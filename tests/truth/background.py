@@ -16,7 +16,8 @@ import numpy as np
 from tests.truth.effects import ClampRotation, Stinger, SupportFlexibility
 from tests.truth.measure import read
 from tests.truth.rig import TrueRig
-from tests.truth.simulate import Settings, Truth, simulate_records
+from tests.truth.shooting import Settings
+from tests.truth.simulate import Truth, simulate_records
 
 Array = np.ndarray
 PARTS = ("damping", "sensors", "supports", "stinger", "thickness", "drift")

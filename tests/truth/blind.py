@@ -29,7 +29,8 @@ from tests.truth.hidden import CATALOGUE, MAKERS, OUTSIDE, Hidden, Scene, Unfit
 from tests.truth.laws import Coulomb, Dahl
 from tests.truth.measure import Spectra, measure, read, with_noise, write_rig, write_spectra
 from tests.truth.rig import Sensor, TrueRig
-from tests.truth.simulate import Record, Settings, Truth, scattered, simulate_records
+from tests.truth.shooting import Settings
+from tests.truth.simulate import Record, Truth, scattered, simulate_records
 
 Array = np.ndarray
 SETS = ("A", "C", "D", "E", "F")

@@ -6,7 +6,7 @@ forces statically.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from tests.truth.rig import TrueRig
 Array = np.ndarray
 FASTEST = 1.3  # omega dt of the fastest mode that is given its inertia
 TRIALS = 60
+COLUMNS = 4  # that are read beside the pull and the effects' rows
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Instant:
 
     state: State
     p: Array
-    Gq: Array
+    p_before: Array
     T: Array
     R: Array
     u: Array
@@ -48,6 +49,10 @@ class Instant:
     T_before: Array
     trials: int = 0
     mismatch: float = 0.0
+
+
+def pairs(a: State, b: State) -> list[tuple[Array, Array]]:
+    return [(getattr(a, f.name), getattr(b, f.name)) for f in fields(State)]
 
 
 def stack(items: Sequence[Reduced]) -> dict[str, Array]:
@@ -114,31 +119,55 @@ class Batch:
         steps_of = [np.where(rule, a, b) for a, b in zip(ruled, exactly, strict=True)]
         fallback = (0.0, 0.0, 0.0, static, 0.0, 0.0, 0.0, 0.0)
         exact = [np.where(self.dynamic, a, b)[:, None] for a, b in zip(steps_of, fallback, strict=True)]
-        self.qq, self.qv, self.q0, self.q1, self.vq, self.vv, self.v0, self.v1 = exact
+        qq, qv, q0, q1, vq, vv, v0, v1 = exact
+        self.kept = [np.stack(pair) for pair in ((qq, vq), (qv, vv), (q0, v0))]  # (q and v, records, 1, n)
+        self.moved = np.stack([q1, v1])
         self.P = np.array([[rig.normal_load] for rig in rigs])
         self.scale = np.array([[rig.variable_normal_load] for rig in rigs])
         self.axial = m["axial"][:, None]
-        self._contact_rows()
-        rows = m["rows"]
         self.hidden = [effect for effect in self.rig.effects if effect.nonlinear]
-        self.row_flexibility = (rows**2 * self.q1).sum(axis=-1)[:, None]
-        self.row_count = [len(effect.rows(self.rig.complete())) for effect in self.rig.effects if effect.nonlinear]
+        self.row_flexibility = (m["rows"] ** 2 * q1).sum(axis=-1)[:, None]
+        self.row_count = [len(effect.rows(self.rig.complete())) for effect in self.hidden]
+        self._readings()
 
-    def _contact_rows(self) -> None:
-        """Rows that read slip, reaction and the rest's slip from q, v and p, and their answers to T in a step."""
+    def _readings(self) -> None:
+        """What is read from q, v and p in one product each, and the answers of all of it to the forces of a step.
+
+        Columns: -G q, to which the contact's row is added; then half the linear slip, the reaction, what tension adds
+        to it and the rest's slip; then the effects' rows and their rates.
+        """
         m, dynamic = self.m, self.dynamic
+        records, n = dynamic.shape
         c, tip = m["contact"] + 0 * dynamic, np.where(dynamic, m["tip_mass_row"], 0.0)
-        q_row = m["tip_stiffness_row"] - tip * m["omega2"]
-        v_row = np.where(dynamic, m["tip_damping_row"] - tip * m["damping"], 0.0)
-        self.q_rows = np.stack([c, q_row, m["tip_geometric_row"] + 0 * c, np.where(dynamic, 0.0, c)], axis=-1)
-        self.v_rows = np.stack([c, v_row], axis=-1)
-        self.p_row = tip[..., None]
-        q1, v1 = self.q1[:, 0], self.v1[:, 0]
-        rest_T = (np.where(dynamic, 0.0, c**2 * q1)).sum(axis=1, keepdims=True) + self.axial
-        self.u_T = (c**2 * q1).sum(axis=1, keepdims=True) + self.axial
-        self.v_T = (c**2 * v1).sum(axis=1, keepdims=True)
-        self.w_T = self.v_T + rest_T / self.dt
-        self.R_T = self.scale * (c * (tip + q_row * q1 + v_row * v1)).sum(axis=1, keepdims=True)
+        R_q = m["tip_stiffness_row"] - tip * m["omega2"]
+        R_v = np.where(dynamic, m["tip_damping_row"] - tip * m["damping"], 0.0)
+        nothing, rows = 0 * c, m["rows"].swapaxes(1, 2) + np.zeros((records, 1, 1))
+        columns = np.array(
+            [
+                [c / 2, R_q, m["tip_geometric_row"] + nothing, np.where(dynamic, 0.0, c)],
+                [nothing, R_v, nothing, nothing],
+                [nothing, tip, nothing, nothing],
+            ]
+        )
+        whole = np.zeros((3, records, n, n + COLUMNS + 2 * rows.shape[-1]))
+        whole[0, ..., :n] = -m["G"]
+        whole[..., n : n + COLUMNS] = np.moveaxis(columns, 1, -1)
+        effects = whole[..., n + COLUMNS :]
+        effects[0, ..., : rows.shape[-1]] = effects[1, ..., rows.shape[-1] :] = rows
+        self.read, (q1, v1) = whole, self.moved[:, :, 0, :, None]
+        self.answers = q1 * whole[0] + v1 * whole[1] + whole[2]
+        self.turns = np.ascontiguousarray(self.answers[..., :n])
+        self.stretches = self.moved[:, :, 0, :, None]
+        self.contact = np.zeros((records, 1, whole.shape[-1]))
+        self.contact[..., :n] = c[:, None]
+        self.wide: tuple[Array, ...] = ()
+
+    def _of_each_copy(self, copies: int) -> tuple[Array, ...]:
+        """What moves q and v, and rows of the contact and the drive, repeated: products of equal shapes are cheap."""
+        if not self.wide or self.wide[0].shape[2] != copies:
+            narrow = (self.moved, self.contact, self.m["drive"][:, None] + 0 * self.moved[0])
+            self.wide = tuple(np.repeat(a, copies, axis=-2) for a in narrow)
+        return self.wide
 
     def rest_state(self, copies: int = 1) -> State:
         """At rest and unloaded."""
@@ -159,12 +188,12 @@ class Batch:
             rigs, reduced = [rigs[i] for i in np.flatnonzero(keep)], {name: a[keep] for name, a in self.m.items()}
         return Batch(rigs, self.omega[keep], self.lag[keep], self.steps, self.tolerance, reduced)
 
-    def _effects(self, q: Array, v: Array, Gq: Array, phase: float, start: Array, tried: Array, soft: Array, dt: Array):
+    def _effects(self, q: Array, seen: Array, phase: float, start: Array, tried: Array, soft: Array, dt: Array):
         """Generalised force, extra tension, extra part of R and new memory of the hidden effects."""
         if not self.hidden:
             return 0.0, 0.0, 0.0, start
-        rows = self.m["rows"]
-        y, y_rate = q @ rows.swapaxes(1, 2), v @ rows.swapaxes(1, 2)
+        n, rows = q.shape[-1], self.m["rows"]
+        Gq, (y, y_rate) = self.contact[..., :n] - seen[..., :n], np.split(seen[..., n + COLUMNS :], 2, axis=-1)
         phase = phase - self.lag[:, None]
         forces, memory, tension, r, s = [], [], 0.0, 0, 0
         for effect, count in zip(self.hidden, self.row_count, strict=True):
@@ -184,32 +213,32 @@ class Batch:
         m, T = self.m, self.law.force(state.law)
         q, v = np.where(self.dynamic[:, None], state.q, 0.0), np.where(self.dynamic[:, None], state.v, 0.0)
         still, soft = np.where(self.dynamic[:, None], 0.0, 1.0 / m["omega2"][:, None]), 0 * self.row_flexibility
-        whole, Gq, driven = state.q, state.q @ m["G"], self._driven(F)
+        whole, driven = state.q, F[..., None] * m["drive"][:, None]
+        seen = whole @ self.read[0] + v @ self.read[1] + self.contact
         for _ in range(8):
-            push, tension, at_tip, _ = self._effects(whole, v, Gq, 0.0, state.hidden, state.hidden, soft, 0 * self.dt)
-            p = self._forces(driven, T, tension, Gq) + push
+            push, tension, at_tip, _ = self._effects(whole, seen, 0.0, state.hidden, state.hidden, soft, 0 * self.dt)
+            p = self._forces(driven, T, seen[..., : q.shape[-1]], tension, push)
             whole = q + still * p
-            Gq = whole @ m["G"]
-        u, v_slip, R, rest = self._contact(whole, v, p, Gq, T, tension, at_tip)
-        return Instant(replace(state, q=whole, v=v), p, Gq, T, R, u, v_slip, rest, T)
+            seen = whole @ self.read[0] + v @ self.read[1] + p @ self.read[2] + self.contact
+        u, v_slip, R, rest = self._contact(np.stack([whole, v]), seen, T, tension, at_tip)
+        return Instant(replace(state, q=whole, v=v), p, p, T, R, u, v_slip, rest, T)
 
-    def _forces(self, driven: Array, T: Array, tension: Array | float, Gq: Array) -> Array:
-        """Forces on the modes; `driven` are those of the excitation."""
-        p = self.m["contact"][:, None] - Gq
-        p *= T[..., None]
+    def _forces(self, driven: Array, T: Array, pull: Array, tension: Array | float, push: Array | float) -> Array:
+        """Forces on the modes; `driven` are those of the excitation, `pull` is the row along which friction acts."""
+        p = pull * T[..., None]
         p += driven
-        return p - np.asarray(tension)[..., None] * Gq if self.hidden else p
+        if self.hidden:
+            p -= np.asarray(tension)[..., None] * (self.contact[..., : p.shape[-1]] - pull)
+            p += push
+        return p
 
-    def _driven(self, F: Array) -> Array:
-        return F[..., None] * self.m["drive"][:, None]
-
-    def _contact(self, q, v, p, Gq, T, tension, at_tip) -> tuple[Array, Array, Array, Array]:
+    def _contact(self, qv: Array, seen: Array, T: Array, tension, at_tip) -> tuple[Array, Array, Array, Array]:
         """Slip, slip velocity of the modes, reaction, and the slip of what has no inertia."""
-        from_q, from_v = q @ self.q_rows, v @ self.v_rows
-        u = from_q[..., 0] - np.einsum("rci,rci->rc", q, Gq) / 2 + self.axial * T
-        v_slip = from_v[..., 0] - np.einsum("rci,rci->rc", v, Gq)
-        R = self.P + (p @ self.p_row)[..., 0] + from_q[..., 1] + from_v[..., 1] + (T + tension) * from_q[..., 2]
-        return u, v_slip, R + at_tip, from_q[..., 3] + self.axial * T
+        n, along = qv.shape[-1], self.axial * T
+        u, v_slip = np.einsum("krci,rci->krc", qv, seen[..., :n])
+        u = u / 2 + seen[..., n] + along
+        R = self.P + seen[..., n + 1] + (T + tension) * seen[..., n + 2]
+        return u, v_slip, R + at_tip, seen[..., n + 3] + along
 
     def normal(self, R: Array) -> Array:
         """What the friction law is given for the reaction."""
@@ -217,26 +246,28 @@ class Batch:
 
     def advance(self, now: Instant, F: Array, phase: float) -> Instant:
         """One step; F (records, 1) and the phase at its end."""
-        m, law, old = self.m, self.law, now.state
-        q0 = self.qq * old.q + self.qv * old.v + self.q0 * now.p
-        v0 = self.vq * old.q + self.vv * old.v + self.v0 * now.p
-        T, Gq, p, memory = 2 * now.T - now.T_before, now.Gq, now.p, old.hidden
-        q, v, push, tension = q0 + self.q1 * p, v0 + self.v1 * p, 0.0, 0.0
-        R_old, tolerance = self.normal(now.R), self.tolerance * self.P
-        ones, driven = np.ones_like(T), self._driven(F)
-        answers = [row * ones for row in (self.u_T, self.v_T, self.w_T, self.R_T)]
+        law, old = self.law, now.state
+        from_q, from_v, from_p = self.kept
+        start = from_q * old.q
+        start += from_v * old.v
+        start += from_p * now.p
+        moved, contact, drive = self._of_each_copy(start.shape[2])
+        base = start[0] @ self.read[0] + start[1] @ self.read[1] + contact
+        T, p, n = 2 * now.T - now.T_before, 2 * now.p - now.p_before, now.p.shape[-1]
+        qv, seen, memory, push = start + moved * p, base + p @ self.answers, old.hidden, 0.0
+        R_old, tolerance, driven = self.normal(now.R), self.tolerance * self.P, F[..., None] * drive
+        turned, answers = self._slopes(seen, T)
         for trial in range(1, TRIALS + 1):
             before = push
             push, tension, at_tip, memory = self._effects(
-                q, v, Gq, phase, old.hidden, memory, self.row_flexibility, self.dt
+                qv[0], seen, phase, old.hidden, memory, self.row_flexibility, self.dt
             )
-            p = self._forces(driven, T, tension, Gq)
-            p += push
-            q, v = self.q1 * p, self.v1 * p  # in place from here on: new arrays cost more than what is done with them
-            q += q0
-            v += v0
-            Gq = q @ m["G"]
-            u, v_slip, R, rest = self._contact(q, v, p, Gq, T, tension, at_tip)
+            p = self._forces(driven, T, seen[..., :n], tension, push)
+            qv = moved * p
+            qv += start  # in place: new arrays cost more than what is done with them
+            seen = p @ self.answers
+            seen += base
+            u, v_slip, R, rest = self._contact(qv, seen, T, tension, at_tip)
             w = v_slip + (rest - now.rest) / self.dt
             at = Trial(
                 u - now.u, v_slip, w, self.normal(R), now.v_slip, R_old, self.dt, self.P,
@@ -246,12 +277,24 @@ class Batch:
             change = (law.force(remembered) - T) / np.maximum(1.0 - slope, 0.3)
             mismatch = np.abs(change) / tolerance
             T = T + change
+            seen[..., :n] += turned * change[..., None]
             worst = largest(mismatch)
             if self.hidden and trial > 1:
                 worst = max(worst, 0.01 * largest(np.abs(push - before) / tolerance[..., None]))
             if worst < 1.0 and trial > 1:
                 break
-        return Instant(State(q, v, remembered, memory), p, Gq, T, R, u, v_slip, rest, now.T, trial, worst)
+        return Instant(State(*qv, remembered, memory), p, now.p, T, R, u, v_slip, rest, now.T, trial, worst)
+
+    def _slopes(self, seen: Array, T: Array) -> tuple[Array, tuple[Array, ...]]:
+        """What pull, slip, both slip velocities and the law's reaction answer to the friction force of a step."""
+        n = self.dynamic.shape[1]
+        pull = seen[..., :n]
+        more = pull + T[..., None] * (pull @ self.turns)  # what is pulled turns, and pulls less
+        answer = more @ self.answers
+        u_T, v_T = ((pull * more) @ self.stretches)[..., 0]
+        R_T = self.scale * (answer[..., n + 1] + seen[..., n + 2] + T * answer[..., n + 2])
+        w_T = v_T + (answer[..., n + 3] + self.axial) / self.dt
+        return answer[..., :n], (u_T + self.axial, v_T, w_T, R_T)
 
     def acceleration(self, now: Instant) -> Array:
         """q'' of the modes with inertia."""

@@ -5,10 +5,12 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from tests.truth.march import Batch, Instant, State
+from tests.truth.march import Batch, Instant, State, pairs
 from tests.truth.rig import TrueRig
+from tests.truth.shooting import Settings, Shooting
 
 Array = np.ndarray
+CLOSE_ENOUGH = 1e-3  # of the coarse steps: so far off is their answer in the fine ones anyway
 
 
 @dataclass(frozen=True)
@@ -23,23 +25,6 @@ class Record:
     @property
     def force(self) -> float:
         return self.level if self.amplitude is None else self.amplitude
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How a steady state is found. Newton is given the slow modes; the others forget within a period."""
-
-    ramp: int = 40
-    hold: int = 10
-    coarse: int = 256
-    slow_modes: int = 10
-    perturbation: float = 1e-6
-    tolerance: float = 1e-9
-    iterations: int = 12
-    retries: int = 2
-    again: int = 60  # periods marched on where Newton failed
-    chord: bool = False  # the derivatives of the coarse steps serve the fine ones too, for as long as they converge
-    growth: float = 1e-5  # of a Floquet multiplier over one that is still called stable (a stuck contact has one at 1)
 
 
 @dataclass(frozen=True)
@@ -133,125 +118,6 @@ def ramp(batch: Batch, force: Array, start: State, periods: int, hold: int) -> t
     return now.state, largest
 
 
-@dataclass
-class Progress:
-    """The best states so far, what they leave to close, the step taken from them and the share of it."""
-
-    state: State
-    residual: Array
-    step: Array
-    damping: Array
-
-
-@dataclass
-class Shooting:
-    """Newton on the map of a period, for the records that still need it."""
-
-    batch: Batch
-    force: Array
-    size: State
-    settings: Settings
-
-    def __post_init__(self) -> None:
-        self.K = int(min(self.settings.slow_modes, self.batch.dynamic.sum(axis=1).min()))
-        # in units of the largest modal energy a period of a conserving system turns its state and stretches nothing
-        omega = np.sqrt(np.where(self.batch.dynamic, self.batch.m["omega2"], np.inf))[:, None]
-        speed = np.maximum(np.where(np.isfinite(omega), omega * self.size.q, 0.0), self.size.v).max(-1, keepdims=True)
-        size = replace(self.size, q=speed / np.where(np.isfinite(omega), omega, 1.0), v=speed + 0 * self.size.v)
-        self.floor = size.map(lambda a: np.maximum(a, 1e-3 * a.max(axis=0, keepdims=True) + 1e-30))
-        self.unit = self._slow(self.floor)[:, 0]
-
-    def _slow(self, s: State) -> Array:
-        return np.concatenate([s.q[..., : self.K], s.v[..., : self.K], s.law, s.hidden], axis=-1)
-
-    def _with(self, s: State, slow: Array, records: Array | int = 0) -> State:
-        """Copies of a state with their slow parts replaced; the fast modes follow the friction force statically."""
-        copies = s.map(lambda a: np.repeat(a[:, :1], slow.shape[1], axis=1).copy())
-        K, L = self.K, s.law.shape[-1]
-        copies.q[..., :K], copies.v[..., :K] = slow[..., :K], slow[..., K : 2 * K]
-        copies.law[...], copies.hidden[...] = slow[..., 2 * K : 2 * K + L], slow[..., 2 * K + L :]
-        law, m = self.batch.law, self.batch.m
-        soft = (m["contact"] / m["omega2"])[:, None, K:]
-        more = law.force(copies.law) - law.force(s.law[:, :1])
-        copies.q[..., K:] += more[..., None] * (soft if len(soft) == 1 else soft[records])
-        return copies
-
-    def after_period(self, state: State, todo: Array, derivative: bool) -> tuple[State, Array, Array, Array]:
-        """State after a period, the largest gap to its beginning, the gap and derivative of the slow part, in units."""
-        batch = self.batch if todo.all() else self.batch.select(todo)
-        start, unit = state.map(lambda a: a[todo]), self.unit[todo]
-        slow, eps = self._slow(start), self.settings.perturbation
-        width = slow.shape[-1]
-        shifts = np.concatenate([np.zeros((1, width)), eps * np.eye(width)])[: None if derivative else 1]
-        after = batch.period(self._with(start, slow + shifts * unit[:, None], todo), self.force[todo])
-        mapped = self._slow(after) / unit[:, None]
-        end = after.map(lambda a: a[:, :1])
-        gaps = State(*(e - s for e, s in pairs(end, start)))
-        moving = batch.dynamic[:, None]
-        gaps = replace(gaps, q=np.where(moving, gaps.q, 0.0), v=np.where(moving, gaps.v, 0.0))
-        floor = self.floor.map(lambda a: a[todo])
-        worst = np.max([np.abs(g / f).max(axis=(1, 2)) for g, f in pairs(gaps, floor) if g.size], axis=0)
-        return end, worst, mapped[:, 0] - slow[:, 0] / unit, ((mapped[:, 1:] - mapped[:, :1]) / eps).swapaxes(1, 2)
-
-    def solve(self, state: State, known: Array | None = None) -> tuple[State, Array, Array]:
-        """State, residual and largest Floquet multiplier of each record; `known` derivatives to begin with.
-
-        A derivative serves for as long as it brings the residual down tenfold; the last is taken near the solution.
-        """
-        records, width = len(self.batch.omega), self.unit.shape[1]
-        last = Progress(state.map(np.copy), np.full(records, np.inf), np.zeros((records, width)), np.ones(records))
-        trial, jacobian = state.map(np.copy), np.zeros((records, width, width))
-        taken_at, renew = np.full(records, np.inf), np.ones(records, bool)
-        if known is not None and known.shape == jacobian.shape:
-            jacobian[:], taken_at, renew = known, np.zeros(records), np.zeros(records, bool)
-        todo = np.ones(records, bool)
-        for _ in range(self.settings.iterations):
-            for derivative in (True, False):
-                now = todo & (renew == derivative)
-                if not now.any():
-                    continue
-                end, worst, gap, J = self.after_period(trial, now, derivative)
-                for i, r in enumerate(np.flatnonzero(now)):
-                    runs_away = not np.isfinite([worst[i], *gap[i], *J[i].flat]).all()
-                    if derivative and not runs_away:
-                        jacobian[r], taken_at[r] = J[i], worst[i]
-                    renew[r] = worst[i] > 0.1 * last.residual[r] and not derivative
-                    too_long = runs_away or worst[i] > 4 * last.residual[r]
-                    if too_long and last.damping[r] > 0.05:  # halve the step
-                        last.damping[r] /= 2
-                        self._put(trial, r, last.state, r, last.damping[r] * last.step[r])
-                        renew[r] = True
-                        continue
-                    if runs_away:
-                        continue
-                    last.residual[r], last.damping[r] = worst[i], min(1.0, 2 * last.damping[r])
-                    last.step[r] = np.linalg.lstsq(np.eye(width) - jacobian[r], gap[i], rcond=5e-5)[0]
-                    self._put(last.state, r, trial, r)
-                    self._put(trial, r, end, i)  # the fast modes take the place they have after a period
-                    slow = self._slow(last.state)[r] + last.damping[r] * last.step[r] * self.unit[r]
-                    self._put(trial, r, self._with(trial.map(lambda a, r=r: a[r : r + 1]), slow[None], [r]), 0)
-            todo = last.residual > self.settings.tolerance
-            if not todo.any():
-                break
-        stale = (taken_at > 1e-5) & ~todo
-        if stale.any():
-            jacobian[stale] = self.after_period(last.state, stale, True)[3]
-        self.jacobian = jacobian
-        return last.state, last.residual, np.abs(np.linalg.eigvals(jacobian)).max(axis=1)
-
-    def _put(self, into: State, r: int, source: State, i: int, step: Array | None = None) -> None:
-        """Copy record i of source to record r, its slow part moved by step."""
-        one = source.map(lambda a: a[i : i + 1])
-        if step is not None:
-            one = self._with(one, self._slow(one) + step * self.unit[r], [r])
-        for a, b in pairs(into, one):
-            a[r] = b[0]
-
-
-def pairs(a: State, b: State) -> list[tuple[Array, Array]]:
-    return [(getattr(a, f.name), getattr(b, f.name)) for f in fields(State)]
-
-
 def simulate_records(
     rig: TrueRig | Sequence[TrueRig],
     records: Sequence[Record | tuple[float, ...]],
@@ -269,27 +135,26 @@ def simulate_records(
     coarse = batch_of(rigs, asked, settings.coarse)
     fine = batch_of(rigs, asked, steps, reduced=coarse.m)
     rough, exact = force_over(rigs[0], asked, settings.coarse), force_over(rigs[0], asked, steps)
-    rising = batch_of(rigs, asked, settings.coarse // 2, 1e-8, coarse.m)
+    rising = batch_of(rigs, asked, settings.coarse // 2, 1e-6, coarse.m)
     growing = force_over(rigs[0], asked, settings.coarse // 2)
     state, size = ramp(rising, growing, rising.rest_state(), settings.ramp, settings.hold)
-    settled = replace(settings, tolerance=1e-6)
+    first = Shooting(coarse, rough, size, replace(settings, tolerance=CLOSE_ENOUGH))
+    everyone = todo = np.ones(len(asked), bool)
     for _ in range(settings.retries + 1):
-        shooting = Shooting(coarse, rough, size, settled)
-        found, residual, _ = shooting.solve(state)
-        bad = residual > 1e-4
-        if not bad.any():
+        found, residual = first.solve(state, todo)
+        todo = todo & (residual > CLOSE_ENOUGH)
+        if not todo.any():
+            state = found
             break
-        marched, _ = ramp(coarse, rough, state, 0, settings.again)
-        state = merged(found, marched, bad)
-    state = merged(found, state, bad)
-    known = shooting.jacobian if settings.chord and not bad.any() else None
-    state, residual, multiplier = Shooting(fine, exact, size, settings).solve(state, known)
+        before = state.map(lambda a, those=todo: a[those])
+        marched, _ = ramp(coarse.select(todo), rough[todo], before, 0, settings.again)
+        for ours, other in pairs(found, marched):
+            ours[todo] = other
+        state, first.jacobian[todo] = found, np.nan
+    last = Shooting(fine, exact, size, settings)
+    state, residual = last.solve(state, everyone, last.widened(first) if settings.chord else None)
+    multiplier = last.multipliers(state, residual)
     return observe(fine, asked, state, exact, residual, multiplier, settings)
-
-
-def merged(a: State, b: State, second: Array) -> State:
-    """Records of a, but those of b where `second`."""
-    return State(*(np.where(second[:, None, None], y, x) for x, y in pairs(a, b)))
 
 
 def observe(
@@ -387,7 +252,7 @@ def energy_balance(batch: Batch, seen: list[Instant], force: Array) -> Array:
     given = work(force.T, y)
     lost = (batch.m["damping"] * np.where(batch.dynamic, v, 0.0) ** 2).sum(axis=2).sum(axis=0) * batch.dt[:, 0]
     known = force.T[..., None] * batch.m["drive"] + T[..., None] * batch.m["contact"]
-    p, Gq = (np.array([getattr(s, name)[:, 0] for s in seen]) for name in ("p", "Gq"))
+    p, Gq = np.array([s.p[:, 0] for s in seen]), (q.swapaxes(0, 1) @ batch.m["G"]).swapaxes(0, 1)
     hidden = (p - known + T[..., None] * Gq) if batch.hidden else 0.0 * p
     taken = -work(hidden, q).sum(axis=1) if batch.hidden else 0.0
     rubbed = -work(T, u)
