@@ -4,7 +4,6 @@ What no model describes counts as noise of one level on all that a channel reads
 model says that is judged best: with it, its misfit is what noise makes. All models are fitted and compared beside it.
 """
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -13,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from hbm.diagnosis.calibrate import off, trusted
-from hbm.diagnosis.candidates import HOPELESS
 from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
-from hbm.diagnosis.decide import accepted, best_of, held_by, inclusion, inside, tied
+from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, tied
 from hbm.diagnosis.deviations import std_of_records
 from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.jointscan import Scanned
@@ -24,6 +22,7 @@ from hbm.diagnosis.misfit import NOISE_KNOWN, nrmse
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent
 from hbm.diagnosis.screen import starting
 from hbm.diagnosis.search import NEARLY, PAYS, OnProgress
+from hbm.diagnosis.shortlist import elsewhere, hopeful
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import Evaluation, evaluate, fit_from, fit_model
@@ -35,9 +34,8 @@ from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.jointed import AnyRig
 
-FITTED, PLACES, TOGETHER = 5, 2, 2
-"""Joints that are fitted of those that were scanned, and places of each law; and of those that were not accepted alone
-so many beside which a second one is looked for, at most."""
+TOGETHER = 2
+"""Of causes that were not accepted alone so many beside which a second one is looked for, at most."""
 
 FLOORS, SETTLED = 4, 0.1
 """Times the floor is found anew, at most, and the relative change of it at which it is settled."""
@@ -45,15 +43,15 @@ FLOORS, SETTLED = 4, 0.1
 BEHIND = 2.0
 """A fit is given up that will not leave less than so many times what the best one does."""
 
-SAME = 1e-6
-"""Of the fall of chi2 that a law promises: places where it differs by less are not told apart."""
-
 PULLED = 2.0
 """A number of the rig file may be wrong that calibration moves by so many tolerances."""
 
 NOISE = 5.0
 """Chi2 that noise makes is known to so many standard deviations."""
 
+
+Candidate = tuple[Cause, Sequence[dict[str, float]]]
+"""A cause, and the numbers from which it may be fitted."""
 
 Scan = Callable[[Evaluation, Any, Sequence[AddedJoint]], Iterable[Scanned]]
 """Scores joints that a model may lack, on the records of a campaign."""
@@ -118,17 +116,22 @@ class FlooredSearch:
         self.tell("joints that may be missing", 0.3)
         scores = [s for s in self.scan(base, self.campaign, joints) if s.starts]
         self.tried += len(joints)
-        starts: list[tuple[Cause, Sequence[dict[str, float]]]]
-        starts = [(s.cause, s.starts) for s in hopeful(scores, base.chi2)]
-        starts += [(c, ({},)) for c in self._pulled(base)]
-        found: list[Evaluation] = []
-        for i, (cause, values) in enumerate(starts):
-            self.tell(f"{cause.label} ({i + 1} of {len(starts)})", 0.4)
+        chosen, found = hopeful(scores, base.chi2), list[Evaluation]()
+        self._fit(base, [*((s.cause, s.starts) for s in chosen), *((c, ({},)) for c in self._pulled(base))], found)
+        best = min(found, key=lambda e: e.chi2, default=None)
+        if best is not None:
+            further = [s for s in elsewhere(best.model.causes[-1], scores) if s not in chosen]
+            self._fit(base, [(s.cause, s.starts) for s in further], found)
+        return found
+
+    def _fit(self, base: Evaluation, candidates: Sequence[Candidate], found: list[Evaluation]) -> None:
+        """Add the fits of candidates over a model to those that were found before."""
+        for i, (cause, starts) in enumerate(candidates):
+            self.tell(f"{cause.label} ({i + 1} of {len(candidates)})", 0.4)
             of_use = BEHIND * min((e.chi2 for e in found), default=np.inf)
-            best = self._fitted(base, cause, values, of_use)
+            best = self._fitted(base, cause, starts, of_use)
             if best is not None and not best.missing:
                 found.append(best)
-        return found
 
     def _pulled(self, base: Evaluation) -> Iterator[Cause]:
         """Numbers of the rig file that may be wrong: those that calibration moves far."""
@@ -353,28 +356,6 @@ def within_noise(white: Whitened) -> bool:
 def negligible(white: Whitened) -> bool:
     """Whether what a model leaves of records may be noise, or is hardly more."""
     return beyond_noise(white) <= LARGEST or within_noise(white)
-
-
-def hopeful(scores: Sequence[Scanned], missed: float) -> list[Scanned]:
-    """Joints worth a fit, of each law at few places: alike at all of them, one law would leave no room for others.
-
-    A law that holds a simpler one, and promises to leave hardly less of what is missed, is none. One that promises the
-    very same elsewhere, as a stop the other way round may, is tried once.
-    """
-    left = {s.cause.label: missed - s.drop for s in scores}
-    plain = [
-        s
-        for s in scores
-        if not any(left[s.cause.label] > PAYS * left.get(name, np.inf) for name in held_by(s.cause) - {s.cause.label})
-    ]
-    best, at, out = max((s.drop for s in plain), default=0.0), Counter[str](), list[Scanned]()
-    for s in sorted(plain, key=lambda s: -s.drop):
-        if any(o.cause.name == s.cause.name and np.isclose(o.drop, s.drop, rtol=SAME) for o in out):
-            continue
-        at[s.cause.name] += 1
-        if s.drop >= HOPELESS * best and at[s.cause.name] <= PLACES:
-            out.append(s)
-    return out[:FITTED]
 
 
 def _pays(simple: Evaluation, rich: Evaluation) -> bool:

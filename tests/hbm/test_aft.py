@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from hbm.aft.force import Environment, InputChange, LawOverPeriod
+from hbm.aft.joint import JointOverPeriod
 from hbm.aft.projection import projected, shown
-from hbm.aft.recurrence import gradients
+from hbm.aft.recurrence import Loop, gradients, last_dragged
 from hbm.fourier import FourierBasis
 from models import (
     LAWS,
@@ -25,6 +26,7 @@ from models import (
     Viscous,
     parameters,
 )
+from models.joints import Friction
 
 P, OMEGA = 83.0, 2 * np.pi * 50.0
 
@@ -179,6 +181,33 @@ def test_an_anchor_is_not_marched(law, amplitude, N_t):
     for by, by_samples, shown_input in zip(found, marched, inputs, strict=True):
         expected = by_samples @ shown_input.samples
         assert by == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("amplitude", [3e-6, 1e-5, 1e-4], ids=["stuck", "some slip", "all slip"])
+def test_anchors_side_by_side_are_not_marched(amplitude):
+    """Ten elements under a constant load and without compliance, of which none, some or all slip."""
+    basis, law = FourierBasis(5, 128), Iwan(0.4, 0.4 * P / 3e-5)
+    u = amplitude * np.random.default_rng(5).normal(size=basis.size) * np.exp(-basis.k)
+    joint = JointOverPeriod(Friction(law, P), basis)
+    shown_to_it = np.zeros((basis.size, 3))
+    shown_to_it[:, 0] = shown_to_it[:, 1] = u
+    joint.forces(shown_to_it, OMEGA)
+    local, n = joint._local.copy(), law.states
+    assert joint.functions.memory == n
+    dragged = last_dragged(local[:, 1:])
+    assert dragged is not None
+    slipping = (dragged[-1] >= 0).sum()
+    assert slipping == {3e-6: 0, 1e-4: n}.get(amplitude, slipping) and (amplitude != 1e-5 or 0 < slipping < n)
+    inputs = [shown(basis)[0] for _ in range(local.shape[2] - n)]
+    found = projected(local, 1, basis, inputs, joint._first_period)
+    marched = gradients(local, 1, basis.analysis, joint._first_period)
+    for by, by_samples in zip(found, marched, strict=True):
+        expected = by_samples @ basis.synthesis
+        assert by == pytest.approx(expected, rel=1e-11, abs=1e-11 * np.abs(expected).max())
+    change = np.random.default_rng(6).normal(size=(basis.N_t, len(inputs), 2))
+    by_change = np.einsum("imt,itc->mc", np.stack([by[0] for by in marched]), change.transpose(1, 0, 2))
+    along = basis.analysis @ Loop(local, 1, joint._first_period).changed(change)[:, 0]
+    assert along == pytest.approx(by_change, rel=1e-10, abs=1e-10 * np.abs(by_change).max())
 
 
 @pytest.mark.parametrize("law", EVERY_LAW, ids=lambda law: law.name)

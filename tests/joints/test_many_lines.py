@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 
 from hbm import diagnose, joint_sensitivities, steady_state
 from hbm.balance.lines import LineBalance
-from hbm.diagnosis.flooredsearch import hopeful
 from hbm.diagnosis.jointscan import Scanned
+from hbm.diagnosis.shortlist import elsewhere, hopeful
 from hbm.files.diagnosed import Diagnosed
 from hbm.files.diagnosisplates import diagnosis_plates
 from hbm.fourier import MANY, Array, FourierBasis, sampled
@@ -230,3 +230,6 @@ def test_nested_laws_and_many_places_of_one_leave_room_for_others() -> None:
     assert labels == ["cubic-stiffness a", "cubic-stiffness b", "joint-slip a"]
     labels = [s.cause.label for s in hopeful([*scores, score(QuinticStiffness("a"), 900.0)], 1000.0)]
     assert labels[:2] == ["quintic-stiffness a", "cubic-stiffness a"]
+    others = [s.cause.label for s in elsewhere(CubicStiffness("b"), scores)]
+    assert others == ["cubic-stiffness a", "cubic-stiffness c"]
+    assert elsewhere(JointSlip("a"), scores) == elsewhere(QuinticStiffness("b"), scores) == []
