@@ -47,6 +47,11 @@ class Turn(NamedTuple):
         return Turn(direct / squares, crossed / -squares, self.swapped)
 
 
+@lru_cache(maxsize=16)
+def _known(_H: int, _N_t: int) -> "FourierBasis":
+    return object.__new__(FourierBasis)
+
+
 @dataclass(frozen=True)
 class FourierBasis:
     """Real Fourier series of one period, s = a_0 + sum a_k cos k theta + b_k sin k theta.
@@ -67,6 +72,10 @@ class FourierBasis:
 
     H: int
     N_t: int
+
+    def __new__(cls, H: int, N_t: int) -> "FourierBasis":
+        """One object for all that ask for the same basis: its matrices are worked out once."""
+        return _known(H, N_t)
 
     def __post_init__(self) -> None:
         """Check that the samples resolve the harmonics."""

@@ -110,25 +110,26 @@ class FlooredSearch:
         """A model where it is, beside another floor."""
         return replace(e, white=replace(self.campaign, floor=floor).whiten(e.found, e.by_x))
 
-    def race(self, base: Evaluation) -> list[Evaluation]:
-        """Fits of the candidates that may explain what a model leaves, over it."""
+    def race(self, base: Evaluation, most: float = np.inf) -> list[Evaluation]:
+        """Fits of the candidates that may explain what a model leaves, over it; `most` is what is of use to leave."""
         joints = [c for c in self.candidates if isinstance(c, AddedJoint)]
         self.tell("joints that may be missing", 0.3)
         scores = [s for s in self.scan(base, self.campaign, joints) if s.starts]
         self.tried += len(joints)
         chosen, found = hopeful(scores, base.chi2), list[Evaluation]()
-        self._fit(base, [*((s.cause, s.starts) for s in chosen), *((c, ({},)) for c in self._pulled(base))], found)
+        pulled: list[Candidate] = [(cause, ({},)) for cause in self._pulled(base)]
+        self._fit(base, [*((s.cause, s.starts) for s in chosen), *pulled], found, most)
         best = min(found, key=lambda e: e.chi2, default=None)
         if best is not None:
             further = [s for s in elsewhere(best.model.causes[-1], scores) if s not in chosen]
-            self._fit(base, [(s.cause, s.starts) for s in further], found)
+            self._fit(base, [(s.cause, s.starts) for s in further], found, most)
         return found
 
-    def _fit(self, base: Evaluation, candidates: Sequence[Candidate], found: list[Evaluation]) -> None:
+    def _fit(self, base: Evaluation, candidates: Sequence[Candidate], found: list[Evaluation], most: float) -> None:
         """Add the fits of candidates over a model to those that were found before."""
         for i, (cause, starts) in enumerate(candidates):
             self.tell(f"{cause.label} ({i + 1} of {len(candidates)})", 0.4)
-            of_use = BEHIND * min((e.chi2 for e in found), default=np.inf)
+            of_use = min([most, *(BEHIND * e.chi2 for e in found)])
             best = self._fitted(base, cause, starts, of_use)
             if best is not None and not best.missing:
                 found.append(best)
@@ -165,7 +166,7 @@ class FlooredSearch:
         first = self._best(self.calibrated, singles)
         if first is None:
             return self._together(singles)
-        return (self._best(first, self.race(first)) if self._left(first) else None) or first
+        return (self._best(first, self.race(first, PAYS * first.chi2)) if self._left(first) else None) or first
 
     def _left(self, e: Evaluation) -> bool:
         """Whether a model leaves more than a background."""

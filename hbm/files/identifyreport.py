@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import resample
 
 from hbm.figures import identification as figures
 from hbm.figures.identification import ParameterByLevel
@@ -91,6 +90,8 @@ def identified_law(
     by_level : mapping of float to LawFit, optional
         The same law fitted to each level alone.
     """
+    from scipy.signal import resample  # it takes long, and a diagnosis that shows its values so needs none
+
     places = [reconstruction.index(int(record)) for record in fit.records]
     fitted = {}
     for name, samples in {"slip": fit.loops.fitted_slip, "friction": fit.loops.fitted_friction}.items():

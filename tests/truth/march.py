@@ -36,11 +36,15 @@ class State:
 
 @dataclass(frozen=True)
 class Instant:
-    """The system at the end of a step; T, R, u, slip velocity of the modes v_slip (records, copies), forces p."""
+    """The system at the end of a step; T, R, u, slip velocity of the modes v_slip (records, copies), forces p.
+
+    `smooth`, and that of a step before, are the forces without those of hidden effects, which may come at once.
+    """
 
     state: State
     p: Array
-    p_before: Array
+    smooth: Array
+    smooth_before: Array
     T: Array
     R: Array
     u: Array
@@ -221,7 +225,8 @@ class Batch:
             whole = q + still * p
             seen = whole @ self.read[0] + v @ self.read[1] + p @ self.read[2] + self.contact
         u, v_slip, R, rest = self._contact(np.stack([whole, v]), seen, T, tension, at_tip)
-        return Instant(replace(state, q=whole, v=v), p, p, T, R, u, v_slip, rest, T)
+        smooth = p - push if self.hidden else p
+        return Instant(replace(state, q=whole, v=v), p, smooth, smooth, T, R, u, v_slip, rest, T)
 
     def _forces(self, driven: Array, T: Array, pull: Array, tension: Array | float, push: Array | float) -> Array:
         """Forces on the modes; `driven` are those of the excitation, `pull` is the row along which friction acts."""
@@ -253,7 +258,7 @@ class Batch:
         start += from_p * now.p
         moved, contact, drive = self._of_each_copy(start.shape[2])
         base = start[0] @ self.read[0] + start[1] @ self.read[1] + contact
-        T, p, n = 2 * now.T - now.T_before, 2 * now.p - now.p_before, now.p.shape[-1]
+        T, p, n = 2 * now.T - now.T_before, now.p + now.smooth - now.smooth_before, now.p.shape[-1]
         qv, seen, memory, push = start + moved * p, base + p @ self.answers, old.hidden, 0.0
         R_old, tolerance, driven = self.normal(now.R), self.tolerance * self.P, F[..., None] * drive
         turned, answers = self._slopes(seen, T)
@@ -283,7 +288,8 @@ class Batch:
                 worst = max(worst, 0.01 * largest(np.abs(push - before) / tolerance[..., None]))
             if worst < 1.0 and trial > 1:
                 break
-        return Instant(State(*qv, remembered, memory), p, now.p, T, R, u, v_slip, rest, now.T, trial, worst)
+        state, smooth = State(*qv, remembered, memory), p - push if self.hidden else p
+        return Instant(state, p, smooth, now.smooth, T, R, u, v_slip, rest, now.T, trial, worst)
 
     def _slopes(self, seen: Array, T: Array) -> tuple[Array, tuple[Array, ...]]:
         """What pull, slip, both slip velocities and the law's reaction answer to the friction force of a step."""

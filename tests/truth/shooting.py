@@ -79,10 +79,11 @@ class Shooting:
         slow, eps = self._slow(start), self.settings.perturbation
         width = slow.shape[-1]
         shifts = np.concatenate([np.zeros((1, width)), eps * np.eye(width)])[: None if derivative else 1]
-        after = batch.period(self._with(start, slow + shifts * unit[:, None], todo), self.force[todo])
-        mapped = self._slow(after) / unit[:, None]
-        end = after.map(lambda a: a[:, :1])
-        gaps = State(*(e - s for e, s in pairs(end, start)))
+        with np.errstate(over="ignore", invalid="ignore"):  # what runs away is told by its gap, and tried again nearer
+            after = batch.period(self._with(start, slow + shifts * unit[:, None], todo), self.force[todo])
+            mapped = self._slow(after) / unit[:, None]
+            end = after.map(lambda a: a[:, :1])
+            gaps = State(*(e - s for e, s in pairs(end, start)))
         moving = batch.dynamic[:, None]
         gaps = replace(gaps, q=np.where(moving, gaps.q, 0.0), v=np.where(moving, gaps.v, 0.0))
         floor = self.floor.map(lambda a: a[todo])
