@@ -36,6 +36,7 @@ Array = np.ndarray
 SETS = ("A", "C", "D", "E", "F")
 STEPS, FEW_STEPS = {50: 1024, 60: 2048}, 512
 CLOSE = 0.05  # of P: with less normal force than that the tip nearly lifts off
+JUMPED = 1.5  # times the largest background that is asked for: that is none
 LEAST = 0.8  # of the records, that must be fit to keep
 DRAWS, MISSES = 3, 10.0  # on a background: a cause this many times weaker than asked is drawn again, so many times
 TARGETS = ((1.25, 1.5), (2.0, 3.0), (5.0, 7.0))  # slip amplitude over the critical slip, by level
@@ -244,6 +245,8 @@ def on_background(bench: Bench, sizes: tuple[float, float], seed: int) -> Bench:
     stands = replace(bench, built=made.rig, truth=made.truth, path=made.path)
     if stands.fit(made.truth).mean() < 0.85:
         raise Unfit("unstable with its imperfections")
+    if made.size > JUMPED * sizes[1]:
+        raise Unfit("a record went to another branch with its imperfections")
     return replace(stands, background=stated(made.size, asked, made.parts))
 
 

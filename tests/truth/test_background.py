@@ -1,6 +1,7 @@
 """Imperfections of the true rig: of the size they say, none where none is asked, and a hidden cause on top of them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from tests.truth.background import (
 )
 from tests.truth.blind import Bench, Scene, draw, drawn_size, on_background, run
 from tests.truth.effects import Stinger
-from tests.truth.hidden import MAKERS
+from tests.truth.hidden import MAKERS, Unfit
 from tests.truth.march import newmark, transition
 from tests.truth.simulate import Record, simulate_records, taken_early
 
@@ -66,6 +67,13 @@ def test_the_size_is_about_what_was_asked(bench: Bench) -> None:
     assert asked / 1.5 < size < 1.5 * asked
     assert bench.nominal.effects == ()
     assert set(bench.background["background_parts"]) == {*PARTS, "numerics"}
+
+
+def test_a_record_on_another_branch_is_no_background(plain: Truth, bench: Bench, monkeypatch) -> None:
+    large = SimpleNamespace(size=2 * SIZES[1], rig=bench.built, truth=plain, path=(), parts={})
+    monkeypatch.setattr("tests.truth.blind.background_of", lambda *given: large)
+    with pytest.raises(Unfit, match="another branch"):
+        on_background(replace(bench, truth=plain), SIZES, 1)
 
 
 def test_every_part_changes_the_response(plain: Truth, flaws: Flaws, bench: Bench) -> None:
