@@ -140,7 +140,7 @@ class Shooting:
                         continue
                     idle[r] = idle[r] + 1 if worst[i] > 0.7 * best[r] else 0
                     best[r] = min(best[r], worst[i])
-                    last.residual[r] = worst[i]  # full steps may go to and fro across a corner for ever
+                    last.residual[r] = worst[i]  # full steps may go back and forth across a corner for ever
                     last.damping[r] = 0.5 if idle[r] % 2 else min(1.0, 2 * last.damping[r])
                     last.step[r] = np.linalg.lstsq(np.eye(width) - jacobian[r], gap[i], rcond=5e-5)[0]
                     self._put(last.state, r, trial, r)
