@@ -1,7 +1,6 @@
 """Imperfections of the true rig: of the size they say, none where none is asked, and a hidden cause on top of them."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +9,7 @@ from tests.truth import ClampFriction, ClampRotation, Coulomb, Settings, Support
 from tests.truth.background import (
     DRIFT,
     PARTS,
+    Background,
     Flaws,
     draw_flaws,
     drifting,
@@ -70,7 +70,7 @@ def test_the_size_is_about_what_was_asked(bench: Bench) -> None:
 
 
 def test_a_record_on_another_branch_is_no_background(plain: Truth, bench: Bench, monkeypatch) -> None:
-    large = SimpleNamespace(size=2 * SIZES[1], rig=bench.built, truth=plain, path=(), parts={})
+    large = Background(bench.built, (), plain, {}, 2 * SIZES[1])
     monkeypatch.setattr("tests.truth.blind.background_of", lambda *given: large)
     with pytest.raises(Unfit, match="another branch"):
         on_background(replace(bench, truth=plain), SIZES, 1)
