@@ -47,7 +47,7 @@ class Turn(NamedTuple):
         return Turn(direct / squares, crossed / -squares, self.swapped)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=16, typed=True)  # 3 and 3.0 are two: one would become the other
 def _known(_H: int, _N_t: int) -> "FourierBasis":
     return object.__new__(FourierBasis)
 

@@ -67,3 +67,12 @@ def test_complex_amplitudes_round_trip(basis):
 def test_too_few_samples_are_refused(H, N_t):
     with pytest.raises(ValueError, match=f"H = {H}, N_t = {N_t}; must have"):
         FourierBasis(H, N_t)
+
+
+def test_one_object_for_one_basis_whatever_is_asked_for_next():
+    basis = FourierBasis(3, 16)
+    assert FourierBasis(3, 16) is basis
+    assert FourierBasis(np.int64(3), 16) is not basis
+    assert type(basis.H) is int
+    with pytest.raises(ValueError, match="N_t > 2 H"):
+        FourierBasis(3, 6)
