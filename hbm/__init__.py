@@ -31,9 +31,9 @@ Six lines from a rig to a figure::
 Names are imported when they are first used, so that ``import hbm`` costs nothing.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from hbm.lazy import first_used
 from hbm.siblings import install
 
 if TYPE_CHECKING:
@@ -200,7 +200,7 @@ _HOMES = {
 }
 install()
 
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
+_first_used = first_used("hbm", _HOMES)
 
 
 def __getattr__(name: str) -> Any:
@@ -208,9 +208,7 @@ def __getattr__(name: str) -> Any:
         from hbm.files.version import installed_version
 
         return installed_version()
-    if name not in _HOME:
-        raise AttributeError(f"module 'hbm' has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+    return _first_used(name)
 
 
 def __dir__() -> list[str]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hbm.aft.recurrence import ROUNDING, apart, gradients
+from hbm.aft.recurrence import apart, gradients, is_anchor, stays
 from hbm.fourier import Array, FourierBasis
 
 
@@ -129,20 +129,13 @@ def _pulls(local: Array, outputs: int, W: Array, virgin: Callable[[], Array]) ->
 
 
 def _is_anchor(local: Array, outputs: int) -> bool:
-    """Whether the state either stays or is dragged along, its past forgotten, at every sample."""
-    kept, *by_inputs = np.ascontiguousarray(local[:, outputs].T)
-    neither = kept * kept - kept
-    if not neither @ neither < ROUNDING**2 or (local[:, :outputs, 0].T * (kept == 0.0)).any():
-        return False
-    for by_input in by_inputs:
-        drift = kept * by_input
-        if drift @ drift > ROUNDING**2 * (by_input @ by_input):
-            return False
-    return True
+    """Whether the state is an anchor whose place before does not act where it is dragged."""
+    dragged = ~stays(local[:, outputs, 0])
+    return is_anchor(local[:, outputs]) and not (local[:, :outputs, 0].T * dragged).any()
 
 
 def _dragged(local: Array, outputs: int) -> npt.NDArray[np.intp]:
-    return np.flatnonzero(local[:, outputs, 0] == 0.0)
+    return np.flatnonzero(~stays(local[:, outputs, 0]))
 
 
 def _sum_between(W: Array, slopes: Array, begin: int, end: int) -> Array:

@@ -115,8 +115,7 @@ class Loop:
 
         A state follows from that sample alone.
         """
-        n, after = self.states, self.local[:, self.outputs :]
-        return last_dragged(after) if n == 1 or apart(after[:, :, :n]) else None
+        return last_dragged(self.local[:, self.outputs :])
 
     def changed(self, inputs: Array) -> Array:
         """Change of the outputs (N_t, outputs, c) with inputs (N_t, inputs, c)."""
@@ -144,7 +143,7 @@ class Loop:
 
 
 def last_dragged(after: Array) -> npt.NDArray[np.intp] | None:
-    """Number of the last sample that dragged each of some anchors that do not act on each other, -1 for none.
+    """Number of the last sample that dragged each of some anchors, -1 for none.
 
     Parameters
     ----------
@@ -154,17 +153,33 @@ def last_dragged(after: Array) -> npt.NDArray[np.intp] | None:
     Returns
     -------
     (N_t, n) array of int or None
-        None where a state is no anchor, that either stays where it is or is dragged along, its past forgotten.
+        None where a state is no anchor, that either stays where it is or is dragged along, its past forgotten; or acts
+        on another one.
     """
     n = after.shape[1]
-    kept, driven = np.diagonal(after[:, :, :n], axis1=1, axis2=2), after[:, :, n:]
-    stays = np.abs(kept) > ROUNDING
-    if (np.abs(kept - stays) > ROUNDING).any():
+    inputs = range(n, after.shape[2])
+    if not apart(after[:, :, :n]) or not all(is_anchor(after[:, i, [i, *inputs]]) for i in range(n)):
         return None
-    drift, largest = np.abs(driven * stays[:, :, None]).max(axis=0), np.abs(driven).max(axis=0)
-    if (drift > ROUNDING * largest).any():
-        return None
-    return np.maximum.accumulate(np.where(stays, -1, np.arange(len(after))[:, None]), axis=0)
+    dragged = ~stays(np.diagonal(after[:, :, :n], axis1=1, axis2=2))
+    return np.maximum.accumulate(np.where(dragged, np.arange(len(after))[:, None], -1), axis=0)
+
+
+def is_anchor(own: Array) -> bool:
+    """Whether a state with slopes (N_t, 1 + inputs) to itself and its inputs stays at a sample or is dragged along."""
+    kept, *by_inputs = np.ascontiguousarray(own.T)
+    neither = kept * kept - kept
+    if not neither @ neither < ROUNDING**2:
+        return False
+    for by_input in by_inputs:
+        drift = kept * by_input
+        if drift @ drift > ROUNDING**2 * (by_input @ by_input):
+            return False
+    return True
+
+
+def stays(kept: Array) -> npt.NDArray[np.bool_]:
+    """Whether an anchor with these slopes to itself, one or none, stays where it is."""
+    return kept > 0.5
 
 
 def backwards(A: Array, right: Array) -> Array:

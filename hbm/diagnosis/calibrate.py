@@ -53,8 +53,12 @@ def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
     return fit_model(model, campaign, rough.x, last, LAST_STEPS)
 
 
-def named_within(trust: Model, e: Evaluation) -> bool:
-    """Whether a number that is blamed differs from the rig file by no more than its tolerance explains."""
+def tolerable(trust: Model, e: Evaluation) -> bool:
+    """Whether no number of the rig file is off by more than its tolerance explains, nor one blamed for less."""
+    return not _named_within(trust, e) and not off(trust, e)
+
+
+def _named_within(trust: Model, e: Evaluation) -> bool:
     expected = {t.name: t for t in trust.free}
     for f, x in zip(e.model.free, e.x, strict=True):
         cause = e.model.causes[f.cause] if f.cause >= 0 else None

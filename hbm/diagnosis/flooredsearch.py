@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hbm.diagnosis.calibrate import off, trusted
+from hbm.diagnosis.calibrate import tolerable, trusted
 from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
 from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, tied
@@ -116,23 +116,25 @@ class FlooredSearch:
         self.tell("joints that may be missing", 0.3)
         scores = [s for s in self.scan(base, self.campaign, joints) if s.starts]
         self.tried += len(joints)
-        chosen, found = hopeful(scores, base.chi2), list[Evaluation]()
+        chosen = hopeful(scores, base.chi2)
         pulled: list[Candidate] = [(cause, ({},)) for cause in self._pulled(base)]
-        self._fit(base, [*((s.cause, s.starts) for s in chosen), *pulled], found, most)
+        found = self._fits(base, [*((s.cause, s.starts) for s in chosen), *pulled], most)
         best = min(found, key=lambda e: e.chi2, default=None)
-        if best is not None:
-            further = [s for s in elsewhere(best.model.causes[-1], scores) if s not in chosen]
-            self._fit(base, [(s.cause, s.starts) for s in further], found, most)
-        return found
+        if best is None:
+            return []
+        further = [(s.cause, s.starts) for s in elsewhere(best.model.causes[-1], scores) if s not in chosen]
+        return [*found, *self._fits(base, further, min(most, BEHIND * best.chi2))]
 
-    def _fit(self, base: Evaluation, candidates: Sequence[Candidate], found: list[Evaluation], most: float) -> None:
-        """Add the fits of candidates over a model to those that were found before."""
+    def _fits(self, base: Evaluation, candidates: Sequence[Candidate], of_use: float) -> list[Evaluation]:
+        """Fits of candidates over a model, given up where they will leave more than is of use."""
+        found: list[Evaluation] = []
         for i, (cause, starts) in enumerate(candidates):
             self.tell(f"{cause.label} ({i + 1} of {len(candidates)})", 0.4)
-            of_use = min([most, *(BEHIND * e.chi2 for e in found)])
             best = self._fitted(base, cause, starts, of_use)
             if best is not None and not best.missing:
                 found.append(best)
+                of_use = min(of_use, BEHIND * best.chi2)
+        return found
 
     def _pulled(self, base: Evaluation) -> Iterator[Cause]:
         """Numbers of the rig file that may be wrong: those that calibration moves far."""
@@ -184,7 +186,7 @@ class FlooredSearch:
 
     def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
         """The simplest of some fits over a base that does as well as the best, if that is accepted."""
-        fits, before = best_of([e for e in raced if not off(self.trust, e)]), self.campaign
+        fits, before = best_of([e for e in raced if tolerable(self.trust, e)]), self.campaign
         if not fits or (base.model.causes and not _pays(base, fits[0])):
             return None
         leader = self._settled(fits[0])
@@ -204,7 +206,7 @@ class FlooredSearch:
 
     def noise_alone(self, e: Evaluation) -> bool:
         """Whether a model leaves no more than the noise stated, and is within tolerances."""
-        return within_noise(self.beside(e, 0.0).white) and not off(self.trust, e)
+        return within_noise(self.beside(e, 0.0).white) and tolerable(self.trust, e)
 
     # ---- the conclusion
 
@@ -286,7 +288,9 @@ class FlooredSearch:
             if least >= MAIN and beyond_noise(left) <= SAYS_NOTHING:
                 return "main-cause"
         whites = [part["calibrated"].white for part in (plain, unseen) if "calibrated" in part]
-        return "consistent" if not off(self.trust, self.calibrated) and all(map(negligible, whites)) else "unexplained"
+        return (
+            "consistent" if tolerable(self.trust, self.calibrated) and all(map(negligible, whites)) else "unexplained"
+        )
 
     def _confidence(self, verdict: Verdict, named: Evaluation | None, shares: Mapping[str, float]) -> float:
         if named is None:

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from hbm.diagnosis.calibrate import calibrate, named_within, off, profiled, trusted
+from hbm.diagnosis.calibrate import calibrate, off, profiled, tolerable, trusted
 from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import (
     DECISIVE,
@@ -240,8 +240,8 @@ class Search:
         return explained(before.white, e.white) >= NEARLY and beyond_noise(e.white) <= LARGEST
 
     def tolerable(self, e: Evaluation) -> bool:
-        """Whether no number of the rig file is off by more than its tolerance explains, nor one blamed for less."""
-        return not named_within(self.trust, e) and (not e.model.calibrated or not off(self.trust, e))
+        """As :func:`hbm.diagnosis.calibrate.tolerable`, by the tolerances of this search."""
+        return tolerable(self.trust, e)
 
     def _beside_background(self, leaves: Evaluation | None = None) -> Decision:
         """The likeliest story, all models beside what one of them leaves: the likeliest, where none leaves noise."""

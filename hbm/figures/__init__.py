@@ -11,8 +11,9 @@ one HTML page that holds figures, tables and what to beware of.
 Names are imported when they are first used: what draws a reconstruction needs nothing of curves.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from hbm.lazy import first_used
 
 if TYPE_CHECKING:
     from hbm.figures.curves import (
@@ -41,23 +42,19 @@ __all__ = [
     "plot_sensors",
 ]
 
-_HOMES = {
-    "hbm.figures.curves": (
-        "least_reaction",
-        "phase_degrees",
-        "plot_contact",
-        "plot_curves",
-        "plot_frequency_response",
-        "plot_phase",
-    ),
-    "hbm.figures.histories": ("plot_history",),
-    "hbm.figures.loops": ("plot_loop", "plot_loops"),
-    "hbm.figures.sensors": ("plot_channel", "plot_sensors"),
-}
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'hbm.figures' has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+__getattr__ = first_used(
+    __name__,
+    {
+        "hbm.figures.curves": (
+            "least_reaction",
+            "phase_degrees",
+            "plot_contact",
+            "plot_curves",
+            "plot_frequency_response",
+            "plot_phase",
+        ),
+        "hbm.figures.histories": ("plot_history",),
+        "hbm.figures.loops": ("plot_loop", "plot_loops"),
+        "hbm.figures.sensors": ("plot_channel", "plot_sensors"),
+    },
+)

@@ -183,8 +183,10 @@ def test_an_anchor_is_not_marched(law, amplitude, N_t):
         assert by == pytest.approx(expected, rel=1e-12, abs=1e-12 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("amplitude", [3e-6, 1e-5, 1e-4], ids=["stuck", "some slip", "all slip"])
-def test_anchors_side_by_side_are_not_marched(amplitude):
+@pytest.mark.parametrize(
+    ("amplitude", "least", "most"), [(3e-6, 0, 0), (1e-5, 1, 9), (1e-4, 10, 10)], ids=["stuck", "some slip", "all slip"]
+)
+def test_anchors_side_by_side_are_not_marched(amplitude, least, most):
     """Ten elements under a constant load and without compliance, of which none, some or all slip."""
     basis, law = FourierBasis(5, 128), Iwan(0.4, 0.4 * P / 3e-5)
     u = amplitude * np.random.default_rng(5).normal(size=basis.size) * np.exp(-basis.k)
@@ -196,8 +198,7 @@ def test_anchors_side_by_side_are_not_marched(amplitude):
     assert joint.functions.memory == n
     dragged = last_dragged(local[:, 1:])
     assert dragged is not None
-    slipping = (dragged[-1] >= 0).sum()
-    assert slipping == {3e-6: 0, 1e-4: n}.get(amplitude, slipping) and (amplitude != 1e-5 or 0 < slipping < n)
+    assert least <= (dragged[-1] >= 0).sum() <= most
     inputs = [shown(basis)[0] for _ in range(local.shape[2] - n)]
     found = projected(local, 1, basis, inputs, joint._first_period)
     marched = gradients(local, 1, basis.analysis, joint._first_period)
