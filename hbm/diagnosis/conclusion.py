@@ -41,6 +41,16 @@ AS_GOOD = 4.0
 """Records held out may fit a cause worse than a calibrated nominal by this chi2, which does not fit them either."""
 
 
+def foretells(scored: Predicted | None, calibrated: Predicted | None) -> bool:
+    """Whether the error on records held out, nothing fitted to them, is no larger than that of calibration.
+
+    Nor so large that it says nothing: transients take the place of whatever moves the modes alone, in each record anew.
+    """
+    if scored is None or calibrated is None:
+        return True
+    return scored.errors.nrmse <= min(WORSE * calibrated.errors.nrmse, SAYS_NOTHING)
+
+
 class Conclusion:
     """The decision scored on the records held out, and said."""
 
@@ -185,13 +195,18 @@ class Conclusion:
             return self._without_cause(self.search.calibrated)
         settled, least = best.model.rig(best.x).excitation.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
-        if noise and (settled or (least >= MAIN and self._foretells(scored))):
+        if noise and (settled or (least >= MAIN and foretells(scored, self.calibrated))):
             return "main-cause" if self._varying else "cause-found"
         left = beyond_noise(self._noise(best).white)
         before = beyond_noise(self._before(best).white)
         if least < MAIN or before <= NOTABLE or left > SAYS_NOTHING or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
-        if least >= NEARLY and left <= LARGEST and (settled or self._foretells(scored)) and not self._varying:
+        if (
+            least >= NEARLY
+            and left <= LARGEST
+            and (settled or foretells(scored, self.calibrated))
+            and not self._varying
+        ):
             return "cause-found"
         # what is free in each record takes most of anything
         return "main-cause" if settled else self._without_cause(self.search.calibrated)
@@ -204,12 +219,6 @@ class Conclusion:
         base = search.calibrated if best.model.calibrated else search.nominal
         rival = search.calibrated if base is search.nominal and search.tolerable(search.calibrated) else None
         return lead(best, base, rival, search.tried, self.campaign)
-
-    def _foretells(self, scored: Predicted | None) -> bool:
-        """Whether the error on records held out is no larger than that of calibration, nothing fitted to them."""
-        if scored is None or self.calibrated is None:
-            return True
-        return scored.errors.nrmse <= WORSE * self.calibrated.errors.nrmse
 
     def _extends(self, best: Evaluation) -> str:
         """Name of the model whose misfit a cause explains: the one that it extends, calibrated or as it is.

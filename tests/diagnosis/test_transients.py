@@ -2,16 +2,20 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from hbm import load_rig, load_spectra
+from hbm.diagnosis.conclusion import foretells
 from hbm.diagnosis.decide import accepted
 from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.predict import predicted
 from hbm.diagnosis.search import campaign_of
+from hbm.diagnosis.verdict import Errors
 from hbm.fourier import FourierBasis
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
@@ -94,6 +98,15 @@ def test_what_is_free_in_each_record_takes_no_credit(tmp_path, steady, early):
     assert unseen.errors.nrmse == pytest.approx(nrmse(base.white), rel=1e-2)
     assert unseen.errors.chi2_reduced == pytest.approx((e.white.chi2 + e.white.free) / len(e.white), rel=1e-2)
     assert e.white.free > 10.0 * len(e.found) and base.white.free == 0.0
+
+
+@pytest.mark.parametrize(("left", "calibrated", "does"), [(0.2, 0.2, True), (0.2, 0.1, False), (0.4, 0.5, False)])
+def test_a_model_foretells_that_is_no_worse_than_calibration_and_says_something(left, calibrated, does):
+    def held_out(error: float) -> Any:
+        return SimpleNamespace(errors=Errors(error, 1.0))
+
+    assert foretells(held_out(left), held_out(calibrated)) is does
+    assert foretells(None, held_out(calibrated)) and foretells(held_out(left), None)
 
 
 def test_one_record_alone_is_no_evidence_of_them(tmp_path, steady, early):
