@@ -1,5 +1,6 @@
 """The conclusion from a decision: scored on the records held out, and said in numbers and sentences."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,7 +16,7 @@ from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, remainder
-from hbm.diagnosis.search import NEARLY, Search, campaign_of
+from hbm.diagnosis.search import NEARLY, PAYS, Search, campaign_of
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.fourier import Array
@@ -23,6 +24,7 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import CHANGING, LARGEST
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.whitened import Whitened
 
 MAIN, NOTABLE = 0.5, 0.005
 """Share of the misfit of the rig file, on records held out too, that a main cause explains; and how large that misfit
@@ -51,6 +53,23 @@ def foretells(scored: Predicted | None, calibrated: Predicted | None) -> bool:
     return scored.errors.nrmse <= min(WORSE * calibrated.errors.nrmse, SAYS_NOTHING)
 
 
+def pays_unseen(best: Evaluation, raced: Sequence[Evaluation], unseen: Callable[[Evaluation], Whitened | None]) -> bool:
+    """Whether a second cause takes its share of what the first, if that was fitted, leaves of records held out.
+
+    Parameters
+    ----------
+    best : Evaluation
+    raced : sequence of Evaluation
+        Fits of all that was tried, first causes alone among them.
+    unseen : callable
+        Records held out beside a model; None where there are none, or where it has no steady state.
+    """
+    firsts = [e for e in raced if e.model.causes and e.model.causes == best.model.causes[:-1]]
+    after = unseen(best) if firsts else None
+    whites = [] if after is None else [white for e in firsts if (white := unseen(e)) is not None]
+    return all(explained(white, after) >= 1.0 - PAYS for white in whites if after is not None)
+
+
 class Conclusion:
     """The decision scored on the records held out, and said."""
 
@@ -67,7 +86,18 @@ class Conclusion:
         )
         self.nominal = predicted(search.nominal, self.hidden)
         self.calibrated = predicted(search.calibrated, self.hidden)
+        if decision.best is not None and not self._paid(decision.best):
+            self.decision = decision = search.without_second(decision, decision.best)
         self.best = None if decision.best is None else (decision.best, predicted(decision.best, self.hidden))
+
+    def _paid(self, best: Evaluation) -> bool:
+        """Whether noise alone is left, or a second cause takes its share of the records held out too."""
+        return misfit(self._noise(best), self.campaign).fits or pays_unseen(best, self.search.fitted, self._unseen)
+
+    def _unseen(self, e: Evaluation) -> Whitened | None:
+        """Records held out beside a model."""
+        scored = predicted(e, self.hidden)
+        return None if scored is None else scored.evaluation.white
 
     def _noise(self, e: Evaluation) -> Evaluation:
         """A model beside noise alone."""

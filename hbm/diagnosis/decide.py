@@ -25,6 +25,10 @@ DECISIVE = 30.0
 TIED = 9.0
 """Causes are not separable where their chi2 differs by less."""
 
+STRONGER, TOGETHER = 0.7, 2
+"""A second cause is looked for where the first leaves less than this share of chi2: of two, the stronger takes half.
+Where none was accepted alone, beside so many at most."""
+
 SEVERAL, SEEN = 2, 20.0
 """Transients must be seen in so many records, each of which they make likelier by so much of chi2."""
 
@@ -69,6 +73,18 @@ def _in_several(base: Evaluation, e: Evaluation) -> bool:
 def best_of(fits: Sequence[Evaluation]) -> list[Evaluation]:
     """Fits in order of BIC; those that lost records come last."""
     return sorted(fits, key=lambda e: (len(e.missing), e.bic))
+
+
+def leading(base: Evaluation, first: Evaluation | None, raced: Sequence[Evaluation]) -> list[Evaluation]:
+    """Causes over a base beside which a second one is looked for: the one accepted, or else the best of all fitted.
+
+    Of two that hide each other, as one that softens and one that hardens, none may be believed alone, nor leave the
+    rig file within its tolerances. Transients never lead where they were not accepted: they take most of anything.
+    """
+    steady = [e for e in best_of(raced) if not e.missing and e.model.rig(e.x).excitation.settled]
+    labels = list(dict.fromkeys(e.model.label for e in steady))[:TOGETHER]
+    firsts = [next(e for e in steady if e.model.label == label) for label in labels] if first is None else [first]
+    return [e for e in firsts if e.chi2 <= STRONGER * base.chi2]
 
 
 def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from hbm.diagnosis.calibrate import tolerable, trusted
-from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING
+from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING, pays_unseen
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
-from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, tied
+from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, leading, tied
 from hbm.diagnosis.deviations import std_of_records
 from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.jointscan import Scanned
@@ -33,9 +33,6 @@ from hbm.outputerror.whitened import Whitened
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.jointed import AnyRig
-
-TOGETHER = 2
-"""Of causes that were not accepted alone so many beside which a second one is looked for, at most."""
 
 FLOORS, SETTLED = 4, 0.1
 """Times the floor is found anew, at most, and the relative change of it at which it is settled."""
@@ -91,6 +88,7 @@ class FlooredSearch:
         self.nominal = evaluate(bare, self.campaign, bare.start, {})
         tell("calibration", 0.1)
         self.fits: list[Evaluation] = []
+        self.leads: list[Evaluation] = []
         self.calibrated = self._settled(fit_model(self.trust, self.campaign, self.trust.start, self.nominal.solutions))
         self.tried = 1
 
@@ -162,32 +160,21 @@ class FlooredSearch:
 
     def decide(self) -> Evaluation | None:
         """The simplest model whose causes each take much of what is left without them; None where there is none."""
-        if not self._left(self.calibrated):
+        if beyond_noise(self.beside(self.calibrated, 0.0).white) <= LARGEST:
             return None
         singles = self.race(self.calibrated)
         first = self._best(self.calibrated, singles)
-        if first is None:
-            return self._together(singles)
-        return (self._best(first, self.race(first, PAYS * first.chi2)) if self._left(first) else None) or first
-
-    def _left(self, e: Evaluation) -> bool:
-        """Whether a model leaves more than a background."""
-        return beyond_noise(self.beside(e, 0.0).white) > LARGEST
-
-    def _together(self, singles: Sequence[Evaluation]) -> Evaluation | None:
-        """Two causes that are seen together alone, as of one that softens and one that hardens.
-
-        The second is looked for over the best of those that were not accepted, where more than noise is left.
-        """
-        if within_noise(self.beside(self.calibrated, 0.0).white):
-            return None
-        pairs = [e for single in best_of(singles)[:TOGETHER] for e in self.race(single)]
-        return self._best(self.calibrated, pairs)
+        alone = first or self.calibrated
+        if negligible(self.beside(alone, 0.0).white):
+            return first
+        self.leads = leading(self.beside(self.calibrated, self.campaign.floor), first, singles)
+        pairs = [e for lead in self.leads for e in self.race(lead, PAYS * lead.chi2) if _pays(lead, e)]
+        return self._best(alone, pairs) or first
 
     def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
         """The simplest of some fits over a base that does as well as the best, if that is accepted."""
         fits, before = best_of([e for e in raced if tolerable(self.trust, e)]), self.campaign
-        if not fits or (base.model.causes and not _pays(base, fits[0])):
+        if not fits:
             return None
         leader = self._settled(fits[0])
         if not accepted(self.beside(base, self.campaign.floor), leader, self.tried):
@@ -214,6 +201,8 @@ class FlooredSearch:
         """Verdict, and all that supports it."""
         best = self.decide()
         self.tell("records held out", 0.9)
+        if best is not None and not pays_unseen(best, self.leads, self._unseen):
+            best = self._best(self.calibrated, self.leads)
         models = {"nominal": self.nominal, "calibrated": self.calibrated} | ({} if best is None else {"extended": best})
         plain = {name: self.beside(e, 0.0) for name, e in models.items()}
         unseen = {name: held for name, e in models.items() if (held := self.predicted(e)) is not None}
@@ -262,6 +251,15 @@ class FlooredSearch:
         except FAILURES:
             return None
         return None if found.missing else found
+
+    def _unseen(self, e: Evaluation) -> Whitened | None:
+        """Records held out beside a model and the largest background that may be."""
+        held = self.predicted(e)
+        return (
+            None
+            if held is None or self.hidden is None
+            else replace(self.hidden, floor=LARGEST).whiten(held.found, held.by_x)
+        )
 
     def _shares(self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, float]:
         """Share of the misfit that the extended rig does not leave, of records fitted and held out.

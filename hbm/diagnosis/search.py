@@ -17,6 +17,7 @@ from hbm.diagnosis.decide import (
     best_of,
     evidence,
     inside,
+    leading,
     plainest,
     simpler,
     suspicious,
@@ -45,9 +46,6 @@ from models.jointed import AnyRig, JointedRig
 
 MOST_RANKED = 10
 """Fits that are kept for the ranking."""
-
-STRONGER = 0.7
-"""A second cause is looked for where the first leaves less than this share of chi2: of two, the stronger takes half."""
 
 TOLERANCES_LEAVE = 0.01
 """Share of the excess of chi2 that is left, at most, where numbers within tolerances were most of what was wrong."""
@@ -209,9 +207,8 @@ class Search:
         if several is not None:
             return several
         small = beyond_noise(self.calibrated.white) <= LARGEST and self.tolerable(self.calibrated)
-        if small or single.best is None or single.best.chi2 > STRONGER * self.calibrated.chi2:
-            return single
-        return self._pair(single, single.best)
+        leads = [] if small else leading(self.calibrated, single.best, self.fitted)
+        return best_first(single, *[self._pair(single, lead) for lead in leads])
 
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
@@ -269,9 +266,14 @@ class Search:
             return best
 
     def _pays(self, pair: Evaluation, models: Sequence[Evaluation]) -> bool:
-        """Whether a second cause takes a large share of what the first leaves."""
-        first = [e for e in models if e.model.causes == pair.model.causes[:1]]
+        """Whether a second cause takes a large share of what the first leaves, believed alone or not."""
+        first = [e for e in (*self.fitted, *models) if e.model.causes == pair.model.causes[:1] and not e.missing]
         return all(explained(e.white, pair.white) >= PAYS for e in first)
+
+    def without_second(self, found: Decision, pair: Evaluation) -> Decision:
+        """The same with the first cause of a pair alone, where that is accepted so; else without a cause."""
+        alone = [e for e in found.fits if e.model.causes == pair.model.causes[:1]]
+        return replace(found, best=next((e for e in alone if accepted(found.base, e, self.tried)), None))
 
     def _calibrated_too(self) -> list[Evaluation]:
         """The best causes found over the rig file as it is, over the calibrated one where they are not known there."""
@@ -367,7 +369,8 @@ class Search:
         return [key for key in off(self.trust, e) if not key.startswith(SENSORS)]
 
     def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
-        """Two causes: one more beside the best; not transients, which are free and would take what is left of any."""
+        """Two causes: one more beside one; not transients, which are free and would take what is left of any."""
+        base = earlier.base if earlier.best is single else self.calibrated if single.model.calibrated else self.nominal
         others = [c for c in self.candidates if c not in single.model.causes and not isinstance(c, NotSteady)]
         rest = [c for c in others if _suits(c, single.model.rig(single.x))]
         screening = self._screened(single, rest)
@@ -378,8 +381,8 @@ class Search:
         self.fitted += fits
         # the first of a pair may only have led to where the second is found
         pairs = [pair for pair in fits[:1] if self._fits(pair)]
-        alone = [e for pair in pairs for e in started(earlier.base, pair, pair.model.causes[1:], self.campaign)]
-        found = self._decided(earlier.base, [*fits, *alone, *earlier.fits], self.tried**2)
+        alone = [e for pair in pairs for e in started(base, pair, pair.model.causes[1:], self.campaign)]
+        found = self._decided(base, [*fits, *alone, *earlier.fits], self.tried**2)
         return replace(found, fits=found.fits[:MOST_RANKED])
 
 
