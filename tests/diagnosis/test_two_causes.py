@@ -71,6 +71,7 @@ def told(*causes: type[Cause]) -> tuple[Diagnosis, set[str]]:
     return found, set() if found.extended_fit is None else {c.name for c in found.extended_fit.model.causes}
 
 
+@pytest.mark.slow
 def test_two_causes_that_hide_each_other_are_named_together() -> None:
     """Alone the spring takes the damping to the bound of its tolerance, so that it is not believed."""
     found, names = told(CubicStiffness, QuadraticDamping)
@@ -78,6 +79,7 @@ def test_two_causes_that_hide_each_other_are_named_together() -> None:
     assert found.errors["extended"]["held_out"].nrmse < 0.01 < 0.2 < found.errors["calibrated"]["held_out"].nrmse
 
 
+@pytest.mark.slow
 def test_no_pair_is_named_where_one_of_the_two_is_not_in_the_catalogue() -> None:
     found, names = told(CubicStiffness, LocalDamper)
     assert (found.verdict, names) == ("unexplained", set())
