@@ -1,20 +1,21 @@
 """What supports a conclusion, in sentences."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hbm.diagnosis.calibrate import off
-from hbm.diagnosis.decide import ALARM, Decision, sidak
+from hbm.diagnosis.decide import ALARM, Decision, best_of, sidak
 from hbm.diagnosis.estimates import lifted
 from hbm.diagnosis.judge import beside_noise
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.predict import Predicted
-from hbm.diagnosis.remainder import percent
+from hbm.diagnosis.remainder import explained, percent
 from hbm.diagnosis.search import Search
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.whitened import Whitened
 from models.causes.parameter import WrongParameter
 
 MOVED = 3
@@ -140,6 +141,21 @@ class Evidence:
         for i, cause in enumerate(best.model.causes[1:], start=1):
             said = ", ".join(f"{name} = {value:.4g}" for name, value in best.model.values(best.x, i).items())
             yield f"Beside it: {cause.label}, {said}."
+        same = [e for e in self.search.fitted if bool(e.model.calibrated) == bool(best.model.calibrated)]
+        yield from shares_of_two(best, same, base, lambda e: beside_noise(e, self.search.campaign).white)
+
+
+def shares_of_two(
+    best: Evaluation, fitted: Sequence[Evaluation], base: Evaluation, white: Callable[[Evaluation], Whitened]
+) -> Iterator[str]:
+    """What each of two causes explains of what a base leaves, where it was fitted alone, and what both do."""
+    before, told = white(base), []
+    for i, cause in enumerate(best.model.causes[:2]):
+        alone = best_of([e for e in fitted if e.model.causes == best.model.causes[i : i + 1] and not e.missing])
+        told += [f"{cause.label} alone explains {percent(explained(before, white(e)))}" for e in alone[:1]]
+    if told and len(best.model.causes) == 2:
+        both = percent(explained(before, white(best)))
+        yield f"Of the misfit on the records fitted {', '.join(told)}, both together {both}."
 
 
 def _clock(best: Evaluation) -> Iterator[str]:

@@ -17,6 +17,7 @@ from hbm.diagnosis.confidence import FORETOLD, RELIABLE
 from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, leading, tied
 from hbm.diagnosis.deviations import std_of_records
 from hbm.diagnosis.estimates import estimates, name_of, told_of
+from hbm.diagnosis.evidence import shares_of_two
 from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.misfit import NOISE_KNOWN, nrmse
 from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent
@@ -88,7 +89,7 @@ class FlooredSearch:
         self.nominal = evaluate(bare, self.campaign, bare.start, {})
         tell("calibration", 0.1)
         self.fits: list[Evaluation] = []
-        self.leads: list[Evaluation] = []
+        self.alone: list[Evaluation] = []
         self.calibrated = self._settled(fit_model(self.trust, self.campaign, self.trust.start, self.nominal.solutions))
         self.tried = 1
 
@@ -162,14 +163,14 @@ class FlooredSearch:
         """The simplest model whose causes each take much of what is left without them; None where there is none."""
         if beyond_noise(self.beside(self.calibrated, 0.0).white) <= LARGEST:
             return None
-        singles = self.race(self.calibrated)
-        first = self._best(self.calibrated, singles)
-        alone = first or self.calibrated
-        if negligible(self.beside(alone, 0.0).white):
+        self.alone = self.race(self.calibrated)
+        first = self._best(self.calibrated, self.alone)
+        base = first or self.calibrated
+        if negligible(self.beside(base, 0.0).white):
             return first
-        self.leads = leading(self.beside(self.calibrated, self.campaign.floor), first, singles)
-        pairs = [e for lead in self.leads for e in self.race(lead, PAYS * lead.chi2) if _pays(lead, e)]
-        return self._best(alone, pairs) or first
+        leads = leading(self.beside(self.calibrated, self.campaign.floor), first, self.alone)
+        pairs = [e for lead in leads for e in self.race(lead, PAYS * lead.chi2) if _pays(lead, e)]
+        return self._best(base, pairs) or first
 
     def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
         """The simplest of some fits over a base that does as well as the best, if that is accepted."""
@@ -201,8 +202,8 @@ class FlooredSearch:
         """Verdict, and all that supports it."""
         best = self.decide()
         self.tell("records held out", 0.9)
-        if best is not None and not pays_unseen(best, self.leads, self._unseen):
-            best = self._best(self.calibrated, self.leads)
+        if best is not None and not pays_unseen(best, self.alone, self._unseen):
+            best = self._best(self.calibrated, self.alone)
         models = {"nominal": self.nominal, "calibrated": self.calibrated} | ({} if best is None else {"extended": best})
         plain = {name: self.beside(e, 0.0) for name, e in models.items()}
         unseen = {name: held for name, e in models.items() if (held := self.predicted(e)) is not None}
@@ -255,11 +256,13 @@ class FlooredSearch:
     def _unseen(self, e: Evaluation) -> Whitened | None:
         """Records held out beside a model and the largest background that may be."""
         held = self.predicted(e)
-        return (
-            None
-            if held is None or self.hidden is None
-            else replace(self.hidden, floor=LARGEST).whiten(held.found, held.by_x)
-        )
+        return None if held is None or self.hidden is None else self._of_background(self.hidden)(held)
+
+    @staticmethod
+    def _of_background(campaign: FlooredCampaign) -> Callable[[Evaluation], Whitened]:
+        """Records beside a model and the largest background that may be."""
+        beside = replace(campaign, floor=LARGEST)
+        return lambda e: beside.whiten(e.found, e.by_x)
 
     def _shares(self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, float]:
         """Share of the misfit that the extended rig does not leave, of records fitted and held out.
@@ -271,8 +274,7 @@ class FlooredSearch:
         found = {}
         for name, part, campaign in parts:
             if campaign is not None and "extended" in part:
-                beside = replace(campaign, floor=LARGEST)
-                before, after = (beside.whiten(part[m].found, part[m].by_x) for m in ("calibrated", "extended"))
+                before, after = map(self._of_background(campaign), (part["calibrated"], part["extended"]))
                 found[name] = explained(before, after)
         return found
 
@@ -333,6 +335,8 @@ class FlooredSearch:
                 f"({e.white.chi2 / len(e.white):.4g} noise variances)."
             )
 
+        if named is not None:
+            yield from shares_of_two(named, self.alone, self.calibrated, self._of_background(self.campaign))
         if named is not None and self.fits[0].chi2 < named.chi2:
             yield (
                 f"{self.fits[0].model.label} takes {percent(1.0 - self.fits[0].chi2 / named.chi2)} of what "

@@ -99,6 +99,7 @@ def test_what_softens_and_what_hardens_are_named_together(rig: JointedRig) -> No
     assert found.verdict == "cause-found"
     assert found.extended_fit is not None
     assert {c.name for c in found.extended_fit.model.causes} == {"joint-microslip", "cubic-stiffness"}
+    assert any("alone explains" in line and "both together" in line for line in found.evidence)
 
 
 def test_a_linear_decay_is_consistent(rig: JointedRig, tmp_path: Path) -> None:
