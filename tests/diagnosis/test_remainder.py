@@ -118,6 +118,7 @@ def judged(
     best = SimpleNamespace(model=SimpleNamespace(rig=lambda x: rig), x=None, white=left)
     monkeypatch.setattr("hbm.diagnosis.conclusion.misfit", lambda e, campaign: SimpleNamespace(fits=noise))
     monkeypatch.setattr("hbm.diagnosis.conclusion.beyond_noise", lambda white: white)
+    monkeypatch.setattr("hbm.diagnosis.conclusion.foretells", lambda scored, calibrated: foretells)
     concluded = SimpleNamespace(
         best=(best, None),
         campaign=None,
@@ -129,7 +130,7 @@ def judged(
         _before=lambda e: SimpleNamespace(white=before),
         _holds=lambda scored: True,
         _predicts=lambda scored: predicts,
-        _foretells=lambda scored: foretells,
+        calibrated=None,
         _without_cause=lambda base: "none",
     )
     return Conclusion._claimed.func(concluded)
