@@ -1,7 +1,7 @@
 """The commands of docs/validation/measurements.md, word for word: what each diagnosis says, and how long it takes.
 
-    python -m benchmarks.measurements                    # every section of the page, half an hour
-    python -m benchmarks.measurements F-16 Silverbox     # some
+    python -m benchmarks.measurements                    # every section of the page
+    python -m benchmarks.measurements F-16 Silverbox     # some; the F-16 alone takes twenty minutes
 
 The measurements of others are not part of this repository: DATA of the page is ../shared/data beside it. What comes out
 is for the one who runs it to hold against the page; tests/docs/test_measurement_commands.py does so for what is quick.
@@ -20,6 +20,8 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+
+from hbm.figures.compared import MODELS
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "validation" / "measurements.md"
@@ -78,10 +80,7 @@ def _up_to_each_diagnosis(lines: list[str]) -> Iterator[list[str]]:
 def _said(folder: Path) -> tuple[str, ...]:
     """What the diagnosis in a folder says; the errors are of the records held out."""
     told: dict[str, Any] = json.loads((folder / "diagnosis" / "diagnosis.json").read_text())
-    held = (
-        told["errors"].get(model, {}).get("held_out", {}).get("nrmse")
-        for model in ("nominal", "calibrated", "extended")
-    )
+    held = (told["errors"].get(model, {}).get("held_out", {}).get("nrmse") for model in MODELS)
     errors = ("-" if error is None else f"{100.0 * error:.3g}" for error in held)
     return told["verdict"], told["cause"] or "-", *errors, f"{told['confidence']:.2f}"
 

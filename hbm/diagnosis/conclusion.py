@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 
 from continuation import ConvergenceError
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
@@ -84,11 +84,11 @@ class Conclusion:
             if unseen is None
             else campaign_of(search.rig, unseen, self.campaign.numerics, self.campaign.executor)[0]
         )
-        self.nominal = predicted(search.nominal, self.hidden)
-        self.calibrated = predicted(search.calibrated, self.hidden)
+        self._predicted = cache(partial(predicted, hidden=self.hidden))
+        self.nominal, self.calibrated = self._predicted(search.nominal), self._predicted(search.calibrated)
         if decision.best is not None and not self._paid(decision.best):
             self.decision = decision = search.without_second(decision, decision.best)
-        self.best = None if decision.best is None else (decision.best, predicted(decision.best, self.hidden))
+        self.best = None if decision.best is None else (decision.best, self._predicted(decision.best))
 
     def _paid(self, best: Evaluation) -> bool:
         """Whether noise alone is left, or a second cause takes its share of the records held out too."""
@@ -96,7 +96,7 @@ class Conclusion:
 
     def _unseen(self, e: Evaluation) -> Whitened | None:
         """Records held out beside a model."""
-        scored = predicted(e, self.hidden)
+        scored = self._predicted(e)
         return None if scored is None else scored.evaluation.white
 
     def _noise(self, e: Evaluation) -> Evaluation:

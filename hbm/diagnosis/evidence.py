@@ -149,11 +149,13 @@ def shares_of_two(
     best: Evaluation, fitted: Sequence[Evaluation], base: Evaluation, white: Callable[[Evaluation], Whitened]
 ) -> Iterator[str]:
     """What each of two causes explains of what a base leaves, where it was fitted alone, and what both do."""
+    if len(best.model.causes) != 2:
+        return
     before, told = white(base), []
-    for i, cause in enumerate(best.model.causes[:2]):
+    for i, cause in enumerate(best.model.causes):
         alone = best_of([e for e in fitted if e.model.causes == best.model.causes[i : i + 1] and not e.missing])
         told += [f"{cause.label} alone explains {percent(explained(before, white(e)))}" for e in alone[:1]]
-    if told and len(best.model.causes) == 2:
+    if told:
         both = percent(explained(before, white(best)))
         yield f"Of the misfit on the records fitted {', '.join(told)}, both together {both}."
 

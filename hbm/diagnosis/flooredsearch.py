@@ -7,6 +7,7 @@ model says that is judged best: with it, its misfit is what noise makes. All mod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,7 @@ class FlooredSearch:
     ) -> None:
         self.tell, self.candidates, self.scan = tell, candidates, scan
         self.campaign, self.hidden = campaign, hidden
+        self.predicted = cache(partial(_on, hidden))
         self.trust = trusted(rig, self.campaign.data.channels, tolerances)
         tell("nominal", 0.0)
         bare = Model(rig, {})
@@ -107,7 +109,7 @@ class FlooredSearch:
 
     def beside(self, e: Evaluation, floor: float) -> Evaluation:
         """A model where it is, beside another floor."""
-        return replace(e, white=replace(self.campaign, floor=floor).whiten(e.found, e.by_x))
+        return replace(e, white=_white(e, self.campaign, floor))
 
     def race(self, base: Evaluation, most: float = np.inf) -> list[Evaluation]:
         """Fits of the candidates that may explain what a model leaves, over it; `most` is what is of use to leave."""
@@ -243,26 +245,10 @@ class FlooredSearch:
         singles = [e for e in self.fits if len(e.model.causes) == 1]
         return [other for e in singles if e.model.causes == named.model.causes[:1] for other in tied(singles, e)]
 
-    def predicted(self, e: Evaluation) -> Evaluation | None:
-        """A model on the records held out, beside noise alone; None where it has no steady state there."""
-        if self.hidden is None:
-            return None
-        try:
-            found = evaluate(e.model, self.hidden, e.x, {})
-        except FAILURES:
-            return None
-        return None if found.missing else found
-
     def _unseen(self, e: Evaluation) -> Whitened | None:
         """Records held out beside a model and the largest background that may be."""
         held = self.predicted(e)
-        return None if held is None or self.hidden is None else self._of_background(self.hidden)(held)
-
-    @staticmethod
-    def _of_background(campaign: FlooredCampaign) -> Callable[[Evaluation], Whitened]:
-        """Records beside a model and the largest background that may be."""
-        beside = replace(campaign, floor=LARGEST)
-        return lambda e: beside.whiten(e.found, e.by_x)
+        return None if held is None or self.hidden is None else _white(held, self.hidden, LARGEST)
 
     def _shares(self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, float]:
         """Share of the misfit that the extended rig does not leave, of records fitted and held out.
@@ -274,7 +260,7 @@ class FlooredSearch:
         found = {}
         for name, part, campaign in parts:
             if campaign is not None and "extended" in part:
-                before, after = map(self._of_background(campaign), (part["calibrated"], part["extended"]))
+                before, after = (_white(part[model], campaign, LARGEST) for model in ("calibrated", "extended"))
                 found[name] = explained(before, after)
         return found
 
@@ -335,9 +321,10 @@ class FlooredSearch:
                 f"({e.white.chi2 / len(e.white):.4g} noise variances)."
             )
 
-        if named is not None:
-            yield from shares_of_two(named, self.alone, self.calibrated, self._of_background(self.campaign))
-        if named is not None and self.fits[0].chi2 < named.chi2:
+        if named is None:
+            return
+        yield from shares_of_two(named, self.alone, self.calibrated, lambda e: _white(e, self.campaign, LARGEST))
+        if self.fits[0].chi2 < named.chi2:
             yield (
                 f"{self.fits[0].model.label} takes {percent(1.0 - self.fits[0].chi2 / named.chi2)} of what "
                 f"{named.model.label} leaves: the simpler one is named, where less than {1.0 - PAYS:.0%} is gained."
@@ -352,6 +339,22 @@ class FlooredSearch:
             return float("nan")
         same = fine.white.record[0] == e.white.record
         return float(np.linalg.norm(fine.white.raw - e.white.raw[same]) / np.linalg.norm(fine.white.measured))
+
+
+def _on(hidden: FlooredCampaign | None, e: Evaluation) -> Evaluation | None:
+    """A model on records held out, beside noise alone; None where it has no steady state there."""
+    if hidden is None:
+        return None
+    try:
+        found = evaluate(e.model, hidden, e.x, {})
+    except FAILURES:
+        return None
+    return None if found.missing else found
+
+
+def _white(e: Evaluation, campaign: FlooredCampaign, floor: float) -> Whitened:
+    """Records beside a model, and beside noise of a floor."""
+    return replace(campaign, floor=floor).whiten(e.found, e.by_x)
 
 
 def within_noise(white: Whitened) -> bool:
