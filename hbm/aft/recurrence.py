@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
 from scipy.linalg import lapack
 
 from hbm.fourier import Array
@@ -110,36 +111,53 @@ class Loop:
         return Loop(self.virgin(), self.outputs, self.virgin)
 
     @cached_property
-    def _dragged(self) -> npt.NDArray[np.intp] | None:
-        """Number of the last sample that dragged each anchor, (N_t, states), -1 for none; None where one is no anchor.
+    def _of_anchors(self) -> sparse.csr_array | None:
+        """Outputs (N_t outputs) by inputs (N_t inputs) where all states are anchors; None where one is not.
 
-        A state follows from that sample alone.
+        An anchor follows from the sample that dragged it last alone: of this period, or of the one before, or where
+        none of them drags it of the virgin one.
         """
-        return last_dragged(self.local[:, self.outputs :])
+        n, outputs = self.states, self.outputs
+        dragged = last_dragged(self.local[:, outputs:])
+        if dragged is None:
+            return None
+        last, by_inputs = dragged[-1], self.local[:, outputs:, n:]
+        stuck = last < 0
+        if stuck.any():
+            first = last_dragged(self._before.local[:, outputs:])
+            if first is None:
+                return None
+            last = np.where(stuck, first[-1], last)
+            by_inputs = np.where(stuck[:, None], self._before.local[:, outputs:, n:], by_inputs)
+        before = np.concatenate([last[None], dragged[:-1]])
+        before = np.where(before < 0, last, before)
+        k, i = np.nonzero(before >= 0)
+        at, steps, inputs = before[k, i], np.arange(len(before)), by_inputs.shape[2]
+        pulled = self.local[k, :outputs, i][:, :, None] * by_inputs[at, i][:, None]
+        rows = np.concatenate([k, steps])[:, None, None] * outputs + np.arange(outputs)[:, None]
+        columns = np.concatenate([at, steps])[:, None, None] * inputs + np.arange(inputs)
+        values = np.concatenate([pulled, self.local[:, :outputs, n:]])
+        entries = values.ravel(), tuple(np.broadcast_to(a, values.shape).ravel() for a in (rows, columns))
+        return sparse.csr_array(entries, shape=(len(before) * outputs, len(before) * inputs))
 
     def changed(self, inputs: Array) -> Array:
         """Change of the outputs (N_t, outputs, c) with inputs (N_t, inputs, c)."""
+        if self._of_anchors is not None:
+            N_t, sizes, c = inputs.shape
+            return np.asarray((self._of_anchors @ inputs.reshape(N_t * sizes, c)).reshape(N_t, self.outputs, c))
         n = self.states
-        driven = np.matmul(self.local[:, :, n:], inputs)
-        if not n:
-            return np.asarray(driven)
-        begin: Array = np.zeros((n, inputs.shape[2]))
+        driven, begin = np.matmul(self.local[:, :, n:], inputs), np.zeros((n, inputs.shape[2]))
         if self._open is None:
             before = self._before
             begin = before._states(begin, np.matmul(before.local[:, self.outputs :, n:], inputs))[-1]
         else:
-            begin = np.asarray(np.linalg.solve(self._open, self._states(begin, driven[:, self.outputs :])[-1]))
+            begin = np.linalg.solve(self._open, self._states(begin, driven[:, self.outputs :])[-1])
         z = self._states(begin, driven[:, self.outputs :])
         return np.asarray(driven[:, : self.outputs] + np.matmul(self.local[:, : self.outputs, :n], z[:-1]))
 
     def _states(self, start: Array, driven: Array) -> Array:
         """Change (N_t + 1, states, c) of the states over a period from `start` (states, c)."""
-        n = self.states
-        if self._dragged is None:
-            return forwards(self.local[:, self.outputs :, :n], start, driven)
-        z = np.concatenate([start[None], driven])
-        z[1:] = z[self._dragged + 1, np.arange(n)]
-        return z
+        return forwards(self.local[:, self.outputs :, : self.states], start, driven)
 
 
 def last_dragged(after: Array) -> npt.NDArray[np.intp] | None:

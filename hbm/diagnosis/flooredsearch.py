@@ -26,11 +26,12 @@ from hbm.diagnosis.screen import starting
 from hbm.diagnosis.search import NEARLY, PAYS, OnProgress
 from hbm.diagnosis.shortlist import elsewhere, hopeful
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
+from hbm.fourier import Array
 from hbm.outputerror.background import LARGEST
-from hbm.outputerror.fit import Evaluation, evaluate, fit_from, fit_model
+from hbm.outputerror.fit import Evaluation, evaluate, fit_from, fit_model, start_from
 from hbm.outputerror.floored import FlooredCampaign, likeliest_floor
 from hbm.outputerror.model import Model
-from hbm.outputerror.simulated import FAILURES
+from hbm.outputerror.simulated import FAILURES, Solutions
 from hbm.outputerror.whitened import Whitened
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
@@ -102,7 +103,7 @@ class FlooredSearch:
         for _ in range(FLOORS):
             before = self.campaign.floor
             self.campaign = replace(self.campaign, floor=likeliest_floor(e, self.campaign))
-            e = fit_model(e.model, self.campaign, e.x, e.solutions)
+            e = self._again(e)
             if abs(self.campaign.floor - before) <= SETTLED * self.campaign.floor:
                 break
         return e
@@ -151,13 +152,18 @@ class FlooredSearch:
         self, base: Evaluation, cause: Cause, starts: Sequence[dict[str, float]], of_use: float
     ) -> Evaluation | None:
         """The fit of a candidate from the best of its starts; None where no start has all steady states."""
-        model, begun = base.model.extended_by(cause), list[Evaluation]()
+        model, campaign, needed = base.model.extended_by(cause), self.campaign, base.found
+        begun = list[tuple[float, Solutions, Array]]()
         for start in starts:
             with suppress(*FAILURES):
                 x = starting(model, base, start)
-                begun.append(evaluate(model, self.campaign, x, base.solutions, needed=base.found))
-        best = min(begun, key=lambda e: e.chi2, default=None)
-        return None if best is None else fit_from(best, self.campaign, best.solutions, reach=of_use)
+                begun.append((*start_from(model, campaign, x, base.solutions, needed), x))
+        if not begun:
+            return None
+        _, solutions, x = min(begun, key=lambda b: b[0])
+        with suppress(*FAILURES):
+            return fit_model(model, campaign, x, solutions, needed=needed, reach=of_use)
+        return None
 
     # ---- the decision
 
@@ -183,16 +189,15 @@ class FlooredSearch:
         if not accepted(self.beside(base, self.campaign.floor), leader, self.tried):
             self.campaign = before
             return None
-        others = [self._again(e) for e in fits[1:]]
-        fits = best_of([leader, *(e for e in others if e is not None)])
-        self.fits = [*fits, *(self.beside(e, self.campaign.floor) for e in self.fits)]
+        beside = [self.beside(e, self.campaign.floor) for e in (*fits[1:], *self.fits)]
+        near, far = beside[: len(fits) - 1], beside[len(fits) - 1 :]
+        fits = best_of([leader, *(self._again(e) if e.chi2 < BEHIND * leader.chi2 else e for e in near)])
+        self.fits = [*fits, *far]
         return next((e for e in inside(fits[0], fits) if not _pays(e, fits[0])), fits[0])
 
-    def _again(self, e: Evaluation) -> Evaluation | None:
-        try:
-            return fit_model(e.model, self.campaign, e.x, e.solutions)
-        except FAILURES:
-            return None
+    def _again(self, e: Evaluation) -> Evaluation:
+        """A fit beside the floor there is now."""
+        return fit_from(self.beside(e, self.campaign.floor), self.campaign, e.solutions)
 
     def noise_alone(self, e: Evaluation) -> bool:
         """Whether a model leaves no more than the noise stated, and is within tolerances."""

@@ -153,7 +153,7 @@ class _Place:
         self.residual = self.calibration.across(np.concatenate(rows))
         loudest = max(records, key=lambda r: float(r.largest[i]))
         self.reach, self.omega = float(loudest.largest[i]), loudest.omega
-        self.basis = sampled(max(HARMONICS, loudest.motion.shape[1]), SAMPLES)
+        self.basis = sampled(max(HARMONICS, *(r.motion.shape[1] for r in records)), SAMPLES)
         self._moved = [self._motion(r) for r in records]
 
     def _motion(self, r: "PushedRecord") -> tuple[Array, Array]:

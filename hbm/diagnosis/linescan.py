@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from hbm.balance.lines import LineBalance, LinesHere
+from hbm.balance.lines import LinesHere
 from hbm.diagnosis.jointscan import PushedRecord, Scanned, scanned, tried_ends
 from hbm.diagnosis.places import Complex
 from hbm.fourier import Array
@@ -79,7 +79,6 @@ def _with_places(
 ) -> LinesHere:
     """The steady state of a record with joints at places that do not push."""
     idle = [Joint(f"place {i}", PolynomialSpring(), (at,), (to,) if to else ()) for i, (at, to) in enumerate(ends)]
-    basis = campaign.numerics.working.basis
-    balance = LineBalance(replace(rig, joints=(*rig.joints, *idle)), basis, record.hz, campaign.forces[record.number])
+    balance = campaign.balance(replace(rig, joints=(*rig.joints, *idle)), record)
     known = base.found[record.number].solution.state.T
-    return balance.law(np.hstack([known, np.zeros((basis.size, len(ends)))]))
+    return balance.law(np.hstack([known, np.zeros((balance.basis.size, len(ends)))]))

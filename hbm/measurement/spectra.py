@@ -264,7 +264,7 @@ class MeasuredSpectra(Displayed):
         at = self.hz[:, None] * np.arange(self.H + 1)
         H = max(1, min(self.H, int(2 * high // self.hz.min())))
         channels = [self.index(name) for name in responses]
-        inside = np.ones(self.std.shape, dtype=bool)
+        inside = np.repeat((at <= 2 * high)[:, None], len(self.channels), axis=1)
         inside[:, channels] = ((low <= at) & (at <= high))[:, None]
         std, both = np.where(inside, self.std, np.nan), np.concatenate([inside, inside[..., 1:]], axis=2)
         coefficients = np.where(both, self.coefficients, np.nan)

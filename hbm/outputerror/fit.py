@@ -164,6 +164,21 @@ def evaluate(
     return Evaluation(model, x, found, campaign.whiten(found, by_x), missing, by_x, campaign.corrections)
 
 
+def start_from(
+    model: Model, campaign: Campaign, x: Array, last: Solutions, needed: Collection[int] = ()
+) -> tuple[float, Solutions]:
+    """Chi2 of the records at coordinates, and their steady states: no derivatives are worked out.
+
+    Raises
+    ------
+    ConvergenceError
+        As :func:`evaluate`.
+    """
+    found = campaign.simulate(model.rig(x), (), states(last), needed)
+    chi2 = campaign.whiten(found, np.zeros((0, len(x)))).chi2
+    return chi2, {number: s.solution for number, s in found.items()}
+
+
 def fit_model(
     model: Model,
     campaign: Campaign,

@@ -12,16 +12,17 @@ from typing import ClassVar
 
 import numpy as np
 
+from continuation import ConvergenceError
 from hbm.balance.lines import LineBalance, LinesHere
 from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution, describe_joints
 from hbm.channels import factor
 from hbm.errors import InputError
-from hbm.fourier import MANY, Array, FourierBasis, sampled
+from hbm.fourier import MANY, Array, sampled
 from hbm.inverse.sensing import Complex, readings
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.floored import FlooredCampaign
-from hbm.outputerror.numerics import Grid, Numerics, amplitudes_of
+from hbm.outputerror.numerics import Grid, Numerics
 from hbm.outputerror.records import Measurement, Record, parts
 from hbm.outputerror.simulated import FAILURES, Simulated, States, in_record
 from hbm.sensitivity.jointed import JointChannels
@@ -31,12 +32,12 @@ from models.jointed import AnyRig, JointedRig
 
 @dataclass(frozen=True, eq=False)
 class LineCampaign(FlooredCampaign):
-    """Records of many lines.
+    """Records of many lines, all simulated up to the same frequency, or further to their own highest line.
 
     Attributes
     ----------
     forces : dict of int to (2H+1,) array
-        Coefficients of the force of each record [N].
+        Coefficients of the force of each record [N], up to there.
     """
 
     floor_of: ClassVar[str] = "the rms of the lines of a channel on each of them"
@@ -53,8 +54,17 @@ class LineCampaign(FlooredCampaign):
         self, rig: AnyRig, keys: Sequence[str], starts: States, needed: Collection[int] = ()
     ) -> dict[int, Simulated]:
         """As of any campaign; what the force is uncertain by is in the standard deviations of the channels."""
-        task = partial(_simulated, rig, self.numerics.working.basis, self.data, self.forces, tuple(keys))
+        task = partial(_simulated, rig, self.finer, self.data.channels, self.forces, tuple(keys))
         return self._each(task, starts, needed)
+
+    @property
+    def finer(self) -> int:
+        """How many times the harmonics of a record it is simulated with."""
+        return self.numerics.working.basis.H // self.data.H
+
+    def balance(self, rig: JointedRig, record: Record) -> LineBalance:
+        """The balance of a rig in a record."""
+        return _balance(rig, self.finer, record, self.forces[record.number])
 
 
 def line_campaign(rig: JointedRig, spectra: MeasuredSpectra, executor: Executor | None = None) -> LineCampaign:
@@ -70,12 +80,14 @@ def line_campaign(rig: JointedRig, spectra: MeasuredSpectra, executor: Executor 
         raise InputError(f"{spectra.source}: has no force channel; records of more than {MANY} harmonics must have one")
     records, forces = [], {}
     for i, number in enumerate(spectra.records.tolist()):
-        forces[number] = _coefficients(seen.force[i])
         response = _linear(rig, seen.channels, seen.i_omega[i])
         listed = seen.weight[i].T > 0.0  # (c, H+1)
-        own = np.where(listed, 1.0 / np.where(listed, seen.weight[i].T, 1.0), np.nan)
-        std = np.hypot(own, np.abs(response) * seen.force_std[i])
+        noise = np.where(listed, 1.0 / np.where(listed, seen.weight[i].T, 1.0), np.nan)
+        std = np.hypot(noise, np.abs(response) * seen.force_std[i])
         amplitudes = np.where(listed, seen.measured[i].T, np.nan)
+        seen_or_forced = np.flatnonzero(listed.any(axis=0) | (seen.force[i] != 0.0))
+        top = max(int(spectra.H * spectra.hz.min() / spectra.hz[i]), int(seen_or_forced.max(initial=1)))
+        forces[number], own = _coefficients(seen.force[i, : top + 1]), slice(1, top + 1)
         records.append(
             Record(
                 number=number,
@@ -83,18 +95,17 @@ def line_campaign(rig: JointedRig, spectra: MeasuredSpectra, executor: Executor 
                 hz=float(spectra.hz[i]),
                 force=float(np.sqrt(np.sum(np.abs(seen.force[i]) ** 2) / 2.0)),
                 force_std=0.0,
-                measured=np.array([amplitudes.real, np.where(listed, amplitudes.imag, np.nan)])[:, :, 1:],
-                std=std[:, 1:],
+                measured=np.array([amplitudes.real, np.where(listed, amplitudes.imag, np.nan)])[:, :, own],
+                std=std[:, own],
                 start=State(np.zeros((1, 0)), np.zeros((1, 0)), 2 * np.pi * float(spectra.hz[i]), 1.0),
-                distortion=np.full((2, spectra.H - 1), np.nan),
-                distortion_std=np.full(spectra.H - 1, np.nan),
+                distortion=np.full((2, top - 1), np.nan),
+                distortion_std=np.full(top - 1, np.nan),
                 level=float(spectra.level[i]),
             )
         )
-    # four samples a period of the highest line: the cube of a motion does not fold back on it
-    grid = Grid(sampled(spectra.H, 0), rig.structure.n)
+    grid = Grid(sampled(max(len(f) // 2 for f in forces.values()), 0), rig.structure.n)
     speed = np.array([r.force for r in records])
-    data = Measurement(tuple(records), seen.channels, spectra.H, speed)
+    data = Measurement(tuple(records), seen.channels, grid.basis.H, speed)
     return LineCampaign(data, Numerics(grid, grid, grid, 0.0), executor=executor, forces=forces)
 
 
@@ -129,26 +140,41 @@ def receptances(here: LinesHere, channels: Sequence[str], places: int) -> tuple[
     return np.array(read).transpose(2, 0, 1), moved.T
 
 
-def line_state(rig: JointedRig, basis: FourierBasis, record: Record, force: Array, last: State | None) -> LinesHere:
-    """Steady state of a record, from the last one or, where that has other joints, from nothing.
+def line_state(balance: LineBalance, last: State | None) -> LinesHere:
+    """Steady state of a record, from the last one, if need be with more joints that do not push yet, or from nothing.
 
     Raises
     ------
     ConvergenceError
         If it is not found.
     """
-    own = np.zeros(basis.size)
+    size, ports = balance.basis.size, len(balance.own)
+    if last is None or not ports or len(last.T) != size or not 0 < last.T.shape[1] <= ports:
+        return balance.solved()
+    known = np.zeros((size, ports))
+    known[:, : last.T.shape[1]] = last.T
+    try:
+        return balance.solved(known)
+    except ConvergenceError:
+        if last.T.shape[1] == ports:
+            raise
+        return balance.solved()
+
+
+def _balance(rig: JointedRig, finer: int, record: Record, force: Array) -> LineBalance:
+    """The balance of a rig in a record, on so many times its harmonics."""
     H = len(force) // 2
-    own[: H + 1], own[basis.H + 1 : basis.H + H + 1] = force[: H + 1], force[H + 1 :]
-    balance = LineBalance(rig, basis, record.hz, own * rig.excitation.gain(record.level))
-    same = last is not None and last.T.shape == (basis.size, len(balance.own))
-    return balance.solved(last.T if last is not None and same else None)
+    # four samples a period of the highest line: the cube of a motion does not fold back on it
+    basis = sampled(finer * H, 0)
+    excitation = np.zeros(basis.size)
+    excitation[: H + 1], excitation[basis.H + 1 : basis.H + H + 1] = force[: H + 1], force[H + 1 :]
+    return LineBalance(rig, basis, record.hz, excitation * rig.excitation.gain(record.level))
 
 
 def _simulated(
     rig: AnyRig,
-    basis: FourierBasis,
-    data: Measurement,
+    finer: int,
+    channels: Sequence[str],
     forces: Mapping[int, Array],
     keys: tuple[str, ...],
     record: Record,
@@ -157,7 +183,7 @@ def _simulated(
     """One record with derivatives to keys; None where no steady state is found."""
     assert isinstance(rig, JointedRig)  # of which alone a campaign of lines is made
     try:
-        here = line_state(rig, basis, record, forces[record.number], last)
+        here = line_state(_balance(rig, finer, record, forces[record.number]), last)
         solution: PeriodicSolution = describe_joints(here.problem, here.state, record.hz)
         own, by_keys = in_record(rig, keys, record)
         Q, T = line_changes(here, own)
@@ -165,12 +191,13 @@ def _simulated(
         return None
     by_keys[-1] /= record.force_on(rig)  # the balance counts its force in shares of all lines
     by = JointChannels(here.problem, solution, own, Q, T)
-    amplitudes = amplitudes_of(data, solution)
-    slopes = [parts(basis, by[name].coefficients @ by_keys, data.H) for name in data.channels]
-    nothing = np.zeros_like(amplitudes)
+    basis, H = solution.basis, record.measured.shape[2]
+    amplitudes = [parts(basis, solution[name].coefficients, H) for name in channels]
+    slopes = [parts(basis, by[name].coefficients @ by_keys, H) for name in channels]
+    nothing = np.zeros(record.measured.shape)
     return Simulated(
         solution=solution,
-        amplitudes=amplitudes,
+        amplitudes=np.stack(amplitudes, axis=1),
         by_keys=np.stack(slopes, axis=1),
         by_force=nothing,
         by_hz=nothing,
