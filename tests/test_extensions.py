@@ -20,6 +20,7 @@ from models import Rig
 from models.attachments import PointMass
 from models.causes import CAUSES, all_candidates
 from models.causes.friction import DistributedMicroslip, StribeckWeakening
+from models.causes.joints import LocalDahl, LocalFriction
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SwappedChannels
 from models.elements import ImpactStop, MidplaneStretching, QuadraticDrag
@@ -311,6 +312,35 @@ def test_extensions_follow_the_nominal_text_and_can_be_extended_again(tmp_path):
     twice = write_extended_rig(tmp_path / "twice.toml", once, second)
     assert numbers_of(load_rig(twice)) == numbers_of(extended(rig, [*first, *second]))
     assert len(tomllib.loads(twice.read_text(encoding="utf-8"))["extensions"]) == 4
+
+
+def test_a_second_joint_at_the_place_of_the_first_is_read_back(tmp_path):
+    """Both are of friction; and where the first is, places are named in another order."""
+    modal = tmp_path / "modal.toml"
+    modal.write_text(
+        """
+name = "three masses"
+[modal]
+frequencies_hz = [16.0, 40.0]
+ports = { m1 = [0.3, -0.6], m2 = [0.5, -0.1], m3 = [0.7, 0.6] }
+[damping]
+modal_ratios = [0.003, 0.002]
+[excitation]
+at = "m1"
+amplitude = 1.0
+[[channels]]
+name = "a3"
+quantity = "acceleration"
+at = "m3"
+"""
+    )
+    dahl = Extension.of(LocalDahl("m2", "m3"), {"stiffness": 2e3, "limit": 1.0})
+    for second in (LocalFriction("m2", "m3"), LocalFriction("m1", "m2"), LocalFriction("m3")):
+        friction = Extension.of(second, {"limit": 0.4, "critical_slip": 2e-4})
+        write_extended_rig(tmp_path / "extended.toml", modal, [dahl, friction])
+        read, made = load_rig(tmp_path / "extended.toml"), extended(load_rig(modal), [dahl, friction])
+        assert read.numbers == made.numbers
+        assert [(j.at, j.to) for j in read.joints] == [(j.at, j.to) for j in made.joints]
 
 
 def test_what_could_not_be_read_is_not_written(tmp_path):

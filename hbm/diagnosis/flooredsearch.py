@@ -20,11 +20,11 @@ from hbm.diagnosis.deviations import std_of_records
 from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.evidence import shares_of_two
 from hbm.diagnosis.jointscan import Scanned
-from hbm.diagnosis.misfit import NOISE_KNOWN, nrmse
-from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, percent
+from hbm.diagnosis.misfit import nrmse
+from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, negligible, percent, within_noise
 from hbm.diagnosis.screen import starting
 from hbm.diagnosis.search import NEARLY, PAYS, OnProgress
-from hbm.diagnosis.shortlist import elsewhere, hopeful
+from hbm.diagnosis.shortlist import alike, elsewhere, hopeful
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.fourier import Array
 from hbm.outputerror.background import LARGEST
@@ -40,14 +40,16 @@ from models.jointed import AnyRig
 FLOORS, SETTLED = 4, 0.1
 """Times the floor is found anew, at most, and the relative change of it at which it is settled."""
 
+RACED = 0.1
+"""Candidates race beside this share of the floor that calibration leaves, beside all of which any would do."""
+
 BEHIND = 2.0
 """A fit is given up that will not leave less than so many times what the best one does."""
 
+OTHER_MODES = "measure another mode too: in what was measured these places move alike"
+
 PULLED = 2.0
 """A number of the rig file may be wrong that calibration moves by so many tolerances."""
-
-NOISE = 5.0
-"""Chi2 that noise makes is known to so many standard deviations."""
 
 
 Candidate = tuple[Cause, Sequence[dict[str, float]]]
@@ -93,6 +95,7 @@ class FlooredSearch:
         tell("calibration", 0.1)
         self.fits: list[Evaluation] = []
         self.alone: list[Evaluation] = []
+        self.scores: list[Scanned] = []
         self.calibrated = self._settled(fit_model(self.trust, self.campaign, self.trust.start, self.nominal.solutions))
         self.tried = 1
 
@@ -102,7 +105,7 @@ class FlooredSearch:
         """A fit beside what it leaves itself, which from then on all are compared beside."""
         for _ in range(FLOORS):
             before = self.campaign.floor
-            self.campaign = replace(self.campaign, floor=likeliest_floor(e, self.campaign))
+            self.campaign = replace(self.campaign, floor=likeliest_floor(e, self.campaign)[0])
             e = self._again(e)
             if abs(self.campaign.floor - before) <= SETTLED * self.campaign.floor:
                 break
@@ -117,6 +120,7 @@ class FlooredSearch:
         joints = [c for c in self.candidates if isinstance(c, AddedJoint)]
         self.tell("joints that may be missing", 0.3)
         scores = [s for s in self.scan(base, self.campaign, joints) if s.starts]
+        self.scores += scores
         self.tried += len(joints)
         chosen = hopeful(scores, base.chi2)
         pulled: list[Candidate] = [(cause, ({},)) for cause in self._pulled(base)]
@@ -171,7 +175,15 @@ class FlooredSearch:
         """The simplest model whose causes each take much of what is left without them; None where there is none."""
         if beyond_noise(self.beside(self.calibrated, 0.0).white) <= LARGEST:
             return None
-        self.alone = self.race(self.calibrated)
+        settled = self.campaign
+        self.campaign = replace(settled, floor=RACED * settled.floor)
+        found = self._raced()
+        if found is None:
+            self.campaign = settled
+        return found
+
+    def _raced(self) -> Evaluation | None:
+        self.alone = self.race(self.beside(self.calibrated, self.campaign.floor))
         first = self._best(self.calibrated, self.alone)
         base = first or self.calibrated
         if negligible(self.beside(base, 0.0).white):
@@ -182,18 +194,25 @@ class FlooredSearch:
 
     def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
         """The simplest of some fits over a base that does as well as the best, if that is accepted."""
-        fits, before = best_of([e for e in raced if tolerable(self.trust, e)]), self.campaign
+        fits, before = [e for e in raced if tolerable(self.trust, e)], self.campaign
         if not fits:
             return None
+        fits.sort(key=self._judged)
         leader = self._settled(fits[0])
         if not accepted(self.beside(base, self.campaign.floor), leader, self.tried):
             self.campaign = before
             return None
-        beside = [self.beside(e, self.campaign.floor) for e in (*fits[1:], *self.fits)]
-        near, far = beside[: len(fits) - 1], beside[len(fits) - 1 :]
-        fits = best_of([leader, *(self._again(e) if e.chi2 < BEHIND * leader.chi2 else e for e in near)])
-        self.fits = [*fits, *far]
+        beside = [self.beside(e, self.campaign.floor) for e in fits[1:]]
+        fits = best_of([leader, *(self._again(e) if e.chi2 < BEHIND * leader.chi2 else e for e in beside)])
+        told = {e.model.label for e in fits}
+        others = [self.beside(e, self.campaign.floor) for e in self.fits if e.model.label not in told]
+        self.fits = [*fits, *others]
         return next((e for e in inside(fits[0], fits) if not _pays(e, fits[0])), fits[0])
+
+    def _judged(self, e: Evaluation) -> float:
+        """A model beside the floor that it leaves itself, as by :attr:`Evaluation.bic`; the least is best."""
+        _, deviance = likeliest_floor(e, self.campaign)
+        return deviance + float(e.pulls @ e.pulls) + e.model.counted * float(np.log(len(e.white)))
 
     def _again(self, e: Evaluation) -> Evaluation:
         """A fit beside the floor there is now."""
@@ -222,14 +241,15 @@ class FlooredSearch:
                 part.pop("extended", None)
             shares = {}
         judged = plain["calibrated" if named is None else "extended"]
-        ties = [] if named is None else self._ties(named)
+        ties = [] if named is None else [told_of(e) for e in self._ties(named)]
+        places = [] if named is None else [c.label for c in alike(named.model.causes[0], self.scores)]
         return Diagnosis(
             verdict=verdict,
             cause=None if named is None else name_of(named),
             parameters={} if named is None else estimates(named, np.maximum(named.std, std_of_records(named))),
             confidence=self._confidence(verdict, named, shares),
-            not_separable=tuple(dict.fromkeys(told_of(e) for e in ties)),
-            separate_by="",
+            not_separable=tuple(dict.fromkeys([*places, *ties])),
+            separate_by=OTHER_MODES if places else "",
             remainder=self._remainder(judged, shares),
             errors=_errors(plain, unseen),
             held_out_records=() if self.hidden is None else tuple(self.hidden.numbers),
@@ -360,17 +380,6 @@ def _on(hidden: FlooredCampaign | None, e: Evaluation) -> Evaluation | None:
 def _white(e: Evaluation, campaign: FlooredCampaign, floor: float) -> Whitened:
     """Records beside a model, and beside noise of a floor."""
     return replace(campaign, floor=floor).whiten(e.found, e.by_x)
-
-
-def within_noise(white: Whitened) -> bool:
-    """Whether what a model leaves of records may be noise."""
-    n = len(white)
-    return bool(white.chi2 < (1 + NOISE_KNOWN) ** 2 * (n + NOISE * np.sqrt(2 * n)))
-
-
-def negligible(white: Whitened) -> bool:
-    """Whether what a model leaves of records may be noise, or is hardly more."""
-    return beyond_noise(white) <= LARGEST or within_noise(white)
 
 
 def _pays(simple: Evaluation, rich: Evaluation) -> bool:

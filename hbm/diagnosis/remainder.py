@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hbm.diagnosis.misfit import nrmse
+from hbm.diagnosis.misfit import NOISE_KNOWN, nrmse
+from hbm.outputerror.background import LARGEST
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.groups import near_each_other
 from hbm.outputerror.whitened import Whitened
@@ -20,6 +21,9 @@ TELLING, MOST = 0.15, 3
 
 NEARLY_ALL = 0.999
 """More is not told apart."""
+
+NOISE = 5.0
+"""Chi2 that noise makes is known to so many standard deviations."""
 
 TOGETHER = 0.6
 """Share of one channel from which on it is said to be the one that reads otherwise."""
@@ -185,3 +189,14 @@ def _shares(white: Whitened, labels: npt.NDArray[Any]) -> dict[Any, float]:
     found, inverse = np.unique(labels, return_inverse=True)
     beyond = np.bincount(inverse.ravel(), white.residual**2 - 1.0)
     return {label.item(): float(part / whole) for label, part in zip(found, beyond, strict=True)} if whole else {}
+
+
+def within_noise(white: Whitened) -> bool:
+    """Whether what a model leaves of records may be noise."""
+    n = len(white)
+    return bool(white.chi2 < (1 + NOISE_KNOWN) ** 2 * (n + NOISE * np.sqrt(2 * n)))
+
+
+def negligible(white: Whitened) -> bool:
+    """Whether what a model leaves of records may be noise, or is hardly more."""
+    return beyond_noise(white) <= LARGEST or within_noise(white)

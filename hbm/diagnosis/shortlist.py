@@ -52,6 +52,12 @@ def elsewhere(best: Cause, scores: Sequence[Scanned]) -> list[Scanned]:
     return sorted(others, key=lambda s: -s.drop)
 
 
+def alike(named: Cause, scores: Sequence[Scanned]) -> list[Cause]:
+    """Where else a law promises the very same: what moves in one mode alone does not tell where it acts."""
+    own = next((s for s in scores if s.cause == named), None)
+    return [] if own is None else [s.cause for s in scores if s is not own and _same(s, own)]
+
+
 def _same(one: Scanned, other: Scanned) -> bool:
     """Whether two scores are of one law and promise the very same."""
     return one.cause.name == other.cause.name and bool(np.isclose(other.drop, one.drop, rtol=SAME))

@@ -9,8 +9,9 @@ Decays of the same structure are put together by amplitude (:func:`over_amplitud
 uncertainty then.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -23,11 +24,14 @@ from hbm.labelled import frame
 from hbm.measurement.recording import Recording
 from models.display import Displayed
 
-CYCLES = 16
-"""Periods of a window."""
+CYCLES, FALL = 16, 1.5
+"""Periods of a window; it ends before where the amplitude has fallen by this factor, for damping changes with that."""
 
 FEWEST = 5
 """Independent samples in a window, at least."""
+
+NEIGHBOURS = 2
+"""Windows beside one that tell whether its slope changes."""
 
 LEAST = 0.003
 """Amplitudes below this part of the largest, or below `CLEAR` times the noise, are left out."""
@@ -155,31 +159,33 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
     """
     t, z, hz, apart = _demodulated(recorded, channel, band)
     size = max(FEWEST, round(CYCLES / hz / apart))
-    noise = _noise(z)
-    clear = np.abs(z) > max(CLEAR * noise, LEAST * np.abs(z).max())
+    clear = np.abs(z) > max(CLEAR * _noise(z), LEAST * np.abs(z).max())
     end = len(z) if clear.all() else int(np.argmin(clear))
-    rows = [_window(t[i : i + size], z[i : i + size]) for i in range(0, end - size + 1, size)]
+    rows = [_window(t[i:j], z[i:j]) for i, j in _windows(np.abs(z[:end]), size)]
     if not rows:
         raise InputError(
             f"{recorded.source}: {channel} stands out of the noise for {end * apart:.3g} s between {band[0]:g} and "
             f"{band[1]:g} Hz; must be {size * apart:.3g} s at least; try a wider band"
         )
-    amplitude, slope, std = (np.array(column) for column in zip(*rows, strict=True))
+    amplitude, slope, noise = (np.array(column) for column in zip(*rows, strict=True))
     omega = 2 * np.pi * hz + slope.imag
+    hz_std, rate_std = (_deviations(part, noise) for part in (slope.imag, slope.real))
     return Decay(
         source=recorded.source,
         channel=channel,
         unit=recorded.units.get(channel, ""),
         amplitude=amplitude,
         hz=omega / (2 * np.pi),
-        hz_std=std / (2 * np.pi),
+        hz_std=hz_std / (2 * np.pi),
         damping_ratio=-slope.real / omega,
-        damping_ratio_std=std / omega,
+        damping_ratio_std=rate_std / omega,
     )
 
 
 def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "decays") -> Decay:
     """Put decays of one structure together: means in classes of amplitude, uncertainty by their scatter.
+
+    What windows are known worse to than they scatter by is common to all of a class: few may agree by chance.
 
     Parameters
     ----------
@@ -189,20 +195,24 @@ def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "dec
         Classes, evenly spaced in the logarithm of the amplitude; those with fewer than two windows are left out.
     source : str
     """
-    A, hz, zeta = (np.concatenate([getattr(d, name) for d in decays]) for name in ("amplitude", "hz", "damping_ratio"))
+    columns = "amplitude", "hz", "hz_std", "damping_ratio", "damping_ratio_std"
+    A, hz, hz_std, zeta, zeta_std = (np.concatenate([getattr(d, name) for d in decays]) for name in columns)
     edges = np.geomspace(A.min() * (1 - 1e-9), A.max() * (1 + 1e-9), bins + 1)
     place = np.digitize(A, edges)
     rows = []
     for own in (np.flatnonzero(place == i) for i in range(bins, 0, -1)):
-        if len(own) < 2:
-            continue
-        n, a = len(own), float(np.exp(np.mean(np.log(A[own]))))
-        rows.append(
-            (a, *(x for values in (hz[own], zeta[own]) for x in (values.mean(), values.std(ddof=1) / np.sqrt(n))))
-        )
+        if len(own) > 1:
+            of_both = (_mean(values[own], std[own]) for values, std in ((hz, hz_std), (zeta, zeta_std)))
+            rows.append((float(np.exp(np.mean(np.log(A[own])))), *chain.from_iterable(of_both)))
     amplitude, f, f_std, z, z_std = np.array(rows).T
     first = decays[0]
     return Decay(source, first.channel, first.unit, amplitude, f, f_std, z, z_std, len(decays))
+
+
+def _mean(values: Array, std: Array) -> tuple[float, float]:
+    """Mean of the values (n,) of a class, and its standard deviation."""
+    scatter = float(values.var(ddof=1))
+    return float(values.mean()), float(np.sqrt(scatter / len(values) + max(float(np.mean(std**2)) - scatter, 0.0)))
 
 
 # ----------------------------------------------------------------------------------------------------------- the motion
@@ -250,6 +260,31 @@ def _noise(z: npt.NDArray[np.complex128]) -> float:
     """Rms of noise: what the second difference of neighbours leaves at the end, where little else changes."""
     last = z[-max(len(z) // 5, 8) :]
     return float(np.sqrt(np.mean(np.abs(np.diff(last, 2)) ** 2) / 6.0))
+
+
+def _windows(size: Array, most: int) -> Iterator[tuple[int, int]]:
+    """Begin and end of windows side by side, over amplitudes that fall."""
+    begin = 0
+    while begin + FEWEST <= len(size):
+        fallen = np.flatnonzero(size[begin : begin + most] < size[begin] / FALL)
+        end = begin + max(FEWEST, int(fallen[0]) if len(fallen) else most)
+        if end > len(size):
+            return
+        yield begin, end
+        begin = end
+
+
+def _deviations(slope: Array, noise: Array) -> Array:
+    """Standard deviations of slopes (m,): their noise, and what may change within a window.
+
+    Where the slope begins to change, as where friction ceases to slip, the mean over a window differs from the slope at
+    the amplitude in its middle by an eighth at most of how far it is off the line through its neighbours.
+    """
+    if len(slope) <= NEIGHBOURS:
+        return noise
+    bend = np.diff(slope, 2) ** 2 - noise[:-2] ** 2 - 4.0 * noise[1:-1] ** 2 - noise[2:] ** 2
+    within = np.pad(np.sqrt(np.maximum(bend, 0.0)) / 8.0, 1, mode="edge")
+    return np.hypot(noise, within)
 
 
 def _window(t: Array, z: npt.NDArray[np.complex128]) -> tuple[float, complex, float]:

@@ -66,8 +66,8 @@ class FlooredCampaign(Campaign, ABC):
         return replace(self, numerics=replace(self.numerics, working=fine))
 
 
-def likeliest_floor(e: Evaluation, campaign: FlooredCampaign) -> float:
-    """The floor beside which what a model leaves is likeliest."""
+def likeliest_floor(e: Evaluation, campaign: FlooredCampaign) -> tuple[float, float]:
+    """The floor beside which what a model leaves is likeliest, and twice the negative logarithm of how likely it is."""
     plain = replace(campaign, floor=0.0)
     records = [r for r in plain.data.records if r.number in e.found]
     missed = np.concatenate([plain.missed(r, e.found[r.number]) for r in records]) ** 2
@@ -79,4 +79,4 @@ def likeliest_floor(e: Evaluation, campaign: FlooredCampaign) -> float:
         return float(np.sum(np.log(variance) + missed / variance))
 
     found = minimize_scalar(deviance, bounds=(np.log(1e-6), np.log(2.0)), method="bounded")
-    return float(np.exp(found.x))
+    return float(np.exp(found.x)), float(found.fun)

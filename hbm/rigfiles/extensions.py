@@ -5,7 +5,7 @@ Applied in their order, each to the rig that the ones before it made.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, get_type_hints
 
@@ -14,6 +14,7 @@ from hbm.rigfiles.causes import ONE_VALUE, accepted_causes, find_cause
 from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.schema import MOST_ENTRIES, Complaint, found
 from models.causes import Cause, Unknown, candidates_of
+from models.causes.addedjoint import AddedJoint, turned
 from models.causes.parameter import WrongParameter
 from models.jointed import AnyRig, JointedRig
 from models.plausible import impossible, of_parameter
@@ -92,18 +93,20 @@ def rig_of_tables(
     InputError
         If a table is not accepted; the message does not say in which file.
     """
+    stages = [rig]
     for i, table in enumerate(tables):
-        extension = _read(rig, table, i, folder, consent)
+        extension = _read(stages, table, i, folder, consent)
         rig = extension.cause.extend(rig, extension.values)
+        stages.append(rig)
         for low, other in rig.too_low:
             name, least = (key.rpartition(".")[2] for key in (low, other))
             _refuse(i, name, found(rig.number(low)), f"must be >= {least} = {rig.number(other)}")
     return rig
 
 
-def _read(rig: AnyRig, table: Mapping[str, Any], i: int, folder: Path, consent: Consent) -> Extension:
-    """One table as an extension of a rig."""
-    named = table.get("cause")
+def _read(stages: Sequence[AnyRig], table: Mapping[str, Any], i: int, folder: Path, consent: Consent) -> Extension:
+    """One table as an extension of the last of the rigs that those before it made."""
+    rig, named = stages[-1], table.get("cause")
     if not isinstance(named, str):
         _refuse(i, "cause", found(named) if "cause" in table else "is missing", f"must be {accepted_causes()}")
     try:
@@ -114,7 +117,7 @@ def _read(rig: AnyRig, table: Mapping[str, Any], i: int, folder: Path, consent: 
     cause = kind(**chosen)
     unknowns = _of_joints(rig, cause)
     if not unknowns:
-        _check_candidate(rig, cause, i, named)
+        _check_candidate(stages, cause, i, named)
         unknowns = cause.unknowns(rig)
     known = ["cause", *(f.name for f in fields(kind) if not named.startswith(ONE_VALUE)), *(u.name for u in unknowns)]
     for name in table:
@@ -150,13 +153,21 @@ def _chosen(kind: type, table: Mapping[str, Any], i: int) -> dict[str, Any]:
     return chosen
 
 
-def _check_candidate(rig: AnyRig, cause: Cause, i: int, named: str) -> None:
-    """Whether a cause can be one of a rig."""
-    possible = [other.label for other in candidates_of(type(cause), rig)]
-    if cause.label not in possible:
-        listed = ", ".join(possible[:MOST_NAMED]) + ", ..." * (len(possible) > MOST_NAMED)
-        accepted = f"must be one of {listed}" if possible else "there is nothing in this rig that it can act on"
-        _refuse(i, "cause", f"{found(named)} ({cause.label}) does not apply", accepted)
+def _check_candidate(stages: Sequence[AnyRig], cause: Cause, i: int, named: str) -> None:
+    """Whether a cause can be one of a rig: a second joint at a place, of that before the first was there."""
+    same, possible = {cause.label}, list[str]()
+    if isinstance(cause, AddedJoint):
+        at, to = turned((cause.at, cause.to))
+        same.add(replace(cause, at=at, to=to).label)
+    else:
+        stages = stages[-1:]
+    for rig in stages:
+        possible = [other.label for other in candidates_of(type(cause), rig)]
+        if same & set(possible):
+            return
+    listed = ", ".join(possible[:MOST_NAMED]) + ", ..." * (len(possible) > MOST_NAMED)
+    accepted = f"must be one of {listed}" if possible else "there is nothing in this rig that it can act on"
+    _refuse(i, "cause", f"{found(named)} ({cause.label}) does not apply", accepted)
 
 
 def _value(unknown: Unknown, table: Mapping[str, Any], i: int) -> float:

@@ -1,6 +1,7 @@
 """Diagnosis of decays whose answer is known: simulated on another discretisation by another rig, with noise."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from hbm.measurement.decayfile import is_decay, load_decay
 from hbm.modes.decaying import at_channel, over_channel
 from hbm.rigfiles.load import load_rig
 from models.causes.addedjoint import AddedJoint
-from models.causes.joints import CubicStiffness, JointMicroslip, JointSlip, QuadraticDamping
+from models.causes.joints import CubicStiffness, JointMicroslip, JointSlip, LocalFriction, QuadraticDamping
 from models.jointed import JointedRig
 
 RIG = """
@@ -34,6 +35,21 @@ amplitude = 1.0
 name = "acc"
 quantity = "acceleration"
 at = "tip"
+"""
+THREE = """
+name = "three masses"
+[modal]
+frequencies_hz = [16.459, 39.632, 55.278]
+ports = { m1 = [0.2655, -0.5474, -0.3604], m2 = [0.5249, -0.1458, 0.6082], m3 = [0.6677, 0.6073, -0.4306] }
+[damping]
+modal_ratios = [0.00305, 0.00137, 0.00107]
+[excitation]
+at = "m1"
+amplitude = 1.0
+[[channels]]
+name = "acc"
+quantity = "acceleration"
+at = "m3"
 """
 AMPLITUDES = np.geomspace(14.0, 0.4, 18)
 LARGEST = 14.0 / (2 * np.pi * 80.0) ** 2
@@ -86,6 +102,28 @@ def test_the_joint_that_bends_a_backbone_is_named(
         assert isinstance(estimate.value, float)
         assert abs(estimate.value - value) < 4.0 * estimate.std
         assert estimate.std < 0.5 * value
+
+
+def test_a_joint_that_calibration_leaves_whole_is_named_with_every_place_it_may_be_at(tmp_path: Path) -> None:
+    """Where the rig file misses all of a response, any model would do beside what calibration leaves."""
+    (tmp_path / "three.toml").write_text(THREE)
+    rig = load_rig(tmp_path / "three.toml")
+    assert isinstance(rig, JointedRig)
+    values = {"limit": 0.4, "critical_slip": 2e-4}
+    found = diagnose_backbone(
+        rig,
+        decayed(LocalFriction("m3").extend(rig, values), 1),
+        causes=[LocalFriction, CubicStiffness, JointMicroslip],
+    )
+    assert found.errors["calibrated"]["held_out"].nrmse > 1.0
+    assert (found.verdict, found.cause) == ("cause-found", "local-friction")
+    assert found.confidence > 0.9
+    places = {found.ranking[0].label, *found.not_separable}
+    assert len(places) == 6  # three to the ground, three between two
+    assert all(name.startswith("local-friction ") for name in places)
+    assert "another mode" in found.separate_by
+    floor = next(float(m[1]) for line in found.evidence if (m := re.search(r"noise of ([0-9.e-]+) %", line)))
+    assert floor < 5.0
 
 
 def test_what_softens_and_what_hardens_are_named_together(rig: JointedRig) -> None:

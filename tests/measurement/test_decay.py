@@ -1,5 +1,6 @@
 """Free decays whose instantaneous frequency and damping are known, and one simulated with friction beside its mode."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -114,9 +115,9 @@ quantity = "velocity"
 """
 
 
-def slider(x0: float, seconds: float, rate: int) -> Recording:
-    """1 kg, 50 Hz, 0.05 %, beside a spring of 1250 N/m that slips at 0.5 N, by small steps and a return mapping."""
-    omega, k, limit, dt = 2 * np.pi * 50.0, 1250.0, 0.5, 1.0 / rate
+def slider(x0: float, seconds: float, rate: int, k: float = 1250.0) -> Recording:
+    """1 kg, 50 Hz, 0.05 %, beside a spring that slips at 0.5 N, by small steps and a return mapping."""
+    omega, limit, dt = 2 * np.pi * 50.0, 0.5, 1.0 / rate
     x, v, T = x0, 0.0, min(k * x0, limit)
     out = np.empty(int(seconds * rate))
     for i in range(len(out)):
@@ -138,6 +139,28 @@ def test_a_decay_with_friction_follows_the_nonlinear_mode(tmp_path: Path) -> Non
     assert ratio.max() > 2.0 * 0.0005
     assert d.hz == pytest.approx(hz, rel=5e-5)  # measured 3e-5, 0.4 %: both change within a window
     assert d.damping_ratio == pytest.approx(ratio, rel=0.008)
+
+
+def test_where_friction_ceases_to_slip_the_deviations_say_so(tmp_path: Path) -> None:
+    """The damping falls to a sixth within a window or two."""
+    (tmp_path / "rig.toml").write_text(RIG.replace("critical_slip = 4e-4", "critical_slip = 4e-5"))
+    rig = load_rig(tmp_path / "rig.toml")
+    d = free_decay(slider(6e-4, 1.0, 40_000, k=12_500.0), "v", (20.0, 90.0))
+    mode = over_channel(rig, 1, "v", (float(d.amplitude.min()), float(d.amplitude.max())))
+    hz, ratio = predicted(mode, "v", d.amplitude)
+    assert ratio.max() > 4.0 * ratio.min()
+    assert (d.hz - hz) / d.hz_std == pytest.approx(0.0, abs=3.0)
+    assert (d.damping_ratio - ratio) / d.damping_ratio_std == pytest.approx(0.0, abs=3.0)
+
+
+def test_windows_that_agree_by_chance_are_known_no_better_for_it() -> None:
+    A, hz = np.array([1.0, 0.8]), np.array([50.0, 49.9])
+    alike = [Decay("d", "v", "", A, hz, np.full(2, 0.01), hz * 1e-4, np.full(2, 1e-3)) for _ in range(3)]
+    d = over_amplitude(alike, bins=2)
+    assert d.hz_std == pytest.approx(0.01)
+    assert d.damping_ratio_std == pytest.approx(1e-3)
+    apart = [replace(one, hz=one.hz + shift) for one, shift in zip(alike, (-0.3, 0.0, 0.3), strict=True)]
+    assert over_amplitude(apart, bins=2).hz_std == pytest.approx(0.3 / np.sqrt(3.0))
 
 
 def test_a_mode_is_found_over_the_amplitudes_of_an_accelerometer(tmp_path: Path) -> None:
