@@ -40,7 +40,7 @@ from models.jointed import AnyRig
 FLOORS, SETTLED = 4, 0.1
 """Times the floor is found anew, at most, and the relative change of it at which it is settled."""
 
-RACED = 0.1
+RACED = 0.3
 """Candidates race beside this share of the floor that calibration leaves, beside all of which any would do."""
 
 BEHIND = 2.0
