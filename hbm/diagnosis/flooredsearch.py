@@ -40,7 +40,7 @@ from models.jointed import AnyRig
 FLOORS, SETTLED = 4, 0.1
 """Times the floor is found anew, at most, and the relative change of it at which it is settled."""
 
-RACED = 0.3
+RACED = 0.1
 """Candidates race beside this share of the floor that calibration leaves, beside all of which any would do."""
 
 BEHIND = 2.0
@@ -95,6 +95,7 @@ class FlooredSearch:
         tell("calibration", 0.1)
         self.fits: list[Evaluation] = []
         self.alone: list[Evaluation] = []
+        self.leads: list[Evaluation] = []
         self.scores: list[Scanned] = []
         self.calibrated = self._settled(fit_model(self.trust, self.campaign, self.trust.start, self.nominal.solutions))
         self.tried = 1
@@ -188,8 +189,8 @@ class FlooredSearch:
         base = first or self.calibrated
         if negligible(self.beside(base, 0.0).white):
             return first
-        leads = leading(self.beside(self.calibrated, self.campaign.floor), first, self.alone)
-        pairs = [e for lead in leads for e in self.race(lead, PAYS * lead.chi2) if _pays(lead, e)]
+        self.leads = leading(self.beside(self.calibrated, self.campaign.floor), first, self.alone)
+        pairs = [e for lead in self.leads for e in self.race(lead, PAYS * lead.chi2) if _pays(lead, e)]
         return self._best(base, pairs) or first
 
     def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
@@ -228,7 +229,7 @@ class FlooredSearch:
         """Verdict, and all that supports it."""
         best = self.decide()
         self.tell("records held out", 0.9)
-        if best is not None and not pays_unseen(best, self.alone, self._unseen):
+        if best is not None and not pays_unseen(best, self.leads, self._unseen):
             best = self._best(self.calibrated, self.alone)
         models = {"nominal": self.nominal, "calibrated": self.calibrated} | ({} if best is None else {"extended": best})
         plain = {name: self.beside(e, 0.0) for name, e in models.items()}

@@ -43,12 +43,13 @@ def test_every_command_is_run_or_left_out_for_a_reason() -> None:
 @pytest.mark.slow
 def test_the_command_says_what_the_page_says(tmp_path: Path) -> None:
     printed, page = printed_by(commands(RUN), tmp_path), " ".join(sections()[RUN].split())
-    (cause, beside), (held_out,) = (
-        re.findall(r"Main cause: `([a-z-]+)`.*?; beside it `([a-z-]+)`", page)[0],
-        re.findall(r"([\d.]+) % with both", page),
+    (cause,), (stiffness,), (held_out,) = (
+        re.findall(r"Main cause: `([a-z-]+)`", page),
+        re.findall(r"an Iwan element of (\d+ ± \d+ N/m)", page),
+        re.findall(r"([\d.]+) % with micro-slip", page),
     )
     assert f"\nMain cause: {cause}, " in f"\n{printed}"
-    assert f"beside it {beside} " in " ".join(printed.split())
+    assert f"stiffness {stiffness}" in " ".join(printed.split())
     told = json.loads((tmp_path / "diagnosis" / "diagnosis.json").read_text())
     assert (told["verdict"], told["cause"]) == ("main-cause", cause)
     assert f"{100.0 * told['errors']['extended']['held_out']['nrmse']:.1f}" == held_out
