@@ -82,7 +82,7 @@ class FourierBasis:
         """Check that the samples resolve the harmonics."""
         whole = isinstance(self.H, Integral) and isinstance(self.N_t, Integral)
         if not whole or self.H < 1 or self.N_t <= 2 * self.H:
-            accepted = "must be whole numbers of harmonics H >= 1 and samples N_t > 2 H"
+            accepted = "must have H >= 1 harmonics and N_t > 2 H samples, whole numbers"
             raise ValueError(f"FourierBasis: H = {self.H}, N_t = {self.N_t}; {accepted}")
 
     def __reduce__(self) -> tuple[type["FourierBasis"], tuple[int, int]]:

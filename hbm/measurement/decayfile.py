@@ -45,7 +45,7 @@ def load_decay(path: StrPath) -> Decay:
     for where, entries in read_columns(path, "a decay file (CSV)", COLUMNS):
         channel, *numbers = (entry.strip() for entry in entries)
         row = _numbers(where, numbers)
-        if row[0] in (earlier[0] for earlier in table):
+        if (channel, row[0]) in zip(channels, (earlier[0] for earlier in table), strict=True):
             raise InputError(f"{where}: amplitude {row[0]:g} of {channel} a second time; must be once in a file")
         channels.append(channel)
         table.append(row)

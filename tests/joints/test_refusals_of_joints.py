@@ -160,7 +160,7 @@ def test_a_force_without_its_fundamental_is_refused(rig: JointedRig) -> None:
     ("call", "error", "said"),
     [
         (lambda rig: simulate(rig, 18.0, duration=-1.0), ValueError, "simulate: duration -1.0 s; must be > 0"),
-        (lambda rig: steady_state(rig, 18.0, harmonics=2.5), ValueError, "H = 2.5, .* must be whole numbers"),
+        (lambda rig: steady_state(rig, 18.0, harmonics=2.5), ValueError, "H = 2.5, .* must have .* whole numbers"),
         (
             lambda rig: follow_peak(rig, [1.0, 2.0], channel="a9"),
             InputError,
