@@ -52,7 +52,8 @@ def expect_rig(rig: object, where: str, *, joints: bool = False) -> None:
 
     if isinstance(rig, JointedRig):
         if not joints:
-            raise InputError(f"{where}: {rig.name} has [[joints]]; must be a rig with [contact] alone")
+            found = "has [[joints]]" if rig.joints else "has no [contact]"
+            raise InputError(f"{where}: {rig.name} {found}; must be a rig with [contact] alone")
     elif not isinstance(rig, Rig):
         raise InputError(f"{where}: rig = {rig!r:.80}; must be a Rig, as load_rig(path) returns")
 

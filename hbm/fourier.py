@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -79,8 +80,10 @@ class FourierBasis:
 
     def __post_init__(self) -> None:
         """Check that the samples resolve the harmonics."""
-        if self.H < 1 or self.N_t <= 2 * self.H:
-            raise ValueError(f"FourierBasis: H = {self.H}, N_t = {self.N_t}; must have H >= 1 and N_t > 2 H")
+        whole = isinstance(self.H, Integral) and isinstance(self.N_t, Integral)
+        if not whole or self.H < 1 or self.N_t <= 2 * self.H:
+            accepted = "must have H >= 1 harmonics and N_t > 2 H samples, whole numbers"
+            raise ValueError(f"FourierBasis: H = {self.H}, N_t = {self.N_t}; {accepted}")
 
     def __reduce__(self) -> tuple[type["FourierBasis"], tuple[int, int]]:
         """Pickled without its matrices: solutions go to other processes."""

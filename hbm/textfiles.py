@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import os
+import re
 import stat
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,6 +18,8 @@ from hbm.interrupts import held
 StrPath = str | os.PathLike[str]
 Contents = Mapping[Path, str | bytes]
 """What files hold, for :func:`write_together`."""
+DECIMAL_COMMA = re.compile(r"\s*[+-]?\d*,\d*([eE][+-]?\d+)?\s*")
+"""A number with one."""
 
 
 def csv_text(rows: Iterable[Iterable[Any]]) -> str:
@@ -26,8 +29,15 @@ def csv_text(rows: Iterable[Iterable[Any]]) -> str:
     return text.getvalue()
 
 
+def delimiter_of(heading: str) -> str:
+    """What separates the columns of a CSV file, by its heading: tabs or semicolons where there are any, else commas."""
+    return next((mark for mark in "\t;" if mark in heading), ",")
+
+
 def read_rows(path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
     """Rows of a CSV file with the numbers of their lines; empty lines are left out.
+
+    Where tabs or semicolons separate its columns, the decimal commas of numbers become points.
 
     Raises
     ------
@@ -38,7 +48,13 @@ def read_rows(path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
         text = Path(path).read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as refused:
         raise InputError(f"{path}: cannot be read ({why(refused)}); must be {kind}") from None
-    return _numbered(csv.reader(io.StringIO(text)), path, kind)
+    delimiter = delimiter_of(next(filter(str.strip, text.splitlines()), ""))
+    rows = csv.reader(io.StringIO(text), delimiter=delimiter)
+    return _numbered(rows if delimiter == "," else map(_with_points, rows), path, kind)
+
+
+def _with_points(row: list[str]) -> list[str]:
+    return [cell.replace(",", ".") if DECIMAL_COMMA.fullmatch(cell) else cell for cell in row]
 
 
 def read_columns(path: StrPath, kind: str, columns: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
@@ -63,7 +79,7 @@ def read_columns(path: StrPath, kind: str, columns: Sequence[str]) -> Iterator[t
         yield where, [row[i] for i in at]
 
 
-def _numbered(rows: Iterator[list[str]], path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
+def _numbered(rows: Iterable[list[str]], path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
     try:
         yield from ((line, row) for line, row in enumerate(rows, start=1) if row)
     except csv.Error as refused:  # a quotation mark that is never closed

@@ -15,7 +15,7 @@ from models.joints.joint import Joint, terms
 from models.joints.law import numbers
 from models.joints.rubbing import Friction
 from models.numbers import Described, Numbered
-from models.parts import Channel, Damping, Drift, Excitation
+from models.parts import Channel, Damping, Drift, Excitation, check_names
 from models.plausible import Proportion, warn_of
 from models.rig import Rig
 from models.structure import Array
@@ -125,11 +125,12 @@ class JointedRig(Numbered):
     tolerances: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse names that are given twice, and places that are none."""
-        for what, names in (("channel", [c.name for c in self.channels]), ("joint", [j.name for j in self.joints])):
-            twice = next((name for name in names if names.count(name) > 1), None)
-            if twice is not None:
-                raise ValueError(f'{self.name}: {what} "{twice}" is there twice; names must differ')
+        """Refuse names that are given twice or taken, and places that are none."""
+        names = [j.name for j in self.joints]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f'{self.name}: joint "{twice}" is there twice; names must differ')
+        check_names(self.name, self.channels, self.computed)
         try:
             self.ported  # noqa: B018  # a place that is none is refused here
         except ValueError as refused:

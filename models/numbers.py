@@ -28,6 +28,16 @@ class Numbered(Displayed):
     drift: tuple[Drift, ...]
 
     @property
+    def law_name(self) -> str:
+        """Name of the law of what touches it, of several each once."""
+        raise NotImplementedError
+
+    @property
+    def headline(self) -> str:
+        """Its name and that of its laws, if it has any."""
+        return ", ".join(filter(None, (self.name, self.law_name)))
+
+    @property
     def numbers(self) -> Described:
         """All its numbers by the keys of its rig file, with unit and bounds."""
         raise NotImplementedError

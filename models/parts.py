@@ -1,6 +1,6 @@
 """Parts of a rig: given modes, damping, contact, excitation, drift and channels."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
 from typing import Any, Literal, get_args
@@ -293,3 +293,24 @@ class Channel:
         bounded(f"Channel {self.name}: gain", self.gain)
         bounded(f"Channel {self.name}: delay", self.delay)
         bounded(f"Channel {self.name}: repeatability", self.repeatability, 0.0, 1.0)
+
+
+MOST_LISTED = 9
+"""Names in a message."""
+
+
+def check_names(where: str, channels: Sequence[Channel], computed: Sequence[str]) -> None:
+    """Refuse channels that could not be told from each other, or from what a simulation computes beside them.
+
+    Raises
+    ------
+    ValueError
+        With the name, and those that are taken.
+    """
+    names = [c.name for c in channels]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise ValueError(f'{where}: channel "{name}" is there twice; names must differ')
+        if name in computed:
+            taken = ", ".join(computed[:MOST_LISTED]) + ", ..." * (len(computed) > MOST_LISTED)
+            raise ValueError(f'{where}: channels[{i + 1}].name = "{name}"; must not be one of the computed {taken}')

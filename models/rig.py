@@ -15,7 +15,7 @@ from models.elements import Element, ElementRows, LiftOff, Reading, element_rows
 from models.friction import describe, parameters, quantities_of
 from models.friction.law import Parameter
 from models.numbers import Described, Numbered
-from models.parts import Channel, Contact, Damping, Drift, Excitation, ModalBody, Numbers
+from models.parts import Channel, Contact, Damping, Drift, Excitation, ModalBody, Numbers, check_names
 from models.plausible import Proportion, warn_of
 from models.reduction import Reduction, Switches
 from models.structure import Array, ModalStructure, SpringPort
@@ -92,11 +92,8 @@ class Rig(Numbered):
     drift: tuple[Drift, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse places beyond the beam, and names that are given twice."""
-        names = [c.name for c in self.channels]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise ValueError(f'Rig: channel "{twice}" is there twice; names must differ')
+        """Refuse places beyond the beam, and names that are given twice or taken."""
+        check_names("Rig", self.channels, self.computed)
         if isinstance(self.body, Beam) and isinstance(self.body.length, float):
             length = self.body.length
             bounded("Excitation: position", self.excitation.position, 0.0, length)

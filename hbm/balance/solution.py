@@ -12,7 +12,7 @@ import numpy as np
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointequations import JointEquations
 from hbm.balance.problem import AnyBalance, HarmonicBalance, Kinematics, State
-from hbm.channels import DISPLACEMENT, read
+from hbm.channels import DISPLACEMENT, channel_named, read
 from hbm.fourier import Array, FourierBasis
 from models.display import Displayed
 from models.parts import UNITS, Channel
@@ -126,7 +126,7 @@ class PeriodicSolution(Displayed):
 
     def __getitem__(self, name: str) -> Signal:
         """Channel by name."""
-        return self.channels[name]
+        return channel_named(self.channels, name)
 
     @property
     def lift_off(self) -> bool:

@@ -183,7 +183,7 @@ def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"]
         lines.append(f"{backbone_name(b)}, where most damped: frequency and damping change with {', '.join(parts)}")
         if b.lift_off is not None:
             lines.append(f"warning: {backbone_name(b)}: the tip would lift off from {1e3 * b.lift_off:.3g} mm on")
-    print_rows(screen, f"{rig.name}, {rig.law_name}, mode {mode}", rows)
+    print_rows(screen, f"{rig.headline}, mode {mode}", rows)
     print_lines(screen, lines)
 
 

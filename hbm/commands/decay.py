@@ -1,17 +1,19 @@
 """The command ``hbm decay``: frequency and damping ratio over amplitude, from free decays."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hbm.commands.budgets import RunSeconds, seconds_of, within
-from hbm.commands.options import AllowCode, console, named, positive, print_written, whole
+from hbm.commands.options import AllowCode, console, named, not_negative, positive, print_written, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.measurement.decay import Decay
     from hbm.modes.backbone import NonlinearMode
+    from models.jointed import AnyRig
 
 COMMAND = "decay"
 
@@ -55,17 +57,22 @@ def decay(
 
     Example:  hbm decay blow1.csv blow2.csv --channel velocity --band 95 150 --settle 0.15 --out decay.csv
     """
+    from hbm.rigfiles.load import load_rig
     from hbm.textfiles import check_output
 
     ends = positive(COMMAND, "--band", band[0], "Hz"), positive(COMMAND, "--band", band[1], "Hz")
-    settle = 0.0 if begin == "0" else positive(COMMAND, "--settle", begin, "s")
+    settle = not_negative(COMMAND, "--settle", begin, "s")
     number, limit = whole(COMMAND, "--mode", mode, 1000), seconds_of(COMMAND, max_seconds)
     with named(COMMAND):
         if out is not None:
             check_output(out, (".csv",), "--out")
     with within(COMMAND, limit, lambda: f"at {len(histories)} histories", "try fewer, or a larger --max-seconds"):
         found = _decays(histories, channel, ends, settle)
-        predicted = None if rig is None else _mode(rig, number, found, allow_code)
+        predicted = None
+        if rig is not None:
+            loaded = load_rig(rig, allow_code=allow_code or None)
+            found = _in_unit_of(loaded, rig, found)
+            predicted = _mode(loaded, number, found)
     _deliver(found, predicted, out)
 
 
@@ -82,14 +89,20 @@ def _decays(histories: list[Path], names: list[str], band: tuple[float, float], 
     return decays[0] if len(decays) == 1 else over_amplitude(decays, source=f"{len(decays)} decays")
 
 
-def _mode(path: Path, number: int, found: "Decay", allow_code: bool) -> "NonlinearMode":
+def _in_unit_of(rig: "AnyRig", path: Path, found: "Decay") -> "Decay":
+    """The decay, in the unit that its channel has in the rig where the recording says none."""
+    from models.parts import UNITS
+
+    quantity = next((c.quantity for c in rig.channels if c.name == found.channel), None)
+    if quantity is None:
+        raise InputError(f"{COMMAND}: channel {found.channel} is not in {path}; must be one of its channels")
+    return found if found.unit else replace(found, unit=UNITS[quantity])
+
+
+def _mode(rig: "AnyRig", number: int, found: "Decay") -> "NonlinearMode":
     """Nonlinear mode over the amplitudes of the decay, and a little more."""
     from hbm.modes.decaying import over_channel
-    from hbm.rigfiles.load import load_rig
 
-    rig = load_rig(path, allow_code=allow_code or None)
-    if found.channel not in [c.name for c in rig.channels]:
-        raise InputError(f"{COMMAND}: channel {found.channel} is not in {path}; must be one of its channels")
     if not 1 <= number <= rig.structure.n:
         raise InputError(f"{COMMAND}: --mode = {number}; must be from 1 to {rig.structure.n}")
     return over_channel(rig, number, found.channel, (float(found.amplitude.min()), float(found.amplitude.max())))

@@ -98,7 +98,7 @@ def inverse(
     made = None
     with within(COMMAND, limit, lambda: f"at {len(measured)} records", ADVICE):
         if isinstance(loaded, JointedRig):
-            _refuse_of_joints(rig, {"--design": design, "--formulation": formulation})
+            _refuse_of_joints(rig, loaded, {"--design": design, "--formulation": formulation})
             made = _made_of_joints(loaded, measured, numbers)
         else:
             if design:
@@ -116,7 +116,9 @@ def _files() -> tuple[str, ...]:
     return tuple(dict.fromkeys([*inversereport.FILES, *jointinverse.FILES]))
 
 
-def _refuse_of_joints(rig: Path, options: Mapping[str, object]) -> None:
+def _refuse_of_joints(rig: Path, loaded: "JointedRig", options: Mapping[str, object]) -> None:
+    if not loaded.joints:
+        raise InputError(f"{COMMAND}: {rig} has no [contact] and no [[joints]]; must have one, whose forces are found")
     for name, given in options.items():
         if given:
             raise InputError(f"{COMMAND}: {name} and {rig}, which has [[joints]]; must be a rig with [contact]")

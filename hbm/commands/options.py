@@ -112,6 +112,13 @@ def positive(command: str, option: str, text: str, unit: str) -> float:
     return float(text)
 
 
+def not_negative(command: str, option: str, text: str, unit: str) -> float:
+    """A number >= 0 of an option's text, or a refusal."""
+    if not is_number(text) or not 0.0 <= float(text) < math.inf:
+        raise InputError(f"{command}: {option} = {quoted(text)}; must be a number >= 0 [{unit}]")
+    return float(text)
+
+
 def whole(command: str, option: str, text: str, largest: int, otherwise: str = "") -> int:
     """A whole number from 1 on of an option's text, or a refusal, which also names what else is accepted."""
     if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= largest):

@@ -21,7 +21,7 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
         }
         for name, i in (("first", 0), ("highest", top), ("last", len(values) - 1))
     ]
-    print_rows(console, f"{rig.name}, {rig.law_name}", rows)
+    print_rows(console, rig.headline, rows)
     held = [text for key, text in _excitation(first.hz, first.level).items() if key != curve.parameter]
     lines = [f"{len(values)} points at {' and '.join(held)}; {curve.reason}"]
     lines += [f"fold at {curve.parameter} = {value:.6g}" for value in curve.folds]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hbm.commands.budgets import RunSeconds, seconds_of, within
-from hbm.commands.options import AllowCode, console, is_number, named, positive, print_written, quoted, whole
+from hbm.commands.options import AllowCode, console, named, not_negative, positive, print_written, quoted, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def spectra(
     levels = _per_file("--level", level, "N", entries) if level else [entry.level for entry in entries]
     H, seconds, columns = (
         whole(COMMAND, "--harmonics", harmonics, LARGEST_HARMONIC),
-        _settle(settle),
+        not_negative(COMMAND, "--settle", settle, "s"),
         _columns(channel or ()),
     )
     from hbm.commands.tables import print_spectra
@@ -144,7 +144,7 @@ def _sweeps(
     from hbm.measurement.sweep import sweep_spectra, swept
     from hbm.rigfiles.load import load_rig
 
-    H, seconds = whole(COMMAND, "--harmonics", harmonics, LARGEST_H), _settle(settle)
+    H, seconds = whole(COMMAND, "--harmonics", harmonics, LARGEST_H), not_negative(COMMAND, "--settle", settle, "s")
     loaded = None if rig is None else load_rig(rig, allow_code=allow_code or None)
     recordings = [_recorded(entry, columns, loaded) for entry in entries]
     force = _force_name(loaded)
@@ -185,12 +185,6 @@ def _per_file(option: str, texts: Sequence[str], unit: str, files: Sequence[obje
     if len(values) not in (1, len(files)):
         raise InputError(f"{COMMAND}: {option} has {len(values)} numbers; must have 1, or {len(files)}, one per file")
     return values * len(files) if len(values) == 1 else values
-
-
-def _settle(text: str) -> float:
-    if not is_number(text) or not 0.0 <= float(text) < math.inf:
-        raise InputError(f"{COMMAND}: --settle = {quoted(text)}; must be a number >= 0 [s]")
-    return float(text)
 
 
 def _columns(texts: Sequence[str]) -> dict[str, str]:

@@ -72,7 +72,7 @@ def print_modes(console: Console, rig: AnyRig, modes: "LinearModes") -> None:
 def print_curves(console: Console, curves: Sequence["ResponseCurve"]) -> None:
     """Print what was found at each level, how accurate it is, why, and what to beware of."""
     first = curves[0].rig
-    print_rows(console, f"{first.name}, {first.law_name}", map(_response_row, curves))
+    print_rows(console, first.headline, map(_response_row, curves))
     assessed = [(c, c.assessment) for c in curves if c.assessment is not None]
     print_rows(
         console,

@@ -17,7 +17,7 @@ from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import uncorrelated
 from hbm.response.trace import first_solution
-from hbm.sensitivity.derivatives import changes
+from hbm.sensitivity.derivatives import sensitivities
 from models.jointed import AnyRig
 from models.parts import Channel
 
@@ -112,7 +112,7 @@ def _predicted(best: Evaluation, rival: Evaluation, campaign: Campaign, experime
     for force, hz in experiment.points:
         try:
             found = [_solved(e, campaign, experiment, force, hz) for e in (best, rival)]
-            by = changes(found[1][1], found[1][0], (*keys, "excitation.amplitude"))
+            by = sensitivities(found[1][1], found[1][0], (*keys, "excitation.amplitude"))
         except FAILURES:
             continue
         names = [*campaign.data.channels, *(["_added"] if experiment.sensor is not None else [])]

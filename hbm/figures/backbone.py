@@ -58,7 +58,7 @@ def plot_backbones(
     plot_backbone_over_responses(backbones, curves, response)
     frequency.set_xlabel("")
     rig = backbones[0].rig
-    headed(frequency, f"{rig.name}, {rig.law_name}")
+    headed(frequency, rig.headline)
     return align_labels(rows)
 
 

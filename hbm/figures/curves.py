@@ -68,7 +68,7 @@ def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
         ax.set_xlabel("")
     ends = [hz for c in curves for hz in (float(c.hz.min()), float(c.hz.max()))]
     rows[0].set_xlim(min(ends), max(ends))
-    headed(rows[0], rig.name if jointed else f"{rig.name}, {rig.law_name}")
+    headed(rows[0], rig.name if jointed else rig.headline)
     return align_labels(rows)
 
 

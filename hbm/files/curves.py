@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hbm.channels import channel_named
 from hbm.errors import InputError
 from hbm.files.outputs import companion, with_companion
 from hbm.files.version import installed_version
@@ -209,7 +210,7 @@ class SavedCurve:
 
     def __getitem__(self, name: str) -> ChannelCurve:
         """Channel by name."""
-        return self.channels[name]
+        return channel_named(self.channels, name)
 
 
 def read_curves(path: StrPath) -> list[SavedCurve]:

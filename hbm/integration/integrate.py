@@ -116,21 +116,23 @@ def simulate(
     """
     expect_rig(rig, "simulate", joints=True)
     expect_frequency(hz, "simulate")
+    duration = DEFAULT_PERIODS / hz if duration is None else duration
+    if not 0.0 < duration < np.inf:
+        raise ValueError(f"simulate: duration {duration} s; must be > 0")
     if isinstance(rig, JointedRig):
-        periods = max(1, round((DEFAULT_PERIODS / hz if duration is None else duration) * hz))
+        periods = max(1, round(duration * hz))
         if isinstance(start, State):
             raise ValueError("simulate: start is a state of a rig with [contact]; must be (size,) numbers")
         over = partial(simulate_joints, periods=periods, steps_per_period=steps_per_period, progress=progress)
         return over(rig, hz, level=level, start=start, last_periods=last_periods)
     state = start if isinstance(start, State) else State.at_rest(rig)
     level = rig.excitation.amplitude if level is None else level
-    duration = DEFAULT_PERIODS / hz if duration is None and hz > 0 else duration
-    _check(rig, duration, steps_per_period or LEAST_STEPS, state, every)
+    _check(rig, steps_per_period or LEAST_STEPS, state, every)
 
     def marched(steps_per_period: int) -> TimeHistory:
         stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, state.time))
         from_here = _pressed(stepper, state) if start is None else state
-        steps = round((duration or 0.0) * hz * steps_per_period)
+        steps = round(duration * hz * steps_per_period)
         first = 0 if last_periods is None else max(0, steps - last_periods * steps_per_period)
         return march(stepper, from_here, steps, first=first, every=every, progress=progress)
 
@@ -142,10 +144,8 @@ def simulate(
     return marched(STEPS[-1])
 
 
-def _check(rig: Rig, duration: float | None, steps_per_period: int, start: State, every: int) -> None:
+def _check(rig: Rig, steps_per_period: int, start: State, every: int) -> None:
     size = State.at_rest(rig).flat.size
-    if duration is None or not (duration > 0 and np.isfinite(duration)):
-        raise ValueError(f"simulate: duration {duration} s; must be > 0")
     if steps_per_period < 8 or every < 1 or steps_per_period % every:
         raise ValueError(
             f"simulate: {steps_per_period} steps per period, every {every} kept; "
@@ -251,7 +251,7 @@ def steady_state(
         start = simulate(rig, hz, level=level, steps_per_period=steps_per_period, last_periods=1).state
     start = replace(start, time=start.time - np.floor(start.time * hz + 0.5 / steps_per_period) / hz)
     level = rig.excitation.amplitude if level is None else level
-    _check(rig, 1.0 / hz, steps_per_period, start, 1)
+    _check(rig, steps_per_period, start, 1)
     stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, start.time))
     period = _Period(stepper, start.flat)
     iterations = 0

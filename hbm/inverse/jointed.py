@@ -68,9 +68,11 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
     Raises
     ------
     InputError
-        If there are more ports than response channels measured, or the channels do not tell their forces apart at any
-        harmonic of any record.
+        If the rig has no joints, there are more ports than response channels measured, or the channels do not tell
+        their forces apart at any harmonic of any record.
     """
+    if not rig.joints:
+        raise InputError(f"reconstruct_joints: {rig.name} has no joints; must have some, whose forces are found")
     sensors = _Sensors.of(rig, spectra)
     r, H, m = len(spectra), spectra.H, rig.ports
     f, u = (np.full((r, H + 1, m), np.nan, dtype=complex) for _ in range(2))

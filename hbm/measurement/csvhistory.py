@@ -18,7 +18,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.recording import KIND, TIMES, Found
 from hbm.measurement.units import is_unit, seconds
-from hbm.textfiles import why
+from hbm.textfiles import delimiter_of, why
 
 BRACKETED = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<square>[^\[\]]*)\]|\((?P<round>[^()]*)\))")
 """A name with a unit behind it."""
@@ -46,7 +46,7 @@ def read_csv(path: Path) -> Found:
     """
     lines = [_Line(i, x) for i, x in enumerate(_text(path).splitlines(), start=1) if x.strip() and x.lstrip()[0] != "#"]
     first = lines[0] if lines else _Line(1, "")
-    delimiter = "\t" if "\t" in first.text else ";" if ";" in first.text else ","
+    delimiter = delimiter_of(first.text)
     names, units = _heading(first, delimiter)
     rows = lines[1:]
     if rows and _are_units(_cells(rows[0].text, delimiter), len(names)):

@@ -8,7 +8,7 @@ import numpy as np
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.decay import Decay
-from hbm.textfiles import StrPath, read_columns
+from hbm.textfiles import StrPath, delimiter_of, read_columns
 
 NUMBERS = ("amplitude", "frequency_hz", "frequency_hz_std", "damping_ratio", "damping_ratio_std")
 COLUMNS = ("channel", *NUMBERS)
@@ -20,7 +20,8 @@ def is_decay(path: StrPath) -> bool:
         return False
     try:
         with Path(path).open(encoding="utf-8-sig", newline="") as stream:  # spectra may be long: the heading alone
-            heading: list[str] = next(filter(None, csv.reader(stream)), [])
+            first = next(filter(str.strip, stream), "")
+        heading = next(csv.reader([first], delimiter=delimiter_of(first)), [])
     except (OSError, UnicodeDecodeError, csv.Error):
         return False  # whoever reads it says why it cannot be read
     return {"amplitude", "frequency_hz", "damping_ratio"} <= {name.strip() for name in heading}
@@ -38,13 +39,16 @@ def load_decay(path: StrPath) -> Decay:
     Raises
     ------
     InputError
-        If a column is missing, an entry is no number, or a number is out of its bounds.
+        If a column is missing, an entry is no number, a number is out of its bounds, or an amplitude is there twice.
     """
-    channels, table = [], []
+    channels, table = list[str](), list[Array]()
     for where, entries in read_columns(path, "a decay file (CSV)", COLUMNS):
         channel, *numbers = (entry.strip() for entry in entries)
+        row = _numbers(where, numbers)
+        if (channel, row[0]) in zip(channels, (earlier[0] for earlier in table), strict=True):
+            raise InputError(f"{where}: amplitude {row[0]:g} of {channel} a second time; must be once in a file")
         channels.append(channel)
-        table.append(_numbers(where, numbers))
+        table.append(row)
     if not table:
         raise InputError(f"{path}: no rows; must have one per amplitude")
     if len(set(channels)) > 1:

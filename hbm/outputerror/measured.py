@@ -7,7 +7,7 @@ from hbm.fourier import Array
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.sensing import Complex, Readings, readings, sensing
 from hbm.measurement.spectra import MeasuredSpectra
-from hbm.outputerror.records import Measurement, measurement_of, turned
+from hbm.outputerror.records import Measurement, expect_fundamental, measurement_of, turned
 from models.jointed import AnyRig, JointedRig
 
 FOLLOWED = 10.0
@@ -21,7 +21,7 @@ def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement
     Raises
     ------
     InputError
-        If no response was measured.
+        If no response was measured, or the force without its fundamental.
     """
     if isinstance(rig, JointedRig):
         return rig, _of_joints(rig, readings(rig, spectra)), ()
@@ -30,6 +30,7 @@ def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement
 
 
 def _of_joints(rig: JointedRig, seen: Readings) -> Measurement:
+    expect_fundamental(rig, seen)
     q = _motion(rig, seen)
     none = np.zeros((seen.H + 1, 0), dtype=complex)
     records = tuple(turned(seen, q[i], none, i) for i in range(len(q)))

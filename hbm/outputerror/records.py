@@ -12,6 +12,7 @@ import numpy.typing as npt
 from continuation import ConvergenceError, Correction, NewtonSettings, solve_at
 from hbm.balance.problem import TOLERANCE, AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis
 from hbm.inverse.observed import motion_of
 from hbm.inverse.reconstruction import Reconstruction
@@ -118,9 +119,34 @@ def measurement_of(r: Reconstruction, seen: Sensing | None = None) -> Measuremen
     """
     motion = motion_of(r)
     seen = motion.sensing if seen is None else seen
+    expect_fundamental(r.rig, seen)
     records = tuple(turned(seen, motion.q[i], r["friction"].complex[i], i) for i in range(len(r)))
     speed = np.abs(r["slip_velocity"].samples).max(axis=1)
     return Measurement(records, seen.channels, r.H, speed)
+
+
+MOST_LISTED = 4
+"""Records in a message."""
+
+
+def expect_fundamental(rig: AnyRig, seen: Readings) -> None:
+    """Refuse records of which the force was measured without what drives a simulation of them.
+
+    Raises
+    ------
+    InputError
+        If the force of a record has harmonics and no fundamental.
+    """
+    undriven = np.flatnonzero(seen.force.any(axis=1) & (seen.force[:, 1] == 0.0))
+    if not len(undriven):
+        return
+    spectra, channel = seen.spectra, next(c.name for c in rig.channels if c.quantity == "force")
+    named = ", ".join(map(str, spectra.labels[undriven[:MOST_LISTED]]))
+    others = f" and {len(undriven) - MOST_LISTED} others" if len(undriven) > MOST_LISTED else ""
+    raise InputError(
+        f'{spectra.source}: record {named}{others}: channel "{channel}" has harmonics and not the fundamental; '
+        "must have harmonic 1, or none"
+    )
 
 
 def turned(seen: Readings, q: Complex, T: Complex, i: int) -> Record:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from continuation import Branch, Kind, Problem, SpecialPoint
 from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, amplitudes, describe
+from hbm.channels import channel_named
 from hbm.fourier import Array, FourierBasis
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from hbm.stability.multipliers import Stability
@@ -246,7 +247,7 @@ class ResponseCurve(Displayed):
 
     def __getitem__(self, name: str) -> ChannelCurve:
         """Channel by name."""
-        return self.channels[name]
+        return channel_named(self.channels, name)
 
     @property
     def peak(self) -> PeriodicSolution:

@@ -1,8 +1,9 @@
 """Rig files with ``[[joints]]``: any body, any number of joints; a checked :class:`models.jointed.JointedRig` out."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ from pydantic import Field, create_model
 from hbm.errors import InputError, visible
 from hbm.rigfiles.extensions import rig_of_tables
 from hbm.rigfiles.laws import Consent, accepted_laws, find_law
-from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
+from hbm.rigfiles.matrixbody import MatrixTable, Shown, matrix_body
 from hbm.rigfiles.quantities import Force, NonNegative, Positive, Shape, possible
 from hbm.rigfiles.schema import (
     MOST_CHANNELS,
@@ -29,10 +30,8 @@ from hbm.rigfiles.schema import (
     law_table,
     ranked,
 )
-from hbm.textfiles import refuse_endless, why
 from models import Beam, Channel, Damping, Excitation
 from models.bodies.finite import End, FiniteBeam
-from models.bodies.matrix import MatrixBody, Method
 from models.bodies.modal import ModalModel
 from models.bodies.ported import Body
 from models.jointed import JointedRig
@@ -43,7 +42,6 @@ BODIES = ("beam", "modal", "matrix")
 """Tables that say what vibrates."""
 
 FreeFrequency = Annotated[NonNegative, possible("frequencies_hz")]
-Shown = Annotated[str, Field(pattern=PRINTABLE)]
 Place = Annotated[str, Field(min_length=1, pattern=PRINTABLE)]
 Places = Place | Annotated[list[Place], Field(min_length=1)]
 
@@ -85,18 +83,6 @@ class PortedModalTable(Table):
     reactions: dict[Shown, list[Shape]] = Field(default_factory=dict)
     shares: dict[Shown, list[Shape]] = Field(default_factory=dict)
     tolerances: TolerancesTable | None = None
-
-
-class MatrixTable(Table):
-    """``[matrix]``: files of matrices, each as ``file`` or ``file:key``."""
-
-    mass: Shown
-    stiffness: Shown
-    damping: Shown | None = None
-    dofs: Shown | None = None
-    fixed: list[str] = Field(default_factory=list)
-    modes: Annotated[int, Field(ge=1, le=1000)] = 20
-    reduction: Method = "modes"
 
 
 class PlacedExcitationTable(Table):
@@ -180,6 +166,8 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
     if complaint is not None:
         raise InputError(f"{source}: {complaint}")
     file = _at_ports(JointedRigTable.model_validate(table))
+    for complaint in descents(file.modal.frequencies_hz if file.modal else ()):
+        raise InputError(f"{source}: {complaint}")
     try:
         rig = JointedRig(
             name=visible(file.name),
@@ -223,6 +211,10 @@ def _complaints(table: Mapping[str, Any], folder: Path, consent: Consent) -> Ite
         yield Complaint((given[0] if given else "beam",), what, "must have one of [beam], [modal], [matrix]")
     if "contact" in table:
         yield Complaint(("contact",), "and joints are both present", "must have one of them; a contact is a joint")
+    for body, matrix in (("matrix", "damping"), ("modal", "damping_matrix")):
+        if "damping" in table and isinstance(own := table.get(body), dict) and matrix in own:
+            what = f"and {body}.{matrix} are both present"
+            yield Complaint(("damping",), what, "must have one of them")
     joints = table.get("joints")
     for i, entry in enumerate(joints if isinstance(joints, list) else []):
         if isinstance(entry, dict):
@@ -231,6 +223,13 @@ def _complaints(table: Mapping[str, Any], folder: Path, consent: Consent) -> Ite
         yield from _of_places(table)
     if isinstance(modal := table.get("modal"), dict) and "shapes" in modal:
         yield from _of_shapes(modal, table.get("channels"))
+
+
+def descents(frequencies_hz: Sequence[float]) -> Iterator[Complaint]:
+    """Complaints about natural frequencies of ``[modal]`` that are below the one before."""
+    for i, (lower, upper) in enumerate(pairwise(frequencies_hz)):
+        if upper < lower:
+            yield Complaint(("modal", "frequencies_hz", i + 1), found(upper), f"must be >= the one before, {lower}")
 
 
 def _of_joint(entry: dict[str, Any], i: int, folder: Path, consent: Consent) -> Iterator[Complaint]:
@@ -332,7 +331,7 @@ def _body(file: JointedRigTable, folder: Path) -> Body:
         return _modal(file.modal)
     if file.matrix is None:
         raise ValueError("no body")
-    return _matrix(file.matrix, folder)
+    return matrix_body(file.matrix, folder)
 
 
 def _modal(modal: PortedModalTable) -> ModalModel:
@@ -347,43 +346,3 @@ def _modal(modal: PortedModalTable) -> ModalModel:
         reactions={name: tuple(row) for name, row in modal.reactions.items()},
         shares={name: tuple(row) for name, row in modal.shares.items()},
     )
-
-
-def _matrix(matrix: MatrixTable, folder: Path) -> MatrixBody:
-    stiffness, names = _read(matrix.stiffness, folder, None)
-    mass, _ = _read(matrix.mass, folder, names)
-    damping = None if matrix.damping is None else _read(matrix.damping, folder, names)[0]
-    if matrix.dofs is not None:
-        refuse_endless(folder / matrix.dofs, f'matrix.dofs = "{matrix.dofs}"')
-        try:
-            names = tuple((folder / matrix.dofs).read_text(encoding="utf-8").split())
-        except (OSError, UnicodeDecodeError) as refused:
-            raise InputError(
-                f'matrix.dofs = "{matrix.dofs}": cannot be read ({why(refused)}); must be a text file of names'
-            ) from None
-    names = names or tuple(str(i + 1) for i in range(mass.shape[0]))
-    # a node stands for all its degrees of freedom
-    fixed = [name for given in matrix.fixed for name in ([n for n in names if _at(n, given)] or [given])]
-    return MatrixBody(
-        mass,
-        stiffness,
-        names,
-        modes=matrix.modes,
-        damping_matrix=damping,
-        fixed=tuple(dict.fromkeys(fixed)),
-        reduction=matrix.reduction,
-    )
-
-
-def _at(name: str, given: str) -> bool:
-    """Whether a degree of freedom is that given, or of the node given."""
-    return name == given or name.startswith(f"{given}.")
-
-
-def _read(named: str, folder: Path, names: tuple[str, ...] | None) -> tuple[Any, tuple[str, ...] | None]:
-    """A matrix, and the names of its degrees of freedom where its file says them."""
-    path, colon, key = named.rpartition(":")
-    file = folder / (path if colon else named)
-    if file.suffix.lower() not in ENDINGS or (file.suffix.lower() == ".mtx" and not is_matrix_market(file)):
-        return read_abaqus(file, names)
-    return read_matrix(file, key if colon else None), names

@@ -8,14 +8,13 @@ import re
 import tomllib
 import warnings
 from collections.abc import Iterator, Mapping
-from itertools import pairwise
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from hbm.errors import InputError, visible
 from hbm.rigfiles.extensions import rig_of_tables
-from hbm.rigfiles.joints import is_jointed, jointed_rig
+from hbm.rigfiles.joints import descents, is_jointed, jointed_rig
 from hbm.rigfiles.laws import Consent, find_law
 from hbm.rigfiles.schema import (
     BeamContactTable,
@@ -89,11 +88,12 @@ def load_contact_rig(path: str | PathLike[str], where: str, *, allow_code: bool 
     Raises
     ------
     InputError
-        As :func:`load_rig`, and if the file has ``[[joints]]``.
+        As :func:`load_rig`, and if the file has no ``[contact]``.
     """
     rig = load_rig(path, allow_code=allow_code)
     if not isinstance(rig, Rig):
-        raise InputError(f"{path}: has [[joints]]; {where} needs a rig with [contact]")
+        found = "has [[joints]]" if rig.joints else "has no [contact]"
+        raise InputError(f"{path}: {found}; {where} needs a rig with [contact]")
     return rig
 
 
@@ -179,9 +179,7 @@ def _contradictions(file: BeamRig | ModalRig, kind: type, law: Table) -> Iterato
 
 def _of_modes(modal: ModalTable, channels: int) -> Iterator[Complaint]:
     n = len(modal.frequencies_hz)
-    for i, (lower, upper) in enumerate(pairwise(modal.frequencies_hz)):
-        if upper < lower:
-            yield Complaint(("modal", "frequencies_hz", i + 1), found(upper), f"must be >= the one before, {lower}")
+    yield from descents(modal.frequencies_hz)
     yield from _of_length(("modal", "shapes"), modal.shapes, channels, "one row per [[channels]] entry in order")
     for i, row in enumerate(modal.shapes):
         yield from _of_length(("modal", "shapes", i), row, n, "one per mode")

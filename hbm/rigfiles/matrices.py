@@ -107,8 +107,8 @@ def _abaqus_lines(path: StrPath) -> npt.NDArray[np.float64]:
         whole = lines.size > 0 and np.array_equal(ends, np.rint(ends)) and np.abs(ends).max() < LARGEST_LABEL
         if whole and (lines[:, [1, 3]] > 0).all() and _fields(path) == 5:
             return lines
-    except UnicodeDecodeError as refused:
-        raise InputError(f"{path}: cannot be read ({why(refused)}); must be {ABAQUS}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is no text; must end in {', '.join(ENDINGS)}, or have {ABAQUS}") from None
     except (OSError, ValueError, UserWarning):
         pass
     _refuse_bad_line(path)

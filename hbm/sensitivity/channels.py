@@ -8,7 +8,7 @@ import numpy as np
 
 from hbm.balance.problem import Linearization
 from hbm.balance.solution import PeriodicSolution
-from hbm.channels import DERIVATIVES, DISPLACEMENT, VELOCITY, read
+from hbm.channels import DERIVATIVES, DISPLACEMENT, VELOCITY, channel_named, read
 from hbm.fourier import Array
 from hbm.sensitivity.held import HeldBalance, friction_change
 from hbm.sensitivity.scalars import solution_numbers
@@ -64,7 +64,7 @@ class Derivatives(Displayed):
 
     def __getitem__(self, name: str) -> ChannelSensitivity:
         """Channel by name."""
-        return self.channels[name]
+        return channel_named(self.channels, name)
 
     def logarithmic(self, channel: str) -> dict[str, float]:
         """Derivative d ln(peak) / d ln(p) of a channel's peak to each parameter: per cent per per cent.

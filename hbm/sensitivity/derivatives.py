@@ -14,6 +14,7 @@ Held, too, is the compliance lent to a set-valued law of a rigid structure
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import overload
 
 import numpy as np
 
@@ -74,32 +75,45 @@ class Sensitivities(Derivatives):
         return self.Q - mixed(self.solution.state.Q, self.mixing)
 
 
+@overload
+def sensitivities(
+    rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | None = None, beside: Disturbance | None = None
+) -> Sensitivities: ...
+
+
+@overload
+def sensitivities(
+    rig: JointedRig, solution: PeriodicSolution, keys: Sequence[str] | None = None, beside: None = None
+) -> JointSensitivities: ...
+
+
 @one_thread
 def sensitivities(
-    rig: Rig, solution: PeriodicSolution, keys: Sequence[str] | None = None, beside: "Disturbance | None" = None
-) -> Sensitivities:
-    """Exact derivatives of a periodic solution to the parameters of its rig.
+    rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str] | None = None, beside: Disturbance | None = None
+) -> Sensitivities | JointSensitivities:
+    """Exact derivatives of a periodic solution to the numbers of its rig.
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
         The rig of the solution; its force amplitude may differ.
     solution : PeriodicSolution
         Steady state or point of a curve.
     keys : sequence of str, optional
         What to differentiate to, of :func:`hbm.sensitivity.scalars.solution_numbers`; where omitted the friction
-        law's parameters, normal load, force, frequency and mass-proportional damping.
+        law's parameters, normal load, force, frequency and mass-proportional damping, of a rig with joints all.
     beside : Disturbance, optional
-        Disturbance to solve for along with it, at next to no cost.
+        Disturbance to solve for along with it, at next to no cost; of a rig with one contact alone.
 
     Returns
     -------
-    Sensitivities
+    Sensitivities or JointSensitivities
 
     Raises
     ------
     ValueError
-        If the solution is not one of this rig, or a key not one of its numbers.
+        If the solution is not one of this rig, a key not one of its numbers, or a disturbance goes beside the
+        derivatives of a rig with joints.
     ArithmeticError
         At a fold, where the solution has no derivative at held frequency and force.
 
@@ -114,6 +128,10 @@ def sensitivities(
     >>> round(s.logarithmic("drive")["contact.friction.mu"], 2)
     -0.46
     """
+    if isinstance(rig, JointedRig):
+        if beside is not None:
+            raise ValueError(f"sensitivities: beside, and {rig.name} has no [contact]; must be without a disturbance")
+        return joint_sensitivities(rig, solution, keys)
     problem = HarmonicBalance(rig, solution.basis, level=solution.level)
     here = problem.linearize(*problem.pack(solution.state))
     expect_balanced(here.residual)
@@ -143,13 +161,6 @@ def _sensitivities(
     mixing = mixing_of(held.structure, problem.structure.omega_n**2)
     moved = {} if beside is None else _seen_of(balance, beside, x[:, len(keys) :])
     return Sensitivities(solution, keys, units, values, d_Q, d_T, channels, refinements, mixing, moved)
-
-
-def changes(rig: AnyRig, solution: PeriodicSolution, keys: Sequence[str]) -> Sensitivities | JointSensitivities:
-    """As :func:`sensitivities`, of a rig with one contact or with joints."""
-    return (
-        joint_sensitivities(rig, solution, keys) if isinstance(rig, JointedRig) else sensitivities(rig, solution, keys)
-    )
 
 
 @one_thread

@@ -16,11 +16,11 @@ from hbm.balance.padding import pad
 from hbm.balance.problem import balance_of
 from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.errors import expect_rig
+from hbm.errors import InputError, expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
 from hbm.response.trace import trace_frequency
-from hbm.sensitivity.derivatives import changes
+from hbm.sensitivity.derivatives import sensitivities
 from hbm.sensitivity.scalars import FORCE, HZ
 from models.jointed import AnyRig
 
@@ -130,6 +130,8 @@ def follow_peak(
     ------
     KeyError
         If the rig has no such number.
+    InputError
+        If it has no such channel.
     PeakLost
         If the peak is lost; it carries those found, up to the value that was reached. One that merges with another, on
         a detached curve, ends: the force along :func:`hbm.modes.backbone.phase_resonance` has a maximum there.
@@ -142,6 +144,9 @@ def follow_peak(
     a value is found by :func:`hbm.frequency_response` there.
     """
     expect_rig(rig, "follow_peak", joints=True)
+    known = (*(c.name for c in rig.channels), *rig.computed)
+    if channel not in known:
+        raise InputError(f'follow_peak: channel = "{channel}"; must be one of {", ".join(known)}')
     basis, held = FourierBasis(harmonics, samples or default_samples(harmonics)), (key, channel)
     curve = _Curve(rig.with_number(key, values[0]), basis, *held)
     if start is None:
@@ -213,7 +218,7 @@ class _Curve:
                 f"{result.residual_norm:.2g}; {result.reason.value}"
             )
         solution = describe(self.problem, result.x, result.lam)
-        change = changes(self.rig, solution, (HZ, self.key))
+        change = sensitivities(self.rig, solution, (HZ, self.key))
         by_hz = self.problem.pack(State(change.Q[..., 0], change.T[..., 0], 2 * np.pi, 0.0))
         tangent = np.append(*by_hz)
         length = float(np.copysign(np.linalg.norm(tangent), tangent @ row))

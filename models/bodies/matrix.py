@@ -87,7 +87,11 @@ class MatrixBody(AsGiven):
         for name in self.fixed:
             if name not in self._numbers:
                 raise ValueError(f'MatrixBody: fixed has "{name}"; must be of dofs, {some(self.dofs)}')
-        refuse_indefinite(self.mass, self.dofs)
+        if not self.mass.count_nonzero():
+            raise ValueError("MatrixBody: mass is zero; must be > 0 somewhere")
+        for name in ("mass", "damping_matrix"):
+            if (given := getattr(self, name)) is not None:
+                refuse_indefinite(name, given, self.dofs)
         self._refuse_settings()
 
     def _refuse_settings(self) -> None:

@@ -14,6 +14,9 @@ Matrix = Any  # of scipy.sparse, which has no types
 
 ASYMMETRY = 1e-8  # of an entry, or of the diagonal it is bounded by: what text files lose
 
+ROUNDING = 1e-6  # of the diagonal: of stiffness-proportional damping from a text file, rigid motion is not quite free
+EMPTY = 1e-15  # of the largest row: what turning axes leaves of a row of zeros
+
 
 def some(names: Sequence[str]) -> str:
     """The first few of some names."""
@@ -55,22 +58,23 @@ def refuse_asymmetry(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
         raise ValueError(f"MatrixBody: {name} differs from its transpose by {value:.3g} at {at}; must be symmetric")
 
 
-def refuse_indefinite(mass: Matrix, dofs: Sequence[str]) -> None:
-    """Refuse a mass with a negative eigenvalue."""
-    diagonal = mass.diagonal()
-    entries = np.asarray(abs(mass).sum(axis=0)).ravel()
-    if (bad := (diagonal <= 0.0) & (entries > 0.0)).any():
+def refuse_indefinite(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
+    """Refuse a matrix with a negative eigenvalue, beyond rounding."""
+    diagonal = matrix.diagonal()
+    entries = np.asarray(abs(matrix).sum(axis=0)).ravel()
+    felt = entries > EMPTY * entries.max(initial=0.0)
+    if (bad := (diagonal <= 0.0) & felt).any():
         i = int(np.argmax(bad))
         what = f"is {diagonal[i]:.3g} on its diagonal at {dofs[i]}"
-        raise ValueError(f"MatrixBody: mass {what}; must be > 0, or nothing in that row")
-    with_mass = np.flatnonzero(diagonal > 0.0)
-    if not with_mass.size:
-        raise ValueError("MatrixBody: mass is zero; must be > 0 somewhere")
-    scale = sparse.diags_array(1 / np.sqrt(diagonal[with_mass]))
-    lowest = _lowest_eigenvalue(scale @ part(mass, with_mass, with_mass) @ scale)
-    if lowest < -1e-8:
+        raise ValueError(f"MatrixBody: {name} {what}; must be > 0, or nothing in that row")
+    at = np.flatnonzero(felt)
+    if not at.size:
+        return
+    scale = sparse.diags_array(1 / np.sqrt(diagonal[at]))
+    lowest = _lowest_eigenvalue(scale @ part(matrix, at, at) @ scale)
+    if lowest < -ROUNDING:
         scaled = f"with its diagonal scaled to 1 an eigenvalue is {lowest:.3g}"
-        raise ValueError(f"MatrixBody: mass is indefinite, {scaled}; must be >= 0")
+        raise ValueError(f"MatrixBody: {name} is indefinite, {scaled}; must be >= 0")
 
 
 def _lowest_eigenvalue(matrix: Matrix) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from models.plausible import plausible
 from models.structure import Array
 
 SYMMETRIC = 1e-9
-"""Share of the largest entry by which a residual flexibility may differ from its transpose."""
+"""Share of the largest entry by which a matrix may differ from its transpose, or damp less than not at all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +50,10 @@ class ModalModel:
         for i, hz in enumerate(self.frequencies_hz):
             bounded(f"ModalModel: frequencies_hz[{i}]", hz, 0.0)
             plausible(f"ModalModel: frequencies_hz[{i}]", hz, "frequencies_hz")
-        if list(self.frequencies_hz) != sorted(self.frequencies_hz):
-            raise ValueError("ModalModel: frequencies_hz do not ascend; sort them, and the shapes with them")
+        for i, (lower, upper) in enumerate(pairwise(self.frequencies_hz), start=1):
+            if upper < lower:
+                after = f"frequencies_hz[{i}] = {upper:g} after {lower:g}"
+                raise ValueError(f"ModalModel: {after}; must ascend, sort them and the shapes with them")
         n, p = len(self.frequencies_hz), len(self.ports)
         sizes = [(f"ports.{name}", row, n) for name, row in self.ports.items()]
         sizes += [(f"reactions.{name}", row, n) for name, row in self.reactions.items()]
@@ -72,6 +75,10 @@ class ModalModel:
                 plausible(f"ModalModel: {what}", entry, "entry")
             if np.abs(values - values.T).max() > SYMMETRIC * np.abs(values).max():
                 raise ValueError(f"ModalModel: {what} is not symmetric")
+        if self.damping_matrix is not None:
+            lowest, largest = np.linalg.eigvalsh(np.array(self.damping_matrix, dtype=float))[[0, -1]]
+            if lowest < -SYMMETRIC * abs(largest):
+                raise ValueError(f"ModalModel: damping_matrix has the eigenvalue {lowest:.3g}; must have none below 0")
 
     def __str__(self) -> str:
         """Modes in a few words."""

@@ -57,13 +57,16 @@ class Joint:
     loaded_by: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse another number of places than the law has ports."""
+        """Refuse another number of places than the law has ports, and places joined to themselves."""
         for what, places in (("at", self.at), ("to", self.to)):
             if len(places) != self.law.ports and (places or what == "at"):
                 there, needed = len(places), self.law.ports
                 raise ValueError(
                     f"joint {self.name}: {what} has {there} places; must have {needed} for {self.law.name}"
                 )
+        still = next((at for at, to in self.ends if to and terms(at) == terms(to)), None)
+        if still is not None:
+            raise ValueError(f'joint {self.name}: at and to are both "{still}"; must differ, or leave out to')
         if self.loaded_by and (self.law.name != "friction" or self.law.ports != 1):
             raise ValueError(
                 f"joint {self.name}: loaded_by goes with friction along one direction; {self.law.name} has its own load"

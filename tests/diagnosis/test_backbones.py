@@ -204,6 +204,9 @@ def test_a_decay_file_is_read_back(rig: JointedRig, tmp_path: Path) -> None:
     assert back.channel == "acc"
     for name in FIELDS:
         assert getattr(back, name) == pytest.approx(getattr(decay, name), rel=1e-9)
+    file.write_text(file.read_text().replace(",", ";").replace(".", ","))
+    assert is_decay(file)
+    assert np.array_equal(load_decay(file).amplitude, back.amplitude)
 
 
 HEADING = "channel,amplitude,frequency_hz,frequency_hz_std,damping_ratio,damping_ratio_std\n"
@@ -217,6 +220,10 @@ HEADING = "channel,amplitude,frequency_hz,frequency_hz_std,damping_ratio,damping
         (HEADING + "v,1,80,0,0.1,0.1\n", "line 2: frequency_hz_std = 0; must be > 0"),
         (HEADING + "v,1,80,x,0.1,0.1\n", "line 2: 1, 80, x, 0.1, 0.1; must be numbers"),
         (HEADING + "v,1,80,1\n", "line 2: 4 entries; must have 6"),
+        (
+            HEADING + "v,1,80,1,0.1,0.1\nv,2,80,1,0.1,0.1\nv,1.0,81,1,0.1,0.1\n",
+            "line 4: amplitude 1 of v a second time; must be once in a file",
+        ),
         (HEADING + "v,1,80,1,0.1,0.1\nw,1,80,1,0.1,0.1\n", "channels v, w; must be one"),
     ],
 )

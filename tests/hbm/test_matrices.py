@@ -145,7 +145,24 @@ at = "2.x"
     assert np.abs(rig.structure.joints[0] @ (rig.structure.omega_n**-2.0 * rig.structure.excitation)) == pytest.approx(
         1.0
     )
+    for names in ("\ufeff1.x\r\n2.x\r\n3.x\r\n", "1.x 2.x\n3.x\n"):
+        (tmp_path / "dofs.txt").write_text(names, encoding="utf-8")
+        assert load_rig(path).body.dofs == ("1.x", "2.x", "3.x")
+    (tmp_path / "two.txt").write_text("end A\nend B\n")
+    np.save(tmp_path / "K.npy", K.toarray())
     for wrong, said in (
+        (
+            text.replace("dofs.txt", "two.txt"),
+            'two.txt": has 4 names; must have 3, one per row of the matrices, separated by blanks or line ends',
+        ),
+        (
+            text.replace('"K.npz"', '"K.npy"'),
+            "K.npy: is no text; must end in .npz, .mtx, .mat, or have lines of row node",
+        ),
+        (
+            text.replace("modes = 2", 'modes = 2\ndamping = "M.npz"'),
+            "damping and matrix.damping are both present; must have one of them",
+        ),
         (text.replace('at = "2.x"\nto', 'at = "9.x"\nto'), "place"),
         (text.replace('law = "coulomb-penalty"', 'law = "glue"'), "joints\\[1\\].law"),
         (text.replace("mu = 0.3", "mu = -0.3"), "joints\\[1\\].mu = -0.3; must be > 0"),

@@ -196,3 +196,16 @@ def test_a_channel_the_rig_does_not_have_is_refused(motion, tmp_path: Path) -> N
         2,
         f"decay: channel tip is not in {tmp_path / 'rig.toml'}; must be one of its channels\n",
     )
+
+
+def test_beside_a_rig_the_unit_is_that_of_its_channel_and_nothing_need_be_left_out(tmp_path: Path) -> None:
+    (tmp_path / "rig.toml").write_text(RIG)
+    recorded = slider(4e-3, 1.0, 10_000)
+    np.savez(tmp_path / "blow.npz", time_s=recorded.time, v=recorded.channels["v"])
+    args = ["decay", str(tmp_path / "blow.npz"), "--channel", "v", "--band", "20", "90", "--settle", "0.0"]
+    result = CliRunner().invoke(app, [*args, "--rig", str(tmp_path / "rig.toml")])
+    assert result.exit_code == 0, result.output
+    heading, units = result.stdout.splitlines()[2:4]
+    assert heading.split()[0] == "v" and units.split()[0] == "m/s"
+    refused = CliRunner().invoke(app, [*args[:-1], "-1"])
+    assert (refused.exit_code, refused.stderr) == (2, "decay: --settle = -1; must be a number >= 0 [s]\n")

@@ -70,6 +70,27 @@ def test_the_file_is_the_contract(rig: Rig, tmp_path: Path) -> None:
     assert lines[3] == f"{state},2,{float(a[2])!r},{float(a[4 + 2])!r},{float(std[2])!r}"
 
 
+@pytest.mark.parametrize(("delimiter", "point"), [(";", "."), (";", ","), ("\t", "."), ("\t", ",")])
+def test_columns_may_be_separated_as_in_exports(delimiter: str, point: str, rig: Rig, tmp_path: Path) -> None:
+    write_spectra(tmp_path / "ours.csv", drawn(rig))
+    text = (tmp_path / "ours.csv").read_text() + "# record 1: it, so to speak, settled\n"
+    (tmp_path / "ours.csv").write_text(text)
+    heading, *rows = text.replace(",", delimiter).splitlines()
+    theirs = [heading, *(row.replace(".", point) for row in rows[:-1]), text.splitlines()[-1]]
+    (tmp_path / "theirs.csv").write_text("\n".join(theirs))
+    ours, other = (load_spectra(tmp_path / f"{name}.csv", rig) for name in ("ours", "theirs"))
+    assert np.array_equal(ours.coefficients, other.coefficients, equal_nan=True)
+    assert np.array_equal(ours.std, other.std, equal_nan=True)
+    assert other.notes == ours.notes == ((1, "it, so to speak, settled"),)
+
+
+@pytest.mark.parametrize("cell", ["-1.234,5", "-1,234.5", "1,234,567"])
+def test_separators_of_thousands_are_refused(cell: str, rig: Rig, tmp_path: Path) -> None:
+    (tmp_path / "s.csv").write_text(f"{HEADING}\n{GOOD}\n".replace(",", ";").replace("-1.5", cell))
+    with pytest.raises(InputError, match=f'line 2: cos = "{cell}"; must be a number'):
+        load_spectra(tmp_path / "s.csv", rig)
+
+
 def test_order_of_rows_and_numbers_of_records_are_free(rig: Rig, tmp_path: Path) -> None:
     rows = ["7,2,51,a1,1,3,4,0.1", "2,4,50,force,1,1,2,0.5", "7,2,51,force,0,5,0,0.2", "", "2,4,50,a1,3,6,-7,0.3"]
     (tmp_path / "s.csv").write_text("\n".join([HEADING, *rows]), encoding="utf-8-sig")

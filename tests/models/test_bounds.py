@@ -40,6 +40,10 @@ FOUR = (1.0, 1.0)
             "Excitation: position = 5; must be >= 0 and <= 0.606",
         ),
         (lambda: replace(RIG, channels=RIG.channels[:1] * 2), 'Rig: channel "force" is there twice; names must differ'),
+        (
+            lambda: replace(RIG, channels=(Channel("slip", "displacement", 0.1),)),
+            r'Rig: channels\[1\].name = "slip"; must not be one of the computed drive, slip, slip_velocity, friction',
+        ),
         (lambda: ModalBody((-5.0, 10.0), (FOUR,), FOUR, FOUR), r"ModalBody: frequencies_hz\[0\] = -5; must be > 0"),
         (lambda: ModalBody((5.0, 10.0), ((1.0,),), FOUR, FOUR), r"ModalBody: shapes\[0\] has 1 entries; must have 2"),
         (lambda: steady_state(RIG, 0.0), "steady_state: hz = 0; must be > 0 and finite"),

@@ -97,6 +97,12 @@ def test_a_damping_matrix_and_ratios_that_agree_are_the_same() -> None:
     assert other.damping == pytest.approx(one.damping, abs=1e-12)
 
 
+@pytest.mark.parametrize("entries", [np.zeros((3, 3)), np.diag([0.0, 2.0, 0.0]), np.ones((3, 3)) - 1e-9 * np.eye(3)])
+def test_damping_of_some_motions_alone_is_damping(entries: np.ndarray) -> None:
+    body = MatrixBody(np.eye(3), np.diag([1.0, 2.0, 3.0]), ("a", "b", "c"), modes=3, damping_matrix=entries)
+    assert body.ported(["a"], Damping()).damping == pytest.approx(entries)
+
+
 def test_twenty_thousand_degrees_of_freedom_are_reduced() -> None:
     """A plate of springs: its lowest mode that of the closed form."""
     n = 141
@@ -120,6 +126,15 @@ def test_twenty_thousand_degrees_of_freedom_are_reduced() -> None:
         ({"fixed": ("d",)}, 'fixed has "d"; must be of dofs'),
         ({"modes": 0}, "modes"),
         ({"mass": np.array([[1.0, 2, 0], [2, 1, 0], [0, 0, 1]])}, "mass is indefinite"),
+        ({"mass": np.zeros((3, 3))}, "mass is zero; must be > 0 somewhere"),
+        (
+            {"damping_matrix": np.diag([1.0, -2.0, 1.0])},
+            "damping_matrix is -2 on its diagonal at b; must be > 0, or nothing in that row",
+        ),
+        (
+            {"damping_matrix": np.array([[1.0, 2, 0], [2, 1, 0], [0, 0, 1]])},
+            "damping_matrix is indefinite, with its diagonal scaled to 1 an eigenvalue is -1; must be >= 0",
+        ),
         ({"reduction": "guyan"}, 'reduction = "guyan"'),
     ],
 )

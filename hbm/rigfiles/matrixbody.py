@@ -1,0 +1,81 @@
+"""``[matrix]``: a body of matrices in files beside the rig file."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from hbm.errors import InputError
+from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
+from hbm.rigfiles.schema import PRINTABLE, Table
+from hbm.textfiles import refuse_endless, why
+from models.bodies.matrix import MatrixBody, Method
+
+Shown = Annotated[str, Field(pattern=PRINTABLE)]
+
+
+class MatrixTable(Table):
+    """``[matrix]``: files of matrices, each as ``file`` or ``file:key``."""
+
+    mass: Shown
+    stiffness: Shown
+    damping: Shown | None = None
+    dofs: Shown | None = None
+    fixed: list[str] = Field(default_factory=list)
+    modes: Annotated[int, Field(ge=1, le=1000)] = 20
+    reduction: Method = "modes"
+
+
+def matrix_body(matrix: MatrixTable, folder: Path) -> MatrixBody:
+    """Body of the matrices that a table names, of files in a folder.
+
+    Raises
+    ------
+    ValueError
+        If one cannot be read, or they are of no body.
+    """
+    stiffness, names = _read(matrix.stiffness, folder, None)
+    mass, _ = _read(matrix.mass, folder, names)
+    damping = None if matrix.damping is None else _read(matrix.damping, folder, names)[0]
+    if matrix.dofs is not None:
+        names = _names(matrix.dofs, folder, mass.shape[0])
+    names = names or tuple(str(i + 1) for i in range(mass.shape[0]))
+    # a node stands for all its degrees of freedom
+    fixed = [name for given in matrix.fixed for name in ([n for n in names if _at(n, given)] or [given])]
+    return MatrixBody(
+        mass,
+        stiffness,
+        names,
+        modes=matrix.modes,
+        damping_matrix=damping,
+        fixed=tuple(dict.fromkeys(fixed)),
+        reduction=matrix.reduction,
+    )
+
+
+def _names(file: str, folder: Path, rows: int) -> tuple[str, ...]:
+    """Names of the degrees of freedom in a text file."""
+    where = f'matrix.dofs = "{file}"'
+    refuse_endless(folder / file, where)
+    try:
+        names = (folder / file).read_text(encoding="utf-8-sig").split()
+    except (OSError, UnicodeDecodeError) as refused:
+        raise InputError(f"{where}: cannot be read ({why(refused)}); must be a text file of names") from None
+    if len(names) != rows:
+        accepted = f"must have {rows}, one per row of the matrices, separated by blanks or line ends"
+        raise InputError(f"{where}: has {len(names)} names; {accepted}")
+    return tuple(names)
+
+
+def _at(name: str, given: str) -> bool:
+    """Whether a degree of freedom is that given, or of the node given."""
+    return name == given or name.startswith(f"{given}.")
+
+
+def _read(named: str, folder: Path, names: tuple[str, ...] | None) -> tuple[Any, tuple[str, ...] | None]:
+    """A matrix, and the names of its degrees of freedom where its file says them."""
+    path, colon, key = named.rpartition(":")
+    file = folder / (path if colon else named)
+    if file.suffix.lower() not in ENDINGS or (file.suffix.lower() == ".mtx" and not is_matrix_market(file)):
+        return read_abaqus(file, names)
+    return read_matrix(file, key if colon else None), names
