@@ -12,7 +12,8 @@ CLEAR = 3.0
 
 FEWEST = 4
 LEAST_RANGE = 1.2
-"""Records, and their largest amplitude or frequency over the least, from which growth can be told."""
+"""Records, and their largest amplitude or frequency over the least, from which growth can be told; records, from which
+it can be told whether energy is taken."""
 
 SOME = 0.05
 """Share that is worth a word."""
@@ -34,15 +35,16 @@ class Exponent:
 
 @dataclass(frozen=True)
 class Share:
-    """A part of the most there could be, -1..1, with its standard deviation."""
+    """A part of the most there could be, -1..1, with its standard deviation, and whether records agree in its sign."""
 
     value: float
     std: float
+    agreed: bool
 
     @property
     def certain(self) -> bool:
         """Whether it is worth a word, and its sign beyond doubt."""
-        return abs(self.value) > max(SOME, CLEAR * self.std)
+        return self.agreed and abs(self.value) > max(SOME, CLEAR * self.std)
 
     def __repr__(self) -> str:
         return f"{100 * abs(self.value):.0f} +- {100 * self.std:.1g} %"
@@ -128,17 +130,20 @@ class MissingForce:
         """Energy that it takes from the structure, over the most that a force so large on such a motion could take.
 
         A law that dissipates takes some in every record. A conservative one takes none, but the force that is found in
-        its place may, as far as force and motion are uncertain and the misfit that is left is larger than noise: then
-        it takes in one record and gives in another.
+        its place may, as far as force and motion are uncertain, the misfit that is left is larger than noise, and
+        calibration has taken a part of it: then it takes in one record and gives in another.
         """
         k = np.arange(1, self.force.shape[1] + 1)
         most = np.pi * np.sum(k * np.nan_to_num(np.abs(self.force * self.seen)), axis=1)
         if not most.any():
-            return Share(0.0, np.inf)
+            return Share(0.0, np.inf, agreed=False)
         by_force = np.pi * np.linalg.norm(k * np.nan_to_num(self.std * np.abs(self.seen)), axis=1)
+        std = np.hypot(max(self.left, 1.0) ** 0.5 * by_force, self.missed * most)
+        clear = np.sign(self.work[np.abs(self.work) > CLEAR * std])
         whole = -float(np.sum(self.work) / np.sum(most))
-        parts = [max(self.left, 1.0) ** 0.5 * by_force, self.missed * most, self.work + whole * most]
-        return Share(whole, float(np.linalg.norm(parts) / np.sum(most)))
+        parts = np.concatenate([std, self.work + whole * most])
+        agreed = len(clear) >= FEWEST and bool(np.all(clear == clear[0]))
+        return Share(whole, float(np.linalg.norm(parts) / np.sum(most)), agreed)
 
     @property
     def stiffness(self) -> float:

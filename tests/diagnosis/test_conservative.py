@@ -116,6 +116,12 @@ def test_spring_is_not_said_to_take_energy(base: str) -> None:
     assert not any("energy" in line for line in found.sentences())
 
 
+def test_a_record_alone_says_nothing_of_energy() -> None:
+    found = discrepancy(*beside(DAMPER, STATES[:1]))
+    force = next(p for p in found.places if p.place.name == "m2 to m3")
+    assert force.taken.value > 0.8 and not force.taken.certain
+
+
 def test_damper_takes_energy_all_that_it_could() -> None:
     found = lacking(*beside(DAMPER))
     assert found.best.dissipative_share > 0.9
