@@ -93,9 +93,9 @@ assert missing.places[0].share > 0.99
 assert {1, 3} <= set(missing.best.harmonics)
 
 # %% [markdown]
-# Tenths of a newton at the contact, odd harmonics, partly elastic and partly dissipative: friction is not what the
-# rig file says. No law was assumed and no name is given. So small a force is placed poorly, as the sentences admit;
-# this is all that the balance of forces says by itself.
+# Tenths of a newton at the contact, odd harmonics, partly in phase with the motion and partly in quadrature to it:
+# friction is not what the rig file says. No law was assumed and no name is given. So small a force is placed poorly,
+# as the sentences admit; this is all that the balance of forces says by itself.
 #
 # ## Which cause makes such a force
 #

@@ -3,6 +3,7 @@
 import csv
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ from typer.testing import CliRunner, Result
 
 from hbm.cli import app
 from hbm.modes.linear import linear_modes
+from hbm.response.curve import ResponseCurve
+from hbm.response.trace import trace_frequency
+from models.jointed import AnyRig
 from models.published import paper_rig
 
 PAPER = str(Path(__file__).parents[1] / "examples" / "paper_beam.toml")
@@ -94,3 +98,23 @@ def test_rig_with_joints(tmp_path: Path) -> None:
     known = json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
     assert known["law"] == "coulomb-penalty, cubic-spring"
     assert float(rows[0]["frequency_hz"]) == pytest.approx(known["stuck_hz"], rel=1e-5)
+
+
+def test_responses_span_the_frequencies_of_the_mode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of the second mode, not of the first resonance."""
+    spans = []
+
+    def traced(rig: AnyRig, hz: tuple[float, float], **options: Any) -> ResponseCurve:
+        spans.append(hz)
+        return trace_frequency(rig, hz, **options)
+
+    monkeypatch.setattr("hbm.response.trace.trace_frequency", traced)
+    rig, out = tmp_path / "joints.toml", tmp_path / "modes.csv"
+    rig.write_text(JOINTS)
+    options = ["--mode", "2", "--from", "1e-6", "--to", "1e-4", "--harmonics", "3", "--level", "1", "--out", str(out)]
+    result = run(str(rig), *options, "--plot", str(tmp_path / "modes.png"))
+    assert result.exit_code == 0, result.output
+    with out.open(encoding="utf-8") as file:
+        hz = [float(row["frequency_hz"]) for row in csv.DictReader(file)]
+    ((low, high),) = spans
+    assert 0.7 * min(hz) <= low <= 0.95 * min(hz) and 1.05 * max(hz) <= high <= 1.3 * max(hz)

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from hbm.response.curve import ResponseCurve
     from models.jointed import AnyRig
 
+BANDWIDTHS, BESIDE = 5.0, (0.05, 0.3)
+"""Responses go so many bandwidths beyond the frequencies of a backbone; least and most of that, relative to these."""
+
 
 def backbone(
     rig: RigFile,
@@ -74,7 +77,8 @@ def backbone(
         raise InputError(f"backbone: --mode = {number}; must be from 1 to {loaded.structure.n}")
     backbones, failures = _traced(loaded, number, amplitudes, H, budget)
     if backbones:
-        _deliver(backbones, number, _responses(loaded, levels, failures, budget), out, plot)
+        curves = _responses(loaded, levels, _band(backbones), failures, budget)
+        _deliver(backbones, number, curves, out, plot)
     for failure in failures:
         say(failure, 1)
     if failures:
@@ -121,14 +125,26 @@ def _traced(
     return found, failures
 
 
-def _responses(rig: "AnyRig", levels: Sequence[float], failures: list[str], budget: "Budget") -> list["ResponseCurve"]:
+def _band(backbones: Sequence["Backbone"]) -> tuple[float, float]:
+    """Frequencies of responses that show the resonance all along some backbones [Hz]."""
+    import numpy as np
+
+    hz = np.concatenate([b.hz for b in backbones])
+    width = 2.0 * np.concatenate([b.damping_ratio for b in backbones])
+    beside = np.clip(BANDWIDTHS * width, *BESIDE)
+    return float(np.min(hz * (1.0 - beside))), float(np.max(hz * (1.0 + beside)))
+
+
+def _responses(
+    rig: "AnyRig", levels: Sequence[float], hz: tuple[float, float], failures: list[str], budget: "Budget"
+) -> list["ResponseCurve"]:
     from continuation import ConvergenceError
     from hbm.response.trace import trace_frequency
 
     curves = []
     for level in levels:
         try:
-            curves.append(trace_frequency(rig, level=level, budget=budget))
+            curves.append(trace_frequency(rig, hz, level=level, budget=budget))
         except (ConvergenceError, ArithmeticError) as failed:
             failures.append(f"backbone: {level:g} N: {failed}")
             continue

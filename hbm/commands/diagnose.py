@@ -273,7 +273,8 @@ def _warnings(found: "Diagnosis", failure: str) -> list[str]:
 
     lines = [f"Partial result. {failure}."] * bool(failure)
     if found.calibrated is not None and found.campaign is not None and not found.floored:
-        k = understated(found.calibrated, found.campaign)
+        others = [e for e in (found.extended_fit, *found.tried) if e is not None]
+        k = understated(found.calibrated, found.campaign, others)
         lines += [] if k is None else [said(k)]
     return lines
 

@@ -117,7 +117,6 @@ def _response_row(c: "ResponseCurve") -> dict[str, str]:
         "at\nHz": f"{c.peak.hz:.2f}",
         **force_cells(c),
         "folds": str(len(c.folds)),
-        "corners": str(len(c.corners)),
     }
 
 

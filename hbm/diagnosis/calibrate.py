@@ -12,10 +12,10 @@ import numpy as np
 
 from hbm.diagnosis.screen import coarse, spread
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, fit_model
+from hbm.outputerror.fit import Evaluation, evaluate, fall, fit_from, fit_model
 from hbm.outputerror.model import FAR, SENSORS, Model
 from hbm.outputerror.nominal import SHAPES, tolerances
-from hbm.outputerror.simulated import Solutions
+from hbm.outputerror.simulated import FAILURES, Solutions
 from hbm.sensitivity.scalars import LOAD
 from models.causes.parameter import WrongParameter
 from models.jointed import AnyRig
@@ -47,10 +47,21 @@ def lighter(e: Evaluation) -> Model:
 
 
 def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
-    """Fit the calibrated numbers, first on few records, coarsely."""
+    """Fit the calibrated numbers, first on few records, coarsely; it never ends worse than it started.
+
+    Where the few are missed by much, what lowers their misfit may raise that of the others, or lose a steady state:
+    then the fit on all records starts where that on the few did.
+    """
+    start = evaluate(model, campaign, model.start, last)
     few = coarse(campaign, [n for n in spread(campaign, FEW) if n in last])
-    rough = fit_model(model, few, model.start, last, settled=1.0)
-    return fit_model(model, campaign, rough.x, last, LAST_STEPS)
+    try:
+        rough = fit_model(model, few, model.start, last, settled=1.0)
+        there = evaluate(model, campaign, rough.x, last, needed=start.found)
+    except FAILURES:
+        return fit_from(start, campaign, last)
+    if fall(start, there) < 0.0:
+        return fit_from(start, campaign, last)
+    return fit_from(there, campaign, last, LAST_STEPS)
 
 
 def tolerable(trust: Model, e: Evaluation) -> bool:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -37,8 +38,8 @@ BEYOND = 5.0
 """Misfit above noise, in standard deviations of its own, from which there is something to explain."""
 
 
-MOST_LISTED, SOME = 3, 0.05
-"""Places that are named beside the best one; share that is worth a word."""
+MOST_LISTED = 3
+"""Places that are named beside the best one."""
 
 PAYS = 0.7
 """A second force counts where it lowers what is left to this part."""
@@ -105,11 +106,11 @@ class Discrepancy:
         dof = self.points - p.unknowns
         return bool(p.chi2 < dof + CLEAR * np.sqrt(2.0 * dof))
 
-    def sentences(self) -> list[str]:
-        """Findings in sentences, with numbers."""
-        return list(self._sentences())
+    def sentences(self, named: Evaluation | None = None) -> list[str]:
+        """Findings in sentences, with numbers, beside the model with the cause that was named, if one was."""
+        return list(self._sentences(named))
 
-    def _sentences(self) -> Iterator[str]:
+    def _sentences(self, named: Evaluation | None) -> Iterator[str]:
         if not self.localised:
             yield "A missing force cannot be placed: there are hardly more sensors than forces to find."
             contact = next((p for p in self.places if p.place.name == CONTACT), None)
@@ -118,18 +119,24 @@ class Discrepancy:
                 yield from _character(contact)
             return
         if self.explainable:
-            yield from self._place()
+            doubted = named is not None and not self._noise_alone(self.best) and _left(named) < self.best.left
+            yield from self._place("To first order the" if doubted else "The")
             yield from _character(self.best)
+            if named is not None and doubted:
+                yield (
+                    f"{named.model.label} explains more, to any order: it leaves {_left(named):.3g} noise variances. "
+                    "Where it acts elsewhere, that is the place."
+                )
 
-    def _place(self) -> Iterator[str]:
+    def _place(self, the: str) -> Iterator[str]:
         best, others = self.best, [p.place.name for p in self.possible if p is not self.best]
         acts = {"force": "force acts at", "motion": "motion is that of", "reading": "part is read by"}[best.place.kind]
         beside = " beside one at the contact" if self.two else ""
         ranked = self.beside if self.two else self.places
         told = ", ".join(f"{p.place.name} {_percent(p.share)}, {p.left:.3g}" for p in ranked[1:4])
         yield (
-            f"The missing {acts} {best.place.name}{beside}: explains {_percent(best.share)} of the misfit beyond noise "
-            f"and leaves {best.left:.3g} noise variances; next: {told}."
+            f"{the} missing {acts} {best.place.name}{beside}: explains {_percent(best.share)} of the misfit beyond "
+            f"noise and leaves {best.left:.3g} noise variances; next: {told}."
         )
         if self.two:
             single = self.places[0]
@@ -156,6 +163,11 @@ def _character(force: MissingForce) -> Iterator[str]:
         yield f"It grows {', '.join(powers)}."
 
 
+def _left(e: Evaluation) -> float:
+    """What a model leaves, in noise variances."""
+    return e.white.charged / len(e.white)
+
+
 def _percent(share: float) -> str:
     """A share, with a digit where it is near all.
 
@@ -179,11 +191,12 @@ def _phase(f: MissingForce) -> str:
     if f.place.kind == "reading":
         return f"{_percent(share)} of its squared fundamental is in quadrature to the reading"
     against = "load" if f.place.kind == "motion" else "motion"
-    flow = "takes energy from" if float(np.sum(f.work)) < 0.0 else "gives energy to"
-    dissipative = f"dissipative: it {flow} the beam" if share > SOME else "dissipative"
+    taken = f.taken
+    flow = "takes energy from" if taken.value > 0.0 else "gives energy to"
+    told = f"; it {flow} the structure, {taken} of the most that one so large could" if taken.certain else ""
     return (
-        f"{_percent(share)} of its squared fundamental is in quadrature to the {against} ({dissipative}), "
-        f"{_percent(1.0 - share)} in phase (elastic)"
+        f"{_percent(share)} of its squared fundamental is in quadrature to the {against}, "
+        f"{_percent(1.0 - share)} in phase{told}"
     )
 
 
@@ -204,8 +217,8 @@ def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = N
     places: list[AnyPlace] = [*forces, *(sensor(name, unit[name]) for name in campaign.data.channels)]
     found = [r for r in campaign.data.records if r.number in e.found]
     solutions = [e.found[r.number].solution for r in found]
-    columns = each(executor, partial(_columns, rig, campaign.data), solutions)
-    white = [WhiteRecord(r, e, campaign, places, c) for r, c in zip(found, columns, strict=True)]
+    responses = each(executor, partial(_response, rig, campaign.data), solutions)
+    white = [_Placed(r, e, campaign, places, c) for r, c in zip(found, responses, strict=True)]
     points, numbers = sum(len(w.residual) for w in white), 2 * campaign.data.H * len(white)
     alone = [_at(place, [Span(w.columns[i]) for w in white], white, e, i) for i, place in enumerate(places)]
     beside = [
@@ -249,15 +262,63 @@ class WhiteRecord:
         self.seen = [p.seen(simulated.solution)[1 : campaign.data.H + 1] for p in places]
 
 
-def _columns(rig: AnyRig, data: Measurement, solution: PeriodicSolution) -> Array:
-    """Change of the amplitudes of the channels with cosines, then sines of each harmonic at each place."""
-    if isinstance(rig, JointedRig):
-        change = pushed(rig, solution, [place.ends for place in joint_places_of(rig)], data.H).channels
-    else:
-        change = disturbed(rig, solution, all_at_once(places_of(rig), solution, data.H))
-    moved = read_by(data, solution, change)
+class _Response(NamedTuple):
+    """What cosines, then sines of harmonics 1..H at each of p places do.
+
+    Attributes
+    ----------
+    channels : (2, c, H, p 2 H) array
+        Change of the amplitudes of the channels.
+    seen : tuple of (H, 2 H) complex array or None
+        Change of what each place's own is held against; None where that is not known.
+    """
+
+    channels: Array
+    seen: tuple[Complex | None, ...]
+
+
+class _Placed(WhiteRecord):
+    """A record in standard deviations, and how what is held against a force at each place changes with it."""
+
+    def __init__(
+        self, record: Record, e: Evaluation, campaign: Campaign, places: Sequence[AnyPlace], response: _Response
+    ) -> None:
+        super().__init__(record, e, campaign, places, response.channels)
+        self.changes = response.seen
+        own = e.white.record == record.number
+        self.size = float(np.linalg.norm(e.white.measured[own] / campaign.listed_std(record)))
+
+    def held_against(self, i: int, force: Complex, left: Array) -> tuple[Complex, float]:
+        """Amplitudes (H,) of what the force (H,) found at the i-th place is held against, and how uncertain they are.
+
+        The model moves as the records do only with the force; `left` is what they miss then, in standard deviations.
+        """
+        change = self.changes[i]
+        if change is None:
+            return self.seen[i], float(np.linalg.norm(self.residual)) / self.size
+        moved = change @ np.nan_to_num(np.concatenate([force.real, -force.imag]))
+        return self.seen[i] + moved, float(np.linalg.norm(left)) / self.size
+
+
+def _response(rig: AnyRig, data: Measurement, solution: PeriodicSolution) -> _Response:
+    """What forces at the places of a rig do, and what is added to the readings of the sensors."""
+    change, seen = _pushed(rig, data, solution)
     readings = [_of_reading(i, len(data.channels), data.H) for i in range(len(data.channels))]
-    return np.concatenate([moved, *readings], axis=3)
+    unit = np.eye(data.H)
+    read = [np.hstack([unit, -1j * unit])] * len(readings)
+    return _Response(np.concatenate([read_by(data, solution, change), *readings], axis=3), (*seen, *read))
+
+
+def _pushed(
+    rig: AnyRig, data: Measurement, solution: PeriodicSolution
+) -> tuple[Mapping[str, Array], Sequence[Complex | None]]:
+    """Change of the channels by forces at each place, and of the motion there by its own force where it is known."""
+    if not isinstance(rig, JointedRig):
+        places = places_of(rig)
+        return disturbed(rig, solution, all_at_once(places, solution, data.H)), [None] * len(places)
+    ends = [place.ends for place in joint_places_of(rig)]
+    found, basis = pushed(rig, solution, ends, data.H), solution.basis
+    return found.channels, [basis.complex(found.moved[i, :, i])[1 : data.H + 1] for i in range(len(ends))]
 
 
 def read_by(data: Measurement, solution: PeriodicSolution, change: Mapping[str, Array]) -> Array:
@@ -273,7 +334,7 @@ def _of_reading(channel: int, channels: int, H: int) -> Array:
     return out
 
 
-def _at(place: AnyPlace, spans: Sequence[Span], white: Sequence[WhiteRecord], e: Evaluation, i: int) -> MissingForce:
+def _at(place: AnyPlace, spans: Sequence[Span], white: Sequence[_Placed], e: Evaluation, i: int) -> MissingForce:
     """The missing force at the i-th place; calibrated numbers move by `step` along with it."""
     left = np.concatenate([s.across(w.residual) for s, w in zip(spans, white, strict=True)])
     slopes = np.concatenate([s.across(w.jacobian) for s, w in zip(spans, white, strict=True)])
@@ -282,7 +343,12 @@ def _at(place: AnyPlace, spans: Sequence[Span], white: Sequence[WhiteRecord], e:
     points, unknowns = len(left), sum(s.rank for s in spans)
     excess, remains = e.chi2 - points, max(chi2 - (points - unknowns), 0.0)
     H = len(white[0].seen[i])
-    found = [_harmonics(s, w.residual - w.jacobian @ step, H) for s, w in zip(spans, white, strict=True)]
+    missed = [w.residual - w.jacobian @ step for w in white]
+    found = [_harmonics(s, rows, H) for s, rows in zip(spans, missed, strict=True)]
+    against = [
+        w.held_against(i, force, s.across(rows))
+        for w, (force, _), s, rows in zip(white, found, spans, missed, strict=True)
+    ]
     return MissingForce(
         place=place,
         share=float(np.clip(1.0 - remains / excess, 0.0, 1.0)) if excess > 0.0 else 0.0,
@@ -291,7 +357,8 @@ def _at(place: AnyPlace, spans: Sequence[Span], white: Sequence[WhiteRecord], e:
         unknowns=unknowns,
         force=np.array([force for force, _ in found]),
         std=np.array([std for _, std in found]),
-        seen=np.array([w.seen[i] for w in white]),
+        seen=np.array([seen for seen, _ in against]),
+        missed=np.array([part for _, part in against]),
         hz=np.array([w.record.hz for w in white]),
     )
 

@@ -9,7 +9,7 @@ from hbm.diagnosis.calibrate import off
 from hbm.diagnosis.decide import ALARM, Decision, best_of, sidak
 from hbm.diagnosis.estimates import lifted
 from hbm.diagnosis.judge import beside_noise
-from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.misfit import Misfit, misfit
 from hbm.diagnosis.predict import Predicted
 from hbm.diagnosis.remainder import explained, percent
 from hbm.diagnosis.search import Search
@@ -72,12 +72,11 @@ class Evidence:
         elif verdict == "unexplained" and self.decision.fits:
             tried = self.decision.fits[0]
             m = misfit(beside_noise(tried, search.campaign), self.noise)
-            yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances; worst {m.worst.what}."
+            yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances{_clearest(m)}."
             if (scored := self.scored) is not None and not scored.misfit.fits:
-                worst = scored.misfit.worst
                 yield (
-                    f"It does not predict the records held out: {scored.errors.chi2_reduced:.4g} noise variances, "
-                    f"most clearly in {worst.what} ({worst.chi2_reduced:.3g}); chance {scored.misfit.probability:.2g}."
+                    f"It does not predict the records held out: {scored.errors.chi2_reduced:.4g} noise variances"
+                    f"{_clearest(scored.misfit)}; chance {scored.misfit.probability:.2g}."
                 )
 
     def _background(self) -> Iterator[str]:
@@ -93,8 +92,7 @@ class Evidence:
             hidden = "" if scored is None else f", {scored.errors.chi2_reduced:.4g} on those held out"
             yield (
                 f"The {name} model is off by {m.nrmse:.3%}, {e.white.chi2 / len(e.white):.4g} noise variances on the "
-                f"mean{hidden}; probability by noise {m.probability:.2g}"
-                + ("." if m.fits else f", most clearly in {m.worst.what} ({m.worst.chi2_reduced:.3g}).")
+                f"mean{hidden}; probability by noise {m.probability:.2g}" + ("." if m.fits else f"{_clearest(m)}.")
             )
             if e.missing:
                 yield f"No steady state of the {name} model was found for records {', '.join(map(str, e.missing))}."
@@ -143,6 +141,11 @@ class Evidence:
             yield f"Beside it: {cause.label}, {said}."
         same = [e for e in self.search.fitted if bool(e.model.calibrated) == bool(best.model.calibrated)]
         yield from shares_of_two(best, same, base, lambda e: beside_noise(e, self.search.campaign).white)
+
+
+def _clearest(m: Misfit) -> str:
+    """Where a misfit is least probable, unless that is everywhere."""
+    return f", most clearly in {m.clearest}" if m.clearest else ""
 
 
 def shares_of_two(

@@ -77,6 +77,12 @@ class Misfit:
         """The least probable part."""
         return min(self.cells, key=lambda c: c.probability)
 
+    @property
+    def clearest(self) -> str:
+        """The least probable part in words, with how much larger than noise it is; nothing where that is everything."""
+        worst = self.worst
+        return "" if worst is self.cells[0] else f"{worst.what} ({worst.chi2_reduced:.3g})"
+
 
 def misfit(e: Evaluation, campaign: Campaign) -> Misfit:
     """Misfit of a model to the records it was fitted to."""

@@ -12,7 +12,11 @@ CLEAR = 3.0
 
 FEWEST = 4
 LEAST_RANGE = 1.2
-"""Records, and their largest amplitude or frequency over the least, from which growth can be told."""
+"""Records, and their largest amplitude or frequency over the least, from which growth can be told; records, from which
+it can be told whether energy is taken."""
+
+SOME = 0.05
+"""Share that is worth a word."""
 
 STRONG, MOST_NAMED = 0.1, 5
 """A harmonic is named where its amplitude is at least this part of the strongest; so many at most."""
@@ -27,6 +31,23 @@ class Exponent:
 
     def __repr__(self) -> str:
         return f"{self.value:.2g} +- {self.std:.1g}"
+
+
+@dataclass(frozen=True)
+class Share:
+    """A part of the most there could be, -1..1, with its standard deviation, and whether records agree in its sign."""
+
+    value: float
+    std: float
+    agreed: bool
+
+    @property
+    def certain(self) -> bool:
+        """Whether it is worth a word, and its sign beyond doubt."""
+        return self.agreed and abs(self.value) > max(SOME, CLEAR * self.std)
+
+    def __repr__(self) -> str:
+        return f"{100 * abs(self.value):.0f} +- {100 * self.std:.1g} %"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +70,11 @@ class MissingForce:
     std : (r, H) array
         Standard deviation of each of their parts.
     seen : (r, H) complex array
-        Amplitudes of what it is held against [place.against].
+        Amplitudes of what it is held against [place.against], with what the force itself adds to it where that is
+        known.
+    missed : (r,) array
+        Part of the response of each record that the model misses, with the force where `seen` is with it: so uncertain
+        is `seen`, relatively.
     hz : (r,) array
     """
 
@@ -61,6 +86,7 @@ class MissingForce:
     force: Complex
     std: Array
     seen: Complex
+    missed: Array
     hz: Array
 
     @property
@@ -94,10 +120,30 @@ class MissingForce:
 
     @property
     def work(self) -> Array:
-        """Work done on the beam per cycle, (r,) [J]; for a reading without meaning."""
+        """Work done on the structure per cycle, (r,) [J]; for a reading without meaning."""
         k = np.arange(1, self.force.shape[1] + 1)
         f, d = (self.seen, self.force) if self.place.kind == "motion" else (self.force, self.seen)
         return np.asarray(np.pi * np.sum(k * np.imag(np.nan_to_num(f * d.conj())), axis=1))
+
+    @property
+    def taken(self) -> Share:
+        """Energy that it takes from the structure, over the most that a force so large on such a motion could take.
+
+        A law that dissipates takes some in every record. A conservative one takes none, but the force that is found in
+        its place may, as far as force and motion are uncertain, the misfit that is left is larger than noise, and
+        calibration has taken a part of it: then it takes in one record and gives in another.
+        """
+        k = np.arange(1, self.force.shape[1] + 1)
+        most = np.pi * np.sum(k * np.nan_to_num(np.abs(self.force * self.seen)), axis=1)
+        if not most.any():
+            return Share(0.0, np.inf, agreed=False)
+        by_force = np.pi * np.linalg.norm(k * np.nan_to_num(self.std * np.abs(self.seen)), axis=1)
+        std = np.hypot(max(self.left, 1.0) ** 0.5 * by_force, self.missed * most)
+        clear = np.sign(self.work[np.abs(self.work) > CLEAR * std])
+        whole = -float(np.sum(self.work) / np.sum(most))
+        parts = np.concatenate([std, self.work + whole * most])
+        agreed = len(clear) >= FEWEST and bool(np.all(clear == clear[0]))
+        return Share(whole, float(np.linalg.norm(parts) / np.sum(most)), agreed)
 
     @property
     def stiffness(self) -> float:

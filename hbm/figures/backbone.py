@@ -78,7 +78,7 @@ def plot_damping(backbones: Sequence[Backbone], ax: Axes | None = None, *, numbe
     ax, rig = new_axes(ax), backbones[0].rig
     stuck = StuckMode.of(rig, number)
     held, free = stuck.damping / (2 * stuck.omega), linear_modes(rig).damping_ratio[number - 1]
-    _mark_limits(ax, backbones, 100 * held, 100 * free, apart=1.5)
+    _mark_limits(ax, backbones, 100 * held, 100 * free)
     _draw(ax, [(b, b.amplitude * 1e3, 100 * b.damping_ratio) for b in backbones])
     ax.set_xscale("log")
     ax.set_yscale("log")
@@ -117,17 +117,16 @@ def _draw(ax: Axes, lines: Sequence[tuple[Backbone, Array, Array]]) -> None:
         )
 
 
-def _mark_limits(ax: Axes, backbones: Sequence[Backbone], stuck: float, sliding: float, apart: float = 1.0) -> None:
-    """Thin lines at two limits, with one label where their ratio is less than `apart`; none of a rigid motion."""
+def _mark_limits(ax: Axes, backbones: Sequence[Backbone], stuck: float, sliding: float) -> None:
+    """Thin lines at two limits, each with its label, above the upper and below the lower; none of a rigid motion."""
     held, free = backbones[0].rig.limits
-    names = {stuck: held, sliding: free}
-    if max(names) < apart * min(names):
-        names = {stuck: f"{held},\n{free}", sliding: ""}
+    names = {stuck: held, sliding: free} if stuck != sliding else {stuck: f"{held},\n{free}"}
     for value, name in names.items():
         if value == 0.0:
             continue
         ax.axhline(value, color=FAINT, linewidth=0.8, zorder=0)
-        ax.annotate(name, (1.0, value), (3, 0), ax.get_yaxis_transform(), "offset points", va="center", fontsize=SMALL)
+        side = "center" if len(names) == 1 else "bottom" if value == max(names) else "top"
+        ax.annotate(name, (1.0, value), (3, 0), ax.get_yaxis_transform(), "offset points", va=side, fontsize=SMALL)
 
 
 def _shade_lift_off(ax: Axes, backbones: Sequence[Backbone]) -> None:

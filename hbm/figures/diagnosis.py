@@ -191,7 +191,9 @@ def plot_deviations(
                     i = _chosen(c, row, band) & (c.held_out == held)
                     points(ax, c.hz[i] + shift, off[i], name, hollow=held)
             ax.set_yscale("log")
-            ax.set_ylim(bottom=LOST * float(noise[(any_model.channel == row) & (any_model.harmonic == 1)].min()))
+            least = noise[(any_model.channel == row) & (any_model.harmonic == 1)].min(initial=np.inf)
+            if np.isfinite(least):  # the fundamental of the channel was measured
+                ax.set_ylim(bottom=LOST * float(least))
             _readable(ax, len(bands))
             dressed(ax, "", "")
         beside[0].set_ylabel(as_written(channels[row]), color=INK, fontsize=SMALL + 1)

@@ -1,5 +1,6 @@
 """Figure of what the extended model gains: the error of each model on records fitted and held out."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from matplotlib.lines import Line2D
@@ -29,6 +30,9 @@ def plot_gain(diagnosis: "Diagnosis", axes: AxesArray | None = None) -> AxesArra
     for ax, (key, factor, label) in zip(
         pair, (("nrmse", 100.0, "Error [%]"), ("chi2_reduced", 1.0, "Misfit [noise variances]")), strict=True
     ):
+        ax.set_xscale("log")
+        low, high = _ends([factor * getattr(e, key) for name in names for e in diagnosis.errors[name].values()])
+        ax.set_xlim(low, high)
         for y, name in enumerate(names):
             parts = diagnosis.errors[name]
             values = {part: factor * getattr(e, key) for part, e in parts.items()}
@@ -36,9 +40,6 @@ def plot_gain(diagnosis: "Diagnosis", axes: AxesArray | None = None) -> AxesArra
             for part, value in values.items():
                 face = COLORS[name] if part == "train" else "white"
                 ax.plot(value, y, "o", color=COLORS[name], markerfacecolor=face, markersize=6, zorder=2)
-        ax.set_xscale("log")
-        low, high = ax.get_xlim()
-        ax.set_xlim(low / 1.3, high * 1.3)
         few_powers(ax.xaxis, high / low)
         dressed(ax, label, "")
     pair[1].axvline(1.0, color=FAINT, linewidth=0.9, zorder=0)
@@ -51,3 +52,11 @@ def plot_gain(diagnosis: "Diagnosis", axes: AxesArray | None = None) -> AxesArra
     ]
     legend_above(pair, handles, **FIVE_COLUMNS)
     return pair
+
+
+def _ends(values: Sequence[float]) -> tuple[float, float]:
+    """Ends of a logarithmic axis about values, which may all be alike."""
+    positive = [v for v in values if v > 0.0] or [1.0]
+    low, high = min(positive), max(positive)
+    margin = 1.3 * (high / low) ** 0.05
+    return low / margin, high * margin

@@ -39,6 +39,9 @@ LAW_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", 
 LAW_STYLES = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (5, 1, 1, 1)), (0, (1, 1)))
 LAW_MARKERS = "osD^vPX"
 
+MOST_POWERS = 4
+"""Powers of ten on an axis that is half as wide as the page, beside long names."""
+
 
 @dataclass(frozen=True, eq=False)
 class ParameterByLevel:
@@ -302,6 +305,8 @@ def plot_ranking(
     y = np.arange(len(laws))
     _bars(found[0], y, (bic - bic.min())[order], ".4g")
     found[0].set_xscale("symlog", linthresh=10.0)
+    if np.ptp(bic) >= 10.0:
+        found[0].set_xticks(_few_powers(float(np.ptp(bic))))
     dressed(found[0], f"BIC above the best; line: {clear:g}", "")
     found[0].axvline(clear, color=FAINT, linewidth=0.8, zorder=0)
     found[0].set_yticks(y, [laws[i] for i in order])
@@ -310,6 +315,17 @@ def plot_ranking(
         _bars(found[1], y, 100.0 * error[order], ".3g")
         dressed(found[1], "Held-out error [%]", "")
     return found
+
+
+def _few_powers(highest: float) -> list[float]:
+    """0 and powers of ten up to the highest, no more than have room.
+
+    >>> _few_powers(7e6), _few_powers(25.0)
+    ([0.0, 100.0, 10000.0, 1000000.0], [0.0, 10.0])
+    """
+    top = int(np.log10(highest))
+    step = -(-top // MOST_POWERS)
+    return [0.0, *(10.0**k for k in range(step, top + 1, step))]
 
 
 def _bars(ax: Axes, y: npt.NDArray[np.intp], width: Array, form: str) -> None:

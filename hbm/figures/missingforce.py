@@ -1,9 +1,10 @@
 """Figure of the force that a model lacks: where it may act, its harmonics, and how it grows."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -14,6 +15,10 @@ from hbm.measurement.groups import levels
 if TYPE_CHECKING:
     from hbm.diagnosis.discrepancy import Discrepancy
     from hbm.diagnosis.missingforce import MissingForce
+
+
+CLOSE: dict[str, Any] = {"columnspacing": 0.9, "handlelength": 1.0, "handletextpad": 0.5, "borderaxespad": 0.0}
+"""Of a legend above a panel that is half as wide as the page."""
 
 
 def plot_missing_force(d: "Discrepancy", axes: AxesArray | None = None) -> AxesArray:
@@ -67,24 +72,29 @@ def _draw_places(ax: Axes, places: Sequence["MissingForce"], before: float) -> N
 
 def _draw_harmonics(ax: Axes, f: "MissingForce") -> None:
     k = np.arange(1, len(f.elastic) + 1)
-    along, across = ("in phase (elastic)", "in quadrature (dissipative)")
-    if f.place.kind == "reading":
-        along, across = "in phase (gain)", "in quadrature (delay)"
-    floor = np.sqrt(np.nanmean(f.std**2, axis=0))
-    ax.bar(k - 0.19, f.elastic, width=0.36, color=COLORS["extended"], label=along)
-    ax.bar(k + 0.19, f.dissipative, width=0.36, color=COLORS["calibrated"], label=across)
-    ax.plot(k, floor, "_", color="0.3", markersize=11, label="noise")
+    seen = _seen(f)
+    floor = np.sqrt(np.nanmean(f.std[:, seen - 1] ** 2, axis=0))
+    ax.bar(k - 0.19, f.elastic, width=0.36, color=COLORS["extended"], label="in phase")
+    ax.bar(k + 0.19, f.dissipative, width=0.36, color=COLORS["calibrated"], label="in quadrature")
+    ax.plot(seen, floor, "_", color="0.3", markersize=11, label="noise")
     ax.set_yscale("log")
     top = max(float(np.nanmax([f.elastic, f.dissipative])), float(np.nanmax(floor)))
-    ax.set_ylim(bottom=max(0.3 * float(np.nanmin(floor)), 1e-4 * top), top=12 * top)
+    ax.set_ylim(bottom=max(0.3 * float(np.nanmin(floor)), 1e-4 * top), top=2 * top)
     ax.set_xticks(k)
-    ax.legend(frameon=False, fontsize=SMALL - 1, labelcolor=INK, loc="upper right", ncols=1)
+    ax.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.02), ncols=3, frameon=False, fontsize=SMALL, labelcolor=INK, **CLOSE
+    )
     dressed(ax, "Harmonic", f"Missing {f.place.kind}, rms [{f.place.unit}]")
+
+
+def _seen(f: "MissingForce") -> npt.NDArray[np.int64]:
+    """Harmonics of which a sensor sees something in some record."""
+    return np.flatnonzero(np.isfinite(f.std).any(axis=0)) + 1
 
 
 def _draw_growth(ax: Axes, d: "Discrepancy") -> None:
     f = d.best
-    k = (f.harmonics or [1])[0]
+    k = int((f.harmonics or _seen(f))[0])
     size, std = np.abs(f.force[:, k - 1]), f.std[:, k - 1]
     amplitude = np.linalg.norm(f.seen, axis=1)
     level_of = levels(d.level)

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
     from hbm.diagnosis.curves import TracedResponse
 
 
+CHARACTER, BETWEEN = 0.032, 0.02
+"""Width of a character of a tick label and least gap between labels, as shares of the panel of errors."""
+
+
 def plot_overview(
     models: Mapping[str, Compared],
     view: View,
@@ -97,7 +101,10 @@ def _draw_record_errors(ax: Axes, models: Mapping[str, Compared]) -> None:
     few_powers(ax.yaxis, high / low)
     if several:
         ends = np.searchsorted(frequencies, [hz for band in bands for hz in band])
-        ax.set_xticks(place[ends], [f"{hz:.4g}" for hz in frequencies[ends]])
+        names = [f"{hz:.4g}" for hz in frequencies]
+        shown = _apart(place, names, [*ends.tolist(), *range(len(names))])
+        ax.set_xticks(place[shown], [names[i] for i in shown])
+        ax.set_xticks(place, minor=True)
     dressed(ax, f"{FREQUENCY}{', not to scale' if several else ''}", "Error [%]")
     ax.set_title("all channels and harmonics", fontsize=SMALL + 1, loc="left", color=INK)
 
@@ -106,3 +113,13 @@ def _in_order(frequencies: Array, bands: Sequence[tuple[float, float]]) -> Array
     """Places of frequencies side by side, with a gap between bands."""
     band = np.array([next(i for i, (low, high) in enumerate(bands) if low <= hz <= high) for hz in frequencies])
     return np.asarray(np.arange(len(frequencies)) + 1.5 * band)
+
+
+def _apart(place: Array, names: Sequence[str], order: Sequence[int]) -> list[int]:
+    """Which of some names have room beside each other along an axis, those that come first in an order first."""
+    shown: list[int] = []
+    for i in order:
+        needed = (CHARACTER * (len(names[i]) + len(names[j])) / 2 + BETWEEN for j in shown)
+        if all(abs(place[i] - place[j]) >= room * np.ptp(place) for j, room in zip(shown, needed, strict=True)):
+            shown.append(i)
+    return sorted(shown)

@@ -47,7 +47,8 @@ class Diagnosed:
     @property
     def evidence(self) -> tuple[str, ...]:
         """Sentences: to beware of, of the diagnosis, of the missing force."""
-        return (*self.warnings, *self.diagnosis.evidence, *(self.force.sentences() if self.force else ()))
+        force = self.force.sentences(self.diagnosis.extended_fit) if self.force else ()
+        return (*self.warnings, *self.diagnosis.evidence, *force)
 
     @cached_property
     def compared(self) -> Mapping[str, Compared]:

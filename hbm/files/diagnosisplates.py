@@ -124,7 +124,7 @@ def _gain_plates(d: Diagnosis) -> Iterator[Plate]:
 
 def _response_plates(found: Diagnosed) -> Iterator[Plate]:
     models, channels = found.compared, found.channels
-    if not models:
+    if not _fundamental(found):
         return
     columns = found.labelled(compared_columns(models, channels))
     yield Plate(
@@ -136,6 +136,11 @@ def _response_plates(found: Diagnosed) -> Iterator[Plate]:
         {name: values[columns["harmonic"] == 1] for name, values in columns.items() if name != "deviation"},
         (CURVE_FILE,) if found.traced else (),
     )
+
+
+def _fundamental(found: Diagnosed) -> bool:
+    """Whether the fundamental is compared in any record: where a band of frequencies leaves it out it has no figure."""
+    return any(bool((c.harmonic == 1).any()) for c in found.compared.values())
 
 
 def _lines(found: Diagnosed) -> str:
@@ -153,14 +158,15 @@ def _model_plates(found: Diagnosed) -> Iterator[Plate]:
     if not models:
         return
     columns = found.labelled(compared_columns(models, channels))
-    yield Plate(
-        "deviations",
-        "Deviations",
-        "Measured less simulated fundamental relative to the measured one, phase included; beside what noise makes of "
-        "it. Hollow: records held out.",
-        figures.plot_deviations(models, channels),
-        found.labelled(deviation_columns(models, channels)),
-    )
+    if _fundamental(found):
+        yield Plate(
+            "deviations",
+            "Deviations",
+            "Measured less simulated fundamental relative to the measured one, phase included; beside what noise makes "
+            "of it. Hollow: records held out.",
+            figures.plot_deviations(models, channels),
+            found.labelled(deviation_columns(models, channels)),
+        )
     yield Plate(
         "misfit_map",
         "Where the models miss",

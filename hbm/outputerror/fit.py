@@ -244,7 +244,7 @@ def fit_from(
         length = min(length, MOST / max(float((np.abs(step) / _reach(here)).max()), 1e-300))
         try:
             there = evaluate(model, campaign, np.clip(here.x + length * step, low, high), last, here)
-            gained = _fall(here, there)
+            gained = fall(here, there)
         except FAILURES:
             gained = -1.0
         if gained > 0.0:
@@ -274,7 +274,7 @@ def _reach(here: Evaluation) -> Array:
     return np.where(linear, np.maximum(np.abs(here.x), 1.0), 1.0)
 
 
-def _fall(before: Evaluation, after: Evaluation) -> float:
+def fall(before: Evaluation, after: Evaluation) -> float:
     """Fall of chi2 on the records that were found before."""
     more = after.white.residual[np.isin(after.white.record, before.missing)]
     return before.chi2 - after.chi2 + float(more @ more)

@@ -71,10 +71,13 @@ class Numerics:
     change: float
 
     def __repr__(self) -> str:
+        fine = f"{self.fine.basis.H}, {self.fine.basis.N_t} and {self.fine.modes}"
+        if self.fine.modes == self.working.modes:
+            fine = f"{self.fine.basis.H} and {self.fine.basis.N_t}"
         return (
             f"simulated with {self.working.basis.H} harmonics, {self.working.basis.N_t} samples and "
-            f"{self.working.modes} modes, corrected to {self.fine.basis.H}, {self.fine.basis.N_t} and "
-            f"{self.fine.modes}: by up to {self.change:.2g} standard deviations of a record in all"
+            f"{self.working.modes} modes, corrected to {fine}: by up to {self.change:.2g} standard deviations of a "
+            "record in all"
         )
 
 
@@ -89,8 +92,8 @@ def choose(rig: AnyRig, data: Measurement, executor: Executor | None = None) -> 
     executor : concurrent.futures.Executor, optional
         Does the records side by side.
     """
-    n = rig.structure.n
-    *rungs, fine = [Grid(sampled(max(H, data.H + 6), N_t), n + more) for H, N_t, more in (*LADDER, FINE)]
+    n, extends = rig.structure.n, isinstance(rig.body, Beam)  # a body of another kind has no more modes to offer
+    *rungs, fine = [Grid(sampled(max(H, data.H + 6), N_t), n + more * extends) for H, N_t, more in (*LADDER, FINE)]
     probed = [data.records[i] for i in np.argsort(-data.speed)[:: max(1, len(data.records) // 8)][:PROBED]]
     best: list[Array | None] | None = None
     change = np.inf

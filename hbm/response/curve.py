@@ -288,7 +288,10 @@ class ResponseCurve(Displayed):
 
     @property
     def corners(self) -> list[float]:
-        """Where the curve has a corner (a slip phase is born or dies), in Hz (or N)."""
+        """Where the curve has a kink so sharp that the step had to be fitted to it, in Hz (or N).
+
+        Where a slip phase is born or dies the curve may have one; most such changes bend it too little.
+        """
         found = (p for p in self.branch.points if p.corner)
         return [self.value_at(p.corner_lam if p.corner_lam else p.lam) for p in found]
 

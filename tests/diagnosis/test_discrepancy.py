@@ -153,6 +153,7 @@ def test_dashpot_at_the_contact_takes_energy_and_grows_as_a_dashpot():
     assert best.share > 0.98
     assert best.dissipative_share > 0.9
     assert np.all(best.work[np.abs(best.force[:, 0]) > 3 * best.std[:, 0]] < 0.0)
+    assert best.taken.certain and best.taken.value > 0.8
     with_motion, with_frequency = best.growth
     assert abs(with_motion.value - 1.0) < max(3 * with_motion.std, 0.1)
     assert abs(with_frequency.value - 1.0) < max(3 * with_frequency.std, 0.2)

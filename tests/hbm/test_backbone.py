@@ -150,6 +150,20 @@ def test_figure_shows_the_linear_limits(mode: NonlinearMode) -> None:
     np.testing.assert_allclose(frequency.lines[-1].get_xdata(), 1e3 * mode.amplitude)
 
 
+def test_each_limit_has_its_own_label(mode: NonlinearMode) -> None:
+    """Beside its line however close the other is: the damping of this mode is less when it slides."""
+    frequency, damping, _ = plot_backbones([mode])
+    frequency.figure.canvas.draw()
+    for ax in (frequency, damping):
+        labels = sorted((text for text in ax.texts if text.get_text().strip() != "lift-off"), key=lambda t: t.xy[1])
+        assert {label.get_text() for label in labels} == set(mode.rig.limits)
+        below, above = (label.get_window_extent() for label in labels)
+        lower, upper = (ax.transData.transform((1.0, label.xy[1]))[1] for label in labels)
+        assert below.y1 <= lower + 1.0 and above.y0 >= upper - 1.0
+    held = {text.get_text(): text.xy[1] for text in damping.texts}[mode.rig.limits[0]]
+    assert held == pytest.approx(100 * mode.damping_ratio[0], rel=1e-4)
+
+
 def test_what_is_lost_is_friction_and_damping(mode: NonlinearMode) -> None:
     for p, lost, rubbed in zip(mode.points, mode.lost, mode.rubbed, strict=True):
         Omega = 2 * np.pi * p.hz

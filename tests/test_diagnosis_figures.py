@@ -1,0 +1,115 @@
+"""Figures of a diagnosis whatever was measured: one record, one frequency, records without a fundamental."""
+
+import itertools
+from types import SimpleNamespace
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from matplotlib.text import Text
+
+from hbm.diagnosis.discrepancy import Discrepancy
+from hbm.diagnosis.missingforce import MissingForce
+from hbm.diagnosis.verdict import Errors
+from hbm.figures.compared import MODELS, Compared, clearest
+from hbm.figures.diagnosis import plot_deviations, plot_responses
+from hbm.figures.gain import plot_gain
+from hbm.figures.identification import plot_ranking
+from hbm.figures.misfitmap import plot_misfit_map
+from hbm.figures.missingforce import plot_missing_force
+from hbm.figures.overview import plot_overview
+
+CHANNELS, UNITS = ["a1", "a2"], ["m/s²", "m/s²"]
+SPREAD = (15.5, 16.2, 16.8, 17.6, 38.0, 41.0)
+
+
+def compared(hz: tuple[float, ...], harmonics: dict[int, tuple[int, ...]]) -> Compared:
+    """A record at each frequency, every third held out; the harmonics of each channel."""
+    rows = [(r, c, k) for r in range(len(hz)) for c, own in harmonics.items() for k in own]
+    record, channel, harmonic = np.array(rows).T
+    measured = 10.0 / harmonic * np.exp(0.3j * record)
+    where = np.array(hz)[record]
+    size = np.ones(len(rows))
+    return Compared(
+        record + 1, channel, harmonic, 5.0 * size, where, measured, 0.9 * measured, 0.01 * size, record % 3 == 2
+    )
+
+
+CASES = {
+    "several bands": compared(SPREAD, {0: (1, 2), 1: (1, 2)}),
+    "one record": compared((16.0,), {0: (1, 2), 1: (1, 2)}),
+    "one frequency": compared((16.0, 16.0, 16.0), {0: (1, 2), 1: (1, 2)}),
+    "no fundamental": compared(SPREAD, {0: (2, 3), 1: (2, 3)}),
+    "one record without a fundamental": compared((16.0,), {0: (2,), 1: (2,)}),
+    "no fundamental in one channel": compared(SPREAD, {0: (1, 2), 1: (2,)}),
+}
+
+
+@pytest.fixture(autouse=True)
+def closed():
+    yield
+    plt.close("all")
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_figure_is_drawn(case: str) -> None:
+    """Warnings are errors: limits without extent, means of nothing."""
+    models = dict.fromkeys(MODELS, CASES[case])
+    grids = [
+        plot_responses(models, CHANNELS, UNITS),
+        plot_deviations(models, CHANNELS),
+        plot_misfit_map(models, CHANNELS),
+        plot_overview(models, clearest(list(models.values()), missed=True), "a1", "m/s²"),
+    ]
+    for grid in grids:
+        grid.flat[0].figure.canvas.draw()
+
+
+def test_errors_that_are_alike_are_drawn_about_themselves() -> None:
+    """Models that say nothing of what was measured are off by all of it, but for rounding."""
+    errors = {name: {"train": Errors(1.0 + i * 1e-16, 2e3)} for i, name in enumerate(MODELS)}
+    left, right = plot_gain(SimpleNamespace(errors=errors))
+    left.figure.canvas.draw()
+    for ax, value in ((left, 100.0), (right, 2e3)):
+        low, high = ax.get_xlim()
+        assert value / 1.5 < low < value < high < 1.5 * value
+
+
+# ---- labels have room
+
+
+def overlapping(labels: list[Text]) -> bool:
+    """Whether labels that stand beside each other touch."""
+    boxes = [label.get_window_extent() for label in labels if label.get_text()]
+    return any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+
+
+@pytest.mark.parametrize("hz", [SPREAD, tuple(np.r_[np.linspace(101.25, 110.75, 20), 155.5, 230.25])])
+def test_all_frequencies_of_the_overview_that_have_room_are_labelled(hz: tuple[float, ...]) -> None:
+    models = {"nominal": compared(hz, {0: (1, 2)})}
+    _, right = plot_overview(models, clearest(list(models.values()), missed=True), "a1", "m/s²")
+    right.figure.canvas.draw()
+    labels = right.get_xticklabels()
+    assert not overlapping(labels)
+    shown = {label.get_text() for label in labels}
+    assert shown >= {f"{f:.4g}" for f in (hz[0], hz[-1])}
+    assert len(shown) == len(hz) if hz is SPREAD else len(shown) > 3
+
+
+def test_powers_of_a_ranking_do_not_touch() -> None:
+    laws = ["polynomial-stiffness m2 to m3", "rig file as it is"]
+    left, _ = plot_ranking(laws, np.array([0.0, 7e6]), np.array([0.007, 0.9]), clear=30.0)
+    left.figure.canvas.draw()
+    assert not overlapping(left.get_xticklabels())
+
+
+def test_legend_of_the_missing_force_stands_above_its_bars() -> None:
+    place = SimpleNamespace(name="m2 to m3", kind="force", unit="N", against="m")
+    force = np.array([[1.0 + 1.0j, 0.0, 30.0 + 20.0j]] * 4)
+    missing = MissingForce(
+        place, 0.99, 10.0, 1.0, 6, force, 0.01 * np.ones((4, 3)), np.ones((4, 3)) + 0j, np.zeros(4), np.full(4, 16.0)
+    )
+    rows = np.arange(4), np.full(4, 5.0), np.full(4, 16.0)
+    _, harmonics, _ = plot_missing_force(Discrepancy(*rows, 1e4, 100, (missing,)))
+    harmonics.figure.canvas.draw()
+    assert harmonics.get_legend().get_window_extent().y0 >= harmonics.get_window_extent().y1
