@@ -284,9 +284,21 @@ def _confused(
     A number that is wrong by more than a resonance is wide does not show its effect by the first of it, and its fit has
     further to go than that of a joint, which starts at the size that it has.
     """
-    told = " ".join(r.cause.confused_with for i, r in enumerate(fitted) if i == 0 or r.chi2 <= explained)
-    kinds = {s.cause.label: ENTRY.sub("[i]", s.cause.label) for s in screening.scores}
-    return [s for s in screening.scores if kinds[s.cause.label] in told and s.cause.label not in tried]
+    told = [r.cause for i, r in enumerate(fitted) if i == 0 or r.chi2 <= explained]
+    words = " ".join(cause.confused_with for cause in told)
+
+    def meant(cause: Cause) -> bool:
+        return ENTRY.sub("[i]", cause.label) in words or any(_simpler_there(cause, other) for other in told)
+
+    return [s for s in screening.scores if s.cause.label not in tried and meant(s.cause)]
+
+
+def _simpler_there(cause: Cause, other: Cause) -> bool:
+    """Whether a joint is what another one at its place is confused with, with fewer numbers."""
+    if not (isinstance(cause, AddedJoint) and isinstance(other, AddedJoint)):
+        return False
+    places = [{end.removeprefix("-1*") for end in (c.at, c.to)} for c in (cause, other)]
+    return places[0] == places[1] and cause.name in other.confused_with and len(cause.numbers) < len(other.numbers)
 
 
 def _scanned(base: Evaluation) -> bool:

@@ -81,6 +81,10 @@ def diagnose(
         If the steady state of no record is found.
     """
     expect_rig(rig, "diagnose", joints=True)
+    if not isinstance(spectra, MeasuredSpectra):
+        raise InputError(
+            f"diagnose: {type(spectra).__name__}; must be MeasuredSpectra; a decay is for diagnose_backbone"
+        )
     _expect_levels(rig, spectra)
     numbered = [level for level, _ in rig.excitation.force_gain]
     held = choose_held_out(spectra, numbered) if held_out is None else tuple(spectra.numbers(held_out))

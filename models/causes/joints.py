@@ -123,8 +123,12 @@ class OneSidedStop(AddedJoint):
     name = "one-sided-stop"
     meaning = "a place strikes a stop on one side"
     looks_like = "nothing below a threshold of the amplitude; then even and odd harmonics, frequencies rise"
-    confused_with = "two-sided-stop, polynomial-stiffness"
+    confused_with = (
+        "two-sided-stop, polynomial-stiffness; pressed at rest and never open: local-spring, "
+        "parameter:modal.frequencies_hz[i]"
+    )
     check = "look for what can be struck there, move it away, or measure just below and above where it sets in"
+    contains = ("local-spring",)
     numbers = (
         Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
         Number("gap", "m", "gap", (0, 1, 0), (*ONSETS, *(-s for s in ONSETS), 0.0), signed=True),
@@ -141,6 +145,7 @@ class TwoSidedStop(AddedJoint):
     looks_like = "nothing below a threshold of the amplitude; then odd harmonics, frequencies rise"
     confused_with = "cubic-stiffness, quintic-stiffness"
     check = "measure at five levels about where it sets in: below, nothing changes with the level"
+    contains = ("local-spring",)
     numbers = (
         Number("stiffness", "N/m", "stiffness", (1, -1, 0)),
         Number("gap", "m", "gap", (0, 1, 0), ONSETS),

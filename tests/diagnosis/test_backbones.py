@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from hbm.cli import app
 from hbm.diagnosis.backbones import diagnose_backbone
+from hbm.diagnosis.diagnose import diagnose
 from hbm.errors import InputError
 from hbm.files.outputs import columns_text
 from hbm.fourier import FourierBasis
@@ -150,6 +151,11 @@ def test_a_law_that_is_not_tried_is_not_explained(rig: JointedRig, tmp_path: Pat
     truth = CubicStiffness("tip").extend(rig, {"cubic": 3e3 / LARGEST**2})
     found = diagnose_backbone(rig, decayed(truth, 1), causes=[QuadraticDamping])
     assert (found.verdict, found.cause, found.extended) == ("unexplained", None, None)
+
+
+def test_spectra_are_for_one_function_and_decays_for_another(rig: JointedRig) -> None:
+    with pytest.raises(InputError, match="Decay; must be MeasuredSpectra; a decay is for diagnose_backbone"):
+        diagnose(rig, decayed(rig, 1))  # type: ignore[arg-type]
 
 
 def written(path: Path, decay: Decay) -> Path:

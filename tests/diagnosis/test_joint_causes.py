@@ -14,8 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from hbm.cli import app
+from hbm.diagnosis.candidates import _confused
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.jointscan import scan
+from hbm.diagnosis.quickfits import Candidate
+from hbm.diagnosis.screen import Score, Screening
 from hbm.diagnosis.search import campaign_of
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
@@ -29,7 +32,7 @@ from hbm.rigfiles.load import load_rig
 from models.bodies import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint, ends_of
-from models.causes.joints import JOINT_CAUSES
+from models.causes.joints import JOINT_CAUSES, OneSidedStop
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
 from models.joints.law import numbers
@@ -213,6 +216,17 @@ def test_places_are_ports_the_ground_and_each_two_but_none_twice() -> None:
     assert len(labels) == len(set(labels))
     assert {"cubic-stiffness c", "cubic-stiffness a to b", "parameter:modal.ports.drive[3]"} <= set(labels)
     assert not any(label.startswith("parameter:modal.ports.beside") for label in labels)  # nothing touches it
+
+
+def test_a_stop_that_explains_the_records_is_compared_with_the_spring_there_and_with_wrong_modes() -> None:
+    """Pressed at rest and never open it is a spring, which shifts modes as a wrong frequency does."""
+    rig, stop = rig_of(NOMINAL), OneSidedStop("b", "a")
+    scores = tuple(Score(c, 1.0, 1.0, np.zeros(1), {}, 1.0) for c in all_candidates(rig))
+    found = _confused([Candidate(stop, 1.0, np.zeros(1))], 2.0, Screening(scores, 1, len(scores)), {stop.label})
+    labels = {s.cause.label for s in found}
+    springs = {label for label in labels if label.startswith("local-spring ")}
+    assert springs in ({"local-spring a to b"}, {"local-spring b to a"})
+    assert labels - springs == {f"parameter:modal.frequencies_hz[{i + 1}]" for i in range(len(NOMINAL.hz))}
 
 
 @pytest.mark.parametrize("kind", JOINT_CAUSES, ids=lambda kind: kind.name)
