@@ -40,8 +40,8 @@ from models.jointed import AnyRig
 FLOORS, SETTLED = 4, 0.1
 """Times the floor is found anew, at most, and the relative change of it at which it is settled."""
 
-RACED = 0.1
-"""Candidates race beside this share of the floor that calibration leaves, beside all of which any would do."""
+TOLD = 2000.0
+"""Chi2 of what calibration leaves, at least, beside the floor of the race: beside all that it leaves, any would do."""
 
 BEHIND = 2.0
 """A fit is given up that will not leave less than so many times what the best one does."""
@@ -177,7 +177,8 @@ class FlooredSearch:
         if beyond_noise(self.beside(self.calibrated, 0.0).white) <= LARGEST:
             return None
         settled = self.campaign
-        self.campaign = replace(settled, floor=RACED * settled.floor)
+        few = min(1.0, np.sqrt(len(self.calibrated.white) / TOLD))
+        self.campaign = replace(settled, floor=few * settled.floor)
         found = self._raced()
         if found is None:
             self.campaign = settled
