@@ -1,7 +1,7 @@
 """The commands of docs/validation/measurements.md, word for word: what each diagnosis says, and how long it takes.
 
     python -m benchmarks.measurements                    # every section of the page
-    python -m benchmarks.measurements F-16 Silverbox     # some; the F-16 alone takes twenty minutes
+    python -m benchmarks.measurements F-16 Silverbox     # some; the F-16 alone takes some ten minutes
 
 The measurements of others are not part of this repository: DATA of the page is ../shared/data beside it. What comes out
 is for the one who runs it to hold against the page; tests/docs/test_measurement_commands.py does so for what is quick.

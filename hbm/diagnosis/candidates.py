@@ -297,8 +297,8 @@ def _simpler_there(cause: Cause, other: Cause) -> bool:
     """Whether a joint is what another one at its place is confused with, with fewer numbers."""
     if not (isinstance(cause, AddedJoint) and isinstance(other, AddedJoint)):
         return False
-    places = [{end.removeprefix("-1*") for end in (c.at, c.to)} for c in (cause, other)]
-    return places[0] == places[1] and cause.name in other.confused_with and len(cause.numbers) < len(other.numbers)
+    there = other.way((cause.at, cause.to)) != 0.0
+    return there and cause.name in other.confused_with and len(cause.numbers) < len(other.numbers)
 
 
 def _scanned(base: Evaluation) -> bool:

@@ -23,7 +23,7 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.records import Record
 from hbm.sensitivity.jointforces import Ends, pushed
-from models.causes.addedjoint import AddedJoint, ends_of, turned
+from models.causes.addedjoint import AddedJoint, ends_of
 from models.jointed import JointedRig
 
 HARMONICS, SAMPLES = 9, 128
@@ -68,13 +68,7 @@ def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint]) -> Itera
 
 def tried_ends(rig: JointedRig, causes: Sequence[AddedJoint]) -> list[Ends]:
     """Places of a rig where some causes act."""
-    return [pair for pair in ends_of(rig) if any(_way(c, pair) for c in causes)]
-
-
-def _way(cause: AddedJoint, pair: Ends) -> float:
-    """Sign with which a joint sees the motion of a pair of ends: 0 where it is not there."""
-    there = (cause.at, cause.to)
-    return 1.0 if there == pair else -1.0 if there == turned(pair) else 0.0
+    return [pair for pair in ends_of(rig) if any(c.way(pair) for c in causes)]
 
 
 def scanned(
@@ -83,7 +77,7 @@ def scanned(
     """Score candidates on records with forces at places."""
     for i, pair in enumerate(ends):
         place = _Place(base, records, i)
-        yield from (place.scanned(c, way) for c in causes if (way := _way(c, pair)))
+        yield from (place.scanned(c, way) for c in causes if (way := c.way(pair)))
 
 
 class Columns(Protocol):

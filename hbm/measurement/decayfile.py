@@ -41,19 +41,19 @@ def load_decay(path: StrPath) -> Decay:
     InputError
         If a column is missing, an entry is no number, a number is out of its bounds, or an amplitude is there twice.
     """
-    channels, table = list[str](), list[Array]()
+    rows: dict[tuple[str, float], Array] = {}
     for where, entries in read_columns(path, "a decay file (CSV)", COLUMNS):
         channel, *numbers = (entry.strip() for entry in entries)
         row = _numbers(where, numbers)
-        if (channel, row[0]) in zip(channels, (earlier[0] for earlier in table), strict=True):
+        if (channel, row[0]) in rows:
             raise InputError(f"{where}: amplitude {row[0]:g} of {channel} a second time; must be once in a file")
-        channels.append(channel)
-        table.append(row)
-    if not table:
+        rows[channel, row[0]] = row
+    if not rows:
         raise InputError(f"{path}: no rows; must have one per amplitude")
-    if len(set(channels)) > 1:
-        raise InputError(f"{path}: channels {', '.join(dict.fromkeys(channels))}; must be one")
-    amplitude, hz, hz_std, ratio, ratio_std = np.array(table).T
+    channels = list(dict.fromkeys(channel for channel, _ in rows))
+    if len(channels) > 1:
+        raise InputError(f"{path}: channels {', '.join(channels)}; must be one")
+    amplitude, hz, hz_std, ratio, ratio_std = np.array(list(rows.values())).T
     return Decay(str(path), channels[0], "", amplitude, hz, hz_std, ratio, ratio_std)
 
 

@@ -5,7 +5,7 @@ Applied in their order, each to the rig that the ones before it made.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, get_type_hints
 
@@ -14,7 +14,7 @@ from hbm.rigfiles.causes import ONE_VALUE, accepted_causes, find_cause
 from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.schema import MOST_ENTRIES, Complaint, found
 from models.causes import Cause, Unknown, candidates_of
-from models.causes.addedjoint import AddedJoint, turned
+from models.causes.addedjoint import AddedJoint
 from models.causes.parameter import WrongParameter
 from models.jointed import AnyRig, JointedRig
 from models.plausible import impossible, of_parameter
@@ -155,19 +155,21 @@ def _chosen(kind: type, table: Mapping[str, Any], i: int) -> dict[str, Any]:
 
 def _check_candidate(stages: Sequence[AnyRig], cause: Cause, i: int, named: str) -> None:
     """Whether a cause can be one of a rig: a second joint at a place, of that before the first was there."""
-    same, possible = {cause.label}, list[str]()
-    if isinstance(cause, AddedJoint):
-        at, to = turned((cause.at, cause.to))
-        same.add(replace(cause, at=at, to=to).label)
-    else:
-        stages = stages[-1:]
-    for rig in stages:
-        possible = [other.label for other in candidates_of(type(cause), rig)]
-        if same & set(possible):
+    possible = list[Cause]()
+    for rig in stages if isinstance(cause, AddedJoint) else stages[-1:]:
+        possible = list(candidates_of(type(cause), rig))
+        if any(_alike(cause, other) for other in possible):
             return
-    listed = ", ".join(possible[:MOST_NAMED]) + ", ..." * (len(possible) > MOST_NAMED)
+    listed = ", ".join(other.label for other in possible[:MOST_NAMED]) + ", ..." * (len(possible) > MOST_NAMED)
     accepted = f"must be one of {listed}" if possible else "there is nothing in this rig that it can act on"
     _refuse(i, "cause", f"{found(named)} ({cause.label}) does not apply", accepted)
+
+
+def _alike(cause: Cause, other: Cause) -> bool:
+    """Whether a cause is another one of its kind; a joint is the same either way round."""
+    if isinstance(cause, AddedJoint) and isinstance(other, AddedJoint):
+        return other.way((cause.at, cause.to)) != 0.0
+    return cause.label == other.label
 
 
 def _value(unknown: Unknown, table: Mapping[str, Any], i: int) -> float:

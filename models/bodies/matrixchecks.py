@@ -14,7 +14,8 @@ Matrix = Any  # of scipy.sparse, which has no types
 
 ASYMMETRY = 1e-8  # of an entry, or of the diagonal it is bounded by: what text files lose
 
-ROUNDING = 1e-6  # of the diagonal: of stiffness-proportional damping from a text file, rigid motion is not quite free
+ROUNDING = {"mass": 1e-8, "damping_matrix": 1e-6}
+"""Of the diagonal: of stiffness-proportional damping from a text file, rigid motion is not quite free."""
 EMPTY = 1e-15  # of the largest row: what turning axes leaves of a row of zeros
 
 
@@ -59,7 +60,7 @@ def refuse_asymmetry(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
 
 
 def refuse_indefinite(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
-    """Refuse a matrix with a negative eigenvalue, beyond rounding."""
+    """Refuse a mass or a damping with a negative eigenvalue, beyond rounding."""
     diagonal = matrix.diagonal()
     entries = np.asarray(abs(matrix).sum(axis=0)).ravel()
     felt = entries > EMPTY * entries.max(initial=0.0)
@@ -72,7 +73,7 @@ def refuse_indefinite(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:
         return
     scale = sparse.diags_array(1 / np.sqrt(diagonal[at]))
     lowest = _lowest_eigenvalue(scale @ part(matrix, at, at) @ scale)
-    if lowest < -ROUNDING:
+    if lowest < -ROUNDING[name]:
         scaled = f"with its diagonal scaled to 1 an eigenvalue is {lowest:.3g}"
         raise ValueError(f"MatrixBody: {name} is indefinite, {scaled}; must be >= 0")
 

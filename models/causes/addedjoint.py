@@ -105,6 +105,11 @@ class AddedJoint(Cause):
         """Name and place."""
         return f"{self.name} {self.at}" + f" to {self.to}" * bool(self.to)
 
+    def way(self, ends: tuple[str, str]) -> float:
+        """Sign with which it sees the motion of a pair of ends: 0 where it is not there."""
+        there = (self.at, self.to)
+        return 1.0 if there == ends else -1.0 if there == turned(ends) else 0.0
+
     @classmethod
     def law(cls, values: Mapping[str, float]) -> JointLaw:
         """The law with values of its numbers, by their keys."""

@@ -126,6 +126,7 @@ def test_twenty_thousand_degrees_of_freedom_are_reduced() -> None:
         ({"fixed": ("d",)}, 'fixed has "d"; must be of dofs'),
         ({"modes": 0}, "modes"),
         ({"mass": np.array([[1.0, 2, 0], [2, 1, 0], [0, 0, 1]])}, "mass is indefinite"),
+        ({"mass": np.array([[1.0, 1 + 1e-7, 0], [1 + 1e-7, 1, 0], [0, 0, 1]])}, "mass is indefinite"),
         ({"mass": np.zeros((3, 3))}, "mass is zero; must be > 0 somewhere"),
         (
             {"damping_matrix": np.diag([1.0, -2.0, 1.0])},
