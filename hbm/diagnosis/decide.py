@@ -76,12 +76,12 @@ def best_of(fits: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def leading(base: Evaluation, first: Evaluation | None, raced: Sequence[Evaluation]) -> list[Evaluation]:
-    """Causes over a base beside which a second one is looked for: the one accepted, or else the best of all fitted.
+    """Causes over a base beside which a second one is looked for: the one accepted, or else the first of all fitted.
 
     Of two that hide each other, as one that softens and one that hardens, none may be believed alone, nor leave the
     rig file within its tolerances. Transients never lead where they were not accepted: they take most of anything.
     """
-    steady = [e for e in best_of(raced) if not e.missing and e.model.rig(e.x).excitation.settled]
+    steady = [e for e in raced if not e.missing and e.model.rig(e.x).excitation.settled]
     labels = list(dict.fromkeys(e.model.label for e in steady))[:TOGETHER]
     firsts = [next(e for e in steady if e.model.label == label) for label in labels] if first is None else [first]
     return [e for e in firsts if e.chi2 <= STRONGER * base.chi2]

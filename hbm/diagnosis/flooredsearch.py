@@ -185,7 +185,7 @@ class FlooredSearch:
         return found
 
     def _raced(self) -> Evaluation | None:
-        self.alone = self.race(self.beside(self.calibrated, self.campaign.floor))
+        self.alone = sorted(self.race(self.beside(self.calibrated, self.campaign.floor)), key=self._judged)
         first = self._best(self.calibrated, self.alone)
         base = first or self.calibrated
         if negligible(self.beside(base, 0.0).white):
@@ -196,10 +196,9 @@ class FlooredSearch:
 
     def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
         """The simplest of some fits over a base that does as well as the best, if that is accepted."""
-        fits, before = [e for e in raced if tolerable(self.trust, e)], self.campaign
+        fits, before = sorted((e for e in raced if tolerable(self.trust, e)), key=self._judged), self.campaign
         if not fits:
             return None
-        fits.sort(key=self._judged)
         leader = self._settled(fits[0])
         if not accepted(self.beside(base, self.campaign.floor), leader, self.tried):
             self.campaign = before

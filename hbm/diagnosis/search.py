@@ -207,7 +207,7 @@ class Search:
         if several is not None:
             return several
         small = beyond_noise(self.calibrated.white) <= LARGEST and self.tolerable(self.calibrated)
-        leads = [] if small else leading(self.calibrated, single.best, self.fitted)
+        leads = [] if small else leading(self.calibrated, single.best, best_of(self.fitted))
         return best_first(single, *[self._pair(single, lead) for lead in leads])
 
     def _over_calibrated(self, exact: Decision) -> Decision:
