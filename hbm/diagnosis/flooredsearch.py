@@ -179,18 +179,19 @@ class FlooredSearch:
         settled = self.campaign
         few = min(1.0, np.sqrt(len(self.calibrated.white) / TOLD))
         self.campaign = replace(settled, floor=few * settled.floor)
-        found = self._raced()
-        if found is None:
-            self.campaign = settled
+        found = self._raced(settled.floor)
+        self.campaign = settled if found is None else self.campaign
         return found
 
-    def _raced(self) -> Evaluation | None:
+    def _raced(self, left: float) -> Evaluation | None:
         self.alone = sorted(self.race(self.beside(self.calibrated, self.campaign.floor)), key=self._judged)
         first = self._best(self.calibrated, self.alone)
         base = first or self.calibrated
         if negligible(self.beside(base, 0.0).white):
             return first
-        self.leads = leading(self.beside(self.calibrated, self.campaign.floor), first, self.alone)
+        whole = partial(self.beside, floor=left)
+        strong = leading(whole(self.calibrated), first and whole(first), [whole(e) for e in self.alone])
+        self.leads = [self.beside(e, self.campaign.floor) for e in strong]
         pairs = [e for lead in self.leads for e in self.race(lead, PAYS * lead.chi2) if _pays(lead, e)]
         return self._best(base, pairs) or first
 
