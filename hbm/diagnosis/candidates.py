@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.attached import attached_starts
+from hbm.diagnosis.otherstarts import ALIKE, BEHIND, MORE_STARTS, MORE_STEPS, Tell, from_other_starts, is_joint, scanned
 from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Candidate, QuickFits, elsewhere, rank, with_limits
 from hbm.diagnosis.screen import Score, Screening, small, starting, telling
 from hbm.fourier import Array
@@ -18,13 +19,9 @@ from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.causes.sensors import OfChannel
-from models.jointed import AnyRig, JointedRig
 
 SCANNED = 10
 """Records that are scanned for what may be attached."""
-
-AGAIN, MORE_STARTS, MORE_STEPS = 3, 5, 12
-"""Where nothing explains the records so many candidates run again, from more starts and for more steps."""
 
 RUNNING, HOPELESS = 20, 0.15
 """So many candidates run first, at most, and none whose predicted fall of chi2 is less than this share of the best."""
@@ -43,9 +40,6 @@ misfit of the best gives hope: else it is fitted alone, for what it is worth."""
 REFINABLE = 10.0
 """Mean square misfit up to which a better correction of the discretisation may be what is missing."""
 
-BEHIND = 30.0
-"""Nothing more is tried with what leaves so many times what the best one does."""
-
 HELPS = 0.5
 """Where the best leaves more than this share of chi2 nothing will explain the records."""
 
@@ -53,10 +47,7 @@ SHARE = 0.7
 """Where the misfit is small, those run whose predicted fall of BIC is at least this share of the best."""
 
 EXPLAINED, LITTLE = 1.5, 0.03
-"""Mean square misfit of the quick fit, or share of what it was, from which on only look-alikes of the best one run,"""
-
-ALIKE = 0.5
-"""those whose signature has this cosine with it."""
+"""Mean square misfit of the quick fit, or share of what it was, from which on only look-alikes of the best one run."""
 
 FINISHED = 40
 """Evaluations of the best fit of a joint that leaves more, at most."""
@@ -67,7 +58,6 @@ REFINED, FAR = 300.0, 1500.0
 ENTRY = re.compile(r"\[\d+\]")
 """Which entry of a list a label is of."""
 
-Tell = Callable[[str], None]
 Enough = Callable[[Evaluation], bool]
 
 
@@ -186,7 +176,7 @@ def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> li
         return []
     first, *others = ordered
     if first.chi2 > REFINABLE * len(first.white):
-        if _scanned(base):  # a joint's stiffness and what it slips at go along narrow valleys, which take more steps
+        if scanned(base):  # a joint's stiffness and what it slips at go along narrow valleys, which take more steps
             first = fit_model(first.model, campaign, first.x, first.solutions, FINISHED)
         return [first, *others]
     first = refine(first, campaign)
@@ -227,8 +217,9 @@ def _by_quick_fits(
     if not fitted:
         return [], tried
     if not quick.base.model.causes:
-        fitted = _from_other_starts(fitted, quick, screening, tell)
-    if _scanned(quick.base):
+        first = bool(np.isinf(reached)) and not quick.base.pulls.any()
+        fitted = from_other_starts(fitted, EXPLAINED * few.points, quick, screening, tell, first=first)
+    if scanned(quick.base):
         confused = _confused(fitted, EXPLAINED * few.points, screening, tried)
         tried |= {s.cause.label for s in confused}
         fitted = sorted(
@@ -255,7 +246,7 @@ def _first_quick_fits(
         if started == FAVOURED and all(r.chi2 > explained for r in fitted):
             tell("starts of all others")
             waiting = quick.ordered(waiting)
-        if started >= COMPARED and _scanned(quick.base) and any(r.chi2 <= explained for r in fitted):
+        if started >= COMPARED and scanned(quick.base) and any(r.chi2 <= explained for r in fitted):
             break
         count = AT_ONCE if started else 1
         batch, waiting = waiting[:count], waiting[count:]
@@ -301,11 +292,6 @@ def _simpler_there(cause: Cause, other: Cause) -> bool:
     return there and cause.name in other.confused_with and len(cause.numbers) < len(other.numbers)
 
 
-def _scanned(base: Evaluation) -> bool:
-    """Whether candidates were scored at the size that they have, as joints are."""
-    return isinstance(base.model.nominal, JointedRig)
-
-
 def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     """Candidates in the order of the score test: what it favours first, what takes long last.
 
@@ -316,11 +302,11 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     """
     best: dict[bool, float] = {}
     for s in screening.scores:
-        best[_joint(s)] = max(best.get(_joint(s), 0.0), s.drop)
-    first = [s for s in screening.scores if s.drop > HOPELESS * best[_joint(s)]][:RUNNING]
+        best[is_joint(s)] = max(best.get(is_joint(s), 0.0), s.drop)
+    first = [s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]][:RUNNING]
     others = [s for s in screening.scores if s not in first]
     forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
-    known = small(base) or base.model.causes or _scanned(base)
+    known = small(base) or base.model.causes or scanned(base)
     tried = [] if known else [*_of_channels(first, others), *(s for s in forces if not _unseen(s))]
     return [*first, *tried, *(s for s in others if _unseen(s))]
 
@@ -329,23 +315,6 @@ def _of_channels(first: Sequence[Score], others: Sequence[Score]) -> list[Score]
     """Those of the others that are numbers of the same channels as the first."""
     blamed = {s.cause.channel for s in first if isinstance(s.cause, OfChannel)}
     return [s for s in others if isinstance(s.cause, OfChannel) and s.cause.channel in blamed]
-
-
-def _joint(score: Score) -> bool:
-    """Whether a candidate was scored by the force that is missing."""
-    return isinstance(score.cause, AddedJoint)
-
-
-def _from_other_starts(fitted: list[Candidate], quick: QuickFits, screening: Screening, tell: Tell) -> list[Candidate]:
-    """The same where some that may have stopped in a wrong valley are fitted again."""
-    stuck = _stuck(fitted, EXPLAINED * quick.few.points, quick.base.model.nominal, screening)
-    if not stuck:
-        return fitted
-    tell(", ".join(r.cause.label for r in stuck) + ", from other starts")
-    scores = {s.cause.label: s for s in screening.scores}
-    more = quick.run([scores[r.cause.label] for r in stuck], MORE_STARTS, MORE_STEPS)
-    better = {r: min(again or r, r, key=lambda r: r.chi2) for r, again in zip(stuck, more, strict=True)}
-    return sorted((better.get(r, r) for r in fitted), key=lambda r: r.chi2)
 
 
 def _chosen(fitted: Sequence[Candidate], few: Campaign, hopeless: bool, scale: float) -> list[Candidate]:
@@ -364,20 +333,7 @@ def _unseen(score: Score) -> bool:
 
     A joint was scored by that force, at the size that it has.
     """
-    return not _joint(score) and bool(getattr(score.cause, "abrupt", False) or score.starts)
-
-
-def _stuck(fitted: Sequence[Candidate], explained: float, rig: AnyRig, screening: Screening) -> list[Candidate]:
-    """Candidates that may have stopped in a wrong valley: the best where none explains.
-
-    Else the best if it has a place, and what is simpler and alike.
-    """
-    best, *others = fitted
-    if best.chi2 > explained:
-        return [r for r in fitted[:AGAIN] if r.chi2 <= BEHIND * best.chi2]
-    alike, own = screening.look_alikes(best.cause.label, ALIKE), best.cause.unknowns(rig)
-    simpler = [r for r in others[: FITTED - 1] if r.cause.label in alike and len(r.cause.unknowns(rig)) < len(own)]
-    return [best] * any(u.shapes for u in own) + simpler
+    return not is_joint(score) and bool(getattr(score.cause, "abrupt", False) or score.starts)
 
 
 def _settled(fitted: Sequence[Candidate], explained: float, cause: Cause, screening: Screening) -> bool:

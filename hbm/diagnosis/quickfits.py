@@ -162,7 +162,7 @@ def _compared(base: Evaluation, few: Campaign, score: Score) -> Starts:
     try:
         starts = _starts(model, starting(model, base, {}), score)
         if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
-            starts += _starts(model, model.start, score)
+            starts += [x for x in _starts(model, model.start, score) if not any(np.array_equal(x, y) for y in starts)]
         return _by_place(model, few, starts, base.solutions)
     except FAILURES:
         return []

@@ -3,11 +3,13 @@
 Every structure differs a little from the rig file in all that is identified of it; the null has nothing else.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -17,7 +19,8 @@ from hbm.cli import app
 from hbm.diagnosis.candidates import _confused
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.jointscan import scan
-from hbm.diagnosis.quickfits import Candidate
+from hbm.diagnosis.otherstarts import from_other_starts
+from hbm.diagnosis.quickfits import Candidate, QuickFits
 from hbm.diagnosis.screen import Score, Screening
 from hbm.diagnosis.search import campaign_of
 from hbm.diagnosis.verdict import Diagnosis
@@ -32,7 +35,7 @@ from hbm.rigfiles.load import load_rig
 from models.bodies import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint, ends_of
-from models.causes.joints import JOINT_CAUSES, OneSidedStop
+from models.causes.joints import JOINT_CAUSES, CubicStiffness, OneSidedStop
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
 from models.joints.law import numbers
@@ -227,6 +230,36 @@ def test_a_stop_that_explains_the_records_is_compared_with_the_spring_there_and_
     springs = {label for label in labels if label.startswith("local-spring ")}
     assert springs in ({"local-spring a to b"}, {"local-spring b to a"})
     assert labels - springs == {f"parameter:modal.frequencies_hz[{i + 1}]" for i in range(len(NOMINAL.hz))}
+
+
+def test_every_law_starts_again_where_it_promised_most_and_the_best_one_everywhere() -> None:
+    """The quick fit of a stop may end in a wrong valley, where springs leave less than it and all start again."""
+    rig = rig_of(NOMINAL)
+    springs = [CubicStiffness("a"), CubicStiffness("b"), CubicStiffness("c"), CubicStiffness("a", "b")]
+    stops = [OneSidedStop("c"), OneSidedStop("b", "a"), OneSidedStop("a", "b")]
+    scores = tuple(Score(c, 1.0, 1.0, np.zeros(1), {}, 1.0) for c in [*springs, *stops])
+    fitted = [Candidate(c, 10.0 + i, np.zeros(1)) for i, c in enumerate([*springs, *stops])]
+    again: list[str] = []
+
+    @dataclass
+    class Quick:
+        base = SimpleNamespace(model=Model(rig, {}))
+
+        def run(self, scores: Sequence[Score], starts: int, steps: int) -> list[Candidate | None]:
+            again.extend(s.cause.label for s in scores)
+            return [Candidate(s.cause, 5.0 if s.cause in stops else 20.0, np.zeros(1)) for s in scores]
+
+    def run(*, first: bool) -> list[str]:
+        again.clear()
+        quick, screening = cast(QuickFits, Quick()), Screening(scores, 1, len(scores))
+        return [
+            r.cause.label for r in from_other_starts(fitted, 1.0, quick, screening, lambda doing: None, first=first)
+        ]
+
+    assert set(run(first=True)[:3]) == {stop.label for stop in stops}
+    assert again == [c.label for c in [*springs[:3], *stops]]
+    run(first=False)
+    assert again == [c.label for c in springs[:3]]
 
 
 @pytest.mark.parametrize("kind", JOINT_CAUSES, ids=lambda kind: kind.name)
