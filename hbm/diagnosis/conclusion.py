@@ -15,8 +15,8 @@ from hbm.diagnosis.judge import CLEAR, beside, beside_noise, lead, possible_back
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
-from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, remainder
-from hbm.diagnosis.search import NEARLY, PAYS, Search, campaign_of
+from hbm.diagnosis.remainder import LEFT, Remainder, beyond_noise, explained, remainder
+from hbm.diagnosis.search import NEARLY, Search, campaign_of
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.fourier import Array
@@ -67,7 +67,7 @@ def pays_unseen(best: Evaluation, raced: Sequence[Evaluation], unseen: Callable[
     firsts = [e for e in raced if e.model.causes and e.model.causes == best.model.causes[:-1]]
     after = unseen(best) if firsts else None
     whites = [] if after is None else [white for e in firsts if (white := unseen(e)) is not None]
-    return all(explained(white, after) >= 1.0 - PAYS for white in whites if after is not None)
+    return all(explained(white, after) >= 1.0 - LEFT for white in whites if after is not None)
 
 
 class Conclusion:

@@ -19,6 +19,7 @@ from hbm.diagnosis.jointplaces import joint_places_of
 from hbm.diagnosis.missingforce import CLEAR, MissingForce
 from hbm.diagnosis.places import CONTACT, AnyPlace, Complex, all_at_once, places_of, sensor
 from hbm.diagnosis.projection import Span
+from hbm.diagnosis.remainder import LEFT
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
@@ -40,9 +41,6 @@ BEYOND = 5.0
 
 MOST_LISTED = 3
 """Places that are named beside the best one."""
-
-PAYS = 0.7
-"""A second force counts where it lowers what is left to this part."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +93,7 @@ class Discrepancy:
     def two(self) -> bool:
         """Whether it takes a force beside that of the contact to leave noise alone, or next to it."""
         single = self.places[0]
-        return bool(self.beside) and not self._noise_alone(single) and self.beside[0].left < PAYS * single.left
+        return bool(self.beside) and not self._noise_alone(single) and self.beside[0].left < LEFT * single.left
 
     @property
     def best(self) -> MissingForce:

@@ -21,9 +21,9 @@ from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.evidence import shares_of_two
 from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.misfit import nrmse
-from hbm.diagnosis.remainder import Remainder, beyond_noise, explained, negligible, percent, within_noise
+from hbm.diagnosis.remainder import LEFT, Remainder, beyond_noise, explained, negligible, percent, within_noise
 from hbm.diagnosis.screen import starting
-from hbm.diagnosis.search import NEARLY, PAYS, OnProgress
+from hbm.diagnosis.search import NEARLY, OnProgress
 from hbm.diagnosis.shortlist import alike, elsewhere, hopeful
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.fourier import Array
@@ -192,7 +192,7 @@ class FlooredSearch:
         whole = partial(self.beside, floor=left)
         strong = leading(whole(self.calibrated), first and whole(first), [whole(e) for e in self.alone])
         self.leads = [self.beside(e, self.campaign.floor) for e in strong]
-        pairs = [e for lead in self.leads for e in self.race(lead, PAYS * lead.chi2) if _pays(lead, e)]
+        pairs = [e for lead in self.leads for e in self.race(lead, LEFT * lead.chi2) if _pays(lead, e)]
         return self._best(base, pairs) or first
 
     def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
@@ -354,7 +354,7 @@ class FlooredSearch:
         if self.fits[0].chi2 < named.chi2:
             yield (
                 f"{self.fits[0].model.label} takes {percent(1.0 - self.fits[0].chi2 / named.chi2)} of what "
-                f"{named.model.label} leaves: the simpler one is named, where less than {1.0 - PAYS:.0%} is gained."
+                f"{named.model.label} leaves: the simpler one is named, where less than {1.0 - LEFT:.0%} is gained."
             )
 
     def _unresolved(self, e: Evaluation) -> float:
@@ -386,7 +386,7 @@ def _white(e: Evaluation, campaign: FlooredCampaign, floor: float) -> Whitened:
 
 def _pays(simple: Evaluation, rich: Evaluation) -> bool:
     """Whether a richer model takes a large share of what a simpler one leaves."""
-    return bool(rich.chi2 < PAYS * simple.chi2)
+    return bool(rich.chi2 < LEFT * simple.chi2)
 
 
 def _errors(plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, dict[str, Errors]]:

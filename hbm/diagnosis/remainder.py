@@ -22,6 +22,9 @@ TELLING, MOST = 0.15, 3
 NEARLY_ALL = 0.999
 """More is not told apart."""
 
+LEFT = 0.7
+"""Share of what one cause leaves that a second one may leave of it, at most, where nothing more is asked for."""
+
 NOISE = 5.0
 """Chi2 that noise makes is known to so many standard deviations."""
 

@@ -218,7 +218,10 @@ class Search:
             again = [e for found in near for e in started(self.calibrated, found, found.model.causes, self.campaign)]
             self.fitted += again
             return self._decided(self.calibrated, again, self.tried)
-        first = self._race(self.calibrated, self._over(self.calibrated), 0.55)
+        best = exact.best if self.first.model.calibrated else None
+        # where the rig file moved along from the beginning, another race would but start elsewhere
+        told = best is not None and explained(self.calibrated.white, best.white) >= NEARLY
+        first = exact if told else self._race(self.calibrated, self._over(self.calibrated), 0.55)
         further = self._calibrated_from(first)
         if further is None:
             return first

@@ -8,7 +8,7 @@ import numpy as np
 from hbm.diagnosis.candidates import HOPELESS
 from hbm.diagnosis.decide import held_by
 from hbm.diagnosis.jointscan import Scanned
-from hbm.diagnosis.search import PAYS
+from hbm.diagnosis.remainder import LEFT
 from models.causes.cause import Cause
 
 FITTED, PLACES = 5, 2
@@ -31,7 +31,7 @@ def hopeful(scores: Sequence[Scanned], missed: float) -> list[Scanned]:
     plain = [
         s
         for s in scores
-        if not any(left[s.cause.label] > PAYS * left.get(name, np.inf) for name in held_by(s.cause) - {s.cause.label})
+        if not any(left[s.cause.label] > LEFT * left.get(name, np.inf) for name in held_by(s.cause) - {s.cause.label})
     ]
     best, at, out = max((s.drop for s in plain), default=0.0), Counter[str](), list[Scanned]()
     for s in sorted(plain, key=lambda s: -s.drop):
