@@ -76,7 +76,7 @@ def best_of(fits: Sequence[Evaluation]) -> list[Evaluation]:
 
 
 def leading(base: Evaluation, first: Evaluation | None, raced: Sequence[Evaluation]) -> list[Evaluation]:
-    """Causes over a base beside which a second one is looked for: the one accepted, or else the first of all fitted.
+    """Causes over a base beside which a second one is looked for: the one accepted, or else the first of those raced.
 
     Of two that hide each other, as one that softens and one that hardens, none may be believed alone, nor leave the
     rig file within its tolerances. Transients never lead where they were not accepted: they take most of anything.

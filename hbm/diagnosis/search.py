@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 
@@ -332,10 +333,9 @@ class Search:
             return []
         model = base.model.extended_by(causes[0])
         self.tell(f"{causes[0].label}, all records", done)
-        try:
+        with suppress(*FAILURES):
             return [refine(fit_model(model, self.campaign, starting(model, base, {}), base.solutions), self.campaign)]
-        except FAILURES:
-            return []
+        return []
 
     def _calibrated_from(self, found: Decision) -> Evaluation | None:
         """Calibration from where a cause is found, where it gets further: then it had ended in a wrong valley."""
@@ -376,11 +376,8 @@ class Search:
         base = earlier.base if earlier.best is single else self.calibrated if single.model.calibrated else self.nominal
         others = [c for c in self.candidates if c not in single.model.causes and not isinstance(c, NotSteady)]
         rest = [c for c in others if _suits(c, single.model.rig(single.x))]
-        screening = self._screened(single, rest)
-        first = single.model.label
-        fits = fit_candidates(
-            single, self.campaign, screening, lambda d: self.tell(f"{first} and {d}", 0.7), self._enough
-        )
+        name, scores = single.model.label, self._screened(single, rest)
+        fits = fit_candidates(single, self.campaign, scores, lambda d: self.tell(f"{name} and {d}", 0.7), self._enough)
         self.fitted += fits
         # the first of a pair may only have led to where the second is found
         pairs = [pair for pair in fits[:1] if self._fits(pair)]

@@ -99,11 +99,12 @@ def fit(label: str, chi2: float, *causes: str, missing: tuple[int, ...] = (), se
     return cast(Evaluation, SimpleNamespace(model=model, chi2=chi2, bic=chi2, missing=missing, x=None))
 
 
-def test_best_causes_lead_that_take_a_large_share() -> None:
+def test_first_causes_lead_that_take_a_large_share() -> None:
+    """In whatever order they were judged, which need not be that of their chi2."""
     base, first, again, second = fit("base", 1000.0), fit("a", 200.0), fit("a", 210.0), fit("b", 400.0)
     transient, lost = fit("t", 10.0, settled=False), fit("l", 20.0, missing=(3,))
-    raced = [fit("c", 500.0), second, again, first, transient, lost]
-    assert leading(base, None, raced) == [first, second]
+    raced = [transient, lost, second, first, again, fit("c", 100.0)]
+    assert leading(base, None, raced) == [second, first]
     assert leading(base, second, raced) == [second]
     little = fit("d", 1001.0 * STRONGER)
     assert leading(base, little, raced) == leading(base, None, [little]) == []
