@@ -46,16 +46,18 @@ LAWS_FOOT = (
 
 def print_modes(console: Console, rig: AnyRig, modes: "LinearModes") -> None:
     """Print natural frequencies, damping, and what the modes left out contribute."""
-    numbers = zip(modes.sliding_hz, modes.stuck_hz, modes.damping_ratio, strict=True)
+    numbers = zip(modes.sliding_hz, modes.stuck_hz, modes.damping_ratio, modes.stuck_damping_ratio, strict=True)
     rows = [
-        [str(i), f"{sliding:.3f}", _number(stuck, ".3f"), f"{100 * ratio:.4g}"]
-        for i, (sliding, stuck, ratio) in enumerate(numbers, start=1)
+        [str(i), f"{free:.3f}", _number(held, ".3f"), f"{100 * ratio:.4g}", _number(100 * lost, ".4g")]
+        for i, (free, held, ratio, lost) in enumerate(numbers, start=1)
     ]
     if isinstance(rig, JointedRig):
-        print_table(console, rig.name, ["mode", "free\nHz", "joined at rest\nHz", "damping\n%"], rows)
+        print_table(
+            console, rig.name, ["mode", "free\nHz", "joined at rest\nHz", "damping free\n%", "damping joined\n%"], rows
+        )
         print_lines(console, [str(j) for j in rig.joints])
         return
-    print_table(console, rig.name, ["mode", "sliding\nHz", "stuck\nHz", "damping\n%"], rows)
+    print_table(console, rig.name, ["mode", "sliding\nHz", "stuck\nHz", "damping\n%"], [row[:-1] for row in rows])
     s = rig.structure
     held = "rigid" if math.isinf(modes.stiffness) else f"{modes.stiffness:.4g} N/m"
     print_lines(

@@ -17,7 +17,6 @@ from hbm.figures.style import (
     panels,
 )
 from hbm.fourier import Array
-from hbm.modes.amplitudes import StuckMode
 from hbm.modes.backbone import Backbone, NonlinearMode
 from hbm.modes.linear import linear_modes
 from hbm.response.curve import ResponseCurve
@@ -76,8 +75,8 @@ def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, num
 def plot_damping(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:
     """Damping ratio over drive amplitude, with those of the contact stuck and sliding as thin lines."""
     ax, rig = new_axes(ax), backbones[0].rig
-    stuck = StuckMode.of(rig, number)
-    held, free = stuck.damping / (2 * stuck.omega), linear_modes(rig).damping_ratio[number - 1]
+    linear = linear_modes(rig)
+    held, free = linear.stuck_damping_ratio[number - 1], linear.damping_ratio[number - 1]
     _mark_limits(ax, backbones, 100 * held, 100 * free)
     _draw(ax, [(b, b.amplitude * 1e3, 100 * b.damping_ratio) for b in backbones])
     ax.set_xscale("log")

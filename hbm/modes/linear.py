@@ -2,21 +2,29 @@
 
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
+import numpy.typing as npt
 from scipy.linalg import null_space
 
-from hbm.aft.jointstep import JointStep, values
-from hbm.aft.step import law_step
+from hbm.aft.joint import JointOverPeriod
 from hbm.errors import expect_rig
+from hbm.fourier import FourierBasis
 from models.display import Displayed
-from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
+from models.joints import Friction, JointLaw
 from models.rig import Rig
 from models.structure import Array
 
-SMALL_SLIP = 1e-12
-"""Slip that no law takes for sliding [m]."""
+Complex = npt.NDArray[np.complex128]
+
+SAMPLES = 64
+"""Per period of the small motions that laws are asked at."""
+
+RIGIDLY = 1e6
+"""How much stiffer than the modes a set-valued law holds its port, where the body does not yield."""
+
+ROUNDS, SETTLED = 10, 1e-9
+"""Times a mode is found anew with what touches as stiff as at its frequency, at most, and when that is settled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +36,9 @@ class LinearModes(Displayed):
     sliding_hz, stuck_hz : (n,) array
         Natural frequencies with the contact sliding freely, and held by its stiffness [Hz].
         A rigidly held contact takes a mode away: the last entry is nan then.
-    damping_ratio : (n,) array
-        Damping ratios of the sliding modes [-].
+    damping_ratio, stuck_damping_ratio : (n,) array
+        Damping ratios of the sliding modes, and of those that are held with what touches losing what it does under
+        small motions [-].
     stiffness : float
         Contact stiffness at rest, in series with the compliance [N/m]; inf where the contact is held rigidly, nan of
         several joints.
@@ -38,18 +47,18 @@ class LinearModes(Displayed):
     sliding_hz: Array
     stuck_hz: Array
     damping_ratio: Array
+    stuck_damping_ratio: Array
     stiffness: float
 
     def __repr__(self) -> str:
-        """Frequencies, sliding and stuck, and damping."""
-        lines = [
-            f"  {i}  {free:10.6g}  {stuck:10.6g}  {ratio:10.3%}"
-            for i, (free, stuck, ratio) in enumerate(
-                zip(self.sliding_hz, self.stuck_hz, self.damping_ratio, strict=True), start=1
-            )
-        ]
+        """Frequencies, sliding and stuck, and damping: with a contact sliding, with joints without and with them."""
+        columns = self.sliding_hz, self.stuck_hz, self.damping_ratio, self.stuck_damping_ratio
+        rows = enumerate(zip(*columns, strict=True), start=1)
         if np.isnan(self.stiffness):
-            return "\n".join(["linear modes", "   free [Hz]  joined [Hz]     damping", *lines])
+            form = "  {}  {:10.6g}  {:9.3%}  {:10.6g}  {:9.3%}"
+            lines = [form.format(i, free, ratio, held, lost) for i, (free, held, ratio, lost) in rows]
+            return "\n".join(["linear modes", "   free [Hz]    damping  joined [Hz]  damping", *lines])
+        lines = [f"  {i}  {free:10.6g}  {held:10.6g}  {ratio:10.3%}" for i, (free, held, ratio, _) in rows]
         held = "held rigidly" if np.isinf(self.stiffness) else f"contact stiffness {self.stiffness:.4g} N/m"
         return "\n".join([f"linear modes, {held}", "   sliding [Hz]  stuck [Hz]     damping", *lines])
 
@@ -72,14 +81,23 @@ def linear_modes(rig: AnyRig) -> LinearModes:
     47.842
     """
     expect_rig(rig, "linear_modes", joints=True)
-    s, (omega, _) = rig.structure, stuck_modes(rig)
-    elastic = np.where(s.omega_n > 0.0, s.omega_n, np.inf)
+    s, (omega, shapes) = rig.structure, stuck_modes(rig)
+    held = np.array(
+        [stuck_damping(rig, w, shape) if w > 0.0 else 0.0 for w, shape in zip(omega, shapes.T, strict=True)]
+    )
+    missing = np.full(s.n - len(omega), np.nan)
     return LinearModes(
         sliding_hz=s.omega_n / (2 * np.pi),
-        stuck_hz=np.append(omega, np.full(s.n - len(omega), np.nan)) / (2 * np.pi),
-        damping_ratio=np.array([s.damps(mode) for mode in np.eye(s.n)]) / (2 * elastic),
+        stuck_hz=np.append(omega, missing) / (2 * np.pi),
+        damping_ratio=np.array([s.damps(mode) for mode in np.eye(s.n)]) / (2 * _elastic(s.omega_n)),
+        stuck_damping_ratio=np.append(held / (2 * _elastic(omega)), missing),
         stiffness=float("nan") if isinstance(rig, JointedRig) else contact_stiffness(rig),
     )
+
+
+def _elastic(omega: Array) -> Array:
+    """Frequencies, infinite those of rigid motions."""
+    return np.where(omega > 0.0, omega, np.inf)
 
 
 BESIDE = (0.85, 1.35, 1.1)
@@ -98,57 +116,104 @@ def sliding_to_stuck(rig: AnyRig) -> tuple[float, float]:
 def contact_stiffness(rig: Rig) -> float:
     """Tangential stiffness of the contact at rest, in series with the structure's compliance [N/m].
 
-    It is asked of the friction law itself, by a slip too small to slide; a law that holds the contact
-    rigidly leaves the compliance alone, or no motion at all (inf).
+    It is asked of the friction law itself, at the first sliding resonance; a law that holds the contact rigidly leaves
+    the compliance alone, or no motion at all (inf).
     """
-    C = rig.structure.compliance
-    law = rig.contact.law
-    if law.set_valued:
-        return 1.0 / C if C > 0.0 else np.inf
-    P, step = rig.contact.normal_load, law_step(law)
-    rest, moved = [0.0, 0.0, P, 0.0], [SMALL_SLIP, 0.0, P, 0.0]
-    known = [np.zeros(step.states), [*rest, 0.0], C, moved, [C, P, 1e-4], list(parameters(law).values())]
-    force, slope = step.function.factory("at_rest", step.function.name_in(), ["force", "jac:force:T"])(0.0, *known)
-    return (
-        abs(float(force) / (1.0 - float(slope))) / SMALL_SLIP
-    )  # the slip is too small for a law to be anything but linear
+    return float(Touching(rig).stiffness(_first_elastic(rig)).real[0, 0])
 
 
 def stuck_modes(rig: AnyRig) -> tuple[Array, Array]:
     """Natural frequencies (m,) [rad/s] and mass-normalised shapes (n, m) with what touches held by its stiffness.
 
-    Where one contact is held rigidly they are those of the motions without slip, m = n - 1.
+    Each mode feels the stiffness at its own frequency. Where one contact is held rigidly they are those of the motions
+    without slip, m = n - 1.
     """
-    s, K = rig.structure, stiffness_at_rest(rig)
-    rigid = np.isinf(K).any()
+    touching = Touching(rig)
+    K = touching.stiffness(_first_elastic(rig)).real
+    omega, shapes = _held(rig, K)
+    ends = [] if np.isinf(K).any() else [touching.stiffness(float(w)).real for w in omega[[0, -1]] if w > 0.0]
+    if all(np.allclose(end, K, rtol=SETTLED, atol=0.0) for end in ends):
+        return omega, shapes
+    for i in np.flatnonzero(omega):
+        for _ in range(ROUNDS):
+            before = omega[i]
+            again, there = _held(rig, touching.stiffness(float(before)).real)
+            omega[i], shapes[:, i] = again[i], there[:, i]
+            if abs(omega[i] - before) <= SETTLED * omega[i]:
+                break
+    return omega, shapes
+
+
+def _first_elastic(rig: AnyRig) -> float:
+    """The lowest natural frequency without what touches that is none of a rigid motion [rad/s]."""
+    omega = rig.structure.omega_n
+    return float(omega[omega > 0.0][0]) if omega.any() else 2 * np.pi
+
+
+def _held(rig: AnyRig, K: Array) -> tuple[Array, Array]:
+    """Modes with a stiffness between the ports, inf where a contact is held rigidly."""
+    s, rigid = rig.structure, np.isinf(K).any()
     free = null_space(s.joints) if rigid else np.eye(s.n)
     held = 0.0 if rigid else s.joints.T @ K @ s.joints
     squares, shapes = np.linalg.eigh(free.T @ (np.diag(s.omega_n**2) + held) @ free)
     return np.sqrt(np.maximum(squares, 0.0)), np.asarray(free @ shapes)
 
 
-def stiffness_at_rest(rig: AnyRig) -> Array:
-    """Stiffness of all that touches at rest, seen by the modes, (m, m) [N/m]; inf of a contact that is held rigidly."""
-    return joint_stiffness(rig) if isinstance(rig, JointedRig) else np.array([[contact_stiffness(rig)]])
+def stuck_damping(rig: AnyRig, omega: float, shape: Array) -> float:
+    """Damping 2 zeta omega of a mode with what touches held, of the structure and of what touches [1/s].
+
+    What touches damps to first order; where that would be beyond critical it holds rather than damps, and does not
+    count.
+    """
+    s, K = rig.structure, Touching(rig).stiffness(omega)
+    moved = s.joints @ shape
+    lost = 0.0 if np.isinf(K).any() else float(moved @ K.imag @ moved) / omega
+    return s.damps(shape) + (lost if lost < 2.0 * omega else 0.0)
 
 
-RIGIDLY = 1e6
-"""How much stiffer than the modes a set-valued law holds its port, where the body does not yield."""
+class Touching:
+    """All that touches at rest, under small motions of the ports."""
+
+    def __init__(self, rig: AnyRig) -> None:
+        self.rig, basis = rig, FourierBasis(1, SAMPLES)
+        laws: list[JointLaw]
+        if isinstance(rig, JointedRig):
+            laws, self.yielding = [j.law for j in rig.joints], rig.structure.flexibility
+        else:  # the contact of a beam is one
+            laws, self.yielding = (
+                [Friction(rig.contact.law, rig.contact.normal_load)],
+                np.array([[rig.structure.compliance]]),
+            )
+        self.laws = [(law, None if law.set_valued else JointOverPeriod(law, basis, loaded=False)) for law in laws]
+
+    def stiffness(self, omega: float) -> Complex:
+        """Force per displacement, seen by the modes, (m, m) [N/m]: in series with what the modes leave out.
+
+        The imaginary part is what is lost. One contact that is held rigidly is inf.
+        """
+        m, at = len(self.yielding), 0
+        K = np.zeros((m, m), dtype=complex)
+        for law, period in self.laws:
+            here = slice(at, at + law.ports)
+            K[here, here] = self._rigid(at) if period is None else _small(period, omega)
+            at += law.ports
+        if np.isinf(K).any():
+            return np.full((1, 1), 1.0 / self.yielding if self.yielding.any() else np.inf, dtype=complex)
+        return np.asarray(K @ np.linalg.inv(np.eye(m) + self.yielding @ K))
+
+    def _rigid(self, port: int) -> float:
+        """Stiffness of a law that holds its port rigidly: without bound of one contact, large beside joints."""
+        s = self.rig.structure
+        if not isinstance(self.rig, JointedRig):
+            return np.inf
+        return RIGIDLY * float(s.omega_n[-1] ** 2 / (s.joints[port] @ s.joints[port]))
 
 
-def joint_stiffness(rig: JointedRig) -> Array:
-    """Stiffness of the joints at rest, seen by the modes, (m, m) [N/m]: in series with what the modes leave out."""
-    s, m = rig.structure, rig.ports
-    K, at = np.zeros((m, m)), 0
-    for j in rig.joints:
-        here = slice(at, at + j.law.ports)
-        if j.law.set_valued:
-            K[at, at] = RIGIDLY * float(s.omega_n[-1] ** 2 / (s.joints[at] @ s.joints[at]))
-        else:
-            step = JointStep(j.law)
-            slope = ca.jacobian(step.force, step.now)[:, : j.law.ports]
-            known = [step.z, step.f, step.f_before, step.now, step.before, step.environment, step.p]
-            rest = [np.zeros(k.shape[0]) for k in known[:5]]
-            K[here, here] = -ca.Function("slope", known, [slope])(*rest, [1e-4, 0.0], values(j.law)).full()
-        at += j.law.ports
-    return np.asarray(K @ np.linalg.inv(np.eye(m) + s.flexibility @ K))
+def _small(period: JointOverPeriod, omega: float) -> Complex:
+    """Complex amplitudes of the forces of a joint per displacement of its ports at rest, (ports, ports) [N/m]."""
+    m, K = period.ports, np.zeros((period.ports, period.ports), dtype=complex)
+    found = period.linearize(np.zeros((period.basis.size, 2 * m + 1)), omega)
+    for signal, by in zip(found.used, found.by_used, strict=True):
+        if signal < 2 * m:  # a displacement, or one whose rate is the velocity
+            K[:, signal % m] -= by[:, 1, 1] - 1j * by[:, 2, 1]
+    return K

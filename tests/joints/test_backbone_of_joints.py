@@ -13,13 +13,14 @@ from hbm.integration.jointed import simulate_joints, state_at_phase_zero
 from hbm.modes.amplitudes import default_amplitudes
 from hbm.modes.backbone import nonlinear_mode, phase_resonance
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
+from hbm.modes.linear import linear_modes
 from hbm.modes.sustained import SustainedJoints
 from hbm.response.trace import steady_state, trace_frequency
 from models import Jenkins
 from models.bodies.finite import FiniteBeam
 from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
-from models.joints import CubicSpring, Friction, Joint
+from models.joints import CubicSpring, Dashpot, Friction, HystereticDamping, Joint, PolynomialSpring
 from models.parts import Channel, Damping, Excitation
 from tests.decay import cycles_of
 from tests.joints.rigs import BEAM, contact_and_joint, made_up
@@ -43,6 +44,29 @@ def two_sliders() -> JointedRig:
 @pytest.mark.parametrize("rigid", [False, True])
 def test_derivative_of_the_residual(damped: bool, rigid: bool, kind: type[DriveAmplitude]) -> None:
     check_motion(kind(made_up(damped, rigid), FourierBasis(3, 64)), -1.3)
+
+
+def test_joined_modes_lose_what_joints_do_and_are_as_stiff_as_these_are_at_their_frequency() -> None:
+    """Beside a rigid motion: a spring, a dashpot, and a loss factor of 20 Hz, whose stiffness goes with ln f."""
+    loss, reference, k, c = 1000.0, 20.0, 2e4, 3.0
+    joints = (
+        Joint("spring", PolynomialSpring(k), ("a",)),
+        Joint("loss", HystereticDamping(loss, reference), ("a",)),
+        Joint("dashpot", Dashpot(c), ("b",)),
+    )
+    body = ModalModel((0.0, 20.0), {"a": (1.0, 0.3), "b": (1.0, -0.8)})
+    rig = JointedRig("lossy", body, Damping(modal_ratios=(0.001,)), joints, Excitation(1.0, at="b"), ())
+    a, b = np.array([1.0, 0.3]), np.array([1.0, -0.8])
+    found = linear_modes(rig)
+    for hz, ratio in zip(found.stuck_hz, found.stuck_damping_ratio, strict=True):
+        stiffness = k + loss * (2 / np.pi * np.log(hz / reference) + 1j)
+        K = np.diag([0.0, (2 * np.pi * reference) ** 2]) + stiffness * np.outer(a, a)
+        C = np.diag([0.0, 2 * 0.001 * 2 * np.pi * reference]) + c * np.outer(b, b)
+        roots = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [-K, -C]]))
+        root = min(roots, key=lambda s: abs(s - 2j * np.pi * hz))
+        assert abs(root) / (2 * np.pi) == pytest.approx(hz, rel=2e-3)
+        assert -root.real / abs(root) == pytest.approx(ratio, rel=0.03)
+    assert found.damping_ratio == pytest.approx([0.0, 0.001])
 
 
 def test_limits_are_the_linear_modes_with_springs_and_without() -> None:
