@@ -73,12 +73,19 @@ def fit_modes(
 
 
 class _Problem:
-    """Weighted residuals of channels beside a number of modes; x holds log f, log zeta, all that is linear, a phase."""
+    """Weighted residuals of channels beside a number of modes; x holds log f, log zeta, all that is linear, a phase.
+
+    A force that is not exact errs all channels of a frequency alike: their residuals are whitened together. What is
+    only looked for takes each channel `alone`.
+    """
 
     def __init__(self, responses: FrequencyResponses, turns: bool, drive: str | None) -> None:
         self.responses, self.turns, self.driven = responses, turns, [name == drive for name in responses.channels]
         listed = np.isfinite(responses.H)
-        self.weight = np.where(listed, 1.0 / np.where(listed, responses.std, 1.0), 0.0)
+        self.weight, self.alone = (
+            np.where(listed, 1.0 / np.where(listed, std, 1.0), 0.0) for std in (responses.own_std, responses.std)
+        )
+        self.by_force = self.weight * np.where(listed, responses.by_force, 0.0)
         self.measured = np.where(listed, responses.H, 0.0)
         self.omega = 2 * np.pi * responses.hz
         order = np.array([DERIVATIVES[quantity] for quantity in responses.channels.values()])
@@ -105,8 +112,8 @@ class _Problem:
         columns = self._columns(poles)
         out = []
         for j in range(self.measured.shape[1]):
-            rows = (self.weight[:, j] * self.by_motion[:, j] * np.exp(1j * phase))[:, None] * columns
-            rhs = self.weight[:, j] * self.measured[:, j]
+            rows = (self.alone[:, j] * self.by_motion[:, j] * np.exp(1j * phase))[:, None] * columns
+            rhs = self.alone[:, j] * self.measured[:, j]
             A, b = np.concatenate([rows.real, rows.imag]), np.concatenate([rhs.real, rhs.imag])
             size = np.linalg.norm(A, axis=0)
             out.append(np.linalg.lstsq(A / size, b, rcond=None)[0] / size)
@@ -114,8 +121,8 @@ class _Problem:
 
     def further(self, poles: Array, x: Array) -> Array:
         """Frequency and damping ratio of the mode that takes most from what is left, (1, 2)."""
-        motion = self.weight * self.by_motion * np.exp(1j * self.phase(x))
-        left = motion.conj() * self.weight * (self.measured - self._answer(x, len(poles)))
+        motion = self.alone * self.by_motion * np.exp(1j * self.phase(x))
+        left = motion.conj() * self.alone * (self.measured - self._answer(x, len(poles)))
         hz = np.geomspace(self.responses.hz[0], self.responses.hz[-1], GRID)
         tried, taken = [], []
         for ratio in RATIOS:  # in turn: their columns are the largest arrays here
@@ -165,11 +172,20 @@ class _Problem:
 
         def residual(x: Array) -> tuple[Array, Array]:
             every = np.repeat(x[:, None], n, axis=1)
-            left = value(every, *data).full()
-            slopes = slope(every, *data).full().reshape(2 * c, n, len(x))
-            return left.T.ravel(), slopes.transpose(1, 0, 2).reshape(-1, len(x))
+            left = self._whitened(value(every, *data).full().reshape(2 * c, n, 1))
+            slopes = self._whitened(slope(every, *data).full().reshape(2 * c, n, len(x)))
+            return left.transpose(1, 0, 2).ravel(), slopes.transpose(1, 0, 2).reshape(-1, len(x))
 
         return residual
+
+    def _whitened(self, rows: Array) -> Array:
+        """Real and imaginary parts (2c, n, p) beside an error of the force, which adds b b^H to their covariance 1."""
+        b, c = self.by_force.T[:, :, None], len(rows) // 2
+        size = np.sum(np.abs(b) ** 2, axis=0)
+        taken = np.divide(1.0 - 1.0 / np.sqrt(1.0 + size), size, out=np.zeros_like(size), where=size > 0.0)
+        z = rows[:c] + 1j * rows[c:]
+        z = z - b * (taken * np.sum(b.conj() * z, axis=0))
+        return np.concatenate([z.real, z.imag])
 
     def asks_for(self, more: Array, less: Array, modes: int) -> bool:
         """Whether a fit is better by BIC, for noise of unknown size, and its modes lie apart and in the band.
@@ -186,7 +202,8 @@ class _Problem:
         return self._bic(more, modes) < self._bic(less, modes - 1)
 
     def _bic(self, x: Array, modes: int) -> float:
-        chi2 = float(np.sum(np.abs(self.weight * (self.measured - self._answer(x, modes))) ** 2))
+        left = (self.weight * (self.measured - self._answer(x, modes))).T[:, :, None]
+        chi2 = float(np.sum(self._whitened(np.concatenate([left.real, left.imag])) ** 2))
         return float(self.points * np.log(max(chi2 / self.points, POSITIVE[0])) + len(x) * np.log(self.points))
 
     def described(self, x: Array, modes: int) -> Modes:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -28,19 +29,33 @@ class FrequencyResponses:
         Quantity by channel: displacement, velocity or acceleration.
     H : (n, c) complex array
         nan where not measured.
-    std : (n, c) array
-        Standard deviation of each of real and imaginary part.
+    own_std : (n, c) array
+        Standard deviation of each of real and imaginary part, by what the channel reads.
+    force_error : (n,) array or float
+        Standard deviation of each part of the force over its amplitude: it errs all channels alike.
     """
 
     hz: Array
     channels: Mapping[str, str]
     H: Complex
-    std: Array
+    own_std: Array
+    force_error: Array | float = 0.0
+
+    @cached_property
+    def by_force(self) -> Complex:
+        """What one standard deviation of the force does, (n, c)."""
+        return np.asarray(self.H * np.broadcast_to(self.force_error, self.hz.shape)[:, None])
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each of real and imaginary part, (n, c)."""
+        return np.hypot(self.own_std, np.abs(self.by_force))
 
     def between(self, low: float, high: float) -> "FrequencyResponses":
         """Those in a band of frequencies."""
         kept = (self.hz >= low) & (self.hz <= high)
-        return FrequencyResponses(self.hz[kept], self.channels, self.H[kept], self.std[kept])
+        force_error = np.broadcast_to(self.force_error, self.hz.shape)[kept]
+        return FrequencyResponses(self.hz[kept], self.channels, self.H[kept], self.own_std[kept], force_error)
 
 
 def frequency_responses(spectra: MeasuredSpectra, force: str, channels: Mapping[str, str]) -> FrequencyResponses:
@@ -69,6 +84,5 @@ def frequency_responses(spectra: MeasuredSpectra, force: str, channels: Mapping[
     H, std = np.empty((len(i), len(channels)), dtype=complex), np.empty((len(i), len(channels)))
     for j, name in enumerate(channels):
         H[:, j] = spectra.complex(name)[i, k] / U[i, k]
-        own = spectra.std[i, spectra.index(name), k]
-        std[:, j] = np.hypot(own, np.abs(H[:, j]) * U_std[i, k]) / np.abs(U[i, k])
-    return FrequencyResponses(spectra.hz[i] * k, dict(channels), H, std)
+        std[:, j] = spectra.std[i, spectra.index(name), k] / np.abs(U[i, k])
+    return FrequencyResponses(spectra.hz[i] * k, dict(channels), H, std, U_std[i, k] / np.abs(U[i, k]))

@@ -48,6 +48,21 @@ def test_as_many_modes_as_there_are_in_the_band(fits) -> None:
     assert all(m.chi2_reduced == pytest.approx(1.0, abs=0.12) for m in fits)
 
 
+def test_a_force_that_is_not_exact_errs_all_channels_alike() -> None:
+    """Pulls of 8 x 8 numbers, where the error of the force is ten times that of the channels at the peaks."""
+    pulls, chi2, exact, off = [], [], responses(AT), 0.02
+    own = np.broadcast_to(NOISE, exact.shape)
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        read, force = rng.standard_normal((2, len(AT), 3)), rng.standard_normal((2, len(AT), 1))
+        seen = exact * (1.0 + off * (force[0] + 1j * force[1])) + own * (read[0] + 1j * read[1])
+        m = fit_modes(FrequencyResponses(AT, CHANNELS, seen, own, np.full(len(AT), off)), 4)
+        pulls += [(m.hz - HZ[:4]) / m.hz_std, (m.ratio - RATIO[:4]) / m.ratio_std]
+        chi2.append(m.chi2_reduced)
+    assert np.std(pulls) == pytest.approx(1.0, abs=0.3)
+    assert np.mean(chi2) == pytest.approx(1.0, abs=0.12)
+
+
 def test_numbers_are_right_within_their_deviations(fits) -> None:
     """Pulls of 6 x 20 numbers."""
     true = SHAPES * SHAPES[0]
