@@ -138,7 +138,9 @@ def misfit_of(seen: Sensing, estimate: ForceEstimate) -> Misfit:
 
 def _signal(contact: Contact, name: str, inflation: Array, slips: npt.NDArray[np.bool_]) -> EstimatedSignal:
     coefficients, samples = coefficients_of(contact.amplitudes[name]), contact.samples[name]
-    std = contact.std(name) * inflation[:, None]
+    # what nobody measured is as uncertain as expected, whatever the sensors say of each other
+    measured = (contact.sensing.weight > 0.0).any(axis=2)
+    std = contact.std(name) * np.where(measured, inflation[:, None], 1.0)
     mean_std = np.where(slips | (name == "normal"), contact.mean_std(name, slips), 0.0)
     noise = np.sqrt(np.sum(std[:, 1:] ** 2, axis=1) + mean_std**2)
     std[:, 0] = mean_std

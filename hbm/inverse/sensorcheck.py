@@ -42,6 +42,9 @@ GROWS = 3.0
 """Turns in which the product of friction and motion is found, at most, until no reading changes by more [std], and
 while its changes do not grow like this from turn to turn."""
 
+FITTED = ("sensor-gain", "sensor-delay", "sensor-position")
+"""Faults that have a number."""
+
 ENOUGH = 4
 """Response channels that must be left for a second fault to be looked for beside the first."""
 
@@ -183,7 +186,7 @@ def _one(rig: Rig, spectra: MeasuredSpectra, base: Readings) -> list[Fault]:
         best = min(cases, key=lambda case: case.score)
     if not _convincing(best, cases, lefts, everyone) or structure_score(rig, base) - best.score < APART:
         return []
-    return [_measured(best, cases)]
+    return [_measured(best, cases, everyone.excess)]
 
 
 def _without(rig: Rig, spectra: MeasuredSpectra, base: Readings, channel: str, agree: bool) -> _Left:
@@ -256,12 +259,19 @@ def _two(rig: Rig, spectra: MeasuredSpectra, base: Readings) -> list[Fault]:
     return found if len(found) == len(pair) else []
 
 
-def _measured(case: _Case, cases: list[_Case]) -> Fault:
+def _measured(case: _Case, cases: list[_Case], excess: float) -> Fault:
     """The fault with the uncertainty of its parameter, and what else about the channel would explain it as well."""
-    if case.fault.cause == "sensor-noise":  # what only scatters is told from what is wrong in no known way
-        return case.fault if _white(case) else replace(case.fault, cause="sensor-unknown")
+    if case.fault.cause == "sensor-noise":  # what only scatters is told from what is wrong
+        if _white(case):
+            return case.fault
+        # a structure that is not quite this one leaves a rest beside a fault that is most of what is wrong
+        own = [c for c in cases if c.involved == case.involved and c.fault.cause in FITTED]
+        most = [c for c in own if FALL * c.excess < excess]
+        if not most:
+            return replace(case.fault, cause="sensor-unknown")
+        case = min(most, key=lambda c: c.score)
     same = [c for c in cases if c.involved == case.involved and c is not case and c.score - case.score < APART]
-    fitted = [c.fault for c in same if c.fault.cause in ("sensor-gain", "sensor-delay", "sensor-position")]
+    fitted = [c.fault for c in same if c.fault.cause in FITTED]
     if case.fault.cause == "sensor-dead":
         fitted = []
     left = case.left

@@ -171,6 +171,15 @@ def test_contradicting_sensors_widen_the_error_bars(clean: MeasuredSpectra) -> N
     assert np.allclose(ratio, 1.0, rtol=0.25)
 
 
+def test_contradicting_sensors_say_nothing_of_a_harmonic_that_none_measured(clean: MeasuredSpectra) -> None:
+    kept, rng = [1, 2, 3, 4, 5, 6, 8, 9], np.random.default_rng(3)
+    noisy = with_noise(replace(clean, std=5 * clean.std), rng).select(harmonics=kept)
+    found = reconstruct(RIG, replace(noisy, std=noisy.std / 5))["friction"].coefficient_std
+    agreeing = reconstruct(RIG, noisy)["friction"].coefficient_std
+    assert np.allclose(found[:, 1], agreeing[:, 1], rtol=0.25)
+    assert np.allclose(found[:, 7], agreeing[:, 7], rtol=0.25)
+
+
 ELEMENTS = {
     "midplane-stretching": {"axial_stiffness": 3e8},
     "quadratic-drag": {"coefficient": 100.0},
