@@ -31,7 +31,7 @@ LOCATED = 1e-6
 """A peak is located to this fraction of the motion, its height to the square of it."""
 
 MOST_STRIDES = 30
-MOST_HALVINGS = 6
+MOST_HALVINGS = 12
 """How often a step of the parameter is halved before it is given up."""
 
 NEWTON = NewtonSettings(tolerance=1e-10, max_iterations=15)
@@ -257,21 +257,20 @@ class _Curve:
 
 
 def _follow(
-    rig: AnyRig,
-    steps: list[tuple[float, _Place]],
-    goal: float,
-    basis: FourierBasis,
-    held: tuple[str, str],
-    halvings: int = 0,
+    rig: AnyRig, steps: list[tuple[float, _Place]], goal: float, basis: FourierBasis, held: tuple[str, str]
 ) -> None:
-    """Append values of the number and their peaks, up to the goal; a step is halved where it is too long."""
-    value, peak = steps[-1]
-    try:
-        curve = _Curve(rig.with_number(held[0], goal), basis, *held)
-        steps.append((goal, curve.peak(curve.near(peak.ahead(goal - value), peak.tangent))))
-        return
-    except (ConvergenceError, ArithmeticError):
-        if halvings == MOST_HALVINGS:
-            raise
-    _follow(rig, steps, (value + goal) / 2, basis, held, halvings + 1)
-    _follow(rig, steps, goal, basis, held, halvings + 1)
+    """Append values of the number and their peaks, up to the goal; a step that is too long is halved."""
+    step = goal - steps[-1][0]
+    least = abs(step) / 2**MOST_HALVINGS
+    while (value := steps[-1][0]) != goal:
+        there = goal if abs(step) >= abs(goal - value) else value + step
+        try:
+            curve = _Curve(rig.with_number(held[0], there), basis, *held)
+            peak = steps[-1][1]
+            steps.append((there, curve.peak(curve.near(peak.ahead(there - value), peak.tangent))))
+        except (ConvergenceError, ArithmeticError):
+            step = (there - value) / 2
+            if abs(step) < least:
+                raise
+        else:
+            step *= 2

@@ -83,6 +83,19 @@ def test_a_peak_is_followed(key: str, values: tuple[float, ...], channel: str) -
     assert peaks.slope[1] == pytest.approx(slopes[1], rel=0.05)
 
 
+def test_a_narrow_peak_is_followed_in_short_steps() -> None:
+    """Against the backbone of the one mode: 3/4 of the cubic's stiffness, and the amplitude that damping leaves."""
+    hz, ratio, drive, cubic, force = 20.0, 5e-4, 0.7, 1e7, 0.15
+    body = ModalModel((hz, 51.0), {"spring": (1.0, 0.3), "drive": (drive, 0.2)})
+    joint = Joint("spring", CubicSpring(cubic), ("spring",))
+    rig = JointedRig("narrow", body, Damping(modal_ratios=(ratio,)), (joint,), Excitation(force, at="drive"))
+    peaks = follow_peak(rig, (0.1, force), harmonics=3, samples=16)
+    omega = 2 * np.pi * hz
+    moved = force * drive / (2 * ratio * omega * 2 * np.pi * peaks.hz[-1])
+    assert peaks.hz[-1] == pytest.approx(np.sqrt(omega**2 + 0.75 * cubic * moved**2) / (2 * np.pi), rel=1e-4)
+    assert peaks.height[-1] == pytest.approx(drive * moved, rel=1e-2)
+
+
 def test_a_number_that_is_none_is_refused() -> None:
     rig = hardening(HARDENING)
     with pytest.raises(KeyError, match=r"joints\.spring\.mu is not a number of the rig hardening"):
