@@ -226,7 +226,10 @@ def _by_quick_fits(
             [*fitted, *(r for r in quick.run(confused, steps=MORE_STEPS) if r is not None)], key=lambda r: r.chi2
         )
     hopeless = fitted[0].chi2 > HELPS * quick.before
-    chosen = _chosen(fitted, few, hopeless, len(quick.campaign.numbers) / len(few.numbers))
+    # what is richer at many places must not crowd out what is simpler
+    bare = quick.base.model.nominal
+    order = (lambda r: float(len(r.cause.unknowns(bare)))) if scanned(quick.base) else (lambda r: r.chi2)
+    chosen = _chosen(fitted, few, hopeless, len(quick.campaign.numbers) / len(few.numbers), order)
     return [r for r in chosen if r.chi2 < reached], tried
 
 
@@ -317,15 +320,22 @@ def _of_channels(first: Sequence[Score], others: Sequence[Score]) -> list[Score]
     return [s for s in others if isinstance(s.cause, OfChannel) and s.cause.channel in blamed]
 
 
-def _chosen(fitted: Sequence[Candidate], few: Campaign, hopeless: bool, scale: float) -> list[Candidate]:
-    """The best, and those close to it by a chi2 that grows by `scale` to all records."""
+def _chosen(
+    fitted: Sequence[Candidate],
+    few: Campaign,
+    hopeless: bool,
+    scale: float,
+    order: Callable[[Candidate], float],
+) -> list[Candidate]:
+    """The best, and in an order those close to it by a chi2 that grows by `scale` to all records."""
     best = fitted[0].chi2
     lost, margin = best > EXPLAINED * few.points, max(10 * CLOSE, best)
     alone = hopeless or best > HOPE * few.points
     least = LEAST if lost and not alone else 1
     most = 1 if alone else LEAST if lost else FITTED
-    near = [r for r in fitted[:most] if r.chi2 <= BEHIND * best]
-    return [r for i, r in enumerate(near) if i < least or scale * (r.chi2 - best) < margin]
+    near = [r for r in fitted if r.chi2 <= BEHIND * best]
+    close = [r for i, r in enumerate(near) if i < least or scale * (r.chi2 - best) < margin]
+    return [*close[:1], *sorted(close[1:], key=order)][:most]
 
 
 def _unseen(score: Score) -> bool:

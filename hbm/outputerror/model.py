@@ -172,8 +172,8 @@ class Model:
 
     @property
     def counted(self) -> int:
-        """Free numbers that the measurement alone decides."""
-        return sum(not np.isfinite(f.std) for f in self.free)
+        """Numbers that the measurement alone decides: those that are free, and which place each joint is at."""
+        return sum(not np.isfinite(f.std) for f in self.free) + sum(cause.placed for cause in self.causes)
 
     @property
     def start(self) -> Array:

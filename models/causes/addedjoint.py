@@ -87,6 +87,7 @@ class AddedJoint(Cause):
     numbers: ClassVar[tuple[Number, ...]]
     rigs: ClassVar[tuple[type, ...]] = (JointedRig,)
     one_sided: ClassVar[bool] = False
+    placed: ClassVar[bool] = True
 
     at: str
     to: str = ""

@@ -68,6 +68,8 @@ class Cause(Protocol):
         Whether its first small effect says little of the whole: it sets in at a threshold, or is no steady state's.
     contains : tuple of str
         Simpler causes that it is at some values of its parameters.
+    placed : bool
+        Whether it is at one of many places, which counts as a number beside those that are free.
     rigs : tuple of type
         Kinds of rigs that it is known for.
     """
@@ -79,6 +81,7 @@ class Cause(Protocol):
     check: ClassVar[str] = ""
     abrupt: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
+    placed: ClassVar[bool] = False
     rigs: ClassVar[tuple[type, ...]] = (Rig,)
 
     @classmethod
