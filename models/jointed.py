@@ -252,7 +252,7 @@ class JointedRig(Numbered):
 
     def with_modes(self, modes: int) -> "JointedRig":
         """Return the same rig on another number of modes, or on as many as its body has."""
-        body = self.body.with_modes(modes)
+        body = self.body.with_modes(modes, self.places)
         return replace(self, body=body, damping=self.damping.on_modes(body.modes))
 
     def with_joint(self, name: str, law: Any) -> "JointedRig":
