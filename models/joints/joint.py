@@ -86,10 +86,14 @@ class Joint:
         """Both ends of each port."""
         return list(zip(self.at, self.to or (GROUND,) * len(self.at), strict=True))
 
+    @property
+    def where(self) -> str:
+        """Both ends of each port in words."""
+        return ", ".join(f"{at} to {to}" if to else at for at, to in self.ends)
+
     def __str__(self) -> str:
         """In words."""
         law: Any = getattr(self.law, "law", self.law)
         values = ", ".join(f"{name} {float(value):.6g}" for name, value in numbers(self.law).items())
-        where = ", ".join(f"{at} to {to}" if to else at for at, to in self.ends)
         loaded = f", loaded by the reaction at {self.loaded_by}" if self.loaded_by else ""
-        return f"{self.name}: {law.name} ({values}) at {where}{loaded}"
+        return f"{self.name}: {law.name} ({values}) at {self.where}{loaded}"

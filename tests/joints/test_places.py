@@ -41,3 +41,27 @@ def test_a_minus_between_places_is_a_weight(body: Body, written: str, means: str
 def test_what_is_joined_is_a_difference_of_places() -> None:
     between = replace(struck(PORTS, "acc-1", "b"), joints=(Joint("stop", Stop(1e4, 1e-5), ("acc-1",), ("b",)),))
     assert struck(PORTS, "acc-1 - b", "b").structure.joints.tolist() == between.structure.joints.tolist()
+
+
+STILL = "where nothing moves; must be where a mode moves, or where there is flexibility"
+NODE = ModalModel((20.0, 47.0), {"a": (1.0, 0.5), "b": (0.0, 0.0)})
+YIELDS = replace(NODE, flexibility=((0.0, 0.0), (0.0, 1e-6)))
+
+
+@pytest.mark.parametrize(
+    ("at", "drive", "said"),
+    [
+        ("a", "b", f"struck: excitation at b, {STILL}"),
+        ("b", "a", f"struck: joint stop at b, {STILL}"),
+        ("a - a", "a", f"struck: joint stop at a - a, {STILL}"),
+        ("0*a", "a", f"struck: joint stop at 0\\*a, {STILL}"),
+    ],
+)
+def test_what_can_never_act_is_refused(at: str, drive: str, said: str) -> None:
+    with pytest.raises(ValueError, match=f"^{said}$"):
+        struck(NODE, at, drive)
+
+
+@pytest.mark.parametrize(("at", "drive"), [("a", "b"), ("b", "a")])
+def test_where_the_modes_left_out_move_a_joint_and_a_force_may_be(at: str, drive: str) -> None:
+    assert struck(YIELDS, at, drive).ports == 1
