@@ -23,6 +23,9 @@ from models.structure import Array
 ROTATION = re.compile(r"^slope\(|\.r[xyz]$")
 """Places that are rotations."""
 
+STILL = "where nothing moves; must be where a mode moves, or where there is flexibility"
+"""What is wrong with a place."""
+
 
 @dataclass(frozen=True, eq=False)
 class JointedStructure:
@@ -135,7 +138,18 @@ class JointedRig(Numbered):
             self.ported  # noqa: B018  # a place that is none is refused here
         except ValueError as refused:
             raise ValueError(f"{self.name}: {refused}") from None
+        self._refuse_still()
         warn_of(self.quantities, self.proportions)
+
+    def _refuse_still(self) -> None:
+        """Refuse a force and joints that can never act: one port that moves is enough for a joint of several."""
+        s = self.structure
+        if not (s.excitation.any() or s.drive_by_force):
+            raise ValueError(f"{self.name}: excitation at {place_of(self.excitation)}, {STILL}")
+        moves = np.hstack([s.joints, s.flexibility])
+        for j, (_, ports) in zip(self.joints, self.pressed, strict=True):
+            if not moves[ports].any():
+                raise ValueError(f"{self.name}: joint {j.name} at {j.where}, {STILL}")
 
     @property
     def quantities(self) -> Iterator[tuple[str, str, Any]]:
@@ -252,7 +266,7 @@ class JointedRig(Numbered):
 
     def with_modes(self, modes: int) -> "JointedRig":
         """Return the same rig on another number of modes, or on as many as its body has."""
-        body = self.body.with_modes(modes)
+        body = self.body.with_modes(modes, self.places)
         return replace(self, body=body, damping=self.damping.on_modes(body.modes))
 
     def with_joint(self, name: str, law: Any) -> "JointedRig":

@@ -61,6 +61,9 @@ class ModalBody:
             for i, entry in enumerate(row):
                 bounded(f"ModalBody: {name}[{i}]", entry)
                 plausible(f"ModalBody: {name}[{i}]", entry, "shape")
+        for name in ("contact_shape", "excitation_shape"):
+            if all(plain(entry) and entry == 0.0 for entry in rows[name]):
+                raise ValueError(f"ModalBody: {name} is 0 in every mode; must not be, nothing moves there")
 
     def __str__(self) -> str:
         """Modes in a few words."""

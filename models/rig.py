@@ -96,7 +96,10 @@ class Rig(Numbered):
         check_names("Rig", self.channels, self.computed)
         if isinstance(self.body, Beam) and isinstance(self.body.length, float):
             length = self.body.length
-            bounded("Excitation: position", self.excitation.position, 0.0, length)
+            bounded("Excitation: position", self.excitation.position, 0.0, length, strict=True)
+            held = self.attachments.support_stiffness is None and not self.contact.lift_off
+            if held and self.excitation.position == length:
+                raise ValueError(f"Excitation: position = {length:g}; must be < {length:g}, the tip is held there")
             for c in self.response_channels:
                 bounded(f"Channel {c.name}: position", c.position, 0.0, length)
         warn_of(self.quantities, self.proportions)

@@ -16,7 +16,9 @@ from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
 from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
+from models.bodies.matrix import MatrixBody
 from models.jointed import AnyRig
+from models.parts import ModalBody
 from models.rig import Rig
 
 TOLERANCE = 5e-3
@@ -247,11 +249,14 @@ def relative_change(before: PeriodicSolution, after: PeriodicSolution | None, sc
 
 
 def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> Iterable[str]:
-    n, H, worst, what = curve.rig.structure.n, curve.basis.H, error.worst, _in_words(curve.rig)
+    H, worst, what = curve.basis.H, error.worst, _in_words(curve.rig)
     lifted = ", where the tip would lift off" if curve.peak.lift_off else ""
     if error.at_peak.modes > tolerance:
-        advice = "" if lifted else f": set beam.modes = {2 * n}"
-        yield f"at the peak {2 * n} modes change {what} by {error.at_peak.modes:.2%} of its largest{lifted}{advice}"
+        more = curve.rig.with_modes(2 * curve.rig.structure.n)
+        table = "matrix" if isinstance(more.body, MatrixBody) else "beam"
+        advice = "" if lifted or isinstance(more.body, ModalBody) else f": set {table}.modes = {more.body.modes}"
+        share = f"{error.at_peak.modes:.2%} of its largest"
+        yield f"at the peak {more.structure.n} modes change {what} by {share}{lifted}{advice}"
     if error.at_peak.harmonics > tolerance:
         yield f"at the peak {finer(H)} harmonics change {what} by {error.at_peak.harmonics:.2%} of its largest{lifted}"
     if error.largest("samples") > tolerance:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from continuation import Branch, ConvergenceError, Kind, Point, Problem, SpecialPoint, locate, refine
 from continuation.segment import Segment
+from hbm.balance.balanced import balanced
 from hbm.balance.problem import AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
@@ -69,10 +70,12 @@ def stability_of(rig: AnyRig, solution: PeriodicSolution, judge: Judge = by_mono
     Raises
     ------
     ValueError
-        Where the judge cannot tell.
+        If the solution is not one of this rig, or where the judge cannot tell.
     """
     periods = round(2 * np.pi * solution.hz / solution.state.Omega)
-    return judge(_finely(balance_of(rig, solution.basis, level=solution.level, periods=periods)), solution.state)
+    problem = balance_of(rig, solution.basis, level=solution.level, periods=periods)
+    balanced(problem, solution, "stability_of")
+    return judge(_finely(problem), solution.state)
 
 
 def _finely(problem: AnyBalance) -> AnyBalance:

@@ -19,6 +19,7 @@ from typing import overload
 import numpy as np
 
 from continuation import Correction
+from hbm.balance.balanced import balanced
 from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.problem import AnyLinearization, HarmonicBalance, Linearization, Newton
 from hbm.balance.solution import PeriodicSolution
@@ -29,7 +30,6 @@ from hbm.sensitivity.channels import Change, Channels, Derivatives, described
 from hbm.sensitivity.held import HeldBalance, friction_change, mixed, mixing_of
 from hbm.sensitivity.jointed import (
     JointSensitivities,
-    expect_balanced,
     joint_balance_change,
     joint_sensitivities,
     joint_sensitivities_at,
@@ -132,9 +132,7 @@ def sensitivities(
         if beside is not None:
             raise ValueError(f"sensitivities: beside, and {rig.name} has no [contact]; must be without a disturbance")
         return joint_sensitivities(rig, solution, keys)
-    problem = HarmonicBalance(rig, solution.basis, level=solution.level)
-    here = problem.linearize(*problem.pack(solution.state))
-    expect_balanced(here.residual)
+    here = balanced(HarmonicBalance(rig, solution.basis, level=solution.level), solution, "sensitivities")
     return _sensitivities(here, solution, keys, beside)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hbm.balance.balanced import balanced
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.jointequations import JointEquations
@@ -23,9 +24,6 @@ from models.joints.law import numbers
 
 Peak = Callable[[Array, Array], Array]
 """Derivatives (p,) of the peak of a sampled signal, from its samples and theirs."""
-
-UNBALANCED = 1e-6
-"""A state that misses the balance by more than this fraction of the excitation is not a solution of the rig."""
 
 
 def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array:
@@ -173,26 +171,7 @@ def linearized(rig: JointedRig, solution: PeriodicSolution) -> JointLinearizatio
     ValueError
         If the solution is not one of this rig.
     """
-    problem = JointBalance(rig, solution.basis, level=solution.level)
-    here = problem.linearize(*problem.pack(solution.state))
-    expect_balanced(here.residual)
-    return here
-
-
-def expect_balanced(residual: Array) -> None:
-    """Refuse a state that is no solution of its rig.
-
-    Raises
-    ------
-    ValueError
-        If a balance is missed by :data:`UNBALANCED` or more.
-    """
-    missed = float(np.abs(residual).max())
-    if not missed < UNBALANCED:
-        raise ValueError(
-            f"sensitivities: the state misses the rig's balance by {missed:.2g} of the excitation; "
-            "must be a solution of this rig"
-        )
+    return balanced(JointBalance(rig, solution.basis, level=solution.level), solution, "sensitivities")
 
 
 def followed(here: JointLinearization, change: Array) -> tuple[Array, Array]:

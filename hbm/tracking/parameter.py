@@ -142,6 +142,15 @@ class ParameterBalance:
             self._last = lam, self._balance(lam)
         return self._last[1]
 
+    def _accepted(self, lam: float) -> bool:
+        if self._last[0] == lam:
+            return True
+        try:
+            check_value(self.rig, self.key, self.value_at(lam))
+        except ValueError:
+            return False
+        return True
+
     def _balance(self, lam: float) -> AnyBalance:
         if self.key.name == HZ:
             return self.first
@@ -180,9 +189,12 @@ class ParameterBalance:
         return self.linearize(x, lam).residual
 
     def linearize(self, x: Array, lam: float) -> "ParameterLinearization | Undefined":
-        """Residual with its linearisation; undefined where the rig has another number of modes."""
-        problem = self.at(lam)
-        if problem.size != x.size:
+        """Residual with its linearisation; undefined where no rig has such a number, or it has other modes.
+
+        A predictor near the end of the range may step over what the number may be.
+        """
+        problem = self.at(lam) if self._accepted(lam) else None
+        if problem is None or problem.size != x.size:
             return Undefined(np.full(x.size, np.nan))
         signs = self.signs(problem, lam)
         here = problem.linearize(signs * x, problem.lam_at(self.hz_at(lam)))

@@ -87,7 +87,7 @@ class FiniteBeam(AsGiven):
         """It brings no damping matrix."""
         return True
 
-    def with_modes(self, modes: int) -> "FiniteBeam":
+    def with_modes(self, modes: int, places: Sequence[str]) -> "FiniteBeam":
         """Return the same beam with another number of modes."""
         return replace(self, beam=replace(self.beam, modes=modes))
 

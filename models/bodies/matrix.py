@@ -98,9 +98,8 @@ class MatrixBody(AsGiven):
         if self.reduction not in METHODS:
             raise ValueError(f'MatrixBody: reduction = "{self.reduction}"; must be one of {", ".join(METHODS)}')
         bounded("MatrixBody: modes", self.modes, 1)
-        with_mass = int((self.mass.diagonal()[self._free] > 0.0).sum())
-        if self.modes > with_mass:
-            most = f"must be <= {with_mass}, the degrees of freedom with mass that are not fixed"
+        if self.modes > (there := self._most_modes([])):
+            most = f"must be <= {there}, the degrees of freedom with mass that are not fixed"
             raise ValueError(f"MatrixBody: modes = {self.modes}; {most}")
 
     def __str__(self) -> str:
@@ -123,10 +122,9 @@ class MatrixBody(AsGiven):
         """Whether it brings no damping matrix."""
         return self.damping_matrix is None
 
-    def with_modes(self, modes: int) -> "MatrixBody":
+    def with_modes(self, modes: int, places: Sequence[str]) -> "MatrixBody":
         """Return the same body with another number of modes, or with as many as its mass has."""
-        most = int((self.mass.diagonal()[self._free] > 0.0).sum())
-        return replace(self, modes=min(modes, most))
+        return replace(self, modes=min(modes, self._most_modes(self._places(places))))
 
     def ported(self, places: Sequence[str], damping: Damping, supports: Sequence[str] = ()) -> PortedModes:
         """Return its modes with the rows of places, and of supports whose reaction is asked for.
@@ -203,6 +201,13 @@ class MatrixBody(AsGiven):
 
     # ---- reduction
 
+    def _most_modes(self, at: npt.ArrayLike) -> int:
+        """How many modes there are; with ``craig-bampton``, of the body held at places, by their numbers."""
+        moves = self.mass.diagonal()[self._free] > 0.0
+        if self.reduction == "craig-bampton":
+            moves[np.asarray(at, dtype=np.intp)] = False
+        return int(moves.sum())
+
     @cached_property
     def _pencil(self) -> Pencil:
         return Pencil(part(self.stiffness, self._free, self._free), part(self.mass, self._free, self._free))
@@ -226,9 +231,8 @@ class MatrixBody(AsGiven):
         mass = part(self.mass, self._free, self._free)
         ports = np.unique(at)
         inner = np.setdiff1d(np.arange(len(self._free)), ports)
-        with_mass = int((mass.diagonal()[inner] > 0.0).sum())
-        if self.modes > with_mass:
-            most = f"must be <= {with_mass}, the degrees of freedom with mass that are neither fixed nor places"
+        if self.modes > (there := self._most_modes(at)):
+            most = f"must be <= {there}, the degrees of freedom with mass that are neither fixed nor places"
             raise ValueError(f"MatrixBody: modes = {self.modes}; {most}")
         pencil = Pencil(part(stiffness, inner, inner), part(mass, inner, inner))
         modes = pencil.lowest(self.modes)

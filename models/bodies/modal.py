@@ -129,7 +129,7 @@ class ModalModel:
         D = np.diag((dampers.slope + dampers.strain_rate) * 2 * here.omega_n * faster)
         return replace(none, omega_n=faster, damping=D, reaction_damping=here.reaction_inertia @ D)
 
-    def with_modes(self, modes: int) -> "ModalModel":
+    def with_modes(self, modes: int, places: Sequence[str]) -> "ModalModel":
         """Return it without the modes beyond so many; it has no others to add.
 
         What the modes given up answer at rest goes into the flexibility.

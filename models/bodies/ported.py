@@ -102,8 +102,8 @@ class Body(Protocol):
         """Return the exact derivatives of its modes and rows `here` to one of these."""
         ...
 
-    def with_modes(self, modes: int) -> "Body":
-        """Return the same body with another number of modes, or as many as it has."""
+    def with_modes(self, modes: int, places: Sequence[str]) -> "Body":
+        """Return the same body with another number of modes, or as many as it has where places of it are touched."""
         ...
 
     def ported(self, places: Sequence[str], damping: "Damping", supports: Sequence[str] = ()) -> PortedModes:

@@ -1,5 +1,6 @@
 """A joint: a law, and where it acts on a body."""
 
+import re
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any
@@ -10,12 +11,17 @@ from models.plausible import impossible
 GROUND = ""
 """In place of a name: the ground."""
 
+BETWEEN = re.compile(r"\s+\+\s+|\s+(?=-\s)")
+"""What parts the terms of a sum: a hyphen without blanks belongs to a name, such as ``acc-1``."""
+
 
 def terms(end: str) -> list[tuple[float, str]]:
     """Places of the end of a port with their weights; none of the ground.
 
     >>> terms("2.5e-3*slope(0.6) + axial(0.6)")
     [(0.0025, 'slope(0.6)'), (1.0, 'axial(0.6)')]
+    >>> terms("-acc-1 - 0.5*acc-2")
+    [(-1.0, 'acc-1'), (-0.5, 'acc-2')]
 
     Raises
     ------
@@ -23,12 +29,14 @@ def terms(end: str) -> list[tuple[float, str]]:
         If a weight is no number, or one that no lever has.
     """
     found = []
-    for term in end.split(" + ") if end else []:
-        weight, star, place = term.strip().rpartition("*")
+    for term in BETWEEN.split(end.strip()) if end else []:
+        size = term.removeprefix("-").strip()
+        weight, star, place = size.rpartition("*")
         try:
-            found.append((float(weight) if star else 1.0, place))
+            factor = float(weight) if star else 1.0
         except ValueError:
-            raise ValueError(f'place "{end}": "{weight}" is no number; must be like 0.5*PLACE + PLACE') from None
+            raise ValueError(f'place "{end}": "{weight}" is no number; must be like 0.5*PLACE - PLACE') from None
+        found.append((-factor if term.startswith("-") else factor, place.strip()))
         if accepted := "must be finite" if not isfinite(found[-1][0]) else impossible("weight", found[-1][0]):
             raise ValueError(f'place "{end}": weight {weight}; {accepted}')
     return found
@@ -43,7 +51,8 @@ class Joint:
     name : str
     law : JointLaw
     at : tuple of str, (ports,)
-        Place of the body at each port of the law, or a sum such as ``0.0074*slope(0.606) + axial(0.606)``.
+        Place of the body at each port of the law, or a sum such as ``0.0074*slope(0.606) + axial(0.606)``;
+        signs between places stand between blanks.
     to : tuple of str, (ports,)
         The place it is joined to; the ground where empty. The law sees the motion of `at` relative to `to`.
     loaded_by : str
@@ -77,10 +86,14 @@ class Joint:
         """Both ends of each port."""
         return list(zip(self.at, self.to or (GROUND,) * len(self.at), strict=True))
 
+    @property
+    def where(self) -> str:
+        """Both ends of each port in words."""
+        return ", ".join(f"{at} to {to}" if to else at for at, to in self.ends)
+
     def __str__(self) -> str:
         """In words."""
         law: Any = getattr(self.law, "law", self.law)
         values = ", ".join(f"{name} {float(value):.6g}" for name, value in numbers(self.law).items())
-        where = ", ".join(f"{at} to {to}" if to else at for at, to in self.ends)
         loaded = f", loaded by the reaction at {self.loaded_by}" if self.loaded_by else ""
-        return f"{self.name}: {law.name} ({values}) at {where}{loaded}"
+        return f"{self.name}: {law.name} ({values}) at {self.where}{loaded}"

@@ -221,3 +221,14 @@ def test_it_says_what_it_found() -> None:
     solution = steady_state(rig, 50.0, level=0.05, harmonics=5, samples=64)
     found = stability_of(rig, solution)
     assert str(found).startswith("stable, largest multiplier ") and str(found).endswith("; 1 kept by what sticks")
+
+
+def test_a_solution_of_another_rig_is_refused() -> None:
+    rig = beam(JENKINS, modes=2)
+    solution = steady_state(rig, 50.0, harmonics=3, samples=32)
+    slippery = replace(rig, contact=replace(rig.contact, law=replace(JENKINS, mu=0.1)))
+    with pytest.raises(ValueError, match=r"stability_of: the state misses the rig's balance by .* of the exc"):
+        stability_of(slippery, solution)
+    line = "stability_of: the state has 2 modes and 1 ports; must be a solution of this rig, which has 3 and 1"
+    with pytest.raises(ValueError, match=line):
+        stability_of(rig.with_modes(3), solution)

@@ -7,8 +7,11 @@ from hbm.response.trace import steady_state
 from hbm.sensitivity.jointed import joint_sensitivities
 from hbm.tracking.parameterresponse import parameter_response
 from models import Jenkins
-from models.joints import Friction
+from models.bodies.modal import ModalModel
+from models.jointed import JointedRig
+from models.joints import Friction, Joint
 from models.joints.law import numbers
+from models.parts import Damping, Excitation
 from tests.joints.rigs import beam_rig
 
 RIG = beam_rig(Friction(Jenkins(0.4, 1e-6), 5.0))
@@ -53,3 +56,12 @@ def test_a_number_that_is_none_is_refused_with_those_that_are() -> None:
         parameter_response(RIG, "joints.rub.nu", (0.4, 0.8), hz=45.0)
     assert RIG.with_number("joints.rub.mu", 0.7).joints[0].law.law.mu == 0.7
     assert numbers(RIG.joints[0].law)["mu"] == 0.4
+
+
+def test_a_curve_ends_next_to_where_its_number_must_not_be() -> None:
+    body = ModalModel((20.0, 47.0), {"a": (1.0, 0.5), "b": (0.7, -0.9)})
+    rub = Joint("j", Friction(Jenkins(0.4, 1e-4), 5.0), ("a",))
+    rig = JointedRig("one", body, Damping(modal_ratios=(0.01,)), (rub,), Excitation(6.0, at="b"))
+    curve = parameter_response(rig, "joints.j.critical_slip", (1e-3, 1e-7), hz=21.0, harmonics=3)
+    assert curve.complete
+    assert curve.values[-1] == 1e-7

@@ -37,7 +37,7 @@ FOUR = (1.0, 1.0)
         ),
         (
             lambda: replace(RIG, excitation=replace(RIG.excitation, position=5.0)),
-            "Excitation: position = 5; must be >= 0 and <= 0.606",
+            "Excitation: position = 5; must be > 0 and <= 0.606",
         ),
         (lambda: replace(RIG, channels=RIG.channels[:1] * 2), 'Rig: channel "force" is there twice; names must differ'),
         (
@@ -46,6 +46,14 @@ FOUR = (1.0, 1.0)
         ),
         (lambda: ModalBody((-5.0, 10.0), (FOUR,), FOUR, FOUR), r"ModalBody: frequencies_hz\[0\] = -5; must be > 0"),
         (lambda: ModalBody((5.0, 10.0), ((1.0,),), FOUR, FOUR), r"ModalBody: shapes\[0\] has 1 entries; must have 2"),
+        (
+            lambda: ModalBody((5.0, 10.0), (FOUR[:2],), FOUR[:2], (0.0, 0.0)),
+            "ModalBody: excitation_shape is 0 in every mode; must not be, nothing moves there",
+        ),
+        (
+            lambda: replace(RIG, excitation=replace(RIG.excitation, position=RIG.body.length)),
+            "Excitation: position = 0.606; must be < 0.606, the tip is held there",
+        ),
         (lambda: steady_state(RIG, 0.0), "steady_state: hz = 0; must be > 0 and finite"),
         (lambda: hbm.simulate(RIG, np.nan), "simulate: hz = nan; must be > 0 and finite"),
         (lambda: hbm.frequency_response(RIG, (50.0, 50.0)), "frequency_response: .* two different frequencies"),

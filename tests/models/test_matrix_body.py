@@ -50,6 +50,14 @@ def test_reduced_receptances_are_those_of_all_degrees_of_freedom(free: bool, red
     assert body.receptance_error(places, damping, [0.02 / 6.28, 0.1 / 6.28]) < 5e-3
 
 
+@pytest.mark.parametrize(("reduction", "most"), [("modes", 6), ("craig-bampton", 4)])
+def test_there_are_no_more_modes_than_masses_that_are_free_of_places(reduction: str, most: int) -> None:
+    places = ["2.x", "6.x"]
+    more = chain(6, reduction=reduction).with_modes(20, places)
+    assert more.modes == most
+    assert more.ported(places, RATIO).n == 6
+
+
 def test_at_rest_nothing_is_left_out() -> None:
     body = chain(40, modes=3)
     found = body.ported(["10.x", "40.x"], RATIO)
@@ -60,7 +68,7 @@ def test_at_rest_nothing_is_left_out() -> None:
 def test_reactions_are_those_of_the_full_model() -> None:
     body = FiniteBeam(BEAM)
     places, damping = ["y(0.555)", "slope(0.606)"], Damping(mass_proportional=0.6, high_mode_ratio=0.0)
-    found = body.with_modes(40).ported(places, damping, ["y(0.606)"])
+    found = body.with_modes(40, places).ported(places, damping, ["y(0.606)"])
     matrices = body.matrices([0.555])
     names, L = list(matrices.dofs), 0.606
     held = {"axial@0.0", "y@0.0", "slope@0.0", f"y@{L!r}"}
@@ -160,6 +168,6 @@ def test_places_that_are_none_are_refused() -> None:
 
 def test_modes_given_up_are_kept_at_rest() -> None:
     whole = ModalModel((1.0, 2.0, 5.0), {"a": (1.0, 0.5, 0.2), "b": (0.3, -1.0, 0.4)})
-    few = whole.with_modes(2).ported(["a", "b"], RATIO)
+    few = whole.with_modes(2, ["a", "b"]).ported(["a", "b"], RATIO)
     every = whole.ported(["a", "b"], RATIO)
     assert few.receptance(0.0) == pytest.approx(every.receptance(0.0), rel=1e-12)

@@ -136,7 +136,7 @@ def test_contact_at_rest_is_that_of_hertz(resting):
 
 def test_reduced_to_a_thousandth_of_the_receptance(resting):
     places = [f"{resting.contacts(1)[0]}.{d}" for d in "xy"] + [f"{resting.at(0.555)}.y"]
-    body = resting.body.with_modes(12)
+    body = resting.body.with_modes(12, places)
     assert body.receptance_error(places, Damping(mass_proportional=0.06), [52.0, 500.0]) < 1e-3
 
 
