@@ -8,6 +8,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from hbm.figures.scales import logarithmic
 from hbm.figures.stretches import draw_line
 from hbm.figures.style import INK, SMALL, as_written, dressed
 
@@ -50,7 +51,7 @@ def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) ->
         for curve, width, own in zip(curves, widths, peaks, strict=True):
             for color, peak in zip(colors_of(rig), own, strict=True):
                 draw_line(ax, curve, peak, color, width)
-        ax.set_yscale("log")
+        logarithmic(ax.yaxis)
         highest, lowest = (float(find([find(p) for own in peaks for p in own])) for find in (np.max, np.min))
         ax.set_ylim(bottom=max(lowest, SHOWN * highest) / 2)
     handles = []

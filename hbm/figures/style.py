@@ -156,10 +156,15 @@ def as_written(name: str) -> str:
     return name.replace("$", r"\$")
 
 
-def headed(ax: Axes, title: str) -> None:
-    """Title the first panel of a figure, in as many lines as its width asks for."""
+def titled(title: str) -> str:
+    """A title, in as many lines as the width of a figure asks for."""
     lines = wrap(title, CHARACTERS, break_on_hyphens=False) or [""]
-    ax.set_title("\n".join(map(as_written, lines)), fontsize=10, loc="left", color=INK)
+    return "\n".join(map(as_written, lines))
+
+
+def headed(ax: Axes, title: str) -> None:
+    """Title the first panel of a figure."""
+    ax.set_title(titled(title), fontsize=10, loc="left", color=INK)
 
 
 def tint(color: Color, share: float = 0.28) -> Color:
@@ -178,5 +183,5 @@ def dressed(ax: Axes, x: str, y: str) -> Axes:
     ax.set_ylabel(y, color=INK)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["left", "bottom"]].set(linewidth=0.6, color="0.4")
-    ax.tick_params(width=0.6, color="0.4", labelcolor=INK, labelsize=SMALL + 1)
+    ax.tick_params(which="both", width=0.6, color="0.4", labelcolor=INK, labelsize=SMALL + 1)
     return ax
