@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from hbm.figures.scales import logarithmic
+from hbm.figures.scales import logarithmic, wide_enough
 from hbm.figures.style import (
     FAINT,
     INK,
@@ -69,6 +69,7 @@ def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, num
     _mark_limits(ax, backbones, linear.stuck_hz[number - 1], linear.sliding_hz[number - 1])
     _draw(ax, [(b, b.amplitude * 1e3, b.hz) for b in backbones])
     logarithmic(ax.xaxis)
+    wide_enough(ax.yaxis)
     _shade_lift_off(ax, backbones)
     ax.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
     return dressed(ax, "Drive displacement, fundamental [mm]", "Frequency [Hz]")
@@ -83,6 +84,7 @@ def plot_damping(backbones: Sequence[Backbone], ax: Axes | None = None, *, numbe
     _draw(ax, [(b, b.amplitude * 1e3, 100 * b.damping_ratio) for b in backbones])
     logarithmic(ax.xaxis)
     logarithmic(ax.yaxis)
+    wide_enough(ax.yaxis)
     _shade_lift_off(ax, backbones)
     return dressed(ax, "Drive displacement, fundamental [mm]", "Damping ratio [%]")
 
@@ -102,6 +104,7 @@ def plot_backbone_over_responses(
         tallest = max(float(c["drive"].amplitude[:, 1].max()) for c in curves)
         ax.set_ylim(lowest * 1e3 / 1.5, tallest * 1e3 * 2.0)
         ax.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+    wide_enough(ax.xaxis)
     return dressed(ax, "Frequency [Hz]", "Drive displacement,\nfundamental [mm]")
 
 

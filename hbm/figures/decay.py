@@ -86,7 +86,6 @@ def plot_decay(
         dressed(grid[0, column], "", label)
         dressed(grid[1, column], f"{as_written(quantity)} [{unit}]", f"Missed {label[0].lower()}{label[1:]}")
     logarithmic(grid[0, 0].xaxis)
-    grid[0, 0].yaxis.get_major_formatter().set_useOffset(False)
     legend_above(grid, [*map(_line, shown), *record_handles(next(iter(models.values())))], **FIVE_COLUMNS)
     return grid
 

@@ -1,4 +1,4 @@
-"""Scales of axes: logarithmic ones with few numbers beside them, all of one style."""
+"""Scales of axes: logarithmic ones with few numbers beside them, all of one style, and windows."""
 
 from collections.abc import Iterator, Sequence
 from typing import cast
@@ -20,6 +20,17 @@ PLAIN = 1e-3, 1e4
 
 FINE = 5
 """Powers of ten between which there is room for small marks."""
+
+NARROWEST = 1e-3
+"""Share of a frequency or damping ratio that a window about it spans at least."""
+
+
+def wide_enough(axis: Axis) -> None:
+    """Widen a window that is narrow beside the numbers in it, so that equal ones do not look apart."""
+    low, high = axis.get_view_interval()
+    middle = (low + high) / 2
+    half = max(high - low, NARROWEST * middle) / 2
+    axis.axes.set(**{f"{_direction(axis)}lim": (middle - half, middle + half)})
 
 
 def logarithmic(axis: Axis) -> None:

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
+from matplotlib.ticker import ScalarFormatter
 
 from hbm.errors import InputError
 from hbm.fourier import Array
@@ -178,10 +179,14 @@ def closed(samples: Array) -> Array:
 
 
 def dressed(ax: Axes, x: str, y: str) -> Axes:
-    """Labels, and as little frame as possible."""
+    """Labels, numbers that are written in full, and as little frame as possible."""
     ax.set_xlabel(x, color=INK)
     ax.set_ylabel(y, color=INK)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["left", "bottom"]].set(linewidth=0.6, color="0.4")
     ax.tick_params(which="both", width=0.6, color="0.4", labelcolor=INK, labelsize=SMALL + 1)
+    for axis in (ax.xaxis, ax.yaxis):
+        formatter = axis.get_major_formatter()
+        if isinstance(formatter, ScalarFormatter):
+            formatter.set_useOffset(False)
     return ax
