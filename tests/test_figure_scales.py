@@ -8,7 +8,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 
-from hbm.figures.scales import logarithmic
+from hbm.figures.scales import logarithmic, phases
 from hbm.figures.style import dressed
 
 SPANS = [(15.0, 22.0), (150.0, 7e3), (1.6e-3, 2.4e-2), (1e-6, 0.6), (1e-25, 1e3), (17.9, 17.91), (1.0, 10.0)]
@@ -45,3 +45,22 @@ def test_two_to_six_numbers_of_one_style_beside_a_logarithmic_axis(
     texts = shown(axis)
     assert 2 <= len(texts) <= 6
     assert len({"10^" in text for text in texts}) == 1
+
+
+@pytest.mark.parametrize(
+    ("span", "expected"),
+    [
+        ((-178.0, -1.0), [-180, -90, 0]),
+        ((-150.0, -40.0), [-135, -90, -45]),
+        ((-60.0, -3.0), [-60, -30]),
+        ((-2.0, -1.999), [-5, 0]),
+        ((-270.0, 90.0), [-270, -180, -90, 0, 90]),
+    ],
+)
+def test_two_numbers_or_more_beside_a_phase(panel: Axes, span: tuple[float, float], expected: list[int]) -> None:
+    panel.plot([0, 1], span)
+    phases(panel.yaxis)
+    low, high = panel.get_ylim()
+    assert low <= span[0]
+    assert high >= span[1]
+    assert [round(v) for v in panel.get_yticks() if low <= v <= high] == expected

@@ -1,4 +1,4 @@
-"""Scales of axes: logarithmic ones with few numbers beside them, all of one style, and windows."""
+"""Scales of axes: logarithmic ones with few numbers beside them, all of one style, windows, phases."""
 
 from collections.abc import Iterator, Sequence
 from typing import cast
@@ -10,7 +10,7 @@ from matplotlib.ticker import Formatter, LogLocator, MaxNLocator
 from hbm.figures.style import SMALL
 
 FEWEST, MOST = 2, 6
-"""Numbers beside a logarithmic axis."""
+"""Numbers beside an axis."""
 
 ROOM = {"x": 4.0, "y": 1.4}
 """Distance between numbers beside an axis, in their size: numbers are wider than high."""
@@ -24,13 +24,27 @@ FINE = 5
 NARROWEST = 1e-3
 """Share of a frequency or damping ratio that a window about it spans at least."""
 
+PHASE_STEPS = 90, 45, 30, 15, 5
+"""Degrees between the numbers of a phase."""
+
 
 def wide_enough(axis: Axis) -> None:
     """Widen a window that is narrow beside the numbers in it, so that equal ones do not look apart."""
+    _widen(axis, NARROWEST * float(np.mean(axis.get_view_interval())))
+
+
+def _widen(axis: Axis, least: float) -> None:
     low, high = axis.get_view_interval()
-    middle = (low + high) / 2
-    half = max(high - low, NARROWEST * middle) / 2
-    axis.axes.set(**{f"{_direction(axis)}lim": (middle - half, middle + half)})
+    more = max(least - (high - low), 0.0) / 2
+    axis.axes.set(**{f"{_direction(axis)}lim": (low - more, high + more)})
+
+
+def phases(axis: Axis) -> None:
+    """Two numbers or more beside an axis of phases, at multiples of 90 degrees, or of less where it spans less."""
+    _widen(axis, 2 * PHASE_STEPS[-1])
+    low, high = axis.get_view_interval()
+    multiples = (step * np.arange(np.ceil(low / step), np.floor(high / step) + 1) for step in PHASE_STEPS)
+    axis.set_ticks(next(found for found in multiples if len(found) >= FEWEST))
 
 
 def logarithmic(axis: Axis) -> None:
