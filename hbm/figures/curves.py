@@ -37,6 +37,9 @@ MARKERS = {
     "ends here": ("x", 6.0),
 }
 
+IN_A_COLUMN = 6
+"""Largest number of entries of a legend that stand below each other."""
+
 
 def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     """Page with everything about some frequency responses: amplitude, phase, slip, friction, reaction.
@@ -209,7 +212,10 @@ def explain(ax: Axes) -> None:
     shown = {label: line for label, line in drawn.items() if not label.startswith("_")}
     shown |= {label: drawn[f"_{label}"] for label in last if f"_{label}" in drawn}
     if shown:
-        ax.legend(list(shown.values()), list(shown), frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+        columns = -(-len(shown) // IN_A_COLUMN)
+        ax.legend(
+            list(shown.values()), list(shown), frameon=False, fontsize=SMALL, labelcolor=INK, loc="best", ncols=columns
+        )
 
 
 def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve]) -> None:

@@ -8,12 +8,12 @@ from hbm.figures.joints import LEGEND, history_rows
 from hbm.figures.style import (
     FAINT,
     INK,
-    SMALL,
     AxesArray,
     align_labels,
     as_written,
     dressed,
     headed,
+    legend_on_top,
     level_colors,
     panels,
 )
@@ -64,8 +64,7 @@ def plot_history(
             ax.margins(x=0)
             dressed(ax, "", text)
     if legend:
-        drawn = grid[1][1].get_legend_handles_labels()
-        grid[1][0].legend(*drawn, fontsize=SMALL, labelcolor=INK, loc="upper right", ncols=3)
+        legend_on_top(grid[1][0], grid[1][1].get_legend_handles_labels()[0])
     grid[-1][0].set_xlabel("Time [s]", color=INK)
     grid[-1][1].set_xlabel(f"Time [ms], last {periods} periods", color=INK)
     headed(grid[0][0], f"{rig.name}, {history.level:g} N at {history.hz:g} Hz")

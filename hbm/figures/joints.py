@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from hbm.figures.scales import logarithmic
 from hbm.figures.stretches import draw_line
-from hbm.figures.style import INK, SMALL, as_written, dressed
+from hbm.figures.style import INK, as_written, dressed, legend_on_top
 
 if TYPE_CHECKING:
     from hbm.response.curve import ResponseCurve
@@ -62,8 +62,7 @@ def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) ->
         levels = zip(widths, curves, strict=True)
         handles += [Line2D([], [], color=INK, linewidth=w, label=f"{c.level:g} N") for w, c in levels]
     if handles:
-        columns = max(1 + (len(handles) - 1) // 6, 1 + (len(curves) > 1))
-        force.legend(handles=handles, frameon=False, fontsize=SMALL, labelcolor=INK, loc="best", ncols=columns)
+        legend_on_top(force, handles)
     dressed(force, "", f"Joint force,\npeak [{_units(rig)[0]}]")
     dressed(motion, "", f"Joint motion,\npeak [{_units(rig)[1]}]")
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib import colormaps
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -25,6 +26,8 @@ WIDTH = 6.3  # inches: the text width of a page
 CHARACTERS = 64
 """Of a title, in a line of that width."""
 SMALL = 8
+ENTRY, LETTER = 4.2, 0.6
+"""Widths of an entry of a legend beside its name, and of a letter of it, in the size of its letters."""
 INK, FAINT = "0.2", "0.75"
 
 
@@ -140,6 +143,23 @@ def legend_above(axes: AxesArray, handles: Sequence[Any], *, where: str = "upper
     place = {"loc": f"outside {where}"} if roomy else {"loc": "best", "ncols": 1}
     legend: Legend = (figure if roomy else axes.flat[0]).legend(**style | place)
     return legend
+
+
+def legend_on_top(ax: Axes, handles: Sequence[Artist]) -> None:
+    """A legend on top of a panel, where no curve is, in as many columns as have room."""
+    ems = ax.get_window_extent().width / ax.figure.dpi * 72 / SMALL
+    entry = ENTRY + LETTER * max(len(str(handle.get_label())) for handle in handles)
+    ax.legend(
+        handles=handles,
+        frameon=False,
+        fontsize=SMALL,
+        labelcolor=INK,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        borderaxespad=0.0,
+        columnspacing=1.4,
+        ncols=max(1, int(ems / entry)),
+    )
 
 
 def align_labels(axes: AxesArray) -> AxesArray:
