@@ -493,6 +493,12 @@ def test_simulate_lasts_50_periods_unless_told() -> None:
     assert "50 periods, 1 s" in run("simulate", ONE_MODE, "--frequency", "50").stdout
 
 
+def test_simulate_says_of_one_period_that_it_is_one() -> None:
+    assert (
+        "513 samples, 1 period, 0.02 s" in run("simulate", ONE_MODE, "--frequency", "50", "--duration", "0.02").stdout
+    )
+
+
 def test_simulate_at_a_level_of_ones_own(tmp_path: Path) -> None:
     out = tmp_path / "h.csv"
     done = run("simulate", ONE_MODE, "--frequency", "40", "--level", "3", "--duration", "0.1", "--out", str(out))

@@ -183,6 +183,13 @@ def test_history_shows_all_and_the_last_periods(history: TimeHistory) -> None:
     assert np.array_equal(last.lines[0].get_xydata(), np.column_stack([history.time * 1e3, drive])[-129:])
 
 
+@pytest.mark.parametrize(("periods", "said"), [(0.5, ""), (1.5, ", last period"), (2.0, ", last 2 periods")])
+def test_a_short_history_says_how_many_periods_are_enlarged(periods: float, said: str) -> None:
+    axes = plot_history(simulate(PAPER, 50.0, duration=periods / 50.0, steps_per_period=64))
+    assert axes[-1][1].get_xlabel() == f"Time [ms]{said}"
+    assert len(axes[0][1].lines[0].get_xdata()) == 64 * (int(periods) or periods) + 1
+
+
 def test_names_of_joints_stand_above_their_forces() -> None:
     """Side by side, where no curve is, for they would lie on the curves of so many."""
     ports = {f"p{i}": (0.3 + 0.1 * i, 1.0 - 0.3 * i) for i in range(6)}

@@ -150,6 +150,15 @@ def _numerics_row(c: "ResponseCurve", known: "Assessment") -> dict[str, str]:
     }
 
 
+def counted(count: float, what: str) -> str:
+    """So many of something.
+
+    >>> counted(1, "point"), counted(2.5, "period")
+    ('1 point', '2.5 periods')
+    """
+    return f"{count:.6g} {what}{'' if count == 1 else 's'}"
+
+
 def print_history(console: Console, history: "TimeHistory | JointHistory") -> None:
     """Print the last period's peaks, how steady it is, and what to beware of."""
     from hbm.integration.history import TimeHistory
@@ -161,9 +170,8 @@ def print_history(console: Console, history: "TimeHistory | JointHistory") -> No
         rows.append([name, f"{last.min():.4g}", f"{last.max():.4g}", signal.unit])
     print_table(console, title, ["channel", "least", "largest", "unit"], rows)
     periods = (len(history.time) - 1) / history.samples_per_period
-    lines = [
-        f"{len(history.time)} samples, {periods:g} periods, {history.time[-1]:g} s; the table is of the last period"
-    ]
+    lasts = f"{counted(periods, 'period')}, {history.time[-1]:g} s"
+    lines = [f"{len(history.time)} samples, {lasts}; the table is of the last period"]
     if math.isfinite(history.steadiness):
         lines.append(f"drive displacement still changes by {history.steadiness:.2%} from one period to the next")
     if isinstance(history, TimeHistory) and history.lift_off is not None:
