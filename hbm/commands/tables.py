@@ -18,6 +18,7 @@ from hbm.rigfiles.lawchoice import KnownLaw, known_law, plain
 from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
 from models.jointed import AnyRig, JointedRig
+from models.joints import JOINT_LAWS
 
 if TYPE_CHECKING:
     from hbm.integration.history import TimeHistory
@@ -40,7 +41,7 @@ EVERYWHERE = slice(None)
 
 LAWS_FOOT = (
     "Columns: key of the rig file, value, unit, accepted values, meaning and source.",
-    "Equations and references: Hadji & Mureithi, Shock and Vibration 2019.",
+    "Equations of friction: Hadji & Mureithi, Shock and Vibration 2019.",
 )
 
 
@@ -202,11 +203,10 @@ def print_spectra(console: Console, records: Sequence["HarmonicEstimate"], level
 
 
 def print_laws(console: Console, laws: Sequence[Any], *, detailed: bool) -> None:
-    """Print friction laws with their parameters, and of each the first line it is described by, or all of them."""
+    """Print laws with their parameters, and of each the first line it is described by, or all of them."""
     for law in laws:
         known, paragraphs = known_law(law), _paragraphs(law)
-        values = "" if not fields(law) else f"  {known.source if known else 'no values are known'}"
-        console.print(Text.assemble((law.name, "bold"), (values, "dim")), highlight=False)
+        console.print(Text.assemble((law.name, "bold"), (_beside(law, known), "dim")), highlight=False)
         for paragraph in paragraphs if detailed else paragraphs[:1]:
             _indented(console, Text(paragraph))
             if detailed:
@@ -214,6 +214,13 @@ def print_laws(console: Console, laws: Sequence[Any], *, detailed: bool) -> None
         _indented(console, _parameter_table(law, known))
         console.print()
     print_lines(console, LAWS_FOOT)
+
+
+def _beside(law: type, known: KnownLaw | None) -> str:
+    """What stands beside the name of a law: where it may stand, or where its values are from."""
+    if law in JOINT_LAWS.values():
+        return "  in [[joints]] only"
+    return f"  {known.source if known else 'no values are known'}" if fields(law) else ""
 
 
 def _paragraphs(law: type) -> list[str]:
