@@ -30,6 +30,7 @@ from hbm.modes.linear import contact_stiffness, linear_modes
 from hbm.response.curve import ResponseCurve
 from hbm.rigfiles.lawchoice import choose_law
 from models import LAWS, FrictionLaw, Jenkins, describe
+from models.joints import JOINT_LAWS
 from models.published import (
     ASSUMED_IWAN,
     ASSUMED_VLFM,
@@ -105,7 +106,11 @@ def python(code: str) -> str:
         (["frf", PAPER, "--plot", "c.jpg"], 'frf: --plot = "c.jpg"; must end in .png or .pdf or .svg'),
         (
             ["laws", "dahl", "lugree"],
-            f'laws: "lugree"; must be one of {", ".join(LAWS)}, or file.py:Class; did you mean lugre?',
+            f'laws: "lugree"; must be one of {", ".join(LAWS | JOINT_LAWS)}, or file.py:Class; did you mean lugre?',
+        ),
+        (
+            ["laws", "impact-stop", "--plot", "l.png"],
+            f'laws: --plot of "impact-stop"; must be one of {", ".join(LAWS)}, or file.py:Class',
         ),
         (["laws", "--slip", "1e-5"], "laws: --slip without --plot; must have both"),
         (["laws", "--load", "80"], "laws: --load without --plot; must have both"),
@@ -335,7 +340,7 @@ def test_laws_lists_every_law_and_parameter_with_everything_known_of_it() -> Non
     result = run("laws")
     assert (result.exit_code, result.stderr) == (0, "")
     text = " ".join(result.stdout.split())
-    for name, law in LAWS.items():
+    for name, law in (LAWS | JOINT_LAWS).items():
         assert any(line.split()[:1] == [name] for line in result.stdout.splitlines())
         for key, p in describe(law).items():
             bound = f">= {p.at_least}" if p.at_least else p.bound
@@ -352,7 +357,7 @@ def test_laws_lists_every_law_and_parameter_with_everything_known_of_it() -> Non
 def test_laws_cut_nothing_at_any_width(width: int) -> None:
     wide, narrow = (Console(width=columns, record=True, file=io.StringIO()) for columns in (400, width))
     for console in (wide, narrow):
-        print_laws(console, list(LAWS.values()), detailed=False)
+        print_laws(console, list((LAWS | JOINT_LAWS).values()), detailed=False)
     text = narrow.export_text(clear=False)
     assert max(map(len, text.splitlines())) <= width
     assert sorted(text.split()) == sorted(wide.export_text().split())  # every word, where the lines are broken aside
@@ -363,6 +368,14 @@ def test_one_law_is_told_in_full() -> None:
     assert "g = R [mu + (mu_static - mu) exp(-(v / v_s)^2)]." in result.stdout
     assert "the paper's parameters (models.published.PAPER_LUGRE)" in result.stdout
     assert "dahl" not in result.stdout
+
+
+def test_a_law_of_joints_is_told_in_full() -> None:
+    result = run("laws", "impact-stop")
+    assert result.exit_code == 0
+    lines = [" ".join(line.split()) for line in result.stdout.splitlines()]
+    assert lines[0] == "impact-stop in [[joints]] only"
+    assert "gap 0 m any clearance; catalogue of causes; 0 if left out" in lines
 
 
 def test_laws_draws_loops_and_prints_what_they_lose(tmp_path: Path) -> None:
@@ -491,6 +504,12 @@ def test_simulate_writes_the_history_and_the_figure(tmp_path: Path) -> None:
 
 def test_simulate_lasts_50_periods_unless_told() -> None:
     assert "50 periods, 1 s" in run("simulate", ONE_MODE, "--frequency", "50").stdout
+
+
+def test_simulate_says_of_one_period_that_it_is_one() -> None:
+    assert (
+        "513 samples, 1 period, 0.02 s" in run("simulate", ONE_MODE, "--frequency", "50", "--duration", "0.02").stdout
+    )
 
 
 def test_simulate_at_a_level_of_ones_own(tmp_path: Path) -> None:

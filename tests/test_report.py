@@ -31,6 +31,10 @@ from hbm.response.loop import FrictionLoop, friction_loop
 from hbm.response.trace import steady_state, trace_frequency
 from hbm.rigfiles.load import load_rig
 from hbm.stability.multipliers import Stability
+from models.bodies.modal import ModalModel
+from models.jointed import JointedRig
+from models.joints import Joint, PolynomialSpring
+from models.parts import Damping, Excitation
 from models.published import ASSUMED_IWAN, PAPER_COULOMB, PAPER_DAHL, PAPER_PENALTY
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -177,6 +181,26 @@ def test_history_shows_all_and_the_last_periods(history: TimeHistory) -> None:
     drive = history.channels["drive"].values * 1e3
     assert np.array_equal(whole.lines[0].get_xydata(), np.column_stack([history.time, drive]))
     assert np.array_equal(last.lines[0].get_xydata(), np.column_stack([history.time * 1e3, drive])[-129:])
+
+
+@pytest.mark.parametrize(("periods", "said"), [(0.5, ""), (1.5, ", last period"), (2.0, ", last 2 periods")])
+def test_a_short_history_says_how_many_periods_are_enlarged(periods: float, said: str) -> None:
+    axes = plot_history(simulate(PAPER, 50.0, duration=periods / 50.0, steps_per_period=64))
+    assert axes[-1][1].get_xlabel() == f"Time [ms]{said}"
+    assert len(axes[0][1].lines[0].get_xdata()) == 64 * (int(periods) or periods) + 1
+
+
+def test_names_of_joints_stand_above_their_forces() -> None:
+    """Side by side, where no curve is, for they would lie on the curves of so many."""
+    ports = {f"p{i}": (0.3 + 0.1 * i, 1.0 - 0.3 * i) for i in range(6)}
+    joints = tuple(Joint(f"spring {p}", PolynomialSpring(linear=50.0), (p,)) for p in ports)
+    rig = JointedRig("sprung", ModalModel((2.0, 3.0), ports), Damping(0.3), joints, Excitation(1.0, at="p0"))
+    forces = plot_curves(trace_frequency(rig, (1.0, 4.0), harmonics=1))[2]
+    forces.figure.draw_without_rendering()
+    names, panel = forces.get_legend().get_window_extent(), forces.get_window_extent()
+    assert panel.y1 <= names.y0
+    assert names.x1 <= panel.x1
+    assert names.height < 0.5 * panel.height
 
 
 def loops(*names: str) -> list[FrictionLoop]:

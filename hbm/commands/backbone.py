@@ -195,14 +195,17 @@ def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"]
                 "folds": str(len(b.folds)),
             }
         )
-        parts = [_changed(f"more {name}", *found) for name, found in change.by_source.items()]
-        lines.append(f"{backbone_name(b)}, where most damped: frequency and damping change with {', '.join(parts)}")
+        lines.append(f"{backbone_name(b)}, where most damped: {_accuracy(change)}")
         if b.lift_off is not None:
             lines.append(f"warning: {backbone_name(b)}: the tip would lift off from {1e3 * b.lift_off:.3g} mm on")
     print_rows(screen, f"{rig.headline}, mode {mode}", rows)
     print_lines(screen, lines)
 
 
-def _changed(how: str, hz: float, damping: float) -> str:
-    """By how much frequency and damping change with a finer discretisation, in words."""
-    return f"{how} by {hz:+.2%} and {damping:+.2%}" if isfinite(hz) else f"{how}: not found"
+def _accuracy(change: "NumericalChange") -> str:
+    """By how much frequency and damping change with finer discretisations, in words."""
+    changed = [f"more {how} by {hz:+.2%} and {d:+.2%}" for how, (hz, d) in change.by_source.items() if isfinite(hz)]
+    lost = [f"more {how}" for how, (hz, _) in change.by_source.items() if not isfinite(hz)]
+    said = [f"frequency and damping change with {', '.join(changed)}"] if changed else []
+    said += [f"the same motion was not found with {', '.join(lost)}"] if lost else []
+    return "; ".join(said)

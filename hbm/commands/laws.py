@@ -1,4 +1,4 @@
-"""The command ``hbm laws``: friction laws, and their loops."""
+"""The command ``hbm laws``: laws of friction and of joints, and the loops of those of friction."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,7 +33,9 @@ def laws(
     ] = None,
     load: Annotated[str | None, typer.Option(metavar="N", help="With --plot: normal load; 83 where omitted.")] = None,
 ) -> None:
-    """Friction laws: parameters, units, bounds, sources; and their loops, force against slip and slip velocity.
+    """Laws of friction and of joints: parameters, units, bounds, sources.
+
+    And loops of those of friction, force against slip and slip velocity.
 
     Example:  hbm laws dahl iwan --plot loops.png
     """
@@ -44,7 +46,7 @@ def laws(
     amplitude = positive("laws", "--slip", slip or "1e-5", "m")
     hz = positive("laws", "--frequency", frequency or "50", "Hz")
     force = positive("laws", "--load", load or "83", "N")
-    chosen = _laws(names)
+    chosen = _laws(names, drawn=plot is not None)
     if plot is not None:
         deliver_loops(_with_values(chosen, refuse=bool(names)), amplitude, hz, force, plot)
         return
@@ -53,14 +55,16 @@ def laws(
     print_laws(console(), chosen, detailed=bool(names))
 
 
-def _laws(names: Sequence[str] | None) -> list[Any]:
+def _laws(names: Sequence[str] | None, *, drawn: bool) -> list[Any]:
+    """Laws by name, or all; those of joints have no loops to be drawn."""
     from hbm.rigfiles.laws import find_law
     from models import LAWS
+    from models.joints import JOINT_LAWS
 
-    laws = []
-    for name in names or LAWS:
-        with named(f"laws: {quoted(name)}", ";"):
-            laws.append(find_law(name, Path()))
+    known, laws = LAWS if drawn else LAWS | JOINT_LAWS, []
+    for name in names or known:
+        with named(f"laws: {'--plot of ' if drawn else ''}{quoted(name)}", ";"):
+            laws.append(find_law(name, Path(), known=known))
     return laws
 
 

@@ -3,7 +3,7 @@
 from rich.console import Console
 
 from continuation import Kind
-from hbm.commands.tables import LISTED, force_cells, print_lines, print_rows, stable_words
+from hbm.commands.tables import LISTED, counted, force_cells, print_lines, print_rows, stable_words
 from hbm.tracking.parameterresponse import ParameterCurve
 
 
@@ -23,7 +23,7 @@ def print_parameter_curve(console: Console, curve: ParameterCurve) -> None:
     ]
     print_rows(console, rig.headline, rows)
     held = [text for key, text in _excitation(first.hz, first.level).items() if key != curve.parameter]
-    lines = [f"{len(values)} points at {' and '.join(held)}; {curve.reason}"]
+    lines = [f"{counted(len(values), 'point')} at {' and '.join(held)}; {curve.reason}"]
     lines += [f"fold at {curve.parameter} = {value:.6g}" for value in curve.folds]
     lines += [
         f"{b.kind.value} at {curve.parameter} = {curve.value_at(b.special.lam):.6g}"

@@ -23,7 +23,12 @@ def simulate(
     frequency: Annotated[str, typer.Option(metavar="HZ", help="Excitation frequency.", show_default=False)],
     level: Annotated[str | None, typer.Option(metavar="N", help="Force amplitude; the rig's where omitted.")] = None,
     duration: Annotated[
-        str | None, typer.Option(metavar="S", help="How long, in seconds; 50 periods where omitted.")
+        str | None,
+        typer.Option(
+            metavar="S",
+            help="How long, in seconds, rounded to whole steps, or to whole periods of a rig with joints; 50 periods "
+            "where omitted.",
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option(metavar="F.csv", help="Write the rig's channels over time here.")] = None,
     plot: Plot = None,

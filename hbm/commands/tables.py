@@ -18,6 +18,7 @@ from hbm.rigfiles.lawchoice import KnownLaw, known_law, plain
 from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
 from models.jointed import AnyRig, JointedRig
+from models.joints import JOINT_LAWS
 
 if TYPE_CHECKING:
     from hbm.integration.history import TimeHistory
@@ -40,7 +41,7 @@ EVERYWHERE = slice(None)
 
 LAWS_FOOT = (
     "Columns: key of the rig file, value, unit, accepted values, meaning and source.",
-    "Equations and references: Hadji & Mureithi, Shock and Vibration 2019.",
+    "Equations of friction: Hadji & Mureithi, Shock and Vibration 2019.",
 )
 
 
@@ -152,6 +153,15 @@ def _numerics_row(c: "ResponseCurve", known: "Assessment") -> dict[str, str]:
     }
 
 
+def counted(count: float, what: str) -> str:
+    """So many of something.
+
+    >>> counted(1, "point"), counted(2.5, "period")
+    ('1 point', '2.5 periods')
+    """
+    return f"{count:.6g} {what}{'' if count == 1 else 's'}"
+
+
 def print_history(console: Console, history: "TimeHistory | JointHistory") -> None:
     """Print the last period's peaks, how steady it is, and what to beware of."""
     from hbm.integration.history import TimeHistory
@@ -163,9 +173,8 @@ def print_history(console: Console, history: "TimeHistory | JointHistory") -> No
         rows.append([name, f"{last.min():.4g}", f"{last.max():.4g}", signal.unit])
     print_table(console, title, ["channel", "least", "largest", "unit"], rows)
     periods = (len(history.time) - 1) / history.samples_per_period
-    lines = [
-        f"{len(history.time)} samples, {periods:g} periods, {history.time[-1]:g} s; the table is of the last period"
-    ]
+    lasts = f"{counted(periods, 'period')}, {history.time[-1]:g} s"
+    lines = [f"{len(history.time)} samples, {lasts}; the table is of the last period"]
     if math.isfinite(history.steadiness):
         lines.append(f"drive displacement still changes by {history.steadiness:.2%} from one period to the next")
     if isinstance(history, TimeHistory) and history.lift_off is not None:
@@ -196,11 +205,10 @@ def print_spectra(console: Console, records: Sequence["HarmonicEstimate"], level
 
 
 def print_laws(console: Console, laws: Sequence[Any], *, detailed: bool) -> None:
-    """Print friction laws with their parameters, and of each the first line it is described by, or all of them."""
+    """Print laws with their parameters, and of each the first line it is described by, or all of them."""
     for law in laws:
         known, paragraphs = known_law(law), _paragraphs(law)
-        values = "" if not fields(law) else f"  {known.source if known else 'no values are known'}"
-        console.print(Text.assemble((law.name, "bold"), (values, "dim")), highlight=False)
+        console.print(Text.assemble((law.name, "bold"), (_beside(law, known), "dim")), highlight=False)
         for paragraph in paragraphs if detailed else paragraphs[:1]:
             _indented(console, Text(paragraph))
             if detailed:
@@ -208,6 +216,13 @@ def print_laws(console: Console, laws: Sequence[Any], *, detailed: bool) -> None
         _indented(console, _parameter_table(law, known))
         console.print()
     print_lines(console, LAWS_FOOT)
+
+
+def _beside(law: type, known: KnownLaw | None) -> str:
+    """What stands beside the name of a law: where it may stand, or where its values are from."""
+    if law in JOINT_LAWS.values():
+        return "  in [[joints]] only"
+    return f"  {known.source if known else 'no values are known'}" if fields(law) else ""
 
 
 def _paragraphs(law: type) -> list[str]:

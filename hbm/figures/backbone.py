@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
+from hbm.figures.scales import logarithmic, wide_enough
 from hbm.figures.style import (
     FAINT,
     INK,
@@ -66,7 +67,8 @@ def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, num
     ax, linear = new_axes(ax), linear_modes(backbones[0].rig)
     _mark_limits(ax, backbones, linear.stuck_hz[number - 1], linear.sliding_hz[number - 1])
     _draw(ax, [(b, b.amplitude * 1e3, b.hz) for b in backbones])
-    ax.set_xscale("log")
+    logarithmic(ax.xaxis)
+    wide_enough(ax.yaxis)
     _shade_lift_off(ax, backbones)
     ax.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
     return dressed(ax, "Drive displacement, fundamental [mm]", "Frequency [Hz]")
@@ -79,8 +81,9 @@ def plot_damping(backbones: Sequence[Backbone], ax: Axes | None = None, *, numbe
     held, free = linear.stuck_damping_ratio[number - 1], linear.damping_ratio[number - 1]
     _mark_limits(ax, backbones, 100 * held, 100 * free)
     _draw(ax, [(b, b.amplitude * 1e3, 100 * b.damping_ratio) for b in backbones])
-    ax.set_xscale("log")
-    ax.set_yscale("log")
+    logarithmic(ax.xaxis)
+    logarithmic(ax.yaxis)
+    wide_enough(ax.yaxis)
     _shade_lift_off(ax, backbones)
     return dressed(ax, "Drive displacement, fundamental [mm]", "Damping ratio [%]")
 
@@ -93,13 +96,14 @@ def plot_backbone_over_responses(
     for curve, color in zip(curves, level_colors(curves) if curves else [], strict=True):
         ax.plot(curve.hz, curve["drive"].amplitude[:, 1] * 1e3, color=color, linewidth=1.0, label=f"{curve.level:g} N")
     _draw(ax, [(b, b.hz, b.amplitude * 1e3) for b in backbones])
-    ax.set_yscale("log")
+    logarithmic(ax.yaxis)
     if curves:
         ax.set_xlim(min(float(c.hz.min()) for c in curves), max(float(c.hz.max()) for c in curves))
         lowest = min(float(c["drive"].amplitude[:, 1].min()) for c in curves)
         tallest = max(float(c["drive"].amplitude[:, 1].max()) for c in curves)
         ax.set_ylim(lowest * 1e3 / 1.5, tallest * 1e3 * 2.0)
         ax.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+    wide_enough(ax.xaxis)
     return dressed(ax, "Frequency [Hz]", "Drive displacement,\nfundamental [mm]")
 
 

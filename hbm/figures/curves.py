@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from hbm.figures.joints import draw_joints
+from hbm.figures.scales import phases
 from hbm.figures.stretches import DASHES, draw_line
 from hbm.figures.style import (
     FAINT,
@@ -35,7 +36,9 @@ MARKERS = {
     "period doubling": ("^", 4.0),
     "ends here": ("x", 6.0),
 }
-PHASE_TICKS = np.arange(-270, 91, 90)
+
+IN_A_COLUMN = 6
+"""Largest number of entries of a legend that stand below each other."""
 
 
 def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
@@ -107,8 +110,7 @@ def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
     curves, ax = listed(curves), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):
         draw_line(ax, curve, phase_degrees(curve), color)
-    low, high = ax.get_ylim()
-    ax.set_yticks([t for t in PHASE_TICKS if low - 45 < t < high + 45])
+    phases(ax.yaxis)
     return dressed(ax, over(curves), "Phase to\nthe force [°]")
 
 
@@ -210,7 +212,10 @@ def explain(ax: Axes) -> None:
     shown = {label: line for label, line in drawn.items() if not label.startswith("_")}
     shown |= {label: drawn[f"_{label}"] for label in last if f"_{label}" in drawn}
     if shown:
-        ax.legend(list(shown.values()), list(shown), frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
+        columns = -(-len(shown) // IN_A_COLUMN)
+        ax.legend(
+            list(shown.values()), list(shown), frameon=False, fontsize=SMALL, labelcolor=INK, loc="best", ncols=columns
+        )
 
 
 def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve]) -> None:

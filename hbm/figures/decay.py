@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from hbm.figures.compared import Compared
-from hbm.figures.diagnosis import BAND, COLORS, FIVE_COLUMNS, STYLES, WIDTHS, few_powers, record_handles
+from hbm.figures.diagnosis import BAND, COLORS, FIVE_COLUMNS, STYLES, WIDTHS, record_handles
+from hbm.figures.scales import logarithmic
 from hbm.figures.style import FAINT, INK, AxesArray, as_written, dressed, legend_above, panels
 from hbm.fourier import Array
 from hbm.measurement.decay import Decay
@@ -84,9 +85,7 @@ def plot_decay(
     for column, label in enumerate(("Frequency [Hz]", "Damping ratio [%]")):
         dressed(grid[0, column], "", label)
         dressed(grid[1, column], f"{as_written(quantity)} [{unit}]", f"Missed {label[0].lower()}{label[1:]}")
-    grid[0, 0].set_xscale("log")
-    few_powers(grid[0, 0].xaxis, float(first.amplitude[-1] / first.amplitude[0]))
-    grid[0, 0].yaxis.get_major_formatter().set_useOffset(False)
+    logarithmic(grid[0, 0].xaxis)
     legend_above(grid, [*map(_line, shown), *record_handles(next(iter(models.values())))], **FIVE_COLUMNS)
     return grid
 

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from hbm.figures.compared import MODELS, Compared
+from hbm.figures.scales import logarithmic
 from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, graded, label_all, legend_above, panels
 from hbm.fourier import Array
 from hbm.measurement.groups import frequency_bands, levels
@@ -87,7 +87,7 @@ def plot_responses(
                     draw_response(ax, c, own, of_model(traced, name, level, band), (channels[row], 1), **line)
                 shown = _chosen(any_model, row, band) & (level_of == level)
                 measured_points(ax, any_model, shown, colors[level])
-            ax.set_yscale("log")
+            logarithmic(ax.yaxis)
             _readable(ax, len(bands))
             dressed(ax, "", "")
         beside[0].set_ylabel(f"{as_written(channels[row])}\n[{units[row]}]", color=INK, fontsize=SMALL + 1)
@@ -190,7 +190,7 @@ def plot_deviations(
                 for held in (False, True):
                     i = _chosen(c, row, band) & (c.held_out == held)
                     points(ax, c.hz[i] + shift, off[i], name, hollow=held)
-            ax.set_yscale("log")
+            logarithmic(ax.yaxis)
             least = noise[(any_model.channel == row) & (any_model.harmonic == 1)].min(initial=np.inf)
             if np.isfinite(least):  # the fundamental of the channel was measured
                 ax.set_ylim(bottom=LOST * float(least))
@@ -223,17 +223,8 @@ def _grid(
 
 def _readable(ax: Axes, bands: int) -> None:
     """Numbers at the ticks of a panel, fewer where several stand side by side."""
-    low, high = ax.get_ylim()
-    few_powers(ax.yaxis, high / low)
     ax.xaxis.set_major_locator(MaxNLocator(6 if bands == 1 else 3, min_n_ticks=2))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-
-
-def few_powers(axis: Axis, span: float) -> None:
-    """Powers of ten on a logarithmic axis, or more of it where it spans few."""
-    axis.set_major_locator(LogLocator(subs=(1.0,) if span > 50.0 else (1.0, 2.0, 5.0), numticks=6))
-    axis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def points(ax: Axes, x: Array, y: Array, name: str, *, hollow: bool) -> None:

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 from matplotlib.lines import Line2D
 
 from hbm.figures.compared import MODELS
-from hbm.figures.diagnosis import COLORS, FIVE_COLUMNS, few_powers
+from hbm.figures.diagnosis import COLORS, FIVE_COLUMNS
+from hbm.figures.scales import logarithmic
 from hbm.figures.style import FAINT, INK, AxesArray, dressed, legend_above, panels
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def plot_gain(diagnosis: "Diagnosis", axes: AxesArray | None = None) -> AxesArra
     for ax, (key, factor, label) in zip(
         pair, (("nrmse", 100.0, "Error [%]"), ("chi2_reduced", 1.0, "Misfit [noise variances]")), strict=True
     ):
-        ax.set_xscale("log")
+        logarithmic(ax.xaxis)
         low, high = _ends([factor * getattr(e, key) for name in names for e in diagnosis.errors[name].values()])
         ax.set_xlim(low, high)
         for y, name in enumerate(names):
@@ -40,7 +41,6 @@ def plot_gain(diagnosis: "Diagnosis", axes: AxesArray | None = None) -> AxesArra
             for part, value in values.items():
                 face = COLORS[name] if part == "train" else "white"
                 ax.plot(value, y, "o", color=COLORS[name], markerfacecolor=face, markersize=6, zorder=2)
-        few_powers(ax.xaxis, high / low)
         dressed(ax, label, "")
     pair[1].axvline(1.0, color=FAINT, linewidth=0.9, zorder=0)
     pair[0].set_yticks(range(len(names)), names)

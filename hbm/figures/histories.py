@@ -8,12 +8,12 @@ from hbm.figures.joints import LEGEND, history_rows
 from hbm.figures.style import (
     FAINT,
     INK,
-    SMALL,
     AxesArray,
     align_labels,
     as_written,
     dressed,
     headed,
+    legend_on_top,
     level_colors,
     panels,
 )
@@ -53,7 +53,8 @@ def plot_history(
     if isinstance(rig, JointedRig):
         rows, height, layout, legend = history_rows(rig), 5.2, ConstrainedLayoutEngine(), rig.ports <= LEGEND
     grid = panels(axes, len(rows), 2, height, layout=layout, sharex="col", sharey="row", width_ratios=(2, 1))
-    last = slice(-min(periods * history.samples_per_period + 1, len(history.time)), None)
+    shown = min(periods, (len(history.time) - 1) // history.samples_per_period)
+    last = slice(-(shown * history.samples_per_period + 1) if shown else 0, None)
     for (whole, enlarged), (names, scale, label, colors) in zip(grid, rows, strict=True):
         for name, own in zip(names, colors, strict=True):
             y, said = history.channels[name].values * scale, as_written(name.replace(".force", ""))
@@ -64,9 +65,13 @@ def plot_history(
             ax.margins(x=0)
             dressed(ax, "", text)
     if legend:
-        drawn = grid[1][1].get_legend_handles_labels()
-        grid[1][0].legend(*drawn, fontsize=SMALL, labelcolor=INK, loc="upper right", ncols=3)
+        legend_on_top(grid[1][0], grid[1][1].get_legend_handles_labels()[0])
     grid[-1][0].set_xlabel("Time [s]", color=INK)
-    grid[-1][1].set_xlabel(f"Time [ms], last {periods} periods", color=INK)
+    grid[-1][1].set_xlabel(f"Time [ms]{_last(shown)}", color=INK)
     headed(grid[0][0], f"{rig.name}, {history.level:g} N at {history.hz:g} Hz")
     return align_labels(grid)
+
+
+def _last(periods: int) -> str:
+    """What is enlarged, in words; nothing of a history that is shorter than a period."""
+    return "" if periods == 0 else ", last period" if periods == 1 else f", last {periods} periods"

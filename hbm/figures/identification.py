@@ -15,6 +15,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.ticker import MaxNLocator
 
 from hbm.figures.inverse import BAND, FRICTION, HARMONIC, SLIP, loop_band, representative
+from hbm.figures.scales import OneStyle, log_numbers, logarithmic
 from hbm.figures.style import (
     FAINT,
     INK,
@@ -39,8 +40,11 @@ LAW_COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#000000", "#E69F00", 
 LAW_STYLES = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (5, 1, 1, 1)), (0, (1, 1)))
 LAW_MARKERS = "osD^vPX"
 
-MOST_POWERS = 4
-"""Powers of ten on an axis that is half as wide as the page, beside long names."""
+APART = 0.25
+"""Least distance of numbers on an axis that is half as wide as the page, beside long names, as a share of it."""
+
+LINEAR = 10.0
+"""BIC up to this is drawn to scale, over the width of a power of ten, more by its logarithm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +187,7 @@ def plot_law_residuals(
             ax.plot(k, values, linewidth=1.1, markersize=3.5, label=law, **law_style(n))
     noise = residual_noise(reconstruction)
     for ax, least in ((left, float(noise[noise > 0.0].min(initial=1.0))), (right, 1.0)):
-        ax.set_yscale("log")
+        logarithmic(ax.yaxis)
         ax.set_ylim(bottom=0.05 * least)
         ax.set_xticks(k[:: 1 + len(k) // 12])
     dressed(left, HARMONIC, "Residual, rms [N]")
@@ -304,9 +308,10 @@ def plot_ranking(
     found = panels(axes, 1, 1 if error is None else 2, 0.9 + 0.26 * len(laws), sharey=True).ravel()
     y = np.arange(len(laws))
     _bars(found[0], y, (bic - bic.min())[order], ".4g")
-    found[0].set_xscale("symlog", linthresh=10.0)
-    if np.ptp(bic) >= 10.0:
-        found[0].set_xticks(_few_powers(float(np.ptp(bic))))
+    found[0].set_xscale("symlog", linthresh=LINEAR)
+    if np.ptp(bic) >= LINEAR:
+        found[0].set_xticks([0.0, *(v for v in log_numbers(1.0, float(np.ptp(bic)), APART) if v >= LINEAR)])
+        found[0].xaxis.set_major_formatter(OneStyle())
     dressed(found[0], f"BIC above the best; line: {clear:g}", "")
     found[0].axvline(clear, color=FAINT, linewidth=0.8, zorder=0)
     found[0].set_yticks(y, [laws[i] for i in order])
@@ -315,17 +320,6 @@ def plot_ranking(
         _bars(found[1], y, 100.0 * error[order], ".3g")
         dressed(found[1], "Held-out error [%]", "")
     return found
-
-
-def _few_powers(highest: float) -> list[float]:
-    """0 and powers of ten up to the highest, no more than have room.
-
-    >>> _few_powers(7e6), _few_powers(25.0)
-    ([0.0, 100.0, 10000.0, 1000000.0], [0.0, 10.0])
-    """
-    top = int(np.log10(highest))
-    step = -(-top // MOST_POWERS)
-    return [0.0, *(10.0**k for k in range(step, top + 1, step))]
 
 
 def _bars(ax: Axes, y: npt.NDArray[np.intp], width: Array, form: str) -> None:

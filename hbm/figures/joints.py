@@ -8,8 +8,9 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from hbm.figures.scales import logarithmic
 from hbm.figures.stretches import draw_line
-from hbm.figures.style import INK, SMALL, as_written, dressed
+from hbm.figures.style import INK, as_written, dressed, legend_on_top
 
 if TYPE_CHECKING:
     from hbm.response.curve import ResponseCurve
@@ -50,7 +51,7 @@ def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) ->
         for curve, width, own in zip(curves, widths, peaks, strict=True):
             for color, peak in zip(colors_of(rig), own, strict=True):
                 draw_line(ax, curve, peak, color, width)
-        ax.set_yscale("log")
+        logarithmic(ax.yaxis)
         highest, lowest = (float(find([find(p) for own in peaks for p in own])) for find in (np.max, np.min))
         ax.set_ylim(bottom=max(lowest, SHOWN * highest) / 2)
     handles = []
@@ -61,8 +62,7 @@ def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) ->
         levels = zip(widths, curves, strict=True)
         handles += [Line2D([], [], color=INK, linewidth=w, label=f"{c.level:g} N") for w, c in levels]
     if handles:
-        columns = max(1 + (len(handles) - 1) // 6, 1 + (len(curves) > 1))
-        force.legend(handles=handles, frameon=False, fontsize=SMALL, labelcolor=INK, loc="best", ncols=columns)
+        legend_on_top(force, handles)
     dressed(force, "", f"Joint force,\npeak [{_units(rig)[0]}]")
     dressed(motion, "", f"Joint motion,\npeak [{_units(rig)[1]}]")
 

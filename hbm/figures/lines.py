@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib.lines import Line2D
 
 from hbm.figures.compared import Compared
-from hbm.figures.diagnosis import COLORS, FIVE_COLUMNS, FREQUENCY, few_powers
+from hbm.figures.diagnosis import COLORS, FIVE_COLUMNS, FREQUENCY
+from hbm.figures.scales import logarithmic
 from hbm.figures.style import INK, AxesArray, as_written, dressed, legend_above, panels
 
 ROOM = 10.0
@@ -59,10 +60,8 @@ def plot_lines(
             ]
         ax.plot(hz, np.abs(own.measured - own.simulated), color=COLORS[name], **dots)
         handles.append(Line2D([], [], color=COLORS[name], label=f"missed, {name}", **dots | {"markersize": 6}))
-    ax.set_yscale("log")
+    logarithmic(ax.yaxis)
     ax.set_ylim(bottom=bottom)
-    low, high = ax.get_ylim()
-    few_powers(ax.yaxis, high / low)
     dressed(ax, FREQUENCY, f"{as_written(quantity)} [{unit}]")
     legend_above(found, handles, **FIVE_COLUMNS)
     return found

@@ -7,10 +7,11 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
+from matplotlib.ticker import MaxNLocator
 
 from hbm.figures.compared import Compared
 from hbm.figures.diagnosis import FREQUENCY
+from hbm.figures.scales import few_numbers
 from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, label_all, panels
 from hbm.fourier import Array
 
@@ -50,8 +51,7 @@ def plot_misfit_map(
     label_all(grid, FREQUENCY + ", record by record; diamonds: held out")
     bar = grid[0, 0].figure.colorbar(image, ax=grid, aspect=40, pad=0.02)
     bar.set_label("Rms deviation [standard deviations]", color=INK)
-    bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
-    bar.ax.yaxis.set_minor_formatter(NullFormatter())
+    few_numbers(bar.ax.yaxis)
     return grid
 
 

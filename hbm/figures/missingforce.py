@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, NullFormatter
 
-from hbm.figures.diagnosis import BAND, COLORS, MOST_PLACES, few_powers
+from hbm.figures.diagnosis import BAND, COLORS, MOST_PLACES
+from hbm.figures.scales import logarithmic
 from hbm.figures.style import FAINT, INK, SMALL, WIDTH, AxesArray, as_written, dressed, graded, panels
 from hbm.measurement.groups import levels
 
@@ -58,14 +58,13 @@ def _draw_places(ax: Axes, places: Sequence["MissingForce"], before: float) -> N
     bars = ax.barh(y, left - low, left=low, height=0.62, color="0.78")
     bars[0].set_color(COLORS["extended"])
     ax.bar_label(bars, [f"{p.left:.3g}  ({100 * p.share:.3g} %)" for p in places], padding=3, fontsize=SMALL, color=INK)
-    ax.set_xscale("log")
+    logarithmic(ax.xaxis)
     top = max(before, float(left.max()))
     ax.set_xlim(low, top * (top / low) ** 0.4)  # room for the numbers
     for value in (1.0, before):
         ax.axvline(value, color=FAINT, linewidth=0.9, zorder=0)
     ax.set_yticks(y, [as_written(p.place.name) for p in places])
     ax.invert_yaxis()
-    few_powers(ax.xaxis, top / low)
     dressed(ax, "Misfit left [noise variances]; grey lines: noise alone, no force at all", "")
     ax.tick_params(axis="y", length=0)
 
@@ -77,7 +76,7 @@ def _draw_harmonics(ax: Axes, f: "MissingForce") -> None:
     ax.bar(k - 0.19, f.elastic, width=0.36, color=COLORS["extended"], label="in phase")
     ax.bar(k + 0.19, f.dissipative, width=0.36, color=COLORS["calibrated"], label="in quadrature")
     ax.plot(seen, floor, "_", color="0.3", markersize=11, label="noise")
-    ax.set_yscale("log")
+    logarithmic(ax.yaxis)
     top = max(float(np.nanmax([f.elastic, f.dissipative])), float(np.nanmax(floor)))
     ax.set_ylim(bottom=max(0.3 * float(np.nanmin(floor)), 1e-4 * top), top=2 * top)
     ax.set_xticks(k)
@@ -120,11 +119,8 @@ def _draw_growth(ax: Axes, d: "Discrepancy") -> None:
         ax.text(
             0.03, 0.97, f"power {power}".replace("+-", "±"), transform=ax.transAxes, va="top", fontsize=SMALL, color=INK
         )
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.set_ylim(0.3 * float(np.nanmin(size[clear])) if clear.any() else None, 4.0 * float(np.nanmax(size)))
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(numticks=5))
-        axis.set_minor_formatter(NullFormatter())
+        logarithmic(axis)
+    ax.set_ylim(0.3 * float(np.nanmin(size[clear])) if clear.any() else None, 4.0 * float(np.nanmax(size)))
     against = {"force": "Motion there", "motion": "Load there", "reading": "Reading"}[f.place.kind]
     dressed(ax, f"{against} [{f.place.against}]", f"Harmonic {k} [{f.place.unit}]")

@@ -15,12 +15,12 @@ from hbm.figures.diagnosis import (
     MARKERS,
     STYLES,
     draw_response,
-    few_powers,
     measured_points,
     of_model,
     points,
     record_handles,
 )
+from hbm.figures.scales import logarithmic
 from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, legend_above, panels
 from hbm.fourier import Array
 from hbm.measurement.groups import frequency_bands
@@ -96,9 +96,7 @@ def _draw_record_errors(ax: Axes, models: Mapping[str, Compared]) -> None:
             i = c.held_out[first] == held
             points(ax, x[i], 100.0 * error[i], name, hollow=held)
     ax.plot(x, 100.0 * noise, "_", color="0.35", markersize=5, markeredgewidth=0.9, zorder=1)
-    ax.set_yscale("log")
-    low, high = ax.get_ylim()
-    few_powers(ax.yaxis, high / low)
+    logarithmic(ax.yaxis)
     if several:
         ends = np.searchsorted(frequencies, [hz for band in bands for hz in band])
         names = [f"{hz:.4g}" for hz in frequencies]

@@ -2,6 +2,7 @@
 
 from hbm.figures.curves import explain, least_reaction, mark
 from hbm.figures.joints import draw_joints
+from hbm.figures.scales import logarithmic
 from hbm.figures.stretches import draw_line
 from hbm.figures.style import FAINT, INK, AxesArray, Color, align_labels, dressed, graded, headed, panels
 from hbm.tracking.parameterresponse import ParameterCurve
@@ -59,7 +60,7 @@ def _draw_contact(curve: ParameterCurve, rows: AxesArray, color: Color) -> None:
         ax.set_ylim(bottom=0.0)
     low, high = float(curve.values.min()), float(curve.values.max())
     if low > 0.0 and high > LOGARITHMIC * low:
-        normal.set_xscale("log")
+        logarithmic(normal.xaxis)
     normal.set_xlim(low, high)
 
 

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from hbm.errors import InputError
 from hbm.figures.curves import Curves, listed, over
+from hbm.figures.scales import logarithmic
 from hbm.figures.stretches import DASHES, draw_line
 from hbm.figures.style import (
     INK,
@@ -23,6 +23,7 @@ from hbm.figures.style import (
     level_colors,
     new_axes,
     panels,
+    titled,
 )
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
@@ -137,7 +138,8 @@ def plot_sensors(
         grid, over(curves), "Amplitude of the fundamental" if harmonic == 1 else f"Amplitude of harmonic {harmonic}"
     )
     handles = _handles(curves, measured)
-    legend_above(grid, handles, ncols=min(len(handles), 5))
+    heading: dict[str, Any] = {"title": titled(curves[0].rig.name), "title_fontsize": 10, "alignment": "left"}
+    legend_above(grid, handles, ncols=min(len(handles), 5), **heading).get_title().set_color(INK)
     return align_labels(grid).ravel()[: len(names)]
 
 
@@ -211,10 +213,7 @@ def _draw_points(
 
 def _scaled(ax: Axes, log: bool) -> None:
     if log:
-        ax.set_yscale("log")
-        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        ax.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        ax.yaxis.set_minor_formatter(NullFormatter())
+        logarithmic(ax.yaxis)
     else:
         ax.set_ylim(bottom=0.0)
 

@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib import colormaps
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
+from matplotlib.ticker import ScalarFormatter
 
 from hbm.errors import InputError
 from hbm.fourier import Array
@@ -24,6 +26,8 @@ WIDTH = 6.3  # inches: the text width of a page
 CHARACTERS = 64
 """Of a title, in a line of that width."""
 SMALL = 8
+ENTRY, LETTER = 4.2, 0.6
+"""Widths of an entry of a legend beside its name, and of a letter of it, in the size of its letters."""
 INK, FAINT = "0.2", "0.75"
 
 
@@ -141,6 +145,23 @@ def legend_above(axes: AxesArray, handles: Sequence[Any], *, where: str = "upper
     return legend
 
 
+def legend_on_top(ax: Axes, handles: Sequence[Artist]) -> None:
+    """A legend on top of a panel, where no curve is, in as many columns as have room."""
+    ems = ax.get_window_extent().width / ax.figure.dpi * 72 / SMALL
+    entry = ENTRY + LETTER * max(len(str(handle.get_label())) for handle in handles)
+    ax.legend(
+        handles=handles,
+        frameon=False,
+        fontsize=SMALL,
+        labelcolor=INK,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        borderaxespad=0.0,
+        columnspacing=1.4,
+        ncols=max(1, int(ems / entry)),
+    )
+
+
 def align_labels(axes: AxesArray) -> AxesArray:
     """Align the labels of panels that stand above each other; return the panels."""
     axes.flat[0].figure.align_ylabels(list(axes.flat))
@@ -156,10 +177,15 @@ def as_written(name: str) -> str:
     return name.replace("$", r"\$")
 
 
-def headed(ax: Axes, title: str) -> None:
-    """Title the first panel of a figure, in as many lines as its width asks for."""
+def titled(title: str) -> str:
+    """A title, in as many lines as the width of a figure asks for."""
     lines = wrap(title, CHARACTERS, break_on_hyphens=False) or [""]
-    ax.set_title("\n".join(map(as_written, lines)), fontsize=10, loc="left", color=INK)
+    return "\n".join(map(as_written, lines))
+
+
+def headed(ax: Axes, title: str) -> None:
+    """Title the first panel of a figure."""
+    ax.set_title(titled(title), fontsize=10, loc="left", color=INK)
 
 
 def tint(color: Color, share: float = 0.28) -> Color:
@@ -173,10 +199,14 @@ def closed(samples: Array) -> Array:
 
 
 def dressed(ax: Axes, x: str, y: str) -> Axes:
-    """Labels, and as little frame as possible."""
+    """Labels, numbers that are written in full, and as little frame as possible."""
     ax.set_xlabel(x, color=INK)
     ax.set_ylabel(y, color=INK)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["left", "bottom"]].set(linewidth=0.6, color="0.4")
-    ax.tick_params(width=0.6, color="0.4", labelcolor=INK, labelsize=SMALL + 1)
+    ax.tick_params(which="both", width=0.6, color="0.4", labelcolor=INK, labelsize=SMALL + 1)
+    for axis in (ax.xaxis, ax.yaxis):
+        formatter = axis.get_major_formatter()
+        if isinstance(formatter, ScalarFormatter):
+            formatter.set_useOffset(False)
     return ax

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.colors import LogNorm
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import MaxNLocator
 from scipy import special
 
 from hbm.figures.inverse import BAND, FREQUENCY, HARMONIC, MOST_LEVELS, grey_legend, level_color, representative, titled
+from hbm.figures.scales import few_numbers, logarithmic
 from hbm.figures.style import (
     FAINT,
     INK,
@@ -75,7 +75,7 @@ def _draw_harmonics(ax: Axes, reconstruction: "Reconstruction", record: int) -> 
     k = np.arange(1, reconstruction.H + 1)
     amplitude, std = friction.amplitude[i, 1:], friction.coefficient_std[i, 1:]
     floor = noise_floor(reconstruction)[i, 1:]
-    ax.set_yscale("log", nonpositive="clip")
+    logarithmic(ax.yaxis)
     ax.fill_between(k, floor, 1e-12, step="mid", color="0.9", linewidth=0, zorder=0)
     ax.plot(k, floor, color="0.5", linewidth=0.9, drawstyle="steps-mid", zorder=1, label="noise of the sensors, 95 %")
     ax.vlines(
@@ -171,7 +171,7 @@ def plot_misfit(reconstruction: "Reconstruction", axes: AxesArray | None = None)
     limit = misfit_limit(reconstruction)[order]
     top.plot(x, limit, color="0.4", linewidth=0.8, drawstyle="steps-mid", label="noise alone passes it 1 in 1000 times")
     top.axhline(1.0, color=FAINT, linewidth=0.8, zorder=0)
-    _plain_log(top.yaxis)
+    logarithmic(top.yaxis)
     known = np.concatenate([misfit.reduced, limit, [0.6, 1.5]])
     known = known[np.isfinite(known)]
     top.set_ylim(0.9 * max(float(known.min()), 0.01), 1.2 * float(known.max()))
@@ -185,7 +185,7 @@ def plot_misfit(reconstruction: "Reconstruction", axes: AxesArray | None = None)
     bar = bottom.figure.colorbar(cells, ax=bottom, pad=0.01, aspect=12)
     bar.outline.set_visible(False)
     bar.ax.tick_params(width=0.6, color="0.4", labelcolor=INK, labelsize=SMALL)
-    _plain_log(bar.ax.yaxis, scale=False)
+    few_numbers(bar.ax.yaxis)
     _separate_levels(bottom, spectra.level[order])
     dressed(top, "", "Misfit per\ndegree of freedom")
     dressed(bottom, "Records by level and frequency", "Channel")
@@ -199,15 +199,6 @@ def plot_misfit(reconstruction: "Reconstruction", axes: AxesArray | None = None)
         columnspacing=1.2,
     )
     return align_labels(rows)
-
-
-def _plain_log(axis: Axis, *, scale: bool = True) -> None:
-    """Logarithmic, with the few numbers that are read written out."""
-    if scale:
-        axis.axes.set_yscale("log")
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def misfit_order(reconstruction: "Reconstruction") -> npt.NDArray[np.intp]:
@@ -259,7 +250,7 @@ def plot_resolution(reconstruction: "Reconstruction", axes: AxesArray | None = N
     _draw_range(left, k, reconstruction.resolution[:, 1:], color, "resolution of the sensors, std")
     _draw_range(right, k, reconstruction.condition[:, 1:], color, "condition")
     for ax in pair:
-        ax.set_yscale("log")
+        logarithmic(ax.yaxis)
         ax.set_xticks(k[:: 1 + len(k) // 12])
     sharpest = reconstruction.resolution[:, 1:]
     left.set_ylim(bottom=0.1 * float(sharpest[np.isfinite(sharpest) & (sharpest > 0)].min(initial=1.0)))

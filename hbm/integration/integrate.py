@@ -85,7 +85,8 @@ def simulate(
     hz : float
         Frequency [Hz], > 0.
     duration : float, optional
-        Duration [s], rounded to whole steps; 50 periods unless given.
+        Duration [s], rounded to whole steps, or of a rig with joints to whole periods, one at least; 50 periods unless
+        given.
     level : float, optional
         Force amplitude [N]; the rig's unless given.
     steps_per_period : int, optional

@@ -117,9 +117,10 @@ class Watch:
         if len(self.last) == CRAWL and _width(self.last) < CREEPING * self.sweep and self._alike:
             return f"the curve creeps: the last {CRAWL} points cover {_share(self.last, self.sweep)} of the sweep"
         if self.count >= self.budget.points:
-            return f"{self.budget.points} points are its budget"
+            return f"{self.budget.points} {'point is' if self.budget.points == 1 else 'points are'} its budget"
         seconds = time.monotonic() - self.began
-        return f"{self.budget.seconds:g} s are its budget" if seconds > self.budget.seconds else ""
+        are = "is" if self.budget.seconds == 1.0 else "are"
+        return f"{self.budget.seconds:g} s {are} its budget" if seconds > self.budget.seconds else ""
 
     @property
     def _alike(self) -> bool:

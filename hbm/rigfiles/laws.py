@@ -10,7 +10,7 @@ import hashlib
 import os
 import sys
 import traceback
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import fields
 from enum import Enum
 from functools import lru_cache
@@ -54,17 +54,19 @@ PARTS: dict[str, tuple[Any, str]] = {
 """What a class must have to be a law: of which type, and in words."""
 
 
-def find_law(name: str, folder: Path, consent: Consent = Consent.NAMED) -> type:
-    """Class of a friction law.
+def find_law(name: str, folder: Path, consent: Consent = Consent.NAMED, known: Mapping[str, type] = LAWS) -> type:
+    """Class of a law, of friction unless others are known.
 
     Parameters
     ----------
     name : str
-        Key of :data:`models.LAWS`, or ``file.py:Class``. The file is run.
+        One that is known, or ``file.py:Class``. The file is run.
     folder : Path
         Where a relative file is looked for.
     consent : Consent
         Whether the file may be run.
+    known : mapping of str to type
+        Laws by their names.
 
     Raises
     ------
@@ -72,9 +74,9 @@ def find_law(name: str, folder: Path, consent: Consent = Consent.NAMED) -> type:
         If there is no such law, it is none, or its file may not be run; the message says what is wrong, not where the
         name stands.
     """
-    if name in LAWS:
-        return LAWS[name]
-    return _own_law(*file_and_class(name, folder, LAWS, accepted_laws(), consent))
+    if name in known:
+        return known[name]
+    return _own_law(*file_and_class(name, folder, known, accepted_laws(known), consent))
 
 
 def file_and_class(
@@ -137,9 +139,9 @@ def _resolved(path: Path) -> Path:
         raise InputError(f"there is no file {path}") from None
 
 
-def accepted_laws() -> str:
+def accepted_laws(known: Collection[str] = LAWS) -> str:
     """Names that a law may have, in words."""
-    return f"one of {', '.join(LAWS)}, or file.py:Class"
+    return f"one of {', '.join(known)}, or file.py:Class"
 
 
 def class_in_file(path: Path, class_name: str) -> type:

@@ -105,7 +105,9 @@ class Parameter:
 
     @property
     def bound(self) -> str:
-        """Bounds in words, such as ``> 0`` or ``> 0 and <= 1``."""
+        """Bounds in words, such as ``> 0`` or ``> 0 and <= 1``; ``any`` where there is none."""
+        if self.lower == -float("inf"):
+            return "any" if self.upper == float("inf") else f"<= {self.upper:g}"
         lower = f"{'>' if self.strict else '>='} {self.lower:g}"
         return lower if self.upper == float("inf") else f"{lower} and <= {self.upper:g}"
 

@@ -124,3 +124,8 @@ def test_the_command_takes_the_levels_that_were_measured(tmp_path: Path) -> None
     assert (result.exit_code, result.stderr) == (0, "")
     assert plot.stat().st_size > 10_000
     assert "2 N: H = 3 as asked for" in result.stdout
+
+
+def test_a_figure_of_sensors_says_whose_they_are(curves: list[ResponseCurve]) -> None:
+    (legend,) = plot_sensors(curves)[0].figure.legends
+    assert legend.get_title().get_text() == curves[0].rig.name

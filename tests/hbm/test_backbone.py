@@ -164,6 +164,16 @@ def test_each_limit_has_its_own_label(mode: NonlinearMode) -> None:
     assert held == pytest.approx(100 * mode.damping_ratio[0], rel=1e-4)
 
 
+def test_windows_of_a_linear_mode_do_not_make_its_frequencies_look_apart() -> None:
+    rig = beam(Frictionless())
+    frequency, damping, response = plot_backbones([nonlinear_mode(rig, amplitudes=(1e-6, 1e-5), harmonics=3)])
+    frequency.figure.draw_without_rendering()
+    for axis in (frequency.yaxis, damping.yaxis, response.xaxis):
+        low, high = axis.get_view_interval()
+        assert high / low > 1.0009
+        assert not axis.get_offset_text().get_text()
+
+
 def test_what_is_lost_is_friction_and_damping(mode: NonlinearMode) -> None:
     for p, lost, rubbed in zip(mode.points, mode.lost, mode.rubbed, strict=True):
         Omega = 2 * np.pi * p.hz

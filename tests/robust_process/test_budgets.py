@@ -48,6 +48,10 @@ def test_the_budget_of_points_ends_a_curve_and_keeps_it() -> None:
     assert "7 points are its budget; try" in curve.branch.message
 
 
+def test_a_budget_of_one_point_is_in_the_singular() -> None:
+    assert first_end([point(0.5)], Budget(points=1)) == (1, "1 point is its budget")
+
+
 def test_the_budget_of_seconds_ends_a_curve() -> None:
     curve = trace_frequency(load_rig(PAPER), (45.0, 55.0), harmonics=1, samples=32, budget=Budget(seconds=1e-9))
     assert "1e-09 s are its budget" in curve.branch.message
