@@ -11,9 +11,9 @@ from hbm.measurement.steadiness import Leftover, Steadiness
 from models.display import Displayed
 
 LEAST_SHARE = 0.001
-"""Trends and lines below this part of the amplitude are not warned of, however significant."""
-LEAST_TURN = 0.005
-"""Turn of all phases [rad] that is not warned of."""
+"""Trends and lines below this part of the amplitude are not warned of, however significant; nor such turns [rad]."""
+CERTAIN = 5.0
+"""Standard deviations from which a turn of all phases is there beyond doubt, or a change beside it."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +118,7 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
     if not e.blocks:
         yield f"{e.periods} whole {'period' if e.periods == 1 else 'periods'}: nothing can be said of steadiness"
     off = _frequency_error(e)
+    smeared = off is not None and abs(off[0]) * e.H > 2.0 * np.pi  # the highest harmonic is a line of its own
     if off:
         yield (
             f"all phases turn by {off[0]:.3g} rad over the record: "
@@ -131,18 +132,24 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
                 f"{s.beat_hz:+.2g} Hz beside the {_harmonic(q.harmonic)}; "
                 f"{s.left:.2%} of the amplitude is left of it at the end"
             )
-        elif not off and not s.steady and s.change > LEAST_SHARE:
+        elif not s.steady and _changes(s, turned=off is not None):
+            change = s.growing if off else s.change
             yield (
                 f"{q.name} is not steady: "
-                f"its {_harmonic(q.harmonic)} changes by {s.change:.2%} +/- {s.change_std:.1%} over the record"
+                f"its {_harmonic(q.harmonic)} changes by {change:.2%} +/- {100 * s.change_std:.2g}% over the record"
             )
-        if not off and np.isfinite(q.leftover.line_hz) and q.leftover.line_share > LEAST_SHARE:
+        if not smeared and np.isfinite(q.leftover.line_hz) and q.leftover.line_share > LEAST_SHARE:
             yield (
                 f"{q.name} has a line at {q.leftover.line_hz:.4g} Hz, between the harmonics, "
                 f"of {q.leftover.line_share:.2%} of its rms"
             )
         if q.clipped:
             yield f"{q.name} is flat-topped: was it clipped?"
+
+
+def _changes(s: Steadiness, *, turned: bool) -> bool:
+    """Whether the change of a channel that is not steady is worth a word, where all phases turn beside that turn."""
+    return s.growing > max(LEAST_SHARE, CERTAIN * s.change_std) if turned else s.change > LEAST_SHARE
 
 
 def _harmonic(k: int) -> str:
@@ -159,8 +166,8 @@ def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
         return None
     surest = int(np.argmin(stds))
     turn, std = float(turns[surest]), float(stds[surest])
-    alike = np.abs(turns - turn) < 0.1 * abs(turn) + 5.0 * np.hypot(stds, std)
-    if abs(turn) < max(LEAST_TURN, 5.0 * std) or not alike.all():
+    alike = np.abs(turns - turn) < 0.1 * abs(turn) + CERTAIN * np.hypot(stds, std)
+    if abs(turn) < max(LEAST_SHARE, CERTAIN * std) or not alike.all():
         return None
     return turn, turn * e.hz / e.periods / (2.0 * np.pi)
 
