@@ -62,8 +62,11 @@ class HarmonicEstimate(Displayed):
         Those that are not constant.
     coefficients : (c, 2H+1) array
         a_0, a_1..a_H, b_1..b_H; phases refer to the zero of the recording's time.
-    std : (c, H+1) array
-        Standard deviation of each of cos and sin.
+    own_std : (c, H+1) array
+        Standard deviation of each of cos and sin, phases of all channels counted from one another.
+    turn_std : float
+        Standard deviation of the phase of the fundamental at the zero of time by that of a refined frequency [rad], 0
+        where that was given. It turns all channels together, harmonic k by k times as much.
     units : dict of str to str
         As in the recording.
     quality : tuple of ChannelQuality, (c,)
@@ -78,7 +81,8 @@ class HarmonicEstimate(Displayed):
     blocks: int
     channels: tuple[str, ...]
     coefficients: Array
-    std: Array
+    own_std: Array
+    turn_std: float
     units: Mapping[str, str]
     quality: tuple[ChannelQuality, ...]
     dead: tuple[str, ...]
@@ -86,7 +90,19 @@ class HarmonicEstimate(Displayed):
     @property
     def H(self) -> int:
         """Highest harmonic."""
-        return int(self.std.shape[1]) - 1
+        return int(self.own_std.shape[1]) - 1
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each of cos and sin at the zero of time, (c, H+1).
+
+        What turns them is at right angles to each coefficient: cos and sin share it.
+        """
+        k = np.arange(self.H + 1)
+        size = np.hypot(
+            self.coefficients[:, : self.H + 1], np.pad(self.coefficients[:, self.H + 1 :], ((0, 0), (1, 0)))
+        )
+        return np.asarray(np.hypot(self.own_std, np.sqrt(0.5) * k * self.turn_std * size))
 
     def amplitude(self, channel: str) -> float:
         """Amplitude of the fundamental of a channel; of a multisine its rms."""
@@ -177,6 +193,8 @@ def spectra_of_records(
 ) -> MeasuredSpectra:
     """Join records, numbered from 1 in their order.
 
+    Where a record begins is nothing to its spectra: a common turn of all its phases is not in the deviations.
+
     Parameters
     ----------
     estimates : sequence of HarmonicEstimate
@@ -194,7 +212,7 @@ def spectra_of_records(
     std = np.full((*shape, estimates[0].H + 1), np.nan)
     for i, e in enumerate(estimates):
         for j, name in enumerate(e.channels):
-            coefficients[i, kept.index(name)], std[i, kept.index(name)] = e.coefficients[j], e.std[j]
+            coefficients[i, kept.index(name)], std[i, kept.index(name)] = e.coefficients[j], e.own_std[j]
     return MeasuredSpectra(
         source=source,
         records=np.arange(1, len(estimates) + 1),
