@@ -123,7 +123,7 @@ def _deliver(found: "Decay", mode: "NonlinearMode | None", out: Path | None) -> 
     rows = []
     for i in range(len(found)):
         row = {
-            f"{found.channel}\n{found.unit or 'SI'}": f"{found.amplitude[i]:.4g}",
+            f"{found.channel}\n{found.unit or 'unit not stated'}": f"{found.amplitude[i]:.4g}",
             "frequency\nHz": f"{found.hz[i]:.7g} ± {found.hz_std[i]:.1g}",
             "damping\n%": f"{100 * found.damping_ratio[i]:.4g} ± {100 * found.damping_ratio_std[i]:.1g}",
         }

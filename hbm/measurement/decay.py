@@ -50,7 +50,7 @@ class Decay(Displayed):
     ----------
     source : str
     channel, unit : str
-        What the amplitude is of.
+        What the amplitude is of; a unit that was not stated is empty.
     amplitude : (m,) array
         Of the mode's motion, falling.
     hz, hz_std : (m,) array
@@ -77,7 +77,7 @@ class Decay(Displayed):
 
     def __repr__(self) -> str:
         """Say what was found."""
-        unit = self.unit or "SI"
+        unit = self.unit or "(unit not stated)"
         return (
             f"{self.source}: {self.channel} from {self.amplitude[0]:.4g} to {self.amplitude[-1]:.4g} {unit}: "
             f"{self.hz[0]:.7g} +/- {self.hz_std[0]:.1g} to {self.hz[-1]:.7g} +/- {self.hz_std[-1]:.1g} Hz, "

@@ -12,6 +12,8 @@ from models.display import Displayed
 
 LEAST_SHARE = 0.001
 """Trends and lines below this part of the amplitude are not warned of, however significant; nor such turns [rad]."""
+ELSEWHERE = 0.99
+"""Share of the rms of every channel that lies elsewhere where the rate or the fundamental is wrong."""
 CERTAIN = 5.0
 """Standard deviations from which a turn of all phases is there beyond doubt, or a change beside it."""
 
@@ -99,9 +101,8 @@ class HarmonicEstimate(Displayed):
         What turns them is at right angles to each coefficient: cos and sin share it.
         """
         k = np.arange(self.H + 1)
-        size = np.hypot(
-            self.coefficients[:, : self.H + 1], np.pad(self.coefficients[:, self.H + 1 :], ((0, 0), (1, 0)))
-        )
+        sines = np.pad(self.coefficients[:, self.H + 1 :], ((0, 0), (1, 0)))
+        size = np.hypot(self.coefficients[:, : self.H + 1], sines)
         return np.asarray(np.hypot(self.own_std, np.sqrt(0.5) * k * self.turn_std * size))
 
     def amplitude(self, channel: str) -> float:
@@ -133,6 +134,13 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
         yield f"{name} is constant: left out"
     if not e.blocks:
         yield f"{e.periods} whole {'period' if e.periods == 1 else 'periods'}: nothing can be said of steadiness"
+    elsewhere = _elsewhere(e)
+    if elsewhere is not None:
+        yield (
+            f"next to all of every channel lies at {elsewhere:.5g} Hz and its multiples, not at {e.hz:.5g} Hz: "
+            "the sampling rate or the fundamental is wrong"
+        )
+        return
     off = _frequency_error(e)
     smeared = off is not None and abs(off[0]) * e.H > 2.0 * np.pi  # the highest harmonic is a line of its own
     if off:
@@ -170,6 +178,23 @@ def _changes(s: Steadiness, *, turned: bool) -> bool:
 
 def _harmonic(k: int) -> str:
     return "fundamental" if k == 1 else f"harmonic {k}"
+
+
+def _elsewhere(e: HarmonicEstimate) -> float | None:
+    """Frequency [Hz] of the signal, where it is alike in all channels and not the fundamental given."""
+    found = np.array([_signal_hz(e, i) for i in range(len(e.channels))])
+    alike = float(np.ptp(found)) < e.hz / e.periods
+    return float(found[0]) if alike and found[0] != e.hz else None
+
+
+def _signal_hz(e: HarmonicEstimate, i: int) -> float:
+    """Fundamental [Hz] that a channel has by its strongest line, nan where it is a sum of others."""
+    q, a, b = e.quality[i], e.coefficients[i, 1 : e.H + 1], e.coefficients[i, e.H + 1 :]
+    if q.leftover.share > ELSEWHERE:
+        return q.leftover.line_hz
+    power = a**2 + b**2
+    own = float(power[q.harmonic - 1 :: q.harmonic].sum())
+    return q.harmonic * e.hz if power.sum() - own < (1.0 - ELSEWHERE**2) * power.sum() else float("nan")
 
 
 def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
