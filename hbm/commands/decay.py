@@ -53,7 +53,8 @@ def decay(
 ) -> None:
     """Frequency and damping ratio of a mode over its amplitude, from free decays.
 
-    Of several decays: means in classes of amplitude, with uncertainties by what they differ by.
+    Of several decays: means in classes of amplitude, with uncertainties by what they differ by and what
+    changes within a window.
 
     Example:  hbm decay blow1.csv blow2.csv --channel velocity --band 95 150 --settle 0.15 --out decay.csv
     """

@@ -6,7 +6,8 @@ taken so far apart that the band's noise is independent from one to the next, so
 says what the slope is known to.
 
 Decays of the same structure are put together by amplitude (:func:`over_amplitude`): what they differ by is the
-uncertainty then.
+uncertainty then, and what may change within a window. That is a bias common to all blows, so that five alike are known
+no better than one where it is the larger part.
 """
 
 from collections.abc import Iterator, Sequence
@@ -185,7 +186,8 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
 def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "decays") -> Decay:
     """Put decays of one structure together: means in classes of amplitude, uncertainty by their scatter.
 
-    What windows are known worse to than they scatter by is common to all of a class: few may agree by chance.
+    What windows are known worse to than they scatter by is common to all of a class: few may agree by chance, and means
+    over windows are off alike where frequency or damping bend.
 
     Parameters
     ----------
