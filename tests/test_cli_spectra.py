@@ -51,6 +51,11 @@ def test_records_are_written_and_told(tmp_path: Path) -> None:
     assert result.stdout.splitlines()[-1] == f"wrote {out}"
 
 
+def test_a_unit_that_nothing_states_is_not_made_up(tmp_path: Path) -> None:
+    result = run(history(tmp_path / "a.csv"), "--fundamental", "50", "--out", str(tmp_path / "s.csv"))
+    assert [line.split()[3:5] for line in result.stdout.splitlines() if "a1" in line] == [["not", "stated"]]
+
+
 @pytest.mark.parametrize("ending", ["nc", "mat"])
 def test_other_formats_hold_the_same(ending: str, tmp_path: Path) -> None:
     file = history(tmp_path / "a.csv")

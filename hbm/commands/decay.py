@@ -53,7 +53,8 @@ def decay(
 ) -> None:
     """Frequency and damping ratio of a mode over its amplitude, from free decays.
 
-    Of several decays: means in classes of amplitude, with uncertainties by what they differ by.
+    Of several decays: means in classes of amplitude, with uncertainties by what they differ by and what
+    changes within a window.
 
     Example:  hbm decay blow1.csv blow2.csv --channel velocity --band 95 150 --settle 0.15 --out decay.csv
     """
@@ -123,7 +124,7 @@ def _deliver(found: "Decay", mode: "NonlinearMode | None", out: Path | None) -> 
     rows = []
     for i in range(len(found)):
         row = {
-            f"{found.channel}\n{found.unit or 'SI'}": f"{found.amplitude[i]:.4g}",
+            f"{found.channel}\n{found.unit or 'unit not stated'}": f"{found.amplitude[i]:.4g}",
             "frequency\nHz": f"{found.hz[i]:.7g} ± {found.hz_std[i]:.1g}",
             "damping\n%": f"{100 * found.damping_ratio[i]:.4g} ± {100 * found.damping_ratio_std[i]:.1g}",
         }

@@ -193,7 +193,7 @@ def print_spectra(console: Console, records: Sequence["HarmonicEstimate"], level
                 "channel": q.name,
                 "fundamental\n|c1|" if sine else "strongest\n|ck|": f"{q.amplitude:.5g}",
                 "std\n ": f"{q.std:.2g}",
-                "unit": record.units.get(q.name) or "SI",
+                "unit": record.units.get(q.name) or "not stated",
                 "trend\n%": _number(100 * q.steadiness.change, ".2g"),
                 "steady": ("yes" if q.steadiness.steady else "no") if math.isfinite(q.steadiness.p_steady) else "-",
                 "between harmonics\n% of rms": f"{100 * q.leftover.share:.2g}",

@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from hbm.balance.solution import PeriodicSolution
 from hbm.diagnosis.jointplaces import joint_places_of
-from hbm.diagnosis.missingforce import CLEAR, MissingForce
+from hbm.diagnosis.missingforce import CLEAR, MissingForce, character, share_text
 from hbm.diagnosis.places import CONTACT, AnyPlace, Complex, all_at_once, places_of, sensor
 from hbm.diagnosis.projection import Span
-from hbm.diagnosis.remainder import LEFT
+from hbm.diagnosis.remainder import LEFT, NEARLY_ALL
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
@@ -41,6 +41,10 @@ BEYOND = 5.0
 
 MOST_LISTED = 3
 """Places that are named beside the best one."""
+
+
+ALIKE = 1.1
+"""Places are not told apart that leave less than so many times what the best one leaves, where noise is less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,20 +89,39 @@ class Discrepancy:
         return self.points - self.places[0].unknowns > LEFT_OVER * self.points
 
     @property
-    def possible(self) -> tuple[MissingForce, ...]:
-        """Places that leave noise alone, among those that the best one is taken from."""
-        return tuple(p for p in (self.beside if self.two else self.places) if self._noise_alone(p))
+    def ranked(self) -> tuple[MissingForce, ...]:
+        """Places that the best one is taken from, itself first."""
+        return self.beside if self.two else self.places
+
+    @property
+    def alike(self) -> tuple[MissingForce, ...]:
+        """The best place, and those that these records cannot tell from it."""
+        if self._noise_alone(self.best):
+            return tuple(p for p in self.ranked if self._noise_alone(p))
+        return tuple(p for p in self.ranked if p.left <= ALIKE * self.best.left)
 
     @property
     def two(self) -> bool:
-        """Whether it takes a force beside that of the contact to leave noise alone, or next to it."""
+        """Whether it takes a force beside that of the contact: a place alone leaves much, and both far less."""
         single = self.places[0]
-        return bool(self.beside) and not self._noise_alone(single) and self.beside[0].left < LEFT * single.left
+        done = self._noise_alone(single) or single.share > NEARLY_ALL
+        return bool(self.beside) and not done and self.beside[0].left < LEFT * single.left
+
+    @property
+    def contact(self) -> MissingForce | None:
+        """The force at the contact alone, of a rig that has one."""
+        return next((p for p in self.places if p.place.name == CONTACT), None)
 
     @property
     def best(self) -> MissingForce:
         """At the place that explains most, alone or, where that does not do, beside a free contact force."""
-        return self.beside[0] if self.two else self.places[0]
+        return self.ranked[0]
+
+    def share(self, p: MissingForce) -> float:
+        """Part that a place explains of the misfit beyond noise; of two, of what the contact alone leaves of it."""
+        if not self.two or self.contact is None:
+            return p.share
+        return float(np.clip(1.0 - (p.left - 1.0) / (self.contact.left - 1.0), 0.0, 1.0))
 
     def _noise_alone(self, p: MissingForce) -> bool:
         dof = self.points - p.unknowns
@@ -111,15 +134,14 @@ class Discrepancy:
     def _sentences(self, named: Evaluation | None) -> Iterator[str]:
         if not self.localised:
             yield "A missing force cannot be placed: there are hardly more sensors than forces to find."
-            contact = next((p for p in self.places if p.place.name == CONTACT), None)
-            if contact is not None and self.beyond_noise:
+            if self.contact is not None and self.beyond_noise:
                 yield "The following holds if it acts at the contact."
-                yield from _character(contact)
+                yield from character(self.contact)
             return
         if self.explainable:
             doubted = named is not None and not self._noise_alone(self.best) and _left(named) < self.best.left
             yield from self._place("To first order the" if doubted else "The")
-            yield from _character(self.best)
+            yield from character(self.best)
             if named is not None and doubted:
                 yield (
                     f"{named.model.label} explains more, to any order: it leaves {_left(named):.3g} noise variances. "
@@ -127,75 +149,30 @@ class Discrepancy:
                 )
 
     def _place(self, the: str) -> Iterator[str]:
-        best, others = self.best, [p.place.name for p in self.possible if p is not self.best]
+        best, others = self.best, [p.place.name for p in self.alike if p is not self.best]
         acts = {"force": "force acts at", "motion": "motion is that of", "reading": "part is read by"}[best.place.kind]
-        beside = " beside one at the contact" if self.two else ""
-        ranked = self.beside if self.two else self.places
-        told = ", ".join(f"{p.place.name} {_percent(p.share)}, {p.left:.3g}" for p in ranked[1:4])
+        beside, whole = "", "the misfit beyond noise"
+        if self.two and self.contact is not None:
+            beside = " beside one at the contact"
+            whole = f"what that alone leaves, {self.contact.left:.3g} noise variances,"
+        told = ", ".join(f"{p.place.name} {share_text(self.share(p))}, {p.left:.3g}" for p in self.ranked[1:4])
         yield (
-            f"{the} missing {acts} {best.place.name}{beside}: explains {_percent(best.share)} of the misfit beyond "
-            f"noise and leaves {best.left:.3g} noise variances; next: {told}."
+            f"{the} missing {acts} {best.place.name}{beside}: explains {share_text(self.share(best))} of {whole} "
+            f"and leaves {best.left:.3g} noise variances; next: {told}."
         )
         if self.two:
             single = self.places[0]
             yield f"No place alone will do: {single.place.name}, the best, leaves {single.left:.3g} noise variances."
+        left = "noise alone" if self._noise_alone(best) else "hardly more"
         if len(others) > MOST_LISTED:
-            yield f"These records place it poorly: noise alone is left by {len(others)} other places as well."
+            yield f"These records place it poorly: {left} is left by {len(others)} other places as well."
         elif others:
-            yield f"Noise alone is left as well by {', '.join(others)}."
-
-
-def _character(force: MissingForce) -> Iterator[str]:
-    """Harmonics, phase and growth of a missing force."""
-    if not force.harmonics:
-        yield "Each of its harmonics is lost in noise."
-        return
-    listed = ", ".join(map(str, force.harmonics))
-    several = f"harmonics {listed}, the strongest first" if len(force.harmonics) > 1 else f"harmonic {listed} alone"
-    yield f"It has {several}{_parity(force)}; {_phase(force)}."
-    amplitude, frequency = force.growth
-    if amplitude is not None or frequency is not None:
-        of = {"force": "the motion there", "motion": "the load there", "reading": "the reading"}[force.place.kind]
-        powers = [f"with {of} to the power {amplitude}"] * (amplitude is not None)
-        powers += [f"with the frequency to the power {frequency}"] * (frequency is not None)
-        yield f"It grows {', '.join(powers)}."
+            yield f"{left.capitalize()} is left by {', '.join(others)}: these records do not tell them apart."
 
 
 def _left(e: Evaluation) -> float:
     """What a model leaves, in noise variances."""
     return e.white.charged / len(e.white)
-
-
-def _percent(share: float) -> str:
-    """A share, with a digit where it is near all.
-
-    >>> _percent(0.9876), _percent(0.613)
-    ('98.8 %', '61 %')
-    """
-    return f"{100 * share:.1f} %" if 0.9 < share < 0.9995 else f"{100 * share:.0f} %"
-
-
-def _parity(f: MissingForce) -> str:
-    odd = {k % 2 for k in f.harmonics}
-    if len(f.harmonics) < 2 or len(odd) == 2:
-        return ""
-    return " (odd ones only)" if odd == {1} else " (even ones only)"
-
-
-def _phase(f: MissingForce) -> str:
-    share = f.dissipative_share
-    if np.isnan(share):
-        return "its fundamental is lost in noise"
-    if f.place.kind == "reading":
-        return f"{_percent(share)} of its squared fundamental is in quadrature to the reading"
-    against = "load" if f.place.kind == "motion" else "motion"
-    taken = f.taken
-    flow = "takes energy from" if taken.value > 0.0 else "gives energy to"
-    told = f"; it {flow} the structure, {taken} of the most that one so large could" if taken.certain else ""
-    return (
-        f"{_percent(share)} of its squared fundamental is in quadrature to the {against}, "
-        f"{_percent(1.0 - share)} in phase{told}"
-    )
 
 
 def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = None) -> Discrepancy:

@@ -1,5 +1,6 @@
-"""The force that is missing at one place: its harmonics and phase, and with which powers it grows."""
+"""The force that is missing at one place: its harmonics and phase, with which powers it grows, and this in words."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -184,3 +185,54 @@ def _powers(size: Array, amplitude: Array, hz: Array) -> tuple[Exponent | None, 
     found = iter([Exponent(float(b), float(s)) for b, s in zip(slopes, np.sqrt(np.diag(covariance)), strict=True)][1:])
     first, second = (next(found) if known else None for known in varies)
     return first, second
+
+
+# ---------------------------------------------------------------------------------------- in sentences
+
+
+def character(force: MissingForce) -> Iterator[str]:
+    """Harmonics, phase and growth of a missing force."""
+    if not force.harmonics:
+        yield "Each of its harmonics is lost in noise."
+        return
+    listed = ", ".join(map(str, force.harmonics))
+    several = f"harmonics {listed}, the strongest first" if len(force.harmonics) > 1 else f"harmonic {listed} alone"
+    yield f"It has {several}{_parity(force)}; {_phase(force)}."
+    amplitude, frequency = force.growth
+    if amplitude is not None or frequency is not None:
+        of = {"force": "the motion there", "motion": "the load there", "reading": "the reading"}[force.place.kind]
+        powers = [f"with {of} to the power {amplitude}"] * (amplitude is not None)
+        powers += [f"with the frequency to the power {frequency}"] * (frequency is not None)
+        yield f"It grows {', '.join(powers)}."
+
+
+def share_text(share: float) -> str:
+    """A share, with a digit where it is near all.
+
+    >>> share_text(0.9876), share_text(0.613)
+    ('98.8 %', '61 %')
+    """
+    return f"{100 * share:.1f} %" if 0.9 < share < 0.9995 else f"{100 * share:.0f} %"
+
+
+def _parity(f: MissingForce) -> str:
+    odd = {k % 2 for k in f.harmonics}
+    if len(f.harmonics) < 2 or len(odd) == 2:
+        return ""
+    return " (odd ones only)" if odd == {1} else " (even ones only)"
+
+
+def _phase(f: MissingForce) -> str:
+    share = f.dissipative_share
+    if np.isnan(share):
+        return "its fundamental is lost in noise"
+    if f.place.kind == "reading":
+        return f"{share_text(share)} of its squared fundamental is in quadrature to the reading"
+    against = "load" if f.place.kind == "motion" else "motion"
+    taken = f.taken
+    flow = "takes energy from" if taken.value > 0.0 else "gives energy to"
+    told = f"; it {flow} the structure, {taken} of the most that one so large could" if taken.certain else ""
+    return (
+        f"{share_text(share)} of its squared fundamental is in quadrature to the {against}, "
+        f"{share_text(1.0 - share)} in phase{told}"
+    )

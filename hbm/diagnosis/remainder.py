@@ -64,7 +64,7 @@ class Remainder:
     def sentence(self) -> str:
         """All of it in words."""
         told = ", ".join(
-            f"{_nearly_all(share)} of the misfit on the records {where}"
+            f"{nearly_all(share)} of the misfit on the records {where}"
             for where, share in zip(("fitted", "held out"), self.explained.values(), strict=False)
         )
         explained = f"Explained: {told}. " if told else ""
@@ -98,7 +98,8 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.{2 if share < 0.1 else 3}g} %"
 
 
-def _nearly_all(share: float) -> str:
+def nearly_all(share: float) -> str:
+    """A share in per cent, as far as it is told apart from all."""
     return "over 99.9 %" if share > NEARLY_ALL else percent(share)
 
 

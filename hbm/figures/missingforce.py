@@ -33,7 +33,7 @@ def plot_missing_force(d: "Discrepancy", axes: AxesArray | None = None) -> AxesA
     -------
     (3,) array of Axes
     """
-    shown = (d.beside if d.two else d.places)[:MOST_PLACES]
+    shown = d.ranked[:MOST_PLACES]
     found = panels(_wide_above_two(len(shown)) if axes is None else axes, 3, 1, 0.0).ravel()
     _draw_places(found[0], shown, d.chi2 / d.points)
     _draw_harmonics(found[1], d.best)

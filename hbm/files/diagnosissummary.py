@@ -7,9 +7,9 @@ measure next.
 import math
 from collections.abc import Iterator, Sequence
 
-from hbm.diagnosis.discrepancy import Discrepancy
+from hbm.diagnosis.discrepancy import MOST_LISTED, Discrepancy
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.remainder import percent
+from hbm.diagnosis.remainder import nearly_all, percent
 from hbm.diagnosis.verdict import Diagnosis, Estimate
 from hbm.files.identifyreport import Value, value_text
 from hbm.outputerror.fit import Evaluation
@@ -103,11 +103,33 @@ def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
 
 
 def _missing(force: Discrepancy | None) -> Iterator[str]:
-    """The place of the force that is missing, if it can be told."""
-    if force is not None and force.explainable:
-        best, beside = force.best, " beside one at the contact" if force.two else ""
-        share = percent(best.share)
-        yield f"An unknown {best.place.kind} at {best.place.name}{beside} would explain {share} of it."
+    """The place of the force that is missing, or the places, if they can be told."""
+    if force is None or not force.explainable:
+        return
+    share = nearly_all(force.share(force.best))
+    if force.two and force.contact is not None:
+        yield f"An unknown force at the contact would explain {nearly_all(force.contact.share)} of it."
+        yield f"Beside it an unknown {_unknown(force)} would explain {share} of the rest."
+    else:
+        yield f"An unknown {_unknown(force)} would explain {share} of it."
+    if len(force.alike) > 1:
+        yield "These records do not tell these places apart."
+
+
+def _unknown(force: Discrepancy) -> str:
+    """What may be missing at the places that are not told apart.
+
+    The kinds of places differ: a clamp moves, a beam is pushed, a sensor reads.
+    """
+    named = force.alike[: 1 + MOST_LISTED]
+    by_kind = {p.place.kind: [q.place.name for q in named if q.place.kind == p.place.kind] for p in named}
+    return " or ".join(f"{kind} at {' or '.join(names)}" for kind, names in by_kind.items()) + _others(force)
+
+
+def _others(force: Discrepancy) -> str:
+    """How many more places there are that are not told apart."""
+    more = len(force.alike) - 1 - MOST_LISTED
+    return f" or at {more} other place{'s' * (more > 1)}" if more > 0 else ""
 
 
 def _said(d: Diagnosis, e: Evaluation, i: int) -> str:
@@ -222,7 +244,17 @@ def _where_to_look(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
     records = [place.removeprefix(MOST_IN) for place in d.remainder.places if place.startswith(MOST_IN)]
     yield f"Add records where most remains{f': {records[0]}' if records else ''}."
     if force is not None and force.explainable:
-        place = force.best.place
-        yield f"Look at {place.name}: the missing {place.kind} is there, if it is at one place."
+        yield _places(force)
     else:
         yield "More accelerometers would place the force that is missing."
+
+
+def _places(force: Discrepancy) -> str:
+    """Where to look for what is missing."""
+    place, names = force.best.place, " or ".join(p.place.name for p in force.alike[: 1 + MOST_LISTED]) + _others(force)
+    first = "Look at the contact and at" if force.two else "Look at"
+    if len(force.alike) > 1:
+        return f"{first} {names}, which these records do not tell apart."
+    if force.two:
+        return f"{first} {names}: what is missing is there, if it is at two places."
+    return f"{first} {names}: the missing {place.kind} is there, if it is at one place."

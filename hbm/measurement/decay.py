@@ -6,7 +6,8 @@ taken so far apart that the band's noise is independent from one to the next, so
 says what the slope is known to.
 
 Decays of the same structure are put together by amplitude (:func:`over_amplitude`): what they differ by is the
-uncertainty then.
+uncertainty then, and what may change within a window. That is a bias common to all blows, so that five alike are known
+no better than one where it is the larger part.
 """
 
 from collections.abc import Iterator, Sequence
@@ -50,7 +51,7 @@ class Decay(Displayed):
     ----------
     source : str
     channel, unit : str
-        What the amplitude is of.
+        What the amplitude is of; a unit that was not stated is empty.
     amplitude : (m,) array
         Of the mode's motion, falling.
     hz, hz_std : (m,) array
@@ -77,7 +78,7 @@ class Decay(Displayed):
 
     def __repr__(self) -> str:
         """Say what was found."""
-        unit = self.unit or "SI"
+        unit = self.unit or "(unit not stated)"
         return (
             f"{self.source}: {self.channel} from {self.amplitude[0]:.4g} to {self.amplitude[-1]:.4g} {unit}: "
             f"{self.hz[0]:.7g} +/- {self.hz_std[0]:.1g} to {self.hz[-1]:.7g} +/- {self.hz_std[-1]:.1g} Hz, "
@@ -185,7 +186,8 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
 def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "decays") -> Decay:
     """Put decays of one structure together: means in classes of amplitude, uncertainty by their scatter.
 
-    What windows are known worse to than they scatter by is common to all of a class: few may agree by chance.
+    What windows are known worse to than they scatter by is common to all of a class: few may agree by chance, and means
+    over windows are off alike where frequency or damping bend.
 
     Parameters
     ----------

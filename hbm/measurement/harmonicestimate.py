@@ -11,9 +11,11 @@ from hbm.measurement.steadiness import Leftover, Steadiness
 from models.display import Displayed
 
 LEAST_SHARE = 0.001
-"""Trends and lines below this part of the amplitude are not warned of, however significant."""
-LEAST_TURN = 0.005
-"""Turn of all phases [rad] that is not warned of."""
+"""Trends and lines below this part of the amplitude are not warned of, however significant; nor such turns [rad]."""
+ELSEWHERE = 0.99
+"""Share of the rms of every channel that lies elsewhere where the rate or the fundamental is wrong."""
+CERTAIN = 5.0
+"""Standard deviations from which a turn of all phases is there beyond doubt, or a change beside it."""
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,11 @@ class HarmonicEstimate(Displayed):
         Those that are not constant.
     coefficients : (c, 2H+1) array
         a_0, a_1..a_H, b_1..b_H; phases refer to the zero of the recording's time.
-    std : (c, H+1) array
-        Standard deviation of each of cos and sin.
+    own_std : (c, H+1) array
+        Standard deviation of each of cos and sin, phases of all channels counted from one another.
+    turn_std : float
+        Standard deviation of the phase of the fundamental at the zero of time by that of a refined frequency [rad], 0
+        where that was given. It turns all channels together, harmonic k by k times as much.
     units : dict of str to str
         As in the recording.
     quality : tuple of ChannelQuality, (c,)
@@ -78,7 +83,8 @@ class HarmonicEstimate(Displayed):
     blocks: int
     channels: tuple[str, ...]
     coefficients: Array
-    std: Array
+    own_std: Array
+    turn_std: float
     units: Mapping[str, str]
     quality: tuple[ChannelQuality, ...]
     dead: tuple[str, ...]
@@ -86,7 +92,18 @@ class HarmonicEstimate(Displayed):
     @property
     def H(self) -> int:
         """Highest harmonic."""
-        return int(self.std.shape[1]) - 1
+        return int(self.own_std.shape[1]) - 1
+
+    @property
+    def std(self) -> Array:
+        """Standard deviation of each of cos and sin at the zero of time, (c, H+1).
+
+        What turns them is at right angles to each coefficient: cos and sin share it.
+        """
+        k = np.arange(self.H + 1)
+        sines = np.pad(self.coefficients[:, self.H + 1 :], ((0, 0), (1, 0)))
+        size = np.hypot(self.coefficients[:, : self.H + 1], sines)
+        return np.asarray(np.hypot(self.own_std, np.sqrt(0.5) * k * self.turn_std * size))
 
     def amplitude(self, channel: str) -> float:
         """Amplitude of the fundamental of a channel; of a multisine its rms."""
@@ -117,7 +134,15 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
         yield f"{name} is constant: left out"
     if not e.blocks:
         yield f"{e.periods} whole {'period' if e.periods == 1 else 'periods'}: nothing can be said of steadiness"
+    elsewhere = _elsewhere(e)
+    if elsewhere is not None:
+        yield (
+            f"next to all of every channel lies at {elsewhere:.5g} Hz and its multiples, not at {e.hz:.5g} Hz: "
+            "the sampling rate or the fundamental is wrong"
+        )
+        return
     off = _frequency_error(e)
+    smeared = off is not None and abs(off[0]) * e.H > 2.0 * np.pi  # the highest harmonic is a line of its own
     if off:
         yield (
             f"all phases turn by {off[0]:.3g} rad over the record: "
@@ -131,12 +156,13 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
                 f"{s.beat_hz:+.2g} Hz beside the {_harmonic(q.harmonic)}; "
                 f"{s.left:.2%} of the amplitude is left of it at the end"
             )
-        elif not off and not s.steady and s.change > LEAST_SHARE:
+        elif not s.steady and _changes(s, turned=off is not None):
+            change = s.growing if off else s.change
             yield (
                 f"{q.name} is not steady: "
-                f"its {_harmonic(q.harmonic)} changes by {s.change:.2%} +/- {s.change_std:.1%} over the record"
+                f"its {_harmonic(q.harmonic)} changes by {change:.2%} +/- {100 * s.change_std:.2g}% over the record"
             )
-        if not off and np.isfinite(q.leftover.line_hz) and q.leftover.line_share > LEAST_SHARE:
+        if not smeared and np.isfinite(q.leftover.line_hz) and q.leftover.line_share > LEAST_SHARE:
             yield (
                 f"{q.name} has a line at {q.leftover.line_hz:.4g} Hz, between the harmonics, "
                 f"of {q.leftover.line_share:.2%} of its rms"
@@ -145,8 +171,30 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
             yield f"{q.name} is flat-topped: was it clipped?"
 
 
+def _changes(s: Steadiness, *, turned: bool) -> bool:
+    """Whether the change of a channel that is not steady is worth a word, where all phases turn beside that turn."""
+    return s.growing > max(LEAST_SHARE, CERTAIN * s.change_std) if turned else s.change > LEAST_SHARE
+
+
 def _harmonic(k: int) -> str:
     return "fundamental" if k == 1 else f"harmonic {k}"
+
+
+def _elsewhere(e: HarmonicEstimate) -> float | None:
+    """Frequency [Hz] of the signal, where it is alike in all channels and not the fundamental given."""
+    found = np.array([_signal_hz(e, i) for i in range(len(e.channels))])
+    alike = float(np.ptp(found)) < e.hz / e.periods
+    return float(found[0]) if alike and found[0] != e.hz else None
+
+
+def _signal_hz(e: HarmonicEstimate, i: int) -> float:
+    """Fundamental [Hz] that a channel has by its strongest line, nan where it is a sum of others."""
+    q, a, b = e.quality[i], e.coefficients[i, 1 : e.H + 1], e.coefficients[i, e.H + 1 :]
+    if q.leftover.share > ELSEWHERE:
+        return q.leftover.line_hz
+    power = a**2 + b**2
+    own = float(power[q.harmonic - 1 :: q.harmonic].sum())
+    return q.harmonic * e.hz if power.sum() - own < (1.0 - ELSEWHERE**2) * power.sum() else float("nan")
 
 
 def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
@@ -159,8 +207,8 @@ def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
         return None
     surest = int(np.argmin(stds))
     turn, std = float(turns[surest]), float(stds[surest])
-    alike = np.abs(turns - turn) < 0.1 * abs(turn) + 5.0 * np.hypot(stds, std)
-    if abs(turn) < max(LEAST_TURN, 5.0 * std) or not alike.all():
+    alike = np.abs(turns - turn) < 0.1 * abs(turn) + CERTAIN * np.hypot(stds, std)
+    if abs(turn) < max(LEAST_SHARE, CERTAIN * std) or not alike.all():
         return None
     return turn, turn * e.hz / e.periods / (2.0 * np.pi)
 
@@ -169,6 +217,8 @@ def spectra_of_records(
     estimates: Sequence[HarmonicEstimate], levels: Sequence[float], channels: Sequence[str], source: str = "spectra"
 ) -> MeasuredSpectra:
     """Join records, numbered from 1 in their order.
+
+    Where a record begins is nothing to its spectra: a common turn of all its phases is not in the deviations.
 
     Parameters
     ----------
@@ -187,7 +237,7 @@ def spectra_of_records(
     std = np.full((*shape, estimates[0].H + 1), np.nan)
     for i, e in enumerate(estimates):
         for j, name in enumerate(e.channels):
-            coefficients[i, kept.index(name)], std[i, kept.index(name)] = e.coefficients[j], e.std[j]
+            coefficients[i, kept.index(name)], std[i, kept.index(name)] = e.coefficients[j], e.own_std[j]
     return MeasuredSpectra(
         source=source,
         records=np.arange(1, len(estimates) + 1),

@@ -58,6 +58,11 @@ class Steadiness:
     left: float = float("nan")
 
     @property
+    def growing(self) -> float:
+        """Size of the rest of the trend, which grows or falls."""
+        return float(np.sqrt(max(self.change**2 - self.turning**2, 0.0)))
+
+    @property
     def steady(self) -> bool:
         """Whether nothing significant speaks against it."""
         return not self.p_steady < SIGNIFICANT

@@ -207,5 +207,7 @@ def test_beside_a_rig_the_unit_is_that_of_its_channel_and_nothing_need_be_left_o
     assert result.exit_code == 0, result.output
     heading, units = result.stdout.splitlines()[2:4]
     assert heading.split()[0] == "v" and units.split()[0] == "m/s"
+    alone = CliRunner().invoke(app, args)
+    assert alone.stdout.splitlines()[3].split("  ")[0].strip() == "unit not stated"
     refused = CliRunner().invoke(app, [*args[:-1], "-1"])
     assert (refused.exit_code, refused.stderr) == (2, "decay: --settle = -1; must be a number >= 0 [s]\n")

@@ -131,6 +131,27 @@ def test_refined_frequency_is_right_to_its_deviation() -> None:
     assert abs(np.mean(z)) < 0.5
 
 
+def test_deviations_of_a_refined_record_hold_where_its_phases_count_from() -> None:
+    """At the zero of time and, in a spectra file, beside the force: harmonic k of a response turned k times as far.
+
+    Rms of some 200 numbers, so to 12 % with 95 % probability; without the frequency it is sqrt((1 + 4)/2) at time zero.
+    """
+    k, at_zero, beside_force = np.arange(1, H + 1), [], []
+    c, true_force = TRUE[1 : H + 1] - 1j * TRUE[H + 1 :], LEVEL * np.exp(1j * PHASE)
+    for seed in range(100):
+        e = harmonic_spectra(record(20.0, seed), HZ, H, refine="force")
+        i, j = at(e, "a1"), at(e, "force")
+        found = e.coefficients[:, 1 : H + 1] - 1j * e.coefficients[:, H + 1 :]
+        z = (found[j, 0] - true_force) / e.std[j, 1]
+        at_zero.append([z.real, z.imag])
+        turned = found[i] * np.exp(-1j * k * np.angle(found[j, 0])) - c * np.exp(-1j * k * PHASE)
+        std = spectra_of_records([e], [LEVEL], ["force", "a1"]).std[0]
+        both = np.sqrt(std[1, 1:] ** 2 + 0.5 * (k * np.abs(c) * std[0, 1] / LEVEL) ** 2)
+        beside_force.append(np.concatenate([turned.real, turned.imag]) / np.tile(both, 2))
+    assert np.sqrt(np.mean(np.square(at_zero))) == pytest.approx(1.0, abs=0.15)
+    assert np.sqrt(np.mean(np.square(beside_force))) == pytest.approx(1.0, abs=0.1)
+
+
 def test_a_wrong_fundamental_is_told_with_its_error() -> None:
     e = harmonic_spectra(record(100.0), HZ + 0.02, H)
     assert e.warnings == (
@@ -179,7 +200,7 @@ def test_a_growing_amplitude_is_a_trend_not_a_decay() -> None:
     assert s.change == pytest.approx(0.03 / np.hypot(TRUE[1] + 0.015, TRUE[H + 1]), rel=0.05)
     assert np.isnan(s.decay_rate)
     assert e.warnings == (
-        f"a1 is not steady: its fundamental changes by {s.change:.2%} +/- {s.change_std:.1%} over the record",
+        f"a1 is not steady: its fundamental changes by {s.change:.2%} +/- {100 * s.change_std:.2g}% over the record",
     )
 
 

@@ -1,0 +1,102 @@
+"""What the first screen tells of where a force is missing, and of whether records tell places apart."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from hbm.diagnosis.discrepancy import Discrepancy
+from hbm.diagnosis.missingforce import MissingForce
+from hbm.diagnosis.remainder import Remainder
+from hbm.diagnosis.verdict import Diagnosis, Errors
+from hbm.files.diagnosissummary import first_screen
+
+POINTS, UNKNOWNS = 500, 100
+KINDS = {"the clamp": "motion", "sensor a1": "reading", "sensor a2": "reading"}
+
+
+def found(misfit: float, alone: dict[str, float], beside: dict[str, float] | None = None) -> Discrepancy:
+    """Noise variances of a model, and those left by a force at places alone and beside one at the contact."""
+
+    def at(name: str, left: float, unknowns: int) -> MissingForce:
+        place = SimpleNamespace(name=name, kind=KINDS.get(name, "force"), unit="N", against="m")
+        rows, share = np.ones((4, 2)), 1.0 - max(left - 1.0, 0.0) / (misfit - 1.0)
+        return MissingForce(
+            place,
+            share,
+            left * (POINTS - unknowns),
+            left,
+            unknowns,
+            rows + 0j,
+            0.01 * rows,
+            rows + 0j,
+            rows[:, 0],
+            rows[:, 0],
+        )
+
+    places = tuple(at(name, left, UNKNOWNS) for name, left in alone.items())
+    both = tuple(at(name, left, 2 * UNKNOWNS) for name, left in (beside or {}).items())
+    four = np.arange(4), np.full(4, 3.0), np.full(4, 50.0)
+    return Discrepancy(*four, misfit * POINTS, POINTS, places, both)
+
+
+def told(force: Discrepancy) -> tuple[str, str]:
+    """Why, and what to measure next."""
+    errors = {name: {"train": Errors(0.5, 1e4)} for name in ("nominal", "calibrated")}
+    remainder = Remainder({}, 0.5, 1e4, structured=True, places=())
+    d = Diagnosis("unexplained", None, {}, 0.82, (), "", remainder, errors, (), (), ())
+    said = first_screen(d, force, "", 0.0)
+    why, look = said["Why"], said["What to measure next"]
+    return why.removeprefix("No cause that was tried takes most of the misfit. "), look.partition("remains. ")[2]
+
+
+def test_a_contact_that_explains_next_to_all_is_named_alone() -> None:
+    """0.03 % are left by the contact alone, of which a sensor beside it would take a half."""
+    force = found(1.49e5, {"the contact": 49.4, "the clamp": 4e3}, {"sensor a1": 24.9, "the clamp": 34.1})
+    assert told(force) == (
+        "An unknown force at the contact would explain over 99.9 % of it.",
+        "Look at the contact: the missing force is there, if it is at one place.",
+    )
+
+
+def test_second_places_that_leave_the_same_are_named_together_with_their_share_of_the_rest() -> None:
+    """1 - 69.3/119 = 42 % of the rest; 75 is within a tenth of 70.3, 86 is not."""
+    beside = {"the clamp": 70.3, "the beam at 56 mm": 70.5, "the beam at 111 mm": 75.0, "the beam at 167 mm": 86.1}
+    force = found(2.13e4, {"the contact": 120.0, "the clamp": 4e3}, beside)
+    assert told(force) == (
+        "An unknown force at the contact would explain 99.4 % of it. Beside it an unknown motion at the clamp or force "
+        "at the beam at 56 mm or the beam at 111 mm would explain 41.8 % of the rest. "
+        "These records do not tell these places apart.",
+        "Look at the contact and at the clamp or the beam at 56 mm or the beam at 111 mm, "
+        "which these records do not tell apart.",
+    )
+    first, second, third, *_ = force.sentences()
+    assert first == (
+        "The missing motion is that of the clamp beside one at the contact: explains 42 % of what that alone leaves, "
+        "120 noise variances, and leaves 70.3 noise variances; "
+        "next: the beam at 56 mm 42 %, 70.5, the beam at 111 mm 38 %, 75, the beam at 167 mm 28 %, 86.1."
+    )
+    assert second == "No place alone will do: the contact, the best, leaves 120 noise variances."
+    assert third == (
+        "Hardly more is left by the beam at 56 mm, the beam at 111 mm: these records do not tell them apart."
+    )
+
+
+def test_a_second_place_that_is_told_apart_is_named() -> None:
+    force = found(2e4, {"the contact": 400.0}, {"the clamp": 20.0, "sensor a2": 90.0})
+    why, look = told(force)
+    assert why.endswith(" of it. Beside it an unknown motion at the clamp would explain 95.2 % of the rest.")
+    assert look == "Look at the contact and at the clamp: what is missing is there, if it is at two places."
+
+
+def test_where_noise_is_left_places_that_leave_more_are_told_apart() -> None:
+    """400 degrees of freedom: noise is known to 7 %, three times which is 1.21."""
+    force = found(300.0, {"the clamp": 1.0, "sensor a1": 1.2, "sensor a2": 1.3})
+    why, look = told(force)
+    assert why.startswith("An unknown motion at the clamp or reading at sensor a1 would explain over 99.9 % of it.")
+    assert look == "Look at the clamp or sensor a1, which these records do not tell apart."
+
+
+def test_more_places_than_can_be_listed_are_counted() -> None:
+    names = [f"the beam at {10 * i} mm" for i in range(1, 7)]
+    _, look = told(found(300.0, {name: 50.0 + 0.5 * i for i, name in enumerate(names)}))
+    assert look.endswith("the beam at 40 mm or at 2 other places, which these records do not tell apart.")
