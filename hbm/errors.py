@@ -100,6 +100,21 @@ def expect_level(level: Any, where: str) -> None:
         expect_positive(level, "level", where, "N")
 
 
+def expect_two(ends: Any, what: str, where: str) -> tuple[Any, Any]:
+    """Both ends of a range, which must have two.
+
+    Raises
+    ------
+    InputError
+        With what was given.
+    """
+    try:
+        begin, end = ends
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: {what} = {_shown(ends)}; must be two numbers") from None
+    return begin, end
+
+
 def expect_range(ends: Any, where: str, what: str = "hz", unit: str = "Hz") -> None:
     """Refuse a range of frequencies, or of another number > 0, that has no length, or an end that is none.
 
@@ -108,15 +123,11 @@ def expect_range(ends: Any, where: str, what: str = "hz", unit: str = "Hz") -> N
     InputError
         With its ends.
     """
-    accepted = f"must be two different numbers > 0 [{unit}]"
-    try:
-        begin, end = ends
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: {what} = {_shown(ends)}; {accepted}") from None
+    begin, end = expect_two(ends, what, where)
     expect_positive(begin, what, where, unit)
     expect_positive(end, what, where, unit)
     if begin == end:
-        raise InputError(f"{where}: {what} = ({begin:g}, {end:g}); {accepted}")
+        raise InputError(f"{where}: {what} = ({begin:g}, {end:g}); must be two different numbers > 0 [{unit}]")
 
 
 def expect_whole(value: Any, what: str, where: str, least: int = 1, most: int | None = None) -> None:

@@ -15,7 +15,7 @@ from continuation import ConvergenceError, NewtonSettings, Predictor, Settings, 
 from hbm.balance.padding import pad
 from hbm.balance.problem import TOLERANCE, AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.errors import expect_frequency, expect_level, expect_range, expect_rig
+from hbm.errors import expect_frequency, expect_level, expect_positive, expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
@@ -295,6 +295,8 @@ def trace_frequency(
     """
     begin, end = sweep_of(rig, hz, "trace_frequency")
     expect_level(level, "trace_frequency")
+    if step_hz is not None:
+        expect_positive(step_hz, "step_hz", "trace_frequency", "Hz")
     problem = balance_of(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
     step = None if step_hz is None else problem.lam_at(step_hz)

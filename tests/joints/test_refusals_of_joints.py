@@ -216,12 +216,22 @@ def test_a_force_without_its_fundamental_is_refused(rig: JointedRig) -> None:
         (
             lambda rig: frequency_response(rig, (18.0,)),
             InputError,
-            r"frequency_response: hz = \(18.0,\); must be two different numbers > 0",
+            r"frequency_response: hz = \(18.0,\); must be two numbers",
         ),
         (
             lambda rig: parameter_response(rig, "modal.ports.one[1]", (0.7, 0.8), hz=18.0, level=-1.0),
             InputError,
             "parameter_response: level = -1; must be > 0 and finite",
+        ),
+        (
+            lambda rig: parameter_response(rig, "modal.ports.one[1]", (0.7,), hz=18.0),
+            InputError,
+            r"parameter_response: values = \(0.7,\); must be two numbers",
+        ),
+        (
+            lambda rig: trace_frequency(rig, (15.0, 18.0), step_hz=-1.0),
+            InputError,
+            "trace_frequency: step_hz = -1; must be > 0 and finite",
         ),
         (
             lambda rig: force_response(rig, 18.0, (0.0, 1.0)),
