@@ -1,6 +1,9 @@
 """The error a user can cause."""
 
 import re
+from math import inf
+from numbers import Integral, Real
+from typing import Any
 
 LONGEST = re.compile(r"\S{300,}")
 """A word of a message that nobody reads to its end."""
@@ -58,7 +61,23 @@ def expect_rig(rig: object, where: str, *, joints: bool = False) -> None:
         raise InputError(f"{where}: rig = {rig!r:.80}; must be a Rig, as load_rig(path) returns")
 
 
-def expect_frequency(hz: float, where: str) -> None:
+def expect_positive(value: Any, what: str, where: str, unit: str) -> None:
+    """Refuse what is no number > 0, text among it.
+
+    Raises
+    ------
+    InputError
+        With what was given.
+    """
+    try:
+        accepted = bool(0.0 < value < inf)
+    except (TypeError, ValueError):
+        accepted = False
+    if not accepted:
+        raise InputError(f"{where}: {what} = {_shown(value)}; must be > 0 and finite [{unit}]")
+
+
+def expect_frequency(hz: Any, where: str) -> None:
     """Refuse a frequency that is not one.
 
     Raises
@@ -66,20 +85,64 @@ def expect_frequency(hz: float, where: str) -> None:
     InputError
         With the number.
     """
-    if not 0.0 < hz < float("inf"):
-        raise InputError(f"{where}: hz = {hz:g}; must be > 0 and finite [Hz]")
+    expect_positive(hz, "hz", where, "Hz")
 
 
-def expect_range(hz: tuple[float, float], where: str) -> None:
-    """Refuse a range of frequencies that has no length, or an end that is not a frequency.
+def expect_level(level: Any, where: str) -> None:
+    """Refuse a force amplitude that is not one; None stands for that of the rig.
+
+    Raises
+    ------
+    InputError
+        With the number.
+    """
+    if level is not None:
+        expect_positive(level, "level", where, "N")
+
+
+def expect_two(ends: Any, what: str, where: str) -> tuple[Any, Any]:
+    """Both ends of a range, which must have two.
+
+    Raises
+    ------
+    InputError
+        With what was given.
+    """
+    try:
+        begin, end = ends
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: {what} = {_shown(ends)}; must be two numbers") from None
+    return begin, end
+
+
+def expect_range(ends: Any, where: str, what: str = "hz", unit: str = "Hz") -> None:
+    """Refuse a range of frequencies, or of another number > 0, that has no length, or an end that is none.
 
     Raises
     ------
     InputError
         With its ends.
     """
-    begin, end = hz
-    expect_frequency(begin, where)
-    expect_frequency(end, where)
+    begin, end = expect_two(ends, what, where)
+    expect_positive(begin, what, where, unit)
+    expect_positive(end, what, where, unit)
     if begin == end:
-        raise InputError(f"{where}: hz = ({begin:g}, {end:g}); must be two different frequencies [Hz]")
+        raise InputError(f"{where}: {what} = ({begin:g}, {end:g}); must be two different numbers > 0 [{unit}]")
+
+
+def expect_whole(value: Any, what: str, where: str, least: int = 1, most: int | None = None) -> None:
+    """Refuse what is no whole number within bounds.
+
+    Raises
+    ------
+    InputError
+        With what was given.
+    """
+    whole = isinstance(value, Integral) and not isinstance(value, bool)
+    if not whole or value < least or (most is not None and value > most):
+        bounds = f">= {least}" if most is None else f"{least} to {most}"
+        raise InputError(f"{where}: {what} = {_shown(value)}; must be a whole number {bounds}")
+
+
+def _shown(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, Real) else f"{value!r:.80}"

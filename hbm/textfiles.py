@@ -86,6 +86,21 @@ def _numbered(rows: Iterable[list[str]], path: StrPath, kind: str) -> Iterator[t
         raise InputError(f"{path}: cannot be read ({refused}); must be {kind}") from None
 
 
+def check_ending(path: StrPath, endings: Sequence[str], where: str) -> None:
+    """Refuse a file of another kind; arguments as of :func:`check_output`.
+
+    Raises
+    ------
+    InputError
+    """
+    if Path(path).suffix.lower() not in endings:
+        raise InputError(f"{_said(path, where)}; must end in {' or '.join(endings)}")
+
+
+def _said(path: StrPath, where: str) -> str:
+    return f"{where} = {json.dumps(str(path), ensure_ascii=False)}"
+
+
 def check_output(path: StrPath, endings: Sequence[str], where: str) -> None:
     """Refuse an output file that could not be written, before anything is computed.
 
@@ -101,9 +116,8 @@ def check_output(path: StrPath, endings: Sequence[str], where: str) -> None:
     ------
     InputError
     """
-    path, said = Path(path), f"{where} = {json.dumps(str(path), ensure_ascii=False)}"
-    if path.suffix.lower() not in endings:
-        raise InputError(f"{said}; must end in {' or '.join(endings)}")
+    check_ending(path, endings, where)
+    path, said = Path(path), _said(path, where)
     if path.is_dir():
         raise InputError(f"{said}; is a directory, must be a file")
     if not path.parent.is_dir():

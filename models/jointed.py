@@ -14,7 +14,7 @@ from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, terms
 from models.joints.law import numbers
 from models.joints.rubbing import Friction
-from models.numbers import Described, Numbered
+from models.numbers import Described, Numbered, no_such_number
 from models.parts import Channel, Damping, Drift, Excitation, check_names
 from models.plausible import Proportion, warn_of
 from models.rig import Rig
@@ -290,7 +290,7 @@ class JointedRig(Numbered):
     def number(self, key: str) -> float:
         """Value of one of its numbers."""
         if key not in (known := self.numbers):
-            raise KeyError(f"{key} is not a number of the rig {self.name}")
+            raise no_such_number(key, known, self.name)
         return known[key][0]
 
     def with_numbers(self, values: Mapping[str, float]) -> "JointedRig":

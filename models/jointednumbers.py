@@ -14,6 +14,7 @@ from models.bodies.ported import PortedModes
 from models.friction.law import Parameter
 from models.joints.joint import Joint
 from models.joints.law import described, numbers, with_numbers
+from models.numbers import no_such_number
 from models.parts import Channel, Damping, Excitation
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def with_scalars(rig: "JointedRig", values: Mapping[str, float]) -> "JointedRig"
     known = scalars(rig)
     for key in values:
         if key not in known:
-            raise KeyError(f"{key} is not a number of the rig {rig.name}")
+            raise no_such_number(key, known, rig.name)
     own = rig.body.numbers
     body = rig.body.with_numbers({key: value for key, value in values.items() if key in own})
     return replace(

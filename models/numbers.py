@@ -1,8 +1,9 @@
 """Numbers of a rig by the keys of its rig file, read and changed."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from difflib import get_close_matches
 from typing import Any, Self
 
 from models.display import Displayed
@@ -18,6 +19,24 @@ RATE = Parameter("1", "change per record", "", lower=-float("inf"))
 
 Step = str | int
 Described = dict[str, tuple[float, Parameter]]
+
+
+class NoSuchNumber(KeyError, ValueError):
+    """The key of a number that a rig does not have."""
+
+    def __str__(self) -> str:
+        """The message as it is; a KeyError would quote it."""
+        return str(self.args[0])
+
+
+def no_such_number(key: str, known: Iterable[str], rig: str) -> NoSuchNumber:
+    """What is wrong with a key: the numbers that there are, the closest as a hint."""
+    known = list(known)
+    last = key.rpartition(".")[2]  # who knows the number may not know where it stands
+    alike = [other for other in known if other.rpartition(".")[2] == last]
+    close = get_close_matches(key, alike, n=1, cutoff=0.0) or get_close_matches(key, known, n=1, cutoff=0.5)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    return NoSuchNumber(f"{key} is not a number of the rig {rig}; must be one of {', '.join(known)}{hint}")
 
 
 class Numbered(Displayed):
@@ -121,8 +140,8 @@ class Numbered(Displayed):
                 )
             try:
                 rig = rig.with_number(drift.parameter, rig.number(drift.parameter) * factor)
-            except KeyError as unknown:
-                raise ValueError(f"drift: {unknown.args[0]}") from None
+            except NoSuchNumber as unknown:
+                raise ValueError(f"drift: {unknown}") from None
         return replace(rig, drift=()) if rig.drift else rig  # type: ignore[type-var]  # of the dataclasses that inherit
 
     def _found(self, key: str) -> tuple[tuple[Step, ...], float]:
@@ -132,7 +151,7 @@ class Numbered(Displayed):
         for step in way:
             found = _part(found, step)
         if not isinstance(found, int | float):
-            raise KeyError(f"{key} is not a number of the rig {self.name}")
+            raise no_such_number(key, self.numbers, self.name)
         return way, float(found)
 
 

@@ -254,6 +254,13 @@ def test_the_old_file_survives_a_failure_before_it_is_replaced(tmp_path: Path, m
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("a", "old")]
 
 
+def test_no_curves_and_other_files_than_tables_are_refused(curves: list[ResponseCurve], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^write_curves: curves is empty; must have one at least$"):
+        write_curves(tmp_path / "c.csv", [])
+    with pytest.raises(InputError, match=r"^write_curves: path = .*c\.txt\"; must end in \.csv$"):
+        write_curves(tmp_path / "c.txt", curves)
+
+
 def test_a_missing_directory_is_one_line(curves: list[ResponseCurve], tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         write_curves(tmp_path / "no" / "c.csv", curves)

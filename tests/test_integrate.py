@@ -439,12 +439,14 @@ def test_progress_reports_time_reached() -> None:
     ("options", "message"),
     [
         ({"hz": 0.0}, "simulate: hz = 0; must be > 0 and finite [Hz]"),
-        ({"hz": 52.0, "duration": -1.0}, "simulate: duration -1.0 s; must be > 0"),
+        ({"hz": 52.0, "duration": -1.0}, "simulate: duration = -1; must be > 0 and finite [s]"),
         (
             {"hz": 52.0, "steps_per_period": 100, "every": 3},
-            "simulate: 100 steps per period, every 3 kept; "
-            "must be at least 8 steps, and a whole number kept per period",
+            "simulate: every = 3; must divide 100 steps per period",
         ),
+        ({"hz": 52.0, "steps_per_period": -4}, "simulate: steps_per_period = -4; must be a whole number >= 8"),
+        ({"hz": 52.0, "last_periods": 51}, "simulate: last_periods = 51; must be a whole number 1 to 50"),
+        ({"hz": 52.0, "start": "rest"}, "simulate: start = 'rest'; must be a State of a rig with [contact]"),
         (
             {"hz": 52.0, "start": State(np.zeros(3), np.zeros(3), 0.0, np.zeros(1))},
             "simulate: start has 8 values; this rig and its friction law need 12",

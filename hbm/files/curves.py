@@ -22,7 +22,7 @@ from hbm.fourier import Array
 from hbm.integration.history import TimeHistory
 from hbm.integration.jointed import JointHistory
 from hbm.response.curve import ChannelCurve, NumericalError, ResponseCurve
-from hbm.textfiles import Contents, StrPath, csv_text, read_rows, why, write_together
+from hbm.textfiles import Contents, StrPath, check_ending, csv_text, read_rows, why, write_together
 
 SCHEMA = 1
 KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")
@@ -49,8 +49,11 @@ def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> list[Path]:
     Raises
     ------
     InputError
-        If the files cannot be written; then neither is.
+        If there are no curves, or the files cannot be written; then neither is.
     """
+    check_ending(path, (".csv",), "write_curves: path")
+    if not curves:
+        raise InputError("write_curves: curves is empty; must have one at least")
     return write_together(curve_contents(path, curves))
 
 
@@ -81,6 +84,7 @@ def write_history(path: StrPath, history: TimeHistory | JointHistory, *, contact
     InputError
         If the file cannot be written.
     """
+    check_ending(path, (".csv",), "write_history: path")
     return write_together(history_contents(path, history, contact=contact))
 
 

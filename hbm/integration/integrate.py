@@ -14,10 +14,10 @@ from typing import overload
 import numpy as np
 
 from hbm.aft.recurrence import monodromy
-from hbm.errors import InputError, expect_frequency, expect_rig
+from hbm.errors import InputError, expect_frequency, expect_positive, expect_rig, expect_whole
 from hbm.integration.history import State, TimeHistory, differences
 from hbm.integration.jointed import JointHistory, simulate_joints
-from hbm.integration.jointmarch import LEAST_STEPS
+from hbm.integration.jointmarch import FEWEST_STEPS, LEAST_STEPS
 from hbm.integration.march import Recorder, march
 from hbm.integration.timestep import Stepper
 from hbm.parallel import one_thread
@@ -118,17 +118,22 @@ def simulate(
     expect_rig(rig, "simulate", joints=True)
     expect_frequency(hz, "simulate")
     duration = DEFAULT_PERIODS / hz if duration is None else duration
-    if not 0.0 < duration < np.inf:
-        raise ValueError(f"simulate: duration {duration} s; must be > 0")
+    expect_positive(duration, "duration", "simulate", "s")
+    if steps_per_period is not None:
+        expect_whole(steps_per_period, "steps_per_period", "simulate", FEWEST_STEPS)
+    periods = max(1, round(duration * hz))
+    if last_periods is not None:
+        expect_whole(last_periods, "last_periods", "simulate", most=periods)
     if isinstance(rig, JointedRig):
-        periods = max(1, round(duration * hz))
         if isinstance(start, State):
             raise ValueError("simulate: start is a state of a rig with [contact]; must be (size,) numbers")
         over = partial(simulate_joints, periods=periods, steps_per_period=steps_per_period, progress=progress)
         return over(rig, hz, level=level, start=start, last_periods=last_periods)
-    state = start if isinstance(start, State) else State.at_rest(rig)
+    if start is not None and not isinstance(start, State):
+        raise InputError(f"simulate: start = {start!r:.80}; must be a State of a rig with [contact]")
+    state = State.at_rest(rig) if start is None else start
     level = rig.excitation.amplitude if level is None else level
-    _check(rig, steps_per_period or LEAST_STEPS, state, every)
+    _check(rig, STEPS[0] if steps_per_period is None else steps_per_period, state, every)
 
     def marched(steps_per_period: int) -> TimeHistory:
         stepper = Stepper.stable(rig, hz, level, steps_per_period, _phase(hz, state.time))
@@ -147,11 +152,9 @@ def simulate(
 
 def _check(rig: Rig, steps_per_period: int, start: State, every: int) -> None:
     size = State.at_rest(rig).flat.size
-    if steps_per_period < 8 or every < 1 or steps_per_period % every:
-        raise ValueError(
-            f"simulate: {steps_per_period} steps per period, every {every} kept; "
-            "must be at least 8 steps, and a whole number kept per period"
-        )
+    expect_whole(every, "every", "simulate")
+    if steps_per_period % every:
+        raise InputError(f"simulate: every = {every}; must divide {steps_per_period} steps per period")
     if rig.contact.foreshortening and rig.structure.n > MOST_MODES:
         raise InputError(
             f"simulate: modes = {rig.structure.n}; must be <= {MOST_MODES}: a beam drawn in as it bends couples "
@@ -248,6 +251,7 @@ def steady_state(
     """
     expect_rig(rig, "steady_state")
     expect_frequency(hz, "steady_state")
+    expect_whole(steps_per_period, "steps_per_period", "steady_state", FEWEST_STEPS)
     if start is None:
         start = simulate(rig, hz, level=level, steps_per_period=steps_per_period, last_periods=1).state
     start = replace(start, time=start.time - np.floor(start.time * hz + 0.5 / steps_per_period) / hz)

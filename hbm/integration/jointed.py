@@ -14,8 +14,9 @@ from hbm.aft.jointstep import JointStep
 from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
 from hbm.channels import DERIVATIVES, Rates, late
+from hbm.errors import InputError, expect_frequency, expect_whole
 from hbm.integration.history import History, Signal, differences
-from hbm.integration.jointmarch import LEAST_STEPS, JointMarcher, resolving_steps
+from hbm.integration.jointmarch import FEWEST_STEPS, LEAST_STEPS, JointMarcher, resolving_steps
 from models.jointed import JointedRig
 from models.parts import UNITS, Channel
 from models.structure import Array
@@ -165,7 +166,7 @@ def simulate_joints(
     steps = resolving_steps(rig, hz, LEAST_STEPS) if steps_per_period is None else steps_per_period
     marcher = JointMarcher(rig, hz, rig.excitation.amplitude if level is None else level, steps)
     marcher.refuse_growth()
-    x = np.zeros(marcher.size) if start is None else start
+    x = _begun(marcher, start, "simulate")
     first = 0 if last_periods is None else max(0, periods - last_periods)
     kept, largest = [x[None]], 0.0
     for i in range(periods):
@@ -177,6 +178,15 @@ def simulate_joints(
     states = np.concatenate(kept)
     time = np.asarray(first / hz + marcher.dt * np.arange(len(states)), dtype=float)
     return JointHistory(rig, hz, marcher.level, time, states, steps, largest)
+
+
+def _begun(marcher: JointMarcher, start: Array | None, where: str) -> Array:
+    """State that a march begins with: at rest unless given."""
+    if start is None:
+        return np.zeros(marcher.size)
+    if np.shape(start) != (marcher.size,):
+        raise InputError(f"{where}: start has {np.size(start)} values; this rig and its joints need {marcher.size}")
+    return start
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,10 +277,13 @@ def joint_steady_state(
     ArithmeticError
         If a step cannot be solved, or the motion does not close to 1e-6.
     """
+    expect_frequency(hz, "joint_steady_state")
+    if steps_per_period is not None:
+        expect_whole(steps_per_period, "steps_per_period", "joint_steady_state", FEWEST_STEPS)
     steps = resolving_steps(rig, hz, 2 * LEAST_STEPS) if steps_per_period is None else steps_per_period
     marcher = JointMarcher(rig, hz, rig.excitation.amplitude if level is None else level, steps)
     marcher.refuse_growth()
-    x = np.zeros(marcher.size) if start is None else start
+    x = _begun(marcher, start, "joint_steady_state")
     for _ in range(30 if start is None else 0):
         x = marcher.period(x)[0][-1]
     period = _Period(marcher, x)

@@ -10,6 +10,8 @@ from models.jointed import JointedRig
 from models.structure import Array
 
 LEAST_STEPS = 512
+FEWEST_STEPS = 8
+"""Steps per period that may be asked for at least."""
 MOST_STEPS = 32768
 """Steps per period up to which they are chosen to resolve the highest mode."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from continuation import ConvergenceError
 from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.errors import expect_level
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
@@ -75,6 +76,7 @@ def frequency_response(
         If there is no first solution.
     """
     sweep = sweep_of(rig, hz, "frequency_response")
+    expect_level(level, "frequency_response")
     if harmonics is None:
         H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance)
     else:

@@ -15,7 +15,7 @@ from continuation import ConvergenceError, NewtonSettings, Predictor, Settings, 
 from hbm.balance.padding import pad
 from hbm.balance.problem import TOLERANCE, AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.errors import expect_frequency, expect_range, expect_rig
+from hbm.errors import expect_frequency, expect_level, expect_positive, expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
@@ -86,6 +86,7 @@ def steady_state(
     """
     expect_rig(rig, "steady_state", joints=True)
     expect_frequency(hz, "steady_state")
+    expect_level(level, "steady_state")
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = balance_of(rig, basis, level=level)
     lam = problem.lam_at(hz)
@@ -293,6 +294,9 @@ def trace_frequency(
         If there is no first solution.
     """
     begin, end = sweep_of(rig, hz, "trace_frequency")
+    expect_level(level, "trace_frequency")
+    if step_hz is not None:
+        expect_positive(step_hz, "step_hz", "trace_frequency", "Hz")
     problem = balance_of(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
     step = None if step_hz is None else problem.lam_at(step_hz)
@@ -351,6 +355,7 @@ def force_response(
     """
     expect_rig(rig, "force_response", joints=True)
     expect_frequency(hz, "force_response")
+    expect_range(force, "force_response", "force", "N")
     basis = FourierBasis(harmonics, samples or default_samples(harmonics))
     problem = balance_of(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref

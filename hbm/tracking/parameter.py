@@ -4,7 +4,6 @@ The derivative to the number is exact (:func:`hbm.sensitivity.derivatives.balanc
 of the law along its marched period, of the modes among each other where the structure that they belong to changes.
 """
 
-import difflib
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -19,6 +18,7 @@ from hbm.sensitivity.derivatives import balance_change
 from hbm.sensitivity.scalars import FORCE, FRICTION, HZ, solution_numbers
 from models.friction.law import Parameter
 from models.jointed import AnyRig
+from models.numbers import no_such_number
 from models.rig import Rig
 
 REFERENCES = 33
@@ -60,12 +60,7 @@ def parameter_key(rig: AnyRig, name: str, hz: float, level: float) -> Key:
     """
     known = {key: n for key, n in solution_numbers(rig, hz, level).items() if key not in rig.drifting}  # does nothing
     if name not in known:
-        last = name.rpartition(".")[2]  # who knows the number may not know where it stands
-        alike = [key for key in known if key.rpartition(".")[2] == last]
-        close = difflib.get_close_matches(name, alike, n=1, cutoff=0.0)
-        close = close or difflib.get_close_matches(name, known, n=1, cutoff=0.5)
-        hint = f"; did you mean {close[0]}?" if close else ""
-        raise ValueError(f"{name} is not a number of the rig; must be one of {', '.join(known)}{hint}")
+        raise no_such_number(name, known, rig.name)
     return Key(name, *known[name])
 
 

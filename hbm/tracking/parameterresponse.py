@@ -13,7 +13,7 @@ import numpy as np
 from continuation import Branch, ConvergenceError, Problem, Settings
 from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.errors import expect_rig
+from hbm.errors import expect_frequency, expect_level, expect_rig, expect_two
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
 from hbm.response.accuracy import LADDER, TOLERANCE, finer, relative_change, scales_of
@@ -147,6 +147,10 @@ def parameter_response(
     [0.5, 0.55]
     """
     expect_rig(rig, "parameter_response", joints=True)
+    expect_level(level, "parameter_response")
+    expect_two(values, "values", "parameter_response")
+    if hz is not None:
+        expect_frequency(hz, "parameter_response")
     number = checked(rig, key, values, hz=hz, level=level)
     frequency = values[0] if hz is None else hz
     force = rig.excitation.amplitude if level is None else level

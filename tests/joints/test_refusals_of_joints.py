@@ -8,7 +8,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from hbm import follow_peak, load_rig, load_spectra, sensitivities, simulate, steady_state, trace_frequency
+from hbm import (
+    follow_peak,
+    force_response,
+    frequency_response,
+    joint_steady_state,
+    load_rig,
+    load_spectra,
+    parameter_response,
+    sensitivities,
+    simulate,
+    steady_state,
+    trace_frequency,
+)
 from hbm.cli import app
 from hbm.errors import InputError
 from hbm.inverse.jointed import reconstruct_joints
@@ -159,7 +171,83 @@ def test_a_force_without_its_fundamental_is_refused(rig: JointedRig) -> None:
 @pytest.mark.parametrize(
     ("call", "error", "said"),
     [
-        (lambda rig: simulate(rig, 18.0, duration=-1.0), ValueError, "simulate: duration -1.0 s; must be > 0"),
+        (lambda rig: simulate(rig, 18.0, duration=-1.0), ValueError, "simulate: duration = -1; must be > 0 and finite"),
+        (
+            lambda rig: simulate(rig, 18.0, start=np.zeros(3)),
+            InputError,
+            "simulate: start has 3 values; this rig and its joints need 4",
+        ),
+        (
+            lambda rig: simulate(rig, 18.0, steps_per_period=0),
+            InputError,
+            "simulate: steps_per_period = 0; must be a whole number >= 8",
+        ),
+        (
+            lambda rig: simulate(rig, 18.0, last_periods=0),
+            InputError,
+            "simulate: last_periods = 0; must be a whole number 1 to 50",
+        ),
+        (
+            lambda rig: simulate(rig, 18.0, last_periods=1000),
+            InputError,
+            "simulate: last_periods = 1000; must be a whole number 1 to 50",
+        ),
+        (
+            lambda rig: joint_steady_state(rig, -20.0),
+            InputError,
+            "joint_steady_state: hz = -20; must be > 0 and finite",
+        ),
+        (lambda rig: steady_state(rig, "18"), InputError, "steady_state: hz = '18'; must be > 0 and finite"),
+        (
+            lambda rig: steady_state(rig, 18.0, level=-1.0),
+            InputError,
+            "steady_state: level = -1; must be > 0 and finite",
+        ),
+        (
+            lambda rig: trace_frequency(rig, (15.0, 18.0), level=np.nan),
+            InputError,
+            "trace_frequency: level = nan; must be > 0 and finite",
+        ),
+        (
+            lambda rig: frequency_response(rig, (15.0, 18.0), level=0.0),
+            InputError,
+            "frequency_response: level = 0; must be > 0 and finite",
+        ),
+        (
+            lambda rig: frequency_response(rig, (18.0,)),
+            InputError,
+            r"frequency_response: hz = \(18.0,\); must be two numbers",
+        ),
+        (
+            lambda rig: parameter_response(rig, "modal.ports.one[1]", (0.7, 0.8), hz=18.0, level=-1.0),
+            InputError,
+            "parameter_response: level = -1; must be > 0 and finite",
+        ),
+        (
+            lambda rig: parameter_response(rig, "modal.ports.one[1]", (0.7,), hz=18.0),
+            InputError,
+            r"parameter_response: values = \(0.7,\); must be two numbers",
+        ),
+        (
+            lambda rig: trace_frequency(rig, (15.0, 18.0), step_hz=-1.0),
+            InputError,
+            "trace_frequency: step_hz = -1; must be > 0 and finite",
+        ),
+        (
+            lambda rig: force_response(rig, 18.0, (0.0, 1.0)),
+            InputError,
+            "force_response: force = 0; must be > 0 and finite",
+        ),
+        (
+            lambda rig: force_response(rig, 18.0, (1.0, 1.0)),
+            InputError,
+            r"force_response: force = \(1, 1\); must be two different numbers > 0",
+        ),
+        (
+            lambda rig: rig.with_number("joints.stop.gap", 1.0),
+            ValueError,
+            r"joints.stop.gap is not a number of the rig two modes; must be one of joints.pad.*mean joints.pad.gap\?",
+        ),
         (lambda rig: steady_state(rig, 18.0, harmonics=2.5), ValueError, "H = 2.5, .* must have .* whole numbers"),
         (
             lambda rig: follow_peak(rig, [1.0, 2.0], channel="a9"),

@@ -100,5 +100,5 @@ def test_a_number_that_is_none_is_refused() -> None:
     rig = hardening(HARDENING)
     with pytest.raises(KeyError, match=r"joints\.spring\.mu is not a number of the rig hardening"):
         follow_peak(rig, (0.1, 0.2), "joints.spring.mu")
-    with pytest.raises(ValueError, match=r"joints\.spring\.mu is not a number of the rig; must be one of"):
+    with pytest.raises(ValueError, match=r"joints\.spring\.mu is not a number of the rig hardening; must be one of"):
         fold_path(response(rig), (0.1, 0.2), key="joints.spring.mu")

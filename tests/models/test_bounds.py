@@ -56,7 +56,7 @@ FOUR = (1.0, 1.0)
         ),
         (lambda: steady_state(RIG, 0.0), "steady_state: hz = 0; must be > 0 and finite"),
         (lambda: hbm.simulate(RIG, np.nan), "simulate: hz = nan; must be > 0 and finite"),
-        (lambda: hbm.frequency_response(RIG, (50.0, 50.0)), "frequency_response: .* two different frequencies"),
+        (lambda: hbm.frequency_response(RIG, (50.0, 50.0)), "frequency_response: .* two different numbers"),
         (lambda: hbm.trace_frequency(RIG, (-5.0, 50.0)), "trace_frequency: hz = -5; must be > 0 and finite"),
     ],
 )
