@@ -146,7 +146,9 @@ def legend_above(axes: AxesArray, handles: Sequence[Any], *, where: str = "upper
 
 
 def legend_on_top(ax: Axes, handles: Sequence[Artist]) -> None:
-    """A legend on top of a panel, where no curve is, in as many columns as have room."""
+    """A legend on top of a panel, where no curve is, in as many columns as have room; none of nothing."""
+    if not handles:
+        return
     ems = ax.get_window_extent().width / ax.figure.dpi * 72 / SMALL
     entry = ENTRY + LETTER * max(len(str(handle.get_label())) for handle in handles)
     ax.legend(

@@ -173,7 +173,8 @@ class Model:
     @property
     def counted(self) -> int:
         """Numbers that the measurement alone decides: those that are free, and which place each joint is at."""
-        return sum(not np.isfinite(f.std) for f in self.free) + sum(cause.placed for cause in self.causes)
+        placed = sum(bool(getattr(cause, "placed", False)) for cause in self.causes)  # one of a user's own may not say
+        return sum(not np.isfinite(f.std) for f in self.free) + placed
 
     @property
     def start(self) -> Array:
