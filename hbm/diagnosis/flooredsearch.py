@@ -193,11 +193,11 @@ class FlooredSearch:
         strong = leading(whole(self.calibrated), first and whole(first), [whole(e) for e in self.alone])
         self.leads = [self.beside(e, self.campaign.floor) for e in strong]
         pairs = [e for lead in self.leads for e in self.race(lead, LEFT * lead.chi2) if _pays(lead, e)]
-        return self._best(base, pairs) or first
+        return self._best(base, sorted(pairs, key=self._judged)) or first
 
     def _best(self, base: Evaluation, raced: Sequence[Evaluation]) -> Evaluation | None:
-        """The simplest of some fits over a base that does as well as the best, if that is accepted."""
-        fits, before = sorted((e for e in raced if tolerable(self.trust, e)), key=self._judged), self.campaign
+        """The simplest of some fits over a base, the best first, that does as well as that, if it is accepted."""
+        fits, before = [e for e in raced if tolerable(self.trust, e)], self.campaign
         if not fits:
             return None
         leader = self._settled(fits[0])

@@ -8,7 +8,7 @@ from continuation import Branch, ConvergenceError, Correction, NewtonSettings, P
 from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
-from hbm.modes.linear import Touching, stuck_damping, stuck_modes
+from hbm.modes.linear import Touching
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from models.jointed import AnyRig
 
@@ -81,20 +81,21 @@ class StuckMode:
         ValueError
             If there is no such mode, or it is a rigid motion.
         """
-        omega, shapes = stuck_modes(rig)
+        touching = Touching(rig)
+        omega, shapes = touching.modes()
         if not 1 <= mode <= len(omega):
             raise ValueError(f"backbone: mode = {mode}; must be from 1 to {len(omega)}")
         rigid = np.count_nonzero(omega < RIGID * omega[-1])
         if mode <= rigid:
             raise ValueError(f"backbone: mode = {mode} is a rigid motion; must be from {rigid + 1} to {len(omega)}")
         found, shape, s = float(omega[mode - 1]), shapes[:, mode - 1], rig.structure
-        K = Touching(rig).stiffness(found).real
+        K = touching.stiffness(found).real
         if np.isinf(K).any():
             forces = np.linalg.lstsq(s.joints.T, (s.omega_n**2 - found**2) * shape, rcond=None)[0]
         else:
             forces = -K @ (s.joints @ shape)
         drive = float(s.excitation @ shape + s.flexibility_to_force @ forces)
-        return StuckMode(found, stuck_damping(rig, found, shape), shape, np.asarray(forces, dtype=float), drive)
+        return StuckMode(found, touching.damping(found, shape), shape, np.asarray(forces, dtype=float), drive)
 
     def motion(self, problem: DriveAmplitude, lam: float) -> Array:
         """Unknowns of its motion at an amplitude."""

@@ -81,17 +81,17 @@ def linear_modes(rig: AnyRig) -> LinearModes:
     47.842
     """
     expect_rig(rig, "linear_modes", joints=True)
-    s, (omega, shapes) = rig.structure, stuck_modes(rig)
-    held = np.array(
-        [stuck_damping(rig, w, shape) if w > 0.0 else 0.0 for w, shape in zip(omega, shapes.T, strict=True)]
-    )
+    s, touching = rig.structure, Touching(rig)
+    omega, shapes = touching.modes()
+    moves = zip(omega, shapes.T, strict=True)
+    held = np.array([touching.damping(w, shape) if w > 0.0 else 0.0 for w, shape in moves])
     missing = np.full(s.n - len(omega), np.nan)
     return LinearModes(
         sliding_hz=s.omega_n / (2 * np.pi),
         stuck_hz=np.append(omega, missing) / (2 * np.pi),
         damping_ratio=np.array([s.damps(mode) for mode in np.eye(s.n)]) / (2 * _elastic(s.omega_n)),
         stuck_damping_ratio=np.append(held / (2 * _elastic(omega)), missing),
-        stiffness=float("nan") if isinstance(rig, JointedRig) else contact_stiffness(rig),
+        stiffness=float("nan") if isinstance(rig, JointedRig) else touching.at_contact,
     )
 
 
@@ -106,11 +106,12 @@ BESIDE = (0.85, 1.35, 1.1)
 
 def sliding_to_stuck(rig: AnyRig) -> tuple[float, float]:
     """Range of frequencies in which the first resonance lies however much the contact slides [Hz]."""
-    found = linear_modes(rig)
-    elastic = found.sliding_hz > 0.0
-    sliding, stuck = float(found.sliding_hz[elastic][0]), found.stuck_hz[elastic][0]
+    sliding, (held, _) = rig.structure.omega_n, stuck_modes(rig)
+    first = int(np.flatnonzero(sliding > 0.0)[0])
+    stuck = held[first] if first < len(held) else np.nan
     begin, end, beyond = BESIDE
-    return begin * sliding, float(np.nanmax([end * sliding, beyond * stuck]))
+    low, high = begin * sliding[first], np.nanmax([end * sliding[first], beyond * stuck])
+    return float(low) / (2 * np.pi), float(high) / (2 * np.pi)
 
 
 def contact_stiffness(rig: Rig) -> float:
@@ -119,56 +120,12 @@ def contact_stiffness(rig: Rig) -> float:
     It is asked of the friction law itself, at the first sliding resonance; a law that holds the contact rigidly leaves
     the compliance alone, or no motion at all (inf).
     """
-    return float(Touching(rig).stiffness(_first_elastic(rig)).real[0, 0])
+    return Touching(rig).at_contact
 
 
 def stuck_modes(rig: AnyRig) -> tuple[Array, Array]:
-    """Natural frequencies (m,) [rad/s] and mass-normalised shapes (n, m) with what touches held by its stiffness.
-
-    Each mode feels the stiffness at its own frequency. Where one contact is held rigidly they are those of the motions
-    without slip, m = n - 1.
-    """
-    touching = Touching(rig)
-    K = touching.stiffness(_first_elastic(rig)).real
-    omega, shapes = _held(rig, K)
-    ends = [] if np.isinf(K).any() else [touching.stiffness(float(w)).real for w in omega[[0, -1]] if w > 0.0]
-    if all(np.allclose(end, K, rtol=SETTLED, atol=0.0) for end in ends):
-        return omega, shapes
-    for i in np.flatnonzero(omega):
-        for _ in range(ROUNDS):
-            before = omega[i]
-            again, there = _held(rig, touching.stiffness(float(before)).real)
-            omega[i], shapes[:, i] = again[i], there[:, i]
-            if abs(omega[i] - before) <= SETTLED * omega[i]:
-                break
-    return omega, shapes
-
-
-def _first_elastic(rig: AnyRig) -> float:
-    """The lowest natural frequency without what touches that is none of a rigid motion [rad/s]."""
-    omega = rig.structure.omega_n
-    return float(omega[omega > 0.0][0]) if omega.any() else 2 * np.pi
-
-
-def _held(rig: AnyRig, K: Array) -> tuple[Array, Array]:
-    """Modes with a stiffness between the ports, inf where a contact is held rigidly."""
-    s, rigid = rig.structure, np.isinf(K).any()
-    free = null_space(s.joints) if rigid else np.eye(s.n)
-    held = 0.0 if rigid else s.joints.T @ K @ s.joints
-    squares, shapes = np.linalg.eigh(free.T @ (np.diag(s.omega_n**2) + held) @ free)
-    return np.sqrt(np.maximum(squares, 0.0)), np.asarray(free @ shapes)
-
-
-def stuck_damping(rig: AnyRig, omega: float, shape: Array) -> float:
-    """Damping 2 zeta omega of a mode with what touches held, of the structure and of what touches [1/s].
-
-    What touches damps to first order; where that would be beyond critical it holds rather than damps, and does not
-    count.
-    """
-    s, K = rig.structure, Touching(rig).stiffness(omega)
-    moved = s.joints @ shape
-    lost = 0.0 if np.isinf(K).any() else float(moved @ K.imag @ moved) / omega
-    return s.damps(shape) + (lost if lost < 2.0 * omega else 0.0)
+    """Natural frequencies [rad/s] and shapes with what touches held: :meth:`Touching.modes`."""
+    return Touching(rig).modes()
 
 
 class Touching:
@@ -200,6 +157,56 @@ class Touching:
         if np.isinf(K).any():
             return np.full((1, 1), 1.0 / self.yielding if self.yielding.any() else np.inf, dtype=complex)
         return np.asarray(K @ np.linalg.inv(np.eye(m) + self.yielding @ K))
+
+    @property
+    def at_contact(self) -> float:
+        """Stiffness of a single contact at the first sliding resonance [N/m], inf where it is held rigidly."""
+        return float(self.stiffness(self._first_elastic).real[0, 0])
+
+    def modes(self) -> tuple[Array, Array]:
+        """Natural frequencies (m,) [rad/s] and mass-normalised shapes (n, m) with what touches held by its stiffness.
+
+        Each mode feels the stiffness at its own frequency. Where one contact is held rigidly they are those of the
+        motions without slip, m = n - 1.
+        """
+        K = self.stiffness(self._first_elastic).real
+        omega, shapes = self._held(K)
+        ends = [] if np.isinf(K).any() else [self.stiffness(float(w)).real for w in omega[[0, -1]] if w > 0.0]
+        if all(np.allclose(end, K, rtol=SETTLED, atol=0.0) for end in ends):
+            return omega, shapes
+        for i in np.flatnonzero(omega):
+            for _ in range(ROUNDS):
+                before = omega[i]
+                again, there = self._held(self.stiffness(float(before)).real)
+                omega[i], shapes[:, i] = again[i], there[:, i]
+                if abs(omega[i] - before) <= SETTLED * omega[i]:
+                    break
+        return omega, shapes
+
+    def damping(self, omega: float, shape: Array) -> float:
+        """Damping 2 zeta omega of a mode with what touches held, of the structure and of what touches [1/s].
+
+        What touches damps to first order; where that would be beyond critical it holds rather than damps, and does not
+        count.
+        """
+        s, K = self.rig.structure, self.stiffness(omega)
+        moved = s.joints @ shape
+        lost = 0.0 if np.isinf(K).any() else float(moved @ K.imag @ moved) / omega
+        return s.damps(shape) + (lost if lost < 2.0 * omega else 0.0)
+
+    @property
+    def _first_elastic(self) -> float:
+        """The lowest natural frequency without what touches that is none of a rigid motion [rad/s]."""
+        omega = self.rig.structure.omega_n
+        return float(omega[omega > 0.0][0]) if omega.any() else 2 * np.pi
+
+    def _held(self, K: Array) -> tuple[Array, Array]:
+        """Modes with a stiffness between the ports, inf where a contact is held rigidly."""
+        s, rigid = self.rig.structure, np.isinf(K).any()
+        free = null_space(s.joints) if rigid else np.eye(s.n)
+        held = 0.0 if rigid else s.joints.T @ K @ s.joints
+        squares, shapes = np.linalg.eigh(free.T @ (np.diag(s.omega_n**2) + held) @ free)
+        return np.sqrt(np.maximum(squares, 0.0)), np.asarray(free @ shapes)
 
     def _rigid(self, port: int) -> float:
         """Stiffness of a law that holds its port rigidly: without bound of one contact, large beside joints."""
