@@ -18,12 +18,12 @@ from hbm.figures.style import (
     Color,
     align_labels,
     dressed,
+    in_lines,
     label_all,
     legend_above,
     level_colors,
     new_axes,
     panels,
-    titled,
 )
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
@@ -138,7 +138,7 @@ def plot_sensors(
         grid, over(curves), "Amplitude of the fundamental" if harmonic == 1 else f"Amplitude of harmonic {harmonic}"
     )
     handles = _handles(curves, measured)
-    heading: dict[str, Any] = {"title": titled(curves[0].rig.name), "title_fontsize": 10, "alignment": "left"}
+    heading: dict[str, Any] = {"title": in_lines(curves[0].rig.name), "title_fontsize": 10, "alignment": "left"}
     legend_above(grid, handles, ncols=min(len(handles), 5), **heading).get_title().set_color(INK)
     return align_labels(grid).ravel()[: len(names)]
 

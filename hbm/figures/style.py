@@ -179,7 +179,7 @@ def as_written(name: str) -> str:
     return name.replace("$", r"\$")
 
 
-def titled(title: str) -> str:
+def in_lines(title: str) -> str:
     """A title, in as many lines as the width of a figure asks for."""
     lines = wrap(title, CHARACTERS, break_on_hyphens=False) or [""]
     return "\n".join(map(as_written, lines))
@@ -187,7 +187,7 @@ def titled(title: str) -> str:
 
 def headed(ax: Axes, title: str) -> None:
     """Title the first panel of a figure."""
-    ax.set_title(titled(title), fontsize=10, loc="left", color=INK)
+    ax.set_title(in_lines(title), fontsize=10, loc="left", color=INK)
 
 
 def tint(color: Color, share: float = 0.28) -> Color:
