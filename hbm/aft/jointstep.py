@@ -3,8 +3,9 @@
 Harmonic balance and time integration both build on this.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -114,23 +115,33 @@ class JointFunctions:
         Which signals (of the sample, then of the one before) the law depends on.
     timed : bool
         Whether it depends on the time between samples.
-    sample : (carried, signals before, signals, environment, p) -> carried
     march : (carried, signals, environment, p) -> carried
     force : (carried, signals, environment, p) -> (forces, gap, carried)
         `gap` is what f = law(f) is short of.
     period : (carried, signals, environment, p) -> (forces, gap, local, carried)
         `local` (forces, memory) by (memory, signals read, dt if it matters).
     by_numbers : like `period`, with derivatives to (memory, signals read, dt if..., p).
+    states : (carried, signals, environment, p) -> (internal states, carried), built when first asked for.
     """
 
     memory: int
     reads: tuple[int, ...]
     timed: bool
-    sample: ca.Function
     march: ca.Function
     force: ca.Function
     period: ca.Function
     by_numbers: ca.Function
+    states: Callable[[], ca.Function]
+
+
+def joint_step(law: JointLaw) -> JointStep:
+    """One sample of a law, the same for all of its form."""
+    return _in_symbols(form(law), True)
+
+
+@lru_cache(maxsize=128)
+def _in_symbols(made_of: Form, yields: bool) -> JointStep:
+    return JointStep(of_form(made_of), yields=yields)
 
 
 def joint_functions(law: JointLaw, N_t: int, iterations: int, *, yields: bool = True) -> JointFunctions:
@@ -140,7 +151,7 @@ def joint_functions(law: JointLaw, N_t: int, iterations: int, *, yields: bool = 
 
 @lru_cache(maxsize=64)
 def _functions(made_of: Form, N_t: int, iterations: int, yields: bool) -> JointFunctions:
-    step = JointStep(of_form(made_of), yields=yields)
+    step = _in_symbols(made_of, yields)
     inputs = ca.vertcat(step.now, step.before)[list(step.reads)]
     inputs = ca.vertcat(inputs, step.environment[ENVIRONMENT.index("dt")]) if step.uses_time else inputs
     gap = step.force - step.f if step.implicit else ca.SX.zeros(step.ports)
@@ -157,11 +168,11 @@ def _functions(made_of: Form, N_t: int, iterations: int, yields: bool) -> JointF
         memory=step.memory.numel(),
         reads=step.reads,
         timed=step.uses_time,
-        sample=stepped(),
         march=unrolled(stepped(), N_t),
         force=unrolled(stepped(step.f, gap), N_t),
         period=with_derivatives(inputs),
         by_numbers=with_derivatives(ca.vertcat(inputs, step.p)),
+        states=cache(lambda: unrolled(stepped(step.z_new), N_t)),
     )
 
 

@@ -10,13 +10,13 @@ from functools import cached_property
 
 import numpy as np
 
-from hbm.aft.jointstep import JointStep
 from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
 from hbm.channels import DERIVATIVES, Rates, late
 from hbm.errors import InputError, expect_frequency, expect_whole
 from hbm.integration.history import History, Signal, differences
 from hbm.integration.jointmarch import FEWEST_STEPS, LEAST_STEPS, JointMarcher, resolving_steps
+from hbm.integration.jointstep import Layout
 from models.jointed import JointedRig
 from models.parts import UNITS, Channel
 from models.structure import Array
@@ -112,19 +112,19 @@ class JointHistory(History):
         return spectrum(modes) + rates**derivative * spectrum(beyond)
 
 
-def state_at_phase_zero(problem: JointBalance, state: State) -> Array:
-    """State of a time integration (size,) at phase 0 of the force, on a solution of a balance."""
+def states_along(problem: JointBalance, state: State) -> Array:
+    """States of a time integration (N_t, size) at the samples of a solution of a balance, the first at phase 0."""
     basis = problem.basis
     f, _, _ = problem.forces(state)
-    start = basis.synthesis[0]
-    velocity = state.Omega * (start @ basis.derivative(state.Q))
-    found = [j.at_first() for j in problem.joints]
-    laws = [JointStep(j.law) for j in problem.rig.joints]
-    seen = [
-        signals[[i - len(signals) for i in law.reads if i >= len(signals)]]
-        for law, (_, signals) in zip(laws, found, strict=True)
-    ]
-    return np.concatenate([start @ state.Q, velocity, f[0], *(z for z, _ in found), *seen])
+    velocity = state.Omega * basis.samples(basis.derivative(state.Q))
+    places = Layout.of(problem.structure.n, [j.law for j in problem.rig.joints]).joints
+    seen = [j.shown[:, list(at.used)] for j, at in zip(problem.joints, places, strict=True)]
+    return np.hstack([basis.samples(state.Q), velocity, f, *(j.states for j in problem.joints), *seen])
+
+
+def state_at_phase_zero(problem: JointBalance, state: State) -> Array:
+    """State of a time integration (size,) at phase 0 of the force, on a solution of a balance."""
+    return np.asarray(states_along(problem, state)[0])
 
 
 def simulate_joints(

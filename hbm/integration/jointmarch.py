@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.aft.recurrence import monodromy
-from hbm.integration.jointstep import JointedStep
+from hbm.integration.jointstep import SOLVED, JointedStep
 from models.jointed import JointedRig
 from models.structure import Array
 
@@ -17,9 +17,6 @@ MOST_STEPS = 32768
 
 GROWTH_TOLERANCE = 1e-3
 """Tolerance of the growth in a period about rest; rounding splits the double root of a rigid motion by less."""
-
-RESIDUAL = 1e-7
-"""Largest difference between joint forces and their laws after a step, in units of the excitation."""
 
 
 def resolving_steps(rig: JointedRig, hz: float, least: int) -> int:
@@ -55,7 +52,6 @@ class JointMarcher:
         phase = phase / steps_per_period
         force, rate = excitation.force(phase), 2 * np.pi * hz * excitation.force(phase, 1)
         self.told = np.column_stack([force[:-1], force[1:], rate[1:]])
-        self._period = self.step.function.mapaccum("period", steps_per_period)
 
     @property
     def size(self) -> int:
@@ -107,14 +103,14 @@ class JointMarcher:
         ArithmeticError
             If a step was not solved.
         """
-        X, residual = self._period(x, self.told.T)
-        largest = float(np.max(residual.full()))
-        if not largest < RESIDUAL:
+        X, residual = self.step.march(x, self.told)
+        largest = float(residual.max())
+        if not largest < SOLVED:
             raise ArithmeticError(
                 f"time step: {self.rig.name} at {self.hz:g} Hz: the joints' forces are {largest:.1e} of the excitation "
-                f"short of their laws; must be below {RESIDUAL:g}; try {2 * self.steps} steps per period"
+                f"short of their laws; must be below {SOLVED:g}; try {2 * self.steps} steps per period"
             )
-        return np.asarray(X.full().T), largest
+        return X, largest
 
     def monodromy(self, x: Array, X: Array) -> Array:
         """Derivative of the state after a period from `x`, marched as `X`, to that before."""

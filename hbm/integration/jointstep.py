@@ -15,10 +15,14 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import expm
 
-from hbm.aft.jointstep import JointStep, signals_of, values
+from hbm.aft.jointstep import joint_step, signals_of, values
+from hbm.aft.steady import buffered
 from models.jointed import JointedRig
-from models.joints.law import Form, form, of_form
+from models.joints.law import Form, JointLaw, form, of_form
 from models.structure import Array
+
+SOLVED = 1e-7
+"""Largest difference between joint forces and their laws after a step, in units of the excitation."""
 
 NEWTON = {"abstol": 1e-11, "abstolStep": 1e-14, "max_iter": 60, "error_on_fail": False}
 
@@ -62,8 +66,9 @@ class Layout:
     joints: tuple[Place, ...]
 
     @staticmethod
-    def of(modes: int, laws: Sequence[JointStep]) -> "Layout":
-        """Layout of joints one after another."""
+    def of(modes: int, joints: Sequence[JointLaw]) -> "Layout":
+        """Layout of joints with such laws, one after another."""
+        laws = [joint_step(law) for law in joints]
         used = [tuple(i - signals_of(w.ports) for i in w.reads if i >= signals_of(w.ports)) for w in laws]
         forces = _slices(w.ports for w in laws)
         signals = _slices(signals_of(w.ports) for w in laws)
@@ -164,41 +169,41 @@ class JointedStep:
     Attributes
     ----------
     layout : Layout
-    function : casadi.Function
-        `(state, (F before, F now, F' now)) -> (state, residual)`.
     """
 
     def __init__(self, rig: JointedRig, dt: float, level: float) -> None:
-        self.rig, self.layout = rig, Layout.of(rig.structure.n, [JointStep(j.law) for j in rig.joints])
+        self.rig, self.layout = rig, Layout.of(rig.structure.n, [j.law for j in rig.joints])
         self.linear = LinearStep.of(rig, dt, self.layout)
-        self.environments = [ca.DM([dt, C]) for C in self.linear.compliances]
+        self.environments = [np.array([dt, C]) for C in self.linear.compliances]
         self.unit = level or rig.excitation.amplitude  # forces are solved for in it
-        self.function = self._function()
 
-    def _function(self) -> ca.Function:
-        """Solve the relation of one step at the joints, and go there."""
-        of, layout = self.linear, self.layout
-        x, F, unknown = ca.MX.sym("x", layout.size), ca.MX.sym("F", 3), ca.MX.sym("f", layout.ports)
-        f, f_old = unknown * self.unit, x[layout.f]
-        y = ca.DM(of.y_by_y) @ x[layout.y] + ca.DM(of.y_by_old) @ f_old
-        y += ca.DM(of.y_by_new) @ f + ca.DM(of.y_by_excitation) @ F
-        signals = of.signals(y, f_old, f, F)
-        forces, memory, seen = [], [], []
-        for joint, at, environment in zip(self.rig.joints, layout.joints, self.environments, strict=True):
-            now = signals[at.signals]
-            earlier = ca.MX.zeros(now.numel())
-            earlier[list(at.used)] = x[at.before]
-            given = [f[at.forces], x[at.memory], f_old[at.forces], earlier, now, environment]
-            force, z = _answer(form(joint.law))(*given, ca.DM(values(joint.law)))
-            forces.append(force)
-            memory.append(z)
-            seen.append(now[list(at.used)])
-        gap = (f - ca.vertcat(*forces)) / self.unit
-        close = ca.rootfinder("close", "newton", {"x": unknown, "p": ca.vertcat(x, F), "g": gap}, NEWTON)
-        after = ca.vertcat(y, f, *memory, *seen)
-        there = ca.Function("there", [unknown, x, F], [after, ca.norm_inf(gap)])
-        solved = close(x0=x[layout.f] / self.unit, p=ca.vertcat(x, F))["x"]
-        return ca.Function("step", [x, F], list(there(solved, x, F)))
+    def march(self, x: Array, told: Array) -> tuple[Array, Array]:
+        """States after steps from a state, (steps, size), and the residual of each.
+
+        Parameters
+        ----------
+        x : (size,) array
+        told : (steps, 3) array
+            Excitation before and after each step, and its rate after.
+        """
+        of = self.linear
+        free = np.hstack([of.y_by_y, of.y_by_old, of.y_by_excitation])
+        seen = of.s_by_y @ free + np.hstack([np.zeros_like(of.s_by_y), of.s_by_old, of.s_by_excitation])
+        matrices = [free, of.y_by_new, seen, of.s_by_y @ of.y_by_new + of.s_by_new]
+        forms = tuple(form(j.law) for j in self.rig.joints)
+        made_of = forms, self.rig.structure.n, tuple(map(_pattern, matrices))
+        numbers = np.concatenate([[self.unit], *self.environments, *(values(j.law) for j in self.rig.joints)])
+        now, F = np.array(x, dtype=float).ravel(), np.zeros(told.shape[1])
+        inputs = [now, F, *(a.T[a.T != 0.0] for a in matrices), numbers]
+        evaluate, (after, residual) = buffered(_step(*made_of, "fast_newton"), inputs)
+        X, residuals = np.empty((len(told), len(now))), np.empty(len(told))
+        for k, F[:] in enumerate(told):
+            evaluate()
+            if not residual[0] < SOLVED:  # full steps lead nowhere: shorten them
+                buffered(_step(*made_of, "newton"), inputs, [after, residual])[0]()
+            X[k] = now[:] = after
+            residuals[k] = residual[0]
+        return X, residuals
 
     def jacobians(self, X: Array, X_next: Array, F: Array) -> Array:
         """Derivative of every step's state to that before, (steps, size, size).
@@ -227,14 +232,16 @@ class JointedStep:
         s_by_x, s_by_f = of.s_by_y @ by_x[0, layout.y], of.s_by_y @ of.y_by_new + of.s_by_new
         s_by_x[:, layout.f] += of.s_by_old
         for joint, at, environment in zip(self.rig.joints, layout.joints, self.environments, strict=True):
-            f, f_old, z = X_next[:, layout.f].T[at.forces], X[:, layout.f].T[at.forces], X[:, at.memory].T
-            before = np.zeros((len(signals[at.signals]), N))
-            before[list(at.used)] = X[:, at.before].T
-            slopes = _slope(form(joint.law), at.used)(
-                f, z, f_old, before, signals[at.signals], environment, np.tile(values(joint.law)[:, None], N)
-            )
-            blocks = slopes.full().reshape(len(f) + len(z), N, -1).transpose(1, 0, 2)
-            lengths = np.cumsum([len(f), len(z), len(f), len(at.used)])
+            now = signals[at.signals].T
+            before = np.zeros(now.shape)
+            before[:, list(at.used)] = X[:, at.before]
+            f, f_old, z = X_next[:, layout.f][:, at.forces], X[:, layout.f][:, at.forces], X[:, at.memory]
+            sample = [np.ascontiguousarray(a) for a in (f, z, f_old, before, now, environment, values(joint.law))]
+            evaluate, (slopes,) = buffered(_slopes(form(joint.law), at.used, N), sample)
+            evaluate()
+            ports, states = f.shape[1], z.shape[1]
+            blocks = slopes.reshape(N, -1, ports + states).transpose(0, 2, 1)
+            lengths = np.cumsum([ports, states, ports, len(at.used)])
             by_force, by_memory, by_old, by_before, by_signals = np.split(blocks, lengths, axis=2)
             answer_by_x, answer_by_f = by_signals @ s_by_x[at.signals], by_signals @ s_by_f[at.signals]
             answer_by_f[:, :, at.forces] += by_force
@@ -242,26 +249,75 @@ class JointedStep:
             answer_by_x[:, :, layout.f][:, :, at.forces] += by_old
             answer_by_x[:, :, at.before] += by_before
             for whole, answer, told in ((by_x, answer_by_x, s_by_x), (by_f, answer_by_f, s_by_f)):
-                whole[:, layout.f][:, at.forces] = answer[:, : len(f)]
-                whole[:, at.memory] = answer[:, len(f) :]
+                whole[:, layout.f][:, at.forces] = answer[:, :ports]
+                whole[:, at.memory] = answer[:, ports:]
                 whole[:, at.before] = told[at.signals][list(at.used)]
         return by_x, by_f
 
 
-@lru_cache(maxsize=64)
-def _answer(made_of: Form) -> ca.Function:
-    """Force and memory of a law as it is told."""
-    w = JointStep(of_form(made_of))
-    return ca.Function("law", w.told, [w.force, w.z_new], {"cse": True})
+Pattern = tuple[tuple[int, ...], bytes]
+"""Shape of a matrix, and which of its entries are not zero."""
+
+
+def _pattern(matrix: Array) -> Pattern:
+    return matrix.shape, (matrix != 0.0).tobytes()
+
+
+def _symbol(name: str, pattern: Pattern) -> ca.SX:
+    shape, entries = pattern
+    return ca.SX.sym(name, ca.sparsify(ca.DM(np.frombuffer(entries, dtype=bool).reshape(shape))).sparsity())
+
+
+@lru_cache(maxsize=32)
+def _step(forms: tuple[Form, ...], modes: int, patterns: tuple[Pattern, ...], newton: str) -> ca.Function:
+    """Solve the relation of one step at the joints, and go there.
+
+    `(state, told, matrices..., numbers) -> (state, residual)`: matrices take (q, q'), forces and excitation before to
+    (q, q') and to the signals after, each without the forces after and by them; numbers are the unit of the forces,
+    the environments of the laws, and their parameters.
+    """
+    laws = [of_form(made_of) for made_of in forms]
+    layout, steps = Layout.of(modes, laws), [joint_step(law) for law in laws]
+    x, told, unknown = ca.SX.sym("x", layout.size), ca.SX.sym("told", 3), ca.SX.sym("f", layout.ports)
+    matrices = [_symbol(name, pattern) for name, pattern in zip("ABCD", patterns, strict=True)]
+    unit, environments = ca.SX.sym("unit"), [ca.SX.sym("environment", w.environment.numel()) for w in steps]
+    numbers = [ca.SX.sym("p", w.p.numel()) for w in steps]
+    f, f_old, start = unknown * unit, x[layout.f], ca.vertcat(x[layout.y], x[layout.f], told)
+    y_free, y_by_f, s_free, s_by_f = matrices
+    free = ca.SX.sym("free", s_free.size1())
+    signals = free + s_by_f @ f
+    forces, memory, seen = [], [], []
+    for w, at, environment, p in zip(steps, layout.joints, environments, numbers, strict=True):
+        now = signals[at.signals]
+        earlier = ca.SX(now.numel(), 1)
+        earlier[list(at.used)] = x[at.before]
+        sample = [f[at.forces], x[at.memory], f_old[at.forces], earlier, now, environment, p]
+        force, z = ca.Function("law", w.told, [w.force, w.z_new], {"cse": True})(*sample)
+        forces.append(force)
+        memory.append(z)
+        seen.append(now[list(at.used)])
+    gap = (f - ca.vertcat(*forces)) / unit
+    own = ca.vertcat(unit, *environments, *numbers)
+    relation = {"x": unknown, "p": ca.vertcat(x, free, s_by_f.nz[:], own), "g": gap}
+    close = ca.rootfinder("close", newton, relation, NEWTON)
+    given = [x, told, *matrices, own]
+    begin = ca.Function("begin", given, [x[layout.f] / unit, s_free @ start])
+    after = ca.vertcat(y_free @ start + y_by_f @ f, f, *memory, *seen)
+    there = ca.Function("there", [unknown, free, *given], [after, ca.norm_inf(gap)], {"cse": True})
+    inputs = [ca.MX.sym("input", part.sparsity()) for part in given]
+    guess, s = begin(*inputs)
+    solved = close(x0=guess, p=ca.vertcat(inputs[0], s, inputs[5].nz[:], inputs[6]))["x"]
+    return ca.Function("step", inputs, list(there(solved, s, *inputs)))
 
 
 @lru_cache(maxsize=64)
-def _slope(made_of: Form, used: tuple[int, ...]) -> ca.Function:
-    """Derivative of (force, memory) to (force, memory, force before, signals before that matter, signals)."""
-    w = JointStep(of_form(made_of))
+def _slopes(made_of: Form, used: tuple[int, ...], steps: int) -> ca.Function:
+    """Derivatives of (force, memory) to (force, memory, force before, signals before that matter, signals), by step."""
+    w = joint_step(of_form(made_of))
     to = ca.vertcat(w.f, w.z, w.f_before, w.before[list(used)], w.now)
     slope = ca.densify(ca.jacobian(ca.vertcat(w.force, w.z_new), to))
-    return ca.Function("slope", w.told, [slope], {"cse": True})
+    one = ca.Function("slope", w.told, [slope], {"cse": True})
+    return one.map("slopes", "serial", steps, [5, 6], [])  # all steps have the same environment and parameters
 
 
 def _slices(lengths: Iterable[int], first: int = 0) -> list[slice]:
