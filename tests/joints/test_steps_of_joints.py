@@ -12,9 +12,10 @@ from hbm.integration.jointmarch import MOST_STEPS, JointMarcher, resolving_steps
 from hbm.response.trace import steady_state
 from hbm.stability.jointed import joint_stability
 from models import Damping, Excitation, FrictionLaw, Jenkins, Stribeck
+from models.bodies import ModalModel
 from models.bodies.finite import FiniteBeam
 from models.jointed import JointedRig
-from models.joints import CubicSpring, Friction, Joint
+from models.joints import CubicSpring, Friction, Joint, PolynomialSpring
 
 from .rigs import BEAM
 
@@ -88,3 +89,19 @@ def test_derivative_of_a_step_is_that_of_differences(law) -> None:
             by_difference[:, i] = (up - down) / (2 * e[i])
         scale = np.abs(by_difference).max(axis=1, keepdims=True)
         np.testing.assert_allclose(exact[k] / scale, by_difference / scale, atol=1e-4)
+
+
+def test_a_step_that_full_newton_steps_do_not_solve_is_solved_with_shorter_ones() -> None:
+    """Long steps between a buckled spring and an element of 5e6 N/m that starts to slip, from either side."""
+    body = ModalModel((10.0, 35.0), {"a": (1.0, 0.6), "b": (0.5, -0.8)})
+    joints = (
+        Joint("f", Friction(Jenkins(0.5, 1.2e-5), 128.0), ("a",)),
+        Joint("c", PolynomialSpring(linear=-860.0, cubic=7e6), ("b",)),
+    )
+    rig = JointedRig("snapping", body, Damping(0.01), joints, Excitation(44.0, at="a"))
+    marcher = JointMarcher(rig, 10.0, 44.0, 32)
+    x = np.zeros(marcher.size)
+    for _ in range(3):
+        X, residual = marcher.period(x)
+        assert residual < 1e-9
+        x = X[-1]
