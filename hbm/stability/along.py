@@ -28,6 +28,10 @@ STEEPER = 2.0
 NARROW = 2e-3
 """A crossing is at one place if within this fraction of what is varied the multiplier is known for certain again."""
 
+SUDDEN = 4.0
+"""Within a NARROW step that is so many times steeper than those beside it multipliers jump, as where a sample starts to
+slip: that says nothing of the motion on either side."""
+
 FINE = 5e-4
 """Steps of this fraction of what is varied tell how high a bubble is that was no higher than the error where met."""
 
@@ -73,6 +77,9 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     error = np.maximum(error[1:], error[:-1])[:, None]
     length = np.maximum(np.diff(arclength), np.finfo(float).tiny)[:, None]
     slope = np.maximum(np.abs(np.diff(grown, axis=0)) - 2.0 * error, 0.0) / length
+    wide = (np.abs(np.diff(values)) / np.maximum(np.abs(values[1:]), np.finfo(float).tiny))[:, None]
+    padded = np.pad(slope, ((1, 1), (0, 0)))
+    slope = np.where((wide <= NARROW) & (slope > SUDDEN * np.maximum(padded[:-2], padded[2:])), 0.0, slope)
     padded = np.pad(slope, ((1, 1), (0, 0)))
     steepest = np.maximum(slope, np.maximum(padded[:-2], padded[2:]))
     crossed = grown[1:] * grown[:-1] < 0.0
@@ -80,7 +87,6 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     least = ends[0] + ends[1] + np.where(crossed, 4.0, 2.0) * error
     low, high = np.minimum(count[1:], count[:-1])[:, None], np.maximum(count[1:], count[:-1])[:, None]
     concerned = (ranks >= low - 1) & (ranks <= high)
-    wide = (np.abs(np.diff(values)) / np.maximum(np.abs(values[1:]), np.finfo(float).tiny))[:, None]
     outside = np.maximum(grown[1:], grown[:-1]) > ROUNDING
     grazing = (wide > NARROW) & (np.minimum(*ends) < GRAZING * error)
     shallow = (wide > FINE) & outside & (np.minimum(*ends) < error)
