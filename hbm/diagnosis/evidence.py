@@ -11,7 +11,7 @@ from hbm.diagnosis.estimates import lifted
 from hbm.diagnosis.judge import beside_noise
 from hbm.diagnosis.misfit import Misfit, misfit
 from hbm.diagnosis.predict import Predicted
-from hbm.diagnosis.remainder import explained, percent
+from hbm.diagnosis.remainder import explained, nearly_all, percent
 from hbm.diagnosis.search import Search
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
@@ -157,9 +157,9 @@ def shares_of_two(
     before, told = white(base), []
     for i, cause in enumerate(best.model.causes):
         alone = best_of([e for e in fitted if e.model.causes == best.model.causes[i : i + 1] and not e.missing])
-        told += [f"{cause.label} alone explains {percent(explained(before, white(e)))}" for e in alone[:1]]
+        told += [f"{cause.label} alone explains {nearly_all(explained(before, white(e)))}" for e in alone[:1]]
     if told:
-        both = percent(explained(before, white(best)))
+        both = nearly_all(explained(before, white(best)))
         yield f"Of the misfit on the records fitted {', '.join(told)}, both together {both}."
 
 
