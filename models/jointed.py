@@ -1,8 +1,8 @@
 """A body with any number of joints: everything a simulation of it needs."""
 
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, TypeAlias
@@ -82,6 +82,13 @@ class JointedStructure:
     def n(self) -> int:
         """Number of modes."""
         return len(self.omega_n)
+
+    def stacked(self, changes: "Sequence[JointedStructure]") -> "JointedStructure":
+        """Changes of this structure in one, along a last axis."""
+        found: dict[str, Any] = {f.name: np.zeros((*np.shape(getattr(self, f.name)), 0)) for f in fields(self)}
+        if changes:
+            found = {name: np.stack([getattr(c, name) for c in changes], axis=-1) for name in found}
+        return JointedStructure(**found)
 
     def damps(self, shape: Array) -> float:
         """Damping 2 zeta omega of a mass-normalised shape (n,) [1/s]."""
@@ -221,15 +228,17 @@ class JointedRig(Numbered):
         """The body as its joints, its excitation and its channels see it."""
         return self._seen(self.ported)
 
-    def structure_change(self, key: str) -> JointedStructure:
-        """Exact derivatives of the structure to one of its numbers, zero to those that it does not depend on."""
+    def structure_changes(self, keys: tuple[str, ...]) -> tuple[list[int], JointedStructure]:
+        """Which of some numbers the structure depends on, and its exact derivatives to these, along a last axis."""
         known = self._changes
-        if key not in known:
-            known[key] = self._seen(modes_change(self, key))
-        return known[key]
+        if keys not in known:
+            of_body = self.body.numbers
+            moving = [i for i, key in enumerate(keys) if key in of_body or key.startswith("damping.")]
+            known[keys] = moving, self.structure.stacked([self._seen(modes_change(self, keys[i])) for i in moving])
+        return known[keys]
 
     @cached_property
-    def _changes(self) -> dict[str, JointedStructure]:
+    def _changes(self) -> dict[tuple[str, ...], tuple[list[int], JointedStructure]]:
         """Those asked for before: every record asks again."""
         return {}
 

@@ -94,19 +94,31 @@ class JointEquations(Scaled[JointedRig]):
         """On the modes, (2H+1, n)."""
         return np.asarray(f @ self.structure.joints + np.outer(F * self.force_shape, self.structure.excitation))
 
-    def signals(self, state: State, change: JointedStructure | None = None) -> list[Array]:
-        """Signals of each joint: coefficients (2H+1, 2 ports + 1), as in :class:`hbm.aft.joint.JointOverPeriod`.
-
-        With a change of the structure's modes, what that changes of them: they are linear in it.
-        """
-        s, basis, F = self.structure if change is None else change, self.basis, state.F * self.force_shape
-        u = w = state.Q @ s.joints.T + np.outer(F, s.flexibility_to_force)
-        if change is None:
-            u, w = u + state.T @ self.flexibility, w + state.T @ self.flexibility_of_rate.T
+    def signals(self, state: State) -> list[Array]:
+        """Signals of each joint: coefficients (2H+1, 2 ports + 1), as in :class:`hbm.aft.joint.JointOverPeriod`."""
+        s, basis, F = self.structure, self.basis, state.F * self.force_shape
+        moved = state.Q @ s.joints.T + np.outer(F, s.flexibility_to_force)
+        u, w = moved + state.T @ self.flexibility, moved + state.T @ self.flexibility_of_rate.T
         k2 = (basis.k * state.Omega)[:, None] ** 2
         loads = -k2 * (state.Q @ s.loads_inertia.T) + state.Omega * basis.derivative(state.Q @ s.loads_damping.T)
         loads += state.T @ s.loads_by_joints.T + np.outer(F, s.loads_by_force)
         return [np.column_stack([u[:, at], w[:, at], loads[:, j]]) for j, at in enumerate(self.slices)]
+
+    def moved_signals(self, state: State, changes: JointedStructure) -> list[Array]:
+        """Derivatives (2H+1, 2 ports + 1, p) of the signals of each joint along changes of the modes, a last axis."""
+        s, basis, F = changes, self.basis, state.F * self.force_shape
+        u = np.tensordot(state.Q, s.joints, (1, 1)) + np.multiply.outer(F, s.flexibility_to_force)
+        squared, rate = (basis.k * state.Omega)[:, None, None] ** 2, state.Omega * basis.derivative(state.Q)
+        loads = np.tensordot(rate, s.loads_damping, (1, 1)) - squared * np.tensordot(state.Q, s.loads_inertia, (1, 1))
+        loads += np.tensordot(state.T, s.loads_by_joints, (1, 1)) + np.multiply.outer(F, s.loads_by_force)
+        return [np.concatenate([u[:, at], u[:, at], loads[:, j : j + 1]], axis=1) for j, at in enumerate(self.slices)]
+
+    def moved_balance(self, state: State, changes: JointedStructure) -> Array:
+        """Derivatives (2H+1, n, p) of the balance of the modes along changes of them, a last axis."""
+        s, basis, F = changes, self.basis, state.F * self.force_shape
+        moved = state.Q[:, :, None] * (2.0 * self.structure.omega_n[:, None] * s.omega_n)
+        moved += np.tensordot(state.Omega * basis.derivative(state.Q), s.damping, (1, 1))
+        return np.asarray(moved - np.tensordot(state.T, s.joints, (1, 0)) - np.multiply.outer(F, s.excitation))
 
     def forces(self, state: State) -> tuple[Array, Array, float]:
         """Forces at the ports at the samples (N_t, m) [N], memory before the first, closure of the loops."""

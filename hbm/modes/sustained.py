@@ -113,11 +113,10 @@ class SustainedJoints(UnderForce, JointBalance):
         loads = s.loads_damping - relief * s.loads_inertia
         self.structure = replace(s, damping=s.damping - relief * np.eye(s.n), loads_damping=loads)
 
-    def signals(self, state: State, change: JointedStructure | None = None) -> list[Array]:
+    def moved_signals(self, state: State, changes: JointedStructure) -> list[Array]:
         """As of a rig under force; the damping taken away counts in changes of what loads a joint too."""
-        if change is not None:
-            change = replace(change, loads_damping=change.loads_damping - self.relief * change.loads_inertia)
-        return super().signals(state, change)
+        damping = changes.loads_damping - self.relief * changes.loads_inertia
+        return super().moved_signals(state, replace(changes, loads_damping=damping))
 
     def motion(self, y: Array, Omega: float) -> "JointMotion":
         """The state of scaled unknowns at a scaled frequency."""

@@ -19,6 +19,9 @@ WIDE = 20.0
 STEP = 1e-6
 """Of coordinates, for the derivative of a rig's numbers to them; no solution is differentiated so."""
 
+ASIDE = 1e-3
+"""So far from where they start coordinates are no more neutral."""
+
 BOUND, FAR = 3.0, 3.5
 """Calibrated numbers stay within this factor of the nominal ones, and within so many standard deviations: what asks for
 more is missing physics, or a number that is wrong, which calibration must not hide."""
@@ -200,7 +203,10 @@ class Model:
         here = nominal_scalars(self.rig(x))
         _, high = self.bounds()
         columns = []
-        for i in range(len(x)):
+        for i, f in enumerate(self.free):
+            if f.cause < 0 and self._apart:
+                columns.append({f.name: f.slope(float(x[i]))})
+                continue
             step = STEP if x[i] + STEP <= high[i] else -STEP
             moved = x.copy()
             moved[i] += step
@@ -208,6 +214,17 @@ class Model:
             columns.append({key: (there[key] - value) / step for key, value in here.items() if there[key] != value})
         keys = tuple(key for key in here if any(key in column for column in columns))
         return keys, np.array([[column.get(key, 0.0) for column in columns] for key in keys]).reshape(len(keys), len(x))
+
+    @cached_property
+    def _apart(self) -> bool:
+        """Whether a calibrated number moves no number of the rig but itself, whatever the causes are."""
+        low, high = self.bounds()
+        calibrated = np.array([f.cause < 0 for f in self.free], dtype=bool)
+        x = np.where(calibrated, self.start, np.clip(self.start + ASIDE, low, high))
+        moved = np.where(calibrated, np.clip(x + ASIDE, low, high), x)
+        here, there = (nominal_scalars(self.rig(at)) for at in (x, moved))
+        changed = {key: there[key] for key, value in here.items() if there[key] != value}
+        return changed == {f.name: f.value(v) for f, v in zip(self.free, moved, strict=True) if f.cause < 0}
 
     def values(self, x: Array, cause: int) -> dict[str, float]:
         """Parameters of a cause at coordinates."""

@@ -5,6 +5,7 @@ The implicit function theorem, with the matrix that Newton's method uses: nothin
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -40,9 +41,9 @@ def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array
             by = problem.joints[j].along(here.signals[j], here.state.Omega, change)
             rows = out[split:].reshape(basis.size, len(problem.own), -1)
             rows[:, at, columns] -= by / problem.f_ref[at, None]
-    for i, moved in enumerate(structure_changes(problem.rig, keys)):
-        if moved is not None:
-            out[:, i] = _structure_change(here, moved)
+    moving, changes = problem.rig.structure_changes(tuple(keys))
+    balance, signals = problem.moved_balance(here.state, changes), problem.moved_signals(here.state, changes)
+    out[:, moving] = _scaled(here, balance, signals)
     tones = tone_changes(problem, keys)
     if tones.any():
         out += forces_change(here, here.state.F * tones, problem.structure)
@@ -51,22 +52,6 @@ def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array
     if HZ in keys:
         out[:, keys.index(HZ)] = here.along("frequency") / problem.hz_ref
     return out
-
-
-def structure_changes(rig: JointedRig, keys: Sequence[str]) -> list[JointedStructure | None]:
-    """Derivatives of a rig's structure to each of some numbers, None for those that it does not depend on."""
-    of_body = rig.body.numbers
-    return [rig.structure_change(key) if key in of_body or key.startswith("damping.") else None for key in keys]
-
-
-def _structure_change(here: JointLinearization, change: JointedStructure) -> Array:
-    """Derivative (size,) of the scaled balance along a change of the structure, the unknowns held."""
-    problem, basis, state = here.problem, here.problem.basis, here.state
-    modal = 2 * problem.structure.omega_n * change.omega_n * state.Q
-    modal += state.Omega * basis.derivative(state.Q) @ change.damping.T
-    modal -= state.T @ change.joints + np.outer(state.F * problem.force_shape, change.excitation)
-    signals = [seen[:, :, None] for seen in problem.signals(state, change)]
-    return _scaled(here, modal[:, :, None], signals)[:, 0]
 
 
 def forces_change(here: JointLinearization, forces: Array, s: JointedStructure) -> Array:
@@ -86,9 +71,8 @@ def _scaled(here: JointLinearization, modal: Array, signals: Sequence[Array]) ->
     law = np.zeros((problem.basis.size, len(problem.own), p))
     for at, force, seen in zip(problem.slices, here.forces, signals, strict=True):
         law[:, at] = -np.tensordot(force.by_signals, seen, axes=2)
-    return np.concatenate(
-        [(modal / problem.modal_force_ref).reshape(-1, p), (law / problem.f_ref[:, None]).reshape(-1, p)]
-    )
+    scaled = modal / problem.modal_force_ref, law / problem.f_ref[:, None]
+    return np.concatenate([balance.reshape(balance.shape[0] * balance.shape[1], p) for balance in scaled])
 
 
 def tone_changes(problem: JointEquations, keys: Sequence[str]) -> Array:
@@ -200,7 +184,7 @@ class JointChannels(Mapping[str, ChannelSensitivity]):
         self, problem: JointEquations, solution: PeriodicSolution, keys: Sequence[str], Q: Array, T: Array
     ) -> None:
         self._problem, self._solution, self._Q, self._T, self._keys = problem, solution, Q, T, tuple(keys)
-        self._structure = structure_changes(problem.rig, keys)
+        self._moving, self._structure = problem.rig.structure_changes(self._keys)
         self._force, self._hz = solution.level * tone_changes(problem, keys), np.zeros(len(keys))
         if FORCE in keys:
             self._force[:, keys.index(FORCE)] = problem.force_shape
@@ -219,7 +203,7 @@ class JointChannels(Mapping[str, ChannelSensitivity]):
             return self._sampled(name, self._T[:, rig.forces.index(name)], largest)
         if name in rig.motions:
             i = rig.motions.index(name)
-            moved = self._seen(lambda s: (s.joints[i], s.flexibility[i], float(s.flexibility_to_force[i])))
+            moved = self._seen(lambda s: (s.joints[i], s.flexibility[i], s.flexibility_to_force[i]))
             return self._sampled(name, moved, largest)
         if name == "drive":
             return self._sampled(name, self._seen(lambda s: (s.excitation, s.flexibility_to_force, s.drive_by_force)))
@@ -227,7 +211,7 @@ class JointChannels(Mapping[str, ChannelSensitivity]):
         if channel.quantity == "force":
             return self._sampled(name, self._force)
         i = [c.name for c in rig.response_channels].index(name)
-        moved = self._seen(lambda s: (s.channels[i], s.channels_by_joints[i], float(s.channels_by_force[i])))
+        moved = self._seen(lambda s: (s.channels[i], s.channels_by_joints[i], s.channels_by_force[i]))
         Omega, there = self._solution.state.Omega, self._solution[name].coefficients
         later = -Omega * basis.derivative(there)
         faster = (DERIVATIVES[channel.quantity] * there + channel.delay * later) / self._solution.hz
@@ -237,17 +221,14 @@ class JointChannels(Mapping[str, ChannelSensitivity]):
                 coefficients[:, self._keys.index(key)] += change
         return self._sampled(name, coefficients)
 
-    def _seen(self, rows: Callable[[JointedStructure], tuple[Array, Array, float]]) -> Array:
+    def _seen(self, rows: Callable[[JointedStructure], tuple[Array, Array, Any]]) -> Array:
         """Change (2H+1, p) of a displacement that reads modes, joint forces and excitation by rows of the structure."""
         row, by_joints, by_force = rows(self._problem.structure)
-        moved = np.einsum("n,knp->kp", row, self._Q) + np.einsum("m,kmp->kp", by_joints, self._T)
-        moved = moved + by_force * self._force
-        state = self._solution.state
-        for i, change in enumerate(self._structure):
-            if change is not None:
-                row, by_joints, by_force = rows(change)
-                moved[:, i] += state.Q @ row + state.T @ by_joints + by_force * state.F * self._problem.force_shape
-        return np.asarray(moved)
+        moved = np.asarray(row @ self._Q + by_joints @ self._T + by_force * self._force)
+        state, force = self._solution.state, self._solution.state.F * self._problem.force_shape
+        row, by_joints, by_force = rows(self._structure)
+        moved[:, self._moving] += state.Q @ row + state.T @ by_joints + np.outer(force, by_force)
+        return moved
 
     def _sampled(self, name: str, coefficients: Array, peak: Peak = smooth_peak) -> ChannelSensitivity:
         samples = self._problem.basis.samples(coefficients)

@@ -7,7 +7,6 @@ import numpy as np
 from hbm.balance.lines import LinesHere
 from hbm.balance.scaled import State
 from hbm.fourier import Array
-from hbm.sensitivity.jointed import structure_changes
 from hbm.sensitivity.scalars import FORCE
 from models.joints.law import numbers
 
@@ -25,16 +24,14 @@ def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
     problem, s = here.problem, here.problem.structure
     Q = np.zeros((*here.state.Q.shape, len(keys)))
     changes = [np.zeros((*signals.shape, len(keys))) for signals in here.signals]
-    for i, change in enumerate(structure_changes(problem.rig, keys)):
-        if change is None:
-            continue
-        balance = 2 * s.omega_n * change.omega_n * here.state.Q
-        balance += problem.Omega * problem.basis.derivative(here.state.Q) @ change.damping.T
-        balance -= here.state.T @ change.joints + np.outer(problem.force_shape, change.excitation)
-        Q[:, :, i] = -problem.modes.moved(balance)
+    moving, structures = problem.rig.structure_changes(tuple(keys))
+    Q[:, :, moving] = -problem.modes.moved(problem.moved_balance(here.state, structures))
+    for own, by_rows in zip(changes, problem.moved_signals(here.state, structures), strict=True):
+        own[:, :, moving] = by_rows
+    for i in moving:
         moved = problem.signals(State(Q[:, :, i], np.zeros_like(here.state.T), problem.Omega, 0.0))
-        for own, a, b in zip(changes, moved, problem.signals(here.state, change), strict=True):
-            own[:, :, i] = a + b
+        for own, by_modes in zip(changes, moved, strict=True):
+            own[:, :, i] += by_modes
     if FORCE in keys:
         i, shape = keys.index(FORCE), np.outer(problem.force_shape, s.excitation)
         Q[:, :, i] = problem.modes.moved(shape)
