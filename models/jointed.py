@@ -242,16 +242,20 @@ class JointedRig(Numbered):
         """Those asked for before: every record asks again."""
         return {}
 
-    def _seen(self, p: PortedModes) -> JointedStructure:
-        """Modes as joints, excitation and channels see them; linear in these."""
+    @cached_property
+    def _touched(self) -> tuple[Array, int, list[int]]:
+        """Weight of each place in each port (ports, places), and which are those of the drive and of the channels."""
         index = {place: i for i, place in enumerate(self.places)}
         at = np.zeros((self.ports, len(index)))
         for row, (one, other) in zip(at, (pair for j in self.joints for pair in j.ends), strict=True):
             for sign, end in ((1.0, one), (-1.0, other)):
                 for weight, place in terms(end):
                     row[index[place]] += sign * weight
-        drive = index[place_of(self.excitation)]
-        seen = [index[place_of(c)] for c in self.response_channels]
+        return at, index[place_of(self.excitation)], [index[place_of(c)] for c in self.response_channels]
+
+    def _seen(self, p: PortedModes) -> JointedStructure:
+        """Modes as joints, excitation and channels see them; linear in these."""
+        at, drive, seen = self._touched
         loads = np.zeros((len(self.joints), len(p.supports)))
         for row, j in zip(loads, self.joints, strict=True):
             if j.loaded_by:
@@ -291,7 +295,7 @@ class JointedRig(Numbered):
             raise ValueError(f'{self.name}: no joint "{name}"; there are {", ".join(names)}')
         return replace(self, joints=tuple(replace(j, law=law) if j.name == name else j for j in self.joints))
 
-    @property
+    @cached_property
     def numbers(self) -> Described:
         """All its numbers by the keys of its rig file, with unit and bounds."""
         return scalars(self)

@@ -62,7 +62,7 @@ def with_scalars(rig: "JointedRig", values: Mapping[str, float]) -> "JointedRig"
     KeyError
         If there is no such number.
     """
-    known = scalars(rig)
+    known = rig.numbers
     for key in values:
         if key not in known:
             raise no_such_number(key, known, rig.name)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -95,7 +96,7 @@ class ModalModel:
         """Whether it brings no damping matrix."""
         return self.damping_matrix is None
 
-    @property
+    @cached_property
     def numbers(self) -> dict[str, tuple[float, Parameter]]:
         """Frequencies of modes that are not rigid, and shapes at the ports: ``modal.ports.tip[2]`` is of mode 2."""
         found = {
