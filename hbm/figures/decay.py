@@ -14,7 +14,7 @@ from hbm.figures.diagnosis import BAND, COLORS, FIVE_COLUMNS, STYLES, WIDTHS, re
 from hbm.figures.scales import logarithmic
 from hbm.figures.style import FAINT, INK, AxesArray, as_written, dressed, legend_above, panels
 from hbm.fourier import Array
-from hbm.measurement.decay import Decay
+from hbm.measurement.decay import Decay, damping_ratio, decay_rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +43,8 @@ def decay_compared(decay: Decay, model: Compared) -> DecayCompared:
     order = np.argsort(model.level)
     row, missed = model.record[order], (model.measured - model.simulated)[order]
     hz, ratio = decay.hz[row - 1], decay.damping_ratio[row - 1]
-    simulated = hz - missed.real
-    return DecayCompared(
-        row, model.level[order], simulated, (ratio * hz - missed.imag) / simulated, model.held_out[order]
-    )
+    simulated, rate = hz - missed.real, decay_rate(hz, ratio) - missed.imag
+    return DecayCompared(row, model.level[order], simulated, damping_ratio(simulated, rate), model.held_out[order])
 
 
 def plot_decay(

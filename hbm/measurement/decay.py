@@ -178,9 +178,30 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
         amplitude=amplitude,
         hz=omega / (2 * np.pi),
         hz_std=hz_std / (2 * np.pi),
-        damping_ratio=-slope.real / omega,
+        damping_ratio=damping_ratio(omega, -slope.real),
         damping_ratio_std=rate_std / omega,
     )
+
+
+def damping_ratio(frequency: Array | float, rate: Array | float) -> Array:
+    """Damping ratio of a motion exp(-rate t) cos(frequency t), which is slower than without damping.
+
+    Parameters
+    ----------
+    frequency, rate : (m,) array or float
+        In the same unit, 1/s or Hz.
+
+    Examples
+    --------
+    >>> round(float(damping_ratio(np.sqrt(1.0 - 0.2**2), 0.2)), 12)
+    0.2
+    """
+    return np.asarray(rate / np.hypot(frequency, rate))
+
+
+def decay_rate(frequency: Array | float, ratio: Array | float) -> Array:
+    """Rate of a decay by its frequency and damping ratio, in the unit of the frequency: see :func:`damping_ratio`."""
+    return np.asarray(frequency * ratio / np.sqrt(1.0 - ratio**2))
 
 
 def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "decays") -> Decay:

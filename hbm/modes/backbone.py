@@ -84,6 +84,11 @@ class Backbone(ABC):
         """Damping ratio of an oscillator that loses as much from the same motion, (points,)."""
         return np.asarray(self.lost / (2 * np.pi * np.array([_squared_velocity(p) for p in self.points])))
 
+    @property
+    def decaying_hz(self) -> Array:
+        """Frequency of a free decay that passes through each motion, (points,) [Hz]."""
+        return np.asarray(self.hz * np.sqrt(np.maximum(1.0 - self.damping_ratio**2, 0.0)))
+
     @cached_property
     def force(self) -> Array:
         """Amplitude of the force at the drive that supplies what is lost, (points,) [N]."""

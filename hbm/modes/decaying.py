@@ -1,8 +1,8 @@
 """Nonlinear modes as a free decay shows them: frequency and damping ratio over the amplitude of a channel.
 
-A decay passes slowly through the motions of the damped nonlinear normal mode: at each amplitude it has their frequency,
-and loses what they lose (Krack, Nonlinear modal analysis of nonconservative systems, Computers &
-Structures 154, 2015).
+A decay passes slowly through the motions of the damped nonlinear normal mode: at each amplitude it loses what they lose
+(Krack, Nonlinear modal analysis of nonconservative systems, Computers & Structures 154, 2015). They are kept up by a
+negative damping, so that a linear one has its undamped frequency; what is not kept up is slower, as an oscillator is.
 """
 
 from collections.abc import Sequence
@@ -84,10 +84,10 @@ def over_channel(
 
 
 def predicted(mode: NonlinearMode, channel: str, amplitude: Array) -> tuple[Array, Array]:
-    """Frequency [Hz] and damping ratio of a mode at amplitudes of a channel, (m,) each."""
+    """Frequency [Hz] and damping ratio of a decay of a mode at amplitudes of a channel, (m,) each."""
     x = np.log(_channel_amplitude(mode.points, channel))
     at = np.log(amplitude)
-    return np.asarray(np.interp(at, x, mode.hz)), np.asarray(np.interp(at, x, mode.damping_ratio))
+    return np.asarray(np.interp(at, x, mode.decaying_hz)), np.asarray(np.interp(at, x, mode.damping_ratio))
 
 
 def at_channel(mode: NonlinearMode, channel: str, amplitudes: Array) -> NonlinearMode:

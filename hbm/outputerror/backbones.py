@@ -1,7 +1,7 @@
 """A measured backbone beside that of a rig: frequency and damping of a mode over the amplitude of a channel.
 
 A record is one amplitude. Its one reading is the complex frequency of the decay in Hz: the frequency less a reference,
-and half the bandwidth, which is damping ratio times frequency. An error of this reading relative to the half bandwidth
+and half the bandwidth, which is the rate of the decay. An error of this reading relative to the half bandwidth
 is that of the force that keeps the motion up at its resonance.
 """
 
@@ -16,7 +16,7 @@ from continuation import ConvergenceError
 from hbm.balance.scaled import State
 from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis
-from hbm.measurement.decay import Decay
+from hbm.measurement.decay import Decay, damping_ratio, decay_rate
 from hbm.modes.backbone import NonlinearMode
 from hbm.modes.decaying import at_channel, near_states, over_channel
 from hbm.modes.linear import linear_modes
@@ -86,14 +86,15 @@ class BackboneCampaign(FlooredCampaign):
 
     def _simulated(self, motions: NonlinearMode, keys: Sequence[str]) -> dict[int, Simulated]:
         channel = self.data.channels[0]
-        half = motions.hz * motions.damping_ratio
+        half, decaying = motions.hz * motions.damping_ratio, motions.decaying_hz
         found = {}
         for i, (r, by) in enumerate(zip(self.data.records, decay_changes(motions, channel, keys), strict=True)):
-            nothing = np.zeros(r.measured.shape)
+            nothing, by_half = np.zeros(r.measured.shape), by.relief / (4 * np.pi)
+            by_hz = (motions.hz[i] * by.hz - half[i] * by_half) / decaying[i]
             found[r.number] = Simulated(
                 solution=motions.points[i],
-                amplitudes=_reading(float(motions.hz[i]) - self.reference, float(half[i])),
-                by_keys=np.array([by.hz, by.relief / (4 * np.pi)])[:, None, None],
+                amplitudes=_reading(float(decaying[i]) - self.reference, float(half[i])),
+                by_keys=np.array([by_hz, by_half])[:, None, None],
                 by_force=nothing,
                 by_hz=nothing,
                 by_tones=None,
@@ -116,7 +117,7 @@ class BackboneCampaign(FlooredCampaign):
     def _frequency(self, reading: Array) -> tuple[float, float]:
         """Frequency [Hz] and damping ratio of a reading."""
         hz = self.reference + float(reading[0, 0, 0])
-        return hz, float(reading[1, 0, 0]) / hz
+        return hz, float(damping_ratio(hz, reading[1, 0, 0]))
 
 
 def backbone_campaign(rig: AnyRig, decay: Decay, rows: Sequence[int], reference: float) -> BackboneCampaign:
@@ -151,7 +152,7 @@ def _record(decay: Decay, number: int, reference: float) -> Record:
         hz=hz,
         force=amplitude,
         force_std=0.0,
-        measured=_reading(hz - reference, ratio * hz),
+        measured=_reading(hz - reference, float(decay_rate(hz, ratio))),
         std=_reading(float(decay.hz_std[i]), float(decay.damping_ratio_std[i]) * hz),
         start=State(np.zeros((1, 0)), np.zeros((1, 0)), 2 * np.pi * hz, 1.0),
         distortion=np.full((2, 0), np.nan),

@@ -13,10 +13,11 @@ from hbm.diagnosis.backbones import diagnose_backbone
 from hbm.diagnosis.diagnose import diagnose
 from hbm.errors import InputError
 from hbm.files.outputs import columns_text
-from hbm.fourier import FourierBasis
+from hbm.fourier import Array, FourierBasis
 from hbm.measurement.decay import Decay
 from hbm.measurement.decayfile import is_decay, load_decay
 from hbm.modes.decaying import at_channel, over_channel
+from hbm.outputerror.backbones import backbone_campaign
 from hbm.rigfiles.load import load_rig
 from models.causes.addedjoint import AddedJoint
 from models.causes.joints import CubicStiffness, JointMicroslip, JointSlip, LocalFriction, QuadraticDamping
@@ -145,6 +146,27 @@ def test_a_linear_decay_is_consistent(rig: JointedRig, tmp_path: Path) -> None:
     """Counted over five draws of noise."""
     verdicts = [diagnose_backbone(rig, decayed(made(tmp_path, 0.0013), seed)).verdict for seed in range(5)]
     assert verdicts == 5 * ["consistent"]
+
+
+def test_a_damped_decay_is_slower_than_the_mode_by_the_closed_form(tmp_path: Path) -> None:
+    """exp(-zeta omega t) cos(omega sqrt(1 - zeta^2) t) at zeta = 5 %, and what it changes by with both numbers."""
+    rig, f, keys = made(tmp_path, 0.05), 80.0, ("modal.frequencies_hz[1]", "damping.modal_ratios[1]")
+    numbers = np.array([rig.number(key) for key in keys])
+    assert numbers == pytest.approx([f, 0.05])
+
+    def closed(f: float, ratio: float) -> Array:
+        return np.array([f * np.sqrt(1.0 - ratio**2) - 80.0, f * ratio])
+
+    ones = np.ones(3)
+    decay = Decay("x.csv", "acc", "m/s^2", 5.0 * ones, f * np.sqrt(1 - 0.05**2) * ones, ones, 0.05 * ones, ones)
+    campaign = backbone_campaign(rig, decay, (1, 2, 3), f)
+    for record in campaign.data.records:
+        np.testing.assert_allclose(record.measured.ravel(), closed(*numbers), rtol=1e-9)
+    for found in campaign.simulate(rig, keys, {}).values():
+        np.testing.assert_allclose(found.amplitudes.ravel(), closed(*numbers), rtol=1e-6)
+        for i, step in enumerate(1e-5 * np.diag(numbers)):
+            slope = (closed(*(numbers + step)) - closed(*(numbers - step))) / (2.0 * step[i])
+            np.testing.assert_allclose(found.by_keys[..., i].ravel(), slope, rtol=1e-5, atol=1e-9)
 
 
 def test_a_law_that_is_not_tried_is_not_explained(rig: JointedRig, tmp_path: Path) -> None:
