@@ -24,6 +24,9 @@ FEW = 8
 LAST_STEPS = 4
 """Records of the first fit; steps of the second."""
 
+COUNTS = 0.3
+"""A calibrated number that moved by this share of its tolerance is worth a word."""
+
 ROUNDING = 1e-6
 """A calibrated number is at its bound to within this share."""
 
@@ -90,3 +93,14 @@ def off(trust: Model, e: Evaluation) -> dict[str, float]:
     }
     far = (1.0 - ROUNDING) * FAR
     return {key: pull for key, pull in sorted(pulls.items(), key=lambda p: -abs(p[1])) if abs(pull) > far}
+
+
+def moved(e: Evaluation) -> list[str]:
+    """Calibrated numbers that are off by a share of their tolerance that counts, in words, the furthest first."""
+    free = [(f, float(x)) for f, x in zip(e.model.free, e.x, strict=True) if f.cause < 0 and np.isfinite(f.std)]
+    pulls = sorted(((f, x, (x - f.expected) / f.std) for f, x in free), key=lambda p: -abs(p[2]))
+    return [
+        f"{f.name} {f.value(x):.5g} instead of {e.model.nominal.number(f.name):.5g} ({pull:+.1f} tolerances)"
+        for f, x, pull in pulls
+        if abs(pull) >= COUNTS
+    ]

@@ -19,6 +19,9 @@ from models.jointed import AnyRig
 ALARM = 0.003
 """Probability of a false alarm by chance over all that was tried."""
 
+MOST_RANKED = 10
+"""Fits that are kept for the ranking."""
+
 DECISIVE = 30.0
 """Fall of BIC that a cause must bring; less may be what two exact simulations differ by."""
 
@@ -85,6 +88,11 @@ def leading(base: Evaluation, first: Evaluation | None, raced: Sequence[Evaluati
     labels = list(dict.fromkeys(e.model.label for e in steady))[:TOGETHER]
     firsts = [next(e for e in steady if e.model.label == label) for label in labels] if first is None else [first]
     return [e for e in firsts if e.chi2 <= STRONGER * base.chi2]
+
+
+def nearest(fits: Sequence[Evaluation]) -> list[Evaluation]:
+    """Single causes, the best first, that lost no records."""
+    return [e for e in best_of(fits) if not e.missing and len(e.model.causes) == 1]
 
 
 def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.diagnosis.calibrate import off
+from hbm.diagnosis.calibrate import moved, off
 from hbm.diagnosis.decide import ALARM, Decision, best_of, sidak
 from hbm.diagnosis.estimates import lifted
 from hbm.diagnosis.judge import beside_noise
@@ -20,6 +20,9 @@ from models.causes.parameter import WrongParameter
 
 MOVED = 3
 """So many numbers that calibration moves far are named."""
+
+MOST_TOLD = 8
+"""So many are listed that it moves within their tolerances."""
 
 TIMED = {"beam.youngs_modulus": 0.5, "beam.density": -0.5}
 """Power of a number that all natural frequencies are proportional to."""
@@ -66,6 +69,8 @@ class Evidence:
         yield from self._misfits()
         yield from lifted(self.decision.best or self.decision.base)
         yield from self._moved()
+        if verdict == "consistent" and not misfit(self.plain["nominal"][0], self.noise).fits:
+            yield from _calibrated(self.plain["calibrated"][0])
         yield from self._scores()
         if best is not None:
             yield from self._found(best)
@@ -141,6 +146,13 @@ class Evidence:
             yield f"Beside it: {cause.label}, {said}."
         same = [e for e in self.search.fitted if bool(e.model.calibrated) == bool(best.model.calibrated)]
         yield from shares_of_two(best, same, base, lambda e: beside_noise(e, self.search.campaign).white)
+
+
+def _calibrated(e: Evaluation) -> Iterator[str]:
+    """Numbers that calibration moved within their tolerances."""
+    if told := moved(e):
+        more = f" and {len(told) - MOST_TOLD} more" if told[MOST_TOLD:] else ""
+        yield f"Calibration moves within tolerances: {', '.join(told[:MOST_TOLD])}{more}."
 
 
 def _clearest(m: Misfit) -> str:

@@ -12,6 +12,7 @@ from hbm.diagnosis.calibrate import calibrate, off, profiled, tolerable, trusted
 from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import (
     DECISIVE,
+    MOST_RANKED,
     Decision,
     accepted,
     best_first,
@@ -19,6 +20,7 @@ from hbm.diagnosis.decide import (
     evidence,
     inside,
     leading,
+    nearest,
     plainest,
     simpler,
     suspicious,
@@ -44,9 +46,6 @@ from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady
 from models.causes.structure import ContactLoss
 from models.jointed import AnyRig, JointedRig
-
-MOST_RANKED = 10
-"""Fits that are kept for the ranking."""
 
 TOLERANCES_LEAVE = 0.01
 """Share of the excess of chi2 that is left, at most, where numbers within tolerances were most of what was wrong."""
@@ -249,14 +248,15 @@ class Search:
         self.tell("beside a background", 0.8)
         models = [e for e in (*self.fitted, *self._calibrated_too()) if not e.missing and self.tolerable(e)]
         models = [e for e in models if len(e.model.causes) == 1 or self._pays(e, models)]
-        leaves = min((self.nominal, self.calibrated, *models), key=evidence) if leaves is None else leaves
+        leaves = leaves or min((self.nominal, self.calibrated, *models), key=evidence)
         self.campaign = replace(self.campaign, background=background_of(leaves, self.campaign))
         nominal, calibrated, *others = (beside(e, self.campaign) for e in (self.nominal, self.calibrated, *models))
         ranked = sorted(others, key=evidence)
         bases = [(e, calibrated if e.model.calibrated else nominal) for e in ranked]
         best = next((e for e, base in bases if accepted(base, e, self.tried)), None)
         if best is None or (self.tolerable(calibrated) and not simpler(best, calibrated, self.tried)):
-            return Decision(calibrated, None, tuple(ranked))
+            near = [] if ranked else nearest(self.fitted)[:MOST_RANKED]  # none is within tolerances
+            return Decision(calibrated, None, (*ranked, *(beside(e, self.campaign) for e in near)))
         best = self._fitted_beside(plainest(best, ranked), models)
         return Decision(calibrated if best.model.calibrated else nominal, best, (best, *_others(best, ranked)))
 

@@ -7,6 +7,7 @@ measure next.
 import math
 from collections.abc import Iterator, Sequence
 
+from hbm.diagnosis.calibrate import moved
 from hbm.diagnosis.discrepancy import MOST_LISTED, Discrepancy
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.remainder import nearly_all, percent
@@ -30,6 +31,9 @@ NEW_MOUNTING = (
     "Mount the structure anew and repeat some records: only that tells whether what remains is the structure itself. "
     "What does not repeat is stated with --repeatability."
 )
+
+MOST_MOVED = 3
+"""Numbers that calibration moved are named in the summary at most."""
 
 MOST_DOUBTED = 4
 """Records that are to be measured again, by name at most."""
@@ -98,8 +102,11 @@ def _why(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
         yield "No cause that was tried takes most of what is left."
     elif d.nominal and d.campaign and not d.floored and misfit(d.nominal, d.campaign).fits:
         yield "No cause that was tried makes the records decisively likelier."
+    elif d.calibrated and (told := moved(d.calibrated)[:MOST_MOVED]):
+        which = ", ".join(told)
+        yield f"Numbers of the rig file that moved within their tolerances explain the difference, most of all {which}."
     else:
-        yield "Numbers of the rig file that moved within their tolerances explain the difference."
+        yield "No number of the rig file had to move much, and no cause that was tried makes the records likelier."
 
 
 def _missing(force: Discrepancy | None) -> Iterator[str]:

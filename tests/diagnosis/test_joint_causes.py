@@ -3,6 +3,7 @@
 Every structure differs a little from the rig file in all that is identified of it; the null has nothing else.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.otherstarts import from_other_starts
 from hbm.diagnosis.quickfits import Candidate, QuickFits
 from hbm.diagnosis.screen import Score, Screening
-from hbm.diagnosis.search import campaign_of
+from hbm.diagnosis.search import Search, campaign_of
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
@@ -359,6 +360,16 @@ def test_the_force_per_unit_of_a_level_is_calibrated() -> None:
     }
     for (value, std), truth in zip(gains.values(), (1.0, GAIN), strict=True):
         assert abs(value - truth) < 3.0 * std < 0.02
+    said = next(line for line in d.evidence if line.startswith("Calibration moves within tolerances: "))
+    assert re.search(r"excitation\.force_gain\[2\] 1\.1[23]\d* instead of 1 \(\+\d\.\d tolerances\)", said)
+
+
+def test_what_came_nearest_is_kept_where_nothing_is_within_tolerances(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Search, "tolerable", lambda self, e: not e.model.causes)
+    d = diagnose(rig_of(NOMINAL), records("cubic"), causes=[CubicStiffness("c"), CubicStiffness("b")])
+    assert d.verdict == "unexplained" and d.extended is None
+    assert [r.label for r in d.ranking] == [e.model.label for e in d.tried]
+    assert {r.label for r in d.ranking} == {"cubic-stiffness b", "cubic-stiffness c"}
 
 
 def test_a_force_per_unit_that_is_known_is_named_where_it_is_wrong() -> None:
