@@ -36,8 +36,10 @@ SCHEMAS: dict[str, type[schema.Table]] = {
     "matrix": joints.MatrixTable,
     "damping": schema.DampingTable,
     "contact": schema.BeamContactTable,
-    "excitation": joints.PlacedExcitationTable,
-    "channels": joints.PlacedChannelTable,
+    "excitation": schema.BeamExcitationTable,
+    "excitation with joints": joints.PlacedExcitationTable,
+    "channels": schema.BeamChannelTable,
+    "channels with joints": joints.PlacedChannelTable,
     "joints": joints.joint_table(LAWS["coulomb-penalty"]),
 }
 """Tables of a rig file; the last without the parameters of its law."""

@@ -300,7 +300,7 @@ def _unknown(schema: type[Table], key: Key) -> tuple[str, str]:
     if schema is ModalRig and key[0] in BeamRig.model_fields and name in _table_at(BeamRig, key[:-1]).model_fields:
         return "does not go with [modal]", f"accepted keys are {', '.join(accepted)}"
     if len(key) == 1:
-        accepted += ["beam" if schema is ModalRig else "modal (instead of beam)"]
+        accepted += {BeamRig: ["modal (instead of beam)"], ModalRig: ["beam"]}.get(schema, [])
     return "is unknown", f"accepted keys are {', '.join(accepted)}" + _did_you_mean(name, accepted)
 
 

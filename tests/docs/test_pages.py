@@ -10,10 +10,12 @@ import prose
 import pytest
 import typer
 from generated import tables
+from generated.tables import keys
 
 from hbm.cli import app
+from hbm.errors import InputError
 from hbm.rigfiles import joints, schema
-from hbm.rigfiles.load import load_rig
+from hbm.rigfiles.load import load_rig, rig_of_table
 
 ROOT = prose.ROOT
 PAGES = [path for path in prose.pages() if not path.name.startswith("0")]
@@ -111,6 +113,33 @@ def test_bounds_of_a_key_are_those_of_the_schema() -> None:
     assert rows["length"].startswith("number | m | required | > 0 |")
     assert rows["modes"].startswith("whole number |  | `5` | ≥ 1, ≤ 1000 |")
     assert rows["root"].startswith("text |  | `clamped` | `clamped` or `supported` or `free` |")
+
+
+@pytest.mark.parametrize(
+    ("rig", "table", "name"),
+    [
+        ("paper_beam", "excitation", "excitation"),
+        ("paper_beam", "channels", "channels"),
+        ("jointed_beam", "excitation", "excitation with joints"),
+        ("jointed_beam", "channels", "channels with joints"),
+    ],
+)
+def test_keys_of_a_table_are_those_that_its_kind_of_rig_takes(rig: str, table: str, name: str) -> None:
+    """A key that no rig has is refused with those that this kind of rig takes: the keys of the page."""
+    path = ROOT / "examples" / f"{rig}.toml"
+    tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    entry = tables[table][0] if isinstance(tables[table], list) else tables[table]
+    entry["none_such"] = 1.0
+    with pytest.raises(InputError) as refused:
+        rig_of_table(tables, str(path))
+    taken = re.findall(r"accepted keys are ([\w, ]+)", str(refused.value))[0].split(", ")
+    assert sorted(re.findall(r"^\| `(\w+)` \|", keys(name), re.M)) == sorted(taken)
+
+
+def test_positions_on_a_beam_with_a_contact_are_off_its_clamp() -> None:
+    for name in ("excitation", "channels"):
+        rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", keys(name), re.M))
+        assert re.match(r"number \| m \| required \| > 0 \| .* at most `beam\.length`", rows["position"])
 
 
 def test_every_command_has_its_usage_and_example_as_code() -> None:
