@@ -190,7 +190,7 @@ def _choice(hint: Any) -> Any:
 def accepted_setting(law: type, name: str) -> str:
     """Values that a rig file may hold for a setting of a law, in a few words.
 
-    >>> from models import Iwan
+    >>> from hbm.models import Iwan
     >>> [accepted_setting(Iwan, name) for name in ("elements", "distribution", "limits")]
     ['1 to 200', '"uniform"', 'array of > 0']
     """
