@@ -96,6 +96,9 @@ def spectra(
         check_output(out, WRITTEN, "--out")
     limit, entries = seconds_of(COMMAND, max_seconds), _entries(histories)
     if sweep:
+        for option, given in (("--fundamental", fundamental), ("--level", level), ("--refine", refine)):
+            if given:
+                raise InputError(f"{COMMAND}: {option} with --sweep; must have one of them")
         _sweeps(entries, _columns(channel or ()), rig, reference, harmonics, settle, out, allow_code)
         return
     if reference:

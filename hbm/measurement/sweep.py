@@ -121,7 +121,8 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     Raises
     ------
     InputError
-        If there is no such channel, no whole window, or a harmonic is above half the sampling rate.
+        If there is no such channel, no whole window, a harmonic is above half the sampling rate, or the frequency
+        stays.
     """
     if reference not in recorded.channels:
         raise InputError(f'{recorded.source}: no channel "{reference}"; channels are {", ".join(recorded.channels)}')
@@ -133,7 +134,19 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     if not rows:
         raise InputError(f"{recorded.source}: fewer than {cycles} cycles of {reference}; must have them in a window")
     time, hz, rate, amplitudes, slopes, std = (np.array(column) for column in zip(*rows, strict=True))
+    _expect_sweep(recorded, reference, time, hz)
     return Sweep(recorded.source, tuple(recorded.channels), time, hz, rate, amplitudes, slopes, std)
+
+
+def _expect_sweep(recorded: Recording, reference: str, time: Array, hz: Array) -> None:
+    """Refuse a recording whose frequency changes by less than it could tell apart, one over its length."""
+    least = 1.0 / float(recorded.time[-1] - recorded.time[0])
+    change = float(np.ptp(np.polynomial.Polynomial.fit(time, hz, min(2, len(hz) - 1))(time)))
+    if change < least:
+        raise InputError(
+            f"{recorded.source}: {reference} stays at {float(hz.mean()):.4g} Hz; must be a sweep, of {least:.2g} Hz at "
+            "least over this time; spectra of a steady state are made without --sweep"
+        )
 
 
 def _windows(
