@@ -186,7 +186,7 @@ def _complex(parts: Array, H: int) -> Complex:
 
 
 def passage(sweep: Sweep, channel: str, force: str) -> Passage | None:
-    """How a response passed its highest peak per force; None where too few windows lie on it to tell."""
+    """How a response passed its highest peak per force; None where too few windows, or no damped mode, tell."""
     X, F = (sweep.amplitudes[:, sweep.channels.index(name), 1] for name in (channel, force))
     dX, dF = (sweep.slopes[:, sweep.channels.index(name), 1] for name in (channel, force))
     size = np.abs(X / F)
@@ -200,7 +200,9 @@ def passage(sweep: Sweep, channel: str, force: str) -> Passage | None:
     columns = np.column_stack([X[own], F[own], dF[own] + 1j * omega * F[own]])
     weight = 1.0 / np.linalg.norm(columns, axis=0)
     sigma, _, residual = weight * np.linalg.lstsq(columns * weight, dX[own] + 1j * omega * X[own], rcond=None)[0]
-    bandwidth = max(-sigma.real, 0.0) / np.pi
+    if sigma.real >= 0.0:
+        return None
+    bandwidth = -sigma.real / np.pi
     rate = abs(float(np.polyfit(sweep.time[own], sweep.hz[own], 1)[0]))
     return Passage(channel, float(sigma.imag) / (2 * np.pi), float(bandwidth), rate, sigma, residual)
 
@@ -236,7 +238,8 @@ def sweep_spectra(sweeps: list[Sweep], force: str, source: str = "sweeps") -> Me
             if passed is not None:
                 lag = _lag(sweep, passed, force)
                 own[:, j] = np.hypot(own[:, j], lag[:, None] * np.abs(sweep.amplitudes[:, j]) / np.sqrt(2.0))
-            warning = f"{channel} passes its peak in fewer than {FEWEST} windows" if passed is None else passed.warning
+            untold = f"{channel} passes no peak of {FEWEST} windows or more, which would say how fast is slow"
+            warning = untold if passed is None else passed.warning
             if warning:
                 at = sweep.hz[np.abs(sweep.amplitudes[:, j, 1]).argmax()] if passed is None else passed.hz
                 notes.append((len(names) + 1 + int(np.argmin(np.abs(sweep.hz - at))), warning))
