@@ -61,6 +61,21 @@ def expect_rig(rig: object, where: str, *, joints: bool = False) -> None:
         raise InputError(f"{where}: rig = {rig!r:.80}; must be a Rig, as load_rig(path) returns")
 
 
+def expect_joints(rig: object, where: str) -> None:
+    """Refuse what is no rig with joints: one with a contact among it.
+
+    Raises
+    ------
+    InputError
+        With what was given.
+    """
+    from models.rig import Rig
+
+    expect_rig(rig, where, joints=True)
+    if isinstance(rig, Rig):
+        raise InputError(f"{where}: {rig.name} has [contact]; must be a rig with [[joints]]")
+
+
 def expect_positive(value: Any, what: str, where: str, unit: str) -> None:
     """Refuse what is no number > 0, text among it.
 

@@ -39,7 +39,7 @@ def residual_function(problem: AnyBalance) -> ca.Function:
 
     Examples
     --------
-    >>> from models.published import paper_rig
+    >>> from hbm.models.published import paper_rig
     >>> from hbm.fourier import FourierBasis
     >>> function = residual_function(HarmonicBalance(paper_rig(), FourierBasis(3, 32)))
     >>> function.name_in()

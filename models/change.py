@@ -29,7 +29,7 @@ class Scalar(NamedTuple):
 def structure_scalars(rig: Rig) -> dict[str, Scalar]:
     """Numbers that decide the linear structure of a rig, with the keys of its rig file.
 
-    >>> from models.published import paper_rig
+    >>> from hbm.models.published import paper_rig
     >>> structure_scalars(paper_rig())["channels.a3.position"]
     Scalar(value=0.3, unit='m')
     """
@@ -115,7 +115,7 @@ def structure_change(rig: Rig, keys: tuple[str, ...]) -> StructureChange:
     --------
     Stiffer by one per cent of E, each omega_n^2 is higher by one per cent:
 
-    >>> from models.published import paper_rig
+    >>> from hbm.models.published import paper_rig
     >>> rig = paper_rig()
     >>> by_E = structure_change(rig, ("beam.youngs_modulus",)).stiffness[0] * 210e9
     >>> (by_E.diagonal() / rig.structure.omega_n**2).round(12)

@@ -11,7 +11,7 @@ import numpy as np
 
 from models.bodies.ported import Body, PortedModes
 from models.jointednumbers import modes_change, scalars, with_scalars
-from models.joints.joint import Joint, terms
+from models.joints.joint import Joint, is_sum, terms
 from models.joints.law import numbers
 from models.joints.rubbing import Friction
 from models.numbers import Described, Numbered, no_such_number
@@ -144,9 +144,18 @@ class JointedRig(Numbered):
         try:
             self.ported  # noqa: B018  # a place that is none is refused here
         except ValueError as refused:
-            raise ValueError(f"{self.name}: {refused}") from None
+            raise ValueError(f"{self.name}: {self._sum_of_places or refused}") from None
         self._refuse_still()
         warn_of(self.quantities, self.proportions)
+
+    @property
+    def _sum_of_places(self) -> str:
+        """What is wrong with the first place of the force or a channel that is a sum, as places of joints may be."""
+        placed = {"excitation": self.excitation} | {f"channels[{i}]": c for i, c in enumerate(self.channels, 1)}
+        for key, what in placed.items():
+            if is_sum(what.at):
+                return f'{key}.at = "{what.at}"; must be one place, sums and multiples of places are for joints'
+        return ""
 
     def _refuse_still(self) -> None:
         """Refuse a force and joints that can never act: one port that moves is enough for a joint of several."""

@@ -91,7 +91,7 @@ class Numbered(Displayed):
     def number(self, key: str) -> float:
         """Value of one of its numbers.
 
-        >>> from models.published import paper_rig
+        >>> from hbm.models.published import paper_rig
         >>> paper_rig().number("contact.friction.mu"), paper_rig().number("channels.a3.position")
         (0.52, 0.3)
 

@@ -135,6 +135,10 @@ def python(code: str) -> str:
             ["simulate", PAPER, "--frequency", "50", "--duration", "1e-9"],
             "simulate: --duration = 1e-09; must be at least a step, 3.91e-05 s here",
         ),
+        (
+            ["simulate", PAPER, "--frequency", "50", "--contact"],
+            "simulate: --contact without --out; must have both",
+        ),
         (["simulate", PAPER, "--frequency", "50", "--out", "c"], 'simulate: --out = "c"; must end in .csv'),
     ],
 )

@@ -67,8 +67,9 @@ def test_the_page_shows_the_file_verbatim() -> None:
 def test_the_check_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     page = (ROOT / "docs" / "howto" / "own_law.md").read_text(encoding="utf-8")
     code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)[1]
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(FILE.parent))
+    monkeypatch.syspath_prepend(str(tmp_path))  # as a script or an interpreter started there has it
     exec(code, scope := {})
     dahl, ours = scope["loops"]
     assert ours.T == pytest.approx(dahl.T, abs=1e-9)

@@ -22,6 +22,8 @@ from hbm.cli import app
 from hbm.rigfiles import joints, schema
 from models import LAWS, describe
 from models.causes import CAUSES, candidates_of
+from models.causes.addedjoint import WIDEST, Number
+from models.causes.joints import JOINT_CAUSES
 from models.friction import defaults, settings
 from models.joints import JOINT_LAWS
 from models.published import paper_rig
@@ -36,14 +38,17 @@ SCHEMAS: dict[str, type[schema.Table]] = {
     "matrix": joints.MatrixTable,
     "damping": schema.DampingTable,
     "contact": schema.BeamContactTable,
-    "excitation": joints.PlacedExcitationTable,
-    "channels": joints.PlacedChannelTable,
+    "excitation": schema.BeamExcitationTable,
+    "excitation with joints": joints.PlacedExcitationTable,
+    "channels": schema.BeamChannelTable,
+    "channels with joints": joints.PlacedChannelTable,
     "joints": joints.joint_table(LAWS["coulomb-penalty"]),
 }
 """Tables of a rig file; the last without the parameters of its law."""
 
 WORDS = {float: "number", int: "whole number", bool: "true or false", str: "text", dict: "table"}
 SIGNS = {"gt": ">", "ge": "≥", "le": "≤"}
+SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹"
 
 
 def markdown_table(head: Row, rows: Sequence[Row]) -> str:
@@ -170,6 +175,35 @@ def causes() -> str:
     return markdown_table(("cause", "parameter", "unit", "neutral value", "bounds"), rows)
 
 
+def causes_of_joints() -> str:
+    """Parameters of every joint that may be missing, with bounds in the sizes that a rig gives them."""
+    rows = []
+    for kind in JOINT_CAUSES:
+        for n in kind.numbers:
+            lower = -WIDEST if n.signed else 1.0 / WIDEST if n.shapes else 0.0
+            neutral = "shapes the effect" if n.shapes else "0"
+            size = size_of(n)
+            span = f"{number(lower)} to {number(WIDEST)}" + f" times {size}" * (size != "1")
+            rows.append((f"`{kind.name}`", f"`{n.name}`", n.unit, neutral, span))
+    return markdown_table(("cause", "parameter", "unit", "neutral value", "bounds"), rows)
+
+
+def size_of(n: Number) -> str:
+    """The unit that force, amplitude and frequency give a number of a joint.
+
+    >>> from models.causes.joints import LocalDamper
+    >>> size_of(LocalDamper.numbers[0])
+    'F/(A ω)'
+    """
+    powers = dict(zip("FAω", n.powers, strict=True))
+    above, below = (
+        [symbol + (SUPERSCRIPTS[abs(p)] if abs(p) > 1 else "") for symbol, p in powers.items() if sign * p > 0]
+        for sign in (1, -1)
+    )
+    under = f"({' '.join(below)})" if len(below) > 1 else "".join(below)
+    return (" ".join(above) or "1") + f"/{under}" * bool(below)
+
+
 def number(value: float) -> str:
     """A number with four digits."""
     return ("∞" if value > 0 else "-∞") if isinf(value) else f"{value:.4g}"
@@ -191,6 +225,7 @@ TABLES |= {
     "friction laws": partial(laws, LAWS),
     "joint laws": partial(laws, JOINT_LAWS),
     "causes": causes,
+    "causes of joints": causes_of_joints,
     "commands": commands,
 }
 """What the markers of pages stand for."""

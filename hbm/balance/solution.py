@@ -48,6 +48,16 @@ class Signal:
         """Amplitude of harmonics 0..H, (H+1,)."""
         return amplitudes(self.coefficients)
 
+    @property
+    def phase(self) -> Array:
+        """Phase of harmonics 0..H against the force's cosine, (H+1,) [rad], negative for a lag."""
+        return phases(self.coefficients)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square over the period."""
+        return float(np.sqrt(np.mean(self.samples**2)))
+
 
 class Series(Signal):
     """A signal that its coefficients tell whole; samples and peak are worked out when they are asked for."""
@@ -74,6 +84,14 @@ def amplitudes(coefficients: Array) -> Array:
     out = np.abs(coefficients[..., : H + 1])
     out[..., 1:] = np.hypot(coefficients[..., 1 : H + 1], coefficients[..., H + 1 :])
     return out
+
+
+def phases(coefficients: Array) -> Array:
+    """Phase of each harmonic, negative for a lag, (..., 2H+1) -> (..., H+1) [rad]."""
+    H = coefficients.shape[-1] // 2
+    sines = np.zeros((*coefficients.shape[:-1], H + 1))
+    sines[..., 1:] = coefficients[..., H + 1 :]
+    return np.asarray(np.arctan2(-sines, coefficients[..., : H + 1]))
 
 
 def _smooth_peak(samples: Array) -> float:

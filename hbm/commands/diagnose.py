@@ -181,11 +181,10 @@ def _causes(names: Sequence[str] | None, file: Path | None) -> tuple[list[Any] |
 
 
 def _cause(name: str) -> Any:
-    from hbm.rigfiles.causes import ONE_VALUE, find_cause
+    from hbm.rigfiles.causes import named_cause
 
     with named(f"{COMMAND}: --cause = {quoted(name)}", ";"):
-        kind = find_cause(name, Path())
-    return kind(name.removeprefix(ONE_VALUE)) if name.startswith(ONE_VALUE) else kind
+        return named_cause(name)
 
 
 def _check_apply(rig: "AnyRig", candidates: Sequence[Any] | None) -> None:

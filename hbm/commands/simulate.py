@@ -42,6 +42,8 @@ def simulate(
 
     Example:  hbm simulate examples/paper_beam.toml --frequency 50 --duration 2 --out run.csv --plot run.png
     """
+    if contact and out is None:
+        raise InputError("simulate: --contact without --out; must have both")
     check_outputs("simulate", out, plot)
     hz = positive("simulate", "--frequency", frequency, "Hz")
     seconds = 50.0 / hz if duration is None else positive("simulate", "--duration", duration, "s")

@@ -1,7 +1,7 @@
 """The command ``hbm spectra``: time histories to a spectra file."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from hbm.measurement.harmonicestimate import HarmonicEstimate
     from hbm.measurement.manifest import Entry
     from hbm.measurement.recording import Recording
+    from hbm.measurement.spectra import MeasuredSpectra
     from models.jointed import AnyRig
 
 COMMAND = "spectra"
@@ -96,7 +97,13 @@ def spectra(
         check_output(out, WRITTEN, "--out")
     limit, entries = seconds_of(COMMAND, max_seconds), _entries(histories)
     if sweep:
-        _sweeps(entries, _columns(channel or ()), rig, reference, harmonics, settle, out, allow_code)
+        for option, given in (("--fundamental", fundamental), ("--level", level), ("--refine", refine)):
+            if given:
+                raise InputError(f"{COMMAND}: {option} with --sweep; must have one of them")
+        with within(COMMAND, limit, lambda: f"at {len(entries)} recordings", ADVICE):
+            chosen = _columns(channel or ())
+            found, units = _sweeps(entries, chosen, rig, reference, harmonics, settle, str(out), allow_code)
+        _deliver_sweeps(found, units, out)
         return
     if reference:
         raise InputError(f"{COMMAND}: --reference without --sweep; must have both")
@@ -134,13 +141,11 @@ def _sweeps(
     reference: str | None,
     harmonics: str,
     settle: str,
-    out: Path,
+    source: str,
     allow_code: bool,
-) -> None:
-    """Spectra of slow sweeps."""
+) -> tuple["MeasuredSpectra", Mapping[str, str]]:
+    """Spectra of slow sweeps, and the units of their channels."""
     from hbm.commands.options import LARGEST_H
-    from hbm.commands.tables import print_lines
-    from hbm.measurement.spectrafile import write_spectra
     from hbm.measurement.sweep import sweep_spectra, swept
     from hbm.rigfiles.load import load_rig
 
@@ -149,8 +154,14 @@ def _sweeps(
     recordings = [_recorded(entry, columns, loaded) for entry in entries]
     force = _force_name(loaded)
     settled = [r.between(float(r.time[0]) + seconds, math.inf) for r in recordings]
-    found = sweep_spectra([swept(r, reference or force, H) for r in settled], force, str(out))
-    write_spectra(out, found, recordings[0].units)
+    return sweep_spectra([swept(r, reference or force, H) for r in settled], force, source), recordings[0].units
+
+
+def _deliver_sweeps(found: "MeasuredSpectra", units: Mapping[str, str], out: Path) -> None:
+    from hbm.commands.tables import print_lines
+    from hbm.measurement.spectrafile import write_spectra
+
+    write_spectra(out, found, units)
     print_lines(console(), [str(found), *(f"warning: {line}" for line in found.warnings)])
     print_written([out])
 

@@ -105,8 +105,10 @@ def _numbers(option: str, texts: Sequence[str], unit: str) -> list[float]:
 
 
 def _decibels(text: str) -> float:
-    if not is_number(text) or not -20.0 <= float(text) <= 200.0:
-        raise InputError(f"{COMMAND}: --snr = {text}; must be a number from -20 to 200 [dB]")
+    from hbm.response.synthesis import LEAST_SNR, MOST_SNR
+
+    if not is_number(text) or not LEAST_SNR <= float(text) <= MOST_SNR:
+        raise InputError(f"{COMMAND}: --snr = {text}; must be a number from {LEAST_SNR:g} to {MOST_SNR:g} [dB]")
     return float(text)
 
 

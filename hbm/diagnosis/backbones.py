@@ -34,7 +34,7 @@ def diagnose_backbone(
     decay: Decay,
     *,
     held_out: Iterable[int | str] | None = None,
-    causes: Iterable[Cause | type[Cause]] | None = None,
+    causes: Iterable[str | Cause | type[Cause]] | None = None,
     tolerances: Mapping[str, float] | None = None,
     on_progress: OnProgress | None = None,
 ) -> Diagnosis:

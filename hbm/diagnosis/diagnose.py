@@ -22,6 +22,7 @@ from hbm.measurement.repeatability import repeatability_of, unrepeatable
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.lines import line_campaign
 from hbm.parallel import one_thread
+from hbm.rigfiles.causes import named_cause
 from models import causes as catalogue
 from models.causes.cause import Cause, candidates_of
 from models.jointed import AnyRig, JointedRig
@@ -38,7 +39,7 @@ def diagnose(
     spectra: MeasuredSpectra,
     *,
     held_out: Iterable[int | str] | None = None,
-    causes: Iterable[Cause | type[Cause]] | None = None,
+    causes: Iterable[str | Cause | type[Cause]] | None = None,
     tolerances: Mapping[str, float] | None = None,
     repeatability: float = 0.0,
     on_progress: OnProgress | None = None,
@@ -54,8 +55,9 @@ def diagnose(
     held_out : iterable of int or str, optional
         Records that no fit sees; where omitted a level and a frequency band, see :mod:`hbm.diagnosis.heldout`. Where
         what explains the others does not hold for these, every second of them is fitted too.
-    causes : iterable of Cause, optional
-        Candidates, or classes of them; the whole catalogue and every nominal value where omitted.
+    causes : iterable of str, Cause or class, optional
+        Candidates, classes of them, or names as of docs/reference/causes.md, ``parameter:<key>`` and ``file.py:Class``
+        among them; a file that is named is run. The whole catalogue and every nominal value where omitted.
     tolerances : mapping of str to float, optional
         Relative standard deviations of numbers of the rig file, by their keys. Within these
         nothing is called wrong. :data:`hbm.outputerror.nominal.TOLERANCES` where omitted.
@@ -75,8 +77,8 @@ def diagnose(
     Raises
     ------
     InputError
-        If no response was measured, a record to hold out is not there, a rig cannot be told from its measurements, or
-        it has a force per unit at a level that was not measured.
+        If a cause or the key of a tolerance is none of the rig, no response was measured, a record to hold out is not
+        there, a rig cannot be told from its measurements, or it has a force per unit at a level that was not measured.
     ConvergenceError
         If the steady state of no record is found.
     """
@@ -128,7 +130,32 @@ def _unrepeatable(shares: Mapping[str, float]) -> Iterator[str]:
         yield f"What does not repeat from one mounting to the next counts as noise, of the response of {told}."
 
 
-def candidates_among(rig: AnyRig, causes: Iterable[Cause | type[Cause]] | None) -> Iterator[Cause]:
-    """Candidates for a rig: some causes, of a class all that there are of it, or the whole catalogue."""
+def candidates_among(rig: AnyRig, causes: Iterable[str | Cause | type[Cause]] | None) -> Iterator[Cause]:
+    """Candidates for a rig: some causes, of a class all that there are of it, or the whole catalogue.
+
+    Raises
+    ------
+    InputError
+        If there is no cause of a name, or nothing in the rig that it can act on.
+    """
     for cause in catalogue.CAUSES.values() if causes is None else causes:
-        yield from candidates_of(cause, rig) if isinstance(cause, type) else (cause,)
+        if isinstance(cause, str):
+            yield from _named(rig, cause)
+        else:
+            yield from candidates_of(cause, rig) if isinstance(cause, type) else (cause,)
+
+
+def _named(rig: AnyRig, name: str) -> list[Cause]:
+    """Candidates of a name, at least one."""
+    try:
+        cause = named_cause(name)
+    except InputError as refused:
+        raise InputError(f'diagnose: causes has "{name}"; {refused}') from None
+    one = not isinstance(cause, type)
+    possible = list(candidates_of(type(cause) if one else cause, rig))
+    found = [c for c in possible if c.label == name] if one else possible
+    if not found:
+        labels = ", ".join(c.label for c in possible)
+        accepted = f"must be one of {labels}" if one else "there is nothing in this rig it can act on"
+        raise InputError(f'diagnose: causes has "{name}"; {accepted}')
+    return found

@@ -55,7 +55,7 @@ class Discrepancy:
     ----------
     records : (r,) int array
     level, hz : (r,) array
-        Force [N] and frequency [Hz].
+        Nominal force [N] and frequency [Hz].
     chi2, points : float, int
         Misfit of the model, and the number of coefficients measured.
     places : tuple of MissingForce
@@ -201,7 +201,7 @@ def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = N
         for i, place in enumerate(places)
         if i and places[0].name == CONTACT and points - 2 * numbers > LEFT_OVER * points
     ]
-    records, level, hz = ([getattr(w.record, name) for w in white] for name in ("number", "force", "hz"))
+    records, level, hz = ([getattr(w.record, name) for w in white] for name in ("number", "level", "hz"))
     return Discrepancy(
         np.array(records),
         np.array(level),

@@ -171,8 +171,8 @@ class Ratio:
 def coordinate_of(name: str, known: Parameter, scale: float) -> Coordinate:
     """Coordinate that suits a parameter of a physical scale; of positive ones, to what is possible.
 
-    >>> from models import Jenkins
-    >>> from models.friction import describe
+    >>> from hbm.models import Jenkins
+    >>> from hbm.models.friction import describe
     >>> coordinate_of("mu", describe(Jenkins)["mu"], 0.5)
     Logarithmic(scale=0.5, lower=1.000000000001e-12, upper=999999.999999)
     """

@@ -13,7 +13,7 @@ import numpy as np
 from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
 from hbm.channels import DERIVATIVES, Rates, late
-from hbm.errors import InputError, expect_frequency, expect_whole
+from hbm.errors import InputError, expect_frequency, expect_joints, expect_whole
 from hbm.integration.history import History, Signal, differences
 from hbm.integration.jointmarch import FEWEST_STEPS, LEAST_STEPS, JointMarcher, resolving_steps
 from hbm.integration.jointstep import Layout
@@ -277,6 +277,7 @@ def joint_steady_state(
     ArithmeticError
         If a step cannot be solved, or the motion does not close to 1e-6.
     """
+    expect_joints(rig, "joint_steady_state")
     expect_frequency(hz, "joint_steady_state")
     if steps_per_period is not None:
         expect_whole(steps_per_period, "steps_per_period", "joint_steady_state", FEWEST_STEPS)

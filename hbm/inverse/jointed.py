@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.channels import factor
-from hbm.errors import InputError
+from hbm.errors import InputError, expect_joints
 from hbm.fourier import Array, coefficients_of, sampled
 from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, consistent
 from hbm.inverse.reconstruction import EstimatedSignal, Estimates, Misfit
@@ -68,9 +68,10 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
     Raises
     ------
     InputError
-        If the rig has no joints, there are more ports than response channels measured, or the channels do not tell
-        their forces apart at any harmonic of any record.
+        If the rig has a contact or no joints, there are more ports than response channels measured, or the channels do
+        not tell their forces apart at any harmonic of any record.
     """
+    expect_joints(rig, "reconstruct_joints")
     if not rig.joints:
         raise InputError(f"reconstruct_joints: {rig.name} has no joints; must have some, whose forces are found")
     sensors = _Sensors.of(rig, spectra)

@@ -121,7 +121,8 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     Raises
     ------
     InputError
-        If there is no such channel, no whole window, or a harmonic is above half the sampling rate.
+        If there is no such channel, no whole window, a harmonic is above half the sampling rate, or the frequency
+        stays.
     """
     if reference not in recorded.channels:
         raise InputError(f'{recorded.source}: no channel "{reference}"; channels are {", ".join(recorded.channels)}')
@@ -133,7 +134,19 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     if not rows:
         raise InputError(f"{recorded.source}: fewer than {cycles} cycles of {reference}; must have them in a window")
     time, hz, rate, amplitudes, slopes, std = (np.array(column) for column in zip(*rows, strict=True))
+    _expect_sweep(recorded, reference, time, hz)
     return Sweep(recorded.source, tuple(recorded.channels), time, hz, rate, amplitudes, slopes, std)
+
+
+def _expect_sweep(recorded: Recording, reference: str, time: Array, hz: Array) -> None:
+    """Refuse a recording whose frequency changes by less than it could tell apart, one over its length."""
+    least = 1.0 / float(recorded.time[-1] - recorded.time[0])
+    change = float(np.ptp(np.polynomial.Polynomial.fit(time, hz, min(2, len(hz) - 1))(time)))
+    if change < least:
+        raise InputError(
+            f"{recorded.source}: {reference} stays at {float(hz.mean()):.4g} Hz; must be a sweep, of {least:.2g} Hz at "
+            "least over this time; spectra of a steady state are made without --sweep"
+        )
 
 
 def _windows(
@@ -173,7 +186,7 @@ def _complex(parts: Array, H: int) -> Complex:
 
 
 def passage(sweep: Sweep, channel: str, force: str) -> Passage | None:
-    """How a response passed its highest peak per force; None where too few windows lie on it to tell."""
+    """How a response passed its highest peak per force; None where too few windows, or no damped mode, tell."""
     X, F = (sweep.amplitudes[:, sweep.channels.index(name), 1] for name in (channel, force))
     dX, dF = (sweep.slopes[:, sweep.channels.index(name), 1] for name in (channel, force))
     size = np.abs(X / F)
@@ -187,7 +200,9 @@ def passage(sweep: Sweep, channel: str, force: str) -> Passage | None:
     columns = np.column_stack([X[own], F[own], dF[own] + 1j * omega * F[own]])
     weight = 1.0 / np.linalg.norm(columns, axis=0)
     sigma, _, residual = weight * np.linalg.lstsq(columns * weight, dX[own] + 1j * omega * X[own], rcond=None)[0]
-    bandwidth = max(-sigma.real, 0.0) / np.pi
+    if sigma.real >= 0.0:
+        return None
+    bandwidth = -sigma.real / np.pi
     rate = abs(float(np.polyfit(sweep.time[own], sweep.hz[own], 1)[0]))
     return Passage(channel, float(sigma.imag) / (2 * np.pi), float(bandwidth), rate, sigma, residual)
 
@@ -223,7 +238,8 @@ def sweep_spectra(sweeps: list[Sweep], force: str, source: str = "sweeps") -> Me
             if passed is not None:
                 lag = _lag(sweep, passed, force)
                 own[:, j] = np.hypot(own[:, j], lag[:, None] * np.abs(sweep.amplitudes[:, j]) / np.sqrt(2.0))
-            warning = f"{channel} passes its peak in fewer than {FEWEST} windows" if passed is None else passed.warning
+            untold = f"{channel} passes no peak of {FEWEST} windows or more, which would say how fast is slow"
+            warning = untold if passed is None else passed.warning
             if warning:
                 at = sweep.hz[np.abs(sweep.amplitudes[:, j, 1]).argmax()] if passed is None else passed.hz
                 notes.append((len(names) + 1 + int(np.argmin(np.abs(sweep.hz - at))), warning))

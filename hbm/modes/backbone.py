@@ -342,7 +342,7 @@ def nonlinear_mode(
 
     Examples
     --------
-    >>> from models.published import paper_rig
+    >>> from hbm.models.published import paper_rig
     >>> mode = nonlinear_mode(paper_rig(), amplitudes=(1e-6, 1e-4), harmonics=3)
     >>> mode.hz[[0, -1]].round(2)
     array([56.  , 51.08])

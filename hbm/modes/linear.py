@@ -76,7 +76,7 @@ def linear_modes(rig: AnyRig) -> LinearModes:
 
     Examples
     --------
-    >>> from models.published import paper_rig
+    >>> from hbm.models.published import paper_rig
     >>> float(linear_modes(paper_rig()).sliding_hz[0].round(3))
     47.842
     """

@@ -12,7 +12,7 @@ import numpy as np
 from continuation import ConvergenceError
 from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.errors import expect_level
+from hbm.errors import expect_level, expect_positive
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
@@ -77,6 +77,7 @@ def frequency_response(
     """
     sweep = sweep_of(rig, hz, "frequency_response")
     expect_level(level, "frequency_response")
+    expect_positive(tolerance, "tolerance", "frequency_response", "relative")
     if harmonics is None:
         H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance)
     else:

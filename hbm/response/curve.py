@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from continuation import Branch, Kind, Problem, SpecialPoint
 from hbm.balance.problem import AnyBalance, State
-from hbm.balance.solution import PeriodicSolution, amplitudes, describe
+from hbm.balance.solution import PeriodicSolution, amplitudes, describe, phases
 from hbm.channels import channel_named
 from hbm.fourier import Array, FourierBasis
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
@@ -122,9 +122,7 @@ class ChannelCurve:
     @property
     def phase(self) -> Array:
         """Phase of harmonics 0..H against the force's cosine, (points, H+1) [rad], negative for a lag."""
-        H = self.coefficients.shape[1] // 2
-        sines = np.hstack([np.zeros((len(self.coefficients), 1)), self.coefficients[:, H + 1 :]])
-        return np.asarray(np.arctan2(-sines, self.coefficients[:, : H + 1]))
+        return phases(self.coefficients)
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,7 +240,7 @@ class ResponseCurve(Displayed):
             unit=signals[0].unit,
             coefficients=np.array([s.coefficients for s in signals]),
             peak=np.array([s.peak for s in signals]),
-            rms=np.sqrt(np.mean(np.array([s.samples for s in signals]) ** 2, axis=1)),
+            rms=np.array([s.rms for s in signals]),
         )
 
     def __getitem__(self, name: str) -> ChannelCurve:

@@ -100,7 +100,7 @@ def friction_loop(
 
     Examples
     --------
-    >>> from models import Jenkins
+    >>> from hbm.models import Jenkins
     >>> loop = friction_loop(Jenkins(mu=0.5, critical_slip=4e-6), 1e-5, 50.0, load=80.0)
     >>> f"{loop.T.max():.6g} N, {loop.dissipated:.3g} J"  # mu P, and 4 mu P (amplitude - critical slip)
     '40 N, 0.00096 J'

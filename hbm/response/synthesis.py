@@ -12,7 +12,7 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.balance.solution import PeriodicSolution
-from hbm.errors import InputError, expect_frequency, expect_rig
+from hbm.errors import InputError, expect_frequency, expect_rig, expect_whole
 from hbm.fourier import Array
 from hbm.measurement.harmonicestimate import HarmonicEstimate, spectra_of_records
 from hbm.measurement.harmonics import harmonic_spectra
@@ -38,6 +38,9 @@ PERIODS = 64
 
 BEYOND = 0.005
 """The curves go beyond the first and the last frequency by this share."""
+
+LEAST_SNR, MOST_SNR = -20.0, 200.0
+"""Of signal to noise ratios [dB]: all noise, and none."""
 
 OVERSAMPLING = 2.56
 """Samples per period of the highest harmonic, the usual number of spectrum analysers."""
@@ -111,6 +114,10 @@ def synthesize(
         If a curve cannot be traced, or no stable steady state is found at a frequency.
     """
     _check(rig, levels, frequencies)
+    expect_whole(seed, "seed", "synthesize", least=0)
+    expect_whole(harmonics, "harmonics", "synthesize")
+    if not LEAST_SNR <= snr <= MOST_SNR:
+        raise InputError(f"synthesize: snr = {snr:g}; must be {LEAST_SNR:g} to {MOST_SNR:g} [dB]")
     tell = on_progress or (lambda doing, done: None)
     curves, states = [], []
     for i, level in enumerate(levels):

@@ -54,6 +54,15 @@ def find_cause(name: str, folder: Path, consent: Consent = Consent.NAMED) -> typ
     return cause
 
 
+def named_cause(name: str) -> Any:
+    """A cause by its name: its class, or the wrong value that ``parameter:<key>`` is.
+
+    Parameters and errors as of :func:`find_cause`; relative files are looked for in the working directory.
+    """
+    kind = find_cause(name, Path())
+    return kind(name.removeprefix(ONE_VALUE)) if name.startswith(ONE_VALUE) else kind
+
+
 def causes_in_file(path: Path) -> list[type]:
     """All causes of a Python file, which is run; classes that lack something are refused.
 

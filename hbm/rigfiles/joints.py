@@ -1,13 +1,14 @@
 """Rig files with ``[[joints]]``: any body, any number of joints; a checked :class:`models.jointed.JointedRig` out."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, create_model
+from pydantic import AfterValidator, Field, create_model
+from pydantic_core import PydanticCustomError
 
 from hbm.errors import InputError, visible
 from hbm.rigfiles.extensions import rig_of_tables
@@ -85,13 +86,19 @@ class PortedModalTable(Table):
     tolerances: TolerancesTable | None = None
 
 
+def _pair(row: list[float]) -> list[float]:
+    if len(row) != 2:
+        raise PydanticCustomError("pair", "must be two numbers, a level and the force per unit there")
+    return row
+
+
 class PlacedExcitationTable(Table):
     """``[excitation]`` of a rig with joints: its place, or its position on a beam."""
 
     amplitude: Force
     at: Place | None = None
     position: NonNegative | None = None
-    force_gain: list[Annotated[list[Positive], Field(min_length=2, max_length=2)]] = Field(default_factory=list)
+    force_gain: list[Annotated[list[Positive], AfterValidator(_pair)]] = Field(default_factory=list)
 
 
 class PlacedChannelTable(Table):
@@ -180,7 +187,7 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
             channels=tuple(Channel(**_placed(channel)) for channel in file.channels),
         )
         if file.modal is not None and file.modal.tolerances is not None:
-            rig = replace(rig, tolerances=_tolerances(rig, file.modal.tolerances))
+            rig = replace(rig, tolerances=_tolerances(rig, file.modal.ports, file.modal.tolerances))
         return rig_of_tables(rig, file.extensions, folder, consent)
     except ValueError as refused:
         raise InputError(f"{source}: {refused}") from None
@@ -204,13 +211,14 @@ def _at_ports(file: JointedRigTable) -> JointedRigTable:
 
 
 def _complaints(table: Mapping[str, Any], folder: Path, consent: Consent) -> Iterator[Complaint]:
+    if "contact" in table:  # before the schema, which knows no such key
+        what = f"and {'joints' if 'joints' in table else 'matrix'} are both present"
+        yield Complaint(("contact",), what, "must have one of them; a contact is a joint")
     yield from complaints_of(JointedRigTable, table, ())
     given = [name for name in BODIES if name in table]
     if len(given) != 1:
         what = "is missing" if not given else f"and {given[1]} are both present"
         yield Complaint((given[0] if given else "beam",), what, "must have one of [beam], [modal], [matrix]")
-    if "contact" in table:
-        yield Complaint(("contact",), "and joints are both present", "must have one of them; a contact is a joint")
     for body, matrix in (("matrix", "damping"), ("modal", "damping_matrix")):
         if "damping" in table and isinstance(own := table.get(body), dict) and matrix in own:
             what = f"and {body}.{matrix} are both present"
@@ -264,9 +272,12 @@ def _of_shapes(modal: dict[str, Any], channels: Any) -> Iterator[Complaint]:
         yield Complaint(("modal", "shapes"), f"has {len(shapes)} rows", f"must have {n}, one per [[channels]] entry")
 
 
-def _tolerances(rig: JointedRig, stated: TolerancesTable) -> dict[str, float]:
+def _tolerances(rig: JointedRig, ports: Collection[str], stated: TolerancesTable) -> dict[str, float]:
     """What is stated, by the keys of numbers of the rig; relative, but of numbers that are 0."""
     known, out = rig.numbers, dict[str, float]()
+    if foreign := next((port for port in stated.ports if port not in ports), None):
+        unknown = dotted(("modal", "tolerances", "ports", foreign))
+        raise ValueError(f"{unknown} is unknown; ports are {', '.join(ports) or 'none'}")
     for key, row in stated.rows.items():
         where = dotted(("modal", "tolerances", *key))
         if len(row) != rig.structure.n:

@@ -92,7 +92,7 @@ def choose_law(rig: Rig, name: str) -> LawChoice:
 def known_law(law: type) -> KnownLaw | None:
     """First set of parameters of a law: published, assumed, beside the law in its own file, or its defaults.
 
-    >>> from models import Dahl, VelocityLimited
+    >>> from hbm.models import Dahl, VelocityLimited
     >>> known_law(Dahl).source
     "the paper's parameters (models.published.PAPER_DAHL)"
     >>> known_law(VelocityLimited).source

@@ -190,7 +190,7 @@ def _choice(hint: Any) -> Any:
 def accepted_setting(law: type, name: str) -> str:
     """Values that a rig file may hold for a setting of a law, in a few words.
 
-    >>> from models import Iwan
+    >>> from hbm.models import Iwan
     >>> [accepted_setting(Iwan, name) for name in ("elements", "distribution", "limits")]
     ['1 to 200', '"uniform"', 'array of > 0']
     """
@@ -300,7 +300,7 @@ def _unknown(schema: type[Table], key: Key) -> tuple[str, str]:
     if schema is ModalRig and key[0] in BeamRig.model_fields and name in _table_at(BeamRig, key[:-1]).model_fields:
         return "does not go with [modal]", f"accepted keys are {', '.join(accepted)}"
     if len(key) == 1:
-        accepted += ["beam" if schema is ModalRig else "modal (instead of beam)"]
+        accepted += {BeamRig: ["modal (instead of beam)"], ModalRig: ["beam"]}.get(schema, [])
     return "is unknown", f"accepted keys are {', '.join(accepted)}" + _did_you_mean(name, accepted)
 
 

@@ -120,7 +120,7 @@ def sensitivities(
     Examples
     --------
     >>> from hbm.response.trace import steady_state
-    >>> from models.published import paper_rig
+    >>> from hbm.models.published import paper_rig
     >>> rig = paper_rig()
     >>> s = sensitivities(rig, steady_state(rig, 51.0, harmonics=5))
     >>> s.parameters[:3]

@@ -15,6 +15,7 @@ from hbm.balance.jointednewton import JointLinearization
 from hbm.balance.jointequations import JointEquations
 from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, read
+from hbm.errors import expect_joints
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import ChannelSensitivity, Derivatives, described, largest, smooth_peak
@@ -120,11 +121,14 @@ def joint_sensitivities(
 
     Raises
     ------
+    InputError
+        If the rig is not one with joints.
     ValueError
         If the solution is not one of this rig, or a key not one of its numbers.
     ArithmeticError
         At a fold, where the solution has no derivative at held frequency and force.
     """
+    expect_joints(rig, "joint_sensitivities")
     return joint_sensitivities_at(linearized(rig, solution), solution, keys)
 
 

@@ -141,7 +141,7 @@ def parameter_response(
 
     Examples
     --------
-    >>> from models.published import paper_rig
+    >>> from hbm.models.published import paper_rig
     >>> curve = parameter_response(paper_rig(), "contact.friction.mu", (0.5, 0.55), hz=50.0, harmonics=3)
     >>> curve.values[[0, -1]].tolist()
     [0.5, 0.55]

@@ -131,7 +131,7 @@ def follow_peak(
     KeyError
         If the rig has no such number.
     InputError
-        If it has no such channel.
+        If it has no such channel, or there are no values.
     PeakLost
         If the peak is lost; it carries those found, up to the value that was reached. One that merges with another, on
         a detached curve, ends: the force along :func:`hbm.modes.backbone.phase_resonance` has a maximum there.
@@ -144,6 +144,8 @@ def follow_peak(
     a value is found by :func:`hbm.frequency_response` there.
     """
     expect_rig(rig, "follow_peak", joints=True)
+    if not len(values):
+        raise InputError("follow_peak: no values; must be at least one")
     known = (*(c.name for c in rig.channels), *rig.computed)
     if channel not in known:
         raise InputError(f'follow_peak: channel = "{channel}"; must be one of {", ".join(known)}')

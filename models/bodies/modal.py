@@ -48,38 +48,41 @@ class ModalModel:
 
     def __post_init__(self) -> None:
         """Refuse frequencies that are none, and rows or matrices of another size."""
-        for i, hz in enumerate(self.frequencies_hz):
-            bounded(f"ModalModel: frequencies_hz[{i}]", hz, 0.0)
-            plausible(f"ModalModel: frequencies_hz[{i}]", hz, "frequencies_hz")
-        for i, (lower, upper) in enumerate(pairwise(self.frequencies_hz), start=1):
+        for i, hz in enumerate(self.frequencies_hz, 1):
+            bounded(f"modal.frequencies_hz[{i}]", hz, 0.0)
+            plausible(f"modal.frequencies_hz[{i}]", hz, "frequencies_hz")
+        for i, (lower, upper) in enumerate(pairwise(self.frequencies_hz), start=2):
             if upper < lower:
                 after = f"frequencies_hz[{i}] = {upper:g} after {lower:g}"
-                raise ValueError(f"ModalModel: {after}; must ascend, sort them and the shapes with them")
+                raise ValueError(f"modal.{after}; must ascend, sort them and the shapes with them")
         n, p = len(self.frequencies_hz), len(self.ports)
         sizes = [(f"ports.{name}", row, n) for name, row in self.ports.items()]
         sizes += [(f"reactions.{name}", row, n) for name, row in self.reactions.items()]
         sizes += [(f"shares.{name}", row, p) for name, row in self.shares.items()]
         for what, row, size in sizes:
             if len(row) != size:
-                raise ValueError(f"ModalModel: {what} has {len(row)} entries; must have {size}")
-            for i, entry in enumerate(row):
-                bounded(f"ModalModel: {what}[{i}]", entry)
-                plausible(f"ModalModel: {what}[{i}]", entry, "shape")
+                raise ValueError(f"modal.{what} has {len(row)} entries; must have {size}")
+            for i, entry in enumerate(row, 1):
+                bounded(f"modal.{what}[{i}]", entry)
+                plausible(f"modal.{what}[{i}]", entry, "shape")
         for what, matrix, size in (("flexibility", self.flexibility, p), ("damping_matrix", self.damping_matrix, n)):
             if matrix is None:
                 continue
             if len(matrix) != size or any(len(row) != size for row in matrix):
-                raise ValueError(f"ModalModel: {what} has rows of other lengths; must be {size} x {size}")
+                raise ValueError(f"modal.{what} has rows of other lengths; must be {size} x {size}")
             values = np.array(matrix, dtype=float)
             for entry in values.ravel():
-                bounded(f"ModalModel: {what}", entry)
-                plausible(f"ModalModel: {what}", entry, "entry")
-            if np.abs(values - values.T).max() > SYMMETRIC * np.abs(values).max():
-                raise ValueError(f"ModalModel: {what} is not symmetric")
+                bounded(f"modal.{what}", entry)
+                plausible(f"modal.{what}", entry, "entry")
+            skew = np.abs(values - values.T)
+            if skew.max() > SYMMETRIC * np.abs(values).max():
+                i, j = (int(at) for at in np.unravel_index(skew.argmax(), skew.shape))
+                mirrored = f"[{i + 1}][{j + 1}] = {values[i, j]:g} and [{j + 1}][{i + 1}] = {values[j, i]:g}"
+                raise ValueError(f"modal.{what}{mirrored}; must be the same, the matrix is symmetric")
         if self.damping_matrix is not None:
             lowest, largest = np.linalg.eigvalsh(np.array(self.damping_matrix, dtype=float))[[0, -1]]
             if lowest < -SYMMETRIC * abs(largest):
-                raise ValueError(f"ModalModel: damping_matrix has the eigenvalue {lowest:.3g}; must have none below 0")
+                raise ValueError(f"modal.damping_matrix has the eigenvalue {lowest:.3g}; must have none below 0")
 
     def __str__(self) -> str:
         """Modes in a few words."""

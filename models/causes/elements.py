@@ -125,7 +125,7 @@ class ImpactStopCause(Cause):
 def deflection(rig: Rig) -> float:
     """Largest deflection of a beam's first mode under the excitation, ten times the static one [m].
 
-    >>> from models.published import paper_rig
+    >>> from hbm.models.published import paper_rig
     >>> round(1e3 * deflection(paper_rig()), 2)
     0.58
     """

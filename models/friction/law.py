@@ -144,7 +144,7 @@ def setting(meaning: str, source: str, **more: Any) -> dict[str, Setting]:
 def describe(law: type) -> dict[str, Parameter]:
     """Parameters of a law class with their units, bounds and sources, in field order.
 
-    >>> from models import Jenkins
+    >>> from hbm.models import Jenkins
     >>> {name: (p.unit, p.bound) for name, p in describe(Jenkins).items()}
     {'mu': ('1', '> 0'), 'critical_slip': ('m', '> 0')}
     """

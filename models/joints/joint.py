@@ -42,6 +42,15 @@ def terms(end: str) -> list[tuple[float, str]]:
     return found
 
 
+def is_sum(end: str) -> bool:
+    """Whether the end of a port is a sum of places, or a multiple of one.
+
+    >>> [is_sum(end) for end in ("4 - 2*1", "-1*y(0.6)", "acc-1")]
+    [True, True, False]
+    """
+    return "*" in end or end.startswith("-") or BETWEEN.search(end) is not None
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A law between places of a body, or between the body and the ground.

@@ -117,8 +117,8 @@ def check_bounds(law: Any) -> None:
 def numbers(law: Any) -> dict[str, float]:
     """Parameters of a law by name, in the order every solver passes them; those of a law within it among them.
 
-    >>> from models import Jenkins
-    >>> from models.joints import Friction
+    >>> from hbm.models import Jenkins
+    >>> from hbm.models.joints import Friction
     >>> numbers(Friction(Jenkins(0.3, 1e-6), 50.0))
     {'mu': 0.3, 'critical_slip': 1e-06, 'normal_load': 50.0}
     """

@@ -1,6 +1,7 @@
 """The wheel: installed alone, in folders that have a models.py of their own, from the script and in other processes."""
 
 import os
+import re
 import subprocess
 import sys
 import zipfile
@@ -124,6 +125,17 @@ def test_both_names_are_the_same_modules_in_the_sources() -> None:
 def test_a_name_that_is_nowhere_is_not_found() -> None:
     with pytest.raises(ModuleNotFoundError, match=r"hbm\.models\.nowhere"):
         __import__("hbm.models.nowhere")
+
+
+def test_examples_of_docstrings_import_what_an_installation_has(installed: Path, folder: Path) -> None:
+    """Beside a user's own ``models.py``, which ``import models`` means there."""
+    lines = [
+        line
+        for file in (installed / "hbm").rglob("*.py")
+        for line in re.findall(r">>> ((?:from|import) .*)", file.read_text(encoding="utf-8"))
+    ]
+    assert "from hbm.models import Jenkins" in lines
+    python(installed, folder, "-c", "\n".join(sorted(set(lines))))
 
 
 def test_examples_are_listed_and_copied_without_the_sources(installed: Path, tmp_path: Path) -> None:

@@ -136,6 +136,11 @@ def test_spring_is_found_where_it_is_with_its_stiffness():
     assert abs(with_frequency.value) < max(3 * with_frequency.std, 0.1)
 
 
+def test_levels_are_nominal_not_what_the_force_channel_reads():
+    """As in the spectra file: the force that was measured differs from it by its noise, and more in a laboratory."""
+    assert spring().level.tolist() == [level for level, _ in STATES]
+
+
 def test_mass_grows_with_the_square_of_the_frequency():
     attached = Attachments(masses=(PointMass(mass=2e-5, position=5 * L / 9),))
     best = lacking(measured(replace(RIG, attachments=attached))).best

@@ -10,10 +10,14 @@ import prose
 import pytest
 import typer
 from generated import tables
+from generated.tables import keys
 
 from hbm.cli import app
+from hbm.errors import InputError
 from hbm.rigfiles import joints, schema
-from hbm.rigfiles.load import load_rig
+from hbm.rigfiles.load import load_rig, rig_of_table
+from models.causes.addedjoint import reach
+from models.causes.joints import JOINT_CAUSES
 
 ROOT = prose.ROOT
 PAGES = [path for path in prose.pages() if not path.name.startswith("0")]
@@ -111,6 +115,62 @@ def test_bounds_of_a_key_are_those_of_the_schema() -> None:
     assert rows["length"].startswith("number | m | required | > 0 |")
     assert rows["modes"].startswith("whole number |  | `5` | ≥ 1, ≤ 1000 |")
     assert rows["root"].startswith("text |  | `clamped` | `clamped` or `supported` or `free` |")
+
+
+@pytest.mark.parametrize(
+    ("rig", "table", "name"),
+    [
+        ("paper_beam", "excitation", "excitation"),
+        ("paper_beam", "channels", "channels"),
+        ("jointed_beam", "excitation", "excitation with joints"),
+        ("jointed_beam", "channels", "channels with joints"),
+    ],
+)
+def test_keys_of_a_table_are_those_that_its_kind_of_rig_takes(rig: str, table: str, name: str) -> None:
+    """A key that no rig has is refused with those that this kind of rig takes: the keys of the page."""
+    path = ROOT / "examples" / f"{rig}.toml"
+    tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    entry = tables[table][0] if isinstance(tables[table], list) else tables[table]
+    entry["none_such"] = 1.0
+    with pytest.raises(InputError) as refused:
+        rig_of_table(tables, str(path))
+    taken = re.findall(r"accepted keys are ([\w, ]+)", str(refused.value))[0].split(", ")
+    assert sorted(re.findall(r"^\| `(\w+)` \|", keys(name), re.M)) == sorted(taken)
+
+
+def test_positions_on_a_beam_with_a_contact_are_off_its_clamp() -> None:
+    for name in ("excitation", "channels"):
+        rows = dict(re.findall(r"^\| `(\w+)` \| (.*) \|$", keys(name), re.M))
+        assert re.match(r"number \| m \| required \| > 0 \| .* at most `beam\.length`", rows["position"])
+
+
+def test_every_number_of_a_rig_with_a_contact_is_in_the_reference() -> None:
+    """It is a key of the tables, a parameter of the law, or named on the page."""
+    page = (ROOT / "docs" / "reference" / "rig_files.md").read_text(encoding="utf-8")
+    known = tables.known_keys()
+    for key in load_rig(ROOT / "examples" / "paper_beam.toml").numbers:
+        table, *_, last = key.split(".")
+        if not key.startswith("contact.friction.") and last not in known[table]:
+            assert f"`{re.sub(r'[.]a[0-9][.]', '.a1.', key)}`" in page
+
+
+def test_bounds_of_joints_that_may_be_missing_are_those_of_the_fits() -> None:
+    """The words of the page, computed with the force and the motion of a rig."""
+    rig = load_rig(ROOT / "examples" / "jointed_beam.toml")
+    rows = re.findall(r"^\| `(\S+)` \| `(\w+)` \| [^|]+ \| [^|]+ \| (.*) \|$", tables.causes_of_joints(), re.M)
+    said = {(cause, name): words for cause, name, words in rows}
+    tried = 0
+    for kind in JOINT_CAUSES:
+        cause = next(iter(kind.candidates(rig)), None)
+        for unknown in () if cause is None else cause.unknowns(rig):
+            span, _, size = said[kind.name, unknown.name].partition(" times ")
+            A, omega = reach(rig, cause)
+            code = re.sub("[²³⁵]", lambda power: f"**{'⁰¹²³⁴⁵'.index(power[0])}", size).replace(" ", "*")
+            unit = eval(code or "1", {"F": rig.excitation.amplitude, "A": A, "ω": omega})
+            lower, upper = (float(end) * unit for end in span.split(" to "))
+            assert (unknown.lower, unknown.upper) == pytest.approx((lower, upper), rel=1e-12)
+            tried += 1
+    assert tried > len(JOINT_CAUSES)
 
 
 def test_every_command_has_its_usage_and_example_as_code() -> None:

@@ -25,6 +25,20 @@ def test_linear_oscillator_matches_its_closed_form():
     assert curve.hz[-1] == 1.6 * HZ
 
 
+def test_phase_and_rms_of_a_point_match_their_closed_form():
+    """y = Re c exp(i theta): it lags by the angle of c, and by the force's own is 0; its mean square is |c|^2 / 2."""
+    rig = oscillator(Frictionless(), damping=0.02, amplitude=0.3)
+    curve = trace_frequency(rig, (0.5 * HZ, 1.6 * HZ), harmonics=3)
+    Omega = 2 * np.pi * curve.hz
+    exact = 0.3 / (1.0 - Omega**2 + 0.02j * Omega)
+    signals = [p["y"] for p in curve.points]
+    assert [s.phase[1] for s in signals] == pytest.approx(np.angle(exact), abs=1e-8)
+    assert [s.rms for s in signals] == pytest.approx(np.abs(exact) / np.sqrt(2.0), rel=1e-8)
+    assert signals[0].phase.shape == (4,)
+    assert curve["y"].phase[5].tolist() == signals[5].phase.tolist()
+    assert curve["y"].rms.tolist() == [s.rms for s in signals]
+
+
 def test_linear_beam_matches_its_modal_sum():
     rig = beam(Frictionless())
     s = rig.structure

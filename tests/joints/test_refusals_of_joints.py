@@ -101,9 +101,48 @@ def spectra_of(rig: JointedRig, force: np.ndarray) -> MeasuredSpectra:
         (
             "[damping]\nmodal_ratios = [0.01]\n[excitation]",
             MATRIX.format(-2.0),
-            "ModalModel: damping_matrix has the eigenvalue -2; must have none below 0",
+            "modal.damping_matrix has the eigenvalue -2; must have none below 0",
         ),
         ("[damping]\nmodal_ratios = [0.01]\n[excitation]", MATRIX.format(0.0), ""),
+        (
+            "[damping]",
+            "flexibility = [[1e-8, 2e-9], [1e-9, 1e-8]]\n[damping]",
+            "modal.flexibility[1][2] = 2e-09 and [2][1] = 1e-09; must be the same, the matrix is symmetric",
+        ),
+        (
+            "two = [0.4, -0.6]",
+            "two = [0.4]",
+            "modal.ports.two has 1 entries; must have 2",
+        ),
+        *(
+            (
+                "[damping]",
+                f"[modal.tolerances.ports]\ntow = {row}\n[damping]",
+                "modal.tolerances.ports.tow is unknown; ports are one, two",
+            )
+            for row in ("[0.1, 0.1]", "[0.0, 0.0]", "[]")
+        ),
+        (
+            "amplitude = 1.0",
+            "amplitude = 1.0\nforce_gain = [[0.45, 1.0], [1.0]]",
+            "excitation.force_gain[2] is an array; must be two numbers, a level and the force per unit there",
+        ),
+        (
+            "[excitation]",
+            "[contact]\nnormal_load = 83.0\n[excitation]",
+            "contact and joints are both present; must have one of them; a contact is a joint",
+        ),
+        (
+            "[excitation]",
+            "[shaker]\n[excitation]",
+            "shaker is unknown; accepted keys are name, beam, modal, matrix, damping, joints, excitation, channels, "
+            "extensions",
+        ),
+        (
+            'quantity = "acceleration"\nat = "one"',
+            'quantity = "acceleration"\nat = "one - 2*two"',
+            'two modes: channels[2].at = "one - 2*two"; must be one place, sums and multiples of places are for joints',
+        ),
         ('at = "two"', 'at = "two"\nto = "1*two"', 'joint pad: at and to are both "two"; must differ, or leave out to'),
     ],
 )
@@ -129,7 +168,7 @@ def test_names_that_a_rig_computes_are_refused_at_birth() -> None:
 
 
 def test_frequencies_that_do_not_ascend_are_named() -> None:
-    with pytest.raises(ValueError, match=r"frequencies_hz\[2\] = 39 after 45; must ascend"):
+    with pytest.raises(ValueError, match=r"^modal\.frequencies_hz\[3\] = 39 after 45; must ascend"):
         ModalModel((16.0, 45.0, 39.0), {})
 
 

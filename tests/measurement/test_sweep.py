@@ -75,6 +75,17 @@ def test_resonance_and_bandwidth_are_those_of_the_mode_however_fast(fast: Record
     assert passage(swept(run(0.7), "force", 3), "x", "force").warning is None
 
 
+def test_a_response_without_a_resonance_tells_no_speed() -> None:
+    """A constant share of the force at a constant phase: any speed would do."""
+    t = np.arange(0.0, 30.0, 1.0 / RATE)
+    phase = 2 * np.pi * (42.0 * t + 0.5 * 0.2 * t**2)
+    found = sweep_spectra(
+        [swept(recording("up.csv", t, {"force": np.cos(phase), "x": np.cos(phase - 1.0)}), "force")], "force"
+    )
+    said = "x passes no peak of 6 windows or more, which would say how fast is slow"
+    assert [text for _, text in found.notes] == [said]
+
+
 def test_a_nonlinear_resonance_is_followed_to_its_steady_states() -> None:
     """Hardening by 0.6 Hz at the peak; the steady state by one term of harmonic balance, exact but for its square."""
     ratio, cubic = 0.02, 0.8e11
@@ -103,6 +114,42 @@ def test_sweeps_that_cannot_be_read_are_refused(fast: Recording) -> None:
         swept(fast, "force", 11)
     with pytest.raises(InputError, match="fewer than 4 cycles of force"):
         swept(fast.between(0.0, 0.1), "force")
+
+
+@pytest.mark.parametrize(("length", "least"), [(0.8, "1.3"), (30.0, "0.033")])
+def test_a_steady_state_is_no_sweep(length: float, least: str) -> None:
+    """Its frequency changes by less than one over its length, by which lines are told apart; a slow sweep's by more."""
+    t, rng = np.arange(0.0, length, 1.0 / RATE), np.random.default_rng(7)
+
+    def recorded(speed: float) -> Recording:
+        force = np.cos(2 * np.pi * (48.0 * t + 0.5 * speed * t**2)) + 0.01 * rng.standard_normal(len(t))
+        return recording("run1.csv", t, {"force": force})
+
+    with pytest.raises(InputError) as refused:
+        swept(recorded(0.0), "force", 3)
+    assert str(refused.value) == (
+        f"run1.csv: force stays at 48 Hz; must be a sweep, of {least} Hz at least over this time; "
+        "spectra of a steady state are made without --sweep"
+    )
+    assert np.ptp(swept(recorded(3.0 / length**2), "force", 3).hz) > 1.0 / length
+
+
+@pytest.mark.parametrize("options", [("--fundamental", "40"), ("--level", "3"), ("--refine",)])
+def test_options_of_steady_states_do_not_go_with_sweeps(options: tuple[str, ...], tmp_path: Path) -> None:
+    (tmp_path / "up.csv").write_text("time_s,force\n0,1\n")
+    out = tmp_path / "s.csv"
+    result = CliRunner().invoke(app, ["spectra", str(tmp_path / "up.csv"), "--sweep", *options, "--out", str(out)])
+    assert (result.exit_code, result.stderr) == (2, f"spectra: {options[0]} with --sweep; must have one of them\n")
+    assert not out.exists()
+
+
+def test_sweeps_have_the_budget_of_other_recordings(fast: Recording, tmp_path: Path) -> None:
+    np.savez(tmp_path / "up.npz", time_s=fast.time, **fast.channels)
+    out = tmp_path / "s.csv"
+    args = ["spectra", str(tmp_path / "up.npz"), "--sweep", "--max-seconds", "1e-6", "--out", str(out)]
+    result = CliRunner().invoke(app, args)
+    assert (result.exit_code, out.exists()) == (1, False)
+    assert result.stderr.startswith("spectra: stopped after 1e-06 s, its budget, at 1 recordings; nothing written")
 
 
 def test_the_command_writes_records_of_a_sweep(fast: Recording, tmp_path: Path) -> None:

@@ -1,0 +1,89 @@
+"""What functions refuse in one line, before they compute anything; and causes by their names."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hbm import (
+    InputError,
+    diagnose,
+    follow_peak,
+    frequency_response,
+    joint_sensitivities,
+    joint_steady_state,
+    load_rig,
+    load_spectra,
+    reconstruct_joints,
+    steady_state,
+    synthesize,
+)
+from hbm.diagnosis.diagnose import candidates_among
+from models.causes import CAUSES
+from models.causes.parameter import WrongParameter
+from models.published import paper_rig
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+RIG: Any = paper_rig()
+SPECTRA = load_spectra(EXAMPLES / "diagnosed_beam" / "spectra.csv")
+NO_JOINTS = f"{RIG.name} has [contact]; must be a rig with [[joints]]"
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: joint_sensitivities(RIG, steady_state(RIG, 50.0, harmonics=3)), f"joint_sensitivities: {NO_JOINTS}"),
+        (lambda: joint_steady_state(RIG, 50.0), f"joint_steady_state: {NO_JOINTS}"),
+        (lambda: reconstruct_joints(RIG, SPECTRA), f"reconstruct_joints: {NO_JOINTS}"),
+        (lambda: follow_peak(RIG, []), "follow_peak: no values; must be at least one"),
+        (lambda: follow_peak(RIG, np.array([])), "follow_peak: no values; must be at least one"),
+        (lambda: synthesize(RIG, [3.0], [50.0], seed=-1), "synthesize: seed = -1; must be a whole number >= 0"),
+        (lambda: synthesize(RIG, [3.0], [50.0], snr=-1e9), "synthesize: snr = -1e+09; must be -20 to 200 [dB]"),
+        (lambda: synthesize(RIG, [3.0], [50.0], harmonics=0), "synthesize: harmonics = 0; must be a whole number >= 1"),
+        (
+            lambda: frequency_response(RIG, (50.0, 51.0), tolerance=-1),
+            "frequency_response: tolerance = -1; must be > 0 and finite [relative]",
+        ),
+        (
+            lambda: diagnose(RIG, SPECTRA, causes=["bristle-memory"]),
+            'diagnose: causes has "bristle-memory"; there is nothing in this rig it can act on',
+        ),
+    ],
+)
+def test_what_no_rig_has_and_numbers_that_are_none_are_refused(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(InputError) as refused:
+        call()
+    assert str(refused.value) == said
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"causes": ["added-mess"]}, 'diagnose: causes has "added-mess"; must be one of stribeck-weakening, '),
+        (
+            {"causes": ["parameter:beam.colour"]},
+            'diagnose: causes has "parameter:beam.colour"; must be one of parameter:beam.',
+        ),
+        (
+            {"tolerances": {"foo": 0.1}},
+            "diagnose: tolerances has foo; must be numbers of the rig: contact.friction.mu, ",
+        ),
+        (
+            {"tolerances": {"beam.youngs_modulus": -0.1}},
+            "diagnose: tolerances[beam.youngs_modulus] = -0.1; must be > 0 and finite [relative]",
+        ),
+    ],
+)
+def test_a_diagnosis_refuses_causes_and_numbers_that_are_not_there(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError) as refused:
+        diagnose(load_rig(EXAMPLES / "diagnosed_beam" / "rig.toml"), SPECTRA, **options)
+    assert str(refused.value).startswith(said)
+
+
+def test_causes_by_name_are_those_of_their_classes() -> None:
+    named = list(candidates_among(RIG, ["sensor-gain", "parameter:beam.length", "added-mass"]))
+    given = [CAUSES["sensor-gain"], WrongParameter("beam.length"), CAUSES["added-mass"]]
+    assert [c.label for c in named] == [c.label for c in candidates_among(RIG, given)]
+    assert len(named) > len(given)  # a gain of each channel
