@@ -66,6 +66,19 @@ def test_every_figure_is_drawn(case: str) -> None:
         grid.flat[0].figure.canvas.draw()
 
 
+def test_responses_have_the_prefix_of_what_was_measured() -> None:
+    """Displacements of 10 and 5 nm, curves beside points."""
+    case = CASES["several bands"].times(1e-9)
+    models = dict.fromkeys(MODELS, case)
+    rows = plot_responses(models, CHANNELS, ["m", "m"])
+    left, _ = plot_overview(models, clearest([case], missed=True), "a1", "m")
+    assert [row[0].get_ylabel() for row in rows] == ["a1\n[nm]", "a2\n[nm]"]
+    assert left.get_ylabel() == "Harmonic 1 of a1 [nm]"
+    for ax in (*rows[:, 0], left):
+        drawn = np.concatenate([line.get_ydata() for line in ax.lines if len(line.get_xdata())])
+        np.testing.assert_allclose(np.unique(drawn.round(9)), [9.0, 10.0])
+
+
 def test_errors_that_are_alike_are_drawn_about_themselves() -> None:
     """Models that say nothing of what was measured are off by all of it, but for rounding."""
     errors = {name: {"train": Errors(1.0 + i * 1e-16, 2e3)} for i, name in enumerate(MODELS)}
