@@ -19,6 +19,7 @@ from hbm.response.trace import steady_state, trace_frequency
 from hbm.tracking.peaks import PeakLost, follow_peak
 from models import Attachments, Coulomb, Dahl, Frictionless, Jenkins, Rig, Viscous
 from models.elements import MidplaneStretching
+from models.published import paper_rig
 from tests.decay import cycles_of
 from tests.slopes import check_motion
 
@@ -172,6 +173,15 @@ def test_slip_limit_is_the_sliding_mode() -> None:
     assert slides.damping_ratio[0] - exact.damping_ratio[0] == pytest.approx(
         slides.rubbed[0] / (2 * np.pi * (slides.lost[0] / (2 * np.pi * slides.damping_ratio[0]))), rel=1e-3
     )
+
+
+def test_onset_of_slip_is_bracketed_by_motions() -> None:
+    """There the damping has a corner: a step of 9 % over it drew slip at amplitudes at which the contact sticks."""
+    found = nonlinear_mode(paper_rig(), amplitudes=(1e-6, 2e-4))
+    slips = found.rubbed > 1e-6 * found.lost
+    first = int(np.argmax(slips))
+    assert not slips[:first].any()
+    assert found.amplitude[first] < 1.01 * found.amplitude[first - 1]
 
 
 def test_figure_shows_the_linear_limits(mode: NonlinearMode) -> None:
