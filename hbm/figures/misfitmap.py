@@ -15,7 +15,7 @@ from hbm.figures.scales import few_numbers
 from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, label_all, panels
 from hbm.fourier import Array
 
-LABELLED = 9
+LABELLED = 10
 """Most frequencies that have room beside each other, turned, in one of three panels."""
 
 
