@@ -18,6 +18,7 @@ from hbm.figures.identification import plot_ranking
 from hbm.figures.misfitmap import plot_misfit_map
 from hbm.figures.missingforce import plot_missing_force
 from hbm.figures.overview import plot_overview
+from hbm.figures.style import AxesArray
 
 CHANNELS, UNITS = ["a1", "a2"], ["m/s²", "m/s²"]
 SPREAD = (15.5, 16.2, 16.8, 17.6, 38.0, 41.0)
@@ -65,6 +66,19 @@ def test_every_figure_is_drawn(case: str) -> None:
         grid.flat[0].figure.canvas.draw()
 
 
+def test_responses_have_the_prefix_of_what_was_measured() -> None:
+    """Displacements of 10 and 5 nm, curves beside points."""
+    case = CASES["several bands"].times(1e-9)
+    models = dict.fromkeys(MODELS, case)
+    rows = plot_responses(models, CHANNELS, ["m", "m"])
+    left, _ = plot_overview(models, clearest([case], missed=True), "a1", "m")
+    assert [row[0].get_ylabel() for row in rows] == ["a1\n[nm]", "a2\n[nm]"]
+    assert left.get_ylabel() == "Harmonic 1 of a1 [nm]"
+    for ax in (*rows[:, 0], left):
+        drawn = np.concatenate([line.get_ydata() for line in ax.lines if len(line.get_xdata())])
+        np.testing.assert_allclose(np.unique(drawn.round(9)), [9.0, 10.0])
+
+
 def test_errors_that_are_alike_are_drawn_about_themselves() -> None:
     """Models that say nothing of what was measured are off by all of it, but for rounding."""
     errors = {name: {"train": Errors(1.0 + i * 1e-16, 2e3)} for i, name in enumerate(MODELS)}
@@ -103,13 +117,53 @@ def test_powers_of_a_ranking_do_not_touch() -> None:
     assert not overlapping(left.get_xticklabels())
 
 
-def test_legend_of_the_missing_force_stands_above_its_bars() -> None:
+def missing_forces(*shares: float) -> AxesArray:
+    """Figure of a missing force in two records of 5 N and two of 2 N, with places that explain some shares."""
     place = SimpleNamespace(name="m2 to m3", kind="force", unit="N", against="m")
     force = np.array([[1.0 + 1.0j, 0.0, 30.0 + 20.0j]] * 4)
-    missing = MissingForce(
-        place, 0.99, 10.0, 1.0, 6, force, 0.01 * np.ones((4, 3)), np.ones((4, 3)) + 0j, np.zeros(4), np.full(4, 16.0)
-    )
-    rows = np.arange(4), np.full(4, 5.0), np.full(4, 16.0)
-    _, harmonics, _ = plot_missing_force(Discrepancy(*rows, 1e4, 100, (missing,)))
-    harmonics.figure.canvas.draw()
+    sizes = 0.01 * np.ones((4, 3)), 1e-4 * np.ones((4, 3)) + 0j, np.zeros(4), np.full(4, 16.0)
+    missing = (MissingForce(place, share, 10.0, 1e4 * (1 - share), 6, force, *sizes) for share in shares)
+    levels = np.array([5.0, 2.0, 5.0, 2.0])
+    axes = plot_missing_force(Discrepancy(np.arange(4), levels, np.full(4, 16.0), 1e4, 100, tuple(missing)))
+    axes[0].figure.canvas.draw()
+    return axes
+
+
+def test_colours_of_the_growth_are_those_of_the_levels() -> None:
+    _, _, growth = missing_forces(0.99)
+    handles = growth.get_legend().legend_handles
+    assert [text.get_text() for text in growth.get_legend().get_texts()] == ["2 N", "5 N"]
+    dots = [line for line in growth.lines if line.get_marker() == "o" and len(line.get_xdata())]
+    assert [line.get_color() for line in dots] == [handle.get_color() for handle in handles]
+    assert growth.get_xlabel() == "Motion there [µm]"
+
+
+def test_a_share_that_all_places_explain_alike_is_left_out() -> None:
+    alike, _, _ = missing_forces(0.9998, 0.9997)
+    assert [text.get_text() for text in alike.texts] == ["2", "3"]
+    apart, _, _ = missing_forces(0.9998, 0.5)
+    assert [text.get_text() for text in apart.texts] == ["2  (explains 100 %)", "5e+03  (explains 50 %)"]
+
+
+@pytest.mark.parametrize(("count", "labels"), [(6, 6), (10, 10), (21, 7)])
+def test_records_of_the_misfit_map_are_labelled_all_or_evenly(count: int, labels: int) -> None:
+    """At most ten have room beside each other in one of three panels; all have a mark."""
+    hz = tuple(50.0 + np.arange(count))
+    grid = plot_misfit_map(dict.fromkeys(MODELS, compared(hz, {0: (1, 2)})), ["a1"])
+    grid[0, 0].figure.canvas.draw()
+    for ax in grid[1]:
+        ticks = ax.get_xticks()
+        assert len(ticks) == labels
+        assert len(set(np.diff(ticks))) == 1
+        shown = [label.get_text() for label in ax.get_xticklabels()]
+        assert shown == [f"{hz[int(i)]:.4g}" for i in ticks]
+        marked = {*ticks.tolist(), *ax.get_xticks(minor=True).tolist()}
+        assert marked == set(range(count))
+        spacing = np.diff(ax.transData.transform([(t, 0.0) for t in ticks[:2]])[:, 0])[0]
+        digits = 0.73 * ax.get_xticklabels()[0].get_fontsize() / 72 * ax.figure.dpi  # as high as that
+        assert spacing / np.sqrt(2.0) > digits  # between labels that are turned by 45 degrees
+
+
+def test_legend_of_the_missing_force_stands_above_its_bars() -> None:
+    _, harmonics, _ = missing_forces(0.99)
     assert harmonics.get_legend().get_window_extent().y0 >= harmonics.get_window_extent().y1

@@ -279,16 +279,17 @@ def test_energy_is_what_its_file_says(contents: dict[str, str | bytes]) -> None:
     drawing, axes = drawn("energy")
     table = numbers(contents, drawing)
     for ax, name in zip(axes, ("energy_per_cycle", "work_rate"), strict=True):
+        scale = {"J": 1.0, "mJ": 1e3, "mW": 1e3, "W": 1.0}[ax.get_ylabel().split("[")[-1].rstrip("]")]
         for level, line in zip((2.5, 6.5), lines(ax, "_all"), strict=True):
             own = {key: values[table["level"] == level] for key, values in table.items()}
             order = np.argsort(own["frequency_hz"])
             assert np.array_equal(line.get_xdata(), own["frequency_hz"][order])
-            assert np.array_equal(line.get_ydata(), own[name][order] * 1e3)
+            assert np.array_equal(line.get_ydata(), own[name][order] * scale)
             (filled,) = lines(ax, f"{level:g} N")
             assert np.array_equal(np.isfinite(filled.get_ydata()), own["slips"][order] == 1.0)
         bars = np.concatenate([c.get_segments() for c in ax.collections])[:, :, 1]
         order = np.lexsort((table["frequency_hz"], table["level"]))
-        assert np.allclose(bars[:, 1] - bars[:, 0], 2e3 * BAND * table[f"{name}_std"][order], rtol=1e-6)
+        assert np.allclose(bars[:, 1] - bars[:, 0], 2 * scale * BAND * table[f"{name}_std"][order], rtol=1e-6)
 
 
 def test_misfit_is_what_its_file_says(contents: dict[str, str | bytes]) -> None:

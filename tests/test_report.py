@@ -178,7 +178,9 @@ def test_page_has_five_panels_on_one_frequency_axis(curves: list[ResponseCurve])
 
 def test_history_shows_all_and_the_last_periods(history: TimeHistory) -> None:
     whole, last = plot_history(history, periods=2)[0]
-    drive = history.channels["drive"].values * 1e3
+    drive = history.channels["drive"].values * 1e6
+    assert np.abs(drive).max() < 200.0
+    assert whole.get_ylabel() == "Drive\n[µm]"
     assert np.array_equal(whole.lines[0].get_xydata(), np.column_stack([history.time, drive]))
     assert np.array_equal(last.lines[0].get_xydata(), np.column_stack([history.time * 1e3, drive])[-129:])
 
@@ -201,6 +203,74 @@ def test_names_of_joints_stand_above_their_forces() -> None:
     assert panel.y1 <= names.y0
     assert names.x1 <= panel.x1
     assert names.height < 0.5 * panel.height
+
+
+NINE = {f"p{i}": (0.3 + 0.1 * i, 1.0 - 0.2 * i) for i in range(9)}
+
+
+@pytest.fixture(scope="module")
+def many() -> JointedRig:
+    """Nine springs in parallel."""
+    joints = tuple(Joint(f"spring {p}", PolynomialSpring(linear=50.0), (p,)) for p in NINE)
+    return JointedRig("sprung", ModalModel((2.0, 3.0), NINE), Damping(0.3), joints, Excitation(1.0, at="p0"))
+
+
+def told_apart(ax: mpl.axes.Axes, names: list[Line2D]) -> None:
+    """Lines are the ports, solid, in order, each with a marker of its own; neighbours differ in their greys too."""
+    assert len(ax.lines) >= len(NINE)
+    lines = ax.lines[: len(NINE)]
+    markers = [line.get_marker() for line in lines]
+    assert len(set(markers)) == len(NINE)
+    assert not {"", "None", None} & set(markers)
+    assert {line.get_linestyle() for line in lines} == {"-"}  # dashes tell what is unstable
+    assert [line.get_marker() for line in names] == markers
+    assert [line.get_color() for line in names] == [line.get_color() for line in lines]
+    greys = np.array([to_rgb(line.get_color()) for line in lines]) @ (0.299, 0.587, 0.114)
+    assert np.abs(np.diff(greys)).min() > 0.05
+
+
+def test_joints_are_told_apart_in_grey_print_along_a_curve(many: JointedRig) -> None:
+    _, _, forces, motions = plot_curves(trace_frequency(many, (1.0, 4.0), harmonics=1))
+    for ax in (forces, motions):
+        told_apart(ax, forces.get_legend().legend_handles)
+
+
+def test_joints_are_told_apart_in_grey_print_over_time(many: JointedRig) -> None:
+    axes = plot_history(simulate(many, 2.0, duration=1.0))
+    (legend,) = axes[0, 0].figure.legends
+    for ax in axes[1:, 1]:
+        told_apart(ax, legend.legend_handles)
+
+
+def test_panels_of_joints_that_do_not_move_say_so() -> None:
+    """A joint at a node of the only mode that is driven; warnings are errors."""
+    body = ModalModel((50.0, 130.0), {"a": (1.0, 0.0), "b": (0.0, -1.0)})
+    joint = Joint("spring", PolynomialSpring(linear=50.0), ("a",))
+    rig = JointedRig("node", body, Damping(1.0), (joint,), Excitation(1.0, at="b"))
+    curve = trace_frequency(rig, (120.0, 140.0), harmonics=1)
+    axes = plot_curves(curve)
+    axes[0].figure.draw_without_rendering()
+    for ax, said in zip(axes[2:], ("no force at the joints", "no motion at the joints"), strict=True):
+        assert [text.get_text() for text in ax.texts] == [said]
+        assert not ax.lines
+        assert not len(ax.get_yticks())
+        assert ax.get_yscale() == "linear"
+
+
+@pytest.mark.parametrize(
+    ("level", "units"), [(1e-6, ("nm", "µN", "nm")), (1.0, ("mm", "N", "mm")), (1e6, ("m", "kN", "m"))]
+)
+def test_axes_have_the_prefix_of_their_data(level: float, units: tuple[str, str, str]) -> None:
+    """A kilogram on springs of 140 N/m, of which the joint has 100 N/m, moves by 5 mm/N where it resonates."""
+    joint = Joint("spring", PolynomialSpring(linear=100.0), ("a",))
+    rig = JointedRig("one", ModalModel((1.0,), {"a": (1.0,)}), Damping(20.0), (joint,), Excitation(1.0, at="a"))
+    curve = trace_frequency(rig, (1.5, 2.2), level=level, harmonics=1)
+    drive, _, force, motion = plot_curves(curve)
+    factors = {"nm": 1e9, "µN": 1e6, "mm": 1e3, "N": 1.0, "m": 1.0, "kN": 1e-3}
+    signals = curve.dense["drive"], curve.dense["spring.force"], curve.dense["spring.motion"]
+    for ax, unit, signal in zip((drive, force, motion), units, signals, strict=True):
+        assert ax.get_ylabel().endswith(f"[{unit}]")
+        np.testing.assert_allclose(ax.lines[0].get_ydata(), factors[unit] * signal.peak)
 
 
 def loops(*names: str) -> list[FrictionLoop]:

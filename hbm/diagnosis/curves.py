@@ -5,7 +5,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from hbm.balance.solution import amplitudes
 from hbm.diagnosis.verdict import Diagnosis
@@ -28,9 +27,6 @@ SPARE, LEAST = 2, 11
 MOST_LEVELS = 4
 """Levels that are traced, at most: the lowest, the highest, and some between."""
 
-BETWEEN = 4
-"""Points that are drawn for each one solved, by cubics of the coefficients along the curve."""
-
 BUDGET = Budget(points=1500, seconds=30.0)
 """Most that one curve may take."""
 
@@ -47,7 +43,7 @@ class TracedResponse:
         Mean of the nominal forces of the records of the level, and of the forces that were measured in them, which the
         curve is traced with [N].
     hz : (points,) array
-        In the order of travel: where the curve folds it goes back [Hz]. One in :data:`BETWEEN` is solved.
+        In the order of travel: where the curve folds it goes back [Hz]. Lines from one to the next draw the curve.
     amplitudes : mapping of str to (points, H+1) array
         Amplitude of each harmonic of each channel that was measured.
     """
@@ -144,11 +140,6 @@ def _traced(
         curve = with_peak(scout_frequency(rig, band, level=force, harmonics=H, budget=BUDGET))
     except FAILURES:
         return None
-    along, solved = np.array([p.arclength for p in curve.branch.points]), np.arange(len(curve.points))
-    drawn = np.interp(np.linspace(0, solved[-1], BETWEEN * solved[-1] + 1), solved, along)
-
-    def smooth(values: Array) -> Array:
-        return np.asarray(PchipInterpolator(along, values)(drawn)) if len(along) > 1 else values
-
-    of_channels = {name: amplitudes(smooth(curve[name].coefficients)) for name in channels}
-    return TracedResponse(model, level, force, smooth(curve.hz), of_channels)
+    dense = curve.dense
+    of_channels = {name: amplitudes(dense[name].coefficients) for name in channels}
+    return TracedResponse(model, level, force, dense.hz, of_channels)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
+from hbm.figures.curves import listed
 from hbm.figures.scales import logarithmic, wide_enough
 from hbm.figures.style import (
     FAINT,
@@ -17,6 +18,7 @@ from hbm.figures.style import (
     new_axes,
     panels,
 )
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 from hbm.modes.backbone import Backbone, NonlinearMode
 from hbm.modes.linear import linear_modes
@@ -64,47 +66,52 @@ def plot_backbones(
 
 def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:
     """Frequency over drive amplitude, with those of the contact stuck and sliding as thin lines."""
+    backbones = [b.dense for b in backbones]
     ax, linear = new_axes(ax), linear_modes(backbones[0].rig)
     _mark_limits(ax, backbones, linear.stuck_hz[number - 1], linear.sliding_hz[number - 1])
-    _draw(ax, [(b, b.amplitude * 1e3, b.hz) for b in backbones])
+    scale, unit = prefixed("m", *(b.amplitude for b in backbones))
+    _draw(ax, [(b, b.amplitude * scale, b.hz) for b in backbones])
     logarithmic(ax.xaxis)
     wide_enough(ax.yaxis)
-    _shade_lift_off(ax, backbones)
+    _shade_lift_off(ax, backbones, scale)
     ax.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
-    return dressed(ax, "Drive displacement, fundamental [mm]", "Frequency [Hz]")
+    return dressed(ax, f"Drive displacement, fundamental [{unit}]", "Frequency [Hz]")
 
 
 def plot_damping(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:
     """Damping ratio over drive amplitude, with those of the contact stuck and sliding as thin lines."""
+    backbones = [b.dense for b in backbones]
     ax, rig = new_axes(ax), backbones[0].rig
     linear = linear_modes(rig)
     held, free = linear.stuck_damping_ratio[number - 1], linear.damping_ratio[number - 1]
     _mark_limits(ax, backbones, 100 * held, 100 * free)
-    _draw(ax, [(b, b.amplitude * 1e3, 100 * b.damping_ratio) for b in backbones])
+    scale, unit = prefixed("m", *(b.amplitude for b in backbones))
+    _draw(ax, [(b, b.amplitude * scale, 100 * b.damping_ratio) for b in backbones])
     logarithmic(ax.xaxis)
     logarithmic(ax.yaxis)
     wide_enough(ax.yaxis)
-    _shade_lift_off(ax, backbones)
-    return dressed(ax, "Drive displacement, fundamental [mm]", "Damping ratio [%]")
+    _shade_lift_off(ax, backbones, scale)
+    return dressed(ax, f"Drive displacement, fundamental [{unit}]", "Damping ratio [%]")
 
 
 def plot_backbone_over_responses(
     backbones: Sequence[Backbone], curves: Sequence[ResponseCurve] = (), ax: Axes | None = None
 ) -> Axes:
     """Drive amplitude over frequency: backbones over frequency responses."""
-    ax = new_axes(ax)
-    for curve, color in zip(curves, level_colors(curves) if curves else [], strict=True):
-        ax.plot(curve.hz, curve["drive"].amplitude[:, 1] * 1e3, color=color, linewidth=1.0, label=f"{curve.level:g} N")
-    _draw(ax, [(b, b.hz, b.amplitude * 1e3) for b in backbones])
+    backbones, curves, ax = [b.dense for b in backbones], listed(curves), new_axes(ax)
+    responses = [curve["drive"].amplitude[:, 1] for curve in curves]
+    scale, unit = prefixed("m", *(responses or (b.amplitude for b in backbones)))
+    for curve, own, color in zip(curves, responses, level_colors(curves) if curves else [], strict=True):
+        ax.plot(curve.hz, own * scale, color=color, linewidth=1.0, label=f"{curve.level:g} N")
+    _draw(ax, [(b, b.hz, b.amplitude * scale) for b in backbones])
     logarithmic(ax.yaxis)
     if curves:
         ax.set_xlim(min(float(c.hz.min()) for c in curves), max(float(c.hz.max()) for c in curves))
-        lowest = min(float(c["drive"].amplitude[:, 1].min()) for c in curves)
-        tallest = max(float(c["drive"].amplitude[:, 1].max()) for c in curves)
-        ax.set_ylim(lowest * 1e3 / 1.5, tallest * 1e3 * 2.0)
+        lowest, tallest = min(float(own.min()) for own in responses), max(float(own.max()) for own in responses)
+        ax.set_ylim(lowest * scale / 1.5, tallest * scale * 2.0)
         ax.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
     wide_enough(ax.xaxis)
-    return dressed(ax, "Frequency [Hz]", "Drive displacement,\nfundamental [mm]")
+    return dressed(ax, "Frequency [Hz]", f"Drive displacement,\nfundamental [{unit}]")
 
 
 def _draw(ax: Axes, lines: Sequence[tuple[Backbone, Array, Array]]) -> None:
@@ -132,10 +139,10 @@ def _mark_limits(ax: Axes, backbones: Sequence[Backbone], stuck: float, sliding:
         ax.annotate(name, (1.0, value), (3, 0), ax.get_yaxis_transform(), "offset points", va=side, fontsize=SMALL)
 
 
-def _shade_lift_off(ax: Axes, backbones: Sequence[Backbone]) -> None:
+def _shade_lift_off(ax: Axes, backbones: Sequence[Backbone], scale: float) -> None:
     """Shade the amplitudes at which the tip would lift off in the first backbone."""
     first = backbones[0].lift_off
     if first is not None:
-        ax.axvspan(first * 1e3, backbones[0].amplitude.max() * 1e3, color="0.95", zorder=-1, linewidth=0)
+        ax.axvspan(first * scale, backbones[0].amplitude.max() * scale, color="0.95", zorder=-1, linewidth=0)
         across = ax.get_xaxis_transform()
-        ax.text(first * 1e3, 0.5, "lift-off ", transform=across, ha="right", va="center", fontsize=SMALL)
+        ax.text(first * scale, 0.5, "lift-off ", transform=across, ha="right", va="center", fontsize=SMALL)

@@ -53,6 +53,10 @@ class Compared:
         """Rms of both parts of measured less simulated, in standard deviations."""
         return np.asarray(np.abs(self.measured - self.simulated) / self.std / np.sqrt(2.0))
 
+    def times(self, factor: float) -> "Compared":
+        """The same in another unit."""
+        return replace(self, measured=factor * self.measured, simulated=factor * self.simulated, std=factor * self.std)
+
     def where(self, chosen: npt.NDArray[np.bool_]) -> "Compared":
         """Some of the entries."""
         return Compared(*(getattr(self, f.name)[chosen] for f in fields(self)))

@@ -21,6 +21,7 @@ from hbm.figures.style import (
     new_axes,
     panels,
 )
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 from hbm.response.curve import ResponseCurve
 from models.jointed import JointedRig
@@ -89,14 +90,14 @@ def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bo
         corners, the end of a partial curve.
     """
     curves, ax = listed(curves), new_axes(ax)
+    scale = draw_peaks(ax, curves, "drive", "Drive displacement,\npeak")
     for curve, color in zip(curves, level_colors(curves), strict=True):
-        y = curve["drive"].peak * 1e3
-        draw_line(ax, curve, y, color)
-        mark(ax, curve, y, color)
+        mark(ax, curve, scale, color)
     ax.set_ylim(bottom=0.0)
     if label:
         explain(ax)
-    return dressed(ax, over(curves), "Drive displacement,\npeak [mm]")
+    ax.set_xlabel(over(curves), color=INK)
+    return ax
 
 
 def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
@@ -138,18 +139,25 @@ def plot_contact(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     curves = listed(curves)
     rows = panels(axes, 3, 1, 5.0, sharex=True).ravel()
     slip, friction, normal = rows
+    draw_peaks(slip, curves, "slip", "Slip,\npeak")
+    draw_peaks(friction, curves, "friction", "Friction force,\npeak")
+    scale = draw_peaks(normal, curves, "normal", "Normal reaction,\nmax and min")
     for curve, color in zip(curves, level_colors(curves), strict=True):
-        draw_line(slip, curve, curve["slip"].peak * 1e6, color)
-        draw_line(friction, curve, curve["friction"].peak, color)
-        draw_line(normal, curve, curve["normal"].peak, color)
-        draw_line(normal, curve, least_reaction(curve), color, linewidth=0.9)
+        draw_line(normal, curve, scale * least_reaction(curve), color, linewidth=0.9)
     slip.set_ylim(bottom=0.0)
     friction.set_ylim(bottom=0.0)
-    _mark_static_load(normal, curves)
-    dressed(slip, "", "Slip,\npeak [µm]")
-    dressed(friction, "", "Friction force,\npeak [N]")
-    dressed(normal, over(curves), "Normal reaction,\nmax and min [N]")
+    _mark_static_load(normal, curves, scale)
+    normal.set_xlabel(over(curves), color=INK)
     return rows
+
+
+def draw_peaks(ax: Axes, curves: Sequence[ResponseCurve], channel: str, label: str, legend: str | None = None) -> float:
+    """Peaks of a channel over what is varied, in a unit of their size; return the factor of that unit."""
+    scale, unit = prefixed(curves[0][channel].unit, *(curve[channel].peak for curve in curves))
+    for curve, color in zip(curves, level_colors(curves), strict=True):
+        draw_line(ax, curve, scale * curve[channel].peak, color, label=legend)
+    dressed(ax, "", f"{label} [{unit}]")
+    return scale
 
 
 def least_reaction(curve: ResponseCurve) -> Array:
@@ -167,13 +175,13 @@ def over(curves: Sequence[ResponseCurve]) -> str:
     return "Force amplitude [N]" if curves[0].problem.parameter == "force" else "Excitation frequency [Hz]"
 
 
-def mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
-    """Discreet markers where the curve turns back, has corners, bifurcates, or ends too early."""
-    for kind, (values, heights) in _places(curve, y).items():
+def mark(ax: Axes, curve: ResponseCurve, scale: float, color: Color) -> None:
+    """Discreet markers where the drive's peak turns back, has corners, bifurcates, or ends too early."""
+    for kind, (values, heights) in _places(curve).items():
         marker, size = MARKERS[kind]
         ax.plot(
             values,
-            heights,
+            scale * heights,
             linestyle="none",
             marker=marker,
             markersize=size,
@@ -184,9 +192,9 @@ def mark(ax: Axes, curve: ResponseCurve, y: Array, color: Color) -> None:
         )
 
 
-def _places(curve: ResponseCurve, y: Array) -> dict[str, tuple[Array, Array]]:
-    """Parameter and height of the markers of each kind; a bifurcation is marked where it was located."""
-    points = curve.branch.points
+def _places(curve: ResponseCurve) -> dict[str, tuple[Array, Array]]:
+    """Parameter and peak of the drive [m] of the markers of each kind; a bifurcation is marked where it was located."""
+    points, y = curve.branch.points, curve["drive"].peak
     at = {
         "corner": [i for i, p in enumerate(points) if p.corner],
         "fold": [i for i, p in enumerate(points) if p.fold],
@@ -200,7 +208,7 @@ def _places(curve: ResponseCurve, y: Array) -> dict[str, tuple[Array, Array]]:
         kind: [b for b in found if b.kind.value == kind] for kind in MARKERS if kind not in ("corner", "ends here")
     }
     for kind, found in located.items():
-        drive = [1e3 * b.solution.channels["drive"].peak for b in found]
+        drive = [b.solution.channels["drive"].peak for b in found]
         places[kind] = (np.array([curve.value_at(b.special.lam) for b in found]), np.array(drive))
     return places
 
@@ -218,15 +226,15 @@ def explain(ax: Axes) -> None:
         )
 
 
-def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve]) -> None:
+def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve], scale: float) -> None:
     """Line at the static load, and at zero where the reaction comes near it."""
     rig = curves[0].rig
     if not isinstance(rig, Rig):
         return
-    P = rig.contact.normal_load
+    P = scale * rig.contact.normal_load
     ax.axhline(P, color=FAINT, linewidth=0.8, zorder=0)
     ax.annotate("$P$", (1.0, P), (3, 0), ax.get_yaxis_transform(), "offset points", va="center", fontsize=SMALL)
-    if min(float(least_reaction(c).min()) for c in curves) < 0.25 * P:
+    if min(scale * float(least_reaction(c).min()) for c in curves) < 0.25 * P:
         ax.axhline(0.0, color="0.35", linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=0)
         ax.text(
             0.005,

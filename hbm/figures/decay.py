@@ -1,7 +1,7 @@
 """Figure of a measured backbone: frequency and damping over the amplitude, beside models, and what these leave."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from hbm.figures.compared import Compared
 from hbm.figures.diagnosis import BAND, COLORS, FIVE_COLUMNS, STYLES, WIDTHS, record_handles
 from hbm.figures.scales import logarithmic
 from hbm.figures.style import FAINT, INK, AxesArray, as_written, dressed, legend_above, panels
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 from hbm.measurement.decay import Decay, damping_ratio, decay_rate
 
@@ -66,6 +67,8 @@ def plot_decay(
     """
     grid = panels(axes, 2, 2, 4.6, sharex=True)
     shown = {name: decay_compared(decay, c) for name, c in models.items()}
+    scale_of_amplitude, unit = prefixed(unit, *(c.amplitude for c in shown.values()))
+    shown = {name: replace(c, amplitude=scale_of_amplitude * c.amplitude) for name, c in shown.items()}
     first = next(iter(shown.values()))
     for column, (measured, std, key, scale) in enumerate(
         ((decay.hz, decay.hz_std, "hz", 1.0), (decay.damping_ratio, decay.damping_ratio_std, "damping_ratio", 100.0))

@@ -15,6 +15,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from hbm.figures.compared import MODELS, Compared
 from hbm.figures.scales import logarithmic
 from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, graded, label_all, legend_above, panels
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 from hbm.measurement.groups import frequency_bands, levels
 
@@ -79,18 +80,20 @@ def plot_responses(
     bands = frequency_bands(any_model.hz)
     grid = _grid(any_model, channels, bands, axes)
     for row, beside in enumerate(grid):
+        scale, unit = prefixed(units[row], any_model.measured[(any_model.channel == row) & (any_model.harmonic == 1)])
         for band, ax in zip(bands, beside, strict=True):
             for level in found:
                 for name, c in models.items():
                     own = np.flatnonzero(_chosen(c, row, band) & np.isclose(levels(c.level), level))
                     line = {"color": colors[level], "linestyle": STYLES[name], "linewidth": WIDTHS[name]}
-                    draw_response(ax, c, own, of_model(traced, name, level, band), (channels[row], 1), **line)
+                    curve = of_model(traced, name, level, band)
+                    draw_response(ax, c, own, curve, (channels[row], 1), scale, **line)
                 shown = _chosen(any_model, row, band) & (level_of == level)
-                measured_points(ax, any_model, shown, colors[level])
+                measured_points(ax, any_model.times(scale), shown, colors[level])
             logarithmic(ax.yaxis)
             _readable(ax, len(bands))
             dressed(ax, "", "")
-        beside[0].set_ylabel(f"{as_written(channels[row])}\n[{units[row]}]", color=INK, fontsize=SMALL + 1)
+        beside[0].set_ylabel(f"{as_written(channels[row])}\n[{unit}]", color=INK, fontsize=SMALL + 1)
     label_all(grid, FREQUENCY, "Amplitude of the fundamental")
     handles = [Line2D([], [], color=colors[v], linewidth=3, label=f"{v:.3g} N") for v in found]
     handles += [Line2D([], [], color=INK, linestyle=STYLES[name], linewidth=1, label=name) for name in models]
@@ -117,6 +120,7 @@ def draw_response(
     own: npt.NDArray[np.int64],
     traced: "TracedResponse | None",
     signal: tuple[str, int],
+    scale: float,
     **line: Any,
 ) -> None:
     """Draw a model at one level: its curve, or where it was not traced its records, joined.
@@ -130,15 +134,18 @@ def draw_response(
     traced : TracedResponse or None
     signal : (str, int)
         Channel and harmonic.
+    scale : float
+        Factor of the unit of the axis.
     **line
         Style.
     """
     channel, harmonic = signal
     if traced is not None and harmonic < traced.amplitudes[channel].shape[1]:
-        ax.plot(traced.hz, traced.amplitudes[channel][:, harmonic], **line)
+        ax.plot(traced.hz, scale * traced.amplitudes[channel][:, harmonic], **line)
         return
     order = own[np.argsort(c.hz[own])]
-    ax.plot(c.hz[order], np.abs(c.simulated[order]), marker="_" if len(order) == 1 else "", markersize=9, **line)
+    y = scale * np.abs(c.simulated[order])
+    ax.plot(c.hz[order], y, marker="_" if len(order) == 1 else "", markersize=9, **line)
 
 
 def measured_points(ax: Axes, c: Compared, own: npt.NDArray[np.bool_], color: Any) -> None:

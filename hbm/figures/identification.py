@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch
 from matplotlib.ticker import MaxNLocator
 
-from hbm.figures.inverse import BAND, FRICTION, HARMONIC, SLIP, loop_band, representative
+from hbm.figures.inverse import BAND, HARMONIC, loop_band, loop_labels, representative, unit_of
 from hbm.figures.scales import OneStyle, log_numbers, logarithmic
 from hbm.figures.style import (
     FAINT,
@@ -28,6 +28,7 @@ from hbm.figures.style import (
     panels,
     wrapped_panels,
 )
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def plot_law_loops(
     found = wrapped_panels(axes, len(chosen), 0.6, 1.9, sharey=True)
     for record, ax in zip(chosen, found, strict=True):
         _draw_laws(ax, reconstruction, predicted, slip or {}, reconstruction.index(record))
-    label_all(found, SLIP, FRICTION)
+    label_all(found, *loop_labels(reconstruction))
     legend_above(found, found[0].get_legend_handles_labels()[0], ncols=4)
     return found
 
@@ -132,14 +133,15 @@ def loop_records(reconstruction: "Reconstruction") -> list[int]:
 
 def _draw_laws(ax: Axes, reconstruction: "Reconstruction", predicted: Predicted, slips: Predicted, i: int) -> None:
     slip, friction = reconstruction["slip"], reconstruction["friction"]
-    u, T = slip.samples[i] * 1e6, friction.samples[i]
-    band = loop_band(u, T, slip.std[i] * 1e6, friction.std[i])
+    (by, _), (by_force, _) = unit_of(reconstruction, "slip"), unit_of(reconstruction, "friction")
+    u, T = slip.samples[i] * by, friction.samples[i] * by_force
+    band = loop_band(u, T, slip.std[i] * by, friction.std[i] * by_force)
     ax.add_patch(PathPatch(band, facecolor="0.86", linewidth=0, zorder=1))
     ax.plot(closed(u), closed(T), color="0.55", linewidth=2.2, zorder=2, label="reconstructed")
     for n, (law, forces) in enumerate(predicted.items()):
         style = law_style(n) | {"marker": ""}
-        own = slips[law][i] * 1e6 if law in slips else u
-        ax.plot(closed(own), closed(forces[i]), linewidth=1.2, zorder=3, label=law, **style)
+        own = slips[law][i] * by if law in slips else u
+        ax.plot(closed(own), closed(forces[i] * by_force), linewidth=1.2, zorder=3, label=law, **style)
     ax.autoscale_view()
     ax.xaxis.set_major_locator(MaxNLocator(4))
     dressed(ax, "", "")
@@ -171,26 +173,26 @@ def plot_law_residuals(
     """
     pair = panels(axes, 1, 2, 2.8).ravel()
     left, right = pair
-    k = np.arange(1, reconstruction.H + 1)
+    k, noise = np.arange(1, reconstruction.H + 1), residual_noise(reconstruction)
+    found = {law: law_residuals(reconstruction, forces) for law, forces in predicted.items()}
+    scale, unit = prefixed("N", noise, *(rms for rms, _ in found.values()))
     left.plot(
         k,
-        residual_noise(reconstruction),
+        scale * noise,
         color="0.5",
         linewidth=0.9,
         drawstyle="steps-mid",
         label="resolution of the sensors, std",
     )
     right.axhline(1.0, color="0.5", linewidth=0.9)
-    for n, (law, forces) in enumerate(predicted.items()):
-        rms, relative = law_residuals(reconstruction, forces)
-        for ax, values in ((left, rms), (right, relative)):
+    for n, (law, (rms, relative)) in enumerate(found.items()):
+        for ax, values in ((left, scale * rms), (right, relative)):
             ax.plot(k, values, linewidth=1.1, markersize=3.5, label=law, **law_style(n))
-    noise = residual_noise(reconstruction)
-    for ax, least in ((left, float(noise[noise > 0.0].min(initial=1.0))), (right, 1.0)):
+    for ax, least in ((left, scale * float(noise[noise > 0.0].min(initial=1.0))), (right, 1.0)):
         logarithmic(ax.yaxis)
         ax.set_ylim(bottom=0.05 * least)
         ax.set_xticks(k[:: 1 + len(k) // 12])
-    dressed(left, HARMONIC, "Residual, rms [N]")
+    dressed(left, HARMONIC, f"Residual, rms [{unit}]")
     dressed(right, HARMONIC, "Residual / resolution")
     legend_above(pair, left.get_legend_handles_labels()[0], ncols=4)
     return pair

@@ -31,6 +31,7 @@ from hbm.figures.style import (
     panels,
     tint,
 )
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
@@ -45,13 +46,13 @@ BAND = 1.96
 PANELS = 4
 MOST_LEVELS = 5
 SIGNAL_ROWS = (
-    ("friction", 1.0, "Friction\n[N]"),
-    ("normal", 1.0, "Reaction\n[N]"),
-    ("slip", 1e6, "Slip\n[µm]"),
-    ("slip_velocity", 1e3, "Slip velocity\n[mm/s]"),
+    ("friction", "Friction"),
+    ("normal", "Reaction"),
+    ("slip", "Slip"),
+    ("slip_velocity", "Slip velocity"),
 )
 TRUTH_LINE: dict[str, Any] = {"color": "#D55E00", "linewidth": 1.1, "linestyle": (0, (1, 1.6)), "zorder": 4}
-SLIP, FRICTION, FREQUENCY, HARMONIC = "Slip [µm]", "Friction force [N]", "Frequency [Hz]", "Harmonic"
+FREQUENCY, HARMONIC = "Frequency [Hz]", "Harmonic"
 
 
 # -------------------------------------------------------------------------------------------------- choice of records
@@ -89,6 +90,16 @@ def _spread(count: int, most: int) -> npt.NDArray[np.intp]:
     return np.asarray(np.sort(steps), dtype=np.intp)
 
 
+def unit_of(reconstruction: "Reconstruction", name: str) -> tuple[float, str]:
+    """Factor and unit of a signal, the same in all figures of one reconstruction."""
+    return prefixed(reconstruction[name].unit, reconstruction[name].samples)
+
+
+def loop_labels(reconstruction: "Reconstruction") -> tuple[str, str]:
+    """Labels of slip and friction force."""
+    return f"Slip [{unit_of(reconstruction, 'slip')[1]}]", f"Friction force [{unit_of(reconstruction, 'friction')[1]}]"
+
+
 def level_color(reconstruction: "Reconstruction", level: float) -> Color:
     """Colour of a level in all figures of one reconstruction."""
     levels = np.unique(reconstruction.spectra.level)
@@ -120,16 +131,17 @@ def plot_reconstructed_loop(
     ax, i = new_axes(ax), reconstruction.index(record)
     slip, friction = reconstruction["slip"], reconstruction["friction"]
     color = level_color(reconstruction, reconstruction.spectra.level[i])
-    u, T = slip.samples[i] * 1e6, friction.samples[i]
-    band = loop_band(u, T, slip.std[i] * 1e6, friction.std[i])
+    (by, _), (by_force, _) = unit_of(reconstruction, "slip"), unit_of(reconstruction, "friction")
+    u, T = slip.samples[i] * by, friction.samples[i] * by_force
+    band = loop_band(u, T, slip.std[i] * by, friction.std[i] * by_force)
     ax.add_artist(PathPatch(band, facecolor=tint(color), linewidth=0, zorder=1))
     ax.update_datalim(band.vertices)  # add_patch would look for the ends of each curve, of which there are none
     ax.plot(closed(u), closed(T), color=color, linewidth=1.2, zorder=3, label="reconstructed")
     if truth is not None:
         known = [closed(_comparable(reconstruction, truth, name, i)) for name in ("slip", "friction")]
-        ax.plot(known[0] * 1e6, known[1], **TRUTH_LINE, label="true")
+        ax.plot(known[0] * by, known[1] * by_force, **TRUTH_LINE, label="true")
     ax.autoscale_view()
-    return dressed(ax, SLIP, FRICTION)
+    return dressed(ax, *loop_labels(reconstruction))
 
 
 def loop_band(u: Array, T: Array, u_std: Array, T_std: Array) -> Path:
@@ -202,7 +214,7 @@ def plot_reconstructed_loops(
             if not reconstruction.slips[reconstruction.index(record)]:
                 ax.text(0.97, 0.95, "sticks", transform=ax.transAxes, ha="right", va="top", fontsize=SMALL, color="0.4")
             titled(ax, reconstruction, record)
-    label_all(grid, SLIP, FRICTION)
+    label_all(grid, *loop_labels(reconstruction))
     if truth is not None:
         grey_legend(grid)
     return grid
@@ -270,9 +282,10 @@ def plot_signals(
     chosen = representative(reconstruction, 1) if records is None else list(records)
     grid = panels(axes, len(SIGNAL_ROWS), len(chosen), 5.6, sharex=True, sharey="row")
     for column, record in enumerate(chosen):
-        for (name, scale, label), ax in zip(SIGNAL_ROWS, grid[:, column], strict=True):
+        for (name, label), ax in zip(SIGNAL_ROWS, grid[:, column], strict=True):
+            scale, unit = unit_of(reconstruction, name)
             _draw_signal(ax, reconstruction, name, record, scale, truth)
-            dressed(ax, "", "" if column else label)
+            dressed(ax, "", "" if column else f"{label}\n[{unit}]")
         titled(grid[0, column], reconstruction, record)
     _mark_load(grid[1], reconstruction)
     for ax in grid.flat:
@@ -301,7 +314,7 @@ def _draw_signal(
 
 
 def _mark_load(axes: AxesArray, reconstruction: "Reconstruction") -> None:
-    P = reconstruction.rig.contact.normal_load
+    P = reconstruction.rig.contact.normal_load * unit_of(reconstruction, "normal")[0]
     for ax in axes:
         ax.axhline(P, color="0.55", linewidth=0.7, linestyle=(0, (4, 2)), zorder=0)
     axes[-1].annotate(

@@ -22,6 +22,7 @@ from hbm.figures.style import (
     tint,
     wrapped_panels,
 )
+from hbm.figures.units import prefixed
 
 if TYPE_CHECKING:
     from hbm.inverse.jointreconstruction import JointReconstruction
@@ -64,14 +65,15 @@ def plot_joint_loops(
     colors = graded(list(range(len(chosen))))
     for ax, name, motion, units in zip(grid, rig.forces, rig.motions, rig.units, strict=True):
         force, moved = found[name], found[motion]
+        (by, m), (by_force, N) = (prefixed(u, s.samples[places]) for u, s in zip(units, (moved, force), strict=True))
         for i, color in zip(places, colors, strict=True):
-            u, f = moved.samples[i] * 1e6, force.samples[i]
+            u, f = moved.samples[i] * by, force.samples[i] * by_force
             if f.any():
-                band = loop_band(u, f, moved.std[i] * 1e6, force.std[i])
+                band = loop_band(u, f, moved.std[i] * by, force.std[i] * by_force)
                 ax.add_patch(PathPatch(band, facecolor=tint(color), linewidth=0, zorder=1))
             ax.plot(closed(u), closed(f), color=color, linewidth=1.1, zorder=3)
         ax.autoscale_view()
-        dressed(ax, f"Motion [µ{units[0]}]", f"Force [{units[1]}]")
+        dressed(ax, f"Motion [{m}]", f"Force [{N}]")
         ax.set_title(name.replace(".force", ""), fontsize=SMALL + 1, color=INK)
     _name_records(grid, found, chosen)
     return grid
@@ -92,14 +94,15 @@ def plot_joint_signals(
     phase, colors = np.append(found.phase, 1.0), graded(list(range(len(chosen))))
     for row, name, motion, units in zip(grid, rig.forces, rig.motions, rig.units, strict=True):
         where = name.replace(".force", "")
-        sides = ((name, 1.0, f"{where},\nforce [{units[1]}]"), (motion, 1e6, f"motion [µ{units[0]}]"))
-        for ax, (signal, scale, label) in zip(row, sides, strict=True):
+        sides = ((name, units[1], f"{where},\nforce"), (motion, units[0], "motion"))
+        for ax, (signal, plain, label) in zip(row, sides, strict=True):
+            scale, unit = prefixed(plain, found[signal].samples[places])
             for i, color in zip(places, colors, strict=True):
                 y, std = (scale * closed(part[i]) for part in (found[signal].samples, found[signal].std))
                 ax.fill_between(phase, y - BAND * std, y + BAND * std, color=tint(color), linewidth=0, zorder=1)
                 ax.plot(phase, y, color=color, linewidth=1.1, zorder=3)
             ax.set_xlim(0.0, 1.0)
-            dressed(ax, "", label)
+            dressed(ax, "", f"{label} [{unit}]")
     label_all(grid, "Phase of the period")
     _name_records(grid, found, chosen)
     return align_labels(grid)

@@ -1,6 +1,6 @@
-"""Figures of rigs with joints: the drive, and at every port force and motion, one colour a port."""
+"""Figures of rigs with joints: the drive, and at every port force and motion, a colour and a marker for each port."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,7 +10,8 @@ from matplotlib.lines import Line2D
 
 from hbm.figures.scales import logarithmic
 from hbm.figures.stretches import draw_line
-from hbm.figures.style import INK, as_written, dressed, legend_on_top
+from hbm.figures.style import INK, as_written, dressed, legend_on_top, level_colors, say_nothing
+from hbm.figures.units import prefixed_together
 
 if TYPE_CHECKING:
     from hbm.response.curve import ResponseCurve
@@ -26,51 +27,78 @@ LEGEND = 12
 """Largest number of ports that are named in a legend."""
 
 
-def colors_of(rig: "JointedRig") -> list[Any]:
-    """A colour for each port, of one joint in neighbouring ones."""
-    return list(colormaps["viridis"](np.linspace(0.0, 0.9, rig.ports)))
+COLORS = ("#000000", "#E69F00", "#0072B2", "#56B4E9", "#009E73", "#CC79A7", "#D55E00")
+"""Colours of neighbouring ports; distinct without colour vision, and unlike the next in grey (Okabe, Ito)."""
+
+MARKERS = "os^DvX*Pp<>h"
+"""One for each port that is named: they tell ports apart where colours cannot, as in grey print."""
+
+APART = 0.2
+"""Distance between the markers on a line, as a share of the panel's diagonal; those of different ports stand apart."""
 
 
-def _units(rig: "JointedRig") -> tuple[str, str]:
-    """Units of forces, and of motions in millionths."""
-    motions, forces = (list(dict.fromkeys(units)) for units in zip(*(rig.units or [("m", "N")]), strict=True))
-    return ", ".join(forces), ", ".join(f"µ{unit}" for unit in motions)
+def styles_of(rig: "JointedRig") -> list[dict[str, Any]]:
+    """Style of the lines of each port; ports that are too many to be named have neighbouring colours alone."""
+    if rig.ports == 1:
+        return [{"color": level_colors([rig])[0]}]
+    if rig.ports > LEGEND:
+        return [{"color": color} for color in colormaps["viridis"](np.linspace(0.0, 0.9, rig.ports))]
+    return [
+        {"color": COLORS[i % len(COLORS)], "marker": MARKERS[i], "markersize": 3.6, "markevery": (start, APART)}
+        for i, start in enumerate(APART * np.arange(rig.ports) / rig.ports)
+    ]
 
 
 def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) -> None:
-    """Peaks of force and motion at every port over what is varied, a colour a port; the higher the level the wider."""
+    """Peaks of force and motion at every port over what is varied; the higher the level the wider the line."""
     rig: Any = curves[0].rig
     if not rig.joints:
         force.set_axis_off()
         motion.set_axis_off()
         return
     curves = sorted(curves, key=lambda c: c.level)
-    widths = np.linspace(*WIDTHS, len(curves)) if len(curves) > 1 else [float(np.mean(WIDTHS))]
-    for ax, names, scale in ((force, rig.forces, 1.0), (motion, rig.motions, 1e6)):
-        peaks = [[scale * curve[name].peak for name in names] for curve in curves]
-        for curve, width, own in zip(curves, widths, peaks, strict=True):
-            for color, peak in zip(colors_of(rig), own, strict=True):
-                draw_line(ax, curve, peak, color, width)
-        logarithmic(ax.yaxis)
+    widths = np.linspace(*WIDTHS, len(curves)).tolist() if len(curves) > 1 else [float(np.mean(WIDTHS))]
+    for ax, names, what in ((force, rig.forces, "force"), (motion, rig.motions, "motion")):
+        peaks = [[curve[name].peak for name in names] for curve in curves]
         highest, lowest = (float(find([find(p) for own in peaks for p in own])) for find in (np.max, np.min))
-        ax.set_ylim(bottom=max(lowest, SHOWN * highest) / 2)
-    handles = []
-    if rig.ports <= LEGEND:
-        named = zip(colors_of(rig), rig.forces, strict=True)
-        handles = [Line2D([], [], color=c, label=as_written(f.replace(".force", ""))) for c, f in named]
-    if len(curves) > 1:
-        levels = zip(widths, curves, strict=True)
-        handles += [Line2D([], [], color=INK, linewidth=w, label=f"{c.level:g} N") for w, c in levels]
-    if handles:
-        legend_on_top(force, handles)
-    dressed(force, "", f"Joint force,\npeak [{_units(rig)[0]}]")
-    dressed(motion, "", f"Joint motion,\npeak [{_units(rig)[1]}]")
+        scale, unit = prefixed_together([curves[0][name].unit for name in names], highest)
+        dressed(ax, "", f"Joint {what},\npeak [{unit}]")
+        if highest == 0.0:
+            say_nothing(ax, f"no {what} at the joints")
+            continue
+        for curve, width, own in zip(curves, widths, peaks, strict=True):
+            for style, peak in zip(styles_of(rig), own, strict=True):
+                draw_line(ax, curve, scale * peak, linewidth=width, **style)
+        logarithmic(ax.yaxis)
+        ax.set_ylim(bottom=scale * max(lowest, SHOWN * highest) / 2)
+    legend_on_top(force, _handles(rig) + _level_handles(curves, widths))
 
 
-def history_rows(rig: "JointedRig") -> list[tuple[Sequence[str], float, str, list[Any]]]:
-    """Signals of a history of a rig with joints, panel by panel: their names, scale, label and colours."""
+def _handles(rig: "JointedRig") -> list[Line2D]:
+    """Entries of a legend for the ports, if they are few enough."""
+    if rig.ports > LEGEND:
+        return []
     return [
-        (["drive"], 1e3, "Drive\n[mm]", [INK]),
-        (rig.forces, 1.0, f"Joint force\n[{_units(rig)[0]}]", colors_of(rig)),
-        (rig.motions, 1e6, f"Joint motion\n[{_units(rig)[1]}]", colors_of(rig)),
+        Line2D([], [], **style | {"markevery": None}, label=as_written(name.replace(".force", "")))
+        for style, name in zip(styles_of(rig), rig.forces, strict=True)
+    ]
+
+
+def _level_handles(curves: Sequence["ResponseCurve"], widths: Sequence[float]) -> list[Line2D]:
+    """Entries of a legend for levels, if there are several."""
+    if len(curves) == 1:
+        return []
+    return [Line2D([], [], color=INK, linewidth=w, label=f"{c.level:g} N") for w, c in zip(widths, curves, strict=True)]
+
+
+HistoryRow = tuple[Sequence[str], str, Sequence[Mapping[str, Any]]]
+"""Signals of a panel of a history: their names, what they are, and the styles of their lines."""
+
+
+def history_rows(rig: "JointedRig") -> list[HistoryRow]:
+    """Signals of a history of a rig with joints, panel by panel."""
+    return [
+        (["drive"], "Drive", [{"color": INK}]),
+        (rig.forces, "Joint force", styles_of(rig)),
+        (rig.motions, "Joint motion", styles_of(rig)),
     ]

@@ -10,6 +10,7 @@ from hbm.figures.compared import Compared
 from hbm.figures.diagnosis import COLORS, FIVE_COLUMNS, FREQUENCY
 from hbm.figures.scales import logarithmic
 from hbm.figures.style import INK, AxesArray, as_written, dressed, legend_above, panels
+from hbm.figures.units import prefixed
 
 ROOM = 10.0
 """What is drawn reaches this factor below the noise of the quietest line."""
@@ -46,9 +47,11 @@ def plot_lines(
     """
     found = panels(axes, 1, 1, 3.2).ravel()
     (ax,), handles, bottom = found, list[Line2D](), 0.0
+    first = next(iter(models.values()))
+    scale, unit = prefixed(unit, first.measured[(first.record == record) & (first.channel == channel)])
     dots: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 2.5}
     for name, c in models.items():
-        own = c.where((c.record == record) & (c.channel == channel))
+        own = c.where((c.record == record) & (c.channel == channel)).times(scale)
         hz = own.harmonic * own.hz
         if not handles:
             ax.plot(hz, np.abs(own.measured), color=INK, **dots)

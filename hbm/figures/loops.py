@@ -1,6 +1,7 @@
 """Figures of friction loops: of a steady state, and of laws alone under a prescribed slip."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,12 +21,12 @@ from hbm.figures.style import (
     new_axes,
     panels,
 )
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
     from hbm.response.loop import FrictionLoop
 
-LOOP_LABELS = ("Slip [µm]", "Velocity [mm/s]")
 STYLES = ("-", (0, (5, 1.5)), (0, (2, 1)), (0, (5, 1, 1, 1)))
 OVERLAID = len(STYLES)
 
@@ -45,9 +46,11 @@ def plot_loop(
         Any Matplotlib colour.
     """
     ax = new_axes(ax)
-    slip, T = closed(solution.channels["slip"].samples) * 1e6, closed(solution.channels["friction"].samples)
+    slip, T, limit = (closed(solution.channels[name].samples) for name in ("slip", "friction", "normal"))
+    (scale, unit), (by_force, of_force) = prefixed("m", slip), prefixed("N", T)
+    slip, T = scale * slip, by_force * T
     if mu is not None:
-        limit = mu * closed(solution.channels["normal"].samples)
+        limit = by_force * mu * limit
         for sign, text in ((1.0, r"$\mu R$"), (-1.0, r"$-\mu R$")):
             ax.plot(slip, sign * limit, color="0.55", linewidth=0.8, linestyle=(0, (4, 2)), label=text)
             right = int(np.argmax(slip))
@@ -60,7 +63,7 @@ def plot_loop(
                 fontsize=SMALL,
             )
     ax.plot(slip, T, color=level_colors([solution])[0] if color is None else color, linewidth=1.4)
-    return dressed(ax, "Slip [µm]", "Friction force [N]")
+    return dressed(ax, f"Slip [{unit}]", f"Friction force [{of_force}]")
 
 
 def plot_loops(loops: Sequence["FrictionLoop"], axes: AxesArray | None = None) -> AxesArray:
@@ -82,12 +85,12 @@ def plot_loops(loops: Sequence["FrictionLoop"], axes: AxesArray | None = None) -
 
 
 def _overlaid(loops: Sequence["FrictionLoop"], axes: AxesArray | None) -> AxesArray:
-    pair = panels(axes, 1, 2, 2.9, sharey=True).ravel()
+    pair, scales = panels(axes, 1, 2, 2.9, sharey=True).ravel(), _scales(loops)
     for i, (loop, style) in enumerate(zip(loops, STYLES, strict=False)):
         color = colormaps["viridis"](0.05 + 0.73 * i / max(len(loops) - 1, 1))
-        for ax, x in zip(pair, _scaled(loop), strict=True):
-            ax.plot(x, closed(loop.T), color=color, linestyle=style, linewidth=1.4, label=loop.law.name)
-    for ax, x_label, y_label in zip(pair, LOOP_LABELS, ("Friction force [N]", ""), strict=True):
+        for ax, x in zip(pair, scales.over(loop), strict=True):
+            ax.plot(x, scales.force(loop), color=color, linestyle=style, linewidth=1.4, label=loop.law.name)
+    for ax, x_label, y_label in zip(pair, scales.labels, (scales.label, ""), strict=True):
         dressed(ax, x_label, y_label)
     legend_above(pair, pair[0].get_legend_handles_labels()[0], where="upper center", ncols=OVERLAID)
     return pair
@@ -97,35 +100,60 @@ def _one_by_one(loops: Sequence["FrictionLoop"], axes: AxesArray | None) -> Axes
     rows = -(-len(loops) // 2)
     grid = panels(axes, rows, 4, 1.2 * rows + 0.4, sharex="col", sharey=True)
     free = [(0, 2)] if len(loops) % 2 else []
+    scales = _scales(loops)
     places = [(row, column) for column in (0, 2) for row in range(rows) if (row, column) not in free]
     for loop, (row, column) in zip(loops, places, strict=True):
-        _small_multiple(grid[row, column : column + 2], loop, loops)
+        _small_multiple(grid[row, column : column + 2], loop, loops, scales)
     for row, column in free:
         _say_what_is_drawn(grid[row, column : column + 2], loops[0])
-    for ax, label in zip(grid[-1], LOOP_LABELS * 2, strict=True):
+    for ax, label in zip(grid[-1], scales.labels * 2, strict=True):
         ax.set_xlabel(label, color=INK)
-    label_all(grid, "", "Friction force [N]")
+    label_all(grid, "", scales.label)
     return grid
 
 
-def _small_multiple(pair: AxesArray, loop: "FrictionLoop", loops: Sequence["FrictionLoop"]) -> None:
+def _small_multiple(pair: AxesArray, loop: "FrictionLoop", loops: Sequence["FrictionLoop"], scales: "_Scales") -> None:
     for k, ax in enumerate(pair):
         for other in loops:
-            ax.plot(_scaled(other)[k], closed(other.T), color="0.87", linewidth=0.5, label=f"_{other.law.name}")
-        ax.plot(_scaled(loop)[k], closed(loop.T), color=level_colors([loop])[0], linewidth=1.3, label=loop.law.name)
+            behind = scales.over(other)[k], scales.force(other)
+            ax.plot(*behind, color="0.87", linewidth=0.5, label=f"_{other.law.name}")
+        own = scales.over(loop)[k], scales.force(loop)
+        ax.plot(*own, color=level_colors([loop])[0], linewidth=1.3, label=loop.law.name)
         dressed(ax, "", "")
     pair[0].set_title(loop.law.name, fontsize=SMALL + 1, loc="left", color=INK)
 
 
 def _say_what_is_drawn(pair: AxesArray, loop: "FrictionLoop") -> None:
     """Fill a place that no law takes."""
-    text = f"slip ±{np.ptp(loop.u) * 5e5:.3g} µm at {loop.hz:g} Hz,\nload {loop.load:g} N; grey: the other laws"
+    reach = np.ptp(loop.u) / 2
+    scale, unit = prefixed("m", reach)
+    text = f"slip ±{reach * scale:.3g} {unit} at {loop.hz:g} Hz,\nload {loop.load:g} N; grey: the other laws"
     note = pair[0].text(0.0, 0.5, text, transform=pair[0].transAxes, va="center", fontsize=SMALL, color=INK)
     note.set_in_layout(False)
     for ax in pair:
         ax.set_axis_off()
 
 
-def _scaled(loop: "FrictionLoop") -> tuple[Array, Array]:
-    """Slip [µm] and slip velocity [mm/s], closed."""
-    return closed(loop.u) * 1e6, closed(loop.v) * 1e3
+@dataclass(frozen=True)
+class _Scales:
+    """Factors of slip, slip velocity and force, and the labels of their axes."""
+
+    factors: tuple[float, float, float]
+    labels: tuple[str, str]
+    label: str
+
+    def over(self, loop: "FrictionLoop") -> tuple[Array, Array]:
+        """Slip and slip velocity, closed."""
+        return closed(loop.u) * self.factors[0], closed(loop.v) * self.factors[1]
+
+    def force(self, loop: "FrictionLoop") -> Array:
+        """Force, closed."""
+        return closed(loop.T) * self.factors[2]
+
+
+def _scales(loops: Sequence["FrictionLoop"]) -> _Scales:
+    (slip, m), (velocity, speed), (force, N) = (
+        prefixed(unit, *(getattr(loop, name) for loop in loops))
+        for unit, name in (("m", "u"), ("m/s", "v"), ("N", "T"))
+    )
+    return _Scales((slip, velocity, force), (f"Slip [{m}]", f"Velocity [{speed}]"), f"Friction force [{N}]")

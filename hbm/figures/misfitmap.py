@@ -15,6 +15,9 @@ from hbm.figures.scales import few_numbers
 from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, label_all, panels
 from hbm.fourier import Array
 
+LABELLED = 10
+"""Most frequencies that have room beside each other, turned, in one of three panels."""
+
 
 def plot_misfit_map(
     models: Mapping[str, Compared], channels: Sequence[str], axes: AxesArray | None = None
@@ -79,8 +82,9 @@ def _record_map(ax: Axes, c: Compared, norm: LogNorm, shade: str) -> None:
         i = c.held_out[first] == held
         size: dict[str, Any] = {"s": 24 if held else 30, "edgecolors": "0.3", "linewidths": 0.5}
         ax.scatter(across[i], up[i], c=rms[i], norm=norm, cmap=shade, marker=marker, **size)
-    shown = np.unique(np.linspace(0, len(frequencies) - 1, 5).round().astype(int))
+    shown = range(0, len(frequencies), -(-len(frequencies) // LABELLED))
     ax.set_xticks(shown, [f"{frequencies[i]:.4g}" for i in shown], rotation=45)
+    ax.set_xticks(range(len(frequencies)), minor=True)
     ax.set_yticks(range(len(levels)), [f"{level:g}" for level in levels])
     ax.margins(x=0.08, y=0.15)
     dressed(ax, "", "")

@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from hbm.figures.diagnosis import BAND, COLORS, MOST_PLACES
 from hbm.figures.scales import logarithmic
-from hbm.figures.style import FAINT, INK, SMALL, WIDTH, AxesArray, as_written, dressed, graded, panels
+from hbm.figures.style import FAINT, INK, SMALL, WIDTH, AxesArray, as_written, dressed, graded, legend_on_top, panels
+from hbm.figures.units import prefixed
 from hbm.measurement.groups import levels
 
 if TYPE_CHECKING:
@@ -57,7 +59,7 @@ def _draw_places(ax: Axes, places: Sequence["MissingForce"], before: float) -> N
     low = 0.7 * min(1.0, float(left.min()))
     bars = ax.barh(y, left - low, left=low, height=0.62, color="0.78")
     bars[0].set_color(COLORS["extended"])
-    ax.bar_label(bars, [f"{p.left:.3g}  ({100 * p.share:.3g} %)" for p in places], padding=3, fontsize=SMALL, color=INK)
+    ax.bar_label(bars, _numbers(places), padding=3, fontsize=SMALL, color=INK)
     logarithmic(ax.xaxis)
     top = max(before, float(left.max()))
     ax.set_xlim(low, top * (top / low) ** 0.4)  # room for the numbers
@@ -69,21 +71,31 @@ def _draw_places(ax: Axes, places: Sequence["MissingForce"], before: float) -> N
     ax.tick_params(axis="y", length=0)
 
 
+def _numbers(places: Sequence["MissingForce"]) -> list[str]:
+    """What each place leaves and, unless that is the same of all, the share that it explains."""
+    left, explained = [f"{p.left:.3g}" for p in places], [f"{100 * p.share:.3g}" for p in places]
+    if len(set(explained)) == 1:
+        return left
+    return [f"{rest}  (explains {share} %)" for rest, share in zip(left, explained, strict=True)]
+
+
 def _draw_harmonics(ax: Axes, f: "MissingForce") -> None:
     k = np.arange(1, len(f.elastic) + 1)
     seen = _seen(f)
     floor = np.sqrt(np.nanmean(f.std[:, seen - 1] ** 2, axis=0))
-    ax.bar(k - 0.19, f.elastic, width=0.36, color=COLORS["extended"], label="in phase")
-    ax.bar(k + 0.19, f.dissipative, width=0.36, color=COLORS["calibrated"], label="in quadrature")
+    scale, unit = prefixed(f.place.unit, f.elastic, f.dissipative, floor)
+    elastic, dissipative, floor = scale * f.elastic, scale * f.dissipative, scale * floor
+    ax.bar(k - 0.19, elastic, width=0.36, color=COLORS["extended"], label="in phase")
+    ax.bar(k + 0.19, dissipative, width=0.36, color=COLORS["calibrated"], label="in quadrature")
     ax.plot(seen, floor, "_", color="0.3", markersize=11, label="noise")
     logarithmic(ax.yaxis)
-    top = max(float(np.nanmax([f.elastic, f.dissipative])), float(np.nanmax(floor)))
+    top = max(float(np.nanmax([elastic, dissipative])), float(np.nanmax(floor)))
     ax.set_ylim(bottom=max(0.3 * float(np.nanmin(floor)), 1e-4 * top), top=2 * top)
     ax.set_xticks(k)
     ax.legend(
         loc="lower left", bbox_to_anchor=(0.0, 1.02), ncols=3, frameon=False, fontsize=SMALL, labelcolor=INK, **CLOSE
     )
-    dressed(ax, "Harmonic", f"Missing {f.place.kind}, rms [{f.place.unit}]")
+    dressed(ax, "Harmonic", f"Missing {f.place.kind}, rms [{unit}]")
 
 
 def _seen(f: "MissingForce") -> npt.NDArray[np.int64]:
@@ -96,9 +108,13 @@ def _draw_growth(ax: Axes, d: "Discrepancy") -> None:
     k = int((f.harmonics or _seen(f))[0])
     size, std = np.abs(f.force[:, k - 1]), f.std[:, k - 1]
     amplitude = np.linalg.norm(f.seen, axis=1)
+    (scale, unit), (scale_of_other, unit_of_other) = prefixed(f.place.unit, size), prefixed(f.place.against, amplitude)
+    size, std, amplitude = scale * size, scale * std, scale_of_other * amplitude
     level_of = levels(d.level)
     clear = size > 3 * np.sqrt(2) * std
-    for level, color in zip(np.unique(level_of).tolist(), graded(np.unique(level_of).tolist()), strict=True):
+    found = np.unique(level_of).tolist()
+    colors = dict(zip(found, graded(found), strict=True))
+    for level, color in colors.items():
         for shown, face in ((clear, color), (~clear, "white")):
             i = (level_of == level) & shown
             ax.errorbar(
@@ -123,4 +139,6 @@ def _draw_growth(ax: Axes, d: "Discrepancy") -> None:
         logarithmic(axis)
     ax.set_ylim(0.3 * float(np.nanmin(size[clear])) if clear.any() else None, 4.0 * float(np.nanmax(size)))
     against = {"force": "Motion there", "motion": "Load there", "reading": "Reading"}[f.place.kind]
-    dressed(ax, f"{against} [{f.place.against}]", f"Harmonic {k} [{f.place.unit}]")
+    dressed(ax, f"{against} [{unit_of_other}]", f"Harmonic {k} [{unit}]")
+    dot: dict[str, Any] = {"linestyle": "", "marker": "o", "markersize": 3.5}
+    legend_on_top(ax, [Line2D([], [], color=c, label=f"{level:.3g} N", **dot) for level, c in colors.items()])

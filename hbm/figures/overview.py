@@ -22,6 +22,7 @@ from hbm.figures.diagnosis import (
 )
 from hbm.figures.scales import logarithmic
 from hbm.figures.style import INK, SMALL, AxesArray, as_written, dressed, legend_above, panels
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 from hbm.measurement.groups import frequency_bands
 
@@ -61,13 +62,14 @@ def plot_overview(
     pair = panels(axes, 1, 2, 2.6, width_ratios=[1.15, 1.0]).ravel()
     left, right = pair
     any_model = next(iter(models.values()))
+    scale, unit = prefixed(unit, any_model.measured[view.of(any_model)])
     for name, c in models.items():
         curve = of_model(traced, name, view.level, view.band)
         line = {"color": COLORS[name], "linestyle": STYLES[name], "linewidth": 1.2}
-        draw_response(left, c, view.of(c), curve, (quantity, view.harmonic), **line)
+        draw_response(left, c, view.of(c), curve, (quantity, view.harmonic), scale, **line)
     own = np.zeros(len(any_model.hz), dtype=bool)
     own[view.of(any_model)] = True
-    measured_points(left, any_model, own, INK)
+    measured_points(left, any_model.times(scale), own, INK)
     left.set_ylim(bottom=0.0)
     left.xaxis.set_major_locator(MaxNLocator(5))
     dressed(left, FREQUENCY, f"Harmonic {view.harmonic} of {as_written(quantity)} [{unit}]")

@@ -1,10 +1,10 @@
 """Figure of a response along a number of the rig."""
 
-from hbm.figures.curves import explain, least_reaction, mark
+from hbm.figures.curves import draw_peaks, explain, least_reaction, mark
 from hbm.figures.joints import draw_joints
 from hbm.figures.scales import logarithmic
 from hbm.figures.stretches import draw_line
-from hbm.figures.style import FAINT, INK, AxesArray, Color, align_labels, dressed, graded, headed, panels
+from hbm.figures.style import FAINT, INK, AxesArray, Color, align_labels, graded, headed, panels
 from hbm.tracking.parameterresponse import ParameterCurve
 from models.jointed import JointedRig
 from models.rig import Rig
@@ -28,11 +28,10 @@ def plot_parameter_curve(curve: ParameterCurve, axes: AxesArray | None = None) -
     curve, jointed = curve.dense, isinstance(curve.rig, JointedRig)
     height, ratios = (5.6, (1.6, 1.2, 1.2)) if jointed else (6.6, (2.2, 1.2, 1.2, 1.4))
     rows = panels(axes, len(ratios), 1, height, sharex=True, height_ratios=ratios).ravel()
-    drive, y, color = rows[0], curve["drive"].peak * 1e3, graded([0.0])[0]
-    draw_line(drive, curve, y, color, label="_along")
-    mark(drive, curve, y, color)
+    drive, color = rows[0], graded([0.0])[0]
+    scale = draw_peaks(drive, [curve], "drive", "Drive displacement,\npeak", "_along")
+    mark(drive, curve, scale, color)
     drive.set_ylim(bottom=0.0)
-    dressed(drive, "", "Drive displacement,\npeak [mm]")
     if jointed:
         draw_joints([curve], rows[1], rows[2])
     else:
@@ -46,16 +45,12 @@ def plot_parameter_curve(curve: ParameterCurve, axes: AxesArray | None = None) -
 
 def _draw_contact(curve: ParameterCurve, rows: AxesArray, color: Color) -> None:
     slip, friction, normal = rows
-    for ax, y, label in (
-        (slip, curve["slip"].peak * 1e6, "Slip,\npeak [µm]"),
-        (friction, curve["friction"].peak, "Friction force,\npeak [N]"),
-        (normal, curve["normal"].peak, "Normal reaction,\nmax, min [N]"),
-    ):
-        draw_line(ax, curve, y, color, label="_along")
-        dressed(ax, "", label)
-    draw_line(normal, curve, least_reaction(curve), color, label="_along")
+    draw_peaks(slip, [curve], "slip", "Slip,\npeak", "_along")
+    draw_peaks(friction, [curve], "friction", "Friction force,\npeak", "_along")
+    scale = draw_peaks(normal, [curve], "normal", "Normal reaction,\nmax, min", "_along")
+    draw_line(normal, curve, scale * least_reaction(curve), color, label="_along")
     if isinstance(curve.rig, Rig) and curve.parameter != "contact.normal_load":
-        normal.axhline(curve.rig.contact.normal_load, color=FAINT, linewidth=0.8, zorder=0)
+        normal.axhline(scale * curve.rig.contact.normal_load, color=FAINT, linewidth=0.8, zorder=0)
     for ax in (slip, friction):
         ax.set_ylim(bottom=0.0)
     low, high = float(curve.values.min()), float(curve.values.max())

@@ -24,7 +24,9 @@ from hbm.figures.style import (
     level_colors,
     new_axes,
     panels,
+    say_nothing,
 )
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.response.curve import ResponseCurve
@@ -81,11 +83,11 @@ def plot_channel(
     """
     curves, ax = listed(curves), new_axes(ax)
     _check(curves, [channel], harmonic)
-    _draw(ax, curves, channel, measured, harmonic, per_force)
+    unit = _draw(ax, curves, channel, measured, harmonic, per_force)
     _scaled(ax, log)
     if label:
         ax.legend(handles=_handles(curves, measured), frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
-    return dressed(ax, over(curves), f"{_named(channel, harmonic)} [{_unit(curves[0], channel, per_force)}]")
+    return dressed(ax, over(curves), f"{_named(channel, harmonic)} [{unit}]")
 
 
 def plot_sensors(
@@ -131,9 +133,9 @@ def plot_sensors(
         ax.set_visible(False)
         above.tick_params(labelbottom=True)
     for name, ax in zip(names, grid.ravel(), strict=False):
-        _draw(ax, curves, name, measured, harmonic, per_force)
+        unit = _draw(ax, curves, name, measured, harmonic, per_force)
         _scaled(ax, log)
-        dressed(ax, "", f"{name} [{_unit(curves[0], name, per_force)}]")
+        dressed(ax, "", f"{name} [{unit}]")
     label_all(
         grid, over(curves), "Amplitude of the fundamental" if harmonic == 1 else f"Amplitude of harmonic {harmonic}"
     )
@@ -168,14 +170,17 @@ def _draw(
     measured: MeasuredSpectra | None,
     harmonic: int,
     per_force: bool,
-) -> None:
-    scale = 1e3 if _is_displacement(curves[0], channel) else 1.0
-    for curve, color in zip(curves, level_colors(curves), strict=True):
-        amplitude = scale * curve[channel].amplitude[:, harmonic]
-        draw_line(ax, curve, amplitude / curve.force if per_force else amplitude, color)
+) -> str:
+    """Draw the curves of a channel and what was measured of it, in a unit of their size; return that."""
+    unit = curves[0][channel].unit.replace("s2", "s²") + (" / N" if per_force else "")
+    drawn = [curve[channel].amplitude[:, harmonic] / (curve.force if per_force else 1.0) for curve in curves]
+    scale, unit = prefixed(unit, *drawn)
+    for curve, color, amplitude in zip(curves, level_colors(curves), drawn, strict=True):
+        draw_line(ax, curve, scale * amplitude, color)
         if measured is not None and channel in measured.channels and harmonic <= measured.H:
             _draw_points(ax, curve, measured, channel, harmonic, scale, per_force, color)
     ax.set_xlim(min(c.values.min() for c in curves), max(c.values.max() for c in curves))
+    return unit
 
 
 def _draw_points(
@@ -212,7 +217,9 @@ def _draw_points(
 
 
 def _scaled(ax: Axes, log: bool) -> None:
-    if log:
+    if not any(np.any(line.get_ydata()) for line in ax.lines):
+        say_nothing(ax, "no motion")
+    elif log:
         logarithmic(ax.yaxis)
     else:
         ax.set_ylim(bottom=0.0)
@@ -242,12 +249,3 @@ def _handles(curves: Sequence[ResponseCurve], measured: MeasuredSpectra | None) 
 
 def _named(channel: str, harmonic: int) -> str:
     return channel if harmonic == 1 else f"{channel}, harmonic {harmonic}"
-
-
-def _is_displacement(curve: ResponseCurve, channel: str) -> bool:
-    return curve[channel].unit == "m"
-
-
-def _unit(curve: ResponseCurve, channel: str, per_force: bool) -> str:
-    unit = "mm" if _is_displacement(curve, channel) else curve[channel].unit.replace("s2", "s²")
-    return f"{unit} / N" if per_force else unit

@@ -1,6 +1,6 @@
 """A curve over what is varied: its stretches that are stable, unstable, and in doubt."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,19 +16,26 @@ DASHES = {"unstable": (0, (3, 1.5)), "in doubt": (0, (1, 1))}
 
 
 def draw_line(
-    ax: Axes, curve: "ResponseCurve", y: Array, color: Color, linewidth: float = 1.4, label: str | None = None
+    ax: Axes,
+    curve: "ResponseCurve",
+    y: Array,
+    color: Color,
+    linewidth: float = 1.4,
+    label: str | None = None,
+    **style: Any,
 ) -> None:
     """Draw a line over what is varied, dashed where the curve says it is unstable, dotted in doubt."""
     label = f"{curve.level:g} N" if label is None else label
+    style |= {"color": color, "linewidth": linewidth}
     if curve.stable is None or curve.doubtful is None:
-        ax.plot(curve.values, y, color=color, linewidth=linewidth, label=label)
+        ax.plot(curve.values, y, label=label, **style)
         return
     unstable = ~curve.stable & ~curve.doubtful
-    ax.plot(curve.values, np.where(unstable | curve.doubtful, np.nan, y), color=color, linewidth=linewidth, label=label)
+    ax.plot(curve.values, np.where(unstable | curve.doubtful, np.nan, y), label=label, **style)
     for name, chosen in (("unstable", unstable), ("in doubt", curve.doubtful)):
         if chosen.any():
             part = np.where(_with_neighbours(chosen), y, np.nan)
-            ax.plot(curve.values, part, color=color, linewidth=linewidth, linestyle=DASHES[name], label=f"_{name}")
+            ax.plot(curve.values, part, linestyle=DASHES[name], label=f"_{name}", **style)
 
 
 def _with_neighbours(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

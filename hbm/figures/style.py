@@ -195,6 +195,12 @@ def tint(color: Color, share: float = 0.28) -> Color:
     return tuple(1.0 - share * (1.0 - part) for part in color[:3])
 
 
+def say_nothing(ax: Axes, text: str) -> None:
+    """Say in a panel that all it would show is zero, and number nothing beside it."""
+    ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", va="center", fontsize=SMALL + 1, color="0.4")
+    ax.set_yticks([])
+
+
 def closed(samples: Array) -> Array:
     """Samples of a period with the first one repeated at the end."""
     return np.append(samples, samples[0])

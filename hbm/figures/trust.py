@@ -10,7 +10,17 @@ from matplotlib.colors import LogNorm
 from matplotlib.ticker import MaxNLocator
 from scipy import special
 
-from hbm.figures.inverse import BAND, FREQUENCY, HARMONIC, MOST_LEVELS, grey_legend, level_color, representative, titled
+from hbm.figures.inverse import (
+    BAND,
+    FREQUENCY,
+    HARMONIC,
+    MOST_LEVELS,
+    grey_legend,
+    level_color,
+    representative,
+    titled,
+    unit_of,
+)
 from hbm.figures.scales import few_numbers, logarithmic
 from hbm.figures.style import (
     FAINT,
@@ -27,6 +37,7 @@ from hbm.figures.style import (
     tint,
     wrapped_panels,
 )
+from hbm.figures.units import prefixed
 from hbm.fourier import Array
 from hbm.measurement.groups import frequency_bands
 
@@ -64,7 +75,7 @@ def plot_friction_harmonics(
         _draw_harmonics(ax, reconstruction, record)
         dressed(ax, "", "")
         titled(ax, reconstruction, record)
-    label_all(found, HARMONIC, "Friction, amplitude [N]")
+    label_all(found, HARMONIC, f"Friction, amplitude [{unit_of(reconstruction, 'friction')[1]}]")
     grey_legend(found)
     return found
 
@@ -73,8 +84,9 @@ def _draw_harmonics(ax: Axes, reconstruction: "Reconstruction", record: int) -> 
     i, friction = reconstruction.index(record), reconstruction["friction"]
     color = level_color(reconstruction, reconstruction.spectra.level[i])
     k = np.arange(1, reconstruction.H + 1)
-    amplitude, std = friction.amplitude[i, 1:], friction.coefficient_std[i, 1:]
-    floor = noise_floor(reconstruction)[i, 1:]
+    scale, _ = unit_of(reconstruction, "friction")
+    amplitude, std = scale * friction.amplitude[i, 1:], scale * friction.coefficient_std[i, 1:]
+    floor = scale * noise_floor(reconstruction)[i, 1:]
     logarithmic(ax.yaxis)
     ax.fill_between(k, floor, 1e-12, step="mid", color="0.9", linewidth=0, zorder=0)
     ax.plot(k, floor, color="0.5", linewidth=0.9, drawstyle="steps-mid", zorder=1, label="noise of the sensors, 95 %")
@@ -116,17 +128,18 @@ def plot_energy(reconstruction: "Reconstruction", axes: AxesArray | None = None)
     """
     rows = panels(axes, 2, 1, 4.2, sharex=True).ravel()
     top, bottom = rows
-    _draw_estimates(top, reconstruction, reconstruction.energy_per_cycle, 1e3)
-    _draw_estimates(bottom, reconstruction, reconstruction.work_rate, 1e3)
-    dressed(top, "", "Energy lost\nper cycle [mJ]")
-    dressed(bottom, FREQUENCY, "Wear work rate,\nmean of R|v| [mW]")
+    energy = _draw_estimates(top, reconstruction, reconstruction.energy_per_cycle)
+    power = _draw_estimates(bottom, reconstruction, reconstruction.work_rate)
+    dressed(top, "", f"Energy lost\nper cycle [{energy}]")
+    dressed(bottom, FREQUENCY, f"Wear work rate,\nmean of R|v| [{power}]")
     top.legend(frameon=False, fontsize=SMALL, labelcolor=INK, title="hollow: sticks", loc="best")
     top.get_legend().get_title().set(fontsize=SMALL, color=INK)
     return align_labels(rows)
 
 
-def _draw_estimates(ax: Axes, reconstruction: "Reconstruction", estimates: "Estimates", scale: float) -> None:
-    spectra = reconstruction.spectra
+def _draw_estimates(ax: Axes, reconstruction: "Reconstruction", estimates: "Estimates") -> str:
+    """Draw estimates of all records in a unit of their size; return that."""
+    spectra, (scale, unit) = reconstruction.spectra, prefixed(estimates.unit, estimates.value)
     ax.axhline(0.0, color=FAINT, linewidth=0.6, zorder=0)
     for n, level in enumerate(np.unique(spectra.level)):
         own = np.flatnonzero(spectra.level == level)
@@ -140,6 +153,7 @@ def _draw_estimates(ax: Axes, reconstruction: "Reconstruction", estimates: "Esti
         ax.plot(hz, value, marker, color=color, markersize=4, markerfacecolor="white", zorder=3, label="_all")
         slipping = np.where(reconstruction.slips[own], value, np.nan)
         ax.plot(hz, slipping, marker, color=color, markersize=4, zorder=4, label=f"{level:g} N")
+    return unit
 
 
 def plot_misfit(reconstruction: "Reconstruction", axes: AxesArray | None = None) -> AxesArray:
@@ -246,16 +260,17 @@ def plot_resolution(reconstruction: "Reconstruction", axes: AxesArray | None = N
     left, right = pair
     k = np.arange(1, reconstruction.H + 1)
     color = graded([0.0])[0]
-    _draw_range(left, k, reconstruction["friction"].amplitude[:, 1:], "0.45", "friction, amplitude")
-    _draw_range(left, k, reconstruction.resolution[:, 1:], color, "resolution of the sensors, std")
+    scale, unit = unit_of(reconstruction, "friction")
+    sharpest = scale * reconstruction.resolution[:, 1:]
+    _draw_range(left, k, scale * reconstruction["friction"].amplitude[:, 1:], "0.45", "friction, amplitude")
+    _draw_range(left, k, sharpest, color, "resolution of the sensors, std")
     _draw_range(right, k, reconstruction.condition[:, 1:], color, "condition")
     for ax in pair:
         logarithmic(ax.yaxis)
         ax.set_xticks(k[:: 1 + len(k) // 12])
-    sharpest = reconstruction.resolution[:, 1:]
     left.set_ylim(bottom=0.1 * float(sharpest[np.isfinite(sharpest) & (sharpest > 0)].min(initial=1.0)))
     legend_above(pair, left.get_legend_handles_labels()[0], ncols=2)
-    dressed(left, HARMONIC, "Friction [N]")
+    dressed(left, HARMONIC, f"Friction [{unit}]")
     dressed(right, HARMONIC, "Condition number")
     return pair
 

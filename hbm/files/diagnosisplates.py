@@ -186,9 +186,9 @@ def _force_plates(found: Diagnosed) -> Iterator[Plate]:
         "missing_force",
         "What is missing, and where",
         "What the calibrated model leaves when an unknown force acts at one place, two numbers per record and harmonic "
-        f"(in brackets: share of the misfit beyond noise that it explains).{beside} Below, of the best place: the "
-        "force by harmonics, in phase and in quadrature to the fundamental of the motion, and its "
-        "growth, with 95 % bars; hollow: lost in noise.",
+        f"(in brackets, where places differ in it: share of the misfit beyond noise that it explains).{beside} Below, "
+        "of the best place: the force by harmonics, in phase and in quadrature to the fundamental of the motion, and "
+        "its growth, with 95 % bars, a colour for each level; hollow: lost in noise.",
         plot_missing_force(d),
         place_columns(d),
     )

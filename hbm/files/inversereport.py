@@ -60,7 +60,7 @@ def loop_columns(reconstruction: Reconstruction, records: Records = None) -> Col
 def signal_columns(reconstruction: Reconstruction, records: Records = None) -> Columns:
     """Signals of the records drawn over a whole period, with standard deviations."""
     chosen = figures.representative(reconstruction, 1) if records is None else records
-    return _over_phase(reconstruction, chosen, [name for name, *_ in figures.SIGNAL_ROWS])
+    return _over_phase(reconstruction, chosen, [name for name, _ in figures.SIGNAL_ROWS])
 
 
 def _over_phase(reconstruction: Reconstruction, chosen: Sequence[int], names: Sequence[str]) -> Columns:

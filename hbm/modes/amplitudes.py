@@ -39,6 +39,9 @@ RIGID = 1e-6
 FRICTIONLESS = (1e-6, 1e-2)
 """Default amplitudes where friction sets no scale [m]."""
 
+CURVE_TOLERANCE = 1.5e-3
+"""Largest error of a backbone between its points, of the motion: where slip begins it has a corner."""
+
 NEWTON = NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
 
 
@@ -178,6 +181,7 @@ def _settings(weights: Array, lam: tuple[float, float]) -> Settings:
         step_min=STEP * 1e-6,
         step_max=STEP,
         tolerance=TOLERANCE,
+        curve_tolerance=CURVE_TOLERANCE,
         weights=weights,
         max_points=20000,
         max_angle=1.0,

@@ -29,6 +29,9 @@ from models.jointed import AnyRig
 
 Complex = npt.NDArray[np.complex128]
 
+LINES = 1e-5
+"""Largest distance of lines between the motions of a dense backbone to its cubics, as a share of the motion."""
+
 
 @dataclass(frozen=True, eq=False)
 class Backbone(ABC):
@@ -120,6 +123,16 @@ class Backbone(ABC):
             return float(self.amplitude[0]) if lifted.size else None
         i = int(lifted[0])
         return float(10.0 ** np.interp(0.0, least[[i, i - 1]], lam[[i, i - 1]]))
+
+    @cached_property
+    def dense(self) -> Self:
+        """The backbone with motions between its points, so many that lines from one to the next draw it.
+
+        They lie on the cubics between its points, as those of :attr:`hbm.response.curve.ResponseCurve.dense` do, closer
+        together: the damping is a small part of the motion.
+        """
+        branch = self.branch.dense(LINES)
+        return replace(self, branch=branch, points=_described(self.problem, branch.points))
 
     @property
     def complete(self) -> bool:
