@@ -23,7 +23,7 @@ INSTANTS, SHARES = np.polynomial.legendre.leggauss(8)
 """Where a window is looked at, from -1 to 1, and twice the share of each in its mean."""
 
 SHARPEST = 1e-4
-"""Part of a response that no channel is known better than when modes are fitted."""
+"""Part that no response is known better than when modes are fitted, nor a lag by them."""
 
 REACHES, DEGREE, AS_WELL = (3, 5, 8, 15), 3, 1.2
 """Windows on either side that a local polynomial is fitted to, its degree, and by how much it may leave more."""

@@ -22,7 +22,7 @@ from scipy.signal import hilbert
 
 from hbm.errors import InputError
 from hbm.fourier import Array, coefficients_of
-from hbm.measurement.lag import drive_of, off_steady, smooth
+from hbm.measurement.lag import SHARPEST, drive_of, off_steady, smooth
 from hbm.measurement.recording import Recording
 from hbm.measurement.spectra import AT, MeasuredSpectra
 
@@ -291,7 +291,8 @@ def _not_described(off: Complex, left: Complex, noise: Array) -> float:
     size = np.abs(off) ** 2
     if not size.any():
         return 1.0
-    return float(np.sqrt(max(np.sum(size * (np.abs(left) ** 2 - 2.0 * noise**2)), 0.0) / np.sum(size**2)))
+    share = float(np.sqrt(max(np.sum(size * (np.abs(left) ** 2 - 2.0 * noise**2)), 0.0) / np.sum(size**2)))
+    return max(share, SHARPEST)
 
 
 def _lag(sweep: Sweep, passed: Passage, force: str) -> Array:
