@@ -83,8 +83,8 @@ def spectra(
 
     Example:  hbm spectra run1.csv run2.csv --fundamental 48 49.5 --settle 2 --rig rig.toml --out spectra.csv
 
-    Of slow sweeps (--sweep): harmonics along the phase of the sweep; standard deviations hold what a response lags
-    behind its steady state, and sweeps too fast for their resonances are warned of.
+    Of slow sweeps (--sweep): harmonics along the phase of the sweep, less what linear modes lag by behind their steady
+    states; standard deviations hold what is not known of the lag. Sweeps too fast for their resonances are warned of.
 
     Example:  hbm spectra recordings/ --settle 2 --rig rig.toml --out spectra.csv
 

@@ -95,8 +95,7 @@ def harmonic_spectra(
         units={names[i]: recorded.units.get(names[i], "") for i in alive},
     )
     return replace(
-        _estimate(measured, hz, harmonics, periods, samples),
-        hz_std=hz_std,
+        _estimate(measured, hz, hz_std, harmonics, periods, samples),
         turn_std=0.0 if refine is None else 2.0 * np.pi * hz_std * abs(float(t.mean())),
         dead=tuple(name for name, constant in zip(names, dead, strict=True) if constant),
     )
@@ -145,7 +144,7 @@ def _samples_of_period(recorded: Recording, t: Array, hz: float) -> int:
     return round(samples)
 
 
-def _estimate(measured: Recording, hz: float, H: int, periods: int, samples: int) -> HarmonicEstimate:
+def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: int, samples: int) -> HarmonicEstimate:
     """Coefficients, standard deviations and quality of channels that are alive, over whole periods.
 
     By an FFT where a period is a whole number of `samples`; of 0 by least squares.
@@ -173,7 +172,11 @@ def _estimate(measured: Recording, hz: float, H: int, periods: int, samples: int
             amplitude=float(size[j, lead[j] - 1]),
             std=float(std[j, lead[j]]),
             correlation=float(rho[j, lead[j]]),
-            steadiness=steadiness(middles, by_block[:blocks, j, lead[j]] - 1j * by_block[:blocks, j, H + lead[j]]),
+            steadiness=steadiness(
+                middles,
+                by_block[:blocks, j, lead[j]] - 1j * by_block[:blocks, j, H + lead[j]],
+                2.0 * np.pi * lead[j] * float(np.nan_to_num(hz_std)),
+            ),
             leftover=leftover(_even(t, residual[:, j]), float(np.std(Y[:, j])), periods, hz),
             clipped=clipped(Y[:, j]),
         )
@@ -182,7 +185,7 @@ def _estimate(measured: Recording, hz: float, H: int, periods: int, samples: int
     return HarmonicEstimate(
         source=measured.source,
         hz=hz,
-        hz_std=float("nan"),
+        hz_std=hz_std,
         periods=periods,
         blocks=blocks,
         channels=tuple(measured.channels),

@@ -34,8 +34,8 @@ class Steadiness:
     Attributes
     ----------
     change, change_std : float
-        Size of the linear trend from beginning to end, relative to the mean amplitude, and its standard deviation;
-        nan of too few blocks.
+        Size of the linear trend from beginning to end, relative to the mean amplitude, and its standard deviation with
+        that of the frequency; nan of too few blocks.
     turning : float
         Part of the trend that turns the phase [rad].
     p_steady : float
@@ -68,7 +68,7 @@ class Steadiness:
         return not self.p_steady < SIGNIFICANT
 
 
-def steadiness(t: Array, c: Complex) -> Steadiness:
+def steadiness(t: Array, c: Complex, omega_std: float = 0.0) -> Steadiness:
     """Judge complex amplitudes of blocks.
 
     Parameters
@@ -77,22 +77,32 @@ def steadiness(t: Array, c: Complex) -> Steadiness:
         Middle of each block [s], equally spaced.
     c : (B,) complex array
         Amplitude of the fundamental.
+    omega_std : float
+        Standard deviation of the frequency they were taken at [rad/s]: steady amplitudes turn by that much.
     """
     B = len(t)
     if B < 3 or not c.any():
         nan = float("nan")
         return Steadiness(nan, nan, nan, nan)
-    mean = c.mean()
-    x = t - t.mean()
+    duration = B * (t[1] - t[0])
+    trend, trend_std, p = _trend(t, c)
+    std = float(np.hypot(trend_std, omega_std * duration))
+    if std > trend_std:  # turned back until the turn has the standard deviation of the rest
+        c = c * np.exp(-1j * (1.0 - trend_std / std) * trend.imag * (t - t.mean()) / duration)
+        p = _trend(t, c)[2]
+    known = Steadiness(abs(trend), std, float(trend.imag), p)
+    return _transient(t, c, known) if B >= FEWEST_BLOCKS else known
+
+
+def _trend(t: Array, c: Complex) -> tuple[complex, float, float]:
+    """Relative trend over the record, the standard deviation of each of its parts, and the probability of noise."""
+    mean, x = c.mean(), t - t.mean()
     slope = (x @ (c - mean)) / (x @ x)
     left = float(np.sum(np.abs(c - mean - slope * x) ** 2))
-    variance = left / (2 * (B - 2))  # of each of real and imaginary part
-    duration = B * (t[1] - t[0])
-    trend = slope * duration / mean
-    trend_std = float(np.sqrt(variance / (x @ x)) * duration / abs(mean))
-    p = _probability(abs(slope) ** 2 * (x @ x), 2, left, 2 * (B - 2))
-    known = Steadiness(abs(trend), trend_std, float(trend.imag), p)
-    return _transient(t, c, known) if B >= FEWEST_BLOCKS else known
+    freedom = 2 * (len(t) - 2)
+    duration = len(t) * (t[1] - t[0])
+    std = float(np.sqrt(left / freedom / (x @ x)) * duration / abs(mean))
+    return complex(slope * duration / mean), std, _probability(abs(slope) ** 2 * (x @ x), 2, left, freedom)
 
 
 def _probability(explained: float, parameters: int, left: float, freedom: int) -> float:

@@ -1,7 +1,11 @@
 """Slow sine sweeps as quasi-steady harmonics, each with what it may be off because the sweep does not stand still.
 
 In windows of a few cycles every channel is s(t) = Re sum (c_k + t d_k) exp(i k phi(t)), phi the phase of a reference
-channel. A mode that is swept through lags behind its steady state: in the frame of the reference its amplitude obeys
+channel. What linear modes lag by behind their steady states is common to all windows of a sweep and of a sign of its
+own. It is found from the sweep (:mod:`hbm.measurement.lag`) and taken off; what the modes do not describe is added to
+the standard deviations.
+
+A response that is not that of linear modes keeps its lag. In the frame of the reference the amplitude of one mode obeys
 dX/dt = (sigma - i omega) X + b F, with sigma = -zeta omega_n + i omega_d. The measured X, dX/dt and F on the flanks of
 the highest peak say what sigma is, however fast the sweep was; |dX/dt / (sigma - i omega)| is how far X is from the
 steady state at this frequency. Half of its square is added to the variance of each of cos and sin.
@@ -18,6 +22,7 @@ from scipy.signal import hilbert
 
 from hbm.errors import InputError
 from hbm.fourier import Array, coefficients_of
+from hbm.measurement.lag import SHARPEST, drive_of, off_steady, smooth
 from hbm.measurement.recording import Recording
 from hbm.measurement.spectra import AT, MeasuredSpectra
 
@@ -48,8 +53,10 @@ class Sweep:
     ----------
     source : str
     channels : tuple of str
-    time, hz, rate : (w,) array
-        Middle of each window [s], frequency there [Hz] and how fast it changes [Hz/s].
+    time, half, phase : (w,) array
+        Middle of each window [s], half its length [s] and the phase of the reference there [rad].
+    hz, hz_std, rate : (w,) array
+        Frequency there, its standard deviation [Hz] and how fast it changes [Hz/s], by the phases of windows around it.
     amplitudes, slopes : (w, c, H+1) complex array
         c_k, s = Re sum c_k exp(i k phi), phases by the reference, and their rates of change [1/s].
     std : (w, c, H+1) array
@@ -59,7 +66,10 @@ class Sweep:
     source: str
     channels: tuple[str, ...]
     time: Array
+    half: Array
+    phase: Array
     hz: Array
+    hz_std: Array
     rate: Array
     amplitudes: Complex
     slopes: Complex
@@ -121,7 +131,7 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     Raises
     ------
     InputError
-        If there is no such channel, no whole window, a harmonic is above half the sampling rate, or the frequency
+        If there is no such channel, not two windows, a harmonic is above half the sampling rate, or the frequency
         stays.
     """
     if reference not in recorded.channels:
@@ -131,11 +141,16 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     edges = np.arange(phase[0] + ENDS, phase[-1] - ENDS, 2 * np.pi * cycles)
     places = np.searchsorted(np.maximum.accumulate(phase), edges)
     rows = list(_windows(recorded, phase, places.tolist(), harmonics))
-    if not rows:
-        raise InputError(f"{recorded.source}: fewer than {cycles} cycles of {reference}; must have them in a window")
-    time, hz, rate, amplitudes, slopes, std = (np.array(column) for column in zip(*rows, strict=True))
+    if len(rows) < 2:
+        raise InputError(
+            f"{recorded.source}: fewer than {2 * cycles} cycles of {reference}; must have two windows of {cycles}"
+        )
+    time, half, along, amplitudes, slopes, std = (np.array(column) for column in zip(*rows, strict=True))
+    motion = smooth(time, along)
+    hz, hz_std, rate = (values.real / (2 * np.pi) for values in (motion.first, motion.std, motion.second))
     _expect_sweep(recorded, reference, time, hz)
-    return Sweep(recorded.source, tuple(recorded.channels), time, hz, rate, amplitudes, slopes, std)
+    channels = tuple(recorded.channels)
+    return Sweep(recorded.source, channels, time, half, along, hz, hz_std, rate, amplitudes, slopes, std)
 
 
 def _expect_sweep(recorded: Recording, reference: str, time: Array, hz: Array) -> None:
@@ -163,7 +178,6 @@ def _windows(
                 f"{recorded.source}: harmonic {H} of {hz:.4g} Hz; must be below {0.5 / recorded.step:.6g} Hz, half the "
                 "sampling rate"
             )
-        rate = float(along.deriv(2)(0.0)) / (2 * np.pi * half**2)
         waves = np.exp(1j * np.outer(along(x), np.arange(1, H + 1)))
         A = np.column_stack([np.ones(len(x)), waves.real, -waves.imag])  # Re c exp(i k phi), by real and imaginary part
         A = np.concatenate([A, x[:, None] * A], axis=1)
@@ -174,7 +188,8 @@ def _windows(
         variance = np.outer(noise, np.sum(inverse**2, axis=1)[: 2 * H + 1])
         both = 0.5 * (variance[:, 1 : H + 1] + variance[:, H + 1 :])
         amplitudes, slopes = (_complex(part.T, H) for part in (found[: 2 * H + 1], found[2 * H + 1 :] / half))
-        yield t[first] + half, hz, rate, amplitudes, slopes, np.sqrt(np.column_stack([variance[:, 0], both]))
+        std = np.sqrt(np.column_stack([variance[:, 0], both]))
+        yield t[first] + half, half, float(along(0.0)), amplitudes, slopes, std
 
 
 def _complex(parts: Array, H: int) -> Complex:
@@ -225,24 +240,21 @@ def sweep_spectra(sweeps: list[Sweep], force: str, source: str = "sweeps") -> Me
     """
     names: list[str] = []
     notes: list[tuple[int, str]] = []
-    std = []
+    amplitudes, std = [], []
     stems = [Path(sweep.source).stem for sweep in sweeps]
     if len(set(stems)) < len(stems):
         stems = [f"{stem}-{i}" for i, stem in enumerate(stems, start=1)]
     for stem, sweep in zip(stems, sweeps, strict=True):
-        own = sweep.std.copy()
-        for j, channel in enumerate(sweep.channels):
-            if channel == force:
-                continue
+        steady, own = _steady(sweep, force)
+        for channel in (name for name in sweep.channels if name != force):
             passed = passage(sweep, channel, force)
-            if passed is not None:
-                lag = _lag(sweep, passed, force)
-                own[:, j] = np.hypot(own[:, j], lag[:, None] * np.abs(sweep.amplitudes[:, j]) / np.sqrt(2.0))
             untold = f"{channel} passes no peak of {FEWEST} windows or more, which would say how fast is slow"
             warning = untold if passed is None else passed.warning
             if warning:
+                j = sweep.channels.index(channel)
                 at = sweep.hz[np.abs(sweep.amplitudes[:, j, 1]).argmax()] if passed is None else passed.hz
                 notes.append((len(names) + 1 + int(np.argmin(np.abs(sweep.hz - at))), warning))
+        amplitudes.append(steady)
         std.append(own)
         names += [f"{stem}{AT}{hz:.6g}Hz" for hz in sweep.hz]
     first = sweeps[0]
@@ -254,11 +266,49 @@ def sweep_spectra(sweeps: list[Sweep], force: str, source: str = "sweeps") -> Me
         level=np.concatenate(level),
         hz=np.concatenate([s.hz for s in sweeps]),
         channels=first.channels,
-        coefficients=coefficients_of(np.concatenate([s.amplitudes for s in sweeps])),
+        coefficients=coefficients_of(np.concatenate(amplitudes)),
         std=np.concatenate(std),
         notes=tuple(notes),
         names=tuple(names),
     )
+
+
+def _steady(sweep: Sweep, force: str) -> tuple[Complex, Array]:
+    """Steady amplitudes (w, c, H+1), with the standard deviation of each of cos and sin."""
+    amplitudes, std = sweep.amplitudes.copy(), _of_windows(sweep)
+    i = sweep.channels.index(force)
+    others = [j for j in range(len(sweep.channels)) if j != i]
+    X, F = amplitudes[:, others, 1], amplitudes[:, i, 1]
+    own = np.hypot(std[:, others, 1], np.abs(X / F[:, None]) * std[:, [i], 1])
+    drive = drive_of(sweep.time, sweep.half, sweep.phase, F)
+    off, left = off_steady(drive, X, own)
+    for j, by, rest, noise in zip(others, off.T, left.T, own.T, strict=True):
+        share = _not_described(by, rest, noise)
+        size = np.abs(amplitudes[:, j, 1])
+        relative = np.divide(np.abs(by), size, out=np.zeros_like(size), where=size > 0.0)
+        if share < 1.0:
+            amplitudes[:, j, 1] -= by
+        elif (passed := passage(sweep, sweep.channels[j], force)) is not None:
+            relative = _lag(sweep, passed, force)
+        may = np.where(np.arange(amplitudes.shape[2]) == 1, min(share, 1.0), 1.0)  # only the fundamental was mended
+        std[:, j] = np.hypot(std[:, j], relative[:, None] * may * np.abs(amplitudes[:, j]) / np.sqrt(2.0))
+    return amplitudes, std
+
+
+def _of_windows(sweep: Sweep) -> Array:
+    """Standard deviation of each of cos and sin by the noise of a window and of its frequency, (w, c, H+1)."""
+    speed = np.maximum(np.abs(sweep.rate), np.median(np.abs(sweep.rate)))
+    late = np.divide(sweep.hz_std, speed, out=np.zeros_like(speed), where=speed > 0.0)
+    return np.asarray(np.hypot(sweep.std, late[:, None, None] * np.abs(sweep.slopes) / np.sqrt(2.0)))
+
+
+def _not_described(off: Complex, left: Complex, noise: Array) -> float:
+    """What modes leave of a response beyond its noise, over what they are off their steady states, where they are."""
+    size = np.abs(off) ** 2
+    if not size.any():
+        return 1.0
+    share = float(np.sqrt(max(np.sum(size * (np.abs(left) ** 2 - 2.0 * noise**2)), 0.0) / np.sum(size**2)))
+    return max(share, SHARPEST)
 
 
 def _lag(sweep: Sweep, passed: Passage, force: str) -> Array:

@@ -52,6 +52,31 @@ def pulls(d: Decay) -> tuple[np.ndarray, np.ndarray]:
     return (d.hz - hz_of(A)) / d.hz_std, (d.damping_ratio - ratio_of(A)) / d.damping_ratio_std
 
 
+def test_the_mirror_image_bends_no_slope() -> None:
+    """A straight decay without noise: its image at -110 Hz decays alike, and would be common to all blows."""
+    t = np.arange(0.15, 4.0, 1.0 / RATE)
+    omega, ratio = 2 * np.pi * 110.0, 0.008
+    y = np.exp(-ratio * omega * t) * np.cos(omega * t)
+    d = free_decay(recording("blow.csv", t, {"v": y}), "v", BAND)
+    assert d.damping_ratio == pytest.approx(ratio / np.sqrt(1 + ratio**2), abs=1e-6)  # noise of 1e-4 gives 2e-6
+    assert d.hz == pytest.approx(110.0, abs=5e-5)
+
+
+def test_large_amplitudes_of_several_blows_are_right_within_their_deviations() -> None:
+    """Where the noise is least what is common to all blows counts most: six draws of five blows."""
+    t = np.arange(0.15, 2.0, 1.0 / RATE)
+    omega, ratio, first = 2 * np.pi * 110.0, 0.008, []
+    y = np.exp(-ratio * omega * t) * np.cos(omega * t)
+    for seed in range(6):
+        noise = 1e-4 * np.random.default_rng(seed).standard_normal((5, len(t)))
+        blows = [free_decay(recording("blow.csv", t, {"v": y + own}), "v", BAND) for own in noise]
+        d = over_amplitude(blows)
+        off = d.damping_ratio[:3] - ratio / np.sqrt(1 + ratio**2), d.hz[:3] - 110.0
+        first.append(np.concatenate([off[0] / d.damping_ratio_std[:3], off[1] / d.hz_std[:3]]))
+    assert np.sqrt(np.mean(np.square(first))) < 1.3
+    assert np.abs(first).max() < 3.5
+
+
 def test_frequency_and_damping_are_right_within_their_deviations(motion) -> None:
     """Counted over 20 draws of noise, 20 windows each."""
     hz, ratio = (

@@ -131,6 +131,31 @@ def test_refined_frequency_is_right_to_its_deviation() -> None:
     assert abs(np.mean(z)) < 0.5
 
 
+def test_a_steady_record_is_steady_at_a_refined_frequency() -> None:
+    """A response with less noise than the force turns by what the refined frequency is off."""
+    turns = []
+    for seed in range(40):
+        t, rng = times(40.0), np.random.default_rng(seed)
+        signals = {"force": force(t), "a1": 15.0 * harmonics(t)}
+        noisy = {name: s + 2e-3 * rng.standard_normal(len(t)) for name, s in signals.items()}
+        e = harmonic_spectra(recording("run.csv", t, noisy), HZ, H, refine="force")
+        assert all(q.steadiness.steady for q in e.quality)
+        a1 = e.quality[at(e, "a1")].steadiness
+        turns.append(a1.turning / a1.change_std)
+    assert np.sqrt(np.mean(np.square(turns))) == pytest.approx(1.0, abs=0.25)  # of 40 draws: 0.11
+
+
+def test_a_phase_that_drifts_is_not_steady_at_a_refined_frequency() -> None:
+    t, rng = times(40.0), np.random.default_rng(1)
+    drifting = np.cos(2.0 * np.pi * HZ * t + 0.02 * t)
+    noisy = {name: s + 2e-3 * rng.standard_normal(len(t)) for name, s in {"force": force(t), "a1": drifting}.items()}
+    e = harmonic_spectra(recording("run.csv", t, noisy), HZ, H, refine="force")
+    a1 = e.quality[at(e, "a1")].steadiness
+    assert not a1.steady
+    assert a1.turning == pytest.approx(0.02 * 40.0 / HZ, abs=4.0 * a1.change_std)
+    assert any("a1 is not steady" in warning for warning in e.warnings)
+
+
 def test_deviations_of_a_refined_record_hold_where_its_phases_count_from() -> None:
     """At the zero of time and, in a spectra file, beside the force: harmonic k of a response turned k times as far.
 

@@ -1,0 +1,237 @@
+"""What linear modes lag by behind their steady states in a sweep, found from the sweep itself.
+
+In the frame exp(i phi) of a sweep a mode of exponent sigma answers the force F by P with dP/dt = F - s P, where
+s = i dphi/dt - sigma. Its steady state is Q = F/s. What it is off that, E = P - Q, obeys dE/dt = -s E - dQ/dt, which is
+integrated along the sweep with dQ/dt constant in small steps; a window sees the mean of P over its length. Exponents
+are those with which all channels are fitted best, by variable projection: residues, what other modes answer, and what
+the start of the sweep lets ring are linear.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import solve_banded
+from scipy.optimize import least_squares
+
+from hbm.fourier import Array
+
+Complex = npt.NDArray[np.complex128]
+
+INSTANTS, SHARES = np.polynomial.legendre.leggauss(8)
+"""Where a window is looked at, from -1 to 1, and twice the share of each in its mean."""
+
+SHARPEST = 1e-4
+"""Part that no response is known better than when modes are fitted, nor a lag by them."""
+
+REACHES, DEGREE, AS_WELL = (3, 5, 8, 15), 3, 1.2
+"""Windows on either side that a local polynomial is fitted to, its degree, and by how much it may leave more."""
+
+MOST_MODES = 8
+
+CANDIDATES, RATIOS = 60, (2e-3, 8e-3, 0.03)
+"""Frequencies and damping ratios at which a further mode is looked for."""
+
+PROMISING = 2.0
+"""A candidate becomes a mode that takes at most this times as much."""
+
+LEAST_RATIO, MOST_RATIO = 1e-5, 0.3
+"""No mode has another damping ratio."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Force of a sweep in w windows, and at i instants in each.
+
+    Attributes
+    ----------
+    omega : (w,) array
+        How fast the phase runs in the middle of a window [rad/s].
+    force : (w,) complex array
+        Without its noise.
+    time, phase, pace : (w i,) array
+        Of the instants [s, rad, rad/s].
+    forces : (w i,) complex array
+        At the instants.
+    """
+
+    omega: Array
+    force: Complex
+    time: Array
+    phase: Array
+    pace: Array
+    forces: Complex
+
+
+class Smooth(NamedTuple):
+    """Value, first derivative, its standard deviation, second derivative, and variance of what is left, (w,) each."""
+
+    value: npt.NDArray[np.inexact[Any]]
+    first: npt.NDArray[np.inexact[Any]]
+    std: Array
+    second: npt.NDArray[np.inexact[Any]]
+    variance: Array
+
+    def at(self, x: Array) -> npt.NDArray[np.inexact[Any]]:
+        """Values beside the middles, x (w, n)."""
+        return np.asarray(self.value[:, None] + x * (self.first[:, None] + 0.5 * x * self.second[:, None]))
+
+
+def drive_of(time: Array, half: Array, phase: Array, force: Complex) -> Drive:
+    """Force of a sweep by the middles of windows and half their lengths [s], phases [rad] and amplitudes, (w,) each."""
+    x = half[:, None] * INSTANTS
+    motion = smooth(time, phase)
+    size = np.maximum(np.abs(force), 1e-12 * np.abs(force).max())  # a force that pauses has no logarithm
+    log = smooth(time, np.log(size) + 1j * np.unwrap(np.angle(force)))
+    return Drive(
+        omega=motion.first.real,
+        force=np.exp(log.value),
+        time=(time[:, None] + x).ravel(),
+        phase=motion.at(x).real.ravel(),
+        pace=(motion.first[:, None] + motion.second[:, None] * x).real.ravel(),
+        forces=np.exp(log.at(x)).ravel(),
+    )
+
+
+def smooth(t: Array, y: npt.NDArray[np.inexact[Any]]) -> Smooth:
+    """Values, first and second derivatives by local polynomials, over as many windows as those describe (w,) values."""
+    tried = [_smooth(t, y, reach) for reach in REACHES]
+    least = tried[0].variance.mean()
+    return [s for s in tried if s.variance.mean() <= AS_WELL * least][-1]
+
+
+def _smooth(t: Array, y: npt.NDArray[np.inexact[Any]], reach: int) -> Smooth:
+    size = min(2 * reach + 1, len(t))
+    at = np.clip(np.arange(len(t)) - reach, 0, len(t) - size)[:, None] + np.arange(size)
+    x = t[at] - t[:, None]
+    scale = np.max(np.abs(x), axis=1)
+    powers = (x / scale[:, None])[:, :, None] ** np.arange(min(DEGREE, size - 1) + 1)
+    inverse = np.linalg.pinv(powers)
+    c = np.einsum("wpn,wn->wp", inverse, y[at])
+    left = y[at] - np.einsum("wnp,wp->wn", powers, c)
+    variance = np.sum(np.abs(left) ** 2, axis=1) / max(size - powers.shape[2], 1)
+    std = np.sqrt(np.median(variance) * np.sum(inverse[:, 1] ** 2, axis=1)) / scale
+    second = c[:, 2] if c.shape[1] > 2 else np.zeros_like(c[:, 1])
+    return Smooth(c[:, 0], c[:, 1] / scale, std, 2.0 * second / scale**2, variance)
+
+
+def answers(drive: Drive, sigma: Complex) -> tuple[Complex, Complex]:
+    """Answers of modes of exponents (r,) to the force per residue, as windows see them and steady, (w, r) each."""
+    steady = drive.force[:, None] / (1j * drive.omega[:, None] - sigma)
+    swept = np.empty_like(steady)
+    for r, exponent in enumerate(sigma):
+        Q = drive.forces / (1j * drive.pace - exponent)
+        turn = 1j * np.diff(drive.phase) - exponent * np.diff(drive.time)
+        kept, pulled = np.exp(-turn), -np.diff(Q) / turn
+        band = np.array([np.ones(len(Q)), np.append(-kept, 0.0)])
+        E = solve_banded((1, 0), band, np.append(pulled[0], pulled * (1.0 - kept)))
+        swept[:, r] = _seen(Q + E)
+    return swept, steady
+
+
+def rings(drive: Drive, sigma: Complex) -> Complex:
+    """Free vibration since the start in the frame of the sweep, as windows see it, (w, r)."""
+    since, turned = drive.time - drive.time[0], drive.phase - drive.phase[0]
+    return np.column_stack([_seen(np.exp(exponent * since - 1j * turned)) for exponent in sigma])
+
+
+def _seen(values: Complex) -> Complex:
+    """Means over the windows."""
+    return np.asarray(0.5 * values.reshape(-1, len(SHARES)) @ SHARES)
+
+
+class _Fit:
+    """Channels X (w, c) of standard deviations (w, c) beside modes."""
+
+    def __init__(self, drive: Drive, X: Complex, std: Array) -> None:
+        self.drive, self.X = drive, X
+        self.weight = np.divide(1.0, std, out=np.zeros_like(std), where=std > 0.0)
+        middle, width = np.mean(drive.omega), np.ptp(drive.omega) or 1.0
+        x = (drive.omega - middle) / width
+        self.others = drive.force[:, None] * x[:, None] ** np.arange(3)  # of modes outside the sweep, and at rest
+
+    def linear(self, sigma: Complex) -> tuple[Complex, Complex]:
+        """What channels are off their steady states by the best fit beside exponents, and what it leaves, (w, c)."""
+        swept, steady = answers(self.drive, sigma)
+        ringing = rings(self.drive, sigma) if len(sigma) else swept
+        columns = np.column_stack([swept, ringing, self.others])
+        size = np.linalg.norm(columns, axis=0)
+        amounts = np.empty((columns.shape[1], self.X.shape[1]), dtype=complex)
+        for j, w in enumerate(self.weight.T):
+            amounts[:, j] = np.linalg.lstsq(w[:, None] * columns / size, w * self.X[:, j], rcond=None)[0] / size
+        off = np.column_stack([swept - steady, ringing]) @ amounts[: 2 * len(sigma)]
+        return off, self.X - columns @ amounts
+
+    def further(self, left: Complex) -> tuple[complex, float]:
+        """Exponent of the mode that takes most from what is left, and how much of chi square."""
+        omega = np.quantile(self.drive.omega, np.linspace(0.0, 1.0, CANDIDATES))
+        tried = np.concatenate([omega * (1j - ratio) for ratio in RATIOS])
+        columns = answers(self.drive, tried)[0]
+        overlap = np.abs(columns.conj().T @ (self.weight**2 * left)) ** 2
+        size = np.abs(columns.T) ** 2 @ self.weight**2
+        taken = np.sum(np.divide(overlap, size, out=np.zeros_like(size), where=size > 0.0), axis=1)
+        return complex(tried[np.argmax(taken)]), float(taken.max())
+
+    def improved(self, sigma: Complex) -> Complex:
+        """Exponents that fit best."""
+
+        def of(x: Array) -> Complex:
+            return np.asarray(-np.exp(x[: len(sigma)]) + 1j * x[len(sigma) :])
+
+        def residual(x: Array) -> Array:
+            left = (self.weight * self.linear(of(x))[1]).ravel()
+            return np.concatenate([left.real, left.imag])
+
+        start = np.concatenate([np.log(-sigma.real), sigma.imag])
+        return of(least_squares(residual, start, x_scale="jac", xtol=1e-8, ftol=1e-8, max_nfev=30).x)
+
+    def chi2(self, left: Complex) -> float:
+        """Chi square of what is left."""
+        return float(np.sum(np.abs(self.weight * left) ** 2))
+
+    def better(self, chi2: float, before: float) -> bool:
+        """Whether one mode more is worth it by BIC, for noise of unknown size: sigma, residues and rings are its."""
+        points, c = 2 * self.X.size, self.X.shape[1]
+        return bool(points * np.log(before / max(chi2, before * 1e-16)) > (2 + 4 * c) * np.log(points))
+
+    def plausible(self, sigma: Complex) -> bool:
+        """Whether modes lie apart, within the sweep, and are damped as modes are."""
+        sigma = sigma[np.argsort(sigma.imag)]
+        ratio = -sigma.real / np.abs(sigma)
+        apart = np.diff(sigma.imag) > -0.5 * (sigma.real[1:] + sigma.real[:-1])
+        within = self.drive.omega.min() < sigma.imag[0] and sigma.imag[-1] < self.drive.omega.max()
+        return bool(within and apart.all() and ratio.min() > LEAST_RATIO and ratio.max() < MOST_RATIO)
+
+
+def off_steady(drive: Drive, X: Complex, std: Array) -> tuple[Complex, Complex]:
+    """What channels are off their steady states, and what modes leave of them.
+
+    Parameters
+    ----------
+    drive : Drive
+    X : (w, c) complex array
+        Responses.
+    std : (w, c) array
+        Their standard deviations.
+
+    Returns
+    -------
+    (w, c) complex array
+        Response less its steady state, 0 where no mode stands out.
+    (w, c) complex array
+        Response less the fit.
+    """
+    fit, sigma = _Fit(drive, X, np.hypot(std, SHARPEST * np.abs(X))), np.empty(0, dtype=complex)
+    off, left = fit.linear(sigma)
+    for _ in range(MOST_MODES):
+        start, taken = fit.further(left)
+        before = fit.chi2(left)
+        if before == 0.0 or not fit.better(max(before - PROMISING * taken, 0.0), before):
+            break
+        more = fit.improved(np.append(sigma, start))
+        off_more, left_more = fit.linear(more)
+        if not fit.plausible(more) or not fit.better(fit.chi2(left_more), before):
+            break
+        sigma, off, left = more, off_more, left_more
+    return off, left
