@@ -47,6 +47,7 @@ class Dashpot(Memoryless):
     """Dashpot with the force c v + c2 v |v| against the motion."""
 
     name: ClassVar[str] = "dashpot"
+    drifting: ClassVar[int] = 1
 
     linear: Value = field(default=0.0, metadata=parameter("N s/m", "c", "textbook", strict=False))
     quadratic: Value = field(default=0.0, metadata=parameter("N s2/m2", "c2", "textbook", strict=False))
