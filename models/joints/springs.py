@@ -59,7 +59,10 @@ class Dashpot(Memoryless):
 
 @dataclass(frozen=True, eq=False)
 class Stop(Memoryless):
-    """One-sided spring, in touch where u > gap; a negative gap is a spring pressed at rest."""
+    """One-sided spring, in touch where u > gap; with a negative gap it pushes where u = 0, and moves the body.
+
+    Its force is then the whole of it, not a change from rest.
+    """
 
     name: ClassVar[str] = "impact-stop"
 
