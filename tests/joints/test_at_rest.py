@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import eigvalsh
 
+from continuation import ConvergenceError
 from hbm import linear_modes, nonlinear_mode, phase_resonance
 from hbm.modes.backbone import Backbone
 from models import Coulomb
@@ -96,3 +97,18 @@ def test_a_joint_that_holds_rigidly_takes_a_mode_away() -> None:
     small = nonlinear_mode(rig, amplitudes=(1e-6, 2e-6), harmonics=5)
     assert small.complete
     assert small.hz[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_no_motion_lags_where_other_modes_outweigh_it() -> None:
+    """Below the third of three modes at a drive where it moves most, the real part of the receptance has no zero.
+
+    Phase resonance of the first mode then does not exist, and the line names the amplitude that was asked for.
+    """
+    hz, drive, ratio = np.array([42.5, 45.5, 55.5]), np.array([0.12, 0.06, 0.69]), 0.015
+    Omega, omega = 2 * np.pi * np.linspace(1.0, 55.0, 2000)[:, None], 2 * np.pi * hz
+    assert np.all((drive**2 / (omega**2 - Omega**2 + 2j * ratio * omega * Omega)).sum(axis=1).real > 0.0)
+    body = ModalModel(tuple(hz.tolist()), {"a": tuple(drive.tolist())})
+    joint = Joint("stop", Stop(1e4, 1.0), ("a",))
+    rig = JointedRig("outweighed", body, Damping(modal_ratios=(ratio,)), (joint,), Excitation(1.0, at="a"))
+    with pytest.raises(ConvergenceError, match=r"no first motion at a drive amplitude of 1e-06 m.* none lags by 90°"):
+        phase_resonance(rig, amplitudes=(1e-6, 1e-5), harmonics=3)
