@@ -18,6 +18,7 @@ class End(Enum):
     REACHED_END = "reached lam_end"
     LEFT_INTERVAL = "left the interval of lam"
     CLOSED = "closed, back at the start"
+    MISSED_END = "closed, back at the start, where lam_end was to be reached"
     STEP_BELOW_MINIMUM = "step below the minimum"
     TOO_MANY_POINTS = "too many points"
     START_NOT_CONVERGED = "start did not converge"

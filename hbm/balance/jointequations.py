@@ -21,6 +21,17 @@ from models.jointed import JointedRig, JointedStructure
 Complex = npt.NDArray[np.complex128]
 
 
+CENTRING = 1e-5
+"""Stiffness that keeps the mean of what slides at rest, in units of that of the first elastic mode."""
+
+
+def _unseen(sees: Array) -> Array:
+    """Projector on the rigid motions (rigid, rigid) that do not move ports (m, rigid)."""
+    _, sizes, directions = np.linalg.svd(sees)
+    seen = directions[: np.count_nonzero(sizes > 1e-9 * sizes.max(initial=0.0))]
+    return np.asarray(np.eye(sees.shape[1]) - seen.T @ seen)
+
+
 class JointEquations(Scaled[JointedRig]):
     """A rig with joints on a Fourier basis: its unknowns and their equations."""
 
@@ -73,10 +84,14 @@ class JointEquations(Scaled[JointedRig]):
         return own
 
     def _adrift(self) -> Array:
-        """Stiffness against the mean of rigid motions that no joint sees, so that they have one, (rigid, rigid)."""
-        _, sizes, directions = np.linalg.svd(self.structure.joints[:, self.rigid])
-        seen = directions[: np.count_nonzero(sizes > 1e-9 * sizes.max(initial=0.0))]
-        return np.asarray(self.omega_1**2 * (np.eye(len(self.rigid)) - seen.T @ seen))
+        """Stiffness against the mean of rigid motions that no joint brings back, so that they have one, (rigid, rigid).
+
+        What slides both ways does not know where it is. Where it sticks it does: there the stiffness is weak beside it.
+        """
+        sees = self.structure.joints[:, self.rigid]
+        laws = [j.law for j in self.rig.joints]
+        returns = np.array([port >= law.drifting for law in laws for port in range(law.ports)], dtype=bool)
+        return np.asarray(self.omega_1**2 * (_unseen(sees) + CENTRING * _unseen(sees[returns])))
 
     @property
     def touching(self) -> tuple[int, ...]:

@@ -56,7 +56,9 @@ def print_modes(console: Console, rig: AnyRig, modes: "LinearModes") -> None:
         print_table(
             console, rig.name, ["mode", "free\nHz", "joined at rest\nHz", "damping free\n%", "damping joined\n%"], rows
         )
-        print_lines(console, [str(j) for j in rig.joints])
+        gone = sum(map(math.isnan, modes.stuck_hz))
+        rigid = [f"held rigidly when stuck: {gone} mode{'s' * (gone > 1)} fewer"] * bool(gone)
+        print_lines(console, [*map(str, rig.joints), *rigid])
         return
     print_table(console, rig.name, ["mode", "sliding\nHz", "stuck\nHz", "damping\n%"], [row[:-1] for row in rows])
     s = rig.structure

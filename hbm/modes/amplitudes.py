@@ -92,11 +92,10 @@ class StuckMode:
         if mode <= rigid:
             raise ValueError(f"backbone: mode = {mode} is a rigid motion; must be from {rigid + 1} to {len(omega)}")
         found, shape, s = float(omega[mode - 1]), shapes[:, mode - 1], rig.structure
-        K = touching.stiffness(found).real
-        if np.isinf(K).any():
-            forces = np.linalg.lstsq(s.joints.T, (s.omega_n**2 - found**2) * shape, rcond=None)[0]
-        else:
-            forces = -K @ (s.joints @ shape)
+        forces = -touching.stiffness(found).real @ (s.joints @ shape)
+        if held := touching.rigid:
+            short = (s.omega_n**2 - found**2) * shape - s.joints.T @ forces
+            forces[held] += np.linalg.lstsq(s.joints[held].T, short, rcond=None)[0]
         drive = float(s.excitation @ shape + s.flexibility_to_force @ forces)
         return StuckMode(found, touching.damping(found, shape), shape, np.asarray(forces, dtype=float), drive)
 
@@ -106,7 +105,9 @@ class StuckMode:
         Q, T = np.zeros((basis.size, len(self.shape))), np.zeros((basis.size, len(self.forces)))
         sine = problem.fundamental[1]
         Q[sine], T[sine] = q * self.shape, q * self.forces
-        return problem.pack(State(Q, T, self.omega, 0.0), self.sustain(problem, self.damping, q), lam)
+        moved, Omega = problem.balance.pack(State(Q, T, self.omega, 0.0))
+        sustain = problem.pack_sustain(self.sustain(problem, self.damping, q), problem.scale(lam))
+        return np.concatenate([moved / problem.scale(lam), [Omega, sustain]])
 
     def sustain(self, problem: DriveAmplitude, damping: float, q: float) -> float:
         """Relief [1/s], or force [N] whose work that is, against a damping [1/s] at an amplitude of its coordinate."""
@@ -156,7 +157,14 @@ def _first_motion(problem: DriveAmplitude, linear: StuckMode, lam: float) -> Arr
     if result.converged:
         return result.x
     low = lam - DOWN
-    branch = _continued(problem, linear, solved(problem, linear.motion(problem, low), low).x, (low, lam), BUDGET)
+    stuck = solve_at(problem, linear.motion(problem, low), low, NEWTON)
+    if not stuck.converged:
+        raise ConvergenceError(
+            f"backbone: no first motion at a drive amplitude of {10.0**lam:.6g} m, last residual "
+            f"{result.residual_norm:.2g}, nor at {10.0**low:.6g} m; {stuck.reason.value}; try another amplitude, more "
+            "harmonics, or the excitation where this mode moves most: where others outweigh it, none lags by 90°"
+        )
+    branch = _continued(problem, linear, stuck.x, (low, lam), BUDGET)
     return branch.require_complete().points[-1].x
 
 

@@ -297,7 +297,7 @@ def _changed(backbone: Backbone, i: int, rig: AnyRig, basis: FourierBasis) -> tu
     scale = problem.scale(near.lam)
     state = backbone.points[i].state
     sustain = problem.pack_sustain(state.F if problem.grows else balance.relief, scale)
-    x = np.concatenate([pad(problem.balance, state) / scale, [problem.balance.pack(state)[1], sustain]])
+    x = np.append((pad(problem.balance, state) - problem.rest) / scale, [problem.balance.pack(state)[1], sustain])
     try:
         point = _point(problem, solved(problem, x, near.lam))
     except ConvergenceError:
@@ -350,8 +350,8 @@ def nonlinear_mode(
     ------
     ValueError
         If there is no such mode, or the amplitudes do not grow.
-    continuation.ConvergenceError
-        If there is no first motion.
+    continuation.ConvergenceError, ArithmeticError
+        If there is no first motion; if joints that push find no balance at rest.
 
     Examples
     --------

@@ -9,8 +9,8 @@ its cosine vanishes, so that it lags a cosine by 90 degrees.
   amplitude falls as exp(-xi t / 2) has, to first order in xi / Omega.
 - :class:`ForcedMotion`: the rig as it is, under the force that keeps it at phase resonance.
 
-The continuation parameter is log10 A. Motion, friction and force are unknowns per amplitude, so that a point where the
-contact sticks and one where it slides differ by numbers of one size.
+The continuation parameter is log10 A. Motion about rest, friction and force are unknowns per amplitude, so that a point
+where the contact sticks and one where it slides differ by numbers of one size.
 
 References
 ----------
@@ -26,6 +26,7 @@ import numpy as np
 from continuation import DenseLinearization
 from hbm.balance.scaled import State
 from hbm.fourier import Array, FourierBasis
+from hbm.modes.rest import at_rest
 from hbm.modes.sustained import Motion, Sustained, sustained_balance
 from models.jointed import AnyRig
 
@@ -33,8 +34,8 @@ from models.jointed import AnyRig
 class DriveAmplitude(ABC):
     """Motions of a rig at given amplitudes of its drive; a :class:`continuation.Problem`.
 
-    Unknowns are the scaled coefficients of modes and friction per amplitude, the scaled frequency, and what sustains
-    the motion; the parameter is log10 of the amplitude in metres.
+    Unknowns are the scaled coefficients of modes and friction, less those at rest, per amplitude, the scaled frequency,
+    and what sustains the motion; the parameter is log10 of the amplitude in metres.
 
     Parameters
     ----------
@@ -45,6 +46,10 @@ class DriveAmplitude(ABC):
     def __init__(self, rig: AnyRig, basis: FourierBasis) -> None:
         self.balance = sustained_balance(rig, basis)
         self.fundamental = [basis.fundamental, basis.H + basis.fundamental]
+        rest, resting = at_rest(rig), np.zeros((basis.size, 1))
+        resting[0] = 1.0
+        T = (resting @ rest.T).reshape(basis.size, *self.balance.touching[1:])
+        self.rest = self.balance.pack(State(resting @ rest.Q, T, 0.0, 0.0))[0]
 
     @property
     def rig(self) -> AnyRig:
@@ -82,12 +87,12 @@ class DriveAmplitude(ABC):
         """Unknowns of a state, and of a relief [1/s] or force [N]."""
         scale = self.scale(lam)
         y, Omega = self.balance.pack(state)
-        return np.concatenate([y / scale, [Omega, self.pack_sustain(sustain, scale)]])
+        return np.concatenate([(y - self.rest) / scale, [Omega, self.pack_sustain(sustain, scale)]])
 
     def unpack(self, x: Array, lam: float) -> tuple[Sustained, Array, float]:
         """The balance of a motion, with its scaled unknowns and frequency there."""
         scale = self.scale(lam)
-        return self.sustained(float(x[-1]), scale), scale * x[:-2], float(x[-2])
+        return self.sustained(float(x[-1]), scale), self.rest + scale * x[:-2], float(x[-2])
 
     def residual(self, x: Array, lam: float) -> Array:
         """Scaled balances per amplitude, then the two conditions on the drive, (size,)."""

@@ -1,6 +1,7 @@
 """Linear modes of a rig, with the contact sliding freely and stuck."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +10,7 @@ from scipy.linalg import null_space
 from hbm.aft.joint import JointOverPeriod
 from hbm.errors import expect_rig
 from hbm.fourier import FourierBasis
+from hbm.modes.rest import at_rest
 from models.display import Displayed
 from models.jointed import AnyRig, JointedRig
 from models.joints import Friction, JointLaw
@@ -19,9 +21,6 @@ Complex = npt.NDArray[np.complex128]
 
 SAMPLES = 64
 """Per period of the small motions that laws are asked at."""
-
-RIGIDLY = 1e6
-"""How much stiffer than the modes a set-valued law holds its port, where the body does not yield."""
 
 ROUNDS, SETTLED = 10, 1e-9
 """Times a mode is found anew with what touches as stiff as at its frequency, at most, and when that is settled."""
@@ -35,7 +34,7 @@ class LinearModes(Displayed):
     ----------
     sliding_hz, stuck_hz : (n,) array
         Natural frequencies with the contact sliding freely, and held by its stiffness [Hz].
-        A rigidly held contact takes a mode away: the last entry is nan then.
+        A rigidly held contact or joint takes a mode away: the last entries are nan then.
     damping_ratio, stuck_damping_ratio : (n,) array
         Damping ratios of the sliding modes, and of those that are held with what touches losing what it does under
         small motions [-].
@@ -66,6 +65,8 @@ class LinearModes(Displayed):
 def linear_modes(rig: AnyRig) -> LinearModes:
     """Natural modes of a rig, sliding and stuck; with joints, without them and with their stiffness at rest.
 
+    At rest joints that push, such as a pressed stop, are in balance with the body.
+
     Parameters
     ----------
     rig : Rig or JointedRig
@@ -73,6 +74,11 @@ def linear_modes(rig: AnyRig) -> LinearModes:
     Returns
     -------
     LinearModes
+
+    Raises
+    ------
+    ArithmeticError
+        If the joints find no balance at rest.
 
     Examples
     --------
@@ -132,46 +138,57 @@ class Touching:
     """All that touches at rest, under small motions of the ports."""
 
     def __init__(self, rig: AnyRig) -> None:
-        self.rig, basis = rig, FourierBasis(1, SAMPLES)
+        self.rig, basis, rest = rig, FourierBasis(1, SAMPLES), at_rest(rig)
         laws: list[JointLaw]
         if isinstance(rig, JointedRig):
-            laws, self.yielding = [j.law for j in rig.joints], rig.structure.flexibility
+            laws, flexibility = [j.law for j in rig.joints], rig.structure.flexibility
+            moved = rig.structure.joints @ rest.Q[0] + flexibility @ rest.T[0]
         else:  # the contact of a beam is one
-            laws, self.yielding = (
-                [Friction(rig.contact.law, rig.contact.normal_load)],
-                np.array([[rig.structure.compliance]]),
-            )
-        self.laws = [(law, None if law.set_valued else JointOverPeriod(law, basis, loaded=False)) for law in laws]
+            laws = [Friction(rig.contact.law, rig.contact.normal_load)]
+            flexibility, moved = np.array([[rig.structure.compliance]]), np.zeros(1)
+        first = np.cumsum([0, *(law.ports for law in laws)])
+        self.ports = [slice(int(a), int(b)) for a, b in pairwise(first)]
+        own = np.zeros(len(moved))
+        for law, at in zip(laws, self.ports, strict=True):
+            moved[at][: law.drifting] = 0.0  # what sticks does so where it is at rest
+            own[at.start] = flexibility[at.start, at.start] * law.set_valued
+        holding = [at.start for law, at in zip(laws, self.ports, strict=True) if law.set_valued]
+        self.rigid = [port for port in holding if not own[port]]
+        self.yielding = flexibility - np.diag(own)
+        self.laws = [
+            (JointOverPeriod(law, basis, self._lent(at.start, own), loaded=False), moved[at])
+            for law, at in zip(laws, self.ports, strict=True)
+        ]
+
+    def _lent(self, port: int, own: Array) -> float:
+        """Compliance that a set-valued law needs, its own or, where it is held rigidly, any: it does not move."""
+        return 1.0 if port in self.rigid else float(own[port])
 
     def stiffness(self, omega: float) -> Complex:
         """Force per displacement, seen by the modes, (m, m) [N/m]: in series with what the modes leave out.
 
-        The imaginary part is what is lost. One contact that is held rigidly is inf.
+        The imaginary part is what is lost. Ports that are held rigidly do not move, whatever it is there.
         """
-        m, at = len(self.yielding), 0
+        m = len(self.yielding)
         K = np.zeros((m, m), dtype=complex)
-        for law, period in self.laws:
-            here = slice(at, at + law.ports)
-            K[here, here] = self._rigid(at) if period is None else _small(period, omega)
-            at += law.ports
-        if np.isinf(K).any():
-            return np.full((1, 1), 1.0 / self.yielding if self.yielding.any() else np.inf, dtype=complex)
+        for (period, mean), at in zip(self.laws, self.ports, strict=True):
+            K[at, at] = _small(period, omega, mean)
         return np.asarray(K @ np.linalg.inv(np.eye(m) + self.yielding @ K))
 
     @property
     def at_contact(self) -> float:
         """Stiffness of a single contact at the first sliding resonance [N/m], inf where it is held rigidly."""
-        return float(self.stiffness(self._first_elastic).real[0, 0])
+        return np.inf if self.rigid else float(self.stiffness(self._first_elastic).real[0, 0])
 
     def modes(self) -> tuple[Array, Array]:
         """Natural frequencies (m,) [rad/s] and mass-normalised shapes (n, m) with what touches held by its stiffness.
 
-        Each mode feels the stiffness at its own frequency. Where one contact is held rigidly they are those of the
-        motions without slip, m = n - 1.
+        Each mode feels the stiffness at its own frequency. Where ports are held rigidly they are those of the motions
+        without slip, m = n less these.
         """
         K = self.stiffness(self._first_elastic).real
         omega, shapes = self._held(K)
-        ends = [] if np.isinf(K).any() else [self.stiffness(float(w)).real for w in omega[[0, -1]] if w > 0.0]
+        ends = [self.stiffness(float(w)).real for w in (*omega[:1], *omega[-1:]) if w > 0.0]
         if all(np.allclose(end, K, rtol=SETTLED, atol=0.0) for end in ends):
             return omega, shapes
         for i in np.flatnonzero(omega):
@@ -191,7 +208,7 @@ class Touching:
         """
         s, K = self.rig.structure, self.stiffness(omega)
         moved = s.joints @ shape
-        lost = 0.0 if np.isinf(K).any() else float(moved @ K.imag @ moved) / omega
+        lost = float(moved @ K.imag @ moved) / omega
         return s.damps(shape) + (lost if lost < 2.0 * omega else 0.0)
 
     @property
@@ -201,25 +218,19 @@ class Touching:
         return float(omega[omega > 0.0][0]) if omega.any() else 2 * np.pi
 
     def _held(self, K: Array) -> tuple[Array, Array]:
-        """Modes with a stiffness between the ports, inf where a contact is held rigidly."""
-        s, rigid = self.rig.structure, np.isinf(K).any()
-        free = null_space(s.joints) if rigid else np.eye(s.n)
-        held = 0.0 if rigid else s.joints.T @ K @ s.joints
-        squares, shapes = np.linalg.eigh(free.T @ (np.diag(s.omega_n**2) + held) @ free)
+        """Modes with a stiffness between the ports, those that are held rigidly held."""
+        s = self.rig.structure
+        free = null_space(s.joints[self.rigid]) if self.rigid else np.eye(s.n)
+        squares, shapes = np.linalg.eigh(free.T @ (np.diag(s.omega_n**2) + s.joints.T @ K @ s.joints) @ free)
         return np.sqrt(np.maximum(squares, 0.0)), np.asarray(free @ shapes)
 
-    def _rigid(self, port: int) -> float:
-        """Stiffness of a law that holds its port rigidly: without bound of one contact, large beside joints."""
-        s = self.rig.structure
-        if not isinstance(self.rig, JointedRig):
-            return np.inf
-        return RIGIDLY * float(s.omega_n[-1] ** 2 / (s.joints[port] @ s.joints[port]))
 
-
-def _small(period: JointOverPeriod, omega: float) -> Complex:
-    """Complex amplitudes of the forces of a joint per displacement of its ports at rest, (ports, ports) [N/m]."""
+def _small(period: JointOverPeriod, omega: float, mean: Array) -> Complex:
+    """Complex amplitudes of the forces of a joint per displacement of its ports about means, (ports, ports) [N/m]."""
     m, K = period.ports, np.zeros((period.ports, period.ports), dtype=complex)
-    found = period.linearize(np.zeros((period.basis.size, 2 * m + 1)), omega)
+    signals = np.zeros((period.basis.size, 2 * m + 1))
+    signals[0, :m] = mean
+    found = period.linearize(signals, omega)
     for signal, by in zip(found.used, found.by_used, strict=True):
         if signal < 2 * m:  # a displacement, or one whose rate is the velocity
             K[:, signal % m] -= by[:, 1, 1] - 1j * by[:, 2, 1]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from continuation import Branch, Point, Problem, Settings, continue_branch
+from continuation import Branch, End, Point, Problem, Settings, continue_branch
 from hbm.fourier import Array
 
 FOLDS = 200
@@ -136,7 +136,7 @@ def continue_within(
     settings: Settings,
     on_point: OnPoint | None = None,
 ) -> Branch:
-    """Trace a branch within a budget; where that ends it, the branch says in words where and why.
+    """Trace a branch to the end of its sweep within a budget; where it ends elsewhere, it says in words where and why.
 
     Parameters
     ----------
@@ -157,11 +157,24 @@ def continue_within(
         return bool(ended)
 
     branch = continue_branch(problem, x, lam, settings, report)
+    if branch.closed:
+        return replace(branch, end=End.MISSED_END, message=_short_of_the_end(branch, along))
     if not watch.ended:
         return branch
     where = f"stopped at {along.value(branch.points[-1].lam):.6g} {along.unit}".rstrip()
     counts = f"point {len(branch.points)}, {len(branch.folds)} folds, {len(branch.corners)} corners"
     return replace(branch, message=f"{where} ({counts}): {watch.ended}; {along.advice}")
+
+
+def _short_of_the_end(branch: Branch, along: Along) -> str:
+    """What a closed curve spans, and what it does not come to."""
+    low, high, end = (
+        f"{along.value(lam):.6g}" for lam in (branch.lam.min(), branch.lam.max(), branch.settings.lam_end)
+    )
+    return (
+        f"the curve is closed, back at its start: {f'{low} to {high} {along.unit}'.rstrip()}, and does not come to "
+        f"{f'{end} {along.unit}'.rstrip()}, where another answers; start there or elsewhere, or with more harmonics"
+    )
 
 
 def _width(values: deque[float]) -> float:

@@ -22,6 +22,7 @@ from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
 from hbm.response.liftoff import solve_lifting
 from hbm.response.peak import with_peak
+from hbm.response.settling import settled
 from models.jointed import AnyRig
 
 CURVE_TOLERANCE = 1.5e-3
@@ -82,7 +83,7 @@ def steady_state(
     Raises
     ------
     continuation.ConvergenceError
-        If neither Newton nor a ramp of the force finds it.
+        If neither Newton nor a ramp of the force nor a march in time finds it.
     """
     expect_rig(rig, "steady_state", joints=True)
     expect_frequency(hz, "steady_state")
@@ -117,7 +118,8 @@ def first_solution(problem: AnyBalance, lam: float) -> Array:
     """Solution at `lam` from nothing, by the first way that works.
 
     Newton from rest; from fewer samples, where there are more than usual; from one harmonic upwards; along ramps of the
-    force with few harmonics, and with all; along the frequency from far off, where the contact sticks.
+    force with few harmonics, and with all; along the frequency from far off, where the contact sticks; from where a
+    rig with joints settles in time.
 
     Raises
     ------
@@ -125,15 +127,15 @@ def first_solution(problem: AnyBalance, lam: float) -> Array:
         If none does.
     """
     few = (partial(_by_force, H=H) for H in FEW if H < problem.basis.H)
-    ways: tuple[Way, ...] = (_from_rest, _by_samples, _by_harmonics, *few, _by_force, _from_afar)
+    ways: tuple[Way, ...] = (_from_rest, _by_samples, _by_harmonics, *few, _by_force, _from_afar, _by_time)
     for way in ways:
         x = way(problem, lam)
         if x is not None and np.isfinite(problem.residual(x, lam)).all():  # a law may have no numbers from its rest
             return x
     where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
     raise ConvergenceError(
-        f"first solution: none at {where}, neither from rest, nor with few harmonics "
-        "first, nor along a force ramp or from a far frequency; start the sweep elsewhere, or with a smaller force"
+        f"first solution: none at {where}, neither from rest, nor with few harmonics first, nor along a force ramp, "
+        "from a far frequency or from a march in time; try more samples, another frequency or softer contacts"
     )
 
 
@@ -175,6 +177,12 @@ def _from_afar(problem: AnyBalance, lam: float) -> Array | None:
             if branch.complete:
                 return pad(problem, sweep.unpack(branch.points[-1].x, end))
     return None
+
+
+def _by_time(problem: AnyBalance, lam: float) -> Array | None:
+    start = settled(problem, lam)
+    result = None if start is None else solve_at(problem, start, lam, _newton())
+    return result.x if result is not None and result.converged else None
 
 
 def _by_harmonics(problem: AnyBalance, lam: float) -> Array | None:

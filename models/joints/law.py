@@ -69,6 +69,11 @@ class JointLaw(Protocol):
         """Whether it needs that compliance."""
         ...
 
+    @property
+    def drifting(self) -> int:
+        """At how many of its first ports no place is its own: the forces there know only where the motion has been."""
+        ...
+
     def advance(self, z: Value, before: JointSample, now: JointSample) -> tuple[Value, list[Value]]:
         """Advance the internal state `z` (states,) from sample `before` to `now`; return it and the forces (ports,)."""
         ...
@@ -84,6 +89,7 @@ class Memoryless:
     states: ClassVar[int] = 0
     folds: ClassVar[bool] = False
     set_valued: ClassVar[bool] = False
+    drifting: ClassVar[int] = 0
 
     def __post_init__(self) -> None:
         """Refuse numbers out of their bounds."""

@@ -39,6 +39,7 @@ class HystereticDamping:
     states: ClassVar[int] = BRANCHES
     folds: ClassVar[bool] = False
     set_valued: ClassVar[bool] = False
+    drifting: ClassVar[int] = 0
 
     loss: Value = field(metadata=parameter("N/m", "loss factor times stiffness", "textbook", strict=False))
     frequency: Value = field(metadata=parameter("Hz", "where it adds no stiffness", "Biot 1958"))
@@ -67,6 +68,7 @@ class Backlash:
     states: ClassVar[int] = 1
     folds: ClassVar[bool] = False
     set_valued: ClassVar[bool] = False
+    drifting: ClassVar[int] = 1
 
     stiffness: Value = field(metadata=parameter("N/m", "once the play is taken up", "textbook"))
     limit: Value = field(metadata=parameter("N", "at which it slides", "textbook"))

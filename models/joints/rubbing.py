@@ -45,6 +45,7 @@ class Friction:
 
     name: ClassVar[str] = "friction"
     folds: ClassVar[bool] = True
+    drifting: ClassVar[int] = 1
 
     law: FrictionLaw
     normal_load: Value = field(metadata=parameter("N", "at rest; negative where open", "section 3", lower=ANY))
@@ -109,6 +110,7 @@ class PlaneFriction:
     states: ClassVar[int] = 2
     folds: ClassVar[bool] = False
     set_valued: ClassVar[bool] = False
+    drifting: ClassVar[int] = 2
 
     mu: Value = field(metadata=parameter("1", "friction coefficient", "Coulomb", strict=False))
     tangential_stiffness: Value = field(metadata=parameter("N/m", "of either tangential direction", "textbook"))

@@ -47,6 +47,7 @@ class Dashpot(Memoryless):
     """Dashpot with the force c v + c2 v |v| against the motion."""
 
     name: ClassVar[str] = "dashpot"
+    drifting: ClassVar[int] = 1
 
     linear: Value = field(default=0.0, metadata=parameter("N s/m", "c", "textbook", strict=False))
     quadratic: Value = field(default=0.0, metadata=parameter("N s2/m2", "c2", "textbook", strict=False))
@@ -58,7 +59,10 @@ class Dashpot(Memoryless):
 
 @dataclass(frozen=True, eq=False)
 class Stop(Memoryless):
-    """One-sided spring, in touch where u > gap; a negative gap is a spring pressed at rest."""
+    """One-sided spring, in touch where u > gap; with a negative gap it pushes where u = 0, and moves the body.
+
+    Its force is then the whole of it, not a change from rest.
+    """
 
     name: ClassVar[str] = "impact-stop"
 

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from continuation import End, Point
+from continuation import DenseProblem, End, Point, Settings
 from hbm import load_rig
 from hbm.modes.backbone import nonlinear_mode
-from hbm.response.budget import CRAWL, FOLDS, Budget, Watch
+from hbm.response.budget import CRAWL, FOLDS, Along, Budget, Watch, continue_within
 from hbm.response.trace import trace_frequency
 from hbm.tracking.parameterresponse import parameter_response
 
@@ -46,6 +46,24 @@ def test_the_budget_of_points_ends_a_curve_and_keeps_it() -> None:
         f"stopped at {curve.branch.lam[-1] / curve.branch.lam[0] * 45:.6g} Hz (point 7"
     )
     assert "7 points are its budget; try" in curve.branch.message
+
+
+def test_a_sweep_on_a_closed_curve_has_not_come_to_its_end() -> None:
+    """From 40 on a circle about 40 of radius 1 no sweep comes to 90: it says how far it came, and is not complete."""
+    circle = DenseProblem(
+        lambda x, lam: x**2 + (lam - 40.0) ** 2 - 1.0,
+        lambda x, lam: (np.diag(2.0 * x), np.array([2.0 * (lam - 40.0)])),
+    )
+    settings = Settings(lam_end=90.0, lam_min=30.0, step=0.1, step_max=0.1)
+    branch = continue_within(None, Along(lambda lam: lam, "Hz"), circle, np.array([1.0]), 40.0, settings)
+    assert (branch.end, branch.complete, branch.closed) == (End.MISSED_END, False, False)
+    spans = re.fullmatch(
+        r"the curve is closed, back at its start: ([\d.]+) to ([\d.]+) Hz, and does not come to 90 Hz, where another "
+        r"answers; start there or elsewhere, or with more harmonics",
+        branch.message,
+    )
+    assert spans is not None
+    assert [float(hz) for hz in spans.groups()] == pytest.approx([39.0, 41.0], abs=0.01)
 
 
 def test_a_budget_of_one_point_is_in_the_singular() -> None:

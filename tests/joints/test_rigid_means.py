@@ -1,0 +1,84 @@
+"""The mean of rigid motions: undetermined where joints slide both ways, decided by the contact where it sticks."""
+
+import numpy as np
+import pytest
+
+from hbm import steady_state
+from hbm.integration.jointed import simulate_joints
+from hbm.response.trace import trace_frequency
+from models import Coulomb, Dahl, Iwan, Jenkins
+from models.bodies.modal import ModalModel
+from models.friction.law import FrictionLaw
+from models.jointed import JointedRig
+from models.joints import Friction, Joint, PolynomialSpring
+from models.parts import Damping, Excitation
+
+MU, LOAD, SLIP, FORCE = 0.5, 20.0, 1e-5, 15.0
+
+
+def mass(law: FrictionLaw) -> JointedRig:
+    """A kilogram on dry friction."""
+    joint = Joint("floor", Friction(law, LOAD), ("mass",))
+    return JointedRig(
+        "mass", ModalModel((0.0,), {"mass": (1.0,)}), Damping(0.0), (joint,), Excitation(FORCE, at="mass")
+    )
+
+
+def half_swing(hz: float, periods: int = 60, steps: int = 4000) -> float:
+    """Half the way [m] that a kilogram goes behind a spring that slides at its limit, by a leap-frog of its own."""
+    dt, k, limit = 1.0 / (hz * steps), MU * LOAD / SLIP, MU * LOAD
+    force = FORCE * np.cos(2 * np.pi * np.arange(steps) / steps)
+    x = v = anchor = 0.0
+    for _ in range(periods):
+        low = high = x
+        for F in force.tolist():
+            pull = min(max(k * (x - anchor), -limit), limit)
+            anchor = x - pull / k
+            v += dt * (F - pull)
+            x += dt * v
+            low, high = min(low, x), max(high, x)
+    return (high - low) / 2
+
+
+@pytest.mark.parametrize("hz", [20.0, 30.0, 60.0])
+def test_a_mass_slides_about_where_it_was(hz: float) -> None:
+    """Half a swing is that of a march in time, to the 0.5 % that 31 harmonics leave; it is about rest."""
+    drive = steady_state(mass(Jenkins(MU, SLIP)), hz, harmonics=31, samples=2048)["drive"]
+    assert drive.peak == pytest.approx(half_swing(hz), rel=5e-3)
+    assert abs(drive.coefficients[0]) < 1e-6 * drive.peak
+
+
+@pytest.mark.parametrize("law", [Coulomb(MU), Dahl(MU, 1e6), Iwan(MU, 1e6)], ids=lambda law: law.name)
+def test_every_law_slides_about_where_it_was(law: FrictionLaw) -> None:
+    """The mean is nobody's but the mean force is: none."""
+    found = steady_state(mass(law), 30.0, harmonics=15)
+    assert found["floor.force"].peak == pytest.approx(MU * LOAD, rel=1e-6)
+    assert abs(found["drive"].coefficients[0]) < 1e-6 * found["drive"].peak
+    assert abs(found.energy_error) < 1e-6
+
+
+def test_a_curve_of_a_sliding_mass_is_complete() -> None:
+    """Its swing falls with the frequency."""
+    curve = trace_frequency(mass(Jenkins(MU, SLIP)), (20.0, 60.0), harmonics=9)
+    assert curve.complete and len(curve.points) < 100
+    assert np.all(np.diff(curve["drive"].peak) < 0.0)
+
+
+def test_what_sticks_keeps_the_mean_of_its_history() -> None:
+    """A lopsided spring shifts the means of a body afloat but for a contact that sticks: as far as in time from rest.
+
+    Nothing else sees the rigid motion, so that the mean force of the contact is zero.
+    """
+    body = ModalModel((0.0, 50.0), {"one": (0.6, 0.8), "two": (0.6, -0.8)})
+    joints = (
+        Joint("floor", Friction(Jenkins(MU, 1e-2), 1e4), ("one",)),
+        Joint("spring", PolynomialSpring(linear=1e4, quadratic=3e7), ("one",), ("two",)),
+    )
+    rig = JointedRig("lopsided", body, Damping(mass_proportional=10.0), joints, Excitation(20.0, at="two"))
+    found = steady_state(rig, 40.0, harmonics=9)
+    late = simulate_joints(rig, 40.0, periods=200, steps_per_period=1024, last_periods=1)
+    drive = late.channels["drive"].values[1:]
+    mean, force = found["drive"].coefficients[0], found["floor.force"].coefficients[0]
+    assert abs(mean) > 1e-2 * found["drive"].peak
+    assert mean == pytest.approx(drive.mean(), rel=1e-4)
+    assert abs(force) < 1e-4 * found["floor.force"].peak
