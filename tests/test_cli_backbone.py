@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from hbm.cli import app
-from hbm.modes.backbone import NumericalChange
+from hbm.modes.accuracy import NumericalChange
 from hbm.modes.linear import linear_modes
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import trace_frequency
@@ -51,7 +51,7 @@ def test_table_and_companion(tmp_path: Path) -> None:
 def test_what_is_not_found_with_a_finer_discretisation_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     lost = (math.nan, math.nan)
     change = NumericalChange(1e-6, (0.001, -0.002), lost, lost)
-    monkeypatch.setattr("hbm.modes.backbone.numerical_change", lambda _: change)
+    monkeypatch.setattr("hbm.modes.accuracy.numerical_change", lambda _: change)
     said = "frequency and damping change with more harmonics by +0.10% and -0.20%; the same motion was not found with "
     assert f"{said}more samples, more modes" in run(PAPER, *QUICK).stdout
 

@@ -26,7 +26,8 @@ from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.figures.style import AxesArray
-    from hbm.modes.backbone import Backbone, NumericalChange
+    from hbm.modes.accuracy import NumericalChange
+    from hbm.modes.backbone import Backbone
     from hbm.response.budget import Budget
     from hbm.response.curve import ResponseCurve
     from models.jointed import AnyRig
@@ -160,7 +161,7 @@ def _deliver(
     backbones: Sequence["Backbone"], mode: int, curves: Sequence["ResponseCurve"], out: Path | None, plot: Path | None
 ) -> None:
     from hbm.files.backbonefiles import backbone_contents
-    from hbm.modes.backbone import numerical_change
+    from hbm.modes.accuracy import numerical_change
 
     def drawn() -> "AxesArray":
         from hbm.figures.backbone import plot_backbones

@@ -8,7 +8,8 @@ import numpy as np
 from hbm.files.outputs import Columns, column_rows, with_companion
 from hbm.files.version import installed_version
 from hbm.fourier import Array
-from hbm.modes.backbone import Backbone, NonlinearMode, NumericalChange
+from hbm.modes.accuracy import NumericalChange
+from hbm.modes.backbone import Backbone, NonlinearMode
 from hbm.modes.linear import linear_modes
 from hbm.textfiles import Contents, StrPath
 

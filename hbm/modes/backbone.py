@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from continuation import Branch, ConvergenceError, Correction, End, Point, Settings
-from hbm.balance.padding import pad
+from continuation import Branch, Correction, End, Point, Settings
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
@@ -132,7 +131,7 @@ class Backbone(ABC):
         together: the damping is a small part of the motion.
         """
         branch = self.branch.dense(LINES)
-        return replace(self, branch=branch, points=_described(self.problem, branch.points))
+        return replace(self, branch=branch, points=described(self.problem, branch.points))
 
     @property
     def complete(self) -> bool:
@@ -182,8 +181,8 @@ class Backbone(ABC):
     def _solved(self, near: Sequence[Array], lams: Sequence[float] | Array) -> Self:
         """Motions at given parameters, from unknowns near them."""
         found = [solved(self.problem, x, float(lam)) for x, lam in zip(near, lams, strict=True)]
-        points = tuple(_point(self.problem, f) for f in found)
-        return replace(self, points=_described(self.problem, points), branch=replace(self.branch, points=points))
+        points = tuple(point_of(self.problem, f) for f in found)
+        return replace(self, points=described(self.problem, points), branch=replace(self.branch, points=points))
 
     def _between(self, i: int, lam: float) -> Array:
         """Unknowns between a point and the next, to first order."""
@@ -207,7 +206,7 @@ class NonlinearMode(Backbone):
         problem: DriveAmplitude, found: Sequence[Correction], motions: tuple[PeriodicSolution, ...]
     ) -> "NonlinearMode":
         """Motions that were solved at some amplitudes, on no traced branch, and what they are in physical terms."""
-        points = tuple(_point(problem, f) for f in found)
+        points = tuple(point_of(problem, f) for f in found)
         branch = Branch(points, End.REACHED_END, "solved at given amplitudes", Settings(lam_end=points[-1].lam))
         return NonlinearMode(problem.rig, motions, branch, problem)
 
@@ -245,71 +244,6 @@ class PhaseResonance(Backbone):
     def lost(self) -> Array:
         """Work of the force in one period, (points,) [J], which is lost."""
         return np.array([_work(p, self.problem.balance.force_shape) for p in self.points])
-
-
-@dataclass(frozen=True)
-class NumericalChange:
-    """How much one motion changes, relatively, with a finer discretisation; nan where it cannot be solved with it.
-
-    Attributes
-    ----------
-    amplitude : float
-        Amplitude of the drive [m].
-    harmonics, samples, modes : (float, float)
-        Changes of frequency and damping ratio, with 1.5 times the harmonics, twice the samples, twice the modes.
-    """
-
-    amplitude: float
-    harmonics: tuple[float, float]
-    samples: tuple[float, float]
-    modes: tuple[float, float]
-
-    @property
-    def by_source(self) -> dict[str, tuple[float, float]]:
-        """The changes by what was made finer."""
-        return {"harmonics": self.harmonics, "samples": self.samples, "modes": self.modes}
-
-
-@one_thread
-def numerical_change(backbone: Backbone, i: int | None = None) -> NumericalChange:
-    """How far a point of a backbone is from the exact answer, measured by solving it again.
-
-    Parameters
-    ----------
-    backbone : Backbone
-    i : int, optional
-        The point; that of largest damping where omitted.
-    """
-    i = int(np.argmax(backbone.damping_ratio)) if i is None else i
-    rig, (H, N_t) = backbone.rig, (backbone.problem.balance.basis.H, backbone.problem.balance.basis.N_t)
-    finer = (
-        (rig, FourierBasis(H + (H + 1) // 2, max(N_t, default_samples(H + (H + 1) // 2)))),
-        (rig, FourierBasis(H, 2 * N_t)),
-        (rig.with_modes(2 * rig.structure.n), FourierBasis(H, N_t)),
-    )
-    return NumericalChange(float(backbone.amplitude[i]), *(_changed(backbone, i, *setting) for setting in finer))
-
-
-def _changed(backbone: Backbone, i: int, rig: AnyRig, basis: FourierBasis) -> tuple[float, float]:
-    """Relative changes of frequency and damping ratio of a point on another rig and basis."""
-    near, problem = backbone.branch.points[i], type(backbone.problem)(rig, basis)
-    balance = backbone.problem.unpack(near.x, near.lam)[0]
-    scale = problem.scale(near.lam)
-    state = backbone.points[i].state
-    sustain = problem.pack_sustain(state.F if problem.grows else balance.relief, scale)
-    x = np.append((pad(problem.balance, state) - problem.rest) / scale, [problem.balance.pack(state)[1], sustain])
-    try:
-        point = _point(problem, solved(problem, x, near.lam))
-    except ConvergenceError:
-        return float("nan"), float("nan")
-    again = replace(
-        backbone,
-        rig=rig,
-        points=_described(problem, [point]),
-        branch=replace(backbone.branch, points=(point,)),
-        problem=problem,
-    )
-    return float(again.hz[0] / backbone.hz[i] - 1), float(again.damping_ratio[0] / backbone.damping_ratio[i] - 1)
 
 
 @one_thread
@@ -363,7 +297,7 @@ def nonlinear_mode(
     expect_rig(rig, "nonlinear_mode", joints=True)
     motion = FreeMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
     branch = traced(motion, mode, amplitudes, on_point, budget)
-    return NonlinearMode(rig, _described(motion, branch.points), branch, motion)
+    return NonlinearMode(rig, described(motion, branch.points), branch, motion)
 
 
 @one_thread
@@ -386,10 +320,10 @@ def phase_resonance(
     expect_rig(rig, "phase_resonance", joints=True)
     motion = ForcedMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
     branch = traced(motion, mode, amplitudes, on_point, budget)
-    return PhaseResonance(rig, _described(motion, branch.points), branch, motion)
+    return PhaseResonance(rig, described(motion, branch.points), branch, motion)
 
 
-def _point(problem: DriveAmplitude, found: Correction) -> Point:
+def point_of(problem: DriveAmplitude, found: Correction) -> Point:
     """A motion solved at an amplitude, with the tangent of the branch through it."""
     none = np.zeros_like(found.x)
     tangent, _ = found.linearization.solve_bordered(none, 1.0, none, 1.0)
@@ -397,7 +331,8 @@ def _point(problem: DriveAmplitude, found: Correction) -> Point:
     return Point(found.x, found.lam, tangent, 1.0, alone, alone, found.iterations, found.residual_norm)
 
 
-def _described(problem: DriveAmplitude, points: Sequence[Point]) -> tuple[PeriodicSolution, ...]:
+def described(problem: DriveAmplitude, points: Sequence[Point]) -> tuple[PeriodicSolution, ...]:
+    """The motions at points of a branch."""
     return tuple(describe(*problem.unpack(p.x, p.lam)) for p in points)
 
 
