@@ -125,5 +125,8 @@ def _print(found: "Modes") -> None:
     if found.chi2_reduced > 1.0:
         lines.append("standard deviations are multiplied by the root of the misfit")
     if found.chi2_reduced > FITS:
-        lines.append("warning: not linear at this level, or its shapes are not real: some of these may be no modes")
+        lines.append(
+            "warning: not linear at this level, its shapes are not real, or a mode near the band is not in it: some of "
+            "these may be no modes; the next mode on either side should be in the band"
+        )
     print_lines(console(), lines)
