@@ -50,7 +50,8 @@ def plot_history(
     rows: list[HistoryRow] = [([name], label, [style]) for name, label in HISTORY_ROWS]
     height, layout, legend = 5.6, ConstrainedLayoutEngine(wspace=0.06), False
     if isinstance(rig, JointedRig):
-        rows, height, layout, legend = history_rows(rig), 5.2, ConstrainedLayoutEngine(), rig.ports <= LEGEND
+        rows, layout, legend = history_rows(rig), ConstrainedLayoutEngine(), 0 < rig.ports <= LEGEND
+        height = 1.4 + 1.25 * len(rows)
     grid = panels(axes, len(rows), 2, height, layout=layout, sharex="col", sharey="row", width_ratios=(2, 1))
     shown = min(periods, (len(history.time) - 1) // history.samples_per_period)
     last = slice(-(shown * history.samples_per_period + 1) if shown else 0, None)

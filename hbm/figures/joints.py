@@ -96,9 +96,9 @@ HistoryRow = tuple[Sequence[str], str, Sequence[Mapping[str, Any]]]
 
 
 def history_rows(rig: "JointedRig") -> list[HistoryRow]:
-    """Signals of a history of a rig with joints, panel by panel."""
-    return [
-        (["drive"], "Drive", [{"color": INK}]),
+    """Signals of a history of a rig with joints, panel by panel; without any, the drive alone."""
+    of_joints: list[HistoryRow] = [
         (rig.forces, "Joint force", styles_of(rig)),
         (rig.motions, "Joint motion", styles_of(rig)),
     ]
+    return [(["drive"], "Drive", [{"color": INK}]), *(of_joints if rig.ports else [])]
