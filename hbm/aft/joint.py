@@ -105,17 +105,11 @@ class JointOverPeriod(SteadyPeriod):
         """State of the law before the first sample of the last period computed, (memory,)."""
         return self._carried[: self.functions.memory].copy()
 
-    @property
-    def shown(self) -> Array:
-        """Displacements, velocities and load at the samples of the last period computed, (N_t, 2 m + 1)."""
-        return self._sampled.copy()
-
-    @property
-    def states(self) -> Array:
-        """Internal states of the law after each sample of the last period computed, (N_t, states)."""
-        evaluate, (found, _) = buffered(self.functions.states(), self._inputs)
-        evaluate()
-        return found.reshape(self.basis.N_t, self.law.states)
+    def at_first(self) -> tuple[Array, Array]:
+        """Internal states after the first sample of the last period computed, and that sample's signals."""
+        first, last = self._sampled[0], self._sampled[-1]
+        carried = self.functions.sample(self._carried, last, first, self._environment, self._inputs[3])
+        return np.asarray(carried.full()[: self.law.states, 0]), first.copy()
 
     @property
     def undying(self) -> int:

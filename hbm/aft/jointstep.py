@@ -3,9 +3,8 @@
 Harmonic balance and time integration both build on this.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import casadi as ca
@@ -115,23 +114,23 @@ class JointFunctions:
         Which signals (of the sample, then of the one before) the law depends on.
     timed : bool
         Whether it depends on the time between samples.
+    sample : (carried, signals before, signals, environment, p) -> carried
     march : (carried, signals, environment, p) -> carried
     force : (carried, signals, environment, p) -> (forces, gap, carried)
         `gap` is what f = law(f) is short of.
     period : (carried, signals, environment, p) -> (forces, gap, local, carried)
         `local` (forces, memory) by (memory, signals read, dt if it matters).
     by_numbers : like `period`, with derivatives to (memory, signals read, dt if..., p).
-    states : (carried, signals, environment, p) -> (internal states, carried), built when first asked for.
     """
 
     memory: int
     reads: tuple[int, ...]
     timed: bool
+    sample: ca.Function
     march: ca.Function
     force: ca.Function
     period: ca.Function
     by_numbers: ca.Function
-    states: Callable[[], ca.Function]
 
 
 def joint_step(law: JointLaw) -> JointStep:
@@ -168,11 +167,11 @@ def _functions(made_of: Form, N_t: int, iterations: int, yields: bool) -> JointF
         memory=step.memory.numel(),
         reads=step.reads,
         timed=step.uses_time,
+        sample=stepped(),
         march=unrolled(stepped(), N_t),
         force=unrolled(stepped(step.f, gap), N_t),
         period=with_derivatives(inputs),
         by_numbers=with_derivatives(ca.vertcat(inputs, step.p)),
-        states=cache(lambda: unrolled(stepped(step.z_new), N_t)),
     )
 
 

@@ -11,7 +11,7 @@ from hbm.diagnosis.estimates import lifted
 from hbm.diagnosis.judge import beside_noise
 from hbm.diagnosis.misfit import Misfit, misfit
 from hbm.diagnosis.predict import Predicted
-from hbm.diagnosis.remainder import explained, nearly_all, percent
+from hbm.diagnosis.remainder import explained, first_of, nearly_all, percent
 from hbm.diagnosis.search import Search
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
@@ -105,10 +105,9 @@ class Evidence:
     def _moved(self) -> Iterator[str]:
         far = [f"{key} ({pull:+.1f})" for key, pull in off(self.search.trust, self.search.calibrated).items()]
         if far:
-            told = ", ".join(far[:MOVED]) + (f" and {len(far) - MOVED} more" if far[MOVED:] else "")
             yield (
-                f"Calibration moves {told} as many tolerances as it may: a number of the rig file is wrong, or physics "
-                "is missing."
+                f"Calibration moves {first_of(far, MOVED)} as many tolerances as it may: a number of the rig file is "
+                "wrong, or physics is missing."
             )
 
     def _scores(self) -> Iterator[str]:
@@ -151,8 +150,7 @@ class Evidence:
 def _calibrated(e: Evaluation) -> Iterator[str]:
     """Numbers that calibration moved within their tolerances."""
     if told := moved(e):
-        more = f" and {len(told) - MOST_TOLD} more" if told[MOST_TOLD:] else ""
-        yield f"Calibration moves within tolerances: {', '.join(told[:MOST_TOLD])}{more}."
+        yield f"Calibration moves within tolerances: {first_of(told, MOST_TOLD)}."
 
 
 def _clearest(m: Misfit) -> str:

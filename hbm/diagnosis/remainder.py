@@ -1,6 +1,6 @@
 """The misfit that a model leaves: how much was explained, how large the rest is, where it is, how it looks."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -101,6 +101,15 @@ def percent(share: float) -> str:
 def nearly_all(share: float) -> str:
     """A share in per cent, as far as it is told apart from all."""
     return "over 99.9 %" if share > NEARLY_ALL else percent(share)
+
+
+def first_of(words: Sequence[str], most: int) -> str:
+    """The first of some words, and how many more there are.
+
+    >>> first_of(["a", "b", "c"], 2)
+    'a, b and 1 more'
+    """
+    return ", ".join(words[:most]) + (f" and {len(words) - most} more" if len(words) > most else "")
 
 
 def excess(white: Whitened) -> float:

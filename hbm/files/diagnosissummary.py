@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from hbm.diagnosis.calibrate import moved
 from hbm.diagnosis.discrepancy import MOST_LISTED, Discrepancy
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.remainder import nearly_all, percent
+from hbm.diagnosis.remainder import first_of, nearly_all, percent
 from hbm.diagnosis.verdict import Diagnosis, Estimate
 from hbm.files.identifyreport import Value, value_text
 from hbm.outputerror.fit import Evaluation
@@ -234,9 +234,7 @@ def _next(d: Diagnosis, force: Discrepancy | None, doubted: Sequence[str]) -> It
 
 def _named(records: Sequence[str]) -> str:
     """Some records by name, and how many more there are."""
-    more = len(records) - MOST_DOUBTED
-    some = ", ".join(records[:MOST_DOUBTED]) + (f" and {more} more" if more > 0 else "")
-    return f"{'record' if len(records) == 1 else 'records'} {some}"
+    return f"{'record' if len(records) == 1 else 'records'} {first_of(records, MOST_DOUBTED)}"
 
 
 def _checks(causes: Sequence[Cause]) -> Iterator[str]:

@@ -112,19 +112,16 @@ class JointHistory(History):
         return spectrum(modes) + rates**derivative * spectrum(beyond)
 
 
-def states_along(problem: JointBalance, state: State) -> Array:
-    """States of a time integration (N_t, size) at the samples of a solution of a balance, the first at phase 0."""
-    basis = problem.basis
-    f, _, _ = problem.forces(state)
-    velocity = state.Omega * basis.samples(basis.derivative(state.Q))
-    places = Layout.of(problem.structure.n, [j.law for j in problem.rig.joints]).joints
-    seen = [j.shown[:, list(at.used)] for j, at in zip(problem.joints, places, strict=True)]
-    return np.hstack([basis.samples(state.Q), velocity, f, *(j.states for j in problem.joints), *seen])
-
-
 def state_at_phase_zero(problem: JointBalance, state: State) -> Array:
     """State of a time integration (size,) at phase 0 of the force, on a solution of a balance."""
-    return np.asarray(states_along(problem, state)[0])
+    basis = problem.basis
+    f, _, _ = problem.forces(state)
+    start = basis.synthesis[0]
+    velocity = state.Omega * (start @ basis.derivative(state.Q))
+    found = [j.at_first() for j in problem.joints]
+    places = Layout.of(problem.structure.n, [j.law for j in problem.rig.joints]).joints
+    seen = [signals[list(at.used)] for at, (_, signals) in zip(places, found, strict=True)]
+    return np.concatenate([start @ state.Q, velocity, f[0], *(z for z, _ in found), *seen])
 
 
 def simulate_joints(

@@ -7,7 +7,7 @@ function theorem, so that the derivative of the step is exact too.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any
 
@@ -23,6 +23,9 @@ from models.structure import Array
 
 SOLVED = 1e-7
 """Largest difference between joint forces and their laws after a step, in units of the excitation."""
+
+Pattern = tuple[tuple[int, ...], bytes]
+"""Shape of a matrix, and which of its entries are not zero."""
 
 NEWTON = {"abstol": 1e-11, "abstolStep": 1e-14, "max_iter": 60, "error_on_fail": False}
 
@@ -186,15 +189,9 @@ class JointedStep:
         told : (steps, 3) array
             Excitation before and after each step, and its rate after.
         """
-        of = self.linear
-        free = np.hstack([of.y_by_y, of.y_by_old, of.y_by_excitation])
-        seen = of.s_by_y @ free + np.hstack([np.zeros_like(of.s_by_y), of.s_by_old, of.s_by_excitation])
-        matrices = [free, of.y_by_new, seen, of.s_by_y @ of.y_by_new + of.s_by_new]
-        forms = tuple(form(j.law) for j in self.rig.joints)
-        made_of = forms, self.rig.structure.n, tuple(map(_pattern, matrices))
-        numbers = np.concatenate([[self.unit], *self.environments, *(values(j.law) for j in self.rig.joints)])
+        made_of, numbers = self._compiled
         now, F = np.array(x, dtype=float).ravel(), np.zeros(told.shape[1])
-        inputs = [now, F, *(a.T[a.T != 0.0] for a in matrices), numbers]
+        inputs = [now, F, *numbers]
         evaluate, (after, residual) = buffered(_step(*made_of, "fast_newton"), inputs)
         X, residuals = np.empty((len(told), len(now))), np.empty(len(told))
         for k, F[:] in enumerate(told):
@@ -204,6 +201,17 @@ class JointedStep:
             X[k] = now[:] = after
             residuals[k] = residual[0]
         return X, residuals
+
+    @cached_property
+    def _compiled(self) -> tuple[tuple[tuple[Form, ...], int, tuple[Pattern, ...]], list[Array]]:
+        """What decides the function of a step, see :func:`_step`, and the numbers that it is told."""
+        of, joints = self.linear, self.rig.joints
+        free = np.hstack([of.y_by_y, of.y_by_old, of.y_by_excitation])
+        seen = of.s_by_y @ free + np.hstack([np.zeros_like(of.s_by_y), of.s_by_old, of.s_by_excitation])
+        matrices = [free, of.y_by_new, seen, of.s_by_y @ of.y_by_new + of.s_by_new]
+        own = np.concatenate([[self.unit], *self.environments, *(values(j.law) for j in joints)])
+        made_of = tuple(form(j.law) for j in joints), self.rig.structure.n, tuple(map(_pattern, matrices))
+        return made_of, [*(a.T[a.T != 0.0] for a in matrices), own]
 
     def jacobians(self, X: Array, X_next: Array, F: Array) -> Array:
         """Derivative of every step's state to that before, (steps, size, size).
@@ -253,10 +261,6 @@ class JointedStep:
                 whole[:, at.memory] = answer[:, ports:]
                 whole[:, at.before] = told[at.signals][list(at.used)]
         return by_x, by_f
-
-
-Pattern = tuple[tuple[int, ...], bytes]
-"""Shape of a matrix, and which of its entries are not zero."""
 
 
 def _pattern(matrix: Array) -> Pattern:

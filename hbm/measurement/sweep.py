@@ -11,7 +11,7 @@ the highest peak say what sigma is, however fast the sweep was; |dX/dt / (sigma 
 steady state at this frequency. Half of its square is added to the variance of each of cos and sin.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -245,9 +245,9 @@ def sweep_spectra(sweeps: list[Sweep], force: str, source: str = "sweeps") -> Me
     if len(set(stems)) < len(stems):
         stems = [f"{stem}-{i}" for i, stem in enumerate(stems, start=1)]
     for stem, sweep in zip(stems, sweeps, strict=True):
-        steady, own = _steady(sweep, force)
-        for channel in (name for name in sweep.channels if name != force):
-            passed = passage(sweep, channel, force)
+        passages = {name: passage(sweep, name, force) for name in sweep.channels if name != force}
+        steady, own = _steady(sweep, force, passages)
+        for channel, passed in passages.items():
             untold = f"{channel} passes no peak of {FEWEST} windows or more, which would say how fast is slow"
             warning = untold if passed is None else passed.warning
             if warning:
@@ -273,7 +273,7 @@ def sweep_spectra(sweeps: list[Sweep], force: str, source: str = "sweeps") -> Me
     )
 
 
-def _steady(sweep: Sweep, force: str) -> tuple[Complex, Array]:
+def _steady(sweep: Sweep, force: str, passages: Mapping[str, Passage | None]) -> tuple[Complex, Array]:
     """Steady amplitudes (w, c, H+1), with the standard deviation of each of cos and sin."""
     amplitudes, std = sweep.amplitudes.copy(), _of_windows(sweep)
     i = sweep.channels.index(force)
@@ -288,7 +288,7 @@ def _steady(sweep: Sweep, force: str) -> tuple[Complex, Array]:
         relative = np.divide(np.abs(by), size, out=np.zeros_like(size), where=size > 0.0)
         if share < 1.0:
             amplitudes[:, j, 1] -= by
-        elif (passed := passage(sweep, sweep.channels[j], force)) is not None:
+        elif (passed := passages[sweep.channels[j]]) is not None:
             relative = _lag(sweep, passed, force)
         may = np.where(np.arange(amplitudes.shape[2]) == 1, min(share, 1.0), 1.0)  # only the fundamental was mended
         std[:, j] = np.hypot(std[:, j], relative[:, None] * may * np.abs(amplitudes[:, j]) / np.sqrt(2.0))

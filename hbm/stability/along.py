@@ -78,10 +78,8 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     length = np.maximum(np.diff(arclength), np.finfo(float).tiny)[:, None]
     slope = np.maximum(np.abs(np.diff(grown, axis=0)) - 2.0 * error, 0.0) / length
     wide = (np.abs(np.diff(values)) / np.maximum(np.abs(values[1:]), np.finfo(float).tiny))[:, None]
-    padded = np.pad(slope, ((1, 1), (0, 0)))
-    slope = np.where((wide <= NARROW) & (slope > SUDDEN * np.maximum(padded[:-2], padded[2:])), 0.0, slope)
-    padded = np.pad(slope, ((1, 1), (0, 0)))
-    steepest = np.maximum(slope, np.maximum(padded[:-2], padded[2:]))
+    slope = np.where((wide <= NARROW) & (slope > SUDDEN * _next_to(slope)), 0.0, slope)
+    steepest = np.maximum(slope, _next_to(slope))
     crossed = grown[1:] * grown[:-1] < 0.0
     ends = np.abs(grown[1:]), np.abs(grown[:-1])
     least = ends[0] + ends[1] + np.where(crossed, 4.0, 2.0) * error
@@ -101,6 +99,12 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
             if side[i] != side[j] and not at_one_place(found, values, rank, i, j):
                 out[[i, j - 1]] |= wide[[i, j - 1], 0] > FINE
     return out
+
+
+def _next_to(slope: Array) -> Array:
+    """The steeper of the steps on either side of each, (steps, ranks)."""
+    padded = np.pad(slope, ((1, 1), (0, 0)))
+    return np.asarray(np.maximum(padded[:-2], padded[2:]))
 
 
 def _beside_tops(grown: Array, error: Array) -> Flags:
