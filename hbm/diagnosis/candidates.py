@@ -26,6 +26,9 @@ SCANNED = 10
 RUNNING, HOPELESS = 20, 0.15
 """So many candidates run first, at most, and none whose predicted fall of chi2 is less than this share of the best."""
 
+NEARLY = 0.3
+"""What is simpler runs first where it promises this share of the other's fall of chi2."""
+
 FAVOURED = 1 + AT_ONCE
 """After so many in the order of the score test, the first of them alone, the others run in that of what their best
 start leaves."""
@@ -284,7 +287,21 @@ def _confused(
     def meant(cause: Cause) -> bool:
         return ENTRY.sub("[i]", cause.label) in words or any(_simpler_there(cause, other) for other in told)
 
-    return [s for s in screening.scores if s.cause.label not in tried and meant(s.cause)]
+    others = [s for s in screening.scores if s.cause.label not in tried]
+    named = [s for s in others if meant(s.cause)]
+    return [*named, *[s for s in _simpler(fitted[0].cause, screening) if s in others and s not in named][:AT_ONCE]]
+
+
+def _simpler(cause: Cause, screening: Screening) -> list[Score]:
+    """Joints of fewer numbers than one, at whatever place, that promise nearly as much."""
+    if not isinstance(cause, AddedJoint):
+        return []
+    least = NEARLY * next((s.drop for s in screening.scores if s.cause.label == cause.label), np.inf)
+    return [
+        s
+        for s in screening.scores
+        if isinstance(s.cause, AddedJoint) and s.drop >= least and len(s.cause.numbers) < len(cause.numbers)
+    ]
 
 
 def _simpler_there(cause: Cause, other: Cause) -> bool:
@@ -306,12 +323,32 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     best: dict[bool, float] = {}
     for s in screening.scores:
         best[is_joint(s)] = max(best.get(is_joint(s), 0.0), s.drop)
-    first = [s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]][:RUNNING]
+    first = _simplest_first([s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]])[:RUNNING]
     others = [s for s in screening.scores if s not in first]
     forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
     known = small(base) or base.model.causes or scanned(base)
     tried = [] if known else [*_of_channels(first, others), *(s for s in forces if not _unseen(s))]
     return [*first, *tried, *(s for s in others if _unseen(s))]
+
+
+def _simplest_first(scores: Sequence[Score]) -> list[Score]:
+    """The same, each joint after those of fewer numbers at its place that promise nearly as much.
+
+    Motion that is small there, beside what its error is, takes more from those that are in proportion to it.
+    """
+    ordered: list[Score] = []
+    for s in scores:
+        ordered += [o for o in scores if o not in ordered and _contained(o, s)]
+        ordered += [s] if s not in ordered else []
+    return ordered
+
+
+def _contained(simple: Score, score: Score) -> bool:
+    """Whether a joint has fewer numbers than another at its place, and promises nearly as much."""
+    one, other = simple.cause, score.cause
+    if not (isinstance(one, AddedJoint) and isinstance(other, AddedJoint)) or other.way((one.at, one.to)) == 0.0:
+        return False
+    return len(one.numbers) < len(other.numbers) and simple.drop >= NEARLY * score.drop
 
 
 def _of_channels(first: Sequence[Score], others: Sequence[Score]) -> list[Score]:

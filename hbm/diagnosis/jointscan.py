@@ -128,23 +128,47 @@ def _pushed(record: Record, base: Evaluation, few: Campaign, rig: JointedRig, en
     found = pushed(rig, solution, ends, H)
     places = [JointPlace(rig, pair) for pair in ends]
     white = WhiteRecord(record, base, few, places, read_by(few.data, solution, found.channels))
-    forces = [np.nan_to_num(Span(columns).amplitudes(white.residual)) for columns in white.columns]
-    by_force = [solution.basis.complex(found.moved[i, :, i])[1 : H + 1] for i in range(len(ends))]
-    motion = np.array([s + b @ f for s, b, f in zip(white.seen, by_force, forces, strict=True)])
+    smooth, own = _Smooth(white), 2 * H
+    motion = np.empty((len(ends), H), dtype=complex)
+    for i, (columns, seen) in enumerate(zip(white.columns, white.seen, strict=True)):
+        span = Span(columns)
+        forces = smooth.amplitudes(span.across(white.residual))
+        forces[i * own : (i + 1) * own] += np.nan_to_num(span.amplitudes(white.residual))
+        moved = found.moved[i].reshape(len(solution.basis.k), -1) @ forces
+        motion[i] = seen + solution.basis.complex(moved)[1 : H + 1]
     omega = 2 * np.pi * record.hz
     largest = np.abs(motion).sum(axis=1)
     return PushedRecord(white.residual, white.jacobian, white.columns, motion, largest, omega, omega)
 
 
+class _Smooth:
+    """Forces at all places of a record, as small as what is read of them allows."""
+
+    def __init__(self, white: WhiteRecord) -> None:
+        columns = np.hstack(white.columns)
+        size = np.linalg.norm(columns, axis=0)
+        self.size = np.where(size > 0.0, size, 1.0)
+        self.U, self.s, self.Vt = np.linalg.svd(columns / self.size, full_matrices=False)
+
+    def amplitudes(self, rows: Array) -> Array:
+        """Amplitudes (p 2 H,) for readings (m,) in standard deviations; one as large as all of them costs as much."""
+        cost = 1.0 / max(float(rows @ rows), 1.0)
+        return np.asarray((self.s / (self.s**2 + cost) * (self.U.T @ rows)) @ self.Vt / self.size)
+
+
 class _Place:
-    """The records as forces at one place may explain them."""
+    """The records as forces at one place may explain them.
+
+    Their misfit is counted in standard deviations that are as large as it is: in those of the noise, calibrated numbers
+    many tolerances off would explain anything, and no force would be missing.
+    """
 
     def __init__(self, base: Evaluation, records: Sequence[PushedRecord], i: int) -> None:
         self.records, self.i, self.base = records, i, base
-        self.calibration = Span(np.vstack([*(r.jacobian for r in records), base.expected]))
-        self.points = sum(len(r.residual) for r in records)
-        rows = [*(r.residual for r in records), -base.pulls]
-        self.residual = self.calibration.across(np.concatenate(rows))
+        missed = np.concatenate([r.residual for r in records])
+        self.points, self.deviation = len(missed), max(float(np.sqrt(np.mean(missed**2))), 1.0)
+        self.calibration = Span(np.vstack([np.vstack([r.jacobian for r in records]) / self.deviation, base.expected]))
+        self.residual = self.calibration.across(np.concatenate([missed / self.deviation, -base.pulls]))
         loudest = max(records, key=lambda r: float(r.largest[i]))
         self.reach, self.omega = float(loudest.largest[i]), loudest.omega
         self.basis = sampled(max(HARMONICS, *(r.motion.shape[1] for r in records)), SAMPLES)
@@ -174,7 +198,7 @@ class _Place:
         none = _Tried(0.0, 0.0, np.zeros(self.points), {})
         if not columns:
             return none
-        v = np.vstack([np.array(columns).T, np.zeros((len(self.base.x), len(columns)))])
+        v = np.vstack([np.array(columns).T / self.deviation, np.zeros((len(self.base.x), len(columns)))])
         whole = np.linalg.norm(v, axis=0)
         v = self.calibration.across(v)
         if not np.isfinite(v).all() or np.any(np.linalg.norm(v, axis=0) <= TELLING * whole.max()):
@@ -182,7 +206,7 @@ class _Place:
         size = np.linalg.lstsq(v, self.residual, rcond=None)[0]
         if any(x <= 0.0 and not n.signed for n, x in zip(strengths, size, strict=True)):
             return none
-        drop = float(self.residual @ (v @ size))
+        drop = self.deviation**2 * float(self.residual @ (v @ size))
         by = dict(zip((n.name for n in strengths), size.tolist(), strict=True))
         start = {
             n.name: (by[n.name] if n.name in by else shape[n.name] * (size[0] if n.name in scaled else 1.0))
