@@ -233,7 +233,8 @@ def fit_from(
     model, (low, high) = here.model, here.model.bounds()
     damping, length = DAMPED, 1.0
     for left in reversed(range(steps if len(here.x) else 0)):
-        step, promised = _step(here, damping, low, high)
+        strictness = max(here.white.chi2 / max(len(here.white), 1), 1.0)
+        step, promised = _step(here, damping, low, high, strictness)
         if abs(promised) < max(settled, part * (here.chi2 - len(here.white))):
             break
         if promised < 0.0:  # at a corner of the bounds
@@ -244,7 +245,7 @@ def fit_from(
         length = min(length, MOST / max(float((np.abs(step) / _reach(here)).max()), 1e-300))
         try:
             there = evaluate(model, campaign, np.clip(here.x + length * step, low, high), last, here)
-            gained = fall(here, there)
+            gained = fall(here, there) + (strictness - 1.0) * float(here.pulls @ here.pulls - there.pulls @ there.pulls)
         except FAILURES:
             gained = -1.0
         if gained > 0.0:
@@ -280,11 +281,11 @@ def fall(before: Evaluation, after: Evaluation) -> float:
     return before.chi2 - after.chi2 + float(more @ more)
 
 
-def _step(here: Evaluation, damping: float, low: Array, high: Array) -> tuple[Array, float]:
+def _step(here: Evaluation, damping: float, low: Array, high: Array, strictness: float) -> tuple[Array, float]:
     """Step within the bounds, and the fall of chi2 it promises."""
     std = np.array([f.std for f in here.model.free])
-    gradient = here.white.jacobian.T @ here.white.residual - here.pulls / std
-    A = here.information
+    gradient = here.white.jacobian.T @ here.white.residual - strictness * here.pulls / std
+    A = here.information + (strictness - 1.0) * here.expected**2
     step, moving = np.zeros(len(gradient)), np.ones(len(gradient), dtype=bool)
     for _ in range(len(gradient)):  # coordinates that would leave the bounds stop there, the others make the best of it
         B, left = A[np.ix_(moving, moving)], gradient[moving] - A[np.ix_(moving, ~moving)] @ step[~moving]

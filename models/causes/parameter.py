@@ -4,6 +4,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
 from models.friction import describe
@@ -16,16 +18,20 @@ NEAREST = 0.999
 LAW, POSITION, ALPHA = "contact.friction.", "excitation.position", "damping.mass_proportional"
 OF_BEAM = ("beam.youngs_modulus", "beam.density", "beam.length", "beam.thickness", "contact.radius")
 LOAD = "contact.normal_load"
+FREQUENCIES = "modal.frequencies_hz"
 NEAR, WIDE = (0.98, 1.02), (0.96, 1.04, 0.85, 1.18, 0.6, 1.6)
 """Fits start at these times the nominal value too: of a length, which is easily measured, and of anything else."""
 
-CLOSE = (0.99, 1.01, 0.995, 1.005, 0.98, 1.02, 0.95, 1.05)
-"""The same of a natural frequency, beside which a small damping ratio leaves no more."""
+CLOSE = (0.99, 1.01, 0.995, 1.005, 0.98, 1.02, 0.97, 1.03, 0.96, 1.04, 0.95, 1.05)
+"""The same of a natural frequency: resonances are hardly wider than the steps."""
 
 FACTORS: dict[str, tuple[float, ...]] = {
     **dict.fromkeys(("beam.length", "beam.thickness", "contact.radius", POSITION), NEAR),
-    "modal.frequencies_hz": CLOSE,
+    FREQUENCIES: CLOSE,
 }
+
+APART = 0.9
+"""Modes do not change places: a frequency may come so far of the way to that of the next mode."""
 
 MOST = 10.0
 """How many times the nominal value a value may be, or the other way round."""
@@ -84,6 +90,9 @@ class WrongParameter(Cause):
         if accepted.at_least:
             lower = beside[accepted.at_least][0]
         upper = min([upper, *(value for value, other in beside.values() if other.at_least == name)])
+        if self.key.startswith(FREQUENCIES):
+            below, above = _neighbours(rig, self.key)
+            lower, upper = max(lower, now - APART * (now - below)), min(upper, now + APART * (above - now))
         tried = next((factors for kind, factors in FACTORS.items() if self.key.startswith(kind)), WIDE)
         starts = (now, *(now * factor for factor in tried if lower <= now * factor <= upper))
         return (Unknown("value", accepted.unit, self.key, lower, upper, now, starts),)
@@ -93,9 +102,16 @@ class WrongParameter(Cause):
         return rig.with_number(self.key, values["value"])
 
 
+def _neighbours(rig: AnyRig, key: str) -> tuple[float, float]:
+    """Natural frequencies of the modes below and above the one of a key [Hz]."""
+    hz = [value for name, (value, _) in rig.numbers.items() if name.startswith(FREQUENCIES)]
+    now = rig.numbers[key][0]
+    return max((f for f in hz if f < now), default=0.0), min((f for f in hz if f > now), default=np.inf)
+
+
 def _of_joints(rig: JointedRig) -> Iterator[str]:
     """Numbers of a rig with joints that may be wrong: of its modes where anything touches them, and of its joints."""
     touched = tuple(f"modal.ports.{place}[" for place in rig.places)
     for key, (value, _) in rig.numbers.items():
-        if value and key.startswith(("modal.frequencies_hz", "damping.", "joints.", GAINS, *touched)):
+        if value and key.startswith((FREQUENCIES, "damping.", "joints.", GAINS, *touched)):
             yield key
