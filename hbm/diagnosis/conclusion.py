@@ -7,7 +7,7 @@ from functools import cache, cached_property, partial
 from continuation import ConvergenceError
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
-from hbm.diagnosis.decide import DECISIVE, Decision, inclusion, tied
+from hbm.diagnosis.decide import DECISIVE, TIED, Decision, inclusion, tied
 from hbm.diagnosis.deviations import deviations, matters
 from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.evidence import Evidence
@@ -152,9 +152,10 @@ class Conclusion:
         )
 
     def _ties(self, best: Evaluation) -> list[Evaluation]:
-        """Fits that cannot be told from the best one, beside whatever background there may be."""
+        """Fits of another cause that cannot be told from the best one, beside whatever background there may be."""
         fits = [e if e.missing else beside(e, self._beside) for e in self.decision.fits]
-        return tied(fits, beside(best, self._beside))
+        first = best.model.causes[0]
+        return [e for e in tied(fits, beside(best, self._beside)) if e.model.causes[0] != first]
 
     @cached_property
     def _beside(self) -> Campaign:
@@ -343,7 +344,7 @@ class Conclusion:
             return ""
         self.search.tell("what would separate", 0.95)
         found = separate(best, ties[0], self.search.campaign)
-        return "" if found is None else str(found)
+        return "" if found is None or found.chi2 < TIED else str(found)
 
     @property
     def _evidence(self) -> Evidence:

@@ -17,6 +17,9 @@ NAMED: tuple[Verdict, ...] = ("cause-found", "main-cause")
 
 SCHEMA = 1
 
+NOTHING_TELLS = "no experiment that was simulated would"
+"""Said where none tells the cause from another one."""
+
 BELIEF = ((0.97, "as good as certain"), (0.9, "likely"), (0.5, "more likely than not"), (0.0, "open"))
 """What a confidence is in words."""
 
@@ -88,7 +91,7 @@ class Diagnosis(Displayed):
     not_separable : tuple of str
         Candidates that these records cannot tell from the cause.
     separate_by : str
-        The measurement that would.
+        The measurement that would; empty where none that was simulated would.
     remainder : Remainder
         The misfit that the model of the verdict leaves: the extended one, or the calibrated nominal.
     errors : dict
@@ -206,7 +209,8 @@ class Diagnosis(Displayed):
     def _advice(self) -> list[str]:
         if not self.not_separable:
             return []
-        return [f"Not told apart: {', '.join(self.not_separable)}.", f"To tell them apart: {self.separate_by}"]
+        how = self.separate_by or NOTHING_TELLS
+        return [f"Not told apart: {', '.join(self.not_separable)}.", f"To tell them apart: {how}"]
 
 
 def _said(name: str, p: Estimate) -> str:

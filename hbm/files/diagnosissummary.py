@@ -11,7 +11,7 @@ from hbm.diagnosis.calibrate import moved
 from hbm.diagnosis.discrepancy import MOST_LISTED, Discrepancy
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.remainder import first_of, nearly_all, percent
-from hbm.diagnosis.verdict import Diagnosis, Estimate
+from hbm.diagnosis.verdict import NOTHING_TELLS, Diagnosis, Estimate
 from hbm.files.identifyreport import Value, value_text
 from hbm.outputerror.fit import Evaluation
 from models.causes.cause import Cause
@@ -218,7 +218,7 @@ def _next(d: Diagnosis, force: Discrepancy | None, doubted: Sequence[str]) -> It
     if doubted and d.remainder.structured:
         yield f"First measure again what is warned of below: {_named(doubted)}."
     if d.not_separable:
-        advice = d.separate_by or "no experiment that was simulated would"
+        advice = d.separate_by or NOTHING_TELLS
         yield f"To tell {d.cause} from {d.not_separable[0]}: {advice}."
     if d.extended_fit is not None:
         yield from _checks(d.extended_fit.model.causes)

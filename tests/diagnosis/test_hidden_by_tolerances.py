@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
-from hbm.diagnosis.decide import DECISIVE, accepted
+from hbm.diagnosis.decide import DECISIVE, accepted, tied
 from hbm.diagnosis.diagnose import diagnose
-from hbm.diagnosis.judge import lead
+from hbm.diagnosis.judge import beside, lead
 from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.screen import starting
 from hbm.diagnosis.search import Search, campaign_of
 from hbm.outputerror.fit import evaluate, fit_model
 from hbm.outputerror.model import Model
@@ -78,6 +79,13 @@ def test_what_a_background_may_hide_is_not_told_apart():
         conclusion.__dict__["_beside"] = replace(conclusion.campaign, background=dict.fromkeys(range(1, 6), size))
         ties[size] = [e.model.label for e in conclusion._ties(best)]
     assert ties == {0.0: [], 0.1: ["viscous-contact"]}
+    # the same cause beside another small one is not another cause
+    pairs = [best.model.extended_by(c) for c in (WrongParameter("contact.radius"), WrongParameter(E))]
+    one, other = (fit_model(pair, search.campaign, starting(pair, best, {}), best.solutions) for pair in pairs)
+    conclusion.decision = replace(conclusion.decision, fits=(one, other))
+    fits = [beside(e, conclusion._beside) for e in (one, other)]
+    assert [e.model.label for e in tied(fits, fits[0])] == [other.model.label]
+    assert conclusion._ties(one) == []
 
 
 @pytest.mark.parametrize(("off", "stands_too"), [(1.0015, False), (1.004, True)])

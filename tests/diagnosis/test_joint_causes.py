@@ -28,7 +28,7 @@ from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.measurement.spectrafile import write_spectra
-from hbm.outputerror.fit import evaluate
+from hbm.outputerror.fit import evaluate, fit_model
 from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state
@@ -37,6 +37,7 @@ from models.bodies import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint, ends_of
 from models.causes.joints import JOINT_CAUSES, CubicStiffness, OneSidedStop
+from models.causes.parameter import WrongParameter
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
 from models.joints.law import numbers
@@ -337,6 +338,39 @@ def test_a_spring_that_all_but_joins_two_places_is_found_though_they_hardly_move
     best = max(found, key=lambda s: s.drop)
     assert best.cause.label == "local-spring b to c"
     assert best.starts[0]["stiffness"] == pytest.approx(1e6, rel=0.2)
+
+
+def test_a_fit_far_from_its_end_keeps_to_what_is_known_of_the_structure() -> None:
+    """A tenth of the stiffness: frequencies and shapes many tolerances off would be the shortest way to less misfit."""
+    rig = rig_of(NOMINAL)
+    campaign, _ = campaign_of(rig, measured(gap(STOP, CLEARANCE), "c"))
+    model = Model(rig, tolerances(rig)).extended_by(OneSidedStop("c"))
+    begin = {"stiffness": 0.1 * STOP, "gap": 0.5 * CLEARANCE}
+    x = np.array([f.of(begin[f.name]) if f.cause == 0 else s for f, s in zip(model.free, model.start, strict=True)])
+    e = fit_model(model, campaign, x, {})
+    assert e.chi2 < 1.3 * len(e.white)
+    assert model.values(e.x, 0) == pytest.approx({"stiffness": STOP, "gap": CLEARANCE}, rel=0.02)
+    assert np.abs(e.pulls).max() < 3.0
+
+
+def test_a_frequency_that_is_wrong_by_four_half_bandwidths_is_told_from_springs_that_shift_it_as_far() -> None:
+    def slower(modes: Modes) -> Modes:
+        return replace(modes, hz=modes.hz * np.array([1.0, 0.96, 1.0]))
+
+    rig = rig_of(NOMINAL)
+    d = diagnose(rig, measured(nothing, "a", slower), held_out=())
+    assert (d.verdict, d.cause) == ("cause-found", "parameter:modal.frequencies_hz[2]")
+    found, std = value(d, "value")
+    assert found == pytest.approx(0.96 * 47.0, abs=0.001 * 47.0 + 3.0 * std)
+
+
+def test_a_frequency_stays_between_those_of_its_neighbours() -> None:
+    """Modes of a rig file ascend: a fit that passed one would end in a refusal."""
+    rig = rig_of(NOMINAL)
+    (unknown,) = WrongParameter("modal.frequencies_hz[2]").unknowns(rig)
+    assert 20.0 < unknown.lower < 47.0 < unknown.upper < 90.0
+    for value_of in (unknown.lower, unknown.upper):
+        WrongParameter("modal.frequencies_hz[2]").extend(rig, {"value": value_of})
 
 
 def test_a_loss_factor_is_told_from_a_viscous_damper_by_two_modes() -> None:
