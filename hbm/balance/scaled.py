@@ -31,7 +31,10 @@ class State:
 
 
 def force_shape(excitation: Excitation, basis: FourierBasis, periods: int) -> Array:
-    """Coefficients of the excitation per amplitude of its fundamental, (2H+1,); harmonics beyond H left out."""
+    """Coefficients of the excitation per amplitude of its fundamental, (2H+1,).
+
+    Harmonics beyond H are left out, as on the way to a solution; :mod:`hbm.balance.tones` says how many hold them all.
+    """
     shape = np.zeros(basis.size)
     for k, cosine, sine in excitation.tones:
         if k * periods <= basis.H:
