@@ -12,6 +12,7 @@ from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 
+from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis
 from models.jointed import JointedRig
 from models.parts import Excitation
@@ -102,6 +103,8 @@ class Scaled(ABC, Generic[AnyRigKind]):
         s = rig.structure
         self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
         self.level = rig.excitation.amplitude if level is None else level
+        if self.level == 0.0:  # it is the unit of all forces
+            raise InputError(f"{rig.name}: excitation.amplitude = 0; must be > 0 [N]")
         self.fixed_hz, self.periods = hz, periods
         elastic = s.omega_n[s.omega_n > 0.0]
         self.omega_1 = float(elastic[0]) if elastic.size else 2 * np.pi

@@ -381,5 +381,5 @@ def test_refusals() -> None:
     modal = replace(oscillator(Viscous(0.1), damping=0.1, amplitude=1.0), elements=ALL)
     with pytest.raises(ValueError, match=r"oscillator: has elements and is given by its modes; must be a beam"):
         _ = modal.structure
-    with pytest.raises(ValueError, match=r"excitation.harmonics: numbers \[1\]; must be 2 or more, each once"):
+    with pytest.raises(ValueError, match=r"excitation.harmonics: numbers \[1\]; must be whole, 2 or more, each once"):
         replace(rig.excitation, harmonics=((1, 1.0, 0.0),))
