@@ -56,9 +56,10 @@ class Backbone(ABC):
     def __repr__(self) -> str:
         """Range of amplitude and frequency, and why it ended."""
         first, last = self.points[0], self.points[-1]
+        begin, end = self.amplitude[0], self.amplitude[-1]
         what = {"NonlinearMode": "nonlinear mode", "PhaseResonance": "phase resonance"}[type(self).__name__]
         return (
-            f"{what}: {len(self.points)} motions, drive {first['drive'].peak:.4g} to {last['drive'].peak:.4g} m, "
+            f"{what}: {len(self.points)} motions, drive amplitude {begin:.4g} to {end:.4g} m, "
             f"{first.hz:.6g} to {last.hz:.6g} Hz; {self.branch.message}"
         )
 

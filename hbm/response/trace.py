@@ -21,6 +21,7 @@ from hbm.fourier import Array, FourierBasis, default_samples, sampled
 from hbm.parallel import one_thread
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
+from hbm.response.forceless import without_force
 from hbm.response.liftoff import solve_lifting
 from hbm.response.peak import with_peak
 from hbm.response.settling import settled
@@ -137,6 +138,8 @@ def first_solution(problem: AnyBalance, lam: float) -> Array:
         if x is not None and np.isfinite(problem.residual(x, lam)).all():  # a law may have no numbers from its rest
             return x
     where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
+    if silent := without_force(problem, lam):
+        raise ConvergenceError(f"first solution: none at {where}: {silent}: force not finite; must be for every motion")
     raise ConvergenceError(
         f"first solution: none at {where}, neither from rest, nor with few harmonics first, nor along a force ramp, "
         "from a far frequency or from a march in time; try more samples, another frequency or softer contacts"

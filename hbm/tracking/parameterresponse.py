@@ -81,6 +81,13 @@ class ParameterCurve(ResponseCurve):
         """Value of the number."""
         return self.along.value_at(lam)
 
+    def number_at(self, lam: float) -> str:
+        """The number and its value, unless it is the frequency or the force, which every solution tells."""
+        if self.parameter in (HZ, FORCE):
+            return ""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.parameter} = {self.value_at(lam):.6g}{unit}"
+
     def __repr__(self) -> str:
         """Say what was found."""
         top, values = self.peak, self.values
