@@ -304,7 +304,7 @@ at = "right"
 
 
 def test_a_law_without_a_force_where_it_moves_back_is_named(tmp_path: Path) -> None:
-    """The root of a displacement below zero is no number: no way can find a motion to and fro."""
+    """The root of a displacement below zero is no number: no way can find a motion both ways."""
     root = "return z, -self.stiffness * now.displacement**0.5"
     (tmp_path / "own.py").write_text(LAW.replace(RETURNS, root))
     rig = tmp_path / "rig.toml"

@@ -9,7 +9,7 @@ from models.jointed import AnyRig, JointedRig
 
 
 def without_force(problem: AnyBalance, lam: float) -> str:
-    """What has no finite force where every mode moves to and fro, in words; nothing where all have."""
+    """What has no finite force where every mode moves both ways, in words; nothing where all have."""
     rig = problem.rig
     alone: list[tuple[str, AnyRig]] = [("contact", rig)]
     if isinstance(rig, JointedRig):
