@@ -184,7 +184,7 @@ def test_distorted_force_of_a_linear_oscillator() -> None:
     assert solution.energy_error == pytest.approx(0.0, abs=1e-12)
     plain = replace(rig, excitation=replace(rig.excitation, harmonics=()))
     assert steady_state(plain, 0.4 / (2 * np.pi), harmonics=2)["y"].coefficients[1] == pytest.approx(y[1], rel=1e-9)
-    with pytest.raises(InputError, match="steady_state: harmonics = 2 and harmonic 3 in excitation.harmonics"):
+    with pytest.raises(InputError, match=r"steady_state: harmonics = 2 and harmonic 3 in excitation.harmonics"):
         steady_state(rig, 0.4 / (2 * np.pi), harmonics=2)
 
 
