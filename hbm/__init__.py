@@ -66,8 +66,9 @@ if TYPE_CHECKING:
     from hbm.modes.backbone import NonlinearMode, PhaseResonance, nonlinear_mode, phase_resonance
     from hbm.modes.linear import LinearModes, linear_modes
     from hbm.response.accuracy import frequency_response
+    from hbm.response.bifurcation import Bifurcation
     from hbm.response.bifurcations import stability_of, with_stability
-    from hbm.response.curve import Assessment, Bifurcation, NumericalError, ResponseCurve
+    from hbm.response.curve import Assessment, NumericalError, ResponseCurve
     from hbm.response.loop import FrictionLoop, friction_loop
     from hbm.response.synthesis import Synthesis, synthesize
     from hbm.response.trace import force_response, steady_state, trace_frequency
@@ -159,7 +160,8 @@ _HOMES = {
     "hbm.response.accuracy": ("frequency_response",),
     "hbm.modes.backbone": ("NonlinearMode", "PhaseResonance", "nonlinear_mode", "phase_resonance"),
     "hbm.response.bifurcations": ("stability_of", "with_stability"),
-    "hbm.response.curve": ("Assessment", "Bifurcation", "NumericalError", "ResponseCurve"),
+    "hbm.response.bifurcation": ("Bifurcation",),
+    "hbm.response.curve": ("Assessment", "NumericalError", "ResponseCurve"),
     "hbm.errors": ("InputError",),
     "hbm.tracking.folds": ("FoldPath", "fold_path", "isolas"),
     "hbm.integration.history": ("TimeHistory",),

@@ -145,6 +145,8 @@ class JointedRig(Numbered):
             self.ported  # noqa: B018  # a place that is none is refused here
         except ValueError as refused:
             raise ValueError(f"{self.name}: {self._sum_of_places or refused}") from None
+        if not self.body.damped_by_modes and self.damping != Damping():
+            raise ValueError(f"{self.name}: damping and a damping matrix of its body; must have one of them")
         self._refuse_still()
         warn_of(self.quantities, self.proportions)
 

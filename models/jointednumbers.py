@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.bodies.ported import PortedModes
+from models.bounds import refuse_text
 from models.friction.law import Parameter
 from models.joints.joint import Joint
 from models.joints.law import described, numbers, with_numbers
@@ -61,11 +62,14 @@ def with_scalars(rig: "JointedRig", values: Mapping[str, float]) -> "JointedRig"
     ------
     KeyError
         If there is no such number.
+    ValueError
+        If a value is text, or not accepted.
     """
     known = rig.numbers
     for key in values:
         if key not in known:
             raise no_such_number(key, known, rig.name)
+        refuse_text(key, values[key])
     own = rig.body.numbers
     body = rig.body.with_numbers({key: value for key, value in values.items() if key in own})
     return replace(

@@ -6,6 +6,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from typing import Any, Self
 
+from models.bounds import refuse_text
 from models.display import Displayed
 from models.friction.law import Parameter
 from models.parts import Channel, Drift
@@ -109,6 +110,8 @@ class Numbered(Displayed):
         ------
         KeyError
             If there is no such number.
+        ValueError
+            If the value is text, or not accepted.
         """
         return self.with_numbers({key: value})
 
@@ -120,6 +123,8 @@ class Numbered(Displayed):
         KeyError
             If there is no such number.
         """
+        for key, value in values.items():
+            refuse_text(key, value)
         changed: Self = _with(self, {self._found(key)[0]: value for key, value in values.items()}) if values else self
         return changed
 

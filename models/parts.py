@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
+from numbers import Integral
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -220,8 +221,9 @@ class Excitation:
             bounded(f"Excitation: {name}", getattr(self, name), 0.0)
             plausible(f"Excitation: {name}", getattr(self, name), name)
         numbers = [k for k, _, _ in self.harmonics]
-        if any(k < 2 for k in numbers) or len(set(numbers)) < len(numbers):
-            raise ValueError(f"excitation.harmonics: numbers {numbers}; must be 2 or more, each once")
+        whole = all(isinstance(k, Integral) and k >= 2 for k in numbers)
+        if not whole or len(set(numbers)) < len(numbers):
+            raise ValueError(f"excitation.harmonics: numbers {numbers}; must be whole, 2 or more, each once")
         for i, (level, gain) in enumerate(self.force_gain, 1):
             bounded(f"Excitation: force_gain[{i}]", gain, 0.0, strict=True)
             if any(alike(level, other) for other, _ in self.force_gain[: i - 1]):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from continuation import ConvergenceError
 from hbm.cli import app
 from hbm.errors import InputError
 from hbm.integration.handover import state_at_phase_zero
@@ -24,6 +25,7 @@ from hbm.rigfiles.load import load_rig
 from models import LAWS, Dahl, Damping
 from models.friction import parameters
 from models.friction.extended import beside_dashpot
+from models.joints import JOINT_LAWS
 from models.published import paper_rig
 
 ROOT = Path(__file__).parents[1]
@@ -278,6 +280,58 @@ def test_what_is_no_law_is_refused_in_one_line(case: str, tmp_path: Path) -> Non
         load_rig(rig, allow_code=True)
     assert str(refused.value) == f'{rig}: contact.friction.law = "{name}"; {message}'
     assert "\n" not in str(refused.value)
+
+
+MODES = """\
+name = "two modes"
+[modal]
+frequencies_hz = [31.0, 74.5]
+[modal.ports]
+left = [0.8, 1.1]
+right = [0.9, -1.2]
+[damping]
+modal_ratios = [0.003]
+[[joints]]
+name = "bolt"
+law = "own.py:Spring"
+stiffness = 1e3
+normal_load = 50.0
+at = "left"
+[excitation]
+amplitude = 3.0
+at = "right"
+"""
+
+
+def test_a_law_without_a_force_where_it_moves_back_is_named(tmp_path: Path) -> None:
+    """The root of a displacement below zero is no number: no way can find a motion both ways."""
+    root = "return z, -self.stiffness * now.displacement**0.5"
+    (tmp_path / "own.py").write_text(LAW.replace(RETURNS, root))
+    rig = tmp_path / "rig.toml"
+    rig.write_text(MODES)
+    with pytest.raises(ConvergenceError) as failed:
+        steady_state(load_rig(rig, allow_code=True), 28.0, harmonics=3)
+    said = "first solution: none at 28 Hz and 3 N: {} (spring): force not finite; must be for every motion"
+    assert str(failed.value) == said.format("joint bolt")
+    own = find_law("own.py:Spring", tmp_path)(1e3)
+    contact = replace(paper_rig().contact, law=own)
+    with pytest.raises(ConvergenceError) as failed:
+        steady_state(replace(paper_rig(), contact=contact), 28.0, level=3.0, harmonics=3)
+    assert str(failed.value) == said.format("contact")
+
+
+def test_messages_about_a_law_of_a_joint_end_with_what_is_wrong(tmp_path: Path) -> None:
+    (tmp_path / "own.py").write_text(LAW)
+    rig = tmp_path / "rig.toml"
+    every = ", ".join([*LAWS, *JOINT_LAWS])
+    for name, said in {
+        "own.py:Sprung": f"{tmp_path / 'own.py'} has no class Sprung; it has Spring",
+        "cubic-sprin": f"must be one of {every}, or file.py:Class; did you mean cubic-spring?",
+    }.items():
+        rig.write_text(MODES.replace("own.py:Spring", name))
+        with pytest.raises(InputError) as refused:
+            load_rig(rig, allow_code=True)
+        assert str(refused.value) == f'{rig}: joints[1].law = "{name}"; {said}'
 
 
 def test_a_truth_value_of_a_symbol_is_told_with_its_line(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from hbm import (
     InputError,
@@ -21,8 +22,14 @@ from hbm import (
     synthesize,
 )
 from hbm.diagnosis.diagnose import candidates_among
+from hbm.rigfiles.lawchoice import choose_law
+from models import Jenkins
+from models.bodies.matrix import MatrixBody
 from models.causes import CAUSES
 from models.causes.parameter import WrongParameter
+from models.jointed import JointedRig
+from models.joints import Friction, Joint
+from models.parts import Damping, Excitation
 from models.published import paper_rig
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -56,6 +63,62 @@ def test_what_no_rig_has_and_numbers_that_are_none_are_refused(call: Callable[[]
     with pytest.raises(InputError) as refused:
         call()
     assert str(refused.value) == said
+
+
+MASSES = sparse.csc_array(np.diag([1.0, 2.0, 1.0]))
+SPRINGS = sparse.csc_array(1e4 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]]))
+RUB = Friction(Jenkins(0.3, 1e-5), 5.0)
+
+
+def masses(**changed: Any) -> MatrixBody:
+    return MatrixBody(**{"mass": MASSES, "stiffness": SPRINGS, "dofs": ("a", "b", "c"), "modes": 3, **changed})
+
+
+def jointed(**changed: Any) -> JointedRig:
+    parts = {"body": masses(), "damping": Damping(0.5), "joints": (Joint("j", RUB, ("a",)),)}
+    return JointedRig(**{"name": "three", "excitation": Excitation(1.0, at="b"), **parts, **changed})
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: choose_law(jointed(), "dahl"), "choose_law: three has [[joints]]; must be a rig with [contact] alone"),
+        (
+            lambda: Excitation(1.0, harmonics=((2.5, 0.1, 0.1),)),  # type: ignore[arg-type]
+            "excitation.harmonics: numbers [2.5]; must be whole, 2 or more, each once",
+        ),
+        (lambda: masses(modes=2.5), "MatrixBody: modes = 2.5; must be a whole number >= 1"),
+        (lambda: masses(dofs=(1, 2, 3)), 'MatrixBody: dofs has 1; must be names, such as "1"'),
+        (
+            lambda: masses(fixed=("a", "b", "c")),
+            "MatrixBody: fixed has every degree of freedom with mass; must leave one free",
+        ),
+        (
+            lambda: steady_state(jointed(excitation=Excitation(0.0, at="b")), 20.0),
+            "three: excitation.amplitude = 0; must be > 0 [N]",
+        ),
+        (
+            lambda: jointed(body=masses(damping_matrix=0.5 * MASSES), damping=Damping(50.0)),
+            "three: damping and a damping matrix of its body; must have one of them",
+        ),
+        (lambda: Jenkins("0.3", 1e-5), 'Jenkins: mu = "0.3"; must be a number'),  # type: ignore[arg-type]
+        (lambda: jointed().with_number("joints.j.mu", "3"), 'joints.j.mu = "3"; must be a number'),  # type: ignore[arg-type]
+        (
+            lambda: Joint("j", RUB, "left"),  # type: ignore[arg-type]
+            'joint j: at = "left"; must be a tuple of names, ("left",)',
+        ),
+    ],
+)
+def test_what_no_rig_is_made_of_is_refused_where_it_is_made_or_used(call: Callable[[], object], said: str) -> None:
+    with pytest.raises(ValueError) as refused:  # the message is compared
+        call()
+    assert str(refused.value) == said
+
+
+def test_a_body_with_a_damping_matrix_has_no_other_damping() -> None:
+    """Its decay is that of the matrix: c = 0.5 m gives 0.5 per second for every mode."""
+    rig = jointed(body=masses(damping_matrix=0.5 * MASSES), damping=Damping())
+    np.testing.assert_allclose(rig.structure.damping, 0.5 * np.eye(3), atol=1e-12)
 
 
 @pytest.mark.parametrize(

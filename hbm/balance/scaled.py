@@ -12,6 +12,7 @@ from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 
+from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis
 from models.jointed import JointedRig
 from models.parts import Excitation
@@ -31,7 +32,10 @@ class State:
 
 
 def force_shape(excitation: Excitation, basis: FourierBasis, periods: int) -> Array:
-    """Coefficients of the excitation per amplitude of its fundamental, (2H+1,); harmonics beyond H left out."""
+    """Coefficients of the excitation per amplitude of its fundamental, (2H+1,).
+
+    Harmonics beyond H are left out, as on the way to a solution; :mod:`hbm.balance.tones` says how many hold them all.
+    """
     shape = np.zeros(basis.size)
     for k, cosine, sine in excitation.tones:
         if k * periods <= basis.H:
@@ -99,6 +103,8 @@ class Scaled(ABC, Generic[AnyRigKind]):
         s = rig.structure
         self.rig, self.structure, self.basis, self.parameter = rig, s, basis, parameter
         self.level = rig.excitation.amplitude if level is None else level
+        if self.level == 0.0:  # it is the unit of all forces
+            raise InputError(f"{rig.name}: excitation.amplitude = 0; must be > 0 [N]")
         self.fixed_hz, self.periods = hz, periods
         elastic = s.omega_n[s.omega_n > 0.0]
         self.omega_1 = float(elastic[0]) if elastic.size else 2 * np.pi

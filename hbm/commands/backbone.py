@@ -44,7 +44,10 @@ def backbone(
         typer.Option("--from", metavar="M", help="First fundamental amplitude of the drive displacement in m."),
     ] = None,
     end: Annotated[str | None, typer.Option("--to", metavar="M", help="Last amplitude in m; with --from.")] = None,
-    harmonics: Annotated[str, typer.Option(metavar="H", help="Harmonics.")] = "15",
+    harmonics: Annotated[
+        str | None,
+        typer.Option(metavar="H", help="Harmonics; where omitted 15, or more where those of the force need them."),
+    ] = None,
     level: Annotated[
         list[str] | None,
         typer.Option("--level", metavar="N ...", help="With --plot: also draw frequency responses at these forces."),
@@ -66,7 +69,8 @@ def backbone(
     Example:  hbm backbone examples/paper_beam.toml --out modes.csv --plot modes.png --level 2 6.5
     """
     check_outputs("backbone", out, plot)
-    number, H = whole("backbone", "--mode", mode, 1000), whole("backbone", "--harmonics", harmonics, LARGEST_H)
+    number = whole("backbone", "--mode", mode, 1000)
+    H = None if harmonics is None else whole("backbone", "--harmonics", harmonics, LARGEST_H)
     amplitudes, budget = _range(begin, end), budget_of("backbone", max_points, max_seconds)
     levels = [positive("backbone", "--level", text, "N") for text in level or ()]
     if levels and plot is None:
@@ -100,7 +104,7 @@ def _range(begin: str | None, end: str | None) -> tuple[float, float] | None:
 
 
 def _traced(
-    rig: "AnyRig", mode: int, amplitudes: tuple[float, float] | None, H: int, budget: "Budget"
+    rig: "AnyRig", mode: int, amplitudes: tuple[float, float] | None, H: int | None, budget: "Budget"
 ) -> tuple[list["Backbone"], list[str]]:
     """Nonlinear mode and phase resonance, and a line for each that failed."""
     from continuation import ConvergenceError

@@ -11,7 +11,7 @@ import numpy as np
 
 from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.fourier import FourierBasis
+from hbm.fourier import sampled
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.simulated import FAILURES
@@ -118,7 +118,7 @@ def _predicted(best: Evaluation, rival: Evaluation, campaign: Campaign, experime
         names = [*campaign.data.channels, *(["_added"] if experiment.sensor is not None else [])]
         for name in names:
             s = std.get(name, float(np.median(list(std.values()))))
-            seen = np.concatenate([k, HARMONICS[0] + k])
+            seen = np.concatenate([k, found[0][0].basis.H + k])
             d = (found[0][0][name].coefficients - found[1][0][name].coefficients)[seen] / s
             columns = by[name].coefficients[seen] / s
             d, *_ = uncorrelated(force_std * columns[:, -1:], d[:, None]).T
@@ -138,7 +138,7 @@ def _solved(
     rig = campaign.numerics.working.rig(e.model.rig(e.x))
     if experiment.sensor is not None:
         rig = replace(rig, channels=(*rig.channels, Channel("_added", "acceleration", experiment.sensor)))
-    basis = FourierBasis(*HARMONICS)
-    problem = balance_of(rig, basis, level=force)
+    H, N_t = HARMONICS
+    problem = balance_of(rig, sampled(max(H, campaign.numerics.holding), N_t), level=force)
     lam = problem.lam_at(hz)
     return describe(problem, first_solution(problem, lam), lam), rig

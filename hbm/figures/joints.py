@@ -8,17 +8,19 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
+from hbm.balance.problem import TOLERANCE
 from hbm.figures.scales import logarithmic
 from hbm.figures.stretches import draw_line
 from hbm.figures.style import INK, as_written, dressed, legend_on_top, level_colors, say_nothing
 from hbm.figures.units import prefixed_together
+from hbm.fourier import Array
 
 if TYPE_CHECKING:
     from hbm.response.curve import ResponseCurve
     from models.jointed import JointedRig
 
 SHOWN = 1e-4
-"""Share of the largest value below which a value is left off the panel."""
+"""Share of the largest value that a port reaches somewhere, whose least values the panel then spans."""
 
 WIDTHS = (0.7, 1.7)
 """Of the lines of the lowest and of the highest level."""
@@ -60,7 +62,7 @@ def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) ->
     widths = np.linspace(*WIDTHS, len(curves)).tolist() if len(curves) > 1 else [float(np.mean(WIDTHS))]
     for ax, names, what in ((force, rig.forces, "force"), (motion, rig.motions, "motion")):
         peaks = [[curve[name].peak for name in names] for curve in curves]
-        highest, lowest = (float(find([find(p) for own in peaks for p in own])) for find in (np.max, np.min))
+        highest, lowest = _span(peaks)
         scale, unit = prefixed_together([curves[0][name].unit for name in names], highest)
         dressed(ax, "", f"Joint {what},\npeak [{unit}]")
         if highest == 0.0:
@@ -70,8 +72,19 @@ def draw_joints(curves: Sequence["ResponseCurve"], force: Axes, motion: Axes) ->
             for style, peak in zip(styles_of(rig), own, strict=True):
                 draw_line(ax, curve, scale * peak, linewidth=width, **style)
         logarithmic(ax.yaxis)
-        ax.set_ylim(bottom=scale * max(lowest, SHOWN * highest) / 2)
+        ax.set_ylim(bottom=scale * lowest / 2)
     legend_on_top(force, _handles(rig) + _level_handles(curves, widths))
+
+
+def _span(peaks: Sequence[Sequence[Array]]) -> tuple[float, float]:
+    """Largest of the peaks of each level and port, and the least of the ports that count; what is not solved is none.
+
+    A spring that hardens falls with a power of its motion: all of that is shown, and no port that rests beside it.
+    """
+    by_port = [np.concatenate(own) for own in zip(*peaks, strict=True)]
+    highest = max(float(own.max()) for own in by_port)
+    counted = np.concatenate([own for own in by_port if own.max() >= SHOWN * highest])
+    return highest, float(counted[counted > TOLERANCE * highest].min(initial=highest))
 
 
 def _handles(rig: "JointedRig") -> list[Line2D]:

@@ -1,10 +1,12 @@
 """Figure of a response along a number of the rig."""
 
+import numpy as np
+
 from hbm.figures.curves import draw_peaks, explain, least_reaction, mark
 from hbm.figures.joints import draw_joints
-from hbm.figures.scales import logarithmic
+from hbm.figures.scales import logarithmic, phases
 from hbm.figures.stretches import draw_line
-from hbm.figures.style import FAINT, INK, AxesArray, Color, align_labels, graded, headed, panels
+from hbm.figures.style import FAINT, INK, AxesArray, Color, align_labels, as_written, dressed, graded, headed, panels
 from hbm.tracking.parameterresponse import ParameterCurve
 from models.jointed import JointedRig
 from models.rig import Rig
@@ -14,18 +16,31 @@ LOGARITHMIC = 30.0
 
 
 def plot_parameter_curve(curve: ParameterCurve, axes: AxesArray | None = None) -> AxesArray:
-    """Drive displacement, slip, friction and reaction over the number.
+    """Drive displacement, slip, friction and reaction over the number; of a channel's gain or delay its own reading.
 
     Parameters
     ----------
     curve : ParameterCurve
-    axes : array of four Axes, optional
+    axes : array of so many Axes, optional
+        Where to draw; a new figure where omitted.
 
     Returns
     -------
-    (4,) array of Axes
+    (4,) array of Axes; (3,) of a rig with joints: drive displacement, joint forces, joint motions; (2,) along a number
+    of a channel, which nothing else depends on: its peak and phase
     """
-    curve, jointed = curve.dense, isinstance(curve.rig, JointedRig)
+    curve = curve.dense
+    table, _, rest = curve.parameter.partition(".")
+    rows = _draw_channel(curve, rest.rpartition(".")[0], axes) if table == "channels" else _draw_motion(curve, axes)
+    unit = "" if curve.unit == "1" else f" [{curve.unit}]"
+    rows[-1].set_xlabel(curve.parameter + unit, color=INK)
+    headed(rows[0], _title(curve))
+    explain(rows[0])
+    return align_labels(rows)
+
+
+def _draw_motion(curve: ParameterCurve, axes: AxesArray | None) -> AxesArray:
+    jointed = isinstance(curve.rig, JointedRig)
     height, ratios = (5.6, (1.6, 1.2, 1.2)) if jointed else (6.6, (2.2, 1.2, 1.2, 1.4))
     rows = panels(axes, len(ratios), 1, height, sharex=True, height_ratios=ratios).ravel()
     drive, color = rows[0], graded([0.0])[0]
@@ -36,11 +51,20 @@ def plot_parameter_curve(curve: ParameterCurve, axes: AxesArray | None = None) -
         draw_joints([curve], rows[1], rows[2])
     else:
         _draw_contact(curve, rows[1:], color)
-    unit = "" if curve.unit == "1" else f" [{curve.unit}]"
-    rows[-1].set_xlabel(curve.parameter + unit, color=INK)
-    headed(drive, _title(curve))
-    explain(drive)
-    return align_labels(rows)
+    return rows
+
+
+def _draw_channel(curve: ParameterCurve, name: str, axes: AxesArray | None) -> AxesArray:
+    """Peak of a channel, and the phase of its fundamental, which a delay turns as often as it likes."""
+    rows = panels(axes, 2, 1, 4.0, sharex=True).ravel()
+    peak, phase = rows
+    scale = draw_peaks(peak, [curve], name, f"{as_written(name)},\npeak", "_along")
+    peak.set_ylim(0.0, 1.1 * scale * float(curve[name].peak.max()) or 1.0)  # a delay leaves a line without a height
+    turned = np.degrees(np.unwrap(curve[name].phase[:, 1]))
+    draw_line(phase, curve, turned, graded([0.0])[0], label="_along")
+    phases(phase.yaxis)
+    dressed(phase, "", "Phase to\nthe force [°]")
+    return rows
 
 
 def _draw_contact(curve: ParameterCurve, rows: AxesArray, color: Color) -> None:

@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 
 from continuation import ConvergenceError, Correction
 from hbm.balance.solution import PeriodicSolution
+from hbm.balance.tones import harmonics_for, holding
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.identification.fit import uncertainty, whitened
 from hbm.identification.identify import HELD
@@ -228,7 +229,10 @@ class _Forward:
 
 def _numerics(rig: Rig, data: Measurement, of: Candidate, harmonics: int | None) -> tuple[int, str]:
     """Harmonics whose increase moves the fastest slipping records by less than the noise."""
-    tried = tuple(H for H in HARMONICS if H > data.H) or (2 * data.H,) if harmonics is None else (harmonics,)
+    least = max(data.H + 1, holding(rig, 1))
+    tried = tuple(H for H in HARMONICS if H >= least) or (max(least, 2 * data.H),)
+    if harmonics is not None:
+        tried = (harmonics_for(rig, harmonics, "fit_spectra"),)
     probed = replace(data, records=tuple(data.records[i] for i in np.argsort(-data.speed)[:PROBED]))
     coarse, change, chosen = _probe(rig, probed, of, tried[0]), np.inf, tried[-1]
     for H, finer in zip(tried, (*tried[1:], 2 * tried[-1] + 1), strict=True):

@@ -13,6 +13,7 @@ import numpy as np
 from hbm.aft.step import law_step
 from hbm.balance.elements import ForcesInTime, forces_in_time
 from hbm.channels import DERIVATIVES, Rates, late, turn
+from hbm.errors import InputError, expect_whole
 from models import Channel, Rig
 from models.jointed import AnyRig
 from models.parts import UNITS
@@ -63,6 +64,19 @@ class Signal(NamedTuple):
 
     values: Array
     unit: str
+
+
+def expect_divisor(every: int, steps_per_period: int) -> None:
+    """Refuse to keep one of so many steps where that is not the same in every period.
+
+    Raises
+    ------
+    InputError
+        With both numbers.
+    """
+    expect_whole(every, "every", "simulate")
+    if steps_per_period % every:
+        raise InputError(f"simulate: every = {every}; must divide {steps_per_period} steps per period")
 
 
 def differences(T: Array, dt: float) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from hbm.aft.recurrence import monodromy
 from hbm.errors import InputError, expect_frequency, expect_positive, expect_rig, expect_whole
-from hbm.integration.history import State, TimeHistory, differences
+from hbm.integration.history import State, TimeHistory, differences, expect_divisor
 from hbm.integration.jointed import JointHistory, simulate_joints
 from hbm.integration.jointmarch import FEWEST_STEPS, LEAST_STEPS
 from hbm.integration.march import Recorder, march
@@ -106,7 +106,7 @@ def simulate(
     Returns
     -------
     TimeHistory, or JointHistory
-        JointHistory for a rig with joints, over whole periods and every step. The first instant is included.
+        JointHistory for a rig with joints, over whole periods. The first instant is included.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def simulate(
         if isinstance(start, State):
             raise ValueError("simulate: start is a state of a rig with [contact]; must be (size,) numbers")
         over = partial(simulate_joints, periods=periods, steps_per_period=steps_per_period, progress=progress)
-        return over(rig, hz, level=level, start=start, last_periods=last_periods)
+        return over(rig, hz, level=level, start=start, last_periods=last_periods, every=every)
     if start is not None and not isinstance(start, State):
         raise InputError(f"simulate: start = {start!r:.80}; must be a State of a rig with [contact]")
     state = State.at_rest(rig) if start is None else start
@@ -152,9 +152,7 @@ def simulate(
 
 def _check(rig: Rig, steps_per_period: int, start: State, every: int) -> None:
     size = State.at_rest(rig).flat.size
-    expect_whole(every, "every", "simulate")
-    if steps_per_period % every:
-        raise InputError(f"simulate: every = {every}; must divide {steps_per_period} steps per period")
+    expect_divisor(every, steps_per_period)
     if rig.contact.foreshortening and rig.structure.n > MOST_MODES:
         raise InputError(
             f"simulate: modes = {rig.structure.n}; must be <= {MOST_MODES}: a beam drawn in as it bends couples "

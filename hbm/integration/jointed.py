@@ -14,7 +14,7 @@ from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
 from hbm.channels import DERIVATIVES, Rates, late
 from hbm.errors import InputError, expect_frequency, expect_joints, expect_whole
-from hbm.integration.history import History, Signal, differences
+from hbm.integration.history import History, Signal, differences, expect_divisor
 from hbm.integration.jointmarch import FEWEST_STEPS, LEAST_STEPS, JointMarcher, resolving_steps
 from hbm.integration.jointstep import Layout
 from models.jointed import JointedRig
@@ -35,6 +35,8 @@ class JointHistory(History):
         Equally spaced [s].
     states : (N, size) array
         Modes, their velocities, forces at the ports, memory of the laws.
+    force_rates : (2, N, m) array
+        First and second derivatives to time of the forces at the ports [N/s, N/s2], from every step of the march.
     samples_per_period : int
     largest_residual : float
         Largest residual of the implicit relation at the joints, in units of the excitation.
@@ -45,6 +47,7 @@ class JointHistory(History):
     level: float
     time: Array
     states: Array
+    force_rates: Array
     samples_per_period: int
     largest_residual: float
 
@@ -72,16 +75,11 @@ class JointHistory(History):
         driven = self.f @ s.joints + np.outer(self._force(), s.excitation)
         return np.asarray(driven - self.qdot @ s.damping.T - self.q * s.omega_n**2)
 
-    @cached_property
-    def _rates(self) -> tuple[Array, Array, Array]:
-        """Forces at the ports and their first two derivatives, (N, m) each."""
-        found = [differences(f, self.dt) for f in self.f.T]
-        return self.f, np.array([a for a, _ in found]).T, np.array([b for _, b in found]).T
-
     def _seen(self, row: Array, by_joints: Array, by_force: float, derivative: int) -> Array:
         """A displacement of the body, or its derivative, (N,): of the modes and of what they leave out."""
         modes = (self.q, self.qdot, self.qddot)[derivative]
-        return np.asarray(modes @ row + self._rates[derivative] @ by_joints + by_force * self._force(derivative))
+        forces = (self.f, *self.force_rates)[derivative]
+        return np.asarray(modes @ row + forces @ by_joints + by_force * self._force(derivative))
 
     def _there(self, name: str) -> Array:
         """Quantity at a channel of the rig, (N,)."""
@@ -133,6 +131,7 @@ def simulate_joints(
     steps_per_period: int | None = None,
     start: Array | None = None,
     last_periods: int | None = None,
+    every: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> JointHistory:
     """Motion of a rig with joints under the force level cos(2 pi hz t).
@@ -152,29 +151,46 @@ def simulate_joints(
         A state at phase 0 of the force; from rest unless given.
     last_periods : int, optional
         Keep these only; everything unless given.
+    every : int
+        Keep one of so many steps; a divisor of `steps_per_period`.
     progress : callable, optional
         Told the time reached [s] after each period.
 
     Raises
     ------
+    InputError
+        If `every` does not divide the steps of a period.
     ArithmeticError
         If a step cannot be solved, or is too long for the joints.
     """
     steps = resolving_steps(rig, hz, LEAST_STEPS) if steps_per_period is None else steps_per_period
+    expect_divisor(every, steps)
     marcher = JointMarcher(rig, hz, rig.excitation.amplitude if level is None else level, steps)
     marcher.refuse_growth()
     x = _begun(marcher, start, "simulate")
     first = 0 if last_periods is None else max(0, periods - last_periods)
-    kept, largest = [x[None]], 0.0
+    at, largest = marcher.step.layout.f, 0.0
     for i in range(periods):
+        if i <= first:
+            kept, forces = [x[None]], [x[None, at]]
         X, residual = marcher.period(x)
         x, largest = X[-1], max(largest, residual)
-        kept = [*kept, X] if i > first else [kept[-1][-1:], X] if i == first else [X[-1:]]
+        if i >= first:
+            kept.append(X[every - 1 :: every])
+            forces.append(X[:, at])
         if progress is not None:
             progress((i + 1) / hz)
-    states = np.concatenate(kept)
-    time = np.asarray(first / hz + marcher.dt * np.arange(len(states)), dtype=float)
-    return JointHistory(rig, hz, marcher.level, time, states, steps, largest)
+    states, rates = np.concatenate(kept), _rates(np.concatenate(forces), marcher.dt)
+    time = np.asarray(first / hz + every * marcher.dt * np.arange(len(states)), dtype=float)
+    return JointHistory(rig, hz, marcher.level, time, states, rates[:, ::every], steps // every, largest)
+
+
+def _rates(forces: Array, dt: float) -> Array:
+    """First and second derivatives to time of forces (N, m), (2, N, m)."""
+    rates = np.zeros((2, *forces.shape))
+    for i, force in enumerate(forces.T):
+        rates[:, :, i] = differences(force, dt)
+    return rates
 
 
 def _begun(marcher: JointMarcher, start: Array | None, where: str) -> Array:
@@ -297,5 +313,6 @@ def joint_steady_state(
         )
     states = np.vstack([x, X[:-1]])
     time = np.asarray(marcher.dt * np.arange(len(states)), dtype=float)
-    history = JointHistory(rig, hz, marcher.level, time, states, steps, period.residual)
+    rates = _rates(states[:, marcher.step.layout.f], marcher.dt)
+    history = JointHistory(rig, hz, marcher.level, time, states, rates, steps, period.residual)
     return JointPeriod(history, marcher.monodromy(x, X), closure, iterations)

@@ -18,6 +18,7 @@ from scipy.optimize import brentq
 
 from continuation import Branch, Correction, End, Point, Settings
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.balance.tones import USUAL, harmonics_for
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.modes.amplitudes import solved, traced
@@ -55,9 +56,10 @@ class Backbone(ABC):
     def __repr__(self) -> str:
         """Range of amplitude and frequency, and why it ended."""
         first, last = self.points[0], self.points[-1]
+        begin, end = self.amplitude[0], self.amplitude[-1]
         what = {"NonlinearMode": "nonlinear mode", "PhaseResonance": "phase resonance"}[type(self).__name__]
         return (
-            f"{what}: {len(self.points)} motions, drive {first['drive'].peak:.4g} to {last['drive'].peak:.4g} m, "
+            f"{what}: {len(self.points)} motions, drive amplitude {begin:.4g} to {end:.4g} m, "
             f"{first.hz:.6g} to {last.hz:.6g} Hz; {self.branch.message}"
         )
 
@@ -252,7 +254,7 @@ def nonlinear_mode(
     mode: int = 1,
     *,
     amplitudes: tuple[float, float] | None = None,
-    harmonics: int = 15,
+    harmonics: int | None = None,
     samples: int | None = None,
     on_point: OnPoint | None = None,
     budget: Budget | None = None,
@@ -268,8 +270,8 @@ def nonlinear_mode(
     amplitudes : (float, float), optional
         First and last fundamental amplitude of the drive displacement [m]; where omitted, from a contact that sticks to
         one that slides, :func:`hbm.modes.amplitudes.default_amplitudes`.
-    harmonics, samples : int
-        Highest harmonic H, and samples per period N_t.
+    harmonics, samples : int, optional
+        Highest harmonic H, 15 where omitted, and samples per period N_t.
     on_point : callable, optional
         Progress: called with amplitude and point number.
     budget : Budget, optional
@@ -295,7 +297,8 @@ def nonlinear_mode(
     array([56.  , 51.08])
     """
     expect_rig(rig, "nonlinear_mode", joints=True)
-    motion = FreeMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
+    H = USUAL if harmonics is None else harmonics  # no force acts, whose harmonics they had to hold
+    motion = FreeMotion(rig, FourierBasis(H, samples or default_samples(H)))
     branch = traced(motion, mode, amplitudes, on_point, budget)
     return NonlinearMode(rig, described(motion, branch.points), branch, motion)
 
@@ -306,19 +309,22 @@ def phase_resonance(
     mode: int = 1,
     *,
     amplitudes: tuple[float, float] | None = None,
-    harmonics: int = 15,
+    harmonics: int | None = None,
     samples: int | None = None,
     on_point: OnPoint | None = None,
     budget: Budget | None = None,
 ) -> PhaseResonance:
     """Motions whose drive displacement lags the force by 90 degrees; parameters and errors as :func:`nonlinear_mode`.
 
+    Harmonics are to hold those of the force, as of :func:`hbm.steady_state`.
+
     Returns
     -------
     PhaseResonance
     """
     expect_rig(rig, "phase_resonance", joints=True)
-    motion = ForcedMotion(rig, FourierBasis(harmonics, samples or default_samples(harmonics)))
+    H = harmonics_for(rig, harmonics, "phase_resonance")
+    motion = ForcedMotion(rig, FourierBasis(H, samples or default_samples(H)))
     branch = traced(motion, mode, amplitudes, on_point, budget)
     return PhaseResonance(rig, described(motion, branch.points), branch, motion)
 

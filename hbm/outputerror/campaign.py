@@ -62,8 +62,8 @@ class Campaign:
         return replace(self, corrections=corrections(rig, self.data, self.numerics, solutions, self.executor))
 
     def coarsely(self, H: int, N_t: int, modes: int) -> "Campaign":
-        """The same on another discretisation, without a correction."""
-        working = Grid(sampled(H, N_t), modes)
+        """The same on another discretisation that holds the force, without a correction."""
+        working = Grid(sampled(max(H, self.numerics.holding), N_t), modes)
         return replace(self, numerics=replace(self.numerics, working=working), corrections={})
 
     @property

@@ -13,6 +13,7 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.balance.solution import PeriodicSolution
+from hbm.balance.tones import holding
 from hbm.fourier import Array, FourierBasis, sampled
 from hbm.outputerror.records import Measurement, Record, parts, solve_record
 from hbm.parallel import each
@@ -63,12 +64,15 @@ class Numerics:
         On which records are fitted, one between, and the one to whose solutions they are corrected.
     change : float
         Length of the correction of a record, in standard deviations, the largest that was probed.
+    holding : int
+        Harmonics that hold the force of the rig file, which any other discretisation has at least.
     """
 
     working: Grid
     finer: Grid
     fine: Grid
     change: float
+    holding: int = 1
 
     def __repr__(self) -> str:
         fine = f"{self.fine.basis.H}, {self.fine.basis.N_t} and {self.fine.modes}"
@@ -93,7 +97,8 @@ def choose(rig: AnyRig, data: Measurement, executor: Executor | None = None) -> 
         Does the records side by side.
     """
     n, extends = rig.structure.n, isinstance(rig.body, Beam)  # a body of another kind has no more modes to offer
-    *rungs, fine = [Grid(sampled(max(H, data.H + 6), N_t), n + more * extends) for H, N_t, more in (*LADDER, FINE)]
+    held = max(data.H + 6, holding(rig, 1))
+    *rungs, fine = [Grid(sampled(max(H, held), N_t), n + more * extends) for H, N_t, more in (*LADDER, FINE)]
     probed = [data.records[i] for i in np.argsort(-data.speed)[:: max(1, len(data.records) // 8)][:PROBED]]
     best: list[Array | None] | None = None
     change = np.inf
@@ -106,7 +111,7 @@ def choose(rig: AnyRig, data: Measurement, executor: Executor | None = None) -> 
         change = max(lengths, default=np.inf)
         if change < RESOLVED:
             break
-    return Numerics(working, rungs[-1], fine, change)
+    return Numerics(working, rungs[-1], fine, change, holding(rig, 1))
 
 
 def _length(change: Array, record: Record) -> float:

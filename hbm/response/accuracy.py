@@ -12,6 +12,7 @@ import numpy as np
 from continuation import ConvergenceError
 from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.balance.tones import harmonics_for, holding
 from hbm.errors import expect_level, expect_positive
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.response.budget import Budget, OnPoint
@@ -27,9 +28,6 @@ TOLERANCE = 5e-3
 
 LADDER = (7, 9, 11, 13, 15, 17, 19, 23, 27, 33, 39, 47)
 """Harmonics tried by :func:`frequency_response`."""
-
-UNDECIDED = 15
-"""Harmonics taken where the number cannot be judged."""
 
 SAMPLES_LIMIT = 4096
 SPREAD = 16
@@ -57,7 +55,7 @@ def frequency_response(
         Force amplitude [N]; the rig's where omitted.
     harmonics : int, optional
         H; where omitted it is raised until the curve's drive displacement and friction force change
-        less than `tolerance`.
+        less than `tolerance`, from what holds the force.
     tolerance : float
         Accepted change relative to the peak.
     on_point : callable, optional
@@ -72,6 +70,8 @@ def frequency_response(
 
     Raises
     ------
+    InputError
+        If the force has a harmonic above H.
     continuation.ConvergenceError
         If there is no first solution.
     """
@@ -81,7 +81,8 @@ def frequency_response(
     if harmonics is None:
         H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance)
     else:
-        H, N_t, reason = harmonics, default_samples(harmonics), f"H = {harmonics} as asked for"
+        H = harmonics_for(rig, harmonics, "frequency_response")
+        N_t, reason = default_samples(H), f"H = {H} as asked for"
     curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, on_point=on_point, budget=budget)
     error = estimate_error(curve)
     return replace(curve, assessment=Assessment(error, reason, tuple(_warnings(curve, error, tolerance))))
@@ -104,14 +105,14 @@ def choose_harmonics(
     """
     pilot = scout_frequency(rig, hz, level=level)
     (where, found), scales, what = _telling_points(pilot), scales_of(pilot.rig, pilot.points), _in_words(rig)
-    for H in LADDER:
+    for H in ladder(rig):
         N_t = default_samples(finer(H))
         found = [p for p in _solve_again(found, rig, H, N_t, level) if p is not None]
         refined = _solve_again(found, rig, finer(H), N_t, level)
         changes = [relative_change(a, b, scales) for a, b in zip(found, refined, strict=True) if b is not None]
         if not changes:
-            reason = f"H = {UNDECIDED}: the peaks could not be solved again with {finer(H)} harmonics to judge by"
-            return UNDECIDED, default_samples(UNDECIDED), reason
+            H = holding(rig)
+            return H, default_samples(H), f"H = {H}: the peaks could not be solved again with more to judge by"
         change = max(changes)
         if change < tolerance:
             N_t, moved = _choose_samples(rig, found, H, level, scales, tolerance)
@@ -135,6 +136,12 @@ def _telling_points(curve: ResponseCurve) -> tuple[str, list[PeriodicSolution]]:
         return "the peaks", found
     largest = max(in_contact, key=lambda p: p.channels["drive"].peak)
     return "the largest motion that keeps the contact", [p for p in found if not p.lift_off] or [largest]
+
+
+def ladder(rig: AnyRig) -> tuple[int, ...]:
+    """Harmonics to try, the fewest first: a force that has harmonics of its own is held by all of them."""
+    least = holding(rig, LADDER[0])
+    return (least, *(H for H in LADDER if H > least))
 
 
 def finer(H: int) -> int:

@@ -21,7 +21,8 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.accuracy import finer
-from hbm.response.curve import Bifurcation, ResponseCurve
+from hbm.response.bifurcation import Bifurcation
+from hbm.response.curve import ResponseCurve
 from hbm.response.trace import solve_near
 from hbm.stability.along import crossings, growth, hiding, sides
 from hbm.stability.jointed import by_monodromy
@@ -140,12 +141,10 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     bifurcations = []
     for special in sorted(found, key=lambda s: s.arclength):
         behind = int(np.searchsorted(arclengths, special.arclength))
+        there = curve.points[behind], stability[behind]
         if special.located:
-            bifurcations.append(
-                Bifurcation(curve.solution_at(special.x, special.lam), judged(special), special, behind)
-            )
-        else:
-            bifurcations.append(Bifurcation(curve.points[behind], stability[behind], special, behind))
+            there = curve.solution_at(special.x, special.lam), judged(special)
+        bifurcations.append(Bifurcation(*there, special, behind, curve.number_at(special.lam)))
     return replace(curve, stability=stability, doubtful=doubtful[kept], bifurcations=tuple(bifurcations))
 
 

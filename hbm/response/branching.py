@@ -9,7 +9,8 @@ from hbm.balance.problem import AnyBalance, balance_of
 from hbm.balance.solution import describe
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
-from hbm.response.curve import Bifurcation, ResponseCurve
+from hbm.response.bifurcation import Bifurcation
+from hbm.response.curve import ResponseCurve
 
 
 @one_thread

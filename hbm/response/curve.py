@@ -7,12 +7,13 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from continuation import Branch, Kind, Problem, SpecialPoint
+from continuation import Branch, Problem
 from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, amplitudes, describe, phases
 from hbm.channels import channel_named
 from hbm.fourier import Array, FourierBasis
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
+from hbm.response.bifurcation import Bifurcation
 from hbm.stability.multipliers import Stability
 from models.display import Displayed
 from models.jointed import AnyRig
@@ -126,56 +127,6 @@ class ChannelCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class Bifurcation:
-    """Where the stability or the number of periodic solutions changes.
-
-    Attributes
-    ----------
-    solution : PeriodicSolution
-        There.
-    stability : Stability
-        Its multipliers; one, or a pair, on the unit circle.
-    special : continuation.SpecialPoint
-        The same in scaled unknowns, with the tangents of the curves that meet there.
-    behind : int
-        Index of the first point of the curve behind it.
-    """
-
-    solution: PeriodicSolution
-    stability: Stability
-    special: SpecialPoint
-    behind: int
-
-    @property
-    def kind(self) -> Kind:
-        """Kind of the bifurcation."""
-        return Kind(self.special.kind)
-
-    @property
-    def multiplier(self) -> complex:
-        """The multiplier on the unit circle, of a pair the upper one: 1, -1 where the period doubles."""
-        found = self.stability.multipliers
-        if self.kind is Kind.NEIMARK_SACKER:
-            pairs = found[found.imag > 0.0]
-            return complex(pairs[np.abs(np.abs(pairs) - 1.0).argmin()])
-        return complex(found[np.abs(found - (-1.0 if self.kind is Kind.PERIOD_DOUBLING else 1.0)).argmin()])
-
-    @property
-    def hz(self) -> float:
-        """Excitation frequency [Hz]."""
-        return self.solution.hz
-
-    @property
-    def level(self) -> float:
-        """Force amplitude [N]."""
-        return self.solution.level
-
-    def __repr__(self) -> str:
-        """Say what and where."""
-        return f"{self.kind.value} at {self.hz:.6g} Hz, {self.level:.4g} N"
-
-
-@dataclass(frozen=True, eq=False)
 class ResponseCurve(Displayed):
     """A branch of periodic solutions in physical terms.
 
@@ -268,6 +219,10 @@ class ResponseCurve(Displayed):
     def value_at(self, lam: float) -> float:
         """Parameter of the curve there: frequency [Hz], or force [N] along a force curve."""
         return self.problem.hz_at(lam) if self.problem.parameter == "frequency" else self.problem.at(lam)[1]
+
+    def number_at(self, lam: float) -> str:
+        """What else of the rig changes along the curve, with its value there: nothing."""
+        return ""
 
     @cached_property
     def values(self) -> Array:

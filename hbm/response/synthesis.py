@@ -12,8 +12,9 @@ import numpy as np
 
 from continuation import ConvergenceError
 from hbm.balance.solution import PeriodicSolution
+from hbm.balance.tones import holding
 from hbm.errors import InputError, expect_frequency, expect_rig, expect_whole
-from hbm.fourier import Array
+from hbm.fourier import Array, default_samples
 from hbm.measurement.harmonicestimate import HarmonicEstimate, spectra_of_records
 from hbm.measurement.harmonics import harmonic_spectra
 from hbm.measurement.recording import Recording
@@ -28,7 +29,7 @@ from models.parts import UNITS
 from models.rig import Rig
 
 HARMONICS, SAMPLES, MORE_MODES = 60, 1024, 15
-"""Of the records: harmonics, samples per period, and modes of a beam beyond those of its rig file."""
+"""Of the records: harmonics and samples per period, at least, and modes of a beam beyond those of its rig file."""
 
 PASSED = 2
 """Harmonics up to so many times the highest of the spectra pass the filter before sampling."""
@@ -170,10 +171,12 @@ def _first_stable(curve: ResponseCurve, hz: float) -> PeriodicSolution | None:
     body, rig = curve.rig.body, curve.rig
     if isinstance(rig, Rig) and isinstance(body, Beam):
         rig = rig.with_modes(body.modes + MORE_MODES)
+    H = holding(rig, HARMONICS)
+    N_t = max(SAMPLES, default_samples(H))
     for i in np.flatnonzero(past[1:] != past[:-1]):
         near = min(curve.points[i : i + 2], key=lambda p: abs(p.hz - hz))
         try:
-            found = steady_state(rig, hz, level=curve.level, harmonics=HARMONICS, samples=SAMPLES, start=near)
+            found = steady_state(rig, hz, level=curve.level, harmonics=H, samples=N_t, start=near)
             if stability_of(rig, found).stable:
                 return found
         except ConvergenceError:

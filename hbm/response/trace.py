@@ -15,11 +15,13 @@ from continuation import ConvergenceError, NewtonSettings, Predictor, Settings, 
 from hbm.balance.padding import pad
 from hbm.balance.problem import TOLERANCE, AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.balance.tones import harmonics_for, holding
 from hbm.errors import expect_frequency, expect_level, expect_positive, expect_range, expect_rig
-from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.fourier import Array, FourierBasis, default_samples, sampled
 from hbm.parallel import one_thread
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
+from hbm.response.forceless import without_force
 from hbm.response.liftoff import solve_lifting
 from hbm.response.peak import with_peak
 from hbm.response.settling import settled
@@ -44,7 +46,8 @@ SWEEP = (0.85, 1.35)
 """Default sweep in units of the first sliding resonance."""
 
 FEW = (3, 5, 7, 9)
-"""Harmonics along ramps of the force, which are soon solved, before one with all of them."""
+"""Harmonics along ramps of the force, which are soon solved, before one with all of them; they need not hold the force:
+what they find is a start."""
 
 Way = Callable[[AnyBalance, float], Array | None]
 """From nothing to a solution at a value of the parameter, or to none."""
@@ -56,7 +59,7 @@ def steady_state(
     hz: float,
     *,
     level: float | None = None,
-    harmonics: int = 15,
+    harmonics: int | None = None,
     samples: int | None = None,
     start: PeriodicSolution | None = None,
 ) -> PeriodicSolution:
@@ -69,8 +72,8 @@ def steady_state(
         Excitation frequency [Hz].
     level : float, optional
         Force amplitude [N]; the rig's where omitted.
-    harmonics : int
-        H.
+    harmonics : int, optional
+        H; 15 where omitted, more where the force has harmonics that these would not hold.
     samples : int, optional
         Samples per period; :func:`default_samples` where omitted.
     start : PeriodicSolution, optional
@@ -82,14 +85,16 @@ def steady_state(
 
     Raises
     ------
+    InputError
+        If the force has a harmonic above H.
     continuation.ConvergenceError
         If neither Newton nor a ramp of the force nor a march in time finds it.
     """
     expect_rig(rig, "steady_state", joints=True)
     expect_frequency(hz, "steady_state")
     expect_level(level, "steady_state")
-    basis = FourierBasis(harmonics, samples or default_samples(harmonics))
-    problem = balance_of(rig, basis, level=level)
+    H = harmonics_for(rig, harmonics, "steady_state")
+    problem = balance_of(rig, FourierBasis(H, samples or default_samples(H)), level=level)
     lam = problem.lam_at(hz)
     x = first_solution(problem, lam) if start is None else solve_near(problem, lam, start)
     return describe(problem, x, lam)
@@ -133,6 +138,8 @@ def first_solution(problem: AnyBalance, lam: float) -> Array:
         if x is not None and np.isfinite(problem.residual(x, lam)).all():  # a law may have no numbers from its rest
             return x
     where = f"{problem.hz_at(lam):.6g} Hz and {problem.at(lam)[1]:g} N"
+    if silent := without_force(problem, lam):
+        raise ConvergenceError(f"first solution: none at {where}: {silent}: force not finite; must be for every motion")
     raise ConvergenceError(
         f"first solution: none at {where}, neither from rest, nor with few harmonics first, nor along a force ramp, "
         "from a far frequency or from a march in time; try more samples, another frequency or softer contacts"
@@ -266,7 +273,7 @@ def trace_frequency(
     hz: tuple[float, float] | None = None,
     *,
     level: float | None = None,
-    harmonics: int = 15,
+    harmonics: int | None = None,
     samples: int | None = None,
     step_hz: float | None = None,
     on_point: OnPoint | None = None,
@@ -281,8 +288,8 @@ def trace_frequency(
         Where to start and where to end [Hz], either may be the larger.
     level : float, optional
         Force amplitude [N].
-    harmonics, samples : int
-        Highest harmonic H, and samples per period N_t.
+    harmonics, samples : int, optional
+        Highest harmonic H, and samples per period N_t; as of :func:`steady_state` where omitted.
     step_hz : float, optional
         Largest step [Hz] (as arclength: shorter where the amplitude changes); a tenth of the range, or half of the
         motion where that is more, where omitted.
@@ -305,7 +312,8 @@ def trace_frequency(
     expect_level(level, "trace_frequency")
     if step_hz is not None:
         expect_positive(step_hz, "step_hz", "trace_frequency", "Hz")
-    problem = balance_of(rig, FourierBasis(harmonics, samples or default_samples(harmonics)), level=level)
+    H = harmonics_for(rig, harmonics, "trace_frequency")
+    problem = balance_of(rig, FourierBasis(H, samples or default_samples(H)), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
     step = None if step_hz is None else problem.lam_at(step_hz)
     return with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point, budget))
@@ -321,9 +329,9 @@ def scout_frequency(
 ) -> ResponseCurve:
     """Coarse frequency response, to see where the peaks are; no corner is looked for.
 
-    Parameters and errors as for :func:`trace_frequency`.
+    Parameters and errors as for :func:`trace_frequency`; harmonics are more where the force needs them.
     """
-    problem = balance_of(rig, FourierBasis(harmonics, SCOUTED), level=level)
+    problem = balance_of(rig, sampled(holding(rig, harmonics), SCOUTED), level=level)
     lam0, lam1 = map(problem.lam_at, hz)
     settings = trace_settings(problem, lam0, lam1, abs(lam1 - lam0) / 20)
     return _trace(problem, lam0, replace(settings, curve_tolerance=math.inf, corner_angle=np.pi), None, budget)
@@ -334,7 +342,7 @@ def force_response(
     hz: float,
     force: tuple[float, float],
     *,
-    harmonics: int = 15,
+    harmonics: int | None = None,
     samples: int | None = None,
     on_point: OnPoint | None = None,
 ) -> ResponseCurve:
@@ -347,8 +355,8 @@ def force_response(
         Excitation frequency [Hz].
     force : (float, float)
         First and last force amplitude [N], > 0.
-    harmonics, samples : int
-        Highest harmonic H, and samples per period N_t.
+    harmonics, samples : int, optional
+        Highest harmonic H, and samples per period N_t; as of :func:`steady_state` where omitted.
     on_point : callable, optional
         Progress: called with force and point number.
 
@@ -364,7 +372,8 @@ def force_response(
     expect_rig(rig, "force_response", joints=True)
     expect_frequency(hz, "force_response")
     expect_range(force, "force_response", "force", "N")
-    basis = FourierBasis(harmonics, samples or default_samples(harmonics))
+    H = harmonics_for(rig, harmonics, "force_response")
+    basis = FourierBasis(H, samples or default_samples(H))
     problem = balance_of(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
     return with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1), on_point))

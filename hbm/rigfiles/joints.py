@@ -31,7 +31,7 @@ from hbm.rigfiles.schema import (
     law_table,
     ranked,
 )
-from models import Beam, Channel, Damping, Excitation
+from models import LAWS, Beam, Channel, Damping, Excitation
 from models.bodies.finite import End, FiniteBeam
 from models.bodies.modal import ModalModel
 from models.bodies.ported import Body
@@ -41,6 +41,9 @@ from models.parts import Quantity
 
 BODIES = ("beam", "modal", "matrix")
 """Tables that say what vibrates."""
+
+EVERY_LAW = {**LAWS, **JOINT_LAWS}
+"""Laws that a joint may have by their names."""
 
 FreeFrequency = Annotated[NonNegative, possible("frequencies_hz")]
 Place = Annotated[str, Field(min_length=1, pattern=PRINTABLE)]
@@ -242,14 +245,13 @@ def descents(frequencies_hz: Sequence[float]) -> Iterator[Complaint]:
 
 def _of_joint(entry: dict[str, Any], i: int, folder: Path, consent: Consent) -> Iterator[Complaint]:
     key, name = ("joints", i, "law"), entry.get("law")
-    accepted = f"{accepted_laws()}; or {', '.join(JOINT_LAWS)}"
     if not isinstance(name, str):
-        yield Complaint(key, "is missing" if name is None else found(name), f"must be {accepted}")
+        yield Complaint(key, "is missing" if name is None else found(name), f"must be {accepted_laws(EVERY_LAW)}")
         return
     try:
         law = _law_of(name, folder, consent)
     except InputError as refused:
-        yield Complaint(key, found(name), f"{refused}; or {', '.join(JOINT_LAWS)}")
+        yield Complaint(key, found(name), str(refused))
         return
     yield from complaints_of(joint_table(law), entry, ("joints", i))
 
@@ -293,7 +295,7 @@ def _tolerances(rig: JointedRig, ports: Collection[str], stated: TolerancesTable
 
 
 def _law_of(name: str, folder: Path, consent: Consent) -> type:
-    return JOINT_LAWS[name] if name in JOINT_LAWS else find_law(name, folder, consent)
+    return find_law(name, folder, consent, EVERY_LAW)
 
 
 def _joint(entry: dict[str, Any], folder: Path, consent: Consent) -> Joint:

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from hbm.errors import InputError
+from hbm.errors import InputError, expect_rig
 from hbm.rigfiles.laws import find_law
 from models import FrictionLaw, Rig, published
 from models.friction import chosen, parameters
@@ -73,8 +73,9 @@ def choose_law(rig: Rig, name: str) -> LawChoice:
     Raises
     ------
     InputError
-        If there is no such law, or nothing is known of its parameters.
+        If there is no such law, nothing is known of its parameters, or the rig has no contact.
     """
+    expect_rig(rig, "choose_law")
     try:
         law = find_law(name, Path())
     except InputError as refused:

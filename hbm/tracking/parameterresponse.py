@@ -13,13 +13,14 @@ import numpy as np
 from continuation import Branch, ConvergenceError, Problem, Settings
 from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.balance.tones import harmonics_for
 from hbm.errors import expect_frequency, expect_level, expect_rig, expect_two
-from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.fourier import Array, FourierBasis, default_samples, sampled
 from hbm.parallel import one_thread
-from hbm.response.accuracy import LADDER, TOLERANCE, finer, relative_change, scales_of
+from hbm.response.accuracy import TOLERANCE, finer, ladder, relative_change, scales_of
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
-from hbm.response.trace import EXCURSION, first_solution, solve_near, trace_settings
+from hbm.response.trace import EXCURSION, SCOUTED, first_solution, solve_near, trace_settings
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import Key, ParameterBalance, check_value, parameter_key
 from models.jointed import AnyRig
@@ -80,6 +81,13 @@ class ParameterCurve(ResponseCurve):
         """Value of the number."""
         return self.along.value_at(lam)
 
+    def number_at(self, lam: float) -> str:
+        """The number and its value, unless it is the frequency or the force, which every solution tells."""
+        if self.parameter in (HZ, FORCE):
+            return ""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        return f"{self.parameter} = {self.value_at(lam):.6g}{unit}"
+
     def __repr__(self) -> str:
         """Say what was found."""
         top, values = self.peak, self.values
@@ -135,7 +143,7 @@ def parameter_response(
     Raises
     ------
     ValueError
-        If the rig has no such number, or a value or the frequency is not accepted.
+        If the rig has no such number, a value or the frequency is not accepted, or the force has a harmonic above H.
     continuation.ConvergenceError
         If there is no first solution.
 
@@ -161,9 +169,9 @@ def parameter_response(
         )
 
     if harmonics is None:
-        harmonics, reason = _choose_harmonics(along, budget)
+        harmonics, reason = _choose_harmonics(rig, along, budget)
     else:
-        reason = f"H = {harmonics} as asked for"
+        reason = f"H = {harmonics_for(rig, harmonics, 'parameter_response')} as asked for"
     problem = along(harmonics)
     branch = _trace(problem, 1.0 / STEPS, budget, on_point)
     points = tuple(problem.describe(p.x, p.lam) for p in branch.points)
@@ -231,14 +239,17 @@ def _again(problem: ParameterBalance, lam: float, start: PeriodicSolution) -> Pe
         return None
 
 
-def _choose_harmonics(along: Callable[[int, int | None], ParameterBalance], budget: Budget | None) -> tuple[int, str]:
+def _choose_harmonics(
+    rig: AnyRig, along: Callable[[int, int | None], ParameterBalance], budget: Budget | None
+) -> tuple[int, str]:
     """Fewest harmonics of the ladder that keep the telling points of a coarse curve within the tolerance."""
-    pilot = along(7, 128)
+    tried = ladder(rig)
+    pilot = along(tried[0], sampled(tried[0], SCOUTED).N_t)
     branch = _trace(pilot, 1.0 / 20, budget)
     points = [pilot.describe(p.x, p.lam) for p in branch.points]
     scales = scales_of(pilot.rig, points)
     found = [(branch.points[i].lam, points[i]) for i in _telling(points)]
-    for H in LADDER:
+    for H in tried:
         coarse, fine = along(H, default_samples(finer(H))), along(finer(H), None)
         pairs = [(lam, _again(coarse, lam, start)) for lam, start in found]
         moved = [relative_change(p, _again(fine, lam, p), scales) for lam, p in pairs if p is not None]

@@ -16,6 +16,7 @@ from hbm.balance.padding import pad
 from hbm.balance.problem import balance_of
 from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution, describe
+from hbm.balance.tones import harmonics_for
 from hbm.errors import InputError, expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.parallel import one_thread
@@ -103,7 +104,7 @@ def follow_peak(
     *,
     channel: str = "drive",
     start: PeriodicSolution | None = None,
-    harmonics: int = 15,
+    harmonics: int | None = None,
     samples: int | None = None,
 ) -> Peaks:
     """Peak of a channel's frequency response, followed from value to value of the force or any number of the rig.
@@ -119,8 +120,8 @@ def follow_peak(
         Whose peak.
     start : PeriodicSolution, optional
         Near the peak at the first value; the largest point of the frequency response there where omitted.
-    harmonics, samples : int
-        Highest harmonic H, and samples per period N_t.
+    harmonics, samples : int, optional
+        Highest harmonic H, and samples per period N_t; as of :func:`hbm.steady_state` where omitted.
 
     Returns
     -------
@@ -149,10 +150,11 @@ def follow_peak(
     known = (*(c.name for c in rig.channels), *rig.computed)
     if channel not in known:
         raise InputError(f'follow_peak: channel = "{channel}"; must be one of {", ".join(known)}')
-    basis, held = FourierBasis(harmonics, samples or default_samples(harmonics)), (key, channel)
+    H = harmonics_for(rig, harmonics, "follow_peak")
+    basis, held = FourierBasis(H, samples or default_samples(H)), (key, channel)
     curve = _Curve(rig.with_number(key, values[0]), basis, *held)
     if start is None:
-        points = trace_frequency(curve.rig, harmonics=harmonics, samples=samples).points
+        points = trace_frequency(curve.rig, harmonics=H, samples=samples).points
         start = max(points, key=lambda p: p[channel].peak)
     found = [(values[0], curve.peak(curve.near(start.state)))]
     for value in values[1:]:

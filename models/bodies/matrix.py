@@ -15,7 +15,7 @@ import numpy.typing as npt
 from models.bodies.matrixchecks import refuse_asymmetry, refuse_indefinite, size, some, square
 from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, unit_loads
 from models.bodies.ported import AsGiven, PortedModes
-from models.bounds import bounded
+from models.bounds import bounded, whole
 from models.parts import Damping
 from models.plausible import plausible
 from models.structure import Array
@@ -78,6 +78,9 @@ class MatrixBody(AsGiven):
             raise ValueError(f"MatrixBody: dofs has {len(self.dofs)} names; must have {d}, one per row of the matrices")
         for key in ("dofs", "fixed"):
             names = getattr(self, key)
+            for name in names:
+                if not isinstance(name, str):
+                    raise ValueError(f'MatrixBody: {key} has {name!r}; must be names, such as "{name}"')
             if len(set(names)) < len(names):
                 twice = next(name for i, name in enumerate(names) if name in names[:i])
                 raise ValueError(f'MatrixBody: {key} has "{twice}" twice; names must differ')
@@ -97,8 +100,11 @@ class MatrixBody(AsGiven):
     def _refuse_settings(self) -> None:
         if self.reduction not in METHODS:
             raise ValueError(f'MatrixBody: reduction = "{self.reduction}"; must be one of {", ".join(METHODS)}')
-        bounded("MatrixBody: modes", self.modes, 1)
-        if self.modes > (there := self._most_modes([])):
+        whole("MatrixBody: modes", self.modes, 1)
+        there = self._most_modes([])
+        if not there:
+            raise ValueError("MatrixBody: fixed has every degree of freedom with mass; must leave one free")
+        if self.modes > there:
             most = f"must be <= {there}, the degrees of freedom with mass that are not fixed"
             raise ValueError(f"MatrixBody: modes = {self.modes}; {most}")
 

@@ -77,6 +77,8 @@ class Joint:
     def __post_init__(self) -> None:
         """Refuse another number of places than the law has ports, and places joined to themselves."""
         for what, places in (("at", self.at), ("to", self.to)):
+            if isinstance(places, str) and places:
+                raise ValueError(f'joint {self.name}: {what} = "{places}"; must be a tuple of names, ("{places}",)')
             if len(places) != self.law.ports and (places or what == "at"):
                 there, needed = len(places), self.law.ports
                 raise ValueError(

@@ -18,9 +18,10 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.figures import plot_frequency_response
 from hbm.files.curves import companion, read_curves, write_curves
 from hbm.response import bifurcations
+from hbm.response.bifurcation import Bifurcation
 from hbm.response.bifurcations import stability_of, with_stability
 from hbm.response.branching import crossing, doubled
-from hbm.response.curve import Bifurcation, ResponseCurve
+from hbm.response.curve import ResponseCurve
 from hbm.response.trace import trace_frequency
 from hbm.stability.along import crossings, hiding
 from hbm.stability.multipliers import Stability

@@ -12,6 +12,7 @@ from continuation import DenseLinearization
 from hbm.balance.jacobian import CompleteBalance
 from hbm.balance.problem import HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution
+from hbm.errors import InputError
 from hbm.fourier import FourierBasis
 from hbm.integration import integrate
 from hbm.integration.handover import state_at_phase_zero
@@ -181,7 +182,10 @@ def test_distorted_force_of_a_linear_oscillator() -> None:
     response = 0.4 * (0.2 + 0.5j) / (s**2 + 0.2 * s + 1)  # a - i b
     assert y[3] - 1j * y[8] == pytest.approx(response, rel=1e-9)
     assert solution.energy_error == pytest.approx(0.0, abs=1e-12)
-    assert steady_state(rig, 0.4 / (2 * np.pi), harmonics=2)["y"].coefficients[1] == pytest.approx(y[1], rel=1e-9)
+    plain = replace(rig, excitation=replace(rig.excitation, harmonics=()))
+    assert steady_state(plain, 0.4 / (2 * np.pi), harmonics=2)["y"].coefficients[1] == pytest.approx(y[1], rel=1e-9)
+    with pytest.raises(InputError, match=r"steady_state: harmonics = 2 and harmonic 3 in excitation.harmonics"):
+        steady_state(rig, 0.4 / (2 * np.pi), harmonics=2)
 
 
 def test_distorted_force_in_the_symbolic_residual() -> None:
@@ -381,5 +385,5 @@ def test_refusals() -> None:
     modal = replace(oscillator(Viscous(0.1), damping=0.1, amplitude=1.0), elements=ALL)
     with pytest.raises(ValueError, match=r"oscillator: has elements and is given by its modes; must be a beam"):
         _ = modal.structure
-    with pytest.raises(ValueError, match=r"excitation.harmonics: numbers \[1\]; must be 2 or more, each once"):
+    with pytest.raises(ValueError, match=r"excitation.harmonics: numbers \[1\]; must be whole, 2 or more, each once"):
         replace(rig.excitation, harmonics=((1, 1.0, 0.0),))

@@ -189,6 +189,8 @@ def test_folds_along_a_parameter_of_the_law_are_those_of_the_closed_form() -> No
     folds = [curve.along.value_at(fold.lam) for fold in refine(curve.along, curve.branch)]
     assert len(found) == len(folds) == 2
     np.testing.assert_allclose(sorted(folds), sorted(found), rtol=1e-6)
+    where = {str(b).partition(",")[0] for b in with_stability(curve).bifurcations}
+    assert where == {f"fold at contact.friction.gamma = {gamma:.6g} N/m3" for gamma in found}
 
 
 @pytest.mark.parametrize(

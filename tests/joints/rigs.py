@@ -34,7 +34,8 @@ def made_up(damped: bool, rigid: bool) -> JointedRig:
         Joint("spring", PolynomialSpring(cubic=200.0), ("b",), ("c",)),
         Joint("plane", PlaneFriction(0.3, 50.0, 1.0, 30.0), ("c", "d", "e")),
     )
-    return JointedRig("made up", body, Damping(0.3), joints, Excitation(1.0, at="d"))
+    damping = Damping() if damped else Damping(0.3)
+    return JointedRig("made up", body, damping, joints, Excitation(1.0, at="d"))
 
 
 def beam_rig(friction: Friction) -> JointedRig:

@@ -71,6 +71,12 @@ def free_vibration(start: float, steps: int = 200_000) -> tuple[float, float]:
     return 1.0 / (period * dt), abs(2.0 * np.mean(np.exp(-1j * phase) * path[: int(period)]))
 
 
+def test_a_mode_about_rest_is_described_by_its_amplitude() -> None:
+    """The place where it rests, 20 times as far off, is no part of it."""
+    mode = nonlinear_mode(pressed(), amplitudes=(1e-5, 2e-5), harmonics=3)
+    assert repr(mode).startswith(f"nonlinear mode: {len(mode.points)} motions, drive amplitude 1e-05 to 2e-05 m, ")
+
+
 @pytest.mark.parametrize("kind", [nonlinear_mode, phase_resonance])
 def test_backbones_are_about_rest(kind: Callable[..., Backbone]) -> None:
     """Vibrations that keep both stops closed are linear, and need few points; larger ones those of a free march.

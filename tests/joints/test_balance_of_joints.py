@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hbm import InputError, simulate
 from hbm.balance.jointed import JointBalance
 from hbm.fourier import FourierBasis
 from hbm.integration.jointed import JointMarcher, joint_steady_state, simulate_joints, state_at_phase_zero
@@ -84,6 +85,21 @@ def test_a_march_from_rest_settles_on_it() -> None:
     history = simulate_joints(rig, 45.0, periods=120, steps_per_period=1024, last_periods=1)
     a, b = solution["drive"].coefficients, history.coefficients("drive", H)
     assert np.hypot(a[1] - b[1], a[H + 1] - b[H + 1]) < 5e-4 * np.hypot(a[1], a[H + 1])
+
+
+def test_thinning_keeps_the_samples_of_the_full_march_and_the_rates_of_its_forces() -> None:
+    """One step in four is kept; what is added up of it, accelerations by forces among it, are the same numbers."""
+    rig = beam_rig(Friction(LAWS["jenkins"], 40.0))
+    full = simulate(rig, 45.0, steps_per_period=256, duration=4 / 45.0)
+    thin = simulate(rig, 45.0, steps_per_period=256, duration=4 / 45.0, every=4)
+    assert (len(thin.time), thin.samples_per_period) == (4 * 64 + 1, 64)
+    np.testing.assert_allclose(thin.time, full.time[::4], rtol=1e-14)
+    for name, signal in thin.channels.items():
+        np.testing.assert_array_equal(signal.values, full.channels[name].values[::4])
+    last = simulate(rig, 45.0, steps_per_period=256, duration=4 / 45.0, last_periods=2, every=64)
+    np.testing.assert_array_equal(last.states, full.states[-2 * 256 - 1 :: 64])
+    with pytest.raises(InputError, match="simulate: every = 7; must divide 512 steps per period"):
+        simulate(rig, 45.0, duration=1 / 45.0, every=7)
 
 
 def test_the_step_is_differentiated_exactly() -> None:

@@ -90,7 +90,7 @@ def test_causes_and_joints_ask_too(tmp_path: Path) -> None:
         load_rig(rig)
     joints = (ROOT / "examples" / "jointed_beam.toml").read_text(encoding="utf-8")
     rig.write_text(joints.replace('"impact-stop"', '"own.py:BoucWen"'))
-    with pytest.raises(InputError, match=r"joints\[3\].law = .* would run the Python file"):
+    with pytest.raises(InputError, match=r"joints\[3\].law = .* would run the Python file .*allow_code=True\)$"):
         load_rig(rig)
     assert not mark.exists()
 
