@@ -241,7 +241,8 @@ def trace_settings(problem: AnyBalance, lam0: float, lam_end: float, step_max: f
 
 def _ramp_settings(problem: AnyBalance, lam0: float, lam_end: float, step_max: float) -> Settings:
     """Settings of a way to a solution: nobody looks at what lies between its points."""
-    return replace(trace_settings(problem, lam0, lam_end, step_max), max_points=300, curve_tolerance=math.inf)
+    settings = trace_settings(problem, lam0, lam_end, step_max)
+    return replace(settings, max_points=300, relative_step=RELATIVE_STEPS["free"], curve_tolerance=math.inf)
 
 
 def sweep_of(rig: AnyRig, hz: tuple[float, float] | None, where: str) -> tuple[float, float]:
