@@ -195,7 +195,9 @@ class JointOverPeriod(SteadyPeriod):
             rate = m <= i < 2 * m
             now[i] = basis.samples(Omega * basis.derivative(change[:, i]) if rate else change[:, i])
         before = {i: np.roll(samples, 1, axis=0) for i, samples in now.items()}
-        inputs = np.stack([(now, before)[i // all_signals][i % all_signals] for i in self.functions.reads], axis=1)
+        inputs = np.empty((basis.N_t, len(self.functions.reads), change.shape[2]))
+        for at, i in enumerate(self.functions.reads):
+            inputs[:, at] = (now, before)[i // all_signals][i % all_signals]
         if self._loop is None:
             n = self.functions.memory + len(self.functions.reads)  # the time between samples, which is held, comes last
             self._loop = Loop(self._local[:, :, :n], m, lambda: self._first_period()[:, :, :n])

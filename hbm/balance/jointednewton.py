@@ -120,14 +120,14 @@ class JointLinearization:
         """
         H, size = self.problem.basis.H, self.problem.basis.size
         by = self.forces[j].by_used
-        A = np.ascontiguousarray(by.transpose(3, 1, 2, 0)).reshape(size, -1, len(by))
+        A = np.ascontiguousarray(by.transpose(3, 1, 2, 0)).reshape(size, by.shape[1] * size, len(by))
         cosine, sine = A[: H + 1], A[H + 1 :]
         out = np.empty((size, A.shape[1], seen.shape[2]))
         out[: H + 1] = cosine @ seen.real
         # a - i b is turned by what is seen: the sine column feeds the cosine with +imag, the cosine the sine with -imag
         out[1 : H + 1] -= sine @ seen.imag[1:]
         out[H + 1 :] = sine @ seen.real[1:] + cosine[1:] @ seen.imag[1:]
-        return out.reshape(size, by.shape[1], size, -1).transpose(2, 1, 0, 3)
+        return out.reshape(size, by.shape[1], size, seen.shape[2]).transpose(2, 1, 0, 3)
 
     @cached_property
     def core(self) -> Array:

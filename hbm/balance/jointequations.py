@@ -39,9 +39,10 @@ class JointEquations(Scaled[JointedRig]):
 
     def _set_up(self, like: Self | None) -> None:
         rig, basis, s = self.rig, self.basis, self.structure
-        self.own = self._own_compliances(like)
         first = np.cumsum([0, *(j.law.ports for j in rig.joints)])
         self.slices = [slice(int(a), int(b)) for a, b in pairwise(first)]
+        self.lent: Array = self._lendable() if like is None else like.lent
+        self.own = self._own_compliances()
         self.joints = [
             JointOverPeriod(j.law, basis, float(self.own[at.start]), loaded=bool(j.loaded_by))
             for j, at in zip(rig.joints, self.slices, strict=True)
@@ -65,22 +66,25 @@ class JointEquations(Scaled[JointedRig]):
         drive = float(s.excitation**2 @ (1.0 / np.maximum(s.omega_n, self.omega_1) ** 2) + s.drive_by_force)
         return np.sqrt(drive / np.where(mobile > 0.0, mobile, drive))
 
-    def _own_compliances(self, like: Self | None) -> Array:
+    def _lendable(self) -> Array:
+        """Compliance (m,) that a set-valued law needs, or is all but rigid to solve for: more is blunter.
+
+        A tenth of what the body yields at the first harmonic left out.
+        """
+        s = self.structure
+        return np.asarray(0.1 * s.joints**2 @ (1.0 / (s.omega_n**2 + (self.basis.H * self.omega_1) ** 2)))
+
+    def _own_compliances(self) -> Array:
         """Compliance (m,) that a law takes into account at its port, in place of the harmonics.
 
-        A set-valued law of a port that has none is lent one, which the balance takes back harmonic by harmonic (dynamic
-        Lagrangian frequency-time): a tenth of what the body yields at the first harmonic left out.
+        A set-valued law of a port that yields less than it needs is lent it, which the balance takes back harmonic by
+        harmonic (dynamic Lagrangian frequency-time).
         """
-        s, own = self.structure, np.zeros(self.structure.flexibility.shape[0])
-        at = 0
-        for j in self.rig.joints:
+        own = np.zeros(len(self.lent))
+        for j, at in zip(self.rig.joints, self.slices, strict=True):
             if j.law.folds:
-                own[at] = s.flexibility[at, at]
-                if j.law.set_valued and own[at] <= 0.0:
-                    first_out = s.omega_n**2 + (self.basis.H * self.omega_1) ** 2
-                    own[at] = 0.1 * float(np.sum(s.joints[at] ** 2 / first_out))
-                    own[at] = like.own[at] if like is not None else own[at]
-            at += j.law.ports
+                least = self.lent[at.start] if j.law.set_valued else 0.0
+                own[at.start] = max(self.structure.flexibility[at.start, at.start], least)
         return own
 
     def _adrift(self) -> Array:

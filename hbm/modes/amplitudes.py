@@ -36,6 +36,9 @@ DOWN = 3.0
 RIGID = 1e-6
 """A mode below this fraction of the highest frequency is a rigid motion."""
 
+NODE = 1e-9
+"""Where a joint pushes a mode by less than this fraction of its elastic forces, it stands at a node, to rounding."""
+
 FRICTIONLESS = (1e-6, 1e-2)
 """Default amplitudes where friction sets no scale [m]."""
 
@@ -48,7 +51,8 @@ NEWTON = NewtonSettings(tolerance=TOLERANCE, max_iterations=30)
 def default_amplitudes(rig: AnyRig, mode: int = 1) -> tuple[float, float]:
     """Drive amplitudes [m] from contacts that all stick to contacts that all slide freely, or nearly so."""
     linear = StuckMode.of(rig, mode)
-    per_drive = np.abs(linear.forces / linear.drive)
+    pushed = np.abs(linear.forces) * np.linalg.norm(rig.structure.joints, axis=1)
+    per_drive = np.where(pushed > NODE * linear.omega**2, np.abs(linear.forces / linear.drive), 0.0)
     scales = [load / per_drive[ports].max() for load, ports in rig.pressed if load > 0.0 and per_drive[ports].any()]
     return (RANGE[0] * min(scales), RANGE[1] * max(scales)) if scales else FRICTIONLESS
 

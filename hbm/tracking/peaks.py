@@ -6,7 +6,7 @@ the curve, so that peaks beside a fold are found too.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import brentq
@@ -185,7 +185,7 @@ class _Place:
     rise, slope : float
         Derivative of the channel's peak along the tangent, and to the number that is varied.
     by_key : State
-        Derivative of the state to that number.
+        Derivative of the state to that number, across the curve: at a fixed frequency it has no bound beside a fold.
     """
 
     solution: PeriodicSolution
@@ -198,7 +198,7 @@ class _Place:
     def ahead(self, step: float) -> State:
         """State predicted where the number has changed."""
         now, d = self.solution.state, self.by_key
-        return State(now.Q + step * d.Q, now.T + step * d.T, now.Omega, now.F + step * d.F)
+        return State(now.Q + step * d.Q, now.T + step * d.T, now.Omega + step * d.Omega, now.F + step * d.F)
 
 
 class _Curve:
@@ -223,12 +223,14 @@ class _Curve:
             )
         solution = describe(self.problem, result.x, result.lam)
         change = sensitivities(self.rig, solution, (HZ, self.key))
-        by_hz = self.problem.pack(State(change.Q[..., 0], change.T[..., 0], 2 * np.pi, 0.0))
-        tangent = np.append(*by_hz)
-        length = float(np.copysign(np.linalg.norm(tangent), tangent @ row))
-        by_hz_and_key = change[self.channel].peak
-        by_key = State(change.Q[..., 1], change.T[..., 1], 0.0, float(self.key == FORCE))
-        return _Place(solution, result.state, tangent / length, by_hz_and_key[0] / length, by_hz_and_key[1], by_key)
+        by_hz = np.append(*self.problem.pack(State(change.Q[..., 0], change.T[..., 0], 2 * np.pi, 0.0)))
+        by_key = np.append(self.problem.pack(State(change.Q[..., 1], change.T[..., 1], 0.0, 0.0))[0], 0.0)
+        length = np.copysign(np.linalg.norm(by_hz), by_hz @ row)
+        tangent, by_hz_and_key = by_hz / length, change[self.channel].peak
+        rise, along = float(by_hz_and_key[0] / length), float(by_key @ tangent)
+        across = by_key - along * tangent
+        moved = replace(self.problem.unpack(across[:-1], float(across[-1])), F=float(self.key == FORCE))
+        return _Place(solution, result.state, tangent, rise, float(by_hz_and_key[1] - along * rise), moved)
 
     def peak(self, start: _Place) -> _Place:
         """The peak uphill of a point."""

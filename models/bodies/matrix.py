@@ -229,6 +229,8 @@ class MatrixBody(AsGiven):
     def _of_modes(self, at: npt.NDArray[np.intp]) -> Reduced:
         modes = self._lowest
         modes.refuse_rigid_rest("")
+        if len(modes.squares) == len(self._free):  # nothing is left out but rounding
+            return Reduced(modes.squares, modes.shapes, modes.shapes[at], np.zeros((len(at), len(at))))
         flexibility = self._pencil.rest(modes, unit_loads(len(self._free), at))[at]
         return Reduced(modes.squares, modes.shapes, modes.shapes[at], (flexibility + flexibility.T) / 2)
 

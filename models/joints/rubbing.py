@@ -101,8 +101,8 @@ class PlaneFriction:
     """Elastic dry friction in a plane: two tangential directions, then the normal one; states are the anchor's place.
 
     The tangential spring's force keeps within the circle mu N by radial return: its direction is that of the trial
-    force (exact for a step that moves straight), its anchor is dragged along. Where the contact separates nothing is
-    left of it.
+    force, its anchor is dragged along. This is exact where the contact slides along its force, and of first order in
+    the step where it turns. Where the contact separates nothing is left of it.
     """
 
     name: ClassVar[str] = "plane-friction"

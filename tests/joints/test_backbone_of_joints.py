@@ -1,5 +1,6 @@
 """Nonlinear modes of rigs with joints: closed forms, eigenvalue problems, the one contact, forced responses."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array, FourierBasis
 from hbm.integration.jointed import simulate_joints, state_at_phase_zero
 from hbm.modes.amplitudes import default_amplitudes
-from hbm.modes.backbone import nonlinear_mode, phase_resonance
+from hbm.modes.backbone import Backbone, nonlinear_mode, phase_resonance
 from hbm.modes.epmc import DriveAmplitude, ForcedMotion, FreeMotion
 from hbm.modes.linear import linear_modes
 from hbm.modes.sustained import SustainedJoints
@@ -105,6 +106,21 @@ def _work(point: PeriodicSolution, joint: str) -> float:
     H = len(force) // 2
     k = np.arange(1, H + 1)
     return float(-np.pi * (force[:H] @ (k * motion[H:]) - force[H:] @ (k * motion[:H])))
+
+
+@pytest.mark.parametrize("kind", [nonlinear_mode, phase_resonance])
+def test_a_mode_of_a_pair_that_leaves_the_joint_at_rest_is_linear(kind: Callable[..., Backbone]) -> None:
+    """Of two equal modes one combination has a node at the joint, to rounding, which sets no scale of amplitudes."""
+    ports = {"joint": (1.0, 0.3, 1.0), "drive": (0.3, 1.0, -1.0)}
+    joint = Joint("joint", Friction(Jenkins(0.3, 1e-5), 5.0), ("joint",))
+    body, ratio = ModalModel((10.0, 10.0, 30.0), ports), 1e-3
+    rig = JointedRig("equal", body, Damping(modal_ratios=(ratio,)), (joint,), Excitation(1.0, at="drive"))
+    at_exact_node = replace(rig, body=ModalModel((10.0, 30.0), {"joint": (0.0, 1.0), "drive": (1.0, -1.0)}))
+    assert default_amplitudes(rig) == default_amplitudes(at_exact_node)
+    backbone = kind(rig, harmonics=3)
+    assert backbone.complete
+    assert backbone.hz == pytest.approx(10.0, rel=1e-6)
+    assert backbone.damping_ratio == pytest.approx(ratio, rel=1e-6)
 
 
 def test_one_joint_is_the_contact_of_old() -> None:

@@ -1,12 +1,14 @@
-"""First solutions of joints that strike, where no way through the balance leads to them."""
+"""First solutions where no short way leads to them: joints that strike, resonances of hardly any damping."""
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from hbm import steady_state
+from models import Jenkins
 from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
-from models.joints import Joint, Stop
+from models.joints import Friction, Joint, Stop
 from models.parts import Damping, Excitation
 
 HZ, RATIO, STIFFNESS, FORCE = 10.0, 0.05, 4e4, 10.0
@@ -36,3 +38,25 @@ def test_a_crack_that_closes_has_a_first_solution(hz: float, harmonics: int) -> 
     found = steady_state(rig, hz, harmonics=harmonics)["drive"].peak
     assert found == pytest.approx(largest(hz), rel=2e-3)
     assert steady_state(rig, hz, level=0.01 * FORCE, harmonics=harmonics)["drive"].peak == pytest.approx(0.01 * found)
+
+
+@pytest.mark.parametrize("hz", [9.999, 10.0, 10.0001])
+def test_a_resonance_of_hardly_any_damping_has_a_first_solution(hz: float) -> None:
+    """A ratio of 1e-5 and friction that takes 95 % of the force: the motion is a thousand times that of sticking.
+
+    It is that of one harmonic of a Masing loop in closed form, to what the other harmonics bring (6e-4). Four samples
+    lie on the elastic slip: it takes 6 mrad of the period.
+    """
+    ratio, force, limit, u_crit, omega_n, omega = 1e-5, 2.0, 1.5, 1e-5, 2 * np.pi * HZ, 2 * np.pi * hz
+
+    def balance(a: float) -> float:
+        turn = np.arccos(1.0 - 2.0 * u_crit / a)
+        stiffness = limit / u_crit * (turn - np.sin(2.0 * turn) / 2.0) / np.pi
+        lost = 4.0 * limit / np.pi * (1.0 - u_crit / a)
+        return float(np.hypot((omega_n**2 - omega**2 + stiffness) * a, 2 * ratio * omega_n * omega * a + lost) - force)
+
+    body = ModalModel((HZ,), {"a": (1.0,)})
+    joint = Joint("rub", Friction(Jenkins(0.3, u_crit), limit / 0.3), ("a",))
+    rig = JointedRig("light", body, Damping(modal_ratios=(ratio,)), (joint,), Excitation(force, at="a"))
+    found = steady_state(rig, hz, samples=4096)
+    assert found["drive"].amplitude[1] == pytest.approx(brentq(balance, 2.0 * u_crit, 10.0), rel=1e-3)

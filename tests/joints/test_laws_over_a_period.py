@@ -153,6 +153,24 @@ def test_a_circle_under_a_constant_load_loses_what_it_should() -> None:
     assert lost == pytest.approx(2 * np.pi * mu * N * anchor, rel=1e-3)
 
 
+def test_friction_in_a_plane_is_of_first_order_where_its_force_turns() -> None:
+    """Round a circle, all slipping: the force comes half a sample late.
+
+    Contact, anchor and centre make a right angle at the anchor, which runs on a circle of its own.
+    """
+    a, mu, N, k = 3.0, 0.4, 2.0, 0.5
+    anchor = np.sqrt(a**2 - (mu * N / k) ** 2)
+    errors = []
+    for N_t in (256, 512, 1024):
+        basis = FourierBasis(1, N_t)
+        signals = np.zeros((basis.size, 7))
+        signals[1, 0], signals[2, 1] = a, a
+        f = JointOverPeriod(PlaneFriction(mu, k, N, 0.0), basis).forces(signals, OMEGA)[0]
+        exact = k * (anchor * np.exp(-1j * np.arccos(anchor / a)) - a) * np.exp(1j * basis.theta)
+        errors.append(np.abs(f[:, 0] + 1j * f[:, 1] - exact).max() / (mu * N))
+    assert errors == pytest.approx([np.pi / 256, np.pi / 512, np.pi / 1024], rel=0.01)
+
+
 def test_every_listed_law_is_tried() -> None:
     tried = {law.name for law in FRICTION.values()}
     assert set(LISTED) <= tried | {"fbfm", "none"}  # Karnopp's by another name; nothing

@@ -1,9 +1,11 @@
 """Folds and peaks of rigs with joints, followed, are where repeated frequency responses have them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from continuation import ChordCurve, FoldCurve
+from continuation import ChordCurve, Correction, FoldCurve, correct
 from hbm.fourier import FourierBasis
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import first_solution, trace_frequency
@@ -63,6 +65,35 @@ def test_the_whole_jacobian_is_the_derivative(key: str) -> None:
     along = ParameterBalance(rig, known, (known.value, 1.2 * known.value), FourierBasis(3, 64), hz=1.1, level=1.0)
     x, lam = first_solution(along.first, along.first.lam_at(1.1)), along.first.lam_at(1.1)
     check_plane(PlaneBalance(along), x, lam, 0.2, 1e-6)
+
+
+def test_a_peak_beside_a_fold_is_followed_over_long_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That of a hardening Duffing oscillator of light damping, beside its closed form with one harmonic.
+
+    Beside the fold the motion at a fixed frequency changes without bound with the force; the peak itself does not.
+    """
+    k3, c = 1e9, 0.01 * 2 * np.pi * 10.0
+    spring = Joint("spring", CubicSpring(k3), ("a",))
+    rig = JointedRig(
+        "duffing", ModalModel((10.0,), {"a": (1.0,)}), Damping(modal_ratios=(0.01,)), (spring,), Excitation(1.0, at="a")
+    )
+    solved: list[None] = []
+
+    def counted(*given: Any) -> Correction:
+        solved.append(None)
+        return correct(*given)
+
+    monkeypatch.setattr("hbm.tracking.peaks.correct", counted)
+    force = np.array([0.5, 1.0, 2.0])
+    peaks = follow_peak(rig, force.tolist(), harmonics=1)
+    # F^2 = a^2 [(K - w^2)^2 + (2 c w)^2] with K = k + 3/4 k3 a^2 is least at w^2 = K - 2 c^2: 4 c^2 a^2 (K - c^2)
+    k = (2 * np.pi * 10.0) ** 2 - c**2
+    squared = (np.sqrt(k**2 + 0.75 * k3 * (force / c) ** 2) - k) / (1.5 * k3)
+    fundamental = [p["drive"].amplitude[1] for p in peaks.points]
+    assert fundamental == pytest.approx(np.sqrt(squared), rel=1e-12)
+    assert 2 * np.pi * peaks.hz == pytest.approx(np.sqrt(k + 0.75 * k3 * squared - c**2), rel=1e-6)
+    assert peaks.slope == pytest.approx(force / (4 * c**2 * np.sqrt(squared) * (k + 1.5 * k3 * squared)), rel=1e-6)
+    assert len(solved) < 30 * len(force)  # ways uphill and to the top, none of them from a halved step
 
 
 @pytest.mark.parametrize("channel", ["drive", "spring.motion"])
