@@ -46,8 +46,7 @@ SWEEP = (0.85, 1.35)
 """Default sweep in units of the first sliding resonance."""
 
 FEW = (3, 5, 7, 9)
-"""Harmonics along ramps of the force, which are soon solved, before one with all of them; they need not hold the force:
-what they find is a start."""
+"""Harmonics along ramps of the force, before one with all: starts are soon found with few, which need not hold it."""
 
 Way = Callable[[AnyBalance, float], Array | None]
 """From nothing to a solution at a value of the parameter, or to none."""
