@@ -103,10 +103,10 @@ class WrongParameter(Cause):
 
 
 def _neighbours(rig: AnyRig, key: str) -> tuple[float, float]:
-    """Natural frequencies of the modes below and above the one of a key [Hz]."""
-    hz = [value for name, (value, _) in rig.numbers.items() if name.startswith(FREQUENCIES)]
-    now = rig.numbers[key][0]
-    return max((f for f in hz if f < now), default=0.0), min((f for f in hz if f > now), default=np.inf)
+    """Natural frequencies of the modes before and after the one of a key [Hz]."""
+    hz = {name: value for name, (value, _) in rig.numbers.items() if name.startswith(FREQUENCIES)}
+    values, at = list(hz.values()), list(hz).index(key)
+    return max(values[:at], default=0.0), min(values[at + 1 :], default=np.inf)
 
 
 def _of_joints(rig: JointedRig) -> Iterator[str]:

@@ -372,6 +372,9 @@ def test_a_frequency_stays_between_those_of_its_neighbours() -> None:
     assert 20.0 < unknown.lower < 47.0 < unknown.upper < 90.0
     for value_of in (unknown.lower, unknown.upper):
         WrongParameter("modal.frequencies_hz[2]").extend(rig, {"value": value_of})
+    twins = rig_of(replace(NOMINAL, hz=np.array([20.0, 47.0, 47.0])))
+    (unknown,) = WrongParameter("modal.frequencies_hz[3]").unknowns(twins)
+    assert unknown.lower == 47.0
 
 
 def test_a_loss_factor_is_told_from_a_viscous_damper_by_two_modes() -> None:
