@@ -1,6 +1,7 @@
 """How many harmonics hold the force of a rig: a tone that is cut drives nothing, and no error estimate misses it."""
 
 from hbm.errors import InputError, expect_whole
+from hbm.fourier import FourierBasis, default_samples
 from models.jointed import AnyRig
 
 USUAL = 15
@@ -38,3 +39,9 @@ def harmonics_for(rig: AnyRig, harmonics: int | None, where: str) -> int:
             f"must be >= {tone}; more where joints or contact answer to it"
         )
     return harmonics
+
+
+def basis_for(rig: AnyRig, harmonics: int | None, samples: int | None, where: str) -> FourierBasis:
+    """Harmonics as of :func:`harmonics_for`, and samples as asked for, or as many as do for them."""
+    H = harmonics_for(rig, harmonics, where)
+    return FourierBasis(H, samples or default_samples(H))

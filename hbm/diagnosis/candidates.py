@@ -285,31 +285,27 @@ def _confused(
     words = " ".join(cause.confused_with for cause in told)
 
     def meant(cause: Cause) -> bool:
-        return ENTRY.sub("[i]", cause.label) in words or any(_simpler_there(cause, other) for other in told)
+        contained = any(_simpler_there(cause, other) and cause.name in other.confused_with for other in told)
+        return contained or ENTRY.sub("[i]", cause.label) in words
 
-    others = [s for s in screening.scores if s.cause.label not in tried]
-    named = [s for s in others if meant(s.cause)]
-    return [*named, *[s for s in _simpler(fitted[0].cause, screening) if s in others and s not in named][:AT_ONCE]]
+    untried = [s for s in screening.scores if s.cause.label not in tried]
+    named = [s for s in untried if meant(s.cause)]
+    best = fitted[0].cause
+    least = NEARLY * next((s.drop for s in screening.scores if s.cause.label == best.label), np.inf)
+    simpler = [s for s in untried if s.drop >= least and _simpler(s.cause, best) and s not in named]
+    return [*named, *simpler[:AT_ONCE]]
 
 
-def _simpler(cause: Cause, screening: Screening) -> list[Score]:
-    """Joints of fewer numbers than one, at whatever place, that promise nearly as much."""
-    if not isinstance(cause, AddedJoint):
-        return []
-    least = NEARLY * next((s.drop for s in screening.scores if s.cause.label == cause.label), np.inf)
-    return [
-        s
-        for s in screening.scores
-        if isinstance(s.cause, AddedJoint) and s.drop >= least and len(s.cause.numbers) < len(cause.numbers)
-    ]
+def _simpler(cause: Cause, other: Cause) -> bool:
+    """Whether a joint has fewer numbers than another one."""
+    return isinstance(cause, AddedJoint) and isinstance(other, AddedJoint) and len(cause.numbers) < len(other.numbers)
 
 
 def _simpler_there(cause: Cause, other: Cause) -> bool:
-    """Whether a joint is what another one at its place is confused with, with fewer numbers."""
+    """Whether it is at the same place too."""
     if not (isinstance(cause, AddedJoint) and isinstance(other, AddedJoint)):
         return False
-    there = other.way((cause.at, cause.to)) != 0.0
-    return there and cause.name in other.confused_with and len(cause.numbers) < len(other.numbers)
+    return _simpler(cause, other) and other.way((cause.at, cause.to)) != 0.0
 
 
 def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
@@ -338,17 +334,11 @@ def _simplest_first(scores: Sequence[Score]) -> list[Score]:
     """
     ordered: list[Score] = []
     for s in scores:
-        ordered += [o for o in scores if o not in ordered and _contained(o, s)]
+        ordered += [
+            o for o in scores if o not in ordered and o.drop >= NEARLY * s.drop and _simpler_there(o.cause, s.cause)
+        ]
         ordered += [s] if s not in ordered else []
     return ordered
-
-
-def _contained(simple: Score, score: Score) -> bool:
-    """Whether a joint has fewer numbers than another at its place, and promises nearly as much."""
-    one, other = simple.cause, score.cause
-    if not (isinstance(one, AddedJoint) and isinstance(other, AddedJoint)) or other.way((one.at, one.to)) == 0.0:
-        return False
-    return len(one.numbers) < len(other.numbers) and simple.drop >= NEARLY * score.drop
 
 
 def _of_channels(first: Sequence[Score], others: Sequence[Score]) -> list[Score]:

@@ -128,32 +128,17 @@ def _pushed(record: Record, base: Evaluation, few: Campaign, rig: JointedRig, en
     found = pushed(rig, solution, ends, H)
     places = [JointPlace(rig, pair) for pair in ends]
     white = WhiteRecord(record, base, few, places, read_by(few.data, solution, found.channels))
-    smooth, own = _Smooth(white), 2 * H
+    everywhere, own = Span(np.hstack(white.columns)), 2 * H
     motion = np.empty((len(ends), H), dtype=complex)
     for i, (columns, seen) in enumerate(zip(white.columns, white.seen, strict=True)):
         span = Span(columns)
-        forces = smooth.amplitudes(span.across(white.residual))
+        forces = everywhere.damped(span.across(white.residual))
         forces[i * own : (i + 1) * own] += np.nan_to_num(span.amplitudes(white.residual))
         moved = found.moved[i].reshape(len(solution.basis.k), -1) @ forces
         motion[i] = seen + solution.basis.complex(moved)[1 : H + 1]
     omega = 2 * np.pi * record.hz
     largest = np.abs(motion).sum(axis=1)
     return PushedRecord(white.residual, white.jacobian, white.columns, motion, largest, omega, omega)
-
-
-class _Smooth:
-    """Forces at all places of a record, as small as what is read of them allows."""
-
-    def __init__(self, white: WhiteRecord) -> None:
-        columns = np.hstack(white.columns)
-        size = np.linalg.norm(columns, axis=0)
-        self.size = np.where(size > 0.0, size, 1.0)
-        self.U, self.s, self.Vt = np.linalg.svd(columns / self.size, full_matrices=False)
-
-    def amplitudes(self, rows: Array) -> Array:
-        """Amplitudes (p 2 H,) for readings (m,) in standard deviations; one as large as all of them costs as much."""
-        cost = 1.0 / max(float(rows @ rows), 1.0)
-        return np.asarray((self.s / (self.s**2 + cost) * (self.U.T @ rows)) @ self.Vt / self.size)
 
 
 class _Place:

@@ -29,7 +29,8 @@ class Span:
         scale = np.where(size > 0.0, size, 1.0)
         U, s, Vt = np.linalg.svd(columns / scale, full_matrices=False)
         self.rank = int(np.sum(s > RESOLVED * max(s.max(initial=0.0), 1e-300)))
-        self.U, self.back = U[:, : self.rank], (Vt[: self.rank].T / s[: self.rank]) / scale[:, None]
+        self.U, self.s = U[:, : self.rank], s[: self.rank]
+        self.back = (Vt[: self.rank].T / self.s) / scale[:, None]
         self.std = np.where(size > 0.0, np.linalg.norm(self.back, axis=1), np.nan)
 
     def across(self, rows: Array) -> Array:
@@ -39,3 +40,8 @@ class Span:
     def amplitudes(self, rows: Array) -> Array:
         """Least amplitudes (n, ...) of the columns that bring rows (m, ...) nearest."""
         return np.asarray(self.back @ (self.U.T @ rows))
+
+    def damped(self, rows: Array) -> Array:
+        """The same for rows (m,), those seen little kept small: one that would be seen as all rows are costs 1."""
+        cost = 1.0 / max(float(rows @ rows), 1.0)
+        return np.asarray(self.back @ (self.s**2 / (self.s**2 + cost) * (self.U.T @ rows)))

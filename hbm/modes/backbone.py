@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 
 from continuation import Branch, Correction, End, Point, Settings
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.balance.tones import USUAL, harmonics_for
+from hbm.balance.tones import USUAL, basis_for
 from hbm.errors import expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.modes.amplitudes import solved, traced
@@ -323,8 +323,7 @@ def phase_resonance(
     PhaseResonance
     """
     expect_rig(rig, "phase_resonance", joints=True)
-    H = harmonics_for(rig, harmonics, "phase_resonance")
-    motion = ForcedMotion(rig, FourierBasis(H, samples or default_samples(H)))
+    motion = ForcedMotion(rig, basis_for(rig, harmonics, samples, "phase_resonance"))
     branch = traced(motion, mode, amplitudes, on_point, budget)
     return PhaseResonance(rig, described(motion, branch.points), branch, motion)
 

@@ -15,7 +15,7 @@ from continuation import ConvergenceError, NewtonSettings, Predictor, Settings, 
 from hbm.balance.padding import pad
 from hbm.balance.problem import TOLERANCE, AnyBalance, State, balance_of
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.balance.tones import harmonics_for, holding
+from hbm.balance.tones import basis_for, holding
 from hbm.errors import expect_frequency, expect_level, expect_positive, expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples, sampled
 from hbm.parallel import one_thread
@@ -98,8 +98,7 @@ def steady_state(
     expect_rig(rig, "steady_state", joints=True)
     expect_frequency(hz, "steady_state")
     expect_level(level, "steady_state")
-    H = harmonics_for(rig, harmonics, "steady_state")
-    problem = balance_of(rig, FourierBasis(H, samples or default_samples(H)), level=level)
+    problem = balance_of(rig, basis_for(rig, harmonics, samples, "steady_state"), level=level)
     lam = problem.lam_at(hz)
     x = first_solution(problem, lam) if start is None else solve_near(problem, lam, start)
     return describe(problem, x, lam)
@@ -318,8 +317,7 @@ def trace_frequency(
     expect_level(level, "trace_frequency")
     if step_hz is not None:
         expect_positive(step_hz, "step_hz", "trace_frequency", "Hz")
-    H = harmonics_for(rig, harmonics, "trace_frequency")
-    problem = balance_of(rig, FourierBasis(H, samples or default_samples(H)), level=level)
+    problem = balance_of(rig, basis_for(rig, harmonics, samples, "trace_frequency"), level=level)
     lam0, lam1 = problem.lam_at(begin), problem.lam_at(end)
     step = None if step_hz is None else problem.lam_at(step_hz)
     return with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1, step), on_point, budget))
@@ -378,8 +376,7 @@ def force_response(
     expect_rig(rig, "force_response", joints=True)
     expect_frequency(hz, "force_response")
     expect_range(force, "force_response", "force", "N")
-    H = harmonics_for(rig, harmonics, "force_response")
-    basis = FourierBasis(H, samples or default_samples(H))
+    basis = basis_for(rig, harmonics, samples, "force_response")
     problem = balance_of(rig, basis, parameter="force", hz=hz, level=max(force))
     lam0, lam1 = force[0] / problem.F_ref, force[1] / problem.F_ref
     return with_peak(_trace(problem, lam0, trace_settings(problem, lam0, lam1), on_point))

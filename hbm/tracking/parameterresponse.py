@@ -171,7 +171,8 @@ def parameter_response(
     if harmonics is None:
         harmonics, reason = _choose_harmonics(rig, along, budget)
     else:
-        reason = f"H = {harmonics_for(rig, harmonics, 'parameter_response')} as asked for"
+        harmonics = harmonics_for(rig, harmonics, "parameter_response")
+        reason = f"H = {harmonics} as asked for"
     problem = along(harmonics)
     branch = _trace(problem, 1.0 / STEPS, budget, on_point)
     points = tuple(problem.describe(p.x, p.lam) for p in branch.points)

@@ -16,9 +16,9 @@ from hbm.balance.padding import pad
 from hbm.balance.problem import balance_of
 from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.balance.tones import harmonics_for
+from hbm.balance.tones import basis_for
 from hbm.errors import InputError, expect_rig
-from hbm.fourier import Array, FourierBasis, default_samples
+from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.response.trace import trace_frequency
 from hbm.sensitivity.derivatives import sensitivities
@@ -150,11 +150,10 @@ def follow_peak(
     known = (*(c.name for c in rig.channels), *rig.computed)
     if channel not in known:
         raise InputError(f'follow_peak: channel = "{channel}"; must be one of {", ".join(known)}')
-    H = harmonics_for(rig, harmonics, "follow_peak")
-    basis, held = FourierBasis(H, samples or default_samples(H)), (key, channel)
+    basis, held = basis_for(rig, harmonics, samples, "follow_peak"), (key, channel)
     curve = _Curve(rig.with_number(key, values[0]), basis, *held)
     if start is None:
-        points = trace_frequency(curve.rig, harmonics=H, samples=samples).points
+        points = trace_frequency(curve.rig, harmonics=basis.H, samples=basis.N_t).points
         start = max(points, key=lambda p: p[channel].peak)
     found = [(values[0], curve.peak(curve.near(start.state)))]
     for value in values[1:]:

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from math import inf
 from typing import ClassVar
-
-import numpy as np
 
 from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
@@ -106,7 +105,7 @@ def _neighbours(rig: AnyRig, key: str) -> tuple[float, float]:
     """Natural frequencies of the modes before and after the one of a key [Hz]."""
     hz = {name: value for name, (value, _) in rig.numbers.items() if name.startswith(FREQUENCIES)}
     values, at = list(hz.values()), list(hz).index(key)
-    return max(values[:at], default=0.0), min(values[at + 1 :], default=np.inf)
+    return max(values[:at], default=0.0), min(values[at + 1 :], default=inf)
 
 
 def _of_joints(rig: JointedRig) -> Iterator[str]:
