@@ -94,7 +94,7 @@ def of_spectra(path: Path, rig: Path) -> dict[str, Any]:
     """What spectra give: the contact of their first two records; and a mode, of which nothing is compared."""
     from hbm import InputError, load_rig, load_spectra, reconstruct
     from hbm.identification.modalfit import fit_modes
-    from hbm.identification.responses import frequency_responses
+    from hbm.measurement.responses import frequency_responses
 
     loaded = load_rig(rig)
     measured = load_spectra(path, loaded)

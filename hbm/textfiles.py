@@ -79,6 +79,19 @@ def read_columns(path: StrPath, kind: str, columns: Sequence[str]) -> Iterator[t
         yield where, [row[i] for i in at]
 
 
+def csv_heading(path: StrPath) -> set[str]:
+    """Names in the heading of a CSV file; none of what is no such file, or cannot be read: who reads it says why."""
+    if Path(path).suffix.lower() != ".csv" or not Path(path).is_file():
+        return set()
+    try:
+        with Path(path).open(encoding="utf-8-sig", newline="") as stream:  # the heading alone, of what may be long
+            first = next(filter(str.strip, stream), "")
+        heading = next(csv.reader([first], delimiter=delimiter_of(first)), [])
+    except (OSError, UnicodeDecodeError, csv.Error):
+        return set()
+    return {name.strip() for name in heading}
+
+
 def _numbered(rows: Iterable[list[str]], path: StrPath, kind: str) -> Iterator[tuple[int, list[str]]]:
     try:
         yield from ((line, row) for line, row in enumerate(rows, start=1) if row)

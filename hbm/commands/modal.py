@@ -1,26 +1,39 @@
 """The command ``hbm modal``: a modal rig from measurements at a low level."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hbm.commands.budgets import RunSeconds, seconds_of, within
-from hbm.commands.inverse import Repeatability, SpectraFile, different, share
+from hbm.commands.inverse import Repeatability, different, share
 from hbm.commands.options import both_ends, console, named, print_written, quoted, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.identification.modes import Modes
+    from hbm.measurement.responses import FrequencyResponses
 
 COMMAND = "modal"
 FITS = 4.0
 """Misfit above which it is doubted that there are such modes."""
 
 
+Measured = Annotated[
+    Path,
+    typer.Argument(
+        metavar="MEASURED",
+        help="Spectra file (csv, npz, nc or mat), see hbm spectra; frequency responses (uff, unv, or csv with columns "
+        "frequency_hz,channel,real,imag,std); or with --transient a time history.",
+        show_default=False,
+    ),
+]
+
+
 def modal(
-    spectra: SpectraFile,
+    measured: Measured,
     out: Annotated[Path, typer.Option(metavar="RIG", help="Write the rig file here (toml).", show_default=False)],
     drive: Annotated[
         str | None,
@@ -29,6 +42,13 @@ def modal(
         ),
     ] = None,
     force: Annotated[str, typer.Option(metavar="NAME", help="Channel of the force.")] = "force",
+    transient: Annotated[
+        bool,
+        typer.Option(
+            "--transient",
+            help="MEASURED is a time history that begins and ends at rest: hits with a hammer, a burst, a chirp.",
+        ),
+    ] = False,
     phase: Annotated[
         bool,
         typer.Option("--phase", help="The force leads what --force names by a phase to be found: a shaker's voltage."),
@@ -37,7 +57,8 @@ def modal(
         list[str] | None,
         typer.Option(
             metavar="NAME=QUANTITY",
-            help="displacement, velocity or acceleration; repeated. Accelerations where omitted.",
+            help="displacement, velocity or acceleration, where MEASURED does not say; repeated. Accelerations where "
+            "omitted.",
         ),
     ] = None,
     record: Annotated[
@@ -51,9 +72,10 @@ def modal(
     repeatability: Repeatability = None,
     max_seconds: RunSeconds = "600",
 ) -> None:
-    """A rig file of modes, their residuals and uncertainties, from spectra of a structure at a low level.
+    """A rig file of modes, their residuals and uncertainties, from measurements of a structure at a low level.
 
-    Stepped sines, sweeps and multisines: every harmonic that the force excites is a point of a frequency response.
+    Of spectra, of stepped sines, sweeps or multisines, every harmonic that the force excites is a point of a frequency
+    response. Responses of an analyser are taken as they are; hits with a hammer as one recording from rest to rest.
 
     Example:  hbm modal low_level.csv --drive acc1 --from 5 --to 40 --out rig.toml
     """
@@ -67,15 +89,9 @@ def modal(
     records, floor = different(COMMAND, "--record", record), share(COMMAND, repeatability)
     from hbm.files.modalrig import modal_rig_text
     from hbm.identification.modalfit import fit_modes
-    from hbm.identification.responses import frequency_responses
-    from hbm.measurement.repeatability import with_floor
-    from hbm.measurement.spectrafile import load_spectra
     from hbm.textfiles import write_together
 
-    measured = load_spectra(spectra, repeatability=floor)
-    measured = measured.select(records=records) if records else measured
-    channels = _channels([name for name in measured.channels if name != force], quantity or ())
-    responses = frequency_responses(with_floor(measured, channels, floor), force, channels)
+    responses, level = _responses(measured, force, quantity or (), records, floor, transient=transient)
     responses = responses.between(*band) if band else responses
     with within(
         COMMAND,
@@ -84,26 +100,70 @@ def modal(
         "try --from and --to, fewer --modes, or a larger --max-seconds",
     ):
         found = fit_modes(responses, count, phase=phase, drive=drive)
-    text = modal_rig_text(found, spectra.stem, force, float(measured.level.min()), drive)
+    text = modal_rig_text(found, measured.stem, force, level, drive)
     write_together({out: text})
     _print(found)
     print_written([out])
 
 
-def _channels(names: Sequence[str], texts: Sequence[str]) -> dict[str, str]:
-    """Quantity of each response."""
+def _responses(
+    path: Path,
+    force: str,
+    quantities: Sequence[str],
+    records: Sequence[str],
+    floor: float,
+    *,
+    transient: bool,
+) -> tuple["FrequencyResponses", float]:
+    """Frequency responses, and the amplitude of the force for the rig file: 1 N where nothing had one."""
+    from hbm.measurement.frffile import is_frf, load_responses
+    from hbm.measurement.repeatability import with_floor
+    from hbm.measurement.responses import frequency_responses
+    from hbm.measurement.spectrafile import load_spectra
+
+    if transient:
+        found = _from_rest(path, force, quantities)
+    elif is_frf(path):
+        found = load_responses(path)
+        found = replace(found, channels=_channels(found.channels, quantities))
+    else:
+        spectra = load_spectra(path, repeatability=floor)
+        spectra = spectra.select(records=records) if records else spectra
+        channels = _channels(dict.fromkeys(name for name in spectra.channels if name != force), quantities)
+        responses = frequency_responses(with_floor(spectra, channels, floor), force, channels)
+        return responses, float(spectra.level.min())
+    if records:
+        raise InputError(f"{COMMAND}: --record, and {path} has no records; must be left out")
+    return found.unrepeatable(floor), 1.0
+
+
+def _from_rest(path: Path, force: str, quantities: Sequence[str]) -> "FrequencyResponses":
+    """Responses of a time history."""
+    from hbm.measurement.historyfile import load_history
+    from hbm.measurement.responses import QUANTITIES
+    from hbm.measurement.transient import responses_from_rest
+
+    recorded = load_history(path)
+    known = {name: QUANTITIES.get(unit) for name, unit in recorded.units.items() if name != force}
+    return responses_from_rest(recorded, force, _channels(known, quantities))
+
+
+def _channels(known: Mapping[str, str | None], texts: Sequence[str]) -> dict[str, str]:
+    """Quantity of each response: as the file says, or is stated, or an acceleration."""
     from hbm.channels import DERIVATIVES
 
-    channels = dict.fromkeys(names, "acceleration")
+    channels = dict(known)
     for text in texts:
         name, _, quantity = text.partition("=")
         if name not in channels or quantity not in DERIVATIVES:
             raise InputError(
-                f"{COMMAND}: --quantity = {quoted(text)}; must be NAME=QUANTITY, of {', '.join(names)} and "
+                f"{COMMAND}: --quantity = {quoted(text)}; must be NAME=QUANTITY, of {', '.join(channels)} and "
                 f"{', '.join(DERIVATIVES)}"
             )
+        if channels[name] not in (None, "", quantity):
+            raise InputError(f"{COMMAND}: --quantity = {quoted(text)}, and {name} is {channels[name]} in the file")
         channels[name] = quantity
-    return channels
+    return {name: quantity or "acceleration" for name, quantity in channels.items()}
 
 
 def _print(found: "Modes") -> None:
@@ -122,9 +182,11 @@ def _print(found: "Modes") -> None:
     lines = [f"misfit {found.chi2_reduced:.3g} noise variances at {len(found.responses.hz)} frequencies"]
     if found.phase_std:
         lines.append(f"the force leads the channel that stands for it by {found.phase:.4f} ± {found.phase_std:.1g} rad")
-    if found.chi2_reduced > 1.0:
+    if not found.responses.sized:
+        lines = [f"{len(found.responses.hz)} frequencies; no standard deviations are known, these are of the misfit"]
+    elif found.chi2_reduced > 1.0:
         lines.append("standard deviations are multiplied by the root of the misfit")
-    if found.chi2_reduced > FITS:
+    if found.responses.sized and found.chi2_reduced > FITS:
         lines.append(
             "warning: not linear at this level, its shapes are not real, or a mode near the band is not in it: some of "
             "these may be no modes; the next mode on either side should be in the band"

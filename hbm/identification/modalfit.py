@@ -18,7 +18,7 @@ from hbm.channels import DERIVATIVES
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.identification.modes import Modes
-from hbm.identification.responses import Complex, FrequencyResponses
+from hbm.measurement.responses import Complex, FrequencyResponses
 
 MOST_MODES = 30
 GRID, RATIOS = 400, (5e-4, 2e-3, 8e-3, 0.03)
@@ -69,6 +69,8 @@ def fit_modes(
         best, poles = tried, problem.poles(tried, len(poles) + 1)
     if not len(poles):
         raise InputError("modal: no mode stands out of the noise; must be measured around one")
+    problem.expect(best, len(poles))
+    best = problem.fitted(problem.poles(best, len(poles)), problem.phase(best))
     return problem.described(best, len(poles))
 
 
@@ -85,13 +87,17 @@ class _Problem:
         self.weight, self.alone = (
             np.where(listed, 1.0 / np.where(listed, std, 1.0), 0.0) for std in (responses.own_std, responses.std)
         )
-        self.by_force = self.weight * np.where(listed, responses.by_force, 0.0)
         self.measured = np.where(listed, responses.H, 0.0)
+        self.by_force = self.weight * responses.felt(self.measured)
         self.omega = 2 * np.pi * responses.hz
         order = np.array([DERIVATIVES[quantity] for quantity in responses.channels.values()])
         self.by_motion = (1j * self.omega[:, None]) ** order
         self.middle = float(np.median(self.omega))
         self.points = 2 * int(listed.sum())
+
+    def expect(self, x: Array, modes: int) -> None:
+        """What an error of the force does, by a fit: what was measured is large where the force errs that way."""
+        self.by_force = self.weight * self.responses.felt(self._answer(x, modes))
 
     # ---- linear in the residues
 
@@ -212,7 +218,8 @@ class _Problem:
         chi2 = float(left @ left) / max(self.points - len(x), 1)
         size = np.linalg.norm(J, axis=0)
         scale = np.divide(1.0, size, out=0.0 * size, where=size > 0.0)  # flexibilities are of another size
-        covariance = np.linalg.pinv((J * scale).T @ (J * scale)) * np.outer(scale, scale) * max(chi2, 1.0)
+        covariance = np.linalg.pinv((J * scale).T @ (J * scale)) * np.outer(scale, scale)
+        covariance *= max(chi2, 1.0) if self.responses.sized else chi2
         poles, c = self.poles(x, modes), self.measured.shape[1]
         w, flexibility = 2 * np.pi * poles[:, 0], self._flexibility(x, modes)
         place = 2 * modes + np.arange(c * (modes + REST)).reshape(c, modes + REST)

@@ -7,7 +7,7 @@ import numpy as np
 from hbm.channels import DERIVATIVES
 from hbm.errors import InputError
 from hbm.fourier import Array
-from hbm.identification.responses import FrequencyResponses
+from hbm.measurement.responses import FrequencyResponses
 from models.display import Displayed
 
 
@@ -27,7 +27,7 @@ class Modes(Displayed):
     phase, phase_std : float
         By which the force leads the channel that stands for it [rad]; 0 where that is the force.
     chi2_reduced : float
-        Misfit; deviations are multiplied by its root where it is above 1.
+        Misfit; deviations are multiplied by its root where it is above 1, or their size was not known.
     """
 
     responses: FrequencyResponses

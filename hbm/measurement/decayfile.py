@@ -1,14 +1,11 @@
 """Decay files, docs/reference/data_files.md: frequency and damping ratio over amplitude, as of ``hbm decay``."""
 
-import csv
-from pathlib import Path
-
 import numpy as np
 
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.decay import Decay
-from hbm.textfiles import StrPath, delimiter_of, read_columns
+from hbm.textfiles import StrPath, csv_heading, read_columns
 
 NUMBERS = ("amplitude", "frequency_hz", "frequency_hz_std", "damping_ratio", "damping_ratio_std")
 COLUMNS = ("channel", *NUMBERS)
@@ -16,15 +13,7 @@ COLUMNS = ("channel", *NUMBERS)
 
 def is_decay(path: StrPath) -> bool:
     """Whether a file is a CSV file with the columns of a decay."""
-    if Path(path).suffix.lower() != ".csv" or not Path(path).is_file():
-        return False
-    try:
-        with Path(path).open(encoding="utf-8-sig", newline="") as stream:  # spectra may be long: the heading alone
-            first = next(filter(str.strip, stream), "")
-        heading = next(csv.reader([first], delimiter=delimiter_of(first)), [])
-    except (OSError, UnicodeDecodeError, csv.Error):
-        return False  # whoever reads it says why it cannot be read
-    return {"amplitude", "frequency_hz", "damping_ratio"} <= {name.strip() for name in heading}
+    return {"amplitude", "frequency_hz", "damping_ratio"} <= csv_heading(path)
 
 
 def load_decay(path: StrPath) -> Decay:

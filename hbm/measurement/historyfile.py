@@ -170,7 +170,12 @@ def _uff_names(sets: list[dict[str, Any]]) -> list[str]:
     entities = [str(s["rsp_ent_name"]).strip() for s in sets]
     if len(set(entities)) == len(sets) and not {"", "NONE"} & set(entities):
         return entities
-    return [f"{int(s['rsp_node'])}{_direction(int(s['rsp_dir']))}" for s in sets]
+    return [uff_place(s, "rsp") for s in sets]
+
+
+def uff_place(s: Mapping[str, Any], end: str) -> str:
+    """Node and direction of the response, ``rsp``, or of the reference, ``ref``, of a data set 58: ``3+Y``."""
+    return f"{int(s[f'{end}_node'])}{_direction(int(s[f'{end}_dir']))}"
 
 
 def _direction(code: int) -> str:

@@ -11,7 +11,7 @@ from hbm import load_rig, steady_state
 from hbm.cli import app
 from hbm.errors import InputError
 from hbm.identification.modalfit import fit_modes
-from hbm.identification.responses import FrequencyResponses
+from hbm.measurement.responses import FrequencyResponses
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.measurement.spectrafile import write_spectra
 

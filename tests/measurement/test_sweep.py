@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from hbm.cli import app
 from hbm.errors import InputError
 from hbm.identification.modalfit import fit_modes
-from hbm.identification.responses import frequency_responses
 from hbm.measurement.recording import Recording, recording
+from hbm.measurement.responses import frequency_responses
 from hbm.measurement.spectrafile import load_spectra
 from hbm.measurement.sweep import passage, sweep_spectra, swept
 

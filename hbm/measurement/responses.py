@@ -1,17 +1,20 @@
-"""Frequency responses per force, of all records of spectra at a low level."""
+"""Frequency responses per force, and those of all records of spectra at a low level."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from hbm.fourier import Array
 from hbm.measurement.multisine import excited_lines
+from hbm.measurement.repeatability import typical_size
 from hbm.measurement.spectra import MeasuredSpectra
 
 Complex = npt.NDArray[np.complex128]
+
+QUANTITIES = {"m": "displacement", "m/s": "velocity", "m/s2": "acceleration"}
+"""What units are of."""
 
 SHARP = 0.2
 """A response is used whose force is known to this part of it."""
@@ -33,6 +36,8 @@ class FrequencyResponses:
         Standard deviation of each of real and imaginary part, by what the channel reads.
     force_error : (n,) array or float
         Standard deviation of each part of the force over its amplitude: it errs all channels alike.
+    sized : bool
+        Whether the standard deviations are known; else only how they compare.
     """
 
     hz: Array
@@ -40,22 +45,29 @@ class FrequencyResponses:
     H: Complex
     own_std: Array
     force_error: Array | float = 0.0
+    sized: bool = True
 
-    @cached_property
-    def by_force(self) -> Complex:
-        """What one standard deviation of the force does, (n, c)."""
-        return np.asarray(self.H * np.broadcast_to(self.force_error, self.hz.shape)[:, None])
+    def felt(self, responses: Complex) -> Complex:
+        """What one standard deviation of the force does to responses (n, c)."""
+        return np.asarray(responses * np.broadcast_to(self.force_error, self.hz.shape)[:, None])
 
     @property
     def std(self) -> Array:
         """Standard deviation of each of real and imaginary part, (n, c)."""
-        return np.hypot(self.own_std, np.abs(self.by_force))
+        return np.hypot(self.own_std, np.abs(self.felt(self.H)))
 
     def between(self, low: float, high: float) -> "FrequencyResponses":
         """Those in a band of frequencies."""
         kept = (self.hz >= low) & (self.hz <= high)
         force_error = np.broadcast_to(self.force_error, self.hz.shape)[kept]
-        return FrequencyResponses(self.hz[kept], self.channels, self.H[kept], self.own_std[kept], force_error)
+        return replace(self, hz=self.hz[kept], H=self.H[kept], own_std=self.own_std[kept], force_error=force_error)
+
+    def unrepeatable(self, share: float) -> "FrequencyResponses":
+        """The same where a share of each response does not repeat from one mounting to the next, beside the noise."""
+        if not share:
+            return self
+        beside = share / np.sqrt(2.0) * typical_size(np.abs(self.H))
+        return replace(self, own_std=np.hypot(self.own_std, beside) if self.sized else beside, sized=True)
 
 
 def frequency_responses(spectra: MeasuredSpectra, force: str, channels: Mapping[str, str]) -> FrequencyResponses:

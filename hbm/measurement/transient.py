@@ -1,0 +1,97 @@
+"""Frequency responses from a time history that begins and ends at rest: hits with a hammer, a burst, a chirp.
+
+The spectrum of all that a structure did is its response times that of all that it was given, at every line of the
+recording and without a window: nothing leaks, no damping is added, and hits may follow each other before all is still.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from scipy import fft
+
+from hbm.errors import InputError
+from hbm.fourier import Array
+from hbm.measurement.recording import Recording
+from hbm.measurement.responses import SHARP, FrequencyResponses
+
+REST, FEW = 0.02, 20
+"""At rest is the first and last part of a recording, of so many samples at least."""
+
+STILL = 0.01
+"""At rest a channel moves by less than this part of its largest, or no more than before the force."""
+
+DRIVEN = 0.1
+"""Lines are used at which the force is at least this part of its largest line."""
+
+UNEVEN = 1e-3
+"""Steps of time differ by less than this part of their mean."""
+
+LEAST = 1e-9
+"""Least noise of a channel, of its largest value."""
+
+
+def responses_from_rest(recorded: Recording, force: str, channels: Mapping[str, str]) -> FrequencyResponses:
+    """Frequency responses at the lines that a force drives, with the noise at rest as their standard deviation.
+
+    Parameters
+    ----------
+    recorded : Recording
+        At rest for its first and last 2 %.
+    force : str
+        Channel of the force.
+    channels : mapping of str to str
+        Quantity of each response.
+
+    Raises
+    ------
+    InputError
+        If a channel is not there, its steps of time differ, or it does not begin and end at rest.
+    """
+    _expect_even(recorded, (force, *channels))
+    few = max(int(REST * len(recorded.time)), FEW)
+    lines = {name: _from_rest(recorded, name, few) for name in (force, *channels)}
+    X, force_noise = lines[force]
+    size = np.abs(X)
+    there = (size >= DRIVEN * size[1:].max()) & (force_noise < SHARP * size)
+    there[0] = False
+    kept = np.flatnonzero(there)
+    moved = [lines[name] for name in channels]
+    return FrequencyResponses(
+        kept / (recorded.step * len(recorded.time)),
+        dict(channels),
+        np.column_stack([Y[kept] / X[kept] for Y, _ in moved]),
+        np.column_stack([noise / size[kept] for _, noise in moved]),
+        force_noise / size[kept],
+    )
+
+
+def _expect_even(recorded: Recording, names: tuple[str, ...]) -> None:
+    for name in names:
+        if name not in recorded.channels:
+            listed = ", ".join(recorded.channels)
+            raise InputError(f'{recorded.source}: no channel "{name}"; channels are {listed}')
+    steps = np.diff(recorded.time)
+    if np.ptp(steps) > UNEVEN * recorded.step:
+        raise InputError(
+            f"{recorded.source}: time steps from {steps.min():.6g} to {steps.max():.6g} s; must be equal to find "
+            "frequency responses"
+        )
+    if len(recorded.time) < 4 * FEW:
+        raise InputError(f"{recorded.source}: {len(recorded.time)} samples; must be at least {4 * FEW}")
+
+
+def _from_rest(recorded: Recording, name: str, few: int) -> tuple[Array, float]:
+    """Lines of a channel, and the standard deviation of each of their parts."""
+    values = recorded.channels[name]
+    signal = values - values[:few].mean()
+    first, last = (float(np.std(part)) for part in (signal[:few], signal[-few:]))
+    largest = float(np.abs(signal).max())
+    for moves, when, than in ((first, "first", 0.0), (last, "last", 2.0 * first)):
+        if moves > max(STILL * largest, than):
+            raise InputError(
+                f"{recorded.source}: {name} moves by {moves / largest:.1%} of its largest in the {when} "
+                f"{few * recorded.step:.3g} s; must be at rest there, to {STILL:.0%}: record from before the first hit "
+                "until all has died out"
+            )
+    noise = max(first, LEAST * largest) * np.sqrt(len(values) / 2.0)
+    return fft.rfft(signal), float(noise)

@@ -1,0 +1,109 @@
+"""Responses from rest to rest: modes marched in time under hits that follow each other, and read with noise."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.signal import lfilter
+from typer.testing import CliRunner
+
+from hbm import load_rig
+from hbm.cli import app
+from hbm.errors import InputError
+from hbm.identification.modalfit import fit_modes
+from hbm.measurement.recording import Recording, recording
+from hbm.measurement.transient import responses_from_rest
+
+HZ, RATIO = np.array([20.0, 31.0, 55.0]), np.array([0.01, 0.005, 0.008])
+SHAPES = np.array([[0.9, 0.5, 1.1], [0.4, -0.9, -0.3], [-0.2, 0.8, -0.7]])
+CHANNELS = {"a1": "acceleration", "v2": "velocity", "x3": "displacement"}
+NOISE, RATE, KEPT = 1e-3, 32768, 16
+"""Of the largest of each channel; steps per second of the march, and every which is read."""
+
+
+def modal_march(force: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Exact motion of every mode under a force that changes evenly over each step: q, q', q'', each (N, 3)."""
+    dt, w = 1.0 / RATE, 2 * np.pi * HZ
+    found = []
+    for j in range(3):
+        A = np.zeros((4, 4))
+        A[0, 1] = A[1, 2] = A[2, 3] = 1.0
+        A[1, :2] = -(w[j] ** 2), -2 * RATIO[j] * w[j]
+        E, p = expm(A * dt), force * SHAPES[0, j]
+        driven = np.outer(p, E[:2, 2]) + np.outer(np.append(np.diff(p), 0.0) / dt, E[:2, 3])
+        values, vectors = np.linalg.eig(E[:2, :2])
+        driven = np.roll(driven @ np.linalg.inv(vectors).T, 1, axis=0)
+        x = np.stack([lfilter([1.0], [1.0, -v], driven[:, i]) for i, v in enumerate(values)], axis=1) @ vectors.T
+        q, v = x.real.T
+        found.append((q, v, p - w[j] ** 2 * q - 2 * RATIO[j] * w[j] * v))
+    return tuple(np.array(parts).T for parts in zip(*found, strict=True))
+
+
+def hits(seed: int, apart: float = 1.0) -> Recording:
+    """Four hits of 6 ms, then rest. After one second mode 1 still moves by a quarter of its largest."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(int(RATE * (8.0 + 4 * apart))) / RATE
+    force = np.zeros_like(t)
+    begins = 0.7 + apart * np.arange(4) + rng.uniform(0.0, 0.05, 4)
+    for begin, size in zip(begins, rng.uniform(50.0, 150.0, 4), strict=True):
+        touching = (t >= begin) & (t < begin + 6e-3)
+        force[touching] += size * np.sin(np.pi * (t[touching] - begin) / 6e-3) ** 2
+    q, v, a = modal_march(force)
+    read = {"a1": a @ SHAPES[0], "v2": v @ SHAPES[1], "x3": q @ SHAPES[2], "force": force}
+    read = {name: values[::KEPT] for name, values in read.items()}
+    noisy = {
+        name: values + NOISE * np.abs(values).max() * rng.standard_normal(len(values)) for name, values in read.items()
+    }
+    return recording("hits.csv", t[::KEPT], noisy, {"a1": "m/s2", "v2": "m/s", "x3": "m", "force": "N"})
+
+
+@pytest.fixture(scope="module")
+def recorded() -> Recording:
+    return hits(0)
+
+
+def test_modes_of_hits_are_those_marched_and_as_uncertain_as_stated() -> None:
+    """Of 15 numbers of three recordings; shapes are not low because the force was read with an error."""
+    pulls, of_shapes = [], []
+    for seed in range(3):
+        m = fit_modes(responses_from_rest(hits(seed), "force", CHANNELS).between(12.0, 70.0), drive="a1")
+        assert len(m) == 3
+        assert m.chi2_reduced == pytest.approx(1.0, abs=0.15)
+        A = SHAPES * SHAPES[0]
+        of_shapes.append(np.sign(A) * (m.A - A) / m.A_std)
+        pulls.append(np.concatenate([(m.hz - HZ) / m.hz_std, (m.ratio - RATIO) / m.ratio_std, of_shapes[-1].ravel()]))
+    assert 0.7 < np.sqrt(np.mean(np.square(pulls))) < 1.35
+    assert abs(np.mean(of_shapes)) < 0.7
+
+
+def test_a_recording_that_does_not_begin_and_end_at_rest_is_refused(recorded: Recording) -> None:
+    with pytest.raises(InputError, match=r"hits.csv: a1 moves by [\d.]+% of its largest in the first"):
+        responses_from_rest(recorded.between(0.75, 12.0), "force", CHANNELS)
+    with pytest.raises(InputError, match=r"a1 moves by [\d.]+% of its largest in the last .* s; must be at rest"):
+        responses_from_rest(recorded.between(0.0, 5.0), "force", CHANNELS)
+
+
+def test_what_is_no_such_recording_is_refused(recorded: Recording) -> None:
+    with pytest.raises(InputError, match='no channel "hammer"; channels are a1, v2, x3, force'):
+        responses_from_rest(recorded, "hammer", CHANNELS)
+    time = recorded.time + 1e-4 * np.sin(20.0 * recorded.time)
+    uneven = recording("hits.csv", time, recorded.channels)
+    with pytest.raises(InputError, match="must be equal to find frequency responses"):
+        responses_from_rest(uneven, "force", CHANNELS)
+
+
+def test_the_command_makes_a_rig_of_hits(recorded: Recording, tmp_path: Path) -> None:
+    file, rig = tmp_path / "hits.csv", tmp_path / "rig.toml"
+    table = np.column_stack([recorded.time, *recorded.channels.values()])
+    np.savetxt(file, table, delimiter=",", header="time_s,a1 (m/s2),v2 (m/s),x3 (m),force (N)", comments="")
+    asked = ["modal", str(file), "--transient", "--drive", "a1", "--from", "12", "--to", "70", "--out", str(rig)]
+    told = CliRunner().invoke(app, asked, catch_exceptions=False)
+    assert told.exit_code == 0, told.output
+    assert "3 modes" in told.output
+    found = load_rig(rig)
+    assert np.array(found.body.frequencies_hz) == pytest.approx(HZ, rel=1e-4)
+    assert [c.quantity for c in found.channels] == ["force", "acceleration", "velocity", "displacement"]
+    refused = CliRunner().invoke(app, [*asked, "--record", "1"])
+    assert refused.exit_code
+    assert "--record" in refused.output
