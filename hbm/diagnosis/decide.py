@@ -95,9 +95,18 @@ def nearest(fits: Sequence[Evaluation]) -> list[Evaluation]:
     return [e for e in best_of(fits) if not e.missing and len(e.model.causes) == 1]
 
 
+def others_of(best: Evaluation, ranked: Sequence[Evaluation]) -> list[Evaluation]:
+    """Fits with other causes, the best one of each."""
+    first: dict[str, Evaluation] = {}
+    for e in ranked:
+        first.setdefault(e.model.label, e)
+    return [e for label, e in first.items() if label != best.model.label]
+
+
 def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:
-    """Fits that the records cannot tell from the best one, but for those that only contain it."""
-    others = [e for e in fits if e.model.label != best.model.label and not e.missing]
+    """Fits that the records cannot tell from the best one, but for those that only contain it or hold its causes."""
+    named = set(best.model.causes)
+    others = [e for e in fits if not e.missing and not (named and named <= set(e.model.causes))]
     close = [e for e in others if abs(e.chi2 - best.chi2) < TIED]
     return [e for e in close if len(e.x) <= len(best.x) or best.chi2 - e.chi2 > 1.0 or not undetermined(e)]
 

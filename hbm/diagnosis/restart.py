@@ -1,10 +1,13 @@
-"""A cause once more, over another model of the rig file, from where it was found."""
+"""A cause once more from where it was found: over another model of the rig file, or beside what it leaves."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from hbm.diagnosis.candidates import EXPLAINED
+from hbm.diagnosis.judge import background_of, beside_noise
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, fit_model, refine
 from hbm.outputerror.simulated import FAILURES
@@ -42,3 +45,11 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
         return [refine(best, campaign)]
     except FAILURES:
         return []
+
+
+def less_moved(e: Evaluation, nominal: Evaluation, campaign: Campaign) -> Iterator[Evaluation]:
+    """Fits of the causes of a model that move the rig file less: beside what the model leaves, and not at all."""
+    wide = replace(campaign, background=background_of(e, campaign), corrections=e.corrections)
+    with suppress(*FAILURES):
+        yield beside_noise(fit_model(e.model, wide, e.x, e.solutions), wide)
+    yield from started(nominal, e, e.model.causes, campaign)

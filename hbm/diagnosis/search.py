@@ -5,6 +5,7 @@ from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
+from itertools import islice
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from hbm.diagnosis.decide import (
     inside,
     leading,
     nearest,
+    others_of,
     plainest,
     simpler,
     suspicious,
@@ -30,7 +32,7 @@ from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.remainder import beyond_noise, explained
-from hbm.diagnosis.restart import started
+from hbm.diagnosis.restart import less_moved, started
 from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
@@ -246,8 +248,9 @@ class Search:
     def _beside_background(self, leaves: Evaluation | None = None) -> Decision:
         """The likeliest story, all models beside what one of them leaves: the likeliest, where none leaves noise."""
         self.tell("beside a background", 0.8)
-        models = [e for e in (*self.fitted, *self._calibrated_too()) if not e.missing and self.tolerable(e)]
-        models = [e for e in models if len(e.model.causes) == 1 or self._pays(e, models)]
+        whole = [e for e in (*self.fitted, *self._calibrated_too()) if not e.missing]
+        within = [*filter(self.tolerable, whole), *self._less_moved(whole)]
+        models = [e for e in within if len(e.model.causes) == 1 or self._pays(e, within)]
         leaves = leaves or min((self.nominal, self.calibrated, *models), key=evidence)
         self.campaign = replace(self.campaign, background=background_of(leaves, self.campaign))
         nominal, calibrated, *others = (beside(e, self.campaign) for e in (self.nominal, self.calibrated, *models))
@@ -258,7 +261,13 @@ class Search:
             near = [] if ranked else nearest(self.fitted)[:MOST_RANKED]  # none is within tolerances
             return Decision(calibrated, None, (*ranked, *(beside(e, self.campaign) for e in near)))
         best = self._fitted_beside(plainest(best, ranked), models)
-        return Decision(calibrated if best.model.calibrated else nominal, best, (best, *_others(best, ranked)))
+        return Decision(calibrated if best.model.calibrated else nominal, best, (best, *others_of(best, ranked)))
+
+    def _less_moved(self, fits: Sequence[Evaluation]) -> list[Evaluation]:
+        """The best cause and pair, if small errors move exact numbers out of tolerances, fitted so that they stay."""
+        of_size = ([e for e in best_of(fits) if len(e.model.causes) == size] for size in (1, 2))
+        best = [e for ranked in of_size for e in ranked[:1] if not self.tolerable(e) and self._nearly(e)]
+        return [w for e in best for w in islice(filter(self._enough, less_moved(e, self.nominal, self.campaign)), 1)]
 
     def _fitted_beside(self, best: Evaluation, models: Sequence[Evaluation]) -> Evaluation:
         """The model that was chosen to first order, fitted beside the background from where it stood without."""
@@ -384,14 +393,6 @@ class Search:
         alone = [e for pair in pairs for e in started(base, pair, pair.model.causes[1:], self.campaign)]
         found = self._decided(base, [*fits, *alone, *earlier.fits], self.tried**2)
         return replace(found, fits=found.fits[:MOST_RANKED])
-
-
-def _others(best: Evaluation, ranked: Sequence[Evaluation]) -> list[Evaluation]:
-    """Fits with other causes, the best one of each."""
-    first: dict[str, Evaluation] = {}
-    for e in ranked:
-        first.setdefault(e.model.label, e)
-    return [e for label, e in first.items() if label != best.model.label]
 
 
 def _suits(cause: Cause, rig: AnyRig) -> bool:

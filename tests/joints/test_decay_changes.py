@@ -13,8 +13,8 @@ from models.jointed import JointedRig
 from models.joints import CubicSpring, Friction, Joint
 from models.parts import Channel, Damping, Excitation
 
-AMPLITUDES = np.array([2.0, 8.0, 20.0])
-BASIS = FourierBasis(7, 128)
+AMPLITUDES = np.array([2.0, 5.0, 8.0])
+BASIS = FourierBasis(5, 64)
 
 
 def loaded_rig() -> JointedRig:

@@ -9,7 +9,7 @@ import pytest
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 MEASURED = ["rig.toml", "spectra.csv"]
-RECORDS = 10
+RECORDS = 4
 """Of the measurement, so many are read: what depends on threads does so in the first ones too."""
 
 FREQUENCIES = ["--from", "44", "--to", "46", "--harmonics", "3"]
