@@ -99,8 +99,9 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
 def _records(base: Evaluation, campaign: Campaign, probed: Rig, points: Sequence[Place]) -> list["_Record"]:
     places, H, records = [contact_of(probed), *points], campaign.data.H, []
     for record in campaign.data.records:
-        solution = base.found[record.number].solution
-        change = disturbed(probed, solution, all_at_once(places, solution, H))
+        here, solution = record.rig(probed), base.found[record.number].solution
+        assert isinstance(here, Rig)
+        change = disturbed(here, solution, all_at_once(places, solution, H))
         white = WhiteRecord(record, base, campaign, places, read_by(campaign.data, solution, change))
         moved = np.stack([solution.basis.complex(change[p.name])[1 : H + 1] for p in points])
         records.append(_Record(white, np.stack(np.split(moved, len(places), axis=2))))

@@ -7,6 +7,7 @@ number that changes, it is clear. This is the score test of parameters that vary
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 from scipy import special
@@ -17,6 +18,7 @@ from hbm.diagnosis.remainder import BAND, LEVEL
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.groups import near_each_other
+from hbm.outputerror.model import Free
 from hbm.outputerror.records import Record
 
 
@@ -31,7 +33,8 @@ class Varying:
 def varying(e: Evaluation, campaign: Campaign, std: float = 0.0) -> Varying | None:
     """The clearest change of the first cause's numbers between levels or bands; None where they are constant.
 
-    So they are, as far as anybody is told, where the first of them changes by less than its standard deviation.
+    So they are, as far as anybody is told, where the first of them changes by less than its standard deviation. What a
+    level or a band does not determine is not compared: a joint that sticks there does not say at what it slips.
 
     Parameters
     ----------
@@ -71,16 +74,31 @@ def _between(
     record = np.concatenate([e.white.record, np.zeros(len(e.x), dtype=int)])
     apart = [np.isin(record, [r.number for r in group])[:, None] * J[:, own] for group in found]
     rest = np.delete(J, own, axis=1)
-    each, alike = Span(np.column_stack([rest, *apart])), Span(np.column_stack([rest, sum(apart)]))
-    gain = float(np.sum(alike.across(r) ** 2) - np.sum(each.across(r) ** 2))
-    if gain < max(DECISIVE, float(special.chdtri(len(own) * (len(found) - 1), ALARM))):
+    each, (free, first) = Span(np.column_stack([rest, *apart])), (e.model.free[own[0]], float(e.x[own[0]]))
+    steps, stds = (of_each[rest.shape[1] :: len(own)] for of_each in (each.amplitudes(r), each.std))
+    known = [_determined(free, first, *pair) for pair in zip(steps, stds, strict=True)]
+    if sum(known) < 2:
         return
-    free, first = e.model.free[own[0]], e.x[own[0]]
+    beside = [rest, *(columns for columns, k in zip(apart, known, strict=True) if not k)]
+    alike = Span(np.column_stack([*beside, sum(compress(apart, known))]))
+    gain = float(np.sum(alike.across(r) ** 2) - np.sum(each.across(r) ** 2))
+    if gain < max(DECISIVE, float(special.chdtri(len(own) * (sum(known) - 1), ALARM))):
+        return
     # from the number that was found: that it moves with others of the rig file, at all levels alike, is not at issue
-    steps = each.amplitudes(r)[rest.shape[1] :: len(own)] - alike.amplitudes(r)[rest.shape[1]]
-    values = [free.value(float(np.clip(first + step, *free.bounds))) for step in steps]
+    moved = first - alike.amplitudes(r)[sum(columns.shape[1] for columns in beside)]
+    values = [free.value(float(np.clip(moved + step, *free.bounds))) for step in compress(steps, known)]
     if np.ptp(values) <= std:
         return
-    told = ", ".join(f"{value:.4g} {name(group)}" for value, group in zip(values, found, strict=True))
+    told = ", ".join(f"{value:.4g} {name(group)}" for value, group in zip(values, compress(found, known), strict=True))
     unit = "" if free.unit == "1" else f" [{free.unit}]"
     yield Varying(gain, f"{free.name}{unit} is not one number: {told} (chi2 falls by {gain:.3g} if it may change)")
+
+
+def _determined(free: Free, x: float, step: float, std: float) -> bool:
+    """Whether records say what a number is: to within itself, and not by an end of its scale that means none.
+
+    A linear number may well be at its end, where a cause has no effect; a limit that is out of reach is not found.
+    """
+    low, high = free.bounds
+    size = 1.0 if free.form == "logarithmic" else abs(x)
+    return bool(std < size and (free.form == "linear" or low < x + step < high))

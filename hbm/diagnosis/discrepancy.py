@@ -187,13 +187,14 @@ def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = N
         Does the records side by side.
     """
     rig = campaign.numerics.working.rig(e.model.rig(e.x))
-    unit = {c.name: UNITS[c.quantity] for c in rig.channels}
-    forces = joint_places_of(rig) if isinstance(rig, JointedRig) else places_of(rig)
-    places: list[AnyPlace] = [*forces, *(sensor(name, unit[name]) for name in campaign.data.channels)]
     found = [r for r in campaign.data.records if r.number in e.found]
-    solutions = [e.found[r.number].solution for r in found]
-    responses = each(executor, partial(_response, rig, campaign.data), solutions)
-    white = [_Placed(r, e, campaign, places, c) for r, c in zip(found, responses, strict=True)]
+    rigs = [r.rig(rig) for r in found]
+    responses = each(executor, partial(_response, campaign.data), rigs, [e.found[r.number].solution for r in found])
+    white = [
+        _Placed(r, e, campaign, _places(here, campaign.data), c)
+        for r, here, c in zip(found, rigs, responses, strict=True)
+    ]
+    places = _places(rig, campaign.data)
     points, numbers = sum(len(w.residual) for w in white), 2 * campaign.data.H * len(white)
     alone = [_at(place, [Span(w.columns[i]) for w in white], white, e, i) for i, place in enumerate(places)]
     beside = [
@@ -212,6 +213,13 @@ def discrepancy(e: Evaluation, campaign: Campaign, executor: Executor | None = N
     )
 
 
+def _places(rig: AnyRig, data: Measurement) -> list[AnyPlace]:
+    """Where a force may be missing, and the sensors."""
+    unit = {c.name: UNITS[c.quantity] for c in rig.channels}
+    forces = joint_places_of(rig) if isinstance(rig, JointedRig) else places_of(rig)
+    return [*forces, *(sensor(name, unit[name]) for name in data.channels)]
+
+
 class WhiteRecord:
     """A record in standard deviations: its misfit, what calibrated numbers and forces at each place do to it.
 
@@ -221,6 +229,7 @@ class WhiteRecord:
     e : Evaluation
     campaign : Campaign
     places : sequence of Place
+        Of the rig as it is in the record.
     columns : (2, c, H, p 2 H) array
         Change of the amplitudes with cosines, then sines of harmonics 1..H at each of p places.
     """
@@ -275,8 +284,8 @@ class _Placed(WhiteRecord):
         return self.seen[i] + moved, float(np.linalg.norm(left)) / self.size
 
 
-def _response(rig: AnyRig, data: Measurement, solution: PeriodicSolution) -> _Response:
-    """What forces at the places of a rig do, and what is added to the readings of the sensors."""
+def _response(data: Measurement, rig: AnyRig, solution: PeriodicSolution) -> _Response:
+    """What forces at the places of the rig of a record do, and what is added to the readings of the sensors."""
     change, seen = _pushed(rig, data, solution)
     readings = [_of_reading(i, len(data.channels), data.H) for i in range(len(data.channels))]
     unit = np.eye(data.H)

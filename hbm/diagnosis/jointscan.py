@@ -124,9 +124,10 @@ class PushedRecord:
 
 
 def _pushed(record: Record, base: Evaluation, few: Campaign, rig: JointedRig, ends: Sequence[Ends]) -> PushedRecord:
-    solution, H = base.found[record.number].solution, few.data.H
-    found = pushed(rig, solution, ends, H)
-    places = [JointPlace(rig, pair) for pair in ends]
+    here, solution, H = record.rig(rig), base.found[record.number].solution, few.data.H
+    assert isinstance(here, JointedRig)
+    found = pushed(here, solution, ends, H)
+    places = [JointPlace(here, pair) for pair in ends]
     white = WhiteRecord(record, base, few, places, read_by(few.data, solution, found.channels))
     everywhere, own = Span(np.hstack(white.columns)), 2 * H
     motion = np.empty((len(ends), H), dtype=complex)

@@ -12,6 +12,7 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from hbm.balance.scaled import force_shape
 from hbm.balance.solution import PeriodicSolution
 from hbm.fourier import Array
 from hbm.sensitivity.moving import Disturbance
@@ -200,8 +201,7 @@ def _clamp(rig: Rig, beam: Beam) -> Place:
     def moment(s: PeriodicSolution) -> Complex:
         i_omega = 1j * s.state.Omega * np.arange(s.basis.H + 1)
         Q, T = s.basis.complex(s.state.Q), s.basis.complex(s["friction"].coefficients)
-        force = np.zeros(s.basis.H + 1, dtype=complex)
-        force[1] = s.level
+        force = s.level * s.basis.complex(force_shape(rig.excitation, s.basis, 1))
         m = (Q @ inertia).T * i_omega**2 + (Q @ (damping * inertia)) * i_omega
         return np.asarray(m - at_drive * force - arm * float(rotation_shape(1.0, 1)) * T)
 

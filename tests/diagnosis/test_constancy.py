@@ -73,3 +73,32 @@ def test_one_group_says_nothing():
         jacobian=e.white.jacobian[keep], residual=e.white.residual[keep], record=e.white.record[keep]
     )
     assert varying(e, one) is None
+
+
+def test_what_a_band_does_not_determine_is_not_said_to_differ():
+    """A joint that hardly slips in one band does not say there at what it slips, and all else is constant.
+
+    Records of that band see a thousandth of the limit, and a misfit of seven standard deviations along this: to first
+    order the limit would be out of reach there, known to 40 times itself.
+    """
+    rng, limit = np.random.default_rng(8), Free("limit", "N", 1e-3, 2.5e8, 10.0, "inverse", 10.0, cause=0)
+    for _ in range(20):
+        e = fitted(lambda r: 1.0, rng)
+        sticks = np.array([r.hz > 100.0 for r in RECORDS])[e.white.record]
+        e.white.jacobian[sticks, 1] *= 1e-3
+        along = np.where(sticks, e.white.jacobian[:, 1], 0.0)
+        e.white.residual -= 7.0 * along / np.linalg.norm(along)
+        e.model.free = (LOAD, limit, PLACE)
+        assert varying(e, CAMPAIGN) is None
+
+
+def test_a_level_that_says_nothing_does_not_hide_that_others_differ():
+    """The highest level sees next to nothing of the number; the other two still tell that it changes."""
+    rng = np.random.default_rng(9)
+    for _ in range(20):
+        e = fitted(lambda r: 100.0 + r.force, rng)
+        loud = np.array([r.force == 6.0 for r in RECORDS])[e.white.record]
+        e.white.jacobian[loud, 1] *= 1e-6
+        found = varying(e, CAMPAIGN)
+        assert found is not None and "at 2 N" in found.sentence and "at 4 N" in found.sentence
+        assert "at 6 N" not in found.sentence

@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 from hbm.cli import app
 from hbm.diagnosis.candidates import _confused
 from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.discrepancy import discrepancy
 from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.otherstarts import from_other_starts
 from hbm.diagnosis.quickfits import Candidate, QuickFits
@@ -36,8 +37,9 @@ from hbm.rigfiles.load import load_rig
 from models.bodies import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint, ends_of
-from models.causes.joints import JOINT_CAUSES, CubicStiffness, OneSidedStop
+from models.causes.joints import JOINT_CAUSES, CubicStiffness, OneSidedStop, QuadraticDamping
 from models.causes.parameter import WrongParameter
+from models.causes.records import ForceDistortion
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
 from models.joints.law import numbers
@@ -332,6 +334,30 @@ def test_a_scan_of_exact_records_finds_the_size_of_what_made_them(
     )
     assert best.cause.at == at and best.cause.to == ""
     assert best.starts[0][name] == pytest.approx(size, rel=within)
+
+
+def test_a_joint_is_scanned_and_placed_beside_a_force_with_its_measured_harmonics() -> None:
+    """A drag on b that a force with 3 % of a second and 4 % of a third harmonic drives, marched in time.
+
+    The rig of every record has its own harmonics of the force, and the receptances are those of its steady state.
+    """
+    hz, tones = np.array([18.5, 20.2, 22.0, 46.0, 47.0, 48.0]), ((2, 0.02, -0.022), (3, 0.03, 0.026))
+    level = np.where(hz > 40.0, 4.0, 1.0)
+    q = steady(NOMINAL, quadratic(1.0), ROWS["b"], "drive", hz, level, periods=200, steps=512, H=3, tones=tones)
+    clean = {channel: accelerations(NOMINAL, q, channel, hz) for channel in SENSORS}
+    clean["force"] = level[:, None] * np.array([0.0, 1.0, 0.02, 0.03, 0.0, -0.022, 0.026])
+    stds = {channel: np.full((6, 4), 1e-4 * np.abs(y[:, 1:]).max()) for channel, y in clean.items()}
+    for channel in clean:
+        clean[channel][:, 0] = stds[channel][:, 0] = np.nan
+    plain = rig_of(NOMINAL)
+    rig = ForceDistortion().extend(plain, {})
+    campaign, _ = campaign_of(rig, spectra_of(plain, hz, level, clean, stds))
+    base = evaluate(Model(rig, {}), campaign, np.zeros(0), {})
+    best = max(scan(base, campaign, list(QuadraticDamping.candidates(rig))), key=lambda s: s.drop)
+    assert best.cause.label == "quadratic-damping b"
+    assert best.starts[0]["coefficient"] == pytest.approx(1.0, rel=0.02)
+    missing = discrepancy(base, campaign)
+    assert missing.best.place.name == "b" and missing.best.share > 0.99
 
 
 def test_a_spring_that_all_but_joins_two_places_is_found_though_they_hardly_move_apart() -> None:

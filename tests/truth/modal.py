@@ -15,6 +15,8 @@ Array = np.ndarray
 Hidden = Callable[[Array, Array, Array], tuple[Array, Array]]
 """From displacement, velocity and memory before, the force on the body and the memory after."""
 
+Tones = tuple[tuple[int, float, float], ...]
+
 ITERATIONS = 3
 
 
@@ -91,12 +93,14 @@ def steady(
     periods: int = 150,
     steps: int = 256,
     H: int = 5,
+    tones: Tones = (),
 ) -> Array:
     """Modal harmonics a_0, a_1..a_H, b_1..b_H of every record, (r, 2H+1, n), over the last period.
 
-    `at` (n,) is the row of the relative displacement that the hidden force sees and acts along.
+    `at` (n,) is the row of the relative displacement that the hidden force sees and acts along; `tones` are harmonics
+    of the drive beside its cosine: numbers with coefficients of cos and sin relative to it.
     """
-    return last_periods(modes, hidden, at, drive, hz, force, periods, steps, H, 1)[0]
+    return last_periods(modes, hidden, at, drive, hz, force, periods, steps, H, 1, tones)[0]
 
 
 def last_periods(
@@ -110,6 +114,7 @@ def last_periods(
     steps: int,
     H: int,
     kept: int,
+    tones: Tones = (),
 ) -> Array:
     """As :func:`steady`, of each of the last periods, (kept, r, 2H+1, n): not every motion repeats."""
     omega_n, r, n = 2 * np.pi * modes.hz, len(hz), len(modes.hz)
@@ -124,8 +129,10 @@ def last_periods(
             E = expm(A * dt[i])
             through[i, :, :, j], second[i, :, j] = E[:2, :2], E[:2, 3] / dt[i]
             first[i, :, j] = E[:2, 2] - second[i, :, j]
-    phase = np.cos(2 * np.pi * np.arange(steps + 1) / steps)[:, None, None, None]
-    pushed = (phase[:-1] * first + phase[1:] * second) * (force[:, None, None] * modes.rows[drive])
+    phase = 2 * np.pi * np.arange(steps + 1) / steps
+    wave = np.cos(phase) + sum(a * np.cos(k * phase) + b * np.sin(k * phase) for k, a, b in tones)
+    wave = wave[:, None, None, None]
+    pushed = (wave[:-1] * first + wave[1:] * second) * (force[:, None, None] * modes.rows[drive])
     first, second = first * at, second * at  # of the hidden force
     seen = (second @ at).T.copy()  # displacement and velocity that it feels of itself
     x, z, f, last = np.zeros((r, 2, n)), np.zeros(r), np.zeros(r), np.empty((kept, steps, r, n))
