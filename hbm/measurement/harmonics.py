@@ -27,6 +27,7 @@ from scipy.optimize import minimize_scalar
 
 from hbm.errors import InputError
 from hbm.fourier import Array
+from hbm.measurement.clock import UNEVEN, unevenness
 from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
 from hbm.measurement.recording import Recording
 from hbm.measurement.steadiness import clipped, leftover, steadiness
@@ -134,7 +135,7 @@ def _check(recorded: Recording, t: Array, hz: float, harmonics: int) -> None:
 def _samples_of_period(recorded: Recording, t: Array, hz: float) -> int:
     """Samples of a period, a whole number of evenly spaced ones."""
     samples, periods = 1.0 / (hz * recorded.step), (t[-1] - t[0]) * hz
-    even = float(np.ptp(np.diff(t))) < 1e-3 * recorded.step
+    even = unevenness(t) <= UNEVEN
     if not even or abs(samples - round(samples)) * periods > SLIP:
         uneven = "" if even else ", not evenly spaced"
         raise InputError(
@@ -188,6 +189,7 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
         hz_std=hz_std,
         periods=periods,
         blocks=blocks,
+        uneven=unevenness(t),
         channels=tuple(measured.channels),
         coefficients=np.asarray(coefficients, dtype=float),
         own_std=std,
@@ -311,8 +313,7 @@ def _of_residual(residual: Array, periods: int, H: int) -> Array:
 
 def _even(t: Array, values: Array) -> Array:
     """Values at equally spaced times."""
-    even = np.linspace(t[0], t[-1], len(t))
-    return values if np.allclose(t, even, rtol=0.0, atol=1e-3 * (t[1] - t[0])) else np.interp(even, t, values)
+    return values if unevenness(t) <= UNEVEN else np.interp(np.linspace(t[0], t[-1], len(t)), t, values)
 
 
 # -------------------------------------------------------------------------------------------- the frequency, refined

@@ -131,11 +131,12 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     Raises
     ------
     InputError
-        If there is no such channel, not two windows, a harmonic is above half the sampling rate, or the frequency
-        stays.
+        If there is no such channel, steps of time differ, there are not two windows, a harmonic is above half the
+        sampling rate, or the frequency stays.
     """
     if reference not in recorded.channels:
         raise InputError(f'{recorded.source}: no channel "{reference}"; channels are {", ".join(recorded.channels)}')
+    recorded.expect_even("to follow a sweep")
     y = recorded.channels[reference]
     phase = np.unwrap(np.angle(hilbert(y - y.mean())))
     edges = np.arange(phase[0] + ENDS, phase[-1] - ENDS, 2 * np.pi * cycles)
