@@ -25,7 +25,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
-from hbm.errors import InputError
+from hbm.errors import InputError, expect_frequency, expect_whole
 from hbm.fourier import Array
 from hbm.measurement.clock import UNEVEN, unevenness
 from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
@@ -72,8 +72,11 @@ def harmonic_spectra(
     Raises
     ------
     InputError
-        If the record is shorter than a period, sampled too slowly, or holds no maximum to refine at.
+        If the frequency or the highest harmonic is none, or the record is shorter than a period, sampled too slowly, or
+        holds no maximum to refine at.
     """
+    expect_frequency(hz, "harmonic_spectra")
+    expect_whole(harmonics, "harmonics", "harmonic_spectra")
     t, Y = _settled(recorded, settle)
     names = tuple(recorded.channels)
     hz_std = float("nan")
