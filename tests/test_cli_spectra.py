@@ -89,6 +89,14 @@ def test_channels_are_renamed_and_the_frequency_refined(tmp_path: Path) -> None:
     assert spectra.complex("a1")[0, 1] == pytest.approx(3.0 - 0.5j, abs=5e-3)
 
 
+@pytest.mark.parametrize("sweep", [("--sweep",), ("--fundamental", "50")])
+def test_a_force_in_metres_is_refused_without_a_rig_too(sweep: tuple[str, ...], tmp_path: Path) -> None:
+    file, out = history(tmp_path / "a.csv", names="force [m],a1 [m/s2]"), tmp_path / "s.csv"
+    result = run(file, *sweep, "--out", str(out))
+    assert (result.exit_code, result.stderr) == (2, f"{file}: channel force is in m; must be force, N\n")
+    assert not out.exists()
+
+
 def test_what_is_wrong_with_a_record_is_told(tmp_path: Path) -> None:
     file, out = history(tmp_path / "a.csv", decay=4.0), tmp_path / "s.csv"
     result = run(file, "--fundamental", "50", "--out", str(out))

@@ -1,6 +1,7 @@
 """Sphinx extension: notebooks become pages, and markers become tables.
 
-A line ``<!-- generated: NAME -->`` in a page is replaced by the table of that name in ``tables.py``.
+A line ``<!-- generated: NAME -->`` in a page, with the table after it, is replaced by the table of that name in
+``tables.py``.
 """
 
 import re
@@ -13,11 +14,11 @@ from sphinx.application import Sphinx
 from sphinx.errors import ExtensionError
 from sphinx.util.nodes import make_refnode
 
+from generated.fill import MARKER
 from generated.tables import TABLES
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 CITED = re.compile(r"docs/([\w/]+)\.md")
-MARKER = re.compile(r"^<!-- generated: (.+) -->$", re.M)
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

@@ -142,8 +142,11 @@ def _from_rest(path: Path, force: str, quantities: Sequence[str]) -> "FrequencyR
     from hbm.measurement.historyfile import load_history
     from hbm.measurement.responses import QUANTITIES
     from hbm.measurement.transient import responses_from_rest
+    from models.parts import UNITS
 
     recorded = load_history(path)
+    if recorded.units.get(force, "") not in ("", UNITS["force"]):
+        raise InputError(f"{path}: channel {force} is in {recorded.units[force]}; must be force, {UNITS['force']}")
     known = {name: QUANTITIES.get(unit) for name, unit in recorded.units.items() if name != force}
     return responses_from_rest(recorded, force, _channels(known, quantities))
 

@@ -214,7 +214,10 @@ def _columns(texts: Sequence[str]) -> dict[str, str]:
 
 
 def _recorded(entry: "Entry", columns: dict[str, str], rig: "AnyRig | None") -> "Recording":
-    """A history whose channels are the rig's, in their units; what only a simulation knows is left out."""
+    """A history whose channels are the rig's, in their units; what only a simulation knows is left out.
+
+    Without a rig only the force is known by its name.
+    """
     from hbm.measurement.historyfile import load_history
     from models.parts import UNITS
 
@@ -222,16 +225,17 @@ def _recorded(entry: "Entry", columns: dict[str, str], rig: "AnyRig | None") -> 
     recorded = load_history(path, columns or entry.channels, entry.units).between(entry.begin, entry.end)
     measured = {name: values for name, values in recorded.channels.items() if name not in computed}
     recorded = replace(recorded, channels=measured)
-    quantities = {} if rig is None else {c.name: c.quantity for c in rig.channels}
-    for name in recorded.channels if rig else ():
-        if name not in quantities:
+    quantities = {FORCE: "force"} if rig is None else {c.name: c.quantity for c in rig.channels}
+    for name in recorded.channels:
+        if rig and name not in quantities:
             raise InputError(
                 f'{path}: channel "{name}" is not in the rig; channels are {", ".join(quantities) or "none"}; '
                 "try --channel NAME=COLUMN"
             )
-        unit, accepted = recorded.units.get(name, ""), UNITS[quantities[name]]
-        if unit not in ("", accepted):
-            raise InputError(f"{path}: channel {name} is in {unit}; must be {quantities[name]}, {accepted}, in the rig")
+        unit, quantity = recorded.units.get(name, ""), quantities.get(name)
+        if quantity and unit not in ("", UNITS[quantity]):
+            where = ", in the rig" if rig else ""
+            raise InputError(f"{path}: channel {name} is in {unit}; must be {quantity}, {UNITS[quantity]}{where}")
     known = {name: UNITS[quantities[name]] for name in recorded.channels} if rig else recorded.units
     return replace(recorded, units=known)
 

@@ -152,7 +152,8 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
     Raises
     ------
     InputError
-        If the channel is not there, the band is not within half the sampling rate, or the recording is too short.
+        If the channel is not there, steps of time differ, the band is not within half the sampling rate, or the
+        recording is too short.
 
     References
     ----------
@@ -247,12 +248,13 @@ def _demodulated(
     """Times, complex amplitudes, the frequency they are turned to rest by [Hz], and how far apart they are [s]."""
     if channel not in recorded.channels:
         raise InputError(f'{recorded.source}: no channel "{channel}"; channels are {", ".join(recorded.channels)}')
+    recorded.expect_even("to follow a decay")
     y, step = recorded.channels[channel], recorded.step
     low, high = band
     if not 0.0 < low < high < 0.5 / step:
         raise InputError(
-            f"{recorded.source}: a band from {low:g} to {high:g} Hz; must be within 0 and {0.5 / step:.6g} Hz, "
-            "half the sampling rate"
+            f"{recorded.source}: a band from {low:g} to {high:g} Hz; must increase, within 0 and "
+            f"{0.5 / step:.6g} Hz, half the sampling rate"
         )
     half = 0.5 * (high - low)
     taps = 2 * round(1.65 / (half * step)) + 1  # of a Hann window: its transition is about 3.3/taps of the rate

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.fourier import Array
+from hbm.measurement.clock import UNEVEN
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.measurement.steadiness import Leftover, Steadiness
 from models.display import Displayed
@@ -60,6 +61,8 @@ class HarmonicEstimate(Displayed):
         Its standard deviation where it was refined, nan where it was given.
     periods, blocks : int
         Whole periods used, and blocks they were divided into; 0 blocks: std from what is left between the harmonics.
+    uneven : float
+        How far its times lie beside an even clock, in steps.
     channels : tuple of str, (c,)
         Those that are not constant.
     coefficients : (c, 2H+1) array
@@ -81,6 +84,7 @@ class HarmonicEstimate(Displayed):
     hz_std: float
     periods: int
     blocks: int
+    uneven: float
     channels: tuple[str, ...]
     coefficients: Array
     own_std: Array
@@ -132,6 +136,11 @@ class HarmonicEstimate(Displayed):
 def _warnings(e: HarmonicEstimate) -> Iterator[str]:
     for name in e.dead:
         yield f"{name} is constant: left out"
+    if e.uneven > UNEVEN:
+        yield (
+            f"its times lie up to {e.uneven:.1%} of a step beside an even clock: harmonics are taken at these times, "
+            "and are wrong if the clock was even"
+        )
     if not e.blocks:
         yield f"{e.periods} whole {'period' if e.periods == 1 else 'periods'}: nothing can be said of steadiness"
     elsewhere = _elsewhere(e)

@@ -25,8 +25,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
-from hbm.errors import InputError
+from hbm.errors import InputError, expect_frequency, expect_whole
 from hbm.fourier import Array
+from hbm.measurement.clock import UNEVEN, unevenness
 from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
 from hbm.measurement.recording import Recording
 from hbm.measurement.steadiness import clipped, leftover, steadiness
@@ -71,8 +72,11 @@ def harmonic_spectra(
     Raises
     ------
     InputError
-        If the record is shorter than a period, sampled too slowly, or holds no maximum to refine at.
+        If the frequency or the highest harmonic is none, or the record is shorter than a period, sampled too slowly, or
+        holds no maximum to refine at.
     """
+    expect_frequency(hz, "harmonic_spectra")
+    expect_whole(harmonics, "harmonics", "harmonic_spectra")
     t, Y = _settled(recorded, settle)
     names = tuple(recorded.channels)
     hz_std = float("nan")
@@ -134,7 +138,7 @@ def _check(recorded: Recording, t: Array, hz: float, harmonics: int) -> None:
 def _samples_of_period(recorded: Recording, t: Array, hz: float) -> int:
     """Samples of a period, a whole number of evenly spaced ones."""
     samples, periods = 1.0 / (hz * recorded.step), (t[-1] - t[0]) * hz
-    even = float(np.ptp(np.diff(t))) < 1e-3 * recorded.step
+    even = unevenness(t) <= UNEVEN
     if not even or abs(samples - round(samples)) * periods > SLIP:
         uneven = "" if even else ", not evenly spaced"
         raise InputError(
@@ -188,6 +192,7 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
         hz_std=hz_std,
         periods=periods,
         blocks=blocks,
+        uneven=unevenness(t),
         channels=tuple(measured.channels),
         coefficients=np.asarray(coefficients, dtype=float),
         own_std=std,
@@ -311,8 +316,7 @@ def _of_residual(residual: Array, periods: int, H: int) -> Array:
 
 def _even(t: Array, values: Array) -> Array:
     """Values at equally spaced times."""
-    even = np.linspace(t[0], t[-1], len(t))
-    return values if np.allclose(t, even, rtol=0.0, atol=1e-3 * (t[1] - t[0])) else np.interp(even, t, values)
+    return values if unevenness(t) <= UNEVEN else np.interp(np.linspace(t[0], t[-1], len(t)), t, values)
 
 
 # -------------------------------------------------------------------------------------------- the frequency, refined

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from hbm.errors import InputError
 from hbm.fourier import Array
+from hbm.measurement.clock import UNEVEN, even_clock, unevenness
 from hbm.measurement.units import to_si
 from models.plausible import impossible
 
@@ -71,11 +72,27 @@ class Recording:
         channels = {name: values[kept] for name, values in self.channels.items()}
         return replace(self, time=self.time[kept], channels=channels)
 
+    def expect_even(self, purpose: str) -> None:
+        """Refuse times beside an even clock, which a purpose, ``to find ...``, needs.
+
+        Raises
+        ------
+        InputError
+            If they lie beside it by more than a thousandth of a step.
+        """
+        if unevenness(self.time) > UNEVEN:
+            steps = np.diff(self.time)
+            raise InputError(
+                f"{self.source}: time steps from {steps.min():.6g} to {steps.max():.6g} s; must be equal {purpose}"
+            )
+
 
 def recording(
     source: str, time: npt.ArrayLike, channels: Mapping[str, npt.ArrayLike], units: Mapping[str, str] | None = None
 ) -> Recording:
     """Check what was read and convert it to SI.
+
+    Times that are those of an even clock to the digits they have become the times of that clock.
 
     Parameters
     ----------
@@ -109,7 +126,7 @@ def recording(
     if not np.all(np.diff(t) > 0.0):
         at = int(np.argmin(np.diff(t) > 0.0)) + 1
         raise InputError(f"{source}: time is {t[at]:g} s at sample {at + 1} after {t[at - 1]:g} s; must increase")
-    found = Recording(source, t, values, {name: unit for name, (_, unit) in scaled.items()})
+    found = Recording(source, even_clock(t), values, {name: unit for name, (_, unit) in scaled.items()})
     _refuse_impossible(source, "the mean step of time", np.array([found.step]), "sampling_step")
     for name, v in values.items():
         _refuse_impossible(source, f"the largest of {name}", np.array([np.abs(v).max()]), "signal")

@@ -9,11 +9,15 @@ A response that is not that of linear modes keeps its lag. In the frame of the r
 dX/dt = (sigma - i omega) X + b F, with sigma = -zeta omega_n + i omega_d. The measured X, dX/dt and F on the flanks of
 the highest peak say what sigma is, however fast the sweep was; |dX/dt / (sigma - i omega)| is how far X is from the
 steady state at this frequency. Half of its square is added to the variance of each of cos and sin.
+
+The frequency of harmonic k moves k times as fast, and may cross a mode above the sweep, of which nothing else is known.
+Its lag obeys the same equation and is at most |dX_k/dt| over the decay rate of that mode. The slowest decay of the
+highest peaks of the fundamental stands for it: modes above mostly decay faster.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -131,11 +135,12 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     Raises
     ------
     InputError
-        If there is no such channel, not two windows, a harmonic is above half the sampling rate, or the frequency
-        stays.
+        If there is no such channel, steps of time differ, there are not two windows, a harmonic is above half the
+        sampling rate, or the frequency stays.
     """
     if reference not in recorded.channels:
         raise InputError(f'{recorded.source}: no channel "{reference}"; channels are {", ".join(recorded.channels)}')
+    recorded.expect_even("to follow a sweep")
     y = recorded.channels[reference]
     phase = np.unwrap(np.angle(hilbert(y - y.mean())))
     edges = np.arange(phase[0] + ENDS, phase[-1] - ENDS, 2 * np.pi * cycles)
@@ -292,7 +297,16 @@ def _steady(sweep: Sweep, force: str, passages: Mapping[str, Passage | None]) ->
             relative = _lag(sweep, passed, force)
         may = np.where(np.arange(amplitudes.shape[2]) == 1, min(share, 1.0), 1.0)  # only the fundamental was mended
         std[:, j] = np.hypot(std[:, j], relative[:, None] * may * np.abs(amplitudes[:, j]) / np.sqrt(2.0))
+    decay = min((-p.sigma.real for p in passages.values() if p is not None), default=np.inf)
+    for j, k in product(others, range(2, amplitudes.shape[2])):
+        std[:, j, k] = np.hypot(std[:, j, k], _change(sweep.time, amplitudes[:, j, k]) / decay / np.sqrt(2.0))
     return amplitudes, std
+
+
+def _change(time: Array, X: Complex) -> Array:
+    """How fast amplitudes (w,) change beyond their noise [1/s], (w,)."""
+    motion = smooth(time, X)
+    return np.asarray(np.sqrt(np.maximum(np.abs(motion.first) ** 2 - motion.std**2, 0.0)))
 
 
 def _of_windows(sweep: Sweep) -> Array:

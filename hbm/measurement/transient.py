@@ -23,9 +23,6 @@ STILL = 0.01
 DRIVEN = 0.1
 """Lines are used at which the force is at least this part of its largest line."""
 
-UNEVEN = 1e-3
-"""Steps of time differ by less than this part of their mean."""
-
 LEAST = 1e-9
 """Least noise of a channel, of its largest value."""
 
@@ -47,7 +44,7 @@ def responses_from_rest(recorded: Recording, force: str, channels: Mapping[str, 
     InputError
         If a channel is not there, its steps of time differ, or it does not begin and end at rest.
     """
-    _expect_even(recorded, (force, *channels))
+    _expect_complete(recorded, (force, *channels))
     few = max(int(REST * len(recorded.time)), FEW)
     lines = {name: _from_rest(recorded, name, few) for name in (force, *channels)}
     X, force_noise = lines[force]
@@ -65,17 +62,12 @@ def responses_from_rest(recorded: Recording, force: str, channels: Mapping[str, 
     )
 
 
-def _expect_even(recorded: Recording, names: tuple[str, ...]) -> None:
+def _expect_complete(recorded: Recording, names: tuple[str, ...]) -> None:
     for name in names:
         if name not in recorded.channels:
             listed = ", ".join(recorded.channels)
             raise InputError(f'{recorded.source}: no channel "{name}"; channels are {listed}')
-    steps = np.diff(recorded.time)
-    if np.ptp(steps) > UNEVEN * recorded.step:
-        raise InputError(
-            f"{recorded.source}: time steps from {steps.min():.6g} to {steps.max():.6g} s; must be equal to find "
-            "frequency responses"
-        )
+    recorded.expect_even("to find frequency responses")
     if len(recorded.time) < 4 * FEW:
         raise InputError(f"{recorded.source}: {len(recorded.time)} samples; must be at least {4 * FEW}")
 

@@ -10,6 +10,8 @@ import prose
 import pytest
 import typer
 from generated import tables
+from generated.fill import PAGES as FILLED
+from generated.fill import REFERENCE, filled
 from generated.tables import keys
 
 from hbm.cli import app
@@ -98,6 +100,13 @@ def test_every_table_of_the_schema_is_in_the_reference() -> None:
     ]
     named = [name for page in pages for name in re.findall(r"<!-- generated: keys of (.+) -->", page)]
     assert sorted(named) == sorted(tables.SCHEMAS)
+
+
+@pytest.mark.parametrize("page", FILLED)
+def test_tables_of_keys_in_the_pages_are_those_of_the_schema(page: str) -> None:
+    """They are read without Sphinx, too; PYTHONPATH=docs python -m generated.fill writes them."""
+    text = (REFERENCE / page).read_text(encoding="utf-8")
+    assert filled(text) == text
 
 
 def test_every_key_of_a_rig_file_has_a_section() -> None:

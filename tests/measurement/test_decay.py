@@ -109,7 +109,8 @@ def test_what_is_no_decay_of_a_mode_is_refused(motion) -> None:
     recorded = blow(motion, 0)
     for channel, band, line in (
         ("a", BAND, 'no channel "a"; channels are v'),
-        ("v", (95.0, 2500.0), "a band from 95 to 2500 Hz; must be within 0 and 2000 Hz, half the sampling rate"),
+        ("v", (95.0, 2500.0), "a band from 95 to 2500 Hz; must increase, within 0 and 2000 Hz, half the sampling rate"),
+        ("v", (150.0, 95.0), "a band from 150 to 95 Hz; must increase, within 0 and 2000 Hz"),
         ("v", (122.0, 122.5), "3 s; must be more than "),
         ("v", (500.0, 540.0), "v stands out of the noise for "),
     ):

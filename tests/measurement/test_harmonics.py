@@ -376,6 +376,21 @@ def test_four_thousand_harmonics_are_those_of_the_signal() -> None:
     assert e.coefficients[0, 1:4097] == pytest.approx(c[1:].real, abs=1e-10)
 
 
+@pytest.mark.parametrize(
+    ("hz", "harmonics", "said"),
+    [
+        ("x", 9, "hz = 'x'; must be > 0 and finite [Hz]"),
+        (-50.0, 9, "hz = -50; must be > 0 and finite [Hz]"),
+        (HZ, 2.5, "harmonics = 2.5; must be a whole number >= 1"),
+        (HZ, "9", "harmonics = '9'; must be a whole number >= 1"),
+    ],
+)
+def test_numbers_that_are_none_are_refused(hz, harmonics, said: str) -> None:
+    with pytest.raises(InputError) as refused:
+        harmonic_spectra(record(10.0), hz, harmonics)
+    assert str(refused.value) == f"harmonic_spectra: {said}"
+
+
 def test_many_harmonics_need_whole_numbers_of_samples() -> None:
     recorded, _ = multisine(250, samples=520, periods=4, noise=0.1)
     with pytest.raises(InputError, match=r"a period of 1.9 Hz has 526.3\d* samples; must be a whole number of evenly"):

@@ -99,6 +99,44 @@ def test_modes_of_a_slow_sweep_are_right_by_what_is_stated(span: tuple[float, fl
     assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 1.5
 
 
+@pytest.mark.parametrize("span", [(15.0, 16.8), (16.8, 15.0)])
+@pytest.mark.parametrize("decays", [1.0, 2.5])
+def test_a_harmonic_that_crosses_a_mode_is_off_by_what_is_stated(span: tuple[float, float], decays: float) -> None:
+    """A linear mode of 16.1 Hz drives by its cube one of 47.4 Hz, three times 15.8 Hz, which decays as fast or faster.
+
+    Harmonic 3 of a force is cubed exactly: A^3/4. Nothing acts back, so that the steady state is a closed form, and
+    both modes are integrated exactly for forces that are straight over a step.
+    """
+    begin, end = span
+    step, speed = 1.0 / 8192.0, 0.02 * np.sign(end - begin)
+    t = np.arange(0.0, (end - begin) / speed, step)
+    force = np.cos(2 * np.pi * (begin * t + 0.5 * speed * t**2))
+    first, second = ((2 * np.pi * 16.1, 0.006), (2 * np.pi * 47.4, decays * 0.006 * 16.1 / 47.4))
+
+    def answer(mode: tuple[float, float], to):
+        omega, ratio = mode
+        b, a, _ = cont2discrete((np.array([1.0]), np.array([1.0, 2 * ratio * omega, omega**2])), step, "foh")
+        return lfilter(b.ravel(), a, to)
+
+    def of(mode: tuple[float, float], omega):
+        return 1.0 / (mode[0] ** 2 - omega**2 + 2j * mode[1] * mode[0] * omega)
+
+    moves = SCALE * answer(first, force)
+    rng = np.random.default_rng(6)
+    signals = {"force": force, "x": moves + 3.0 * answer(second, moves**3)}
+    noisy = {name: values[::8] + 1e-3 * rng.standard_normal(len(values[::8])) for name, values in signals.items()}
+    found = sweep_spectra([swept(recording("sweep.csv", t[::8], noisy), "force", 3)], "force")
+    omega = 2 * np.pi * found.hz
+    true = 0.75 * (SCALE * of(first, omega)) ** 3 * of(second, 3 * omega)
+    F = found.complex("force")[:, 1]
+    off = found.complex("x")[:, 3] / (F / np.abs(F)) ** 3 - true
+    near = np.abs(found.hz - 15.95) < 0.4
+    std = found.std[:, 1, 3]
+    pulls = (np.concatenate([off.real, off.imag]) / np.tile(std, 2))[np.tile(near, 2)]
+    assert 0.4 < np.sqrt(np.mean(pulls**2)) < 1.5
+    assert np.abs(pulls).max() < 4.0
+
+
 def test_resonance_and_bandwidth_are_those_of_the_mode_however_fast(fast: Recording) -> None:
     """The peak itself is low, wide and late."""
     sweep = swept(fast, "force", 3)

@@ -107,3 +107,6 @@ def test_the_command_makes_a_rig_of_hits(recorded: Recording, tmp_path: Path) ->
     refused = CliRunner().invoke(app, [*asked, "--record", "1"])
     assert refused.exit_code
     assert "--record" in refused.output
+    np.savetxt(file, table[:9], delimiter=",", header="time_s,a1,v2,x3,force (mm)", comments="")
+    refused = CliRunner().invoke(app, asked)
+    assert (refused.exit_code, refused.stderr) == (2, f"{file}: channel force is in m; must be force, N\n")
