@@ -71,7 +71,7 @@ def _last_digit(t: Array) -> Array:
     0 of more than `MOST_DIGITS`.
     """
     size = np.abs(t)
-    decades = np.floor(np.log10(np.maximum(size, size[size > 0.0].min())))
+    decades = np.floor(np.log10(np.maximum(size, 1e-20 * size.max())))  # a stamp of 0 has none
     return np.maximum(_coarsest(t, decades), _coarsest(t, np.full(len(t), decades.max())))
 
 

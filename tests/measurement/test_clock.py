@@ -25,6 +25,14 @@ def printed(pattern: str, t: Array) -> Array:
     return np.array([float(pattern % each) for each in t])
 
 
+@pytest.mark.filterwarnings("error")
+def test_times_of_all_sizes_are_judged_without_a_warning() -> None:
+    """Numbers that leave no digits, or next to none, among them."""
+    for stamps in ([0.0, 5e-324, 1e-3, 2e-3], [1e-310, 1e-3, 2e-3], [-1e-300, 0.0, 1.0], [1e9, 1e9 + 2e-7, 1e9 + 4e-7]):
+        assert even_clock(np.array(stamps)) == pytest.approx(stamps, abs=1.0)
+        assert unevenness(np.array(stamps)) >= 0.0
+
+
 @pytest.mark.parametrize("pattern", ["%.6f", "%.5f", "%.6g", "%.8g"])
 @pytest.mark.parametrize("start", [0.0, -0.25, 1234.5])
 def test_a_clock_is_even_to_the_digits_it_was_printed_with(pattern: str, start: float) -> None:
