@@ -39,15 +39,18 @@ def even_clock(t: Array) -> Array:
     >>> bool(np.abs(even_clock(rounded) - np.arange(5000) / 1024).max() < 1e-8)
     True
     """
-    line, unit = _line(t), _last_digit(t)
-    rounded = unit.max() <= COARSE * (line[1] - line[0]) and np.all(np.abs(t - line) <= 0.5 * (unit + unit.max()))
+    line, unit = _line(t), np.maximum(_last_digit(t), _single(t))
+    rounded = unit.max() * (len(t) - 1) <= COARSE * (line[-1] - line[0]) and np.all(
+        np.abs(t - line) <= 0.5 * (unit + unit.max())
+    )
     return line if rounded else t
 
 
 def unevenness(t: Array) -> float:
-    """How far stamps (N,) lie beside an even clock at most, in steps."""
+    """How far stamps (N,) lie beside an even clock at most, in steps, beyond what their size leaves of digits."""
     line = _line(t)
-    return float(np.abs(t - line).max() / (line[1] - line[0]))
+    beside = float(np.abs(t - line).max() - np.spacing(np.abs(t).max()))  # seconds since 1970 have 0.2 us in a double
+    return max(beside, 0.0) / float(line[-1] - line[0]) * (len(t) - 1)
 
 
 def _line(t: Array) -> Array:
@@ -56,13 +59,19 @@ def _line(t: Array) -> Array:
     return np.asarray(mean + n * (n @ (t - mean)) / (n @ n))
 
 
+def _single(t: Array) -> Array:
+    """Resolution (N,) of stamps that were kept in single precision, 0 of others."""
+    single = t.astype(np.float32)
+    return np.spacing(np.abs(single)).astype(float) if np.array_equal(single, t) else np.zeros(len(t))
+
+
 def _last_digit(t: Array) -> Array:
     """Unit of the last digit of each stamp, (N,), by the fewest decimals or significant digits that all are told by.
 
     0 of more than `MOST_DIGITS`.
     """
     size = np.abs(t)
-    decades = np.floor(np.log10(np.maximum(size, size[size > 0.0].min())))
+    decades = np.floor(np.log10(np.maximum(size, 1e-20 * size.max())))  # a stamp of 0 has none
     return np.maximum(_coarsest(t, decades), _coarsest(t, np.full(len(t), decades.max())))
 
 

@@ -126,11 +126,11 @@ def recording(
     if not np.all(np.diff(t) > 0.0):
         at = int(np.argmin(np.diff(t) > 0.0)) + 1
         raise InputError(f"{source}: time is {t[at]:g} s at sample {at + 1} after {t[at - 1]:g} s; must increase")
-    found = Recording(source, even_clock(t), values, {name: unit for name, (_, unit) in scaled.items()})
+    found = Recording(source, t, values, {name: unit for name, (_, unit) in scaled.items()})
     _refuse_impossible(source, "the mean step of time", np.array([found.step]), "sampling_step")
     for name, v in values.items():
         _refuse_impossible(source, f"the largest of {name}", np.array([np.abs(v).max()]), "signal")
-    return found
+    return replace(found, time=even_clock(t))
 
 
 def renamed(
