@@ -101,8 +101,8 @@ def _plates(found: JointReconstruction, records: Sequence[int]) -> list[Plate]:
         Plate(
             PLATES[0],
             "Loops of the joints",
-            "Force over motion at each port, without their means; one colour a record. Bands: 95 %, by noise alone: "
-            "harmonics above those measured are not in them.",
+            "Force over motion at each port, without their means; one colour a record. Bands: 95 %, by noise and by "
+            "the harmonics above those measured.",
             plot_joint_loops(found, records),
             columns,
         ),

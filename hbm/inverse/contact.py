@@ -7,15 +7,12 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.fourier import Array
-from hbm.inverse.contactforce import ForceEstimate, element_forces, product, to_amplitudes, to_samples
+from hbm.inverse.contactforce import ForceEstimate, element_forces, last_counted, product, to_amplitudes, to_samples
 from hbm.inverse.reconstruction import Estimates, LawInputs
 from hbm.inverse.sensing import Complex, Sensing, dynamic_stiffness
 
 SAMPLES = 256
 """Samples per period, at least."""
-
-MOST_UNSEEN = 256
-"""Harmonics above those measured that are counted in the uncertainty, at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +72,7 @@ class Contact:
     def unseen(self) -> dict[str, Array]:
         """Standard deviation of each signal from the harmonics above those measured, (r,)."""
         H = self.sensing.H
-        k = np.arange(H + 1, min(8 * H, H + MOST_UNSEEN) + 1)
+        k = np.arange(H + 1, last_counted(H) + 1)
         i_omega = self.sensing.i_omega[:, 1:2] * k
         pushes = self.sensing.structure.slip_row / dynamic_stiffness(self.sensing.structure, i_omega)
         one = np.ones((*i_omega.shape, 1))

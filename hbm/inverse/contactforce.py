@@ -36,6 +36,9 @@ MOST_NUMBERS = 4_000_000
 AS_LIKELY = 2.0
 """Largest size counts whose log-likelihood is so close to the best: the upper end of its 95 % interval."""
 
+MOST_UNSEEN = 256
+"""Harmonics above those measured that are counted in the uncertainty, at most."""
+
 UNBOUND = 1e3
 """Before a prior is known: friction harmonics up to this many times the load or the force."""
 
@@ -98,7 +101,7 @@ class ForceEstimate(Solution):
 
     def expected(self, k: Indices) -> Array:
         """Size of friction harmonics `k` (m,) above those measured, (r, m) [N]."""
-        return _decay(self.order, self.size, k)
+        return decay(self.order, self.size, k)
 
 
 def regularised(sensing: Sensing, mean: Array) -> ForceEstimate:
@@ -128,7 +131,7 @@ def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S]) -> Forc
     free = solve(unbound, None)
     order, size, largest_size = prior(np.abs(free.friction[:, 1:]), free.resolution[:, 1:])
     expected = np.zeros(shape)
-    expected[:, 1:] = _decay(order, largest_size, np.arange(1, shape[1]))
+    expected[:, 1:] = decay(order, largest_size, np.arange(1, shape[1]))
     held = solve(expected, free)
     return ForceEstimate(
         friction=held.friction,
@@ -144,8 +147,13 @@ def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S]) -> Forc
     )
 
 
-def _decay(order: Array, size: Array, k: Indices) -> Array:
-    """Sizes of harmonics `k` (m,), (r, m)."""
+def last_counted(H: int) -> int:
+    """The last harmonic that counts in the uncertainty where H were measured."""
+    return min(8 * H, H + MOST_UNSEEN)
+
+
+def decay(order: Array, size: Array, k: Indices) -> Array:
+    """Sizes of harmonics `k` (m,) as a :func:`prior` has them, (r, m)."""
     return np.asarray(size[:, k % 2] * (1.0 * k) ** -order[:, None])
 
 

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from hbm.channels import factor
 from hbm.errors import InputError, expect_joints
 from hbm.fourier import Array, coefficients_of, sampled
+from hbm.inverse.contactforce import decay, last_counted, prior
 from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, consistent
 from hbm.inverse.reconstruction import EstimatedSignal, Estimates, Misfit
 from hbm.measurement.spectra import MeasuredSpectra
@@ -98,10 +99,10 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
         )
     misfit = Misfit((*(c.name for c in sensors.channels), "force"), chi2, expected)
     wide = np.where(consistent(misfit), 1.0, np.sqrt(np.nan_to_num(misfit.reduced, nan=1.0)))
-    signals = {}
+    left_out, signals = _left_out(rig.structure, spectra, f, f_std), {}
     for j, (name, motion, units) in enumerate(zip(rig.forces, rig.motions, rig.units, strict=True)):
-        signals[name] = _signal(units[1], f[..., j], f_std[..., j] * wide[:, None])
-        signals[motion] = _signal(units[0], u[..., j], u_std[..., j] * wide[:, None])
+        signals[name] = _signal(units[1], f[..., j], f_std[..., j] * wide[:, None], left_out[0][:, j])
+        signals[motion] = _signal(units[0], u[..., j], u_std[..., j] * wide[:, None], left_out[1][:, j])
     energies = {j.name: Estimates(energy[:, i], np.sqrt(variance[:, i]) * wide, "J") for i, j in enumerate(rig.joints)}
     return JointReconstruction(rig, spectra, signals, energies, misfit)
 
@@ -215,10 +216,42 @@ def _force(rig: JointedRig, spectra: MeasuredSpectra) -> tuple[Complex, Array]:
     return np.where(known, found, 0.0), np.where(known, std, KNOWN * float(np.nanmax(np.abs(found))))
 
 
-def _signal(unit: str, values: Complex, std: Array) -> EstimatedSignal:
-    """A signal of its harmonics; those that were not found are left out of its samples."""
+def _left_out(s: JointedStructure, spectra: MeasuredSpectra, f: Complex, f_std: Array) -> tuple[Array, Array]:
+    """Standard deviation of forces and of motions at the ports by harmonics that were not found, (r, m) each.
+
+    Most of them are above those measured, where what slides or strikes rounds a series off: each force falls on as the
+    prior that its own harmonics make most likely says (:mod:`hbm.inverse.contactforce`), and moves all joints.
+
+    Parameters
+    ----------
+    s : JointedStructure
+    spectra : MeasuredSpectra
+    f : (r, H+1, m) complex array
+        Forces found, nan where they were not.
+    f_std : (r, H+1, m) array
+        Standard deviation of each of their cos and sin.
+    """
+    found = np.isfinite(f_std[:, 1:])
+    k = np.arange(1, last_counted(spectra.H) + 1)
+    expected = np.empty((len(spectra), len(k), f.shape[2]))
+    for j in range(f.shape[2]):
+        amplitude, std = np.nan_to_num(np.abs(f[:, 1:, j])), np.where(found[..., j], f_std[:, 1:, j], np.inf)
+        order, size, _ = prior(amplitude, std)
+        expected[..., j] = decay(order, size, k)
+    expected[:, : spectra.H][found] = 0.0
+    expected[~found.any(axis=(1, 2))] = 0.0  # nothing says how large they are
+    hz, which = np.unique(spectra.hz, return_inverse=True)
+    moved = np.array(
+        [[np.abs(receptances(s, 2 * np.pi * n * x).joints_by_joints) ** 2 for n in k] for x in hz.tolist()]
+    )
+    by_forces = np.einsum("rkpj,rkj->rp", moved[which], expected**2)
+    return np.linalg.norm(expected, axis=1), np.sqrt(by_forces)
+
+
+def _signal(unit: str, values: Complex, std: Array, left_out: Array) -> EstimatedSignal:
+    """A signal of its harmonics; those that were not found are not in its samples but in their deviation."""
     basis = sampled(values.shape[1] - 1, SAMPLES)
     coefficients = coefficients_of(values)
     samples = np.nan_to_num(coefficients) @ basis.synthesis.T
-    spread = np.sqrt(np.sum(np.nan_to_num(std) ** 2, axis=1))[:, None] * np.ones(basis.N_t)
+    spread = np.sqrt(np.sum(np.nan_to_num(std) ** 2, axis=1) + left_out**2)[:, None] * np.ones(basis.N_t)
     return EstimatedSignal(unit, coefficients, std, samples, spread)

@@ -10,8 +10,10 @@ from hbm.inverse.jointed import receptances, reconstruct_joints
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.response.trace import steady_state
 from models import Jenkins
+from models.bodies import ModalModel
+from models.jointed import JointedRig
 from models.joints import Friction, Joint, PolynomialSpring, Stop
-from models.parts import Channel
+from models.parts import Channel, Damping, Excitation
 from tests.joints.rigs import beam_rig
 
 H, STD = 5, 1e-3
@@ -109,6 +111,62 @@ def test_a_harmonic_that_was_not_measured_is_left_out(solution: object) -> None:
         "harmonic 4 of the joint forces: the sensors do not tell them apart in 1 of 3 records; left out there"
     )
     assert np.isfinite(found["rub.force"].samples).all()
+
+
+MODES, RATIO = np.array([20.0, 47.0]), 0.01
+ROWS = {"drive": (0.8, 0.5), "a": (0.5, 0.9), "b": (0.9, -0.4)}
+LIMIT, SLIDES = 10.0, np.geomspace(1.05, 30.0, 40)
+"""Of a Jenkins element [N], and how many times farther it moves than it takes to slide."""
+
+
+def _loops(phase: np.ndarray) -> np.ndarray:
+    """Force of a Jenkins element that swings like a cosine, in closed form, (r, N)."""
+    back = phase % 0.5  # since it last turned
+    falls = np.maximum(1.0 - SLIDES[:, None] * (1.0 - np.cos(2 * np.pi * back)), -1.0)
+    return LIMIT * falls * np.where(phase < 0.5, 1.0, -1.0)
+
+
+@pytest.mark.parametrize("measured", [5, 9, 15])
+def test_a_series_that_overshoots_a_limit_is_as_uncertain_as_it_is_wrong(measured: int) -> None:
+    """Closed-form loops of an element that slides, read through two modes: the force is 10 N and never more.
+
+    A few harmonics overshoot this by some per cent, which noise does not say: its bands all but miss the loop. Bands
+    with the harmonics above those measured hold the whole loop as often as 95 % stands for.
+    """
+    k, hz, noise = np.arange(1, measured + 1), 18.0, 1e-3
+    f = -np.fft.rfft(_loops(np.arange(4096) / 4096))[:, 1 : measured + 1] / 2048  # on the body
+    drive = np.zeros_like(f)
+    drive[:, 0] = 20.0
+    dynamic = (2 * np.pi) ** 2 * (MODES**2 - (k[:, None] * hz) ** 2 + 2j * RATIO * MODES * k[:, None] * hz)
+    pushed = f[..., None] * np.array(ROWS["b"]) + drive[..., None] * np.array(ROWS["drive"])
+    read = {name: pushed / dynamic @ np.array(ROWS[name]) * -((2 * np.pi * hz * k) ** 2) for name in ("a", "b")}
+    read["force"] = drive
+    rng, ones = np.random.default_rng(1), np.ones(len(SLIDES))
+    rows = [np.hstack([np.zeros((len(SLIDES), 1)), y.real, -y.imag]) for y in read.values()]
+    exact = np.stack(rows, axis=1)
+    spectra = MeasuredSpectra(
+        "made",
+        np.arange(1, len(SLIDES) + 1),
+        20.0 * ones,
+        hz * ones,
+        tuple(read),
+        exact + noise * rng.standard_normal(exact.shape),
+        np.full((len(SLIDES), 3, measured + 1), noise),
+    )
+    rig = JointedRig(
+        "two modes",
+        ModalModel(tuple(MODES.tolist()), ROWS),
+        Damping(modal_ratios=(RATIO, RATIO)),
+        (Joint("rub", Friction(Jenkins(1.0, 1e-6), LIMIT), ("b",)),),
+        Excitation(20.0, at="drive"),
+        (Channel("force", "force"), *(Channel(name, "acceleration", at=name) for name in ("a", "b"))),
+    )
+    found = reconstruct_joints(rig, spectra)["rub.force"]
+    error = found.samples + _loops(np.arange(256) / 256)
+    # samples of a record err together: the rate is that of 40 records
+    assert np.mean(np.abs(error) < 1.96 * found.std) == pytest.approx(0.95, abs=np.sqrt(0.95 * 0.05 / len(SLIDES)))
+    by_noise = np.sqrt(np.sum(found.coefficient_std[:, 1:] ** 2, axis=1))
+    assert np.mean(np.abs(error) < 1.96 * by_noise[:, None]) < 0.2
 
 
 def test_a_wrong_body_is_told_by_the_misfit(solution: object) -> None:
