@@ -69,9 +69,11 @@ def load_responses(path: Path) -> FrequencyResponses:
 
 
 def _compared(H: Complex, std: Array) -> Array:
-    """Standard deviations, where none is given alike at all frequencies of a channel."""
-    size = np.sqrt(np.nanmean(np.abs(H) ** 2, axis=0))
-    return np.where(np.isnan(std) & np.isfinite(H), size, std)
+    """Standard deviations as stated; where some are not, none counts: then alike at all frequencies of a channel."""
+    listed = np.isfinite(H)
+    if np.isfinite(std[listed]).all():
+        return std
+    return np.where(listed, np.sqrt(np.nanmean(np.abs(H) ** 2, axis=0)), np.nan)
 
 
 # ---------------------------------------------------------------------------------------------------------------- CSV
@@ -138,6 +140,8 @@ def _uff(path: Path) -> tuple[dict[str, Line], dict[str, str]]:
             seen = np.clip(np.asarray(beside["data"]).real, INCOHERENT, 1.0 - INCOHERENT)
             std = np.abs(H) * np.sqrt((1.0 - seen) / seen)
         kept = (hz > 0.0) & np.isfinite(H)
+        if not kept.any():
+            raise InputError(f"{path}: response of {name} has no number above 0 Hz; must have some")
         lines[name] = _line(str(path), name, np.array([hz, H.real, H.imag, std])[:, kept])
         if unit:
             quantities[name] = QUANTITIES[unit]

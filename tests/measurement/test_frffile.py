@@ -76,6 +76,15 @@ def test_coherence_says_how_noise_compares(tmp_path: Path) -> None:
     assert relative[AT[1:] >= 30.0] == pytest.approx(1.0 / 3.0)
 
 
+def test_coherence_of_one_channel_alone_does_not_count(tmp_path: Path) -> None:
+    """Beside a channel of which nothing is known, both weigh by the size of what they read."""
+    H = accelerance()
+    sets = [data_set(H[:, j], (j + 1, 3), (1, 3)) for j in range(2)]
+    of_one = data_set(np.full(len(AT), 0.9), (1, 3), (1, 3)) | {"func_type": 6}
+    found = load_responses(written(tmp_path / "frf.uff", *sets, of_one))
+    assert found.std == pytest.approx(np.broadcast_to(np.sqrt(np.mean(np.abs(found.H) ** 2, axis=0)), found.H.shape))
+
+
 def test_responses_to_forces_here_and_there_are_refused(tmp_path: Path) -> None:
     H = accelerance()
     sets = [data_set(H[:, j], (j + 1, 3), (j + 1, 3)) for j in range(2)]
