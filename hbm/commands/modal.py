@@ -20,6 +20,9 @@ COMMAND = "modal"
 FITS = 4.0
 """Misfit above which it is doubted that there are such modes."""
 
+VAGUE = 0.3
+"""A mode is doubted whose damping ratio is no better known than to this part of it."""
+
 
 Measured = Annotated[
     Path,
@@ -193,5 +196,12 @@ def _print(found: "Modes") -> None:
         lines.append(
             "warning: not linear at this level, its shapes are not real, or a mode near the band is not in it: some of "
             "these may be no modes; the next mode on either side should be in the band"
+        )
+    vague = [str(i) for i, (z, std) in enumerate(zip(found.ratio, found.ratio_std, strict=True), 1) if std > VAGUE * z]
+    if vague:
+        several = len(vague) > 1
+        lines.append(
+            f"warning: {'modes' if several else 'mode'} {', '.join(vague)}: damping is hardly known; "
+            f"{'they' if several else 'it'} may stand for what is beyond the band or not linear: see --modes"
         )
     print_lines(console(), lines)

@@ -141,3 +141,24 @@ def test_the_command_finds_modes_and_their_deviations(tmp_path: Path) -> None:
         assert np.all(np.abs(np.array(modal["frequencies_hz"]) - HZ) < 4.0 * stds)
         ratio = stds / np.array(stated["tolerances"]["frequencies_hz"])
         assert np.all((ratio > 0.5) & (ratio < 2.0))
+
+
+def test_a_mode_that_is_hardly_known_is_doubted(tmp_path: Path) -> None:
+    """A single mode, and a response 2 % off away from it: the second mode that is asked for is none."""
+    w, wr = 2 * np.pi * AT, 2 * np.pi * 31.0
+    rng = np.random.default_rng(0)
+    H = 1.0 / (wr**2 - w**2 + 2j * 0.01 * wr * w) * (1.0 + 0.02 * (AT / 31.0 - 1.0) ** 2)
+    noise = 2e-3 * float(np.abs(H).max())
+    H = H + noise * (rng.standard_normal(len(AT)) + 1j * rng.standard_normal(len(AT)))
+    path, rig = tmp_path / "frf.csv", tmp_path / "rig.toml"
+    rows = [
+        f"{f!r},here,{h.real!r},{h.imag!r},{noise!r}"
+        for f, h in zip(AT[80:180].tolist(), H[80:180].tolist(), strict=True)
+    ]
+    path.write_text("\n".join(["frequency_hz,channel,real,imag,std", *rows]))
+    asked = ["modal", str(path), "--quantity", "here=displacement", "--out", str(rig)]
+    alone = CliRunner().invoke(app, [*asked, "--modes", "1"], catch_exceptions=False)
+    assert alone.exit_code == 0, alone.output
+    assert "damping is hardly known" not in alone.output
+    both = CliRunner().invoke(app, [*asked, "--modes", "2"], catch_exceptions=False)
+    assert "warning: mode 2: damping is hardly known" in both.output
