@@ -42,6 +42,7 @@ INTERRUPTED = 130
 """Status that Typer gives to a keyboard interrupt."""
 
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+TRACKED = "ignore:resource_tracker:UserWarning"
 """More than one costs time on matrices this small, and the last digits then depend on the machine."""
 
 
@@ -64,6 +65,8 @@ def main() -> None:
             stream.reconfigure(errors="replace")  # a terminal without µ is no reason to fail
     os.environ.update(dict.fromkeys(THREADS, "1"))
     os.environ.setdefault("PYTHONSAFEPATH", "1")  # else workers import what lies in the working folder by accident
+    # a command that ends at once leaves it to the tracker of its workers to clean up after it, which need not tell
+    os.environ["PYTHONWARNINGS"] = ",".join(filter(None, (os.environ.get("PYTHONWARNINGS"), TRACKED)))
     os.environ.setdefault("MPLBACKEND", "agg")  # figures go to files; no window is opened for them
     interrupts.listen()
     try:

@@ -182,3 +182,17 @@ def test_what_makes_no_sense_by_half_ends_without_a_file(
     assert "; nothing written; " in said
     assert said.endswith(", or a larger --max-seconds")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_said_of_what_a_command_that_ends_at_once_leaves_behind() -> None:
+    """A semaphore of its workers: the tracker of the standard library cleans it up, and had the last word."""
+    script = (
+        "import multiprocessing, os, sys; from hbm.cli import main\n"
+        "sys.argv = ['hbm', '--version']\n"
+        "try: main()\n"
+        "except SystemExit: pass\n"
+        "left = multiprocessing.get_context('spawn').Semaphore()\n"
+        "os._exit(0)"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, timeout=60)
+    assert ended.stderr == ""
