@@ -42,8 +42,10 @@ INTERRUPTED = 130
 """Status that Typer gives to a keyboard interrupt."""
 
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-TRACKED = "ignore:resource_tracker:UserWarning"
 """More than one costs time on matrices this small, and the last digits then depend on the machine."""
+
+TRACKED = "ignore:resource_tracker:UserWarning"
+"""A warning that is of no use to anybody who runs a command."""
 
 
 class OneLine(TyperGroup):
