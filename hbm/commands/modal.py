@@ -132,7 +132,7 @@ def _responses(
     else:
         spectra = load_spectra(path, repeatability=floor)
         spectra = spectra.select(records=records) if records else spectra
-        channels = _channels(dict.fromkeys(name for name in spectra.channels if name != force), quantities)
+        channels = _channels({name: "" for name in spectra.channels if name != force}, quantities)
         responses = frequency_responses(with_floor(spectra, channels, floor), force, channels)
         return responses, float(spectra.level.min())
     if records:
@@ -145,17 +145,15 @@ def _from_rest(path: Path, force: str, quantities: Sequence[str]) -> "FrequencyR
     from hbm.measurement.historyfile import load_history
     from hbm.measurement.responses import QUANTITIES
     from hbm.measurement.transient import responses_from_rest
-    from models.parts import UNITS
 
     recorded = load_history(path)
-    if recorded.units.get(force, "") not in ("", UNITS["force"]):
-        raise InputError(f"{path}: channel {force} is in {recorded.units[force]}; must be force, {UNITS['force']}")
-    known = {name: QUANTITIES.get(unit) for name, unit in recorded.units.items() if name != force}
+    recorded.expect_quantity(force, "force")
+    known = {name: QUANTITIES.get(unit, "") for name, unit in recorded.units.items() if name != force}
     return responses_from_rest(recorded, force, _channels(known, quantities))
 
 
-def _channels(known: Mapping[str, str | None], texts: Sequence[str]) -> dict[str, str]:
-    """Quantity of each response: as the file says, or is stated, or an acceleration."""
+def _channels(known: Mapping[str, str], texts: Sequence[str]) -> dict[str, str]:
+    """Quantity of each response: as the file says, empty where it does not, or is stated, or an acceleration."""
     from hbm.channels import DERIVATIVES
 
     channels = dict(known)
@@ -166,7 +164,7 @@ def _channels(known: Mapping[str, str | None], texts: Sequence[str]) -> dict[str
                 f"{COMMAND}: --quantity = {quoted(text)}; must be NAME=QUANTITY, of {', '.join(channels)} and "
                 f"{', '.join(DERIVATIVES)}"
             )
-        if channels[name] not in (None, "", quantity):
+        if channels[name] not in ("", quantity):
             raise InputError(f"{COMMAND}: --quantity = {quoted(text)}, and {name} is {channels[name]} in the file")
         channels[name] = quantity
     return {name: quantity or "acceleration" for name, quantity in channels.items()}

@@ -232,10 +232,8 @@ def _recorded(entry: "Entry", columns: dict[str, str], rig: "AnyRig | None") -> 
                 f'{path}: channel "{name}" is not in the rig; channels are {", ".join(quantities) or "none"}; '
                 "try --channel NAME=COLUMN"
             )
-        unit, quantity = recorded.units.get(name, ""), quantities.get(name)
-        if quantity and unit not in ("", UNITS[quantity]):
-            where = ", in the rig" if rig else ""
-            raise InputError(f"{path}: channel {name} is in {unit}; must be {quantity}, {UNITS[quantity]}{where}")
+        if name in quantities:
+            recorded.expect_quantity(name, quantities[name], "the rig" if rig else "")
     known = {name: UNITS[quantities[name]] for name in recorded.channels} if rig else recorded.units
     return replace(recorded, units=known)
 

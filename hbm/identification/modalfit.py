@@ -69,8 +69,9 @@ def fit_modes(
         best, poles = tried, problem.poles(tried, len(poles) + 1)
     if not len(poles):
         raise InputError("modal: no mode stands out of the noise; must be measured around one")
-    problem.expect(best, len(poles))
-    best = problem.fitted(problem.poles(best, len(poles)), problem.phase(best))
+    if problem.by_force.any():
+        problem.expect(best, len(poles))
+        best = problem.fitted(problem.poles(best, len(poles)), problem.phase(best))
     return problem.described(best, len(poles))
 
 

@@ -246,8 +246,7 @@ def _demodulated(
     recorded: Recording, channel: str, band: tuple[float, float]
 ) -> tuple[Array, npt.NDArray[np.complex128], float, float]:
     """Times, complex amplitudes, the frequency they are turned to rest by [Hz], and how far apart they are [s]."""
-    if channel not in recorded.channels:
-        raise InputError(f'{recorded.source}: no channel "{channel}"; channels are {", ".join(recorded.channels)}')
+    recorded.expect_channel(channel)
     recorded.expect_even("to follow a decay")
     y, step = recorded.channels[channel], recorded.step
     low, high = band

@@ -23,11 +23,10 @@ from hbm.measurement.matfile import load_mat
 from hbm.measurement.npzfile import load_npz
 from hbm.measurement.recording import Recording
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.measurement.ufffile import TYPES
 from hbm.textfiles import StrPath, damage, write_together
 
 PARTS = ("cos", "sin")
-UFF_TYPES = {"N": 13, "m/s2": 12, "m/s": 11, "m": 8}
-"""Specific data types of data set 58: excitation force, acceleration, velocity, displacement."""
 UFF_NAME = 10
 """Characters of an entity name in data set 58."""
 
@@ -278,7 +277,7 @@ def _uff_header(where: str, name: str, j: int, unit: str, state: str) -> dict[st
     return {
         **{"type": 58, "binary": 0, "func_type": 0, "id4": state, "load_case_id": 0},
         **{"rsp_ent_name": name, "rsp_node": j + 1, "rsp_dir": 2, "ref_ent_name": "NONE", "ref_node": 0, "ref_dir": 0},
-        **{"ordinate_spec_data_type": UFF_TYPES.get(unit, 0), "ordinate_axis_units_lab": unit or "NONE"},
+        **{"ordinate_spec_data_type": TYPES.get(unit, 0), "ordinate_axis_units_lab": unit or "NONE"},
         "orddenom_spec_data_type": 0,
     }
 

@@ -8,7 +8,7 @@ the force; or, where a hammer went about, to one sensor: then reciprocity makes 
 (function type 6) says how standard deviations compare, not how large they are, for the number of averages is not there.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,20 +16,16 @@ import numpy as np
 
 from hbm.errors import InputError
 from hbm.fourier import Array
-from hbm.labelled import extra
-from hbm.measurement.historyfile import uff_place
 from hbm.measurement.responses import QUANTITIES, Complex, FrequencyResponses
+from hbm.measurement.ufffile import DataSet, functions, label_of, place, read_uff, system_of, unit_of
 from hbm.measurement.units import to_si
-from hbm.textfiles import csv_heading, damage, read_columns
+from hbm.textfiles import csv_heading, read_columns
 
 COLUMNS = ("frequency_hz", "channel", "real", "imag", "std")
 NUMBERS = ("frequency_hz", "real", "imag", "std")
 ENDINGS = (".uff", ".unv")
 FRF, COHERENCE = 4, 6
 """Function types of data set 58."""
-
-TYPES = {8: "m", 11: "m/s", 12: "m/s2"}
-"""Units by specific data types of data set 58."""
 
 FORCES = ("N", "kN", "mN", "lbf")
 
@@ -64,16 +60,12 @@ def load_responses(path: Path) -> FrequencyResponses:
     for j, line in enumerate(lines.values()):
         at = np.searchsorted(hz, line.hz)
         H[at, j], std[at, j] = line.H, line.std
-    sized = path.suffix.lower() not in ENDINGS and bool(np.isfinite(std[np.isfinite(H)]).all())
-    return FrequencyResponses(hz, {name: known.get(name, "") for name in lines}, H, _compared(H, std), sized=sized)
-
-
-def _compared(H: Complex, std: Array) -> Array:
-    """Standard deviations as stated; where some are not, none counts: then alike at all frequencies of a channel."""
     listed = np.isfinite(H)
-    if np.isfinite(std[listed]).all():
-        return std
-    return np.where(listed, np.sqrt(np.nanmean(np.abs(H) ** 2, axis=0)), np.nan)
+    stated = bool(np.isfinite(std[listed]).all())
+    if not stated:  # then none counts: they are alike at all frequencies of a channel
+        std = np.where(listed, np.sqrt(np.nanmean(np.abs(H) ** 2, axis=0)), np.nan)
+    channels = {name: known.get(name, "") for name in lines}
+    return FrequencyResponses(hz, channels, H, std, sized=stated and path.suffix.lower() not in ENDINGS)
 
 
 # ---------------------------------------------------------------------------------------------------------------- CSV
@@ -118,17 +110,11 @@ def _line(where: str, name: str, columns: Array) -> Line:
 
 def _uff(path: Path) -> tuple[dict[str, Line], dict[str, str]]:
     """Responses by channel, and the quantity of each that the file says."""
-    reader = extra("pyuff", str(path))
-    try:
-        sets = reader.UFF(str(path)).read_sets()
-    except Exception as refused:  # pyuff raises bare exceptions
-        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a UFF file") from None
-    sets = sets if isinstance(sets, list) else [sets]
-    found = [s for s in sets if s.get("type") == 58 and s.get("func_type") == FRF]
+    sets = read_uff(path)
+    found, system = functions(sets, FRF), system_of(sets)
     if not found:
         raise InputError(f"{path}: no frequency response; must have data sets 58 of function type {FRF}")
-    coherence = {_places(s): s for s in sets if s.get("type") == 58 and s.get("func_type") == COHERENCE}
-    system: Mapping[str, Any] = next((s for s in sets if s.get("type") == 164), {})
+    coherence = {_places(s): s for s in functions(sets, COHERENCE)}
     lines, quantities = dict[str, Line](), dict[str, str]()
     for name, s in _named(path, found):
         if name in lines:
@@ -148,9 +134,9 @@ def _uff(path: Path) -> tuple[dict[str, Line], dict[str, str]]:
     return lines, quantities
 
 
-def _places(s: Mapping[str, Any]) -> tuple[str, str]:
+def _places(s: DataSet) -> tuple[str, str]:
     """Where it moves, and where the force acts."""
-    return uff_place(s, "rsp"), uff_place(s, "ref")
+    return place(s, "rsp"), place(s, "ref")
 
 
 def _named(path: Path, sets: list[dict[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -165,28 +151,19 @@ def _named(path: Path, sets: list[dict[str, Any]]) -> Iterator[tuple[str, dict[s
         yield _places(s)[0 if len(driven) == 1 else 1], s
 
 
-def _per_newton(path: Path, name: str, s: Mapping[str, Any], system: Mapping[str, Any]) -> tuple[float, str]:
+def _per_newton(path: Path, name: str, s: DataSet, system: DataSet) -> tuple[float, str]:
     """Factor to SI per newton of a response, and the SI unit of its numerator, empty where the file does not say."""
-    up, unit = _factor(path, name, s, "ordinate", system)
-    down, force = _factor(path, f"the force of {name}", s, "orddenom", system)
-    if force not in ("", "N") or unit == "N":
-        raise InputError(f"{path}: {name} is in {unit or '1'} per {force or '1'}; must be a motion per force")
-    return up / down, unit
+    (up, down), whose = _labels(s), str(path)
+    motion, motion_per = unit_of(s, "ordinate", up, system)
+    force, force_per = unit_of(s, "orddenom", down, system)
+    (by_motion, unit), (by_force, newton) = to_si(whose, name, motion), to_si(whose, f"the force of {name}", force)
+    if newton not in ("", "N") or unit == "N":
+        raise InputError(f"{path}: {name} is in {unit or '1'} per {newton or '1'}; must be a motion per force")
+    return by_motion / motion_per / (by_force / force_per), unit
 
 
-def _labels(s: Mapping[str, Any]) -> tuple[str, str]:
-    """Units of motion and force; some write both into one label, ``g/N``."""
-    up, down = (str(s.get(f"{axis}_axis_units_lab", "")).strip() for axis in ("ordinate", "orddenom"))
+def _labels(s: DataSet) -> tuple[str, str]:
+    """Units of motion and force as labelled; some write both into one label, ``g/N``."""
+    up, down = label_of(s, "ordinate"), label_of(s, "orddenom")
     motion, _, force = up.rpartition("/")
-    return (motion.strip("()"), force) if force in FORCES and down in ("", "NONE", force) else (up, down)
-
-
-def _factor(path: Path, name: str, s: Mapping[str, Any], axis: str, system: Mapping[str, Any]) -> tuple[float, str]:
-    """Factor to SI and SI unit, by the label of an axis, or its data type and the units of data set 164."""
-    label = _labels(s)[axis == "orddenom"]
-    if label and label != "NONE":
-        return to_si(str(path), name, label)
-    kind = int(s.get(f"{axis}_spec_data_type", 0))
-    if kind in (9, 13):
-        return 1.0 / float(system.get("force", 1.0)), "N"
-    return (1.0 / float(system.get("length", 1.0)), TYPES[kind]) if kind in TYPES else (1.0, "")
+    return (motion.strip("()"), force) if force in FORCES and down in ("", force) else (up, down)

@@ -33,6 +33,7 @@ from hbm.measurement.csvhistory import read_csv
 from hbm.measurement.matfile import refuse_broken
 from hbm.measurement.npzfile import load_npz
 from hbm.measurement.recording import KIND, TIMES, Found, Recording, recording, renamed
+from hbm.measurement.ufffile import DataSet, functions, label_of, place, read_uff, system_of, unit_of
 from hbm.textfiles import StrPath, damage
 
 RATES = ("fs", "sampling_hz")
@@ -143,16 +144,10 @@ def _numeric(values: Any) -> bool:
 
 
 def _uff(path: Path) -> Found:
-    reader = extra("pyuff", str(path))
-    try:
-        sets = reader.UFF(str(path)).read_sets()
-    except Exception as refused:  # pyuff raises bare exceptions
-        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a UFF file") from None
-    sets = sets if isinstance(sets, list) else [sets]
-    responses = [s for s in sets if s.get("type") == 58 and s.get("func_type") == 1]
+    sets = read_uff(path)
+    responses, system = functions(sets, 1), system_of(sets)
     if not responses:
         raise InputError(f"{path}: no time response; must have data sets 58 of function type 1")
-    system: dict[str, Any] = next((s for s in sets if s.get("type") == 164), {})
     axes = [_uff_time(s) for s in responses]
     for name, axis in zip(_uff_names(responses), axes, strict=True):
         _same_time(str(path), name, axis, axes[0])
@@ -170,18 +165,7 @@ def _uff_names(sets: list[dict[str, Any]]) -> list[str]:
     entities = [str(s["rsp_ent_name"]).strip() for s in sets]
     if len(set(entities)) == len(sets) and not {"", "NONE"} & set(entities):
         return entities
-    return [uff_place(s, "rsp") for s in sets]
-
-
-def uff_place(s: Mapping[str, Any], end: str) -> str:
-    """Node and direction of the response, ``rsp``, or of the reference, ``ref``, of a data set 58: ``3+Y``."""
-    return f"{int(s[f'{end}_node'])}{_direction(int(s[f'{end}_dir']))}"
-
-
-def _direction(code: int) -> str:
-    """Direction of data set 58: +Y for 2, -Z for -3, +RX for 4."""
-    axes = ("", "X", "Y", "Z", "RX", "RY", "RZ")
-    return f"{'-' if code < 0 else '+'}{axes[abs(code)]}" if 0 < abs(code) < len(axes) else ""
+    return [place(s, "rsp") for s in sets]
 
 
 def _uff_time(s: dict[str, Any]) -> Array:
@@ -197,17 +181,10 @@ def _uff_time(s: dict[str, Any]) -> Array:
     return np.asarray(float(s["abscissa_min"]) + exact * np.arange(len(x)), dtype=float)
 
 
-def _uff_values(s: dict[str, Any], system: Mapping[str, Any]) -> tuple[Array, str]:
+def _uff_values(s: DataSet, system: DataSet) -> tuple[Array, str]:
     """Values and their unit: the label's, or SI by the units of the file's data set 164."""
-    label = str(s.get("ordinate_axis_units_lab", "")).strip()
-    if label and label != "NONE":
-        return np.asarray(s["data"]), label
-    unit, dimension = {8: ("m", "length"), 11: ("m/s", "length"), 12: ("m/s2", "length")}.get(
-        int(s.get("ordinate_spec_data_type", 0)), ("", "")
-    )
-    if int(s.get("ordinate_spec_data_type", 0)) in (9, 13):
-        unit, dimension = "N", "force"
-    return np.asarray(s["data"]) / float(system.get(dimension, 1.0)), unit
+    unit, per = unit_of(s, "ordinate", label_of(s, "ordinate"), system)
+    return np.asarray(s["data"]) / per, unit
 
 
 # --------------------------------------------------------------------------------------------------------------- TDMS

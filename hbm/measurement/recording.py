@@ -15,6 +15,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.clock import UNEVEN, even_clock, unevenness
 from hbm.measurement.units import to_si
+from models.parts import UNITS
 from models.plausible import impossible
 
 TIMES = ("time_s", "time", "t")
@@ -71,6 +72,32 @@ class Recording:
             )
         channels = {name: values[kept] for name, values in self.channels.items()}
         return replace(self, time=self.time[kept], channels=channels)
+
+    def expect_channel(self, name: str) -> None:
+        """Refuse a channel that is not there.
+
+        Raises
+        ------
+        InputError
+            With those that are.
+        """
+        if name not in self.channels:
+            raise InputError(f'{self.source}: no channel "{name}"; channels are {", ".join(self.channels)}')
+
+    def expect_quantity(self, name: str, quantity: str, where: str = "") -> None:
+        """Refuse a channel in units of something else than a quantity, which it is of in a place such as ``the rig``.
+
+        Raises
+        ------
+        InputError
+            If the source says so.
+        """
+        unit = self.units.get(name, "")
+        if unit not in ("", UNITS[quantity]):
+            in_place = f", in {where}" if where else ""
+            raise InputError(
+                f"{self.source}: channel {name} is in {unit}; must be {quantity}, {UNITS[quantity]}{in_place}"
+            )
 
     def expect_even(self, purpose: str) -> None:
         """Refuse times beside an even clock, which a purpose, ``to find ...``, needs.

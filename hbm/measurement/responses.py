@@ -10,11 +10,12 @@ from hbm.fourier import Array
 from hbm.measurement.multisine import excited_lines
 from hbm.measurement.repeatability import typical_size
 from hbm.measurement.spectra import MeasuredSpectra
+from models.parts import UNITS
 
 Complex = npt.NDArray[np.complex128]
 
-QUANTITIES = {"m": "displacement", "m/s": "velocity", "m/s2": "acceleration"}
-"""What units are of."""
+QUANTITIES = {unit: quantity for quantity, unit in UNITS.items() if quantity != "force"}
+"""What units of motion are of."""
 
 SHARP = 0.2
 """A response is used whose force is known to this part of it."""

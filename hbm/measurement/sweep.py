@@ -138,8 +138,7 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
         If there is no such channel, steps of time differ, there are not two windows, a harmonic is above half the
         sampling rate, or the frequency stays.
     """
-    if reference not in recorded.channels:
-        raise InputError(f'{recorded.source}: no channel "{reference}"; channels are {", ".join(recorded.channels)}')
+    recorded.expect_channel(reference)
     recorded.expect_even("to follow a sweep")
     y = recorded.channels[reference]
     phase = np.unwrap(np.angle(hilbert(y - y.mean())))

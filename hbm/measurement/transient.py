@@ -64,9 +64,7 @@ def responses_from_rest(recorded: Recording, force: str, channels: Mapping[str, 
 
 def _expect_complete(recorded: Recording, names: tuple[str, ...]) -> None:
     for name in names:
-        if name not in recorded.channels:
-            listed = ", ".join(recorded.channels)
-            raise InputError(f'{recorded.source}: no channel "{name}"; channels are {listed}')
+        recorded.expect_channel(name)
     recorded.expect_even("to find frequency responses")
     if len(recorded.time) < 4 * FEW:
         raise InputError(f"{recorded.source}: {len(recorded.time)} samples; must be at least {4 * FEW}")
