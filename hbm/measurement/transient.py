@@ -42,7 +42,7 @@ def responses_from_rest(recorded: Recording, force: str, channels: Mapping[str, 
     Raises
     ------
     InputError
-        If a channel is not there, its steps of time differ, or it does not begin and end at rest.
+        If a channel is not there, is constant, its steps of time differ, or it does not begin and end at rest.
     """
     _expect_complete(recorded, (force, *channels))
     few = max(int(REST * len(recorded.time)), FEW)
@@ -76,6 +76,8 @@ def _from_rest(recorded: Recording, name: str, few: int) -> tuple[Array, float]:
     signal = values - values[:few].mean()
     first, last = (float(np.std(part)) for part in (signal[:few], signal[-few:]))
     largest = float(np.abs(signal).max())
+    if not largest:
+        raise InputError(f"{recorded.source}: {name} is constant; must move, or be left out of the file")
     for moves, when, than in ((first, "first", 0.0), (last, "last", 2.0 * first)):
         if moves > max(STILL * largest, than):
             raise InputError(

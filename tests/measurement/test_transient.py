@@ -84,6 +84,13 @@ def test_a_recording_that_does_not_begin_and_end_at_rest_is_refused(recorded: Re
         responses_from_rest(recorded.between(0.0, 5.0), "force", CHANNELS)
 
 
+@pytest.mark.parametrize("dead", ["a1", "force"])
+def test_a_channel_that_is_constant_is_refused(dead: str, recorded: Recording) -> None:
+    still = recording("hits.csv", recorded.time, {**recorded.channels, dead: np.full(len(recorded.time), 0.25)})
+    with pytest.raises(InputError, match=f"hits.csv: {dead} is constant; must move, or be left out of the file"):
+        responses_from_rest(still, "force", CHANNELS)
+
+
 def test_what_is_no_such_recording_is_refused(recorded: Recording) -> None:
     with pytest.raises(InputError, match='no channel "hammer"; channels are a1, v2, x3, force'):
         responses_from_rest(recorded, "hammer", CHANNELS)
