@@ -56,6 +56,10 @@ CLEAR = 0.02
 REAL = 1e-6
 """A multiplier with an imaginary part below this is real."""
 
+KINK = 1e-2, 1e-4
+"""Two folds between which the unknowns and the parameter of the curve change by less than these shares are one kink:
+whether the steps of a curve meet both is chance, and where they are its numerical error."""
+
 
 def stability_of(rig: AnyRig, solution: PeriodicSolution, judge: Judge = by_monodromy) -> Stability:
     """Stability of one periodic solution.
@@ -134,12 +138,15 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
         across, unknown = _certain(followed, unsettled, rank, judge) if sought else _plain(followed, rank)
         found += _crossings(followed, rank, across, judged, sought=sought)
         doubtful |= unknown if rank == 0 else False
+    found, kinks = _without_kinks(curve, sorted(found, key=lambda s: s.arclength))
+    for start, end in kinks:
+        doubtful |= [start <= p.arclength <= end for p in followed.points]
     kept = followed.kept(doubtful)
     curve = _with_points(curve, [followed.points[i] for i in kept])
     stability = tuple(followed.stability[i] for i in kept)
     arclengths = [p.arclength for p in curve.branch.points]
     bifurcations = []
-    for special in sorted(found, key=lambda s: s.arclength):
+    for special in found:
         behind = int(np.searchsorted(arclengths, special.arclength))
         there = curve.points[behind], stability[behind]
         if special.located:
@@ -273,6 +280,30 @@ def _certain(
             if again is None or (again.unstable > rank) != (found[clearest].unstable > rank):
                 doubtful[stretch[0] : stretch[-1] + 1] = True
     return [(i, j) for i, j in across if not doubtful[i : j + 1].any()], doubtful
+
+
+def _without_kinks(
+    curve: ResponseCurve, found: Sequence[SpecialPoint]
+) -> tuple[list[SpecialPoint], list[tuple[float, float]]]:
+    """Bifurcations in the order of travel but for pairs of folds that are one kink, and the stretches of these."""
+    left, kinks = list(found), list[tuple[float, float]]()
+    while True:
+        pairs = [(i, _apart(curve, *pair)) for i, pair in enumerate(pairwise(left))]
+        narrow = [(i, apart) for i, apart in pairs if apart < 1.0]
+        if not narrow:
+            return left, kinks
+        i, _ = min(narrow, key=lambda pair: pair[1])
+        kinks.append((left[i].arclength, left[i + 1].arclength))
+        del left[i : i + 2]
+
+
+def _apart(curve: ResponseCurve, first: SpecialPoint, second: SpecialPoint) -> float:
+    """How far apart two folds are in units of :data:`KINK`; inf where one is something else."""
+    if first.kind is not Kind.FOLD or second.kind is not Kind.FOLD:
+        return np.inf
+    one, other = (curve.value_at(s.lam) for s in (first, second))
+    moved = np.linalg.norm(second.x - first.x) / (KINK[0] * np.linalg.norm(first.x))
+    return max(float(moved), abs(other - one) / (KINK[1] * abs(one)) if one else np.inf)
 
 
 def _folded_corners(branch: Branch) -> Iterator[SpecialPoint]:
