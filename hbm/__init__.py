@@ -13,10 +13,10 @@ returns a :class:`TimeHistory`; :func:`friction_loop` shows a friction law alone
 
 From measurements: :func:`load_history` and :func:`harmonic_spectra` make :class:`MeasuredSpectra` of recordings,
 :func:`load_spectra` reads them; :func:`reconstruct` finds friction, reaction and slip at the contact with their
-uncertainty, a :class:`Reconstruction`; :func:`identify` fits friction laws to it, :func:`fit_spectra` the whole rig
-to the spectra; :func:`place_sensors` says where sensors belong. What a user can get wrong is an
-:class:`InputError`; what cannot be computed, a :class:`ConvergenceError`. Figures are in :mod:`hbm.figures`, files
-in :mod:`hbm.files.curves`.
+uncertainty, a :class:`Reconstruction`; :func:`identify` fits friction laws to it, :func:`rig_errors` says what the
+rig file's own uncertainty does to them, :func:`fit_spectra` fits the whole rig to the spectra; :func:`place_sensors`
+says where sensors belong. What a user can get wrong is an :class:`InputError`; what cannot be computed, a
+:class:`ConvergenceError`. Figures are in :mod:`hbm.figures`, files in :mod:`hbm.files.curves`.
 
 Six lines from a rig to a figure::
 
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from hbm.files.extendedrig import write_extended
     from hbm.identification.identify import Identification, identify
     from hbm.identification.lawfit import LawFit
+    from hbm.identification.rigerrors import RigErrors, rig_errors
     from hbm.identification.spectra import SpectraFit, fit_spectra
     from hbm.integration.history import TimeHistory
     from hbm.integration.integrate import simulate
@@ -110,6 +111,7 @@ __all__ = [
     "Reconstruction",
     "Recording",
     "ResponseCurve",
+    "RigErrors",
     "SavedCurve",
     "Sensitivities",
     "SpectraFit",
@@ -142,6 +144,7 @@ __all__ = [
     "read_curves",
     "reconstruct",
     "reconstruct_joints",
+    "rig_errors",
     "sensitivities",
     "simulate",
     "stability_of",
@@ -167,6 +170,7 @@ _HOMES = {
     "hbm.integration.history": ("TimeHistory",),
     "hbm.identification.identify": ("Identification", "identify"),
     "hbm.identification.lawfit": ("LawFit",),
+    "hbm.identification.rigerrors": ("RigErrors", "rig_errors"),
     "hbm.identification.spectra": ("SpectraFit", "fit_spectra"),
     "hbm.integration.integrate": ("simulate",),
     "hbm.integration.jointed": ("JointHistory", "joint_steady_state"),

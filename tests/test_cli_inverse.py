@@ -251,4 +251,4 @@ def test_where_the_forward_model_fails_the_rest_is_kept_and_the_status_is_1(
     monkeypatch.setattr("hbm.files.identifyreport.identify_plates", lambda *_: [])
     result = run("identify", RIG, spectra, "--law", "coulomb-penalty", "--output-error", "--out", str(tmp_path))
     assert (result.stderr, result.exit_code) == ("identify: --output-error: no steady state\n", 1)
-    assert {path.name for path in tmp_path.iterdir()} == {"laws.csv", "parameters.csv", "report.html"}
+    assert {path.name for path in tmp_path.iterdir()} == {"laws.csv", "parameters.csv", "report.html", "rig_errors.csv"}

@@ -19,11 +19,11 @@ from hbm.commands.options import (
     check_out,
     console,
     named,
-    positive,
     print_written,
     quoted,
     say,
 )
+from hbm.commands.tolerance import Tolerance, tolerances_of
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -75,14 +75,7 @@ def diagnose(
         Path | None,
         typer.Option(metavar="F.py", help="Try the causes of one's own in this file too; the file is run."),
     ] = None,
-    tolerance: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--tolerance",
-            metavar="KEY=VALUE",
-            help="What a number of the rig file may be off by, relative standard deviation; repeated for each.",
-        ),
-    ] = None,
+    tolerance: Tolerance = None,
     repeatability: Repeatability = None,
     begin: Annotated[
         str | None, typer.Option("--from", metavar="HZ", help="Compare no response below, where no mode of RIG is.")
@@ -121,7 +114,7 @@ def diagnose(
     from hbm.parallel import all_cores
     from hbm.rigfiles.laws import files_run, run_files
 
-    tolerances = _tolerances(loaded, _sensors(loaded, measured), tolerance)
+    tolerances = tolerances_of(COMMAND, loaded, measured.channels, tolerance)
     with (
         _failing(measured.source),
         Work() as work,
@@ -198,24 +191,6 @@ def _check_apply(rig: "AnyRig", candidates: Sequence[Any] | None) -> None:
             raise InputError(f"{COMMAND}: --cause = {quoted(cause.label)}; must be one of {', '.join(possible)}")
         if not possible:
             raise InputError(f"{COMMAND}: --cause = {quoted(cause.name)}; there is nothing in this rig it can act on")
-
-
-def _tolerances(rig: "AnyRig", channels: Sequence[str], texts: Sequence[str] | None) -> Mapping[str, float] | None:
-    """Tolerances of the numbers of a rig, with those of the options."""
-    if not texts:
-        return None
-    from hbm.outputerror.nominal import nominal_scalars, tolerances
-
-    known, chosen = nominal_scalars(rig), tolerances(rig, channels)
-    for text in texts:
-        key, equals, value = text.partition("=")
-        if not equals:
-            raise InputError(f"{COMMAND}: --tolerance = {quoted(text)}; must be KEY=VALUE")
-        if not (known.get(key) or (key in known and key.endswith(".delay"))):
-            accepted = ", ".join(name for name, number in known.items() if number)
-            raise InputError(f"{COMMAND}: --tolerance {key}; must be a number of the rig file, not 0: {accepted}")
-        chosen[key] = positive(COMMAND, f"--tolerance {key}", value, "relative")
-    return chosen
 
 
 def _sensors(rig: "AnyRig", measured: "MeasuredSpectra | Decay") -> list[str]:

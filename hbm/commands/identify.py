@@ -29,9 +29,11 @@ from hbm.commands.options import (
     print_written,
     say,
 )
+from hbm.commands.tolerance import Tolerance, tolerances_of
 
 if TYPE_CHECKING:
     from hbm.identification.identify import Identification
+    from hbm.identification.rigerrors import RigErrors
     from hbm.identification.spectra import SpectraFit
     from hbm.inverse.reconstruction import Reconstruction
     from hbm.measurement.spectra import MeasuredSpectra
@@ -70,6 +72,7 @@ def identify(
         ),
     ] = False,
     formulation: Formulation = None,
+    tolerance: Tolerance = None,
     repeatability: Repeatability = None,
     max_seconds: RunSeconds = "600",
     allow_code: AllowCode = False,
@@ -97,14 +100,18 @@ def identify(
     from hbm.commands.progress import Work
     from hbm.identification.identify import LAWS
     from hbm.identification.identify import identify as fit_laws
+    from hbm.identification.rigerrors import rig_errors
 
+    tolerances = tolerances_of(COMMAND, loaded, measured.channels, tolerance)
     contact = reconstructed(COMMAND, loaded, measured, formulation)
     again, failure = None, ""
     with Work() as work, within(COMMAND, limit, work.doing, ADVICE):
         found = fit_laws(loaded, contact, law or LAWS, held_out=held or None, by_level=by_level, on_progress=work.show)
+        work.show(f"{found.best.name}: what the rig file may be off by", 1.0)
+        errors = rig_errors(found.best, contact, tolerances)
         if output_error:
             again, failure = _on_spectra(loaded, measured, held, found, contact, work.show)
-    _deliver(found, contact, again, out)
+    _deliver(found, contact, errors, again, out)
     if failure:
         raise typer.Exit(say(failure, 1))
 
@@ -128,7 +135,9 @@ def _on_spectra(
         return None, f"{COMMAND}: --output-error: {failed}"
 
 
-def _deliver(found: "Identification", contact: "Reconstruction", again: "SpectraFit | None", out: Path) -> None:
+def _deliver(
+    found: "Identification", contact: "Reconstruction", errors: "RigErrors", again: "SpectraFit | None", out: Path
+) -> None:
     from hbm.commands.inversetables import print_laws_found
     from hbm.files.identifyreport import FILES, identified_law, identify_contents, law_warnings
     from hbm.files.outputs import write_folder
@@ -138,9 +147,12 @@ def _deliver(found: "Identification", contact: "Reconstruction", again: "Spectra
     warnings: Sequence[str] = [*contact.warnings, *(line for fit in found.fits.values() for line in law_warnings(fit))]
     with working("drawing"):
         verdict = found.comparison.verdict
-        contents = identify_contents(contact, laws, verdict=verdict, output_error=again, warnings=warnings)
+        contents = identify_contents(
+            contact, laws, verdict=verdict, errors=errors, output_error=again, warnings=warnings
+        )
     written = write_folder(out, contents, FILES)
     print_laws_found(console(), contact, laws, warnings)
+    print(errors)
     print(verdict)
     if again is not None:
         print(again)

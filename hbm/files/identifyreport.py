@@ -20,16 +20,19 @@ from hbm.files.version import installed_version
 from hbm.fourier import Array
 from hbm.identification.comparison import CLEAR
 from hbm.identification.lawfit import LawFit
+from hbm.identification.rigerrors import RigErrors
 from hbm.identification.spectra import SpectraFit
 from hbm.inverse.reconstruction import Reconstruction
 
 PAGE_FILE, LAW_FILE, PARAMETER_FILE = "report.html", "laws.csv", "parameters.csv"
 OUTPUT_ERROR_FILE = "output_error.csv"
+RIG_ERROR_FILE = "rig_errors.csv"
 PLATES = ("law_loops", "law_residuals", "parameters", "ranking")
 FILES = (
     PAGE_FILE,
     LAW_FILE,
     PARAMETER_FILE,
+    RIG_ERROR_FILE,
     OUTPUT_ERROR_FILE,
     *(name for plate in PLATES for name in plate_files(plate)),
 )
@@ -135,6 +138,7 @@ def identify_contents(
     laws: Sequence[IdentifiedLaw],
     *,
     verdict: str = "",
+    errors: RigErrors | None = None,
     output_error: SpectraFit | None = None,
     warnings: Sequence[str] = (),
 ) -> dict[str, str | bytes]:
@@ -147,6 +151,8 @@ def identify_contents(
     laws : sequence of IdentifiedLaw
     verdict : str
         Which law is best, and which cannot be told from it.
+    errors : RigErrors, optional
+        What the rig file is uncertain by, in the best law.
     output_error : SpectraFit, optional
         The best law fitted to the spectra themselves.
     warnings : sequence of str
@@ -155,8 +161,10 @@ def identify_contents(
     contents: dict[str, str | bytes] = {
         LAW_FILE: columns_text(law_columns(laws)),
         PARAMETER_FILE: columns_text(parameter_columns(laws)),
-        PAGE_FILE: page_html(identify_page(reconstruction, laws, plates, verdict, output_error, warnings)),
+        PAGE_FILE: page_html(identify_page(reconstruction, laws, plates, verdict, errors, output_error, warnings)),
     }
+    if errors is not None:
+        contents[RIG_ERROR_FILE] = columns_text(rig_error_columns(errors))
     if output_error is not None:
         contents[OUTPUT_ERROR_FILE] = columns_text(output_error_columns(output_error))
     return contents | plate_contents(plates)
@@ -191,6 +199,20 @@ def output_error_columns(fit: SpectraFit) -> Columns:
     """Columns of ``output_error.csv``: parameters of the law fitted to the spectra themselves."""
     rows = [(fit.name, p.name, p.unit, p.value, p.std) for p in fit.parameters.entries]
     return columns_of(("law", "parameter", "unit", "value", "std"), rows)
+
+
+def rig_error_columns(errors: RigErrors) -> Columns:
+    """Columns of ``rig_errors.csv``: a row for each number of the rig file and each parameter of the best law.
+
+    `tolerance` is relative, of a delay in seconds; `change` is that of the parameter with a number so far off.
+    """
+    names = list(zip(errors.names, errors.units, strict=True))
+    rows = [
+        (errors.law, key, errors.tolerances[key], name, unit, float(change[i]))
+        for key, change in errors.changes.items()
+        for i, (name, unit) in enumerate(names)
+    ]
+    return columns_of(("law", "number", "tolerance", "parameter", "unit", "change"), rows)
 
 
 def law_table(laws: Sequence[IdentifiedLaw]) -> tuple[list[str], list[list[str]]]:
@@ -331,6 +353,7 @@ def identify_page(
     laws: Sequence[IdentifiedLaw],
     plates: Sequence[Plate],
     verdict: str,
+    errors: RigErrors | None,
     output_error: SpectraFit | None,
     warnings: Sequence[str],
 ) -> Page:
@@ -352,11 +375,30 @@ def identify_page(
         summary=(
             ("Best law", best.law),
             *((v.name, value_text(v)) for v in best.values),
+            *((f"{name}, by the rig file", f"± {std}") for name, std, _ in ([] if errors is None else errors.told)),
             ("Misfit per degree of freedom", f"{best.chi2_reduced:.3g} (1: only noise is left)"),
         ),
-        sections=(table, *_output_error_sections(laws, output_error), *(plate.section for plate in plates)),
+        sections=(
+            table,
+            *_rig_error_sections(errors),
+            *_output_error_sections(laws, output_error),
+            *(plate.section for plate in plates),
+        ),
         foot=f"hbm {installed_version()}, hbm identify; spectra: {r.spectra.source}",
     )
+
+
+def _rig_error_sections(errors: RigErrors | None) -> list[Section]:
+    """What numbers of the rig file are uncertain by, in the parameters of the best law."""
+    if errors is None:
+        return []
+    told = (
+        "Friction is reconstructed with the numbers of the rig file. What these may be off by (--tolerance, or the "
+        "tolerances of a diagnosis) is in no standard deviation above: it is the same in all records. Beside noise, "
+        f"of {errors.law}:"
+    )
+    table = Table(("parameter", "standard deviation", "most by (off by: change)"), [list(row) for row in errors.told])
+    return [Section("What the rig file is uncertain by", text=(told,), table=table, csv=(RIG_ERROR_FILE,))]
 
 
 def _output_error_sections(laws: Sequence[IdentifiedLaw], fit: SpectraFit | None) -> list[Section]:
