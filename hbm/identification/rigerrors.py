@@ -51,7 +51,7 @@ class RigErrors(Displayed):
     @property
     def std(self) -> Array:
         """Standard deviations of the parameters by all of them, (p,)."""
-        return np.sqrt(np.sum([change**2 for change in self.changes.values()], axis=0))
+        return np.asarray(np.sqrt(np.sum([change**2 for change in self.changes.values()], axis=0)))
 
     def __repr__(self) -> str:
         """What they do to each parameter, and which do most."""
@@ -63,8 +63,9 @@ class RigErrors(Displayed):
         """Each parameter, its standard deviation with its unit, and the numbers that do most to it, in words."""
         rows = []
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            most = sorted(self.changes, key=lambda key, i=i: -abs(self.changes[key][i]))[:TOLD]
-            changes = (f"{key} ({_off(key, self.tolerances[key])}: {self.changes[key][i]:+.2g})" for key in most)
+            own = {key: float(change[i]) for key, change in self.changes.items()}
+            most = sorted(own.items(), key=lambda item: -abs(item[1]))[:TOLD]
+            changes = (f"{key} ({_off(key, self.tolerances[key])}: {change:+.2g})" for key, change in most)
             rows.append((name, f"{self.std[i]:.2g}{'' if unit == '1' else f' {unit}'}", ", ".join(changes)))
         return rows
 
