@@ -215,10 +215,11 @@ def _by_quick_fits(
     Those that leave more than `reached` are out.
     """
     few = quick.few
-    fitted, tried = _first_quick_fits(quick, screening, max(EXPLAINED * few.points, little * quick.before), tell)
-    fitted = [r for r in fitted if r.chi2 < BEHIND * reached]
+    every, tried = _first_quick_fits(quick, screening, max(EXPLAINED * few.points, little * quick.before), tell)
+    free = [r for r in every if _free(r.cause) and r.chi2 < reached]
+    fitted = [r for r in every if not _free(r.cause) and r.chi2 < BEHIND * reached]
     if not fitted:
-        return [], tried
+        return free, tried
     if not quick.base.model.causes:
         first = bool(np.isinf(reached)) and not quick.base.pulls.any()
         fitted = from_other_starts(fitted, EXPLAINED * few.points, quick, screening, tell, first=first)
@@ -233,7 +234,12 @@ def _by_quick_fits(
     bare = quick.base.model.nominal
     order = (lambda r: float(len(r.cause.unknowns(bare)))) if scanned(quick.base) else (lambda r: r.chi2)
     chosen = _chosen(fitted, few, hopeless, len(quick.campaign.numbers) / len(few.numbers), order)
-    return [r for r in chosen if r.chi2 < reached], tried
+    return [*(r for r in chosen if r.chi2 < reached), *free], tried
+
+
+def _free(cause: Cause) -> bool:
+    """Whether it is free in each record, and so takes most of anything: it neither ends a search nor crowds out."""
+    return bool(getattr(cause, "free", False))
 
 
 def _first_quick_fits(
@@ -245,20 +251,23 @@ def _first_quick_fits(
     fitted: list[Candidate] = []
     tried: set[str] = set()
 
+    def bound() -> list[Candidate]:
+        return [r for r in fitted if not _free(r.cause)]
+
     def excluded(score: Score) -> bool:
-        return _settled(fitted, explained, score.cause, screening)
+        return _settled(bound(), explained, score.cause, screening)
 
     while waiting := [s for s in waiting if not excluded(s)]:
-        if started == FAVOURED and all(r.chi2 > explained for r in fitted):
+        if started == FAVOURED and all(r.chi2 > explained for r in bound()):
             tell("starts of all others")
             waiting = quick.ordered(waiting)
-        if started >= COMPARED and scanned(quick.base) and any(r.chi2 <= explained for r in fitted):
+        if started >= COMPARED and scanned(quick.base) and any(r.chi2 <= explained for r in bound()):
             break
         count = AT_ONCE if started else 1
         batch, waiting = waiting[:count], waiting[count:]
         started += len(batch)
         tell(", ".join(s.cause.label for s in batch) + f" ({started} of {len(listed)})")
-        for score, candidate in zip(batch, quick.run(batch, reach=_reach(fitted, explained)), strict=True):
+        for score, candidate in zip(batch, quick.run(batch, reach=_reach(bound(), explained)), strict=True):
             if excluded(score):
                 continue
             tried.add(score.cause.label)

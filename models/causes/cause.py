@@ -66,6 +66,8 @@ class Cause(Protocol):
         The cheapest experiment that would confirm or refute it on the structure.
     abrupt : bool
         Whether its first small effect says little of the whole: it sets in at a threshold, or is no steady state's.
+    free : bool
+        Whether it is free in each record, as transients are, and takes most of anything: it crowds no other cause out.
     contains : tuple of str
         Simpler causes that it is at some values of its parameters.
     placed : bool
@@ -80,6 +82,7 @@ class Cause(Protocol):
     confused_with: ClassVar[str]
     check: ClassVar[str] = ""
     abrupt: ClassVar[bool] = False
+    free: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
     placed: ClassVar[bool] = False
     rigs: ClassVar[tuple[type, ...]] = (Rig,)

@@ -65,6 +65,7 @@ class NotSteady(Cause):
         "must come out otherwise"
     )
     abrupt: ClassVar[bool] = True
+    free: ClassVar[bool] = True
 
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["NotSteady"]:

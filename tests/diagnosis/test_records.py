@@ -27,7 +27,7 @@ from hbm.parallel import each
 from hbm.sensitivity.scalars import FORCE
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
-from models.causes.records import ForceDistortion, ParameterDrift
+from models.causes.records import ForceDistortion, NotSteady, ParameterDrift
 from models.parts import Drift
 from models.published import paper_rig
 from tests.truth import Coulomb, Settings, Tone, measure, scattered, simulate_records, table_1, write_rig, write_spectra
@@ -386,3 +386,20 @@ def test_no_record_leads_the_quick_fits(measured):
     points = {n: int(np.sum(base.white.record == n)) for n in missed}
     assert quick.before == pytest.approx(sum(points[n] * min(m, usual) for n, m in missed.items()))
     assert missed[loud] > 100 * usual
+
+
+def test_what_is_free_in_each_record_crowds_no_cause_out(measured, monkeypatch):
+    """Transients take nearly all of few records, and the quick fit of the true cause has not come as far yet."""
+    rig, data = measured
+    base = evaluate(Model(rig, {}), data, Model(rig, {}).start, {})
+    left = {DRIFT.label: 40.0, NotSteady.name: 1.0}
+
+    def run(quick, scores, *_args, **_options):
+        models = [base.model.extended_by(s.cause) for s in scores]
+        return [quickfits.Candidate(m.causes[0], left[m.causes[0].label] * quick.few.points, m.start) for m in models]
+
+    monkeypatch.setattr(quickfits.QuickFits, "run", run)
+    monkeypatch.setattr(quickfits.QuickFits, "ordered", lambda quick, scores: list(scores))
+    screening = screen(base, data, [DRIFT, NotSteady()])
+    done = fit_candidates(base, data, screening, lambda doing: None, lambda e: True)
+    assert {e.model.causes[0].label for e in done} == set(left)
