@@ -318,6 +318,13 @@ def test_a_main_cause_says_what_it_leaves_and_how_to_go_on() -> None:
     changed = replace(FOUND[0], verdict="main-cause", remainder=LEFT)
     assert verdict_line(changed).startswith("Main cause: added-mass, ")
     assert verdict_line(changed).endswith("; the rest is unexplained.")
+    for others, named in (
+        (("drift",), "added-mass or drift,"),
+        (("drift", "added-spring"), "added-mass or one of 2 others,"),
+    ):
+        tied = replace(changed, not_separable=others)
+        assert named in verdict_line(tied)
+        assert named.replace("added-mass", ")") in str(tied)
     said = answers(verdict="main-cause", remainder=LEFT)
     assert said["What remains"] == LEFT.sentence
     assert "run hbm diagnose on extended.toml" in said["What to measure next"]

@@ -201,10 +201,17 @@ class Diagnosis(Displayed):
             (True, "cause-found"): f"what remains is {left} of the response",
             (True, "main-cause"): f"the rest, {left} of the response, is unexplained",
         }.get((self.remainder.structured, self.verdict), "what remains is noise")
+        named = f"{self.cause}{f' ({said})' if said else ''}{self.alternatives}"
         return (
-            f"{first}: {self.cause}{f' ({said})' if said else ''}, {self.belief} ({self.confidence:.2f}); "
+            f"{first}: {named}, {self.belief} ({self.confidence:.2f}); "
             f"error on records held out {ratio:.3g} times that of the calibrated rig file; {rest}."
         )
+
+    @property
+    def alternatives(self) -> str:
+        """What may stand in place of the cause, as it is said behind its name: the other one, or how many there are."""
+        others = len(self.not_separable)
+        return "" if not others else f" or {self.not_separable[0] if others == 1 else f'one of {others} others'}"
 
     def _advice(self) -> list[str]:
         if not self.not_separable:

@@ -43,8 +43,8 @@ MOST_IN = "most in records "
 
 
 def verdict_line(d: Diagnosis) -> str:
-    """The verdict, the cause and how sure it is."""
-    cause = "" if d.cause is None else f" {d.cause},"
+    """The verdict, the cause with what is not told from it, and how sure it is."""
+    cause = "" if d.cause is None else f" {d.cause}{d.alternatives},"
     rest = "; the rest is unexplained" if d.verdict == "main-cause" else ""
     return f"{VERDICTS[d.verdict]}:{cause} {d.belief} (confidence {d.confidence:.2f}){rest}."
 
