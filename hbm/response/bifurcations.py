@@ -23,6 +23,7 @@ from hbm.parallel import one_thread
 from hbm.response.accuracy import finer
 from hbm.response.bifurcation import Bifurcation
 from hbm.response.curve import ResponseCurve
+from hbm.response.kinks import kinks
 from hbm.response.trace import solve_near
 from hbm.stability.along import crossings, growth, hiding, sides
 from hbm.stability.jointed import by_monodromy
@@ -55,10 +56,6 @@ CLEAR = 0.02
 
 REAL = 1e-6
 """A multiplier with an imaginary part below this is real."""
-
-KINK = 1e-2, 1e-4
-"""Two folds between which the unknowns and the parameter of the curve change by less than these shares are one kink:
-whether the steps of a curve meet both is chance, and where they are its numerical error."""
 
 
 def stability_of(rig: AnyRig, solution: PeriodicSolution, judge: Judge = by_monodromy) -> Stability:
@@ -128,7 +125,7 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
         problem, state = curve.balance_at(point.x, point.lam)
         return judge(finely(problem), state)
 
-    branch, followed = curve.branch, _Followed.of(curve, judged)
+    traced, branch, followed = curve, curve.branch, _Followed.of(curve, judged)
     turns = sum(p.fold or p.branch_point for p in branch.points)
     sought = turns + sum(a.unstable != b.unstable for a, b in pairwise(followed.stability)) <= MOST
     unsettled = followed.halve(judged) if sought else []
@@ -138,9 +135,10 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
         across, unknown = _certain(followed, unsettled, rank, judge) if sought else _plain(followed, rank)
         found += _crossings(followed, rank, across, judged, sought=sought)
         doubtful |= unknown if rank == 0 else False
-    found, kinks = _without_kinks(curve, sorted(found, key=lambda s: s.arclength))
-    for start, end in kinks:
-        doubtful |= [start <= p.arclength <= end for p in followed.points]
+    found = sorted(found, key=lambda s: s.arclength)
+    for start, end in kinks(found, lambda s: traced.value_at(s.lam), lambda s: s.kind is Kind.FOLD):
+        found = [s for s in found if s is not start and s is not end]
+        doubtful |= [start.arclength <= p.arclength <= end.arclength for p in followed.points]
     kept = followed.kept(doubtful)
     curve = _with_points(curve, [followed.points[i] for i in kept])
     stability = tuple(followed.stability[i] for i in kept)
@@ -280,30 +278,6 @@ def _certain(
             if again is None or (again.unstable > rank) != (found[clearest].unstable > rank):
                 doubtful[stretch[0] : stretch[-1] + 1] = True
     return [(i, j) for i, j in across if not doubtful[i : j + 1].any()], doubtful
-
-
-def _without_kinks(
-    curve: ResponseCurve, found: Sequence[SpecialPoint]
-) -> tuple[list[SpecialPoint], list[tuple[float, float]]]:
-    """Bifurcations in the order of travel but for pairs of folds that are one kink, and the stretches of these."""
-    left, kinks = list(found), list[tuple[float, float]]()
-    while True:
-        pairs = [(i, _apart(curve, *pair)) for i, pair in enumerate(pairwise(left))]
-        narrow = [(i, apart) for i, apart in pairs if apart < 1.0]
-        if not narrow:
-            return left, kinks
-        i, _ = min(narrow, key=lambda pair: pair[1])
-        kinks.append((left[i].arclength, left[i + 1].arclength))
-        del left[i : i + 2]
-
-
-def _apart(curve: ResponseCurve, first: SpecialPoint, second: SpecialPoint) -> float:
-    """How far apart two folds are in units of :data:`KINK`; inf where one is something else."""
-    if first.kind is not Kind.FOLD or second.kind is not Kind.FOLD:
-        return np.inf
-    one, other = (curve.value_at(s.lam) for s in (first, second))
-    moved = np.linalg.norm(second.x - first.x) / (KINK[0] * np.linalg.norm(first.x))
-    return max(float(moved), abs(other - one) / (KINK[1] * abs(one)) if one else np.inf)
 
 
 def _folded_corners(branch: Branch) -> Iterator[SpecialPoint]:

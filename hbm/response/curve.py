@@ -7,13 +7,14 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from continuation import Branch, Problem
+from continuation import Branch, Point, Problem
 from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, amplitudes, describe, phases
 from hbm.channels import channel_named
 from hbm.fourier import Array, FourierBasis
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from hbm.response.bifurcation import Bifurcation
+from hbm.response.kinks import kinks
 from hbm.stability.multipliers import Stability
 from models.display import Displayed
 from models.jointed import AnyRig
@@ -236,8 +237,15 @@ class ResponseCurve(Displayed):
 
     @property
     def folds(self) -> list[float]:
-        """Where the curve turns back, in Hz (or N along a force curve)."""
-        return [self.value_at(p.fold_lam if p.fold_lam else p.lam) for p in self.branch.points if p.fold]
+        """Where the curve turns back, in Hz (or N along a force curve); not for a kink, :mod:`hbm.response.kinks`."""
+        return [self.value_at(p.fold_lam or p.lam) for p in self.branch.points if p in self.folded]
+
+    @cached_property
+    def folded(self) -> frozenset[Point]:
+        """Points of its branch just behind folds that are no kinks."""
+        points = [p for p in self.branch.points if p.fold]
+        narrow = kinks(points, lambda p: self.value_at(p.fold_lam or p.lam), lambda p: True)
+        return frozenset(points).difference(*narrow)
 
     @property
     def corners(self) -> list[float]:

@@ -10,6 +10,7 @@ is singular nowhere. Such folds are followed by chords (:mod:`continuation.chord
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -22,6 +23,7 @@ from continuation import (
     ConvergenceError,
     DenseTwoParameterLinearization,
     FoldCurve,
+    Point,
     Settings,
     SpecialPoint,
     chord_curve,
@@ -35,6 +37,7 @@ from hbm.errors import expect_rig
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.response.curve import ResponseCurve
+from hbm.response.kinks import VALUE
 from hbm.response.trace import trace_settings
 from hbm.sensitivity.derivatives import balance_change
 from hbm.sensitivity.scalars import FORCE, HZ
@@ -241,7 +244,7 @@ def fold_path(
     """
     expect_rig(curve.rig, "fold_path", joints=True)
     number, present = _second(curve, within, key)
-    segments = [(a, b) for a, b in pairwise(curve.branch.points) if b.fold and not (b.corner or b.jumped)]
+    segments = _segments(curve)
     if not -len(segments) <= fold < len(segments):
         raise ValueError(f"fold_path: fold {fold}; the curve has {len(segments)}")
     first = refine_fold(curve.problem, *segments[fold], curve.branch.settings)
@@ -249,10 +252,28 @@ def fold_path(
         curve.rig, number, (present, within[1]), curve.basis, hz=curve.points[0].hz, level=curve.level
     )
     plane, low = PlaneBalance(along), along.lam_at(within[0])
-    parts = [_part(plane, first, 1.0, (low, 1.0), max_points)]
-    if not parts[0].branch.closed:
-        parts.append(_part(plane, first, low, (low, 1.0), max_points))
+    try:
+        parts = [_part(plane, first, 1.0, (low, 1.0), max_points)]
+        if not parts[0].branch.closed:
+            parts.append(_part(plane, first, low, (low, 1.0), max_points))
+    except ConvergenceError:
+        raise ConvergenceError(
+            f"fold_path: fold {fold} at {curve.value_at(first.lam):.6g} Hz cannot be followed, kinks of friction hide "
+            f"it; try another fold, or a curve with more than {curve.basis.N_t} samples"
+        ) from None
     return FoldPath(plane, tuple(parts))
+
+
+def _segments(curve: ResponseCurve) -> list[tuple[Point, Point]]:
+    """Ends of a smooth stretch over each fold of a curve; of one on a kink over the nearest turn of that."""
+    smooth = [(a, b) for a, b in pairwise(curve.branch.points) if b.fold and not (b.corner or b.jumped)]
+    values = np.array([curve.value_at(b.fold_lam or b.lam) for _, b in smooth])
+    found = []
+    for fold in curve.folds:
+        away = np.abs(values - fold) / abs(fold)
+        if away.min(initial=np.inf) <= VALUE:
+            found.append(smooth[int(away.argmin())])
+    return found
 
 
 def _second(curve: ResponseCurve, within: tuple[float, float], key: str) -> tuple[Key, float]:
@@ -296,12 +317,11 @@ def _part(
         tangent_slack=0.01,
     )
     if abs(first.test) < SMOOTH:
-        return fold_curve(plane, first, 0.0, replace(settings, max_angle=0.5))
+        with suppress(ConvergenceError):  # a fold on a kink is level too
+            return fold_curve(plane, first, 0.0, replace(settings, max_angle=0.5))
     for width in WIDTHS[:-1]:
-        try:
+        with suppress(ConvergenceError):
             return chord_curve(plane, first, 0.0, settings, width=width)
-        except ConvergenceError:
-            continue
     return chord_curve(plane, first, 0.0, settings, width=WIDTHS[-1])
 
 
