@@ -58,6 +58,9 @@ FINISHED = 40
 REFINED, FAR = 300.0, 1500.0
 """Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
 
+OF_JOINTS = "parameter:joints."
+"""Beginning of the labels of numbers of the joints of a rig file."""
+
 ENTRY = re.compile(r"\[\d+\]")
 """Which entry of a list a label is of."""
 
@@ -322,8 +325,8 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
 
     A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause,
     and for joints, which were scanned at the size that they have, and promise a share of what calibration leaves: they
-    are compared with each other. Nor does that test foresee what a sensor reads that sits far from its place: of a
-    channel that it favours every number runs.
+    are compared with each other, and with every number of the joints of the rig file. Nor does that test foresee what
+    a sensor reads that sits far from its place: of a channel that it favours every number runs.
     """
     best: dict[bool, float] = {}
     for s in screening.scores:
@@ -331,8 +334,12 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
     first = _simplest_first([s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]])[:RUNNING]
     others = [s for s in screening.scores if s not in first]
     forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
-    known = small(base) or base.model.causes or scanned(base)
-    tried = [] if known else [*_of_channels(first, others), *(s for s in forces if not _unseen(s))]
+    if small(base) or base.model.causes:
+        tried = []
+    elif scanned(base):
+        tried = [s for s in others if s.cause.label.startswith(OF_JOINTS)]
+    else:
+        tried = [*_of_channels(first, others), *(s for s in forces if not _unseen(s))]
     return [*first, *tried, *(s for s in others if _unseen(s))]
 
 

@@ -17,7 +17,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hbm.cli import app
-from hbm.diagnosis.candidates import _confused
+from hbm.diagnosis.candidates import _confused, _in_order
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.discrepancy import discrepancy
 from hbm.diagnosis.jointscan import scan
@@ -29,7 +29,7 @@ from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.measurement.spectrafile import write_spectra
-from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.fit import Evaluation, evaluate, fit_model
 from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state
@@ -37,7 +37,7 @@ from hbm.rigfiles.load import load_rig
 from models.bodies import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint, ends_of
-from models.causes.joints import JOINT_CAUSES, CubicStiffness, OneSidedStop, QuadraticDamping
+from models.causes.joints import JOINT_CAUSES, CubicStiffness, LocalFriction, OneSidedStop, QuadraticDamping
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion
 from models.jointed import JointedRig
@@ -502,3 +502,21 @@ def test_a_cause_is_named_though_the_tolerances_of_a_modal_test_are_too_tight_fo
     assert (found.cause, found.parameters["at"].value) == ("quadratic-damping", "b")
     assert found.parameters["coefficient"].value == pytest.approx(drag, rel=0.01)
     assert found.errors["extended"]["held_out"].nrmse < 0.1 * found.errors["calibrated"]["held_out"].nrmse
+
+
+def test_numbers_of_joints_that_the_rig_file_has_run_beside_those_that_it_may_lack() -> None:
+    """Far from what was measured, the first of their effects says nothing beside the force that is missing."""
+    rig = LocalFriction("b").extend(rig_of(NOMINAL), {"limit": LIMIT, "critical_slip": LIMIT / STIFFNESS})
+
+    @dataclass
+    class Loud:
+        chi2 = 1e9
+
+        def __len__(self) -> int:
+            return 10
+
+    base = cast(Evaluation, SimpleNamespace(white=Loud(), model=Model(rig, {})))
+    own, frequency = WrongParameter("joints.local-friction.mu"), WrongParameter("modal.frequencies_hz[1]")
+    drops = {CubicStiffness("c"): 1e9, frequency: 1e6, own: 1.0}
+    scores = tuple(Score(cause, drop, drop, np.zeros(1), {}, 1.0) for cause, drop in drops.items())
+    assert [s.cause for s in _in_order(Screening(scores, 1, len(scores)), base)] == list(drops)
