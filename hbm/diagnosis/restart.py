@@ -47,6 +47,12 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
         return []
 
 
+def led_to(base: Evaluation, pair: Evaluation, campaign: Campaign) -> list[Evaluation]:
+    """Fit of the second of two causes alone: the first may only have led to where it is found. Of one cause nothing."""
+    causes = pair.model.causes
+    return started(base, pair, causes[1:], campaign) if len(causes) > 1 else []
+
+
 def less_moved(e: Evaluation, nominal: Evaluation, campaign: Campaign) -> Iterator[Evaluation]:
     """Fits of the causes of a model that move the rig file less: beside what the model leaves, and not at all."""
     wide = replace(campaign, background=background_of(e, campaign), corrections=e.corrections)

@@ -32,7 +32,7 @@ from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.remainder import beyond_noise, explained
-from hbm.diagnosis.restart import less_moved, started
+from hbm.diagnosis.restart import led_to, less_moved, started
 from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
@@ -261,7 +261,9 @@ class Search:
             near = [] if ranked else nearest(self.fitted)[:MOST_RANKED]  # none is within tolerances
             return Decision(calibrated, None, (*ranked, *(beside(e, self.campaign) for e in near)))
         best = self._fitted_beside(plainest(best, ranked), models)
-        return Decision(calibrated if best.model.calibrated else nominal, best, (best, *others_of(best, ranked)))
+        base = calibrated if best.model.calibrated else nominal
+        best = min(best, *led_to(base, best, self.campaign), key=evidence)
+        return Decision(base, best, (best, *others_of(best, ranked)))
 
     def _less_moved(self, fits: Sequence[Evaluation]) -> list[Evaluation]:
         """The best cause and pair, if small errors move exact numbers out of tolerances, fitted so that they stay."""
@@ -272,11 +274,10 @@ class Search:
     def _fitted_beside(self, best: Evaluation, models: Sequence[Evaluation]) -> Evaluation:
         """The model that was chosen to first order, fitted beside the background from where it stood without."""
         start = next(e for e in models if e.model is best.model)
-        try:
-            campaign = replace(self.campaign, corrections=start.corrections)
+        campaign = replace(self.campaign, corrections=start.corrections)
+        with suppress(*FAILURES):
             return fit_model(start.model, campaign, start.x, start.solutions, LAST)
-        except FAILURES:
-            return best
+        return best
 
     def _pays(self, pair: Evaluation, models: Sequence[Evaluation]) -> bool:
         """Whether a second cause takes a large share of what the first leaves, believed alone or not."""
@@ -317,9 +318,8 @@ class Search:
         They may take all of an effect but a rest that noise hides in thousands of squares: a cause that has a name for
         it tells it.
         """
-        if not self._fits(self.calibrated) or not self.tolerable(self.calibrated):
-            return False
-        return not suspicious(self._over(self.calibrated), self.rig)
+        e = self.calibrated
+        return self._fits(e) and self.tolerable(e) and not suspicious(self._over(e), self.rig)
 
     def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
         lifted = self._lifted(base, done)

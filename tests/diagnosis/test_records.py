@@ -15,6 +15,8 @@ import hbm.outputerror.records as records_of_spectra
 from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.candidates import fit_candidates
+from hbm.diagnosis.decide import evidence
+from hbm.diagnosis.restart import led_to
 from hbm.diagnosis.screen import screen, small
 from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
@@ -403,3 +405,18 @@ def test_what_is_free_in_each_record_crowds_no_cause_out(measured, monkeypatch):
     screening = screen(base, data, [DRIFT, NotSteady()])
     done = fit_candidates(base, data, screening, lambda doing: None, lambda e: True)
     assert {e.model.causes[0].label for e in done} == set(left)
+
+
+def test_the_first_of_a_pair_that_led_to_the_second_is_left_out(measured):
+    """A load that is right, beside the drift that was hidden: without it the drift is as large, and likelier."""
+    rig, data = measured
+    base = evaluate(Model(rig, {}), data, Model(rig, {}).start, {})
+    known = Model(replace(rig, excitation=replace(rig.excitation, measured_harmonics=True)), {})
+    over = evaluate(known, data, known.start, {})
+    pair = known.extended_by(WrongParameter(LOAD)).extended_by(DRIFT)
+    both = fit_model(pair, data, pair.start, over.solutions)
+    (alone,) = led_to(over, both, data)
+    assert alone.model.causes == (DRIFT,)
+    assert alone.model.values(alone.x, 0)["rate"] == pytest.approx(RATE, rel=0.1)
+    assert evidence(alone) < evidence(both)
+    assert led_to(base, alone, data) == []
