@@ -154,7 +154,8 @@ def _sweeps(
     recordings = [_recorded(entry, columns, loaded) for entry in entries]
     force = _force_name(loaded)
     settled = [r.between(float(r.time[0]) + seconds, math.inf) for r in recordings]
-    return sweep_spectra([swept(r, reference or force, H) for r in settled], force, source), recordings[0].units
+    units = {name: unit for r in recordings for name, unit in r.units.items()}
+    return sweep_spectra([swept(r, reference or force, H) for r in settled], force, source), units
 
 
 def _deliver_sweeps(found: "MeasuredSpectra", units: Mapping[str, str], out: Path) -> None:

@@ -29,7 +29,7 @@ from hbm.errors import InputError, expect_frequency, expect_whole
 from hbm.fourier import Array
 from hbm.measurement.clock import UNEVEN, unevenness
 from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
-from hbm.measurement.recording import Recording
+from hbm.measurement.recording import Recording, constant
 from hbm.measurement.steadiness import clipped, leftover, steadiness
 
 FEWEST_BLOCKS = 4
@@ -88,7 +88,7 @@ def harmonic_spectra(
     periods = int((t[-1] - t[0] + recorded.step) * hz * (1.0 + 1e-9) + 1e-6)
     inside = t < t[0] + periods / hz - 0.5 * recorded.step
     t, Y = t[inside], Y[inside]
-    dead = np.ptp(Y, axis=0) <= 1e-12 * np.max(np.abs(Y), axis=0)
+    dead = constant(Y)
     if dead.all():
         raise InputError(f"{recorded.source}: every channel is constant; must have one that moves")
     alive = [i for i, constant in enumerate(dead) if not constant]

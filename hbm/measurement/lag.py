@@ -39,6 +39,10 @@ PROMISING = 2.0
 LEAST_RATIO, MOST_RATIO = 1e-5, 0.3
 """No mode has another damping ratio."""
 
+ROOM = 10.0
+"""How far beyond these ratios a fit is followed, so that one that ends beside them is told from one that ends at them;
+beyond the frequencies of a sweep by its width. Further out nothing holds a pole, and it runs off."""
+
 
 @dataclass(frozen=True, eq=False)
 class Drive:
@@ -174,7 +178,11 @@ class _Fit:
         return complex(tried[np.argmax(taken)]), float(taken.max())
 
     def improved(self, sigma: Complex) -> Complex:
-        """Exponents that fit best."""
+        """Exponents that fit best, among those of modes and in some room about them."""
+        slow, fast = self.drive.omega.min(), self.drive.omega.max()
+        width = fast - slow
+        least = np.append(np.full(len(sigma), np.log(LEAST_RATIO * slow / ROOM)), np.full(len(sigma), slow - width))
+        most = np.append(np.full(len(sigma), np.log(MOST_RATIO * fast * ROOM)), np.full(len(sigma), fast + width))
 
         def of(x: Array) -> Complex:
             return np.asarray(-np.exp(x[: len(sigma)]) + 1j * x[len(sigma) :])
@@ -184,7 +192,8 @@ class _Fit:
             return np.concatenate([left.real, left.imag])
 
         start = np.concatenate([np.log(-sigma.real), sigma.imag])
-        return of(least_squares(residual, start, x_scale="jac", xtol=1e-8, ftol=1e-8, max_nfev=30).x)
+        limits = {"x_scale": "jac", "xtol": 1e-8, "ftol": 1e-8, "max_nfev": 30}
+        return of(least_squares(residual, start, bounds=(least, most), **limits).x)
 
     def chi2(self, left: Complex) -> float:
         """Chi square of what is left."""

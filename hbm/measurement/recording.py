@@ -114,6 +114,11 @@ class Recording:
             )
 
 
+def constant(values: Array) -> npt.NDArray[np.bool_]:
+    """Which columns of values (N, c) are constant but for rounding: of dead channels."""
+    return np.asarray(np.ptp(values, axis=0) <= 1e-12 * np.max(np.abs(values), axis=0))
+
+
 def recording(
     source: str, time: npt.ArrayLike, channels: Mapping[str, npt.ArrayLike], units: Mapping[str, str] | None = None
 ) -> Recording:

@@ -8,7 +8,9 @@ the standard deviations.
 A response that is not that of linear modes keeps its lag. In the frame of the reference the amplitude of one mode obeys
 dX/dt = (sigma - i omega) X + b F, with sigma = -zeta omega_n + i omega_d. The measured X, dX/dt and F on the flanks of
 the highest peak say what sigma is, however fast the sweep was; |dX/dt / (sigma - i omega)| is how far X is from the
-steady state at this frequency. Half of its square is added to the variance of each of cos and sin.
+steady state at this frequency. So does in every window how X/F changes with the frequency, which is as 1/(i omega -
+sigma): where friction begins to slip that is slower than the flanks say. Half of the square of the larger of both is
+added to the variance of each of cos and sin.
 
 The frequency of harmonic k moves k times as fast, and may cross a mode above the sweep, of which nothing else is known.
 Its lag obeys the same equation and is at most |dX_k/dt| over the decay rate of that mode. The slowest decay of the
@@ -16,7 +18,7 @@ highest peaks of the fundamental stands for it: modes above mostly decay faster.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 from pathlib import Path
 
@@ -27,7 +29,7 @@ from scipy.signal import hilbert
 from hbm.errors import InputError
 from hbm.fourier import Array, coefficients_of
 from hbm.measurement.lag import SHARPEST, drive_of, off_steady, smooth
-from hbm.measurement.recording import Recording
+from hbm.measurement.recording import Recording, constant
 from hbm.measurement.spectra import AT, MeasuredSpectra
 
 Complex = npt.NDArray[np.complex128]
@@ -43,6 +45,10 @@ FLANKS = 0.4
 
 FEWEST = 6
 """Windows on a peak, at least, to tell how fast a sweep may be; fewer are too fast to tell."""
+
+DESCRIBED = 0.1
+"""Modes describe a response of which they leave at most this part of its lag. Where friction slips they may leave less
+than the lag by poles that no mode has, and the lag by those is not that of the response."""
 
 SLOW = 0.9
 """A linear sweep is slow that passes less than this times the square of the half-power bandwidth in a second:
@@ -65,6 +71,8 @@ class Sweep:
         c_k, s = Re sum c_k exp(i k phi), phases by the reference, and their rates of change [1/s].
     std : (w, c, H+1) array
         Standard deviation of each of cos and sin by what is left in the window.
+    dead : tuple of str
+        Constant channels, left out.
     """
 
     source: str
@@ -78,6 +86,7 @@ class Sweep:
     amplitudes: Complex
     slopes: Complex
     std: Array
+    dead: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -135,11 +144,16 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     Raises
     ------
     InputError
-        If there is no such channel, steps of time differ, there are not two windows, a harmonic is above half the
-        sampling rate, or the frequency stays.
+        If there is no such channel, it is constant, steps of time differ, there are not two windows, a harmonic is
+        above half the sampling rate, or the frequency stays or is none.
     """
     recorded.expect_channel(reference)
     recorded.expect_even("to follow a sweep")
+    names, Y = list(recorded.channels), np.column_stack(list(recorded.channels.values()))
+    dead = tuple(name for name, still in zip(names, constant(Y), strict=True) if still)
+    if reference in dead:
+        raise InputError(f"{recorded.source}: {reference} is constant; must move, it gives the phase")
+    recorded = replace(recorded, channels={n: y for n, y in recorded.channels.items() if n not in dead})
     y = recorded.channels[reference]
     phase = np.unwrap(np.angle(hilbert(y - y.mean())))
     edges = np.arange(phase[0] + ENDS, phase[-1] - ENDS, 2 * np.pi * cycles)
@@ -154,11 +168,16 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
     hz, hz_std, rate = (values.real / (2 * np.pi) for values in (motion.first, motion.std, motion.second))
     _expect_sweep(recorded, reference, time, hz)
     channels = tuple(recorded.channels)
-    return Sweep(recorded.source, channels, time, half, along, hz, hz_std, rate, amplitudes, slopes, std)
+    return Sweep(recorded.source, channels, time, half, along, hz, hz_std, rate, amplitudes, slopes, std, dead)
 
 
 def _expect_sweep(recorded: Recording, reference: str, time: Array, hz: Array) -> None:
-    """Refuse a recording whose frequency changes by less than it could tell apart, one over its length."""
+    """Refuse a recording that has no frequency, or one that changes by less than it could tell apart."""
+    if hz.min() <= 0.0:
+        raise InputError(
+            f"{recorded.source}: the phase of {reference} does not go on at {time[hz.argmin()]:.4g} s; must be of one "
+            "frequency at a time, without a pause; try --settle, a manifest with begin_s and end_s, or --reference"
+        )
     least = 1.0 / float(recorded.time[-1] - recorded.time[0])
     change = float(np.ptp(np.polynomial.Polynomial.fit(time, hz, min(2, len(hz) - 1))(time)))
     if change < least:
@@ -172,6 +191,7 @@ def _windows(
     recorded: Recording, phase: Array, places: list[int], H: int
 ) -> Iterator[tuple[float, float, float, Complex, Complex, Array]]:
     t, Y = recorded.time, np.column_stack(list(recorded.channels.values()))
+    least = np.finfo(float).eps * np.std(Y, axis=0)[:, None]  # what the arithmetic can resolve
     for first, last in pairwise(places):
         half = 0.5 * (t[last] - t[first])
         x = (t[first:last] - t[first] - half) / half
@@ -192,7 +212,7 @@ def _windows(
         variance = np.outer(noise, np.sum(inverse**2, axis=1)[: 2 * H + 1])
         both = 0.5 * (variance[:, 1 : H + 1] + variance[:, H + 1 :])
         amplitudes, slopes = (_complex(part.T, H) for part in (found[: 2 * H + 1], found[2 * H + 1 :] / half))
-        std = np.sqrt(np.column_stack([variance[:, 0], both]))
+        std = np.maximum(np.sqrt(np.column_stack([variance[:, 0], both])), least)
         yield t[first] + half, half, float(along(0.0)), amplitudes, slopes, std
 
 
@@ -214,7 +234,7 @@ def passage(sweep: Sweep, channel: str, force: str) -> Passage | None:
     first = int(low[low < top].max(initial=-1)) + 1
     own = slice(first, int(low[low > top].min(initial=len(size))))
     omega = 2 * np.pi * sweep.hz[own]
-    if len(omega) < FEWEST:
+    if len(omega) < FEWEST or not size[top] > 0.0:
         return None
     columns = np.column_stack([X[own], F[own], dF[own] + 1j * omega * F[own]])
     weight = 1.0 / np.linalg.norm(columns, axis=0)
@@ -232,7 +252,7 @@ def sweep_spectra(sweeps: list[Sweep], force: str, source: str = "sweeps") -> Me
     Parameters
     ----------
     sweeps : list of Sweep
-        Of the same channels.
+        Of the same H.
     force : str
         The channel of the force; its median amplitude is the level.
     source : str
@@ -241,40 +261,61 @@ def sweep_spectra(sweeps: list[Sweep], force: str, source: str = "sweeps") -> Me
     -------
     MeasuredSpectra
         With what speaks against the sweep in the notes of the record at the peak.
+
+    Raises
+    ------
+    InputError
+        If a sweep has no force that moves.
     """
     names: list[str] = []
     notes: list[tuple[int, str]] = []
-    amplitudes, std = [], []
+    coefficients, std, level = [], [], []
     stems = [Path(sweep.source).stem for sweep in sweeps]
     if len(set(stems)) < len(stems):
         stems = [f"{stem}-{i}" for i, stem in enumerate(stems, start=1)]
+    channels = tuple(dict.fromkeys(name for sweep in sweeps for name in sweep.channels))
     for stem, sweep in zip(stems, sweeps, strict=True):
+        if force not in sweep.channels:
+            raise InputError(f"{sweep.source}: no channel {force} that moves; must have it, by it responses are judged")
         passages = {name: passage(sweep, name, force) for name in sweep.channels if name != force}
-        steady, own = _steady(sweep, force, passages)
-        for channel, passed in passages.items():
-            untold = f"{channel} passes no peak of {FEWEST} windows or more, which would say how fast is slow"
-            warning = untold if passed is None else passed.warning
-            if warning:
-                j = sweep.channels.index(channel)
-                at = sweep.hz[np.abs(sweep.amplitudes[:, j, 1]).argmax()] if passed is None else passed.hz
-                notes.append((len(names) + 1 + int(np.argmin(np.abs(sweep.hz - at))), warning))
-        amplitudes.append(steady)
+        steady, own = _among(channels, sweep, *_steady(sweep, force, passages))
+        notes += [(len(names) + 1 + at, text) for at, text in _notes(sweep, passages)]
+        coefficients.append(steady)
         std.append(own)
+        level.append(np.full(len(sweep.hz), np.median(np.abs(sweep.amplitudes[:, sweep.channels.index(force), 1]))))
         names += [f"{stem}{AT}{hz:.6g}Hz" for hz in sweep.hz]
-    first = sweeps[0]
-    i = first.channels.index(force)
-    level = [np.full(len(s.hz), np.median(np.abs(s.amplitudes[:, i, 1]))) for s in sweeps]
     return MeasuredSpectra(
         source=source,
         records=np.arange(1, len(names) + 1),
         level=np.concatenate(level),
         hz=np.concatenate([s.hz for s in sweeps]),
-        channels=first.channels,
-        coefficients=coefficients_of(np.concatenate(amplitudes)),
+        channels=channels,
+        coefficients=np.concatenate(coefficients),
         std=np.concatenate(std),
         notes=tuple(notes),
         names=tuple(names),
     )
+
+
+def _among(channels: tuple[str, ...], sweep: Sweep, amplitudes: Complex, std: Array) -> tuple[Array, Array]:
+    """Coefficients (w, c, 2H+1) and deviations (w, c, H+1) of a sweep among channels of all, nan where it has none."""
+    own, H = [channels.index(name) for name in sweep.channels], std.shape[2] - 1
+    shape = len(std), len(channels)
+    coefficients, deviations = np.full((*shape, 2 * H + 1), np.nan), np.full((*shape, H + 1), np.nan)
+    coefficients[:, own], deviations[:, own] = coefficients_of(amplitudes), std
+    return coefficients, deviations
+
+
+def _notes(sweep: Sweep, passages: Mapping[str, Passage | None]) -> Iterator[tuple[int, str]]:
+    """What speaks against a sweep, each with the window it is seen in."""
+    yield from ((0, f"{name} is constant: left out") for name in sweep.dead)
+    for channel, passed in passages.items():
+        untold = f"{channel} passes no peak of {FEWEST} windows or more, which would say how fast is slow"
+        warning = untold if passed is None else passed.warning
+        if warning:
+            j = sweep.channels.index(channel)
+            at = sweep.hz[np.abs(sweep.amplitudes[:, j, 1]).argmax()] if passed is None else passed.hz
+            yield int(np.argmin(np.abs(sweep.hz - at))), warning
 
 
 def _steady(sweep: Sweep, force: str, passages: Mapping[str, Passage | None]) -> tuple[Complex, Array]:
@@ -290,10 +331,11 @@ def _steady(sweep: Sweep, force: str, passages: Mapping[str, Passage | None]) ->
         share = _not_described(by, rest, noise)
         size = np.abs(amplitudes[:, j, 1])
         relative = np.divide(np.abs(by), size, out=np.zeros_like(size), where=size > 0.0)
-        if share < 1.0:
+        if share < DESCRIBED:
             amplitudes[:, j, 1] -= by
-        elif (passed := passages[sweep.channels[j]]) is not None:
-            relative = _lag(sweep, passed, force)
+        else:
+            share, passed = 1.0, passages[sweep.channels[j]]
+            relative = np.maximum(_off_here(sweep, j, i), relative if passed is None else _lag(sweep, passed, force))
         may = np.where(np.arange(amplitudes.shape[2]) == 1, min(share, 1.0), 1.0)  # only the fundamental was mended
         std[:, j] = np.hypot(std[:, j], relative[:, None] * may * np.abs(amplitudes[:, j]) / np.sqrt(2.0))
     decay = min((-p.sigma.real for p in passages.values() if p is not None), default=np.inf)
@@ -322,6 +364,20 @@ def _not_described(off: Complex, left: Complex, noise: Array) -> float:
         return 1.0
     share = float(np.sqrt(max(np.sum(size * (np.abs(left) ** 2 - 2.0 * noise**2)), 0.0) / np.sum(size**2)))
     return max(share, SHARPEST)
+
+
+def _off_here(sweep: Sweep, channel: int, force: int) -> Array:
+    """How far the fundamental is from the steady state, relative, if it is that of one mode here and now, (w,).
+
+    Its steady state b F/(i omega - sigma) changes by d log(X/F) = -i d omega/(i omega - sigma) with the frequency: by
+    how much says how fast the response settles, also where friction slips and no exponent holds on both flanks.
+    """
+    X, F = sweep.amplitudes[:, channel, 1], sweep.amplitudes[:, force, 1]
+    whole = (X != 0.0) & (F != 0.0)
+    H = np.divide(X, F, out=np.zeros_like(X), where=whole)
+    own, of = (_change(sweep.time, Y) / np.where(whole, np.abs(Y), np.inf) for Y in (X, H))
+    speed = 2 * np.pi * np.abs(sweep.rate)
+    return np.divide(own * of, speed, out=np.zeros_like(speed), where=speed > 0.0)
 
 
 def _lag(sweep: Sweep, passed: Passage, force: str) -> Array:

@@ -183,6 +183,96 @@ def test_a_nonlinear_resonance_is_followed_to_its_steady_states() -> None:
     assert np.mean(np.abs(off) < 2.5 * found.std[late, 1, 1] + 0.002 * true.max()) > 0.9  # its flanks are steeper
 
 
+STEP = 1.0 / 6000.0
+
+
+def slipping(force: np.ndarray, limit: float) -> np.ndarray:
+    """Motion of a mode of 50 Hz and 1 % behind a Jenkins element of 15 % of its stiffness, forces (n,) or (n, many).
+
+    Velocity and displacement are stepped in turn. A sweep and steady states by this are those of one system, however
+    long its steps are.
+    """
+    share = 0.15 * OMEGA**2
+    x = v = z = 0.0
+    moved = []
+    for f in force.tolist() if force.ndim == 1 else force:
+        held = share * (x - z)
+        if force.ndim == 1:
+            held = min(max(held, -limit), limit)
+        else:
+            held = np.clip(held, -limit, limit)
+        z = x - held / share
+        v = v + STEP * (f - 0.02 * OMEGA * v - (OMEGA**2 - share) * x - held)
+        x = x + STEP * v
+        moved.append(x)
+    return SCALE * np.array(moved)
+
+
+@pytest.mark.parametrize(
+    ("begin", "end", "limit"), [(42.0, 50.0, 0.5), (56.0, 44.0, 0.5), (47.0, 58.0, 2.0), (42.0, 50.0, 4.0)]
+)
+def test_a_response_that_slips_is_off_by_what_is_stated(begin: float, end: float, limit: float) -> None:
+    """No poles describe it: those of the first run off, and those of the last two leave less than the lag."""
+    t = np.arange(0.0, abs(end - begin) / 0.5, STEP)
+    force = np.cos(2 * np.pi * (begin * t + 0.25 * np.sign(end - begin) * t**2))
+    rng = np.random.default_rng(0)
+    signals = {"force": force[::4], "x": slipping(force, limit)[::4]}
+    noisy = {name: values + 1e-3 * values.std() * rng.standard_normal(len(values)) for name, values in signals.items()}
+    found = sweep_spectra([swept(recording("up.csv", t[::4], noisy), "force", 3)], "force")
+    chosen = np.arange(12, len(found.hz) - 3, 5)
+    chosen = chosen[np.abs(found.hz[chosen] - begin) > 0.7]  # the start from rest has died out
+    hz = found.hz[chosen]
+    t = np.arange(0.0, 3.0, STEP)
+    moved = slipping(np.cos(2 * np.pi * t[:, None] * hz), limit)
+    true = []
+    for x, f in zip(moved.T, hz, strict=True):
+        last = slice(-round(15 / f / STEP), None)
+        waves = np.exp(2j * np.pi * f * np.outer(t[last], np.arange(1, 8)))
+        columns = np.column_stack([np.ones(len(waves)), waves.real, -waves.imag])
+        c = np.linalg.lstsq(columns, x[last], rcond=None)[0]
+        true.append(c[1] + 1j * c[8])
+    F = found.complex("force")[chosen, 1]
+    off = found.complex("x")[chosen, 1] / F * np.abs(F) - np.array(true)
+    pulls = np.concatenate([off.real, off.imag]) / np.tile(found.std[chosen, 1, 1], 2)
+    assert 0.5 < np.sqrt(np.mean(pulls**2)) < 1.3
+    assert np.abs(pulls).max() < 4.0
+
+
+def test_a_dead_channel_of_a_sweep_is_left_out(fast: Recording) -> None:
+    channels = {"dead": np.full(len(fast.time), 2.5), **fast.channels}
+    found = sweep_spectra([swept(recording("up.csv", fast.time, channels), "force", 3)], "force")
+    assert found.channels == ("force", "x")
+    assert found.notes[0] == (1, "dead is constant: left out")
+    with pytest.raises(InputError, match=r"up.csv: dead is constant; must move, it gives the phase"):
+        swept(recording("up.csv", fast.time, channels), "dead", 3)
+
+
+def test_a_sweep_that_pauses_is_refused(fast: Recording) -> None:
+    """Without a force there is no phase: it runs back and forth in the pause."""
+    on = np.abs(fast.time - 2.5) > 0.8
+    channels = {name: values * on for name, values in run(3.0).channels.items()}
+    with pytest.raises(InputError, match=r"the phase of force does not go on at .* without a pause"):
+        swept(recording("up.csv", fast.time, channels), "force", 3)
+
+
+def test_sweeps_may_have_different_channels(fast: Recording) -> None:
+    other = Recording("two.csv", fast.time, {"y": fast.channels["x"], "force": fast.channels["force"]}, {})
+    one, two = swept(fast, "force", 3), swept(other, "force", 3)
+    found = sweep_spectra([one, two], "force")
+    w = len(one.hz)
+    assert found.channels == ("force", "x", "y")
+    assert np.isnan(found.coefficients[w:, 1]).all()
+    assert np.isnan(found.std[:w, 2]).all()
+    np.testing.assert_array_equal(found.coefficients[w:, 2], found.coefficients[:w, 1])
+    np.testing.assert_array_equal(found.coefficients[w:, 0], found.coefficients[:w, 0])
+
+
+def test_a_sweep_needs_its_force(fast: Recording) -> None:
+    by_voltage = Recording("up.csv", fast.time, {"u": fast.channels["force"], "x": fast.channels["x"]}, {})
+    with pytest.raises(InputError, match=r"up.csv: no channel force that moves; must have it"):
+        sweep_spectra([swept(by_voltage, "u", 3)], "force")
+
+
 def test_sweeps_that_cannot_be_read_are_refused(fast: Recording) -> None:
     with pytest.raises(InputError, match='no channel "voltage"; channels are force, x'):
         swept(fast, "voltage")
