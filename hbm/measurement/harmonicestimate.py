@@ -12,7 +12,8 @@ from hbm.measurement.steadiness import Leftover, Steadiness
 from models.display import Displayed
 
 LEAST_SHARE = 0.001
-"""Trends and lines below this part of the amplitude are not warned of, however significant; nor such turns [rad]."""
+"""Trends, transients and lines below this part of the amplitude are not warned of, however significant; nor such turns
+[rad]."""
 ELSEWHERE = 0.99
 """Share of the rms of every channel that lies elsewhere where the rate or the fundamental is wrong."""
 CERTAIN = 5.0
@@ -159,7 +160,7 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
         )
     for q in e.quality:
         s = q.steadiness
-        if not off and not s.steady and np.isfinite(s.decay_rate):
+        if not off and not s.steady and s.size > LEAST_SHARE:
             yield (
                 f"{q.name} is not steady: a transient dies out at {s.decay_rate:.3g} +/- {s.decay_rate_std:.1g} 1/s, "
                 f"{s.beat_hz:+.2g} Hz beside the {_harmonic(q.harmonic)}; "

@@ -19,6 +19,8 @@ Complex = npt.NDArray[np.complex128]
 
 SIGNIFICANT = 1e-4
 """Probability below which steadiness is given up: a false alarm in ten thousand channels."""
+RESOLVED = 1e-12
+"""Part of the amplitude that arithmetic resolves: what varies by less is steady, by whatever pattern of rounding."""
 FEWEST_FOR_LINES = 12
 """Periods below which a line cannot be told from the harmonics beside it."""
 UNPROMISING = 0.1
@@ -44,8 +46,8 @@ class Steadiness:
         lambda [1/s] of a transient, nan where none is significant.
     beat_hz : float
         delta / 2 pi [Hz] of the transient.
-    left : float
-        What is left of the transient at the end, relative to the mean amplitude.
+    size, left : float
+        The transient at the beginning, and what is left of it at the end, relative to the mean amplitude.
     """
 
     change: float
@@ -55,6 +57,7 @@ class Steadiness:
     decay_rate: float = float("nan")
     decay_rate_std: float = float("nan")
     beat_hz: float = float("nan")
+    size: float = float("nan")
     left: float = float("nan")
 
     @property
@@ -86,6 +89,8 @@ def steadiness(t: Array, c: Complex, omega_std: float = 0.0) -> Steadiness:
         return Steadiness(nan, nan, nan, nan)
     duration = B * (t[1] - t[0])
     trend, trend_std, p = _trend(t, c)
+    if np.max(np.abs(c - c.mean())) <= RESOLVED * abs(c.mean()):
+        return Steadiness(abs(trend), trend_std, float(trend.imag), p_steady=1.0)
     std = float(np.hypot(trend_std, omega_std * duration))
     if std > trend_std:  # turned back until the turn has the standard deviation of the rest
         c = c * np.exp(-1j * (1.0 - trend_std / std) * trend.imag * (t - t.mean()) / duration)
@@ -130,13 +135,14 @@ def _transient(t: Array, c: Complex, known: Steadiness) -> Steadiness:
     rate, rate_std = fit.x[0] / (t[1] - t[0]), float(np.sqrt(covariance[0, 0])) / (t[1] - t[0])
     if probability(left) >= SIGNIFICANT or rate < 2.0 * rate_std:  # noise, or it varies and does not die out
         return known
-    amplitude = _transient_amplitude(x, c, fit.x)
+    size = abs(_transient_amplitude(x, c, fit.x) / c.mean())
     return replace(
         known,
         decay_rate=float(rate),
         decay_rate_std=rate_std,
         beat_hz=float(fit.x[1] / (2.0 * np.pi * (t[1] - t[0]))),
-        left=float(abs(amplitude * np.exp(-fit.x[0] * (B - 0.5)) / c.mean())),
+        size=float(size),
+        left=float(size * np.exp(-fit.x[0] * (B - 0.5))),
     )
 
 
@@ -232,6 +238,7 @@ def leftover(residual: Array, rms: float, periods: int, hz: float) -> Leftover:
 
 def clipped(values: Array) -> bool:
     """Whether a channel is flat-topped: far more samples at its extreme than at the value next to it."""
-    found, counts = np.unique(values, return_counts=True)
+    step = RESOLVED * float(np.max(np.abs(values))) or 1.0  # values of one phase of a cosine that was computed are one
+    found, counts = np.unique(np.round(values / step), return_counts=True)
     fewest = max(8.0, 0.003 * len(values))
     return len(found) > 2 and bool(counts[-1] >= max(fewest, 5 * counts[-2]) or counts[0] >= max(fewest, 5 * counts[1]))

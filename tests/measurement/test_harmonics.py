@@ -218,6 +218,30 @@ def test_a_transient_is_found_with_its_decay_rate(rate: float, beat: float) -> N
     assert s.left == pytest.approx(left, rel=0.5, abs=1e-3)
 
 
+@pytest.mark.parametrize("digits", [5, 9, 12, 17])
+def test_a_cosine_without_noise_is_steady(digits: int) -> None:
+    """Whole periods of whole samples are rounded alike: blocks differ by arithmetic alone, in a pattern of its own."""
+    t = np.arange(4000) / 4000.0
+    written = [float(f"{value:.{digits}g}") for value in np.cos(2.0 * np.pi * 40.0 * t)]
+    e = harmonic_spectra(recording("h.csv", t, {"force": written}), 40.0, 9)
+    assert e.quality[0].steadiness.steady
+    assert e.warnings == ()
+
+
+@pytest.mark.parametrize(("size", "warned"), [(3e-4, False), (5e-3, True)])
+def test_a_transient_below_any_relevance_is_not_warned_of(size: float, *, warned: bool) -> None:
+    """Significant both times, the noise being so small; trends of less than a thousandth are not warned of either."""
+    t = np.arange(4000) / 4000.0
+    y = np.cos(2.0 * np.pi * 40.0 * t) + size * np.exp(-5.0 * t) * np.cos(2.0 * np.pi * 42.0 * t)
+    y += 1e-5 * np.random.default_rng(2).standard_normal(len(t))
+    e = harmonic_spectra(recording("h.csv", t, {"force": y}), 40.0, 9)
+    s = e.quality[0].steadiness
+    assert not s.steady
+    assert s.decay_rate == pytest.approx(5.0, rel=0.2)
+    assert s.size == pytest.approx(size, rel=0.2)
+    assert any("a transient dies out" in w for w in e.warnings) == warned
+
+
 def test_a_growing_amplitude_is_a_trend_not_a_decay() -> None:
     t = times(100.0)
     e = harmonic_spectra(record(100.0, added=0.03 * t / t[-1] * np.cos(2.0 * np.pi * HZ * t)), HZ, H)
