@@ -97,6 +97,58 @@ def test_a_force_in_metres_is_refused_without_a_rig_too(sweep: tuple[str, ...], 
     assert not out.exists()
 
 
+@pytest.mark.parametrize("rig", [(), ("--rig", RIG)])
+def test_a_force_may_be_a_voltage_and_no_motion(rig: tuple[str, ...], tmp_path: Path) -> None:
+    """A shaker whose force is not measured; millivolts become volts, as other units become SI."""
+    file, out = history(tmp_path / "a.csv", names="force [mV],a1 [m/s2]", level=200.0), tmp_path / "s.nc"
+    given = ("--fundamental", "50", "--harmonics", "3", *rig, "--out", str(out))
+    result = run(file, *given)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert load_spectra(out).level == pytest.approx([0.2], rel=1e-4)
+    assert [line.split()[3] for line in result.stdout.splitlines() if line.split()[:1] == ["force"]] == ["V"]
+    moved = history(tmp_path / "b.csv", names="force,a1 [V]")
+    assert run(moved, *given).stderr.startswith(f'{moved}: unit of a1 is "V"; must be one of N, kN')
+    other = history(tmp_path / "c.csv", names="force [N],a1 [m/s2]")
+    result = run(file, other, *given)
+    assert (result.exit_code, result.stderr) == (
+        2,
+        f"{other}: force is in N; must be in V, as in the files before\n",
+    )
+
+
+def test_a_sweep_may_have_its_phase_by_a_voltage(tmp_path: Path) -> None:
+    t = np.arange(8000) / RATE
+    u = np.cos(2.0 * np.pi * (40.0 * t + t**2))
+    rows = np.column_stack([t, 3.0 * u, u, u + 1e-3 * np.random.default_rng(1).standard_normal(len(t))])
+    file, out = tmp_path / "up.csv", tmp_path / "s.csv"
+    np.savetxt(file, rows, delimiter=",", header="time_s,force [N],drive [V],a1 [m/s2]", comments="")
+    result = run(str(file), "--sweep", "--harmonics", "1", "--reference", "drive", "--out", str(out))
+    assert (result.exit_code, result.stderr) == (0, "")
+    result = run(str(file), "--sweep", "--harmonics", "1", "--out", str(out))
+    assert result.stderr.startswith(f'{file}: unit of drive is "V"; must be one of N, kN')
+
+
+@pytest.mark.parametrize("how", [("--sweep",), ("--fundamental", "50")])
+@pytest.mark.parametrize(
+    ("content", "line"),
+    [
+        ("", ' line 1: columns ""; must be time_s and one per channel'),
+        ("time_s,force,a1\n0,1,2\n1,#REF!,2\n", ' line 3: force = "#REF!"; must be a finite number'),
+        ("time_s,force,a1\n0,1,2\n1,1,2\n2,1,2\n", ""),
+    ],
+)
+def test_one_bad_file_of_many_is_named_and_nothing_written(
+    how: tuple[str, ...], content: str, line: str, tmp_path: Path
+) -> None:
+    """Records are numbered in the order of the files: none may be missing unsaid."""
+    good, bad, out = history(tmp_path / "a.csv"), tmp_path / "b.csv", tmp_path / "s.csv"
+    bad.write_text(content)
+    result = run(str(bad), good, *how, "--harmonics", "3", "--out", str(out))
+    assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
+    assert result.stderr.startswith(f"{bad}{line}")
+    assert not out.exists()
+
+
 def test_what_is_wrong_with_a_record_is_told(tmp_path: Path) -> None:
     file, out = history(tmp_path / "a.csv", decay=4.0), tmp_path / "s.csv"
     result = run(file, "--fundamental", "50", "--out", str(out))

@@ -146,7 +146,7 @@ def _from_rest(path: Path, force: str, quantities: Sequence[str]) -> "FrequencyR
     from hbm.measurement.responses import QUANTITIES
     from hbm.measurement.transient import responses_from_rest
 
-    recorded = load_history(path)
+    recorded = load_history(path, drives=(force,))
     recorded.expect_quantity(force, "force")
     known = {name: QUANTITIES.get(unit, "") for name, unit in recorded.units.items() if name != force}
     return responses_from_rest(recorded, force, _channels(known, quantities))

@@ -151,11 +151,10 @@ def _sweeps(
 
     H, seconds = whole(COMMAND, "--harmonics", harmonics, LARGEST_H), not_negative(COMMAND, "--settle", settle, "s")
     loaded = None if rig is None else load_rig(rig, allow_code=allow_code or None)
-    recordings = [_recorded(entry, columns, loaded) for entry in entries]
+    recordings = [_recorded(entry, columns, loaded, reference) for entry in entries]
     force = _force_name(loaded)
     settled = [r.between(float(r.time[0]) + seconds, math.inf) for r in recordings]
-    units = {name: unit for r in recordings for name, unit in r.units.items()}
-    return sweep_spectra([swept(r, reference or force, H) for r in settled], force, source), units
+    return sweep_spectra([swept(r, reference or force, H) for r in settled], force, source), _units(recordings)
 
 
 def _deliver_sweeps(found: "MeasuredSpectra", units: Mapping[str, str], out: Path) -> None:
@@ -214,16 +213,20 @@ def _columns(texts: Sequence[str]) -> dict[str, str]:
 # --------------------------------------------------------------------------------------------------------- channels
 
 
-def _recorded(entry: "Entry", columns: dict[str, str], rig: "AnyRig | None") -> "Recording":
+def _recorded(
+    entry: "Entry", columns: dict[str, str], rig: "AnyRig | None", reference: str | None = None
+) -> "Recording":
     """A history whose channels are the rig's, in their units; what only a simulation knows is left out.
 
-    Without a rig only the force is known by its name.
+    Without a rig only the force is known by its name. It may be a voltage, and so may what gives a sweep its phase.
     """
     from hbm.measurement.historyfile import load_history
     from models.parts import UNITS
 
     path, computed = entry.file, rig.computed if rig else ()
-    recorded = load_history(path, columns or entry.channels, entry.units).between(entry.begin, entry.end)
+    drives = (_force_name(rig), reference or "")
+    recorded = load_history(path, columns or entry.channels, entry.units, drives=drives)
+    recorded = recorded.between(entry.begin, entry.end)
     measured = {name: values for name, values in recorded.channels.items() if name not in computed}
     recorded = replace(recorded, channels=measured)
     quantities = {FORCE: "force"} if rig is None else {c.name: c.quantity for c in rig.channels}
@@ -235,8 +238,9 @@ def _recorded(entry: "Entry", columns: dict[str, str], rig: "AnyRig | None") -> 
             )
         if name in quantities:
             recorded.expect_quantity(name, quantities[name], "the rig" if rig else "")
-    known = {name: UNITS[quantities[name]] for name in recorded.channels} if rig else recorded.units
-    return replace(recorded, units=known)
+    if rig is None:
+        return recorded
+    return replace(recorded, units={n: recorded.units[n] or UNITS[quantities[n]] for n in recorded.channels})
 
 
 def _force_name(rig: "AnyRig | None") -> str:
@@ -263,5 +267,11 @@ def _names(recordings: Sequence["Recording"], rig: "AnyRig | None") -> list[str]
     return list(dict.fromkeys(name for recorded in recordings for name in recorded.channels))
 
 
-def _units(estimates: Sequence["HarmonicEstimate"]) -> dict[str, str]:
-    return {name: unit for e in estimates for name, unit in e.units.items() if unit}
+def _units(found: Sequence["HarmonicEstimate | Recording"]) -> dict[str, str]:
+    """Units of the channels, which are those of every file that says one."""
+    units: dict[str, str] = {}
+    for one in found:
+        for name, unit in one.units.items():
+            if unit and units.setdefault(name, unit) != unit:
+                raise InputError(f"{one.source}: {name} is in {unit}; must be in {units[name]}, as in the files before")
+    return units

@@ -32,7 +32,7 @@ from hbm.labelled import extra
 from hbm.measurement.csvhistory import read_csv
 from hbm.measurement.matfile import refuse_broken
 from hbm.measurement.npzfile import load_npz
-from hbm.measurement.recording import KIND, TIMES, Found, Recording, recording, renamed
+from hbm.measurement.recording import DRIVES, KIND, TIMES, Found, Recording, recording, renamed
 from hbm.measurement.ufffile import DataSet, functions, label_of, place, read_uff, system_of, unit_of
 from hbm.textfiles import StrPath, damage
 
@@ -43,6 +43,8 @@ def load_history(
     source: StrPath | Sequence[Mapping[str, Any]],
     channels: Mapping[str, str] | None = None,
     units: Mapping[str, str] | None = None,
+    *,
+    drives: Sequence[str] = DRIVES,
 ) -> Recording:
     """Read a measured time history.
 
@@ -56,6 +58,8 @@ def load_history(
     units : mapping of str to str, optional
         Units of channels, by their names here, where the file does not say them: ``g``, ``mm/s``, ``lbf``, whatever
         pint knows of force, acceleration, velocity and displacement.
+    drives : sequence of str
+        Channels that may be in volts, such as the voltage of a shaker in place of its force.
 
     Returns
     -------
@@ -83,7 +87,7 @@ def load_history(
             f"{where}: no time; must have a vector {', '.join(TIMES)}, or a scalar {' or '.join(RATES)} > 0 [Hz]"
         )
     values, said = renamed(where, values, found.units, columns)
-    return recording(where, time, values, _with_units(where, said, units or {}))
+    return recording(where, time, values, _with_units(where, said, units or {}), drives=drives)
 
 
 def _with_units(where: str, said: Mapping[str, str], given: Mapping[str, str]) -> dict[str, str]:

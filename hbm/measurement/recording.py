@@ -4,7 +4,7 @@
 spectra; :func:`recording` makes one of whatever a file holds, or refuses it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -14,12 +14,15 @@ import numpy.typing as npt
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.clock import UNEVEN, even_clock, unevenness
-from hbm.measurement.units import to_si
+from hbm.measurement.units import VOLT, to_si
 from models.parts import UNITS
 from models.plausible import impossible
 
 TIMES = ("time_s", "time", "t")
 KIND = "a time history"
+
+DRIVES = ("force",)
+"""Channels that may be the voltage of a shaker in place of its force, where none are named."""
 
 
 class Found(NamedTuple):
@@ -87,13 +90,16 @@ class Recording:
     def expect_quantity(self, name: str, quantity: str, where: str = "") -> None:
         """Refuse a channel in units of something else than a quantity, which it is of in a place such as ``the rig``.
 
+        A voltage may stand for a force.
+
         Raises
         ------
         InputError
             If the source says so.
         """
         unit = self.units.get(name, "")
-        if unit not in ("", UNITS[quantity]):
+        stands = (VOLT,) if quantity == "force" else ()
+        if unit not in ("", UNITS[quantity], *stands):
             in_place = f", in {where}" if where else ""
             raise InputError(
                 f"{self.source}: channel {name} is in {unit}; must be {quantity}, {UNITS[quantity]}{in_place}"
@@ -120,7 +126,12 @@ def constant(values: Array) -> npt.NDArray[np.bool_]:
 
 
 def recording(
-    source: str, time: npt.ArrayLike, channels: Mapping[str, npt.ArrayLike], units: Mapping[str, str] | None = None
+    source: str,
+    time: npt.ArrayLike,
+    channels: Mapping[str, npt.ArrayLike],
+    units: Mapping[str, str] | None = None,
+    *,
+    drives: Sequence[str] = DRIVES,
 ) -> Recording:
     """Check what was read and convert it to SI.
 
@@ -136,6 +147,8 @@ def recording(
         Values as recorded.
     units : mapping of str to str, optional
         Units as recorded, of any of the channels.
+    drives : sequence of str
+        Channels that may be voltages, for a force that is not measured: no motion is.
 
     Raises
     ------
@@ -147,7 +160,7 @@ def recording(
     if not channels:
         raise InputError(f"{source}: no channel; must have time and at least one channel")
     _refuse_impossible(source, "time", t, "time")
-    scaled = {name: to_si(source, name, said.get(name, "")) for name in channels}
+    scaled = {name: to_si(source, name, said.get(name, ""), drives=name in drives) for name in channels}
     values = {name: scaled[name][0] * _samples(source, name, given) for name, given in channels.items()}
     for name, v in values.items():
         _refuse_impossible(source, name, v, "reading")

@@ -15,22 +15,25 @@ COMMON = ("N", "kN", "mN", "lbf", "m/s2", "mm/s2", "g", "mg", "m/s", "mm/s", "in
 SI = ("N", "m/s2", "m/s", "m")
 """Units that are accepted for a channel."""
 
+VOLT = "V"
+"""Unit of what drives a shaker, which may stand for a force that is not measured."""
+
 GRAVITY = re.compile(r"([mu]?)g(?:_?n)?")
 """In a recording g is the standard gravity, never the gram."""
 
 
-def to_si(source: str, name: str, unit: str) -> tuple[float, str]:
-    """Factor to SI and SI unit of a channel; without a unit the values are in SI.
+def to_si(source: str, name: str, unit: str, *, drives: bool = False) -> tuple[float, str]:
+    """Factor to SI and SI unit of a channel; without a unit the values are in SI. One that drives may be a voltage.
 
     Raises
     ------
     InputError
-        If it is no unit of force, acceleration, velocity or displacement.
+        If it is no unit of force, acceleration, velocity or displacement, nor of a voltage that drives.
     """
     if not unit.strip():
         return 1.0, ""
     parsed = _parsed(unit)
-    for meant in SI:
+    for meant in (*SI, VOLT) if drives else SI:
         if parsed is not None and parsed.dimensionality == _parsed(meant).dimensionality:
             return _factor(parsed), meant
     raise InputError(f'{source}: unit of {name} is "{unit}"; must be one of {", ".join(COMMON)}')
