@@ -188,7 +188,7 @@ def test_a_simulation_run_to_its_steady_state_has_the_harmonics_of_that_state(tm
         (["--fundamental", "0", "--out", "s.csv"], "spectra: --fundamental = 0; must be a number > 0 [Hz]"),
         (
             ["--fundamental", "50", "51", "--out", "s.csv"],
-            "spectra: --fundamental has 2 numbers; must have 1, or 1, one per file",
+            "spectra: --fundamental has 2 numbers; must have 1, for one file",
         ),
         (["--fundamental", "50", "--level", "x", "--out", "s.csv"], 'spectra: --level = "x"; must be a number > 0 [N]'),
         (
@@ -230,7 +230,12 @@ def test_a_simulation_run_to_its_steady_state_has_the_harmonics_of_that_state(tm
         (
             ["--fundamental", "500", "--out", "s.csv"],
             "h.csv: harmonic 9 of 500 Hz at 2000 samples/s; must be below 1000 Hz, half the sampling rate; "
-            "try at most 1 harmonics",
+            "try at most 1 harmonic",
+        ),
+        (
+            ["--fundamental", "1500", "--out", "s.csv"],
+            "h.csv: harmonic 9 of 1500 Hz at 2000 samples/s; must be below 1000 Hz, half the sampling rate; "
+            "are the times in seconds?",
         ),
     ],
 )

@@ -194,7 +194,8 @@ def _per_file(option: str, texts: Sequence[str], unit: str, files: Sequence[obje
     """One number for all files, or one for each."""
     values = [positive(COMMAND, option, text, unit) for text in texts]
     if len(values) not in (1, len(files)):
-        raise InputError(f"{COMMAND}: {option} has {len(values)} numbers; must have 1, or {len(files)}, one per file")
+        several = f", or {len(files)}, one per file" if len(files) > 1 else ""
+        raise InputError(f"{COMMAND}: {option} has {len(values)} numbers; must have 1{several or ', for one file'}")
     return values * len(files) if len(values) == 1 else values
 
 

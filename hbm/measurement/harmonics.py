@@ -122,10 +122,11 @@ def _check(recorded: Recording, t: Array, hz: float, harmonics: int) -> None:
             f"{recorded.source}: {length:.4g} s are {length * hz:.3g} periods of {hz:g} Hz; must be at least one period"
         )
     if 2.0 * harmonics * hz >= rate * (1.0 - 1e-9):
+        most = int(rate / 2 / hz * (1 - 1e-9))
+        way = f"try at most {most} harmonic{'s' * (most > 1)}" if most else "are the times in seconds?"
         raise InputError(
             f"{recorded.source}: harmonic {harmonics} of {hz:g} Hz at {rate:.6g} samples/s; "
-            f"must be below {rate / 2:.6g} Hz, half the sampling rate; "
-            f"try at most {int(rate / 2 / hz * (1 - 1e-9))} harmonics"
+            f"must be below {rate / 2:.6g} Hz, half the sampling rate; {way}"
         )
     largest = float(np.diff(t).max())
     if largest > 0.5 / (harmonics * hz):

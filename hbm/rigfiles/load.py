@@ -205,7 +205,7 @@ def _of_damping(damping: DampingTable, modes: int) -> Iterator[Complaint]:
     if damping.mass_proportional is not None:
         yield Complaint(key, "and damping.mass_proportional are both present", "must have one of them")
     if len(damping.modal_ratios) not in (1, modes):
-        yield Complaint(key, _has(damping.modal_ratios), f"must have 1, or {modes}, one per mode")
+        yield Complaint(key, _has(damping.modal_ratios), f"must have 1{f', or {modes}, one per mode' * (modes > 1)}")
 
 
 def _of_law(kind: type, law: Table) -> Iterator[Complaint]:
