@@ -1,5 +1,7 @@
 """Harmonic balance over joints: exact Newton steps, the one contact it contains, energy, and time integration."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,6 +56,15 @@ def test_one_joint_is_the_contact_of_old() -> None:
         one, other = (steady_state(r, hz, harmonics=9, samples=256) for r in (rig, same))
         for a, b in (("drive", "drive"), ("friction", "tip.force"), ("slip", "tip.motion")):
             assert np.abs(one[a].coefficients - other[b].coefficients).max() < 1e-9 * one[a].peak
+
+
+def test_a_joint_may_be_named_drive() -> None:
+    """Its signals have the name of the port behind a point: none is that of the displacement at the force."""
+    _, rig = contact_and_joint()
+    named = replace(rig, joints=tuple(replace(j, name="drive") for j in rig.joints))
+    one, other = (steady_state(r, 49.0, harmonics=5, samples=128) for r in (rig, named))
+    for name in ("drive", "tip.motion", "tip.force"):
+        np.testing.assert_array_equal(one[name].coefficients, other[name.replace("tip", "drive")].coefficients)
 
 
 @pytest.mark.parametrize("name", LAWS)
