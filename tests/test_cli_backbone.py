@@ -56,6 +56,44 @@ def test_what_is_not_found_with_a_finer_discretisation_is_said(monkeypatch: pyte
     assert f"{said}more samples, more modes" in run(PAPER, *QUICK).stdout
 
 
+def test_the_range_of_a_backbone_that_turns_back_is_printed(tmp_path: Path) -> None:
+    """Where its modes meet it folds, and all points are spent on the way back to small amplitudes."""
+    (tmp_path / "rig.toml").write_text(MEETING)
+    out = tmp_path / "modes.csv"
+    asked = ["--from", "1e-5", "--to", "1e-3", "--harmonics", "7", "--max-points", "60", "--out", str(out)]
+    result = run(str(tmp_path / "rig.toml"), *asked)
+    with out.open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["backbone"] == "nonlinear-mode"]
+    mm, hz = (np.array([float(row[name]) for row in rows]) for name in ("amplitude_m", "frequency_hz"))
+    assert mm[-1] < 0.9 * mm.max()
+    printed = next(line for line in result.stdout.splitlines() if line.strip().startswith("nonlinear-mode"))
+    assert f"0.01 to {1e3 * mm.max():.3g}" in printed
+    assert f"{hz.min():.3f} to {hz.max():.3f}" in printed
+    assert f"backbone: nonlinear mode: partial, up to {mm.max():.3g} m; stopped at" in result.stderr
+
+
+MEETING = """
+name = "two modes that meet"
+[modal]
+frequencies_hz = [80.0, 262.0]
+ports = { tip = [0.8, 0.6] }
+[damping]
+modal_ratios = [0.002]
+[excitation]
+at = "tip"
+amplitude = 1.0
+[[joints]]
+name = "spring"
+law = "cubic-spring"
+cubic = 1e12
+at = "tip"
+[[channels]]
+name = "acc"
+quantity = "acceleration"
+at = "tip"
+"""
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

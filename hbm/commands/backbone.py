@@ -26,6 +26,7 @@ from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.figures.style import AxesArray
+    from hbm.fourier import Array
     from hbm.modes.accuracy import NumericalChange
     from hbm.modes.backbone import Backbone
     from hbm.response.budget import Budget
@@ -125,8 +126,8 @@ def _traced(
             continue
         found.append(traced)
         if not traced.complete:
-            last = f"{traced.amplitude[-1]:.3g} m"
-            failures.append(f"backbone: {name}: partial, up to {last}; {traced.branch.message}")
+            most = f"{traced.amplitude.max():.3g} m"  # past a fold the last one may be far less
+            failures.append(f"backbone: {name}: partial, up to {most}; {traced.branch.message}")
     return found, failures
 
 
@@ -191,9 +192,9 @@ def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"]
             {
                 "kind": backbone_name(b),
                 "points": str(len(b.points)),
-                "drive\nmm": f"{1e3 * b.amplitude[0]:.3g} to {1e3 * b.amplitude[-1]:.3g}",
-                "frequency\nHz": f"{b.hz[0]:.3f} to {b.hz[-1]:.3f}",
-                "damping\n%": f"{100 * b.damping_ratio[0]:.3g} to {100 * b.damping_ratio[-1]:.3g}",
+                "drive\nmm": _over(1e3 * b.amplitude, ".3g"),
+                "frequency\nHz": _over(b.hz, ".3f"),
+                "damping\n%": _over(100 * b.damping_ratio, ".3g"),
                 "most damped\n%": f"{100 * b.damping_ratio[top]:.3g}",
                 "at\nmm": f"{1e3 * b.amplitude[top]:.3g}",
                 "force\nN": f"{b.force[top]:.3g}",
@@ -205,6 +206,13 @@ def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"]
             lines.append(f"warning: {backbone_name(b)}: the tip would lift off from {1e3 * b.lift_off:.3g} mm on")
     print_rows(screen, f"{rig.headline}, mode {mode}", rows)
     print_lines(screen, lines)
+
+
+def _over(values: "Array", form: str) -> str:
+    """From the first to the last of some values where they change one way; else from the least to the largest."""
+    first, last, least, most = values[0], values[-1], values.min(), values.max()
+    ends = (first, last) if {first, last} == {least, most} else (least, most)
+    return f"{ends[0]:{form}} to {ends[1]:{form}}"
 
 
 def _accuracy(change: "NumericalChange") -> str:

@@ -56,7 +56,7 @@ class Backbone(ABC):
     def __repr__(self) -> str:
         """Range of amplitude and frequency, and why it ended."""
         first, last = self.points[0], self.points[-1]
-        begin, end = self.amplitude[0], self.amplitude[-1]
+        begin, end = self.amplitude.min(), self.amplitude.max()
         what = {"NonlinearMode": "nonlinear mode", "PhaseResonance": "phase resonance"}[type(self).__name__]
         return (
             f"{what}: {len(self.points)} motions, drive amplitude {begin:.4g} to {end:.4g} m, "
