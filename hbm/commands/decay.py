@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hbm.commands.budgets import RunSeconds, seconds_of, within
-from hbm.commands.options import AllowCode, console, named, not_negative, positive, print_written, whole
+from hbm.commands.options import AllowCode, console, named, not_negative, positive, print_written, say, whole
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -69,12 +69,14 @@ def decay(
             check_output(out, (".csv",), "--out")
     with within(COMMAND, limit, lambda: f"at {len(histories)} histories", "try fewer, or a larger --max-seconds"):
         found = _decays(histories, channel, ends, settle)
-        predicted = None
+        mode_of_rig, short = None, ""
         if rig is not None:
             loaded = load_rig(rig, allow_code=allow_code or None)
             found = _in_unit_of(loaded, rig, found)
-            predicted = _mode(loaded, number, found)
-    _deliver(found, predicted, out)
+            mode_of_rig, short = _mode(loaded, number, found)
+    _deliver(found, mode_of_rig, out)
+    if short:
+        raise typer.Exit(say(short, 1))
 
 
 def _decays(histories: list[Path], names: list[str], band: tuple[float, float], settle: float) -> "Decay":
@@ -100,17 +102,30 @@ def _in_unit_of(rig: "AnyRig", path: Path, found: "Decay") -> "Decay":
     return found if found.unit else replace(found, unit=UNITS[quantity])
 
 
-def _mode(rig: "AnyRig", number: int, found: "Decay") -> "NonlinearMode":
-    """Nonlinear mode over the amplitudes of the decay, and a little more."""
-    from hbm.modes.decaying import over_channel
+def _mode(rig: "AnyRig", number: int, found: "Decay") -> tuple["NonlinearMode | None", str]:
+    """Nonlinear mode over the amplitudes of the decay, and a little more; and what it does not reach, in words."""
+    from continuation import ConvergenceError
+    from hbm.modes.decaying import span, toward_channel
 
     if not 1 <= number <= rig.structure.n:
         raise InputError(f"{COMMAND}: --mode = {number}; must be from 1 to {rig.structure.n}")
-    return over_channel(rig, number, found.channel, (float(found.amplitude.min()), float(found.amplitude.max())))
+    named = f"{COMMAND}: {rig.name}: mode {number}"
+    try:
+        mode = toward_channel(rig, number, found.channel, (float(found.amplitude.min()), float(found.amplitude.max())))
+    except (ConvergenceError, ArithmeticError) as failed:
+        return None, f"{named} is not compared: {failed}"
+    low, high = span(mode, found.channel)
+    beyond = sum(not low <= amplitude <= high for amplitude in found.amplitude.tolist())
+    if not beyond:
+        return mode, ""
+    return mode, (
+        f"{named} reaches {found.channel} = {low:.3g} to {high:.3g}: {beyond} of {len(found)} amplitudes are not "
+        f"compared; {mode.branch.message}"
+    )
 
 
 def _deliver(found: "Decay", mode: "NonlinearMode | None", out: Path | None) -> None:
-    from hbm.commands.tables import print_rows
+    from hbm.commands.tables import dashed, print_rows
     from hbm.files.outputs import columns_text
     from hbm.modes.decaying import predicted
     from hbm.textfiles import write_together
@@ -129,7 +144,7 @@ def _deliver(found: "Decay", mode: "NonlinearMode | None", out: Path | None) -> 
             "damping\n%": f"{100 * found.damping_ratio[i]:.4g} ± {100 * found.damping_ratio_std[i]:.1g}",
         }
         if mode is not None:
-            row |= {"simulated\nHz": f"{hz[i]:.7g}", "simulated\n%": f"{100 * ratio[i]:.4g}"}
+            row |= {"simulated\nHz": dashed(hz[i], ".7g"), "simulated\n%": dashed(100 * ratio[i], ".4g")}
         rows.append(row)
     print_rows(console(), found.source, rows)
     print_written([] if out is None else [out])

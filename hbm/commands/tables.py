@@ -49,7 +49,7 @@ def print_modes(console: Console, rig: AnyRig, modes: "LinearModes") -> None:
     """Print natural frequencies, damping, and what the modes left out contribute."""
     numbers = zip(modes.sliding_hz, modes.stuck_hz, modes.damping_ratio, modes.stuck_damping_ratio, strict=True)
     rows = [
-        [str(i), f"{free:.3f}", _number(held, ".3f"), f"{100 * ratio:.4g}", _number(100 * lost, ".4g")]
+        [str(i), f"{free:.3f}", dashed(held, ".3f"), f"{100 * ratio:.4g}", dashed(100 * lost, ".4g")]
         for i, (free, held, ratio, lost) in enumerate(numbers, start=1)
     ]
     if isinstance(rig, JointedRig):
@@ -148,8 +148,8 @@ def _numerics_row(c: "ResponseCurve", known: "Assessment") -> dict[str, str]:
         "H": str(c.basis.H),
         "samples": str(c.basis.N_t),
         "modes": str(c.rig.structure.n),
-        "at the peak\n%": _number(100 * known.error.at_peak.total, ".2f"),
-        "worst\n%": _number(100 * worst.total, ".2f"),
+        "at the peak\n%": dashed(100 * known.error.at_peak.total, ".2f"),
+        "worst\n%": dashed(100 * worst.total, ".2f"),
         "at\nHz": f"{worst.hz:.2f}",
         "loop\nclosure": f"{known.error.closure:.0e}",
     }
@@ -196,7 +196,7 @@ def print_spectra(console: Console, records: Sequence["HarmonicEstimate"], level
                 "fundamental\n|c1|" if sine else "strongest\n|ck|": f"{q.amplitude:.5g}",
                 "std\n ": f"{q.std:.2g}",
                 "unit": record.units.get(q.name) or "not stated",
-                "trend\n%": _number(100 * q.steadiness.change, ".2g"),
+                "trend\n%": dashed(100 * q.steadiness.change, ".2g"),
                 "steady": ("yes" if q.steadiness.steady else "no") if math.isfinite(q.steadiness.p_steady) else "-",
                 "between harmonics\n% of rms": f"{100 * q.leftover.share:.2g}",
             }
@@ -290,7 +290,7 @@ def print_table(console: Console, title: str, headings: Sequence[str], rows: Ite
     console.print(table)
 
 
-def _number(value: float, form: str) -> str:
+def dashed(value: float, form: str) -> str:
     """A number, or a dash where it is not known."""
     return format(value, form) if math.isfinite(value) else "-"
 

@@ -9,7 +9,7 @@ from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.modes.epmc import DriveAmplitude
 from hbm.modes.linear import Touching
-from hbm.response.budget import Along, Budget, OnPoint, continue_within
+from hbm.response.budget import Along, Budget, OnPoint, Until, continue_within
 from models.jointed import AnyRig
 
 TOLERANCE = 1e-10
@@ -138,8 +138,9 @@ def traced(
     amplitudes: tuple[float, float] | None,
     on_point: OnPoint | None,
     budget: Budget | None,
+    until: Until | None = None,
 ) -> Branch:
-    """Branch of a mode between two amplitudes [m].
+    """Branch of a mode between two amplitudes [m], or to where it is of use.
 
     Raises
     ------
@@ -152,7 +153,8 @@ def traced(
     if not 0.0 < first < last:
         raise ValueError(f"backbone: amplitudes {first:g} to {last:g} m; must be > 0 and grow")
     lam, linear = (float(np.log10(first)), float(np.log10(last))), StuckMode.of(problem.rig, mode)
-    return _continued(problem, linear, _first_motion(problem, linear, lam[0]), lam, budget or BUDGET, on_point)
+    first_motion = _first_motion(problem, linear, lam[0])
+    return _continued(problem, linear, first_motion, lam, budget or BUDGET, on_point, until)
 
 
 def _first_motion(problem: DriveAmplitude, linear: StuckMode, lam: float) -> Array:
@@ -179,9 +181,11 @@ def _continued(
     lam: tuple[float, float],
     budget: Budget,
     on_point: OnPoint | None = None,
+    until: Until | None = None,
 ) -> Branch:
     along = Along(lambda at: float(10.0**at), "m", FOLDS, ADVICE)
-    return continue_within(budget, along, problem, x, lam[0], _settings(linear.weights(problem, lam[0]), lam), on_point)
+    settings = _settings(linear.weights(problem, lam[0]), lam)
+    return continue_within(budget, along, problem, x, lam[0], settings, on_point, until)
 
 
 def _settings(weights: Array, lam: tuple[float, float]) -> Settings:

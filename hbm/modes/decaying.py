@@ -6,17 +6,17 @@ negative damping, so that a linear one has its undamped frequency; what is not k
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
-from continuation import ConvergenceError
+from continuation import ConvergenceError, Point
 from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution, describe
-from hbm.channels import factor
 from hbm.errors import InputError
 from hbm.fourier import Array, FourierBasis, default_samples
-from hbm.modes.amplitudes import solved
-from hbm.modes.backbone import NonlinearMode, nonlinear_mode
+from hbm.modes.amplitudes import StuckMode, solved, traced
+from hbm.modes.backbone import NonlinearMode, described
 from hbm.modes.epmc import DriveAmplitude, FreeMotion
 from hbm.parallel import one_thread
 from hbm.response.budget import Budget
@@ -33,6 +33,10 @@ EXACT = 1e-9
 
 ROUNDS = 6
 """A channel's amplitude per drive displacement changes with the amplitude: it is found in turns."""
+
+GROWTH, TELLING = (0.2, 5.0), 1e-6
+"""Powers of the drive displacement that a channel may grow with, such as 2 of an acceleration where a spring hardens;
+steps of its logarithm that are longer tell which."""
 
 
 def over_channel(
@@ -65,29 +69,72 @@ def over_channel(
     continuation.ConvergenceError
         If there is no first motion.
     """
-    low, high = amplitudes[0] / BEYOND, amplitudes[1] * BEYOND
-    read = next(c for c in rig.channels if c.name == channel)
-    per_metre = float(abs(factor(read, np.array([1j * rig.structure.omega_n[mode - 1]]))[0]))
-    drive = low / per_metre, high / per_metre  # as if the channel were at the drive, to begin with
-    for _ in range(ROUNDS):
-        found = nonlinear_mode(rig, mode, amplitudes=drive, harmonics=basis.H, samples=basis.N_t, budget=budget)
-        reached = _channel_amplitude(found.points, channel)
-        if reached[0] <= amplitudes[0] and reached[-1] >= amplitudes[1]:
-            return found
-        if not found.complete:
-            break
-        drive = found.amplitude[0] * low / reached[0], found.amplitude[-1] * high / reached[-1]
+    found = toward_channel(rig, mode, channel, amplitudes, basis, budget)
+    low, high = span(found, channel)
+    if low <= amplitudes[0] and high >= amplitudes[1]:
+        return found
     raise InputError(
-        f"{rig.name}: {channel} of mode {mode} reaches {reached[0]:.3g} to {reached[-1]:.3g}; must be "
-        f"{amplitudes[0]:.3g} to {amplitudes[1]:.3g}, the amplitudes of the decay"
+        f"{rig.name}: {channel} of mode {mode} reaches {low:.3g} to {high:.3g}; must be {amplitudes[0]:.3g} to "
+        f"{amplitudes[1]:.3g}, the amplitudes of the decay; {found.branch.message}"
     )
 
 
+@one_thread
+def toward_channel(
+    rig: AnyRig,
+    mode: int,
+    channel: str,
+    amplitudes: tuple[float, float],
+    basis: FourierBasis = BASIS,
+    budget: Budget | None = None,
+) -> NonlinearMode:
+    """Nonlinear mode over as much of a range of amplitudes of a channel as it reaches; as :func:`over_channel`.
+
+    It goes up from small amplitudes and ends where the largest one is reached: beyond may be what no decay shows, such
+    as an internal resonance, which a trace can spend all its points on.
+
+    Raises
+    ------
+    continuation.ConvergenceError
+        If there is no first motion.
+    """
+    problem = FreeMotion(rig, basis)
+    low, high = amplitudes[0] / BEYOND, amplitudes[1] * BEYOND
+    per_metre = _of_linear_mode(problem, mode, channel)
+    drive = low / per_metre, high / per_metre
+
+    def enough(point: Point) -> bool:
+        return float(_channel_amplitude(described(problem, [point]), channel)[0]) >= high
+
+    for _ in range(ROUNDS):
+        branch = traced(problem, mode, drive, None, budget, enough)
+        found = NonlinearMode(rig, described(problem, branch.points), branch, problem)
+        reached = _channel_amplitude(found.points, channel)
+        if not found.complete or (reached[0] <= amplitudes[0] and reached[-1] >= amplitudes[1]):
+            break
+        # longer at the ends that are missing alone
+        drive = drive[0] * min(low / reached[0], 1.0), drive[1] * max(high / reached[-1], 1.0)
+    return found
+
+
+def span(mode: NonlinearMode, channel: str) -> tuple[float, float]:
+    """Least and largest amplitude of a channel that a mode reaches, in its unit."""
+    reached = _channel_amplitude(mode.points, channel)
+    return float(reached.min()), float(reached.max())
+
+
 def predicted(mode: NonlinearMode, channel: str, amplitude: Array) -> tuple[Array, Array]:
-    """Frequency [Hz] and damping ratio of a decay of a mode at amplitudes of a channel, (m,) each."""
-    x = np.log(_channel_amplitude(mode.points, channel))
-    at = np.log(amplitude)
-    return np.asarray(np.interp(at, x, mode.decaying_hz)), np.asarray(np.interp(at, x, mode.damping_ratio))
+    """Frequency [Hz] and damping ratio of a decay of a mode at amplitudes of a channel, (m,) each; nan beyond it.
+
+    They are solved there; by lines between the points of the mode where that fails, as beside a fold.
+    """
+    hz, ratio = _where(mode, channel, amplitude, np.column_stack([mode.decaying_hz, mode.damping_ratio])).T
+    within = np.isfinite(hz)
+    with suppress(ConvergenceError):
+        if within.any():
+            there = at_channel(mode, channel, amplitude[within])
+            hz[within], ratio[within] = there.decaying_hz, there.damping_ratio
+    return hz, ratio
 
 
 def at_channel(mode: NonlinearMode, channel: str, amplitudes: Array) -> NonlinearMode:
@@ -100,8 +147,7 @@ def at_channel(mode: NonlinearMode, channel: str, amplitudes: Array) -> Nonlinea
     continuation.ConvergenceError
         If one cannot be solved.
     """
-    reached = np.log(_channel_amplitude(mode.points, channel))
-    drive = np.exp(np.interp(np.log(amplitudes), reached, np.log(mode.amplitude)))
+    drive = np.exp(_where(mode, channel, amplitudes, np.log(mode.amplitude)[:, None])[:, 0])
     return _settled(mode.problem, mode.near(drive), drive, channel, amplitudes)
 
 
@@ -137,19 +183,47 @@ def near_states(
 def _settled(
     problem: DriveAmplitude, x: Sequence[Array], drive: Array, channel: str, amplitudes: Array
 ) -> NonlinearMode:
-    """Motions at amplitudes of a channel, from unknowns near them at amplitudes of the drive."""
+    """Motions at amplitudes of a channel, from unknowns near them at amplitudes of the drive, by secants."""
+    at, growth, last = np.log(drive), np.ones(len(drive)), None
     for _ in range(ROUNDS):
-        found = [solved(problem, near, lam) for near, lam in zip(x, np.log10(drive).tolist(), strict=True)]
+        found = [solved(problem, near, lam) for near, lam in zip(x, (at / np.log(10.0)).tolist(), strict=True)]
         x = [f.x for f in found]
         motions = tuple(describe(*problem.unpack(f.x, f.lam)) for f in found)
-        off = amplitudes / _channel_amplitude(motions, channel)
-        if np.abs(off - 1.0).max() < EXACT:
+        reached = np.log(_channel_amplitude(motions, channel))
+        missing = np.log(amplitudes) - reached
+        if np.abs(missing).max() < EXACT:
             return NonlinearMode.of(problem, found, motions)
-        drive = drive * off
+        if last is not None:
+            told = np.abs(at - last[0]) > TELLING
+            growth[told] = np.clip((reached - last[1])[told] / (at - last[0])[told], *GROWTH)
+        last, at = (at, reached), at + missing / growth
+    worst = int(np.abs(missing).argmax())
     raise ConvergenceError(
-        f"{problem.rig.name}: amplitudes of {channel} are {np.abs(off - 1.0).max():.2g} off after {ROUNDS} rounds; "
-        f"must be within {EXACT:g}"
+        f"{problem.rig.name}: no motion at {channel} = {amplitudes[worst]:.4g}, {abs(missing[worst]):.2g} of it off "
+        f"after {ROUNDS} rounds; must be within {EXACT:g}"
     )
+
+
+def _of_linear_mode(problem: FreeMotion, mode: int, channel: str) -> float:
+    """Amplitude of a channel in the linear mode, with everything that touches stuck, per drive displacement [m]."""
+    lam = float(np.log10(problem.drive_ref))
+    motion = describe(*problem.unpack(StuckMode.of(problem.rig, mode).motion(problem, lam), lam))
+    if not (read := float(_channel_amplitude([motion], channel)[0])):
+        raise InputError(f"{problem.rig.name}: {channel} reads nothing of mode {mode}; must be a channel that does")
+    return read / problem.drive_ref
+
+
+def _where(mode: NonlinearMode, channel: str, amplitudes: Array, values: Array) -> Array:
+    """What the points of a mode have, (points, k), where a channel first comes to amplitudes, (m, k); nan beyond it."""
+    reached, wanted = np.log(_channel_amplitude(mode.points, channel)), np.log(amplitudes)
+    found = np.full((len(wanted), values.shape[1]), np.nan)
+    for row, at in zip(found, wanted, strict=True):
+        passed = np.flatnonzero((reached[:-1] - at) * (reached[1:] - at) <= 0.0)
+        if passed.size:
+            i = int(passed[0])
+            whole = reached[i + 1] - reached[i]
+            row[:] = values[i] + ((at - reached[i]) / whole if whole else 0.0) * (values[i + 1] - values[i])
+    return found
 
 
 def _channel_amplitude(points: Sequence[PeriodicSolution], channel: str) -> Array:

@@ -31,8 +31,9 @@ from models.jointed import AnyRig, JointedRig
 BASIS = FourierBasis(7, 128)
 """Harmonics and samples of the motions; a diagnosis says what twice as many of both would change."""
 
-BUDGET = Budget(points=60)
-"""A branch that does not fold takes 20 points for two decades; one that folds is not what a decay shows."""
+BUDGET, ALONE = Budget(points=100), Budget(points=300)
+"""A branch takes 20 points for two decades, and 60 where something sets in; one that folds is none of a decay. Many are
+tried over a rig that has been solved, which may take longer itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +66,16 @@ class BackboneCampaign(FlooredCampaign):
     def simulate(
         self, rig: AnyRig, keys: Sequence[str], starts: States, needed: Collection[int] = ()
     ) -> dict[int, Simulated]:
-        """As of any campaign: all amplitudes, along the nonlinear mode of the rig, or none."""
+        """As of any campaign: all amplitudes, along the nonlinear mode of the rig, or none, which is an error."""
         try:
             return self._simulated(self._motions(rig, starts), keys)
         except FAILURES as failed:
-            if needed:
-                raise ConvergenceError(f"diagnose: the rig has lost its nonlinear mode: {failed}") from None
-            return {}
+            held = self.amplitudes_held
+            raise ConvergenceError(
+                f"the nonlinear mode of the rig was not found at all amplitudes, {self.data.channels[0]} = "
+                f"{held.min():.3g} to {held.max():.3g}: {failed}; see hbm backbone for how far it goes, and take "
+                "amplitudes beyond out of the table"
+            ) from None
 
     def _motions(self, rig: AnyRig, starts: States) -> NonlinearMode:
         """Motions at all amplitudes: from those before, or along the mode where there are none of such a rig."""
@@ -81,7 +85,8 @@ class BackboneCampaign(FlooredCampaign):
             relief = 4 * np.pi * np.array([float(r.measured[1, 0, 0]) for r in self.data.records])
             with suppress(*FAILURES):
                 return near_states(rig, basis, states, relief, channel, held)
-        branch = over_channel(rig, self.mode, channel, (float(held.min()), float(held.max())), basis, BUDGET)
+        budget = BUDGET if states else ALONE
+        branch = over_channel(rig, self.mode, channel, (float(held.min()), float(held.max())), basis, budget)
         return at_channel(branch, channel, held)
 
     def _simulated(self, motions: NonlinearMode, keys: Sequence[str]) -> dict[int, Simulated]:

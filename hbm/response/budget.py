@@ -29,6 +29,9 @@ ADVICE = "try another range, fewer harmonics, a smoother law (a larger stribeck_
 OnPoint = Callable[[float, int], None]
 """Called with the value that a curve is traced along and the number of every point found."""
 
+Until = Callable[[Point], bool]
+"""Whether a curve has come to where it is of use, short of the end of its sweep."""
+
 
 @dataclass(frozen=True)
 class Budget:
@@ -135,6 +138,7 @@ def continue_within(
     lam: float,
     settings: Settings,
     on_point: OnPoint | None = None,
+    until: Until | None = None,
 ) -> Branch:
     """Trace a branch to the end of its sweep within a budget; where it ends elsewhere, it says in words where and why.
 
@@ -147,6 +151,8 @@ def continue_within(
         As of :func:`continuation.continue_branch`.
     on_point : callable, optional
         Progress.
+    until : callable, optional
+        The branch ends, complete, with the first point of which this is true.
     """
     watch = Watch(budget or Budget(), abs(settings.lam_end - lam), along.folds)
 
@@ -154,9 +160,14 @@ def continue_within(
         ended = watch.spent(point)
         if on_point is not None:
             on_point(along.value(point.lam), watch.count)
-        return bool(ended)
+        there.extend([point] if until is not None and until(point) else [])
+        return bool(ended or there)
 
+    there: list[Point] = []
     branch = continue_branch(problem, x, lam, settings, report)
+    if there:
+        where = f"{along.value(there[0].lam):.6g} {along.unit}".rstrip()
+        return replace(branch, end=End.REACHED_END, message=f"reached what was asked for at {where}")
     if branch.closed:
         return replace(branch, end=End.MISSED_END, message=_short_of_the_end(branch, along))
     if not watch.ended:

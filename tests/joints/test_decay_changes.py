@@ -5,8 +5,9 @@ import pytest
 
 from hbm.fourier import Array, FourierBasis
 from hbm.modes.backbone import NonlinearMode
-from hbm.modes.decaying import at_channel, near_states, over_channel
+from hbm.modes.decaying import at_channel, near_states, over_channel, predicted, toward_channel
 from hbm.modes.sensitivity import decay_changes
+from hbm.response.budget import Budget
 from models import Dahl, Jenkins
 from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
@@ -77,3 +78,40 @@ def test_a_decay_from_motions_nearby_is_that_from_the_linear_mode() -> None:
     keys = ["joints.bristle.stiffness", "joints.slider.normal_load"]
     for a, b in zip(decay_changes(near, "acc", keys), decay_changes(anew, "acc", keys), strict=True):
         np.testing.assert_allclose(a.relief, b.relief, rtol=1e-6)
+
+
+def hardening(second: float, cubic: float = 1e12) -> JointedRig:
+    """Modes of 80 and 262 Hz, the latter with a part at the tip, where there is a cubic spring: they meet at 1 to 3."""
+    body = ModalModel((80.0, 262.0), {"tip": (0.8, second)})
+    joints, channels = (Joint("spring", CubicSpring(cubic), ("tip",)),), (Channel("acc", "acceleration", at="tip"),)
+    return JointedRig("hardening", body, Damping(modal_ratios=(0.002,)), joints, Excitation(1.0, at="tip"), channels)
+
+
+def test_a_mode_is_followed_to_the_amplitude_asked_for_and_not_into_what_is_beyond_it() -> None:
+    """By its frequency in the linear mode 80 m/s2 would be where the modes meet, which takes all points there are."""
+    mode = over_channel(hardening(0.3), 1, "acc", (1.0, 80.0), FourierBasis(7, 128), Budget(points=60))
+    assert len(mode.points) < 40
+    assert not mode.folds
+    assert mode.hz[-1] < 262.0 / 3 < mode.rig.structure.omega_n[1]
+
+
+def test_amplitudes_are_met_where_a_channel_does_not_grow_as_the_drive() -> None:
+    """One harmonic of one mode: w^2 = w0^2 + 3/4 k phi^2 X^2, by which an acceleration X w^2 grows with up to X^3."""
+    amplitudes, k = np.array([2.0, 60.0, 120.0, 400.0]), 1e12
+    branch = over_channel(hardening(0.0), 1, "acc", (2.0, 400.0), FourierBasis(1, 64))
+    mode = at_channel(branch, "acc", amplitudes)
+    omega2 = (2 * np.pi * mode.hz) ** 2
+    closed = (2 * np.pi * 80.0) ** 2 + 0.75 * k * 0.8**2 * (amplitudes / omega2) ** 2
+    assert mode.hz[-1] > 1.2 * mode.hz[0]
+    np.testing.assert_allclose(omega2, closed, rtol=1e-8)
+
+
+def test_what_a_mode_does_not_reach_is_not_predicted() -> None:
+    """It folds short of the largest amplitude; the amplitudes that it reaches have the motion it comes to first."""
+    mode = toward_channel(hardening(0.6), 1, "acc", (1.0, 200.0), FourierBasis(7, 128), Budget(points=60))
+    assert mode.folds
+    hz, ratio = predicted(mode, "acc", np.array([2.0, 60.0, 200.0]))
+    there = at_channel(over_channel(mode.rig, 1, "acc", (1.0, 60.0), FourierBasis(7, 128)), "acc", np.array([60.0]))
+    assert hz[1] == pytest.approx(there.decaying_hz[0], rel=1e-3)  # lines between points of the branch
+    assert np.isnan([hz[2], ratio[2]]).all()
+    assert not np.isnan([*hz[:2], *ratio[:2]]).any()

@@ -1,5 +1,6 @@
 """Free decays whose instantaneous frequency and damping are known, and one simulated with friction beside its mode."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from hbm.errors import InputError
 from hbm.measurement.decay import Decay, free_decay, over_amplitude
 from hbm.measurement.recording import Recording, recording
 from hbm.modes.decaying import over_channel, predicted
+from hbm.response.budget import Budget
 from hbm.rigfiles.load import load_rig
 
 RATE, BAND = 4000.0, (95.0, 150.0)
@@ -237,3 +239,29 @@ def test_beside_a_rig_the_unit_is_that_of_its_channel_and_nothing_need_be_left_o
     assert alone.stdout.splitlines()[3].split("  ")[0].strip() == "unit not stated"
     refused = CliRunner().invoke(app, [*args[:-1], "-1"])
     assert (refused.exit_code, refused.stderr) == (2, "decay: --settle = -1; must be a number >= 0 [s]\n")
+
+
+def test_what_was_measured_is_written_where_the_mode_of_the_rig_does_not_reach_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A trace of so few points ends short of the largest amplitudes."""
+    monkeypatch.setattr("hbm.modes.amplitudes.BUDGET", Budget(points=4))
+    (tmp_path / "rig.toml").write_text(RIG)
+    recorded, out = slider(4e-3, 1.0, 10_000), tmp_path / "decay.csv"
+    np.savez(tmp_path / "blow.npz", time_s=recorded.time, v=recorded.channels["v"])
+    args = ["decay", str(tmp_path / "blow.npz"), "--channel", "v", "--band", "20", "90", "--out", str(out)]
+    result = CliRunner().invoke(app, [*args, "--rig", str(tmp_path / "rig.toml")])
+    assert result.exit_code == 1
+    table = np.genfromtxt(out, delimiter=",", names=True)
+    beyond = np.isnan(table["simulated_hz"])
+    assert 0 < beyond.sum() < len(beyond)
+    assert np.isfinite(table["frequency_hz"]).all()
+    assert table["amplitude"][beyond].min() > table["amplitude"][~beyond].max()
+    assert re.fullmatch(
+        rf"decay: one mode on a slider: mode 1 reaches v = \S+ to \S+: {beyond.sum()} of {len(beyond)} amplitudes are "
+        r"not compared; stopped at .*: 4 points are its budget; .*\n",
+        result.stderr,
+    )
+    plain = CliRunner().invoke(app, args)
+    assert plain.exit_code == 0
+    assert np.genfromtxt(out, delimiter=",", names=True)["frequency_hz"] == pytest.approx(table["frequency_hz"])
