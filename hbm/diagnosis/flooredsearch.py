@@ -18,10 +18,10 @@ from hbm.diagnosis.confidence import FORETOLD, RELIABLE
 from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, leading, tied
 from hbm.diagnosis.deviations import std_of_records
 from hbm.diagnosis.estimates import estimates, name_of, told_of
-from hbm.diagnosis.evidence import shares_of_two
+from hbm.diagnosis.flooredevidence import floored_evidence, white_beside
 from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.misfit import nrmse
-from hbm.diagnosis.remainder import LEFT, Remainder, beyond_noise, explained, negligible, percent, within_noise
+from hbm.diagnosis.remainder import LEFT, Remainder, beyond_noise, explained, negligible, within_noise
 from hbm.diagnosis.screen import starting
 from hbm.diagnosis.search import NEARLY, OnProgress
 from hbm.diagnosis.shortlist import alike, elsewhere, hopeful
@@ -97,10 +97,17 @@ class FlooredSearch:
         self.alone: list[Evaluation] = []
         self.leads: list[Evaluation] = []
         self.scores: list[Scanned] = []
+        self.begun: list[str] = []
+        self.unsolved: list[str] = []
         self.calibrated = self._settled(fit_model(self.trust, self.campaign, self.trust.start, self.nominal.solutions))
         self.tried = 1
 
     # ---- fits
+
+    @property
+    def raced(self) -> tuple[list[str], list[str], list[str]]:
+        """Candidates that promised something to first order, the models that were fitted, and those not solved."""
+        return [s.cause.label for s in self.scores], self.begun, self.unsolved
 
     def _settled(self, e: Evaluation) -> Evaluation:
         """A fit beside what it leaves itself, which from then on all are compared beside."""
@@ -114,7 +121,7 @@ class FlooredSearch:
 
     def beside(self, e: Evaluation, floor: float) -> Evaluation:
         """A model where it is, beside another floor."""
-        return replace(e, white=_white(e, self.campaign, floor))
+        return replace(e, white=white_beside(e, self.campaign, floor))
 
     def race(self, base: Evaluation, most: float = np.inf) -> list[Evaluation]:
         """Fits of the candidates that may explain what a model leaves, over it; `most` is what is of use to leave."""
@@ -126,7 +133,7 @@ class FlooredSearch:
         chosen = hopeful(scores, base.chi2)
         pulled: list[Candidate] = [(cause, ({},)) for cause in self._pulled(base)]
         found = self._fits(base, [*((s.cause, s.starts) for s in chosen), *pulled], most)
-        best = min(found, key=lambda e: e.chi2, default=None)
+        best = min(found, key=lambda e: e.bic, default=None)
         if best is None:
             return []
         further = [(s.cause, s.starts) for s in elsewhere(best.model.causes[-1], scores) if s not in chosen]
@@ -163,11 +170,12 @@ class FlooredSearch:
             with suppress(*FAILURES):
                 x = starting(model, base, start)
                 begun.append((*start_from(model, campaign, x, base.solutions, needed), x))
-        if not begun:
-            return None
-        _, solutions, x = min(begun, key=lambda b: b[0])
-        with suppress(*FAILURES):
-            return fit_model(model, campaign, x, solutions, needed=needed, reach=of_use)
+        self.begun.append(model.label)
+        if begun:
+            _, solutions, x = min(begun, key=lambda b: b[0])
+            with suppress(*FAILURES):
+                return fit_model(model, campaign, x, solutions, needed=needed, reach=of_use)
+        self.unsolved.append(model.label)
         return None
 
     # ---- the decision
@@ -181,6 +189,8 @@ class FlooredSearch:
         self.campaign = replace(settled, floor=few * settled.floor)
         found = self._raced(settled.floor)
         self.campaign = settled if found is None else self.campaign
+        if not self.fits:  # none was accepted: what was tried is ranked all the same
+            self.fits = best_of([self.beside(e, self.campaign.floor) for e in self.alone])
         return found
 
     def _raced(self, left: float) -> Evaluation | None:
@@ -204,11 +214,13 @@ class FlooredSearch:
         if not accepted(self.beside(base, self.campaign.floor), leader, self.tried):
             self.campaign = before
             return None
-        beside = [self.beside(e, self.campaign.floor) for e in fits[1:]]
-        fits = best_of([leader, *(self._again(e) if e.chi2 < BEHIND * leader.chi2 else e for e in beside)])
+        beside = [(self.beside(e, self.campaign.floor), e.chi2 / fits[0].chi2) for e in fits[1:]]
+        # one that was near in the race may be far off beside a lower floor, until it is fitted there
+        again = [min(e.chi2 / leader.chi2, raced) < BEHIND for e, raced in beside]
+        others = [self._again(e) if near else e for (e, _), near in zip(beside, again, strict=True)]
+        fits = best_of([leader, *others])
         told = {e.model.label for e in fits}
-        others = [self.beside(e, self.campaign.floor) for e in self.fits if e.model.label not in told]
-        self.fits = [*fits, *others]
+        self.fits = [*fits, *(self.beside(e, self.campaign.floor) for e in self.fits if e.model.label not in told)]
         return next((e for e in inside(fits[0], fits) if not _pays(e, fits[0])), fits[0])
 
     def _judged(self, e: Evaluation) -> float:
@@ -256,7 +268,7 @@ class FlooredSearch:
             errors=_errors(plain, unseen),
             held_out_records=() if self.hidden is None else tuple(self.hidden.numbers),
             ranking=tuple(self._ranked(e) for e in self.fits),
-            evidence=tuple(self._evidence(plain, unseen, named)),
+            evidence=tuple(floored_evidence(self, plain, unseen, named)),
             extended=None if named is None else named.model.rig(named.x),
             nominal=self.beside(self.nominal, self.campaign.floor),
             calibrated=self.beside(self.calibrated, self.campaign.floor),
@@ -275,7 +287,7 @@ class FlooredSearch:
     def _unseen(self, e: Evaluation) -> Whitened | None:
         """Records held out beside a model and the largest background that may be."""
         held = self.predicted(e)
-        return None if held is None or self.hidden is None else _white(held, self.hidden, LARGEST)
+        return None if held is None or self.hidden is None else white_beside(held, self.hidden, LARGEST)
 
     def _shares(self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation]) -> dict[str, float]:
         """Share of the misfit that the extended rig does not leave, of records fitted and held out.
@@ -287,7 +299,7 @@ class FlooredSearch:
         found = {}
         for name, part, campaign in parts:
             if campaign is not None and "extended" in part:
-                before, after = (_white(part[model], campaign, LARGEST) for model in ("calibrated", "extended"))
+                before, after = (white_beside(part[model], campaign, LARGEST) for model in ("calibrated", "extended"))
                 found[name] = explained(before, after)
         return found
 
@@ -323,41 +335,7 @@ class FlooredSearch:
             e.model.label, name_of(e), estimates(e), e.bic, e.chi2, None if held is None else nrmse(held.white)
         )
 
-    def _evidence(
-        self, plain: Mapping[str, Evaluation], unseen: Mapping[str, Evaluation], named: Evaluation | None
-    ) -> Iterator[str]:
-        held = 0 if self.hidden is None else len(self.hidden.data.records)
-        yield f"{self.campaign.described} fitted, {held} held out."
-        basis = self.campaign.numerics.working.basis
-        judged = plain["calibrated" if named is None else "extended"]
-        yield (
-            f"simulated with {basis.H} harmonics and {basis.N_t} samples; twice as many of both change the response by "
-            f"{percent(self._unresolved(judged))}."
-        )
-        yield (
-            "Models are compared beside what none of them describes, as the best one leaves it: noise of "
-            f"{percent(self.campaign.floor)} of {self.campaign.floor_of}."
-        )
-        for name, e in plain.items():
-            scored = ""
-            if self.hidden is not None and name in unseen:
-                further = self.hidden.worst(unseen[name].found)
-                scored = f", {nrmse(unseen[name].white):.3%} on those held out{further}"
-            yield (
-                f"The {name} model is off by {nrmse(e.white):.3%} on the records fitted{scored} "
-                f"({e.white.chi2 / len(e.white):.4g} noise variances)."
-            )
-
-        if named is None:
-            return
-        yield from shares_of_two(named, self.alone, self.calibrated, lambda e: _white(e, self.campaign, LARGEST))
-        if self.fits[0].chi2 < named.chi2:
-            yield (
-                f"{self.fits[0].model.label} takes {percent(1.0 - self.fits[0].chi2 / named.chi2)} of what "
-                f"{named.model.label} leaves: the simpler one is named, where less than {1.0 - LEFT:.0%} is gained."
-            )
-
-    def _unresolved(self, e: Evaluation) -> float:
+    def unresolved(self, e: Evaluation) -> float:
         """Relative change of the response of one record on twice the harmonics and samples."""
         one = self.campaign.of(self.campaign.numbers[:1])
         try:
@@ -377,11 +355,6 @@ def _on(hidden: FlooredCampaign | None, e: Evaluation) -> Evaluation | None:
     except FAILURES:
         return None
     return None if found.missing else found
-
-
-def _white(e: Evaluation, campaign: FlooredCampaign, floor: float) -> Whitened:
-    """Records beside a model, and beside noise of a floor."""
-    return replace(campaign, floor=floor).whiten(e.found, e.by_x)
 
 
 def _pays(simple: Evaluation, rich: Evaluation) -> bool:

@@ -38,13 +38,18 @@ TELLING = 1e-9
 
 @dataclass(frozen=True)
 class Scanned:
-    """A candidate: the fall of chi2 by it, in all and signed by its first strength, its direction, and its starts."""
+    """A candidate: the fall of chi2 by it, in all and signed by its first strength, its direction, and its starts.
+
+    `reach` is the largest motion where it acts [m], `deviation` what the base misses, rms, in standard deviations.
+    """
 
     cause: AddedJoint
     drop: float
     z: float
     signature: Array
     starts: tuple[dict[str, float], ...]
+    reach: float = 0.0
+    deviation: float = 0.0
 
 
 def scan(base: Evaluation, few: Campaign, causes: Sequence[AddedJoint]) -> Iterator[Scanned]:
@@ -171,7 +176,7 @@ class _Place:
         tried = [self._tried(cause, way, shape) for shape in _shapes(cause)]
         best = sorted(tried, key=lambda t: -t.drop)
         starts = tuple(t.start for t in best[:MOST] if t.start and t.drop >= APART * best[0].drop)
-        return Scanned(cause, best[0].drop, best[0].z, best[0].signature, starts)
+        return Scanned(cause, best[0].drop, best[0].z, best[0].signature, starts, self.reach, self.deviation)
 
     def _tried(self, cause: AddedJoint, way: float, shape: dict[str, float]) -> "_Tried":
         strengths = [n for n in cause.numbers if not n.shapes]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from continuation import ConvergenceError
 from hbm.cli import app
 from hbm.diagnosis.backbones import diagnose_backbone
 from hbm.diagnosis.diagnose import diagnose
@@ -18,6 +19,10 @@ from hbm.measurement.decay import Decay
 from hbm.measurement.decayfile import is_decay, load_decay
 from hbm.modes.decaying import at_channel, over_channel
 from hbm.outputerror.backbones import backbone_campaign
+from hbm.outputerror.fit import start_from
+from hbm.outputerror.model import Model
+from hbm.outputerror.simulated import Solutions
+from hbm.response.budget import Budget
 from hbm.rigfiles.load import load_rig
 from models.causes.addedjoint import AddedJoint
 from models.causes.joints import CubicStiffness, JointMicroslip, JointSlip, LocalFriction, QuadraticDamping
@@ -173,6 +178,49 @@ def test_a_law_that_is_not_tried_is_not_explained(rig: JointedRig, tmp_path: Pat
     truth = CubicStiffness("tip").extend(rig, {"cubic": 3e3 / LARGEST**2})
     found = diagnose_backbone(rig, decayed(truth, 1), causes=[QuadraticDamping])
     assert (found.verdict, found.cause, found.extended) == ("unexplained", None, None)
+
+
+def test_a_candidate_that_cannot_be_solved_is_told(rig: JointedRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(model: Model, *args: object) -> tuple[float, Solutions]:
+        if any(isinstance(cause, CubicStiffness) for cause in model.causes):
+            raise ConvergenceError("lost")
+        return start_from(model, *args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("hbm.diagnosis.flooredsearch.start_from", start)
+    truth = CubicStiffness("tip").extend(rig, {"cubic": 3e3 / LARGEST**2})
+    found = diagnose_backbone(rig, decayed(truth, 1), causes=[CubicStiffness, QuadraticDamping])
+    assert (found.verdict, found.ranking) == ("unexplained", ())
+    assert found.evidence[-2:] == (
+        "Joints that promise to take some of the misfit, to first order: 1. Models fitted with those that promise "
+        "most: 1.",
+        "Not solved on the 8 amplitudes of acc from any of their starts, 1 of 1, which are in no ranking for that: "
+        "cubic-stiffness tip.",
+    )
+
+
+def test_a_candidate_that_is_not_accepted_is_ranked(rig: JointedRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hbm.diagnosis.flooredsearch.accepted", lambda *_: False)
+    truth = CubicStiffness("tip").extend(rig, {"cubic": 3e3 / LARGEST**2})
+    found = diagnose_backbone(rig, decayed(truth, 1), causes=[CubicStiffness])
+    assert (found.verdict, found.cause) == ("unexplained", None)
+    assert [r.label for r in found.ranking] == ["cubic-stiffness tip"]
+    assert not any("Not solved" in line for line in found.evidence)
+
+
+def test_where_the_nonlinear_mode_is_not_found_the_amplitudes_are_said(
+    rig: JointedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hbm.outputerror.backbones.ALONE", Budget(points=8))
+    file = written(tmp_path / "decay.csv", decayed(rig, 1))
+    args = ["diagnose", str(tmp_path / "rig.toml"), str(file), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, args)
+    assert result.exit_code == 1
+    assert re.fullmatch(
+        rf"hbm: diagnose: {re.escape(str(file))}: the nonlinear mode of the rig was not found at all amplitudes, "
+        r"acc = 0.4 to 14: one mode: acc of mode 1 reaches \S+ to \S+; must be .*: 8 points are its budget; .*; "
+        r"see hbm backbone .*",
+        result.stderr.strip(),
+    )
 
 
 def test_spectra_are_for_one_function_and_decays_for_another(rig: JointedRig) -> None:
