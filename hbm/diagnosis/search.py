@@ -262,7 +262,7 @@ class Search:
             return Decision(calibrated, None, (*ranked, *(beside(e, self.campaign) for e in near)))
         best = self._fitted_beside(plainest(best, ranked), models)
         base = calibrated if best.model.calibrated else nominal
-        best = min(best, *led_to(base, best, self.campaign), key=evidence)
+        best = min([best, *led_to(base, best, self.campaign)], key=evidence)
         return Decision(base, best, (best, *others_of(best, ranked)))
 
     def _less_moved(self, fits: Sequence[Evaluation]) -> list[Evaluation]:
