@@ -34,8 +34,9 @@ from hbm.figures.inverse import (
 from hbm.figures.page import LARGEST, Page, Section, Table, page_html
 from hbm.figures.trust import misfit_limit, noise_floor
 from hbm.files.figurefiles import plate_files
+from hbm.files.identifiedlaw import IdentifiedLaw, Value
 from hbm.files.identifyreport import FILES as IDENTIFY_FILES
-from hbm.files.identifyreport import IdentifiedLaw, Value, identify_contents, identify_plates
+from hbm.files.identifyreport import identify_contents, identify_plates
 from hbm.files.inversereport import DRAWINGS, FILES, Drawing, inverse_contents, inverse_page, with_std
 from hbm.identification.rigerrors import RigErrors
 from hbm.inverse.reconstruction import Reconstruction

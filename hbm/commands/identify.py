@@ -139,7 +139,8 @@ def _deliver(
     found: "Identification", contact: "Reconstruction", errors: "RigErrors", again: "SpectraFit | None", out: Path
 ) -> None:
     from hbm.commands.inversetables import print_laws_found
-    from hbm.files.identifyreport import FILES, identified_law, identify_contents, law_warnings
+    from hbm.files.identifiedlaw import identified_law, law_warnings
+    from hbm.files.identifyreport import FILES, identify_contents
     from hbm.files.outputs import write_folder
 
     by_level = {name: {level: fits[name] for level, fits in found.levels.items()} for name in found.fits}

@@ -12,7 +12,7 @@ from hbm.inverse.jointreconstruction import JointReconstruction
 from hbm.inverse.reconstruction import Reconstruction
 
 if TYPE_CHECKING:
-    from hbm.files.identifyreport import IdentifiedLaw
+    from hbm.files.identifiedlaw import IdentifiedLaw
 
 
 def print_reconstruction(console: Console, reconstruction: Reconstruction) -> None:

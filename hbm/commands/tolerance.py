@@ -29,8 +29,7 @@ def tolerances_of(
         return None
     from hbm.outputerror.nominal import nominal_scalars, tolerances
 
-    sensors = [c.name for c in rig.response_channels if c.name in measured]
-    known, chosen = nominal_scalars(rig), tolerances(rig, sensors)
+    known, chosen = nominal_scalars(rig), tolerances(rig, measured)
     for text in texts:
         key, equals, value = text.partition("=")
         if not equals:

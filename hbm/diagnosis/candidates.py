@@ -218,9 +218,8 @@ def _by_quick_fits(
     Those that leave more than `reached` are out.
     """
     few = quick.few
-    every, tried = _first_quick_fits(quick, screening, max(EXPLAINED * few.points, little * quick.before), tell)
-    free = [r for r in every if _free(r.cause) and r.chi2 < reached]
-    fitted = [r for r in every if not _free(r.cause) and r.chi2 < BEHIND * reached]
+    fitted, free, tried = _first_quick_fits(quick, screening, max(EXPLAINED * few.points, little * quick.before), tell)
+    fitted, free = [r for r in fitted if r.chi2 < BEHIND * reached], [r for r in free if r.chi2 < reached]
     if not fitted:
         return free, tried
     if not quick.base.model.causes:
@@ -247,36 +246,34 @@ def _free(cause: Cause) -> bool:
 
 def _first_quick_fits(
     quick: QuickFits, screening: Screening, explained: float, tell: Tell
-) -> tuple[list[Candidate], set[str]]:
-    """Quick fits of what may explain the records, the least chi2 first; and the labels of all that were tried."""
+) -> tuple[list[Candidate], list[Candidate], set[str]]:
+    """Quick fits of what may explain the records, and of what is free in each, the best first; and what was tried."""
     listed = _in_order(screening, quick.base)
     waiting, started = listed, 0
     fitted: list[Candidate] = []
+    free: list[Candidate] = []
     tried: set[str] = set()
 
-    def bound() -> list[Candidate]:
-        return [r for r in fitted if not _free(r.cause)]
-
     def excluded(score: Score) -> bool:
-        return _settled(bound(), explained, score.cause, screening)
+        return _settled(fitted, explained, score.cause, screening)
 
     while waiting := [s for s in waiting if not excluded(s)]:
-        if started == FAVOURED and all(r.chi2 > explained for r in bound()):
+        if started == FAVOURED and all(r.chi2 > explained for r in fitted):
             tell("starts of all others")
             waiting = quick.ordered(waiting)
-        if started >= COMPARED and scanned(quick.base) and any(r.chi2 <= explained for r in bound()):
+        if started >= COMPARED and scanned(quick.base) and any(r.chi2 <= explained for r in fitted):
             break
         count = AT_ONCE if started else 1
         batch, waiting = waiting[:count], waiting[count:]
         started += len(batch)
         tell(", ".join(s.cause.label for s in batch) + f" ({started} of {len(listed)})")
-        for score, candidate in zip(batch, quick.run(batch, reach=_reach(bound(), explained)), strict=True):
+        for score, candidate in zip(batch, quick.run(batch, reach=_reach(fitted, explained)), strict=True):
             if excluded(score):
                 continue
             tried.add(score.cause.label)
             if candidate is not None:
-                fitted.append(candidate)
-    return sorted(fitted, key=lambda r: r.chi2), tried
+                (free if _free(score.cause) else fitted).append(candidate)
+    return sorted(fitted, key=lambda r: r.chi2), sorted(free, key=lambda r: r.chi2), tried
 
 
 def _reach(fitted: Sequence[Candidate], explained: float) -> float:
@@ -333,12 +330,12 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
         best[is_joint(s)] = max(best.get(is_joint(s), 0.0), s.drop)
     first = _simplest_first([s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]])[:RUNNING]
     others = [s for s in screening.scores if s not in first]
-    forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
     if small(base) or base.model.causes:
         tried = []
     elif scanned(base):
         tried = [s for s in others if s.cause.label.startswith(OF_JOINTS)]
     else:
+        forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
         tried = [*_of_channels(first, others), *(s for s in forces if not _unseen(s))]
     return [*first, *tried, *(s for s in others if _unseen(s))]
 

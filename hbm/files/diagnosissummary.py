@@ -12,7 +12,7 @@ from hbm.diagnosis.discrepancy import MOST_LISTED, Discrepancy
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.remainder import first_of, nearly_all, percent
 from hbm.diagnosis.verdict import NOTHING_TELLS, Diagnosis, Estimate
-from hbm.files.identifyreport import Value, value_text
+from hbm.files.identifiedlaw import Value, value_text
 from hbm.outputerror.fit import Evaluation
 from models.causes.cause import Cause
 

@@ -107,12 +107,11 @@ def rig_errors(fit: LawFit, reconstruction: Reconstruction, tolerances: Mapping[
     of = candidate(fit.law, rig.contact.law, scales_of(reconstruction), held)
     known = np.isin(reconstruction.spectra.records, fit.records)
     problem = LeastSquares(of, observe(reconstruction).of(known))
-    problem.answers(of.x)
+    problem.answers(of.x)  # where the others start from
     free = [i for i, p in enumerate(entries) if not p.held]
     values = of.coordinates.values(of.x)
     if tolerances is None:
-        measured = reconstruction.spectra.channels
-        tolerances = default_tolerances(rig, [c.name for c in rig.response_channels if c.name in measured])
+        tolerances = default_tolerances(rig, reconstruction.spectra.channels)
     off = {key: std for key, std in tolerances.items() if not key.startswith(FRICTION)}
 
     def changed(key: str, std: float) -> Array:

@@ -91,7 +91,7 @@ def harmonic_spectra(
     dead = constant(Y)
     if dead.all():
         raise InputError(f"{recorded.source}: every channel is constant; must have one that moves")
-    alive = [i for i, constant in enumerate(dead) if not constant]
+    alive = np.flatnonzero(~dead).tolist()
     measured = replace(
         recorded,
         time=t,

@@ -44,8 +44,9 @@ def tolerances(rig: AnyRig, channels: Collection[str] = ()) -> dict[str, float]:
     ----------
     rig : Rig
     channels : collection of str
-        Channels of motion that were measured.
+        Channels that were measured; those of motion count.
     """
+    channels = [c.name for c in rig.response_channels if c.name in channels]
     if isinstance(rig, JointedRig):
         return _of_joints(rig, channels)
     known = nominal_scalars(rig)

@@ -125,7 +125,7 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
         problem, state = curve.balance_at(point.x, point.lam)
         return judge(finely(problem), state)
 
-    traced, branch, followed = curve, curve.branch, _Followed.of(curve, judged)
+    branch, followed = curve.branch, _Followed.of(curve, judged)
     turns = sum(p.fold or p.branch_point for p in branch.points)
     sought = turns + sum(a.unstable != b.unstable for a, b in pairwise(followed.stability)) <= MOST
     unsettled = followed.halve(judged) if sought else []
@@ -136,7 +136,7 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
         found += _crossings(followed, rank, across, judged, sought=sought)
         doubtful |= unknown if rank == 0 else False
     found = sorted(found, key=lambda s: s.arclength)
-    for start, end in kinks(found, lambda s: traced.value_at(s.lam), lambda s: s.kind is Kind.FOLD):
+    for start, end in kinks(found, lambda s: followed.curve.value_at(s.lam), lambda s: s.kind is Kind.FOLD):
         found = [s for s in found if s is not start and s is not end]
         doubtful |= [start.arclength <= p.arclength <= end.arclength for p in followed.points]
     kept = followed.kept(doubtful)

@@ -238,13 +238,17 @@ class ResponseCurve(Displayed):
     @property
     def folds(self) -> list[float]:
         """Where the curve turns back, in Hz (or N along a force curve); not for a kink, :mod:`hbm.response.kinks`."""
-        return [self.value_at(p.fold_lam or p.lam) for p in self.branch.points if p in self.folded]
+        return [self.turn_at(p) for p in self.branch.points if p in self.folded]
+
+    def turn_at(self, point: Point) -> float:
+        """Parameter of the curve at the fold just before a point."""
+        return self.value_at(point.fold_lam or point.lam)
 
     @cached_property
     def folded(self) -> frozenset[Point]:
         """Points of its branch just behind folds that are no kinks."""
         points = [p for p in self.branch.points if p.fold]
-        narrow = kinks(points, lambda p: self.value_at(p.fold_lam or p.lam), lambda p: True)
+        narrow = kinks(points, self.turn_at, lambda p: True)
         return frozenset(points).difference(*narrow)
 
     @property

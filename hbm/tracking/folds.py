@@ -267,7 +267,7 @@ def fold_path(
 def _segments(curve: ResponseCurve) -> list[tuple[Point, Point]]:
     """Ends of a smooth stretch over each fold of a curve; of one on a kink over the nearest turn of that."""
     smooth = [(a, b) for a, b in pairwise(curve.branch.points) if b.fold and not (b.corner or b.jumped)]
-    values = np.array([curve.value_at(b.fold_lam or b.lam) for _, b in smooth])
+    values = np.array([curve.turn_at(b) for _, b in smooth])
     found = []
     for fold in curve.folds:
         away = np.abs(values - fold) / abs(fold)

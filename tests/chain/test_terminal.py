@@ -8,7 +8,7 @@ from rich.console import Console
 
 from hbm.commands.progress import BAR, Work
 from hbm.commands.tables import print_table
-from hbm.files.identifyreport import Value, value_text
+from hbm.files.identifiedlaw import Value, value_text
 
 
 def printed(width: int) -> tuple[Console, io.StringIO]:
