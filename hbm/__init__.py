@@ -13,10 +13,11 @@ returns a :class:`TimeHistory`; :func:`friction_loop` shows a friction law alone
 
 From measurements: :func:`load_history` and :func:`harmonic_spectra` make :class:`MeasuredSpectra` of recordings,
 :func:`load_spectra` reads them; :func:`reconstruct` finds friction, reaction and slip at the contact with their
-uncertainty, a :class:`Reconstruction`; :func:`identify` fits friction laws to it, :func:`rig_errors` says what the
-rig file's own uncertainty does to them, :func:`fit_spectra` fits the whole rig to the spectra; :func:`place_sensors`
-says where sensors belong. What a user can get wrong is an :class:`InputError`; what cannot be computed, a
-:class:`ConvergenceError`. Figures are in :mod:`hbm.figures`, files in :mod:`hbm.files.curves`.
+uncertainty, a :class:`Reconstruction`, and :func:`contact_errors` what the rig file's own uncertainty does to them;
+:func:`identify` fits friction laws, :func:`rig_errors` says the same of their parameters; :func:`fit_spectra` fits the
+whole rig to the spectra; :func:`place_sensors` says where sensors belong. What a user can get wrong is an
+:class:`InputError`; what cannot be computed, a :class:`ConvergenceError`. Figures are in :mod:`hbm.figures`, files in
+:mod:`hbm.files.curves`.
 
 Six lines from a rig to a figure::
 
@@ -45,7 +46,9 @@ if TYPE_CHECKING:
     from hbm.errors import InputError
     from hbm.files.curves import SavedCurve, read_curves, write_curves, write_history
     from hbm.files.extendedrig import write_extended
+    from hbm.identification.contacterrors import ContactErrors, contact_errors
     from hbm.identification.identify import Identification, identify
+    from hbm.identification.known import Known
     from hbm.identification.lawfit import LawFit
     from hbm.identification.rigerrors import RigErrors, rig_errors
     from hbm.identification.spectra import SpectraFit, fit_spectra
@@ -87,6 +90,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Assessment",
     "Bifurcation",
+    "ContactErrors",
     "ConvergenceError",
     "Diagnosis",
     "FoldPath",
@@ -97,6 +101,7 @@ __all__ = [
     "JointHistory",
     "JointReconstruction",
     "JointSensitivities",
+    "Known",
     "LawFit",
     "LinearModes",
     "MeasuredSpectra",
@@ -119,6 +124,7 @@ __all__ = [
     "Synthesis",
     "TimeHistory",
     "choose_law",
+    "contact_errors",
     "diagnose",
     "diagnose_backbone",
     "fit_spectra",
@@ -169,6 +175,8 @@ _HOMES = {
     "hbm.tracking.folds": ("FoldPath", "fold_path", "isolas"),
     "hbm.integration.history": ("TimeHistory",),
     "hbm.identification.identify": ("Identification", "identify"),
+    "hbm.identification.contacterrors": ("ContactErrors", "contact_errors"),
+    "hbm.identification.known": ("Known",),
     "hbm.identification.lawfit": ("LawFit",),
     "hbm.identification.rigerrors": ("RigErrors", "rig_errors"),
     "hbm.identification.spectra": ("SpectraFit", "fit_spectra"),

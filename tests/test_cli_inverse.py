@@ -1,5 +1,7 @@
 """The command ``hbm inverse``: what it prints and writes, and the one line with which it refuses or fails."""
 
+import csv
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ from typer.testing import CliRunner, Result
 
 import hbm.inverse.reconstruct
 from continuation import ConvergenceError
+from hbm import load_rig
 from hbm.cli import app
 from hbm.commands.options import UNSOLVABLE
 from hbm.files import inversefiles
@@ -30,6 +33,11 @@ def spectra(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(write_spectra_file(tmp_path_factory.mktemp("spectra") / "spectra.csv"))
 
 
+def read_csv(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing takes seconds: left out where the test is about something else."""
@@ -44,7 +52,7 @@ def test_everything_is_written_named_and_printed(spectra: str, tmp_path: Path, m
     lines = result.stdout.splitlines()
     files = [name for name in FILES if (out / name).exists()]
     assert {f"wrote {out / name}" for name in files} == {line for line in lines if line.startswith("wrote ")}
-    left_out = {name for name in FILES if "figures" in name and "resolution" not in name}
+    left_out = {name for name in FILES if "figures" in name and "resolution" not in name} | {"calibrated.toml"}
     assert set(files) == set(FILES) - left_out - ({"reconstruction.nc"} if not inversefiles.has_netcdf() else set())
     assert [path.name for path in tmp_path.iterdir()] == ["contact"]
     assert "clamped-supported beam, Table 1, regularised" in lines[0]
@@ -72,6 +80,38 @@ def test_records_and_formulation_can_be_chosen(spectra: str, tmp_path: Path, qui
     assert result.exit_code == 0
     assert "Table 1, modal" in result.stdout
     assert read_reconstruction(tmp_path / "out" / "reconstruction.csv").records.tolist() == [2, 5]
+
+
+def test_numbers_that_sensors_ask_for_are_told_and_make_a_rig_file(spectra: str, tmp_path: Path, quick: None) -> None:
+    """Of a rig file whose Young's modulus is 1 % too small; with what it makes of it they agree, and it is gone."""
+    out, rig = tmp_path / "contact", tmp_path / "rig.toml"
+    rig.write_text(Path(RIG).read_text().replace("210e9", "207.9e9"))
+    result = run("inverse", str(rig), spectra, "--out", str(out))
+    assert (result.exit_code, result.stderr) == (0, "")
+    told = next(line for line in result.stdout.splitlines() if line.startswith("sensors agree better with"))
+    assert "beam.youngs_modulus = 2." in told and told.endswith(f"see {out / 'calibrated.toml'}")
+    calibrated = load_rig(out / "calibrated.toml")
+    assert calibrated.number("beam.youngs_modulus") == pytest.approx(210e9, rel=3e-3)
+    assert "Sensors agree better with beam.youngs_modulus" in (out / "report.html").read_text()
+    shutil.copy(out / "calibrated.toml", rig)
+    again = run("inverse", str(rig), spectra, "--out", str(out))
+    assert "sensors agree" not in again.stdout
+    assert not (out / "calibrated.toml").exists()
+    rows = read_csv(out / "rig_numbers.csv")
+    assert {row["number"]: float(row["left"]) for row in rows}["contact.normal_load"] > 0.99
+
+
+def test_tolerances_decide_what_the_rig_file_is_uncertain_by(spectra: str, tmp_path: Path, quick: None) -> None:
+    """A load that is known ten times better: the reaction is, too, as far as it is by the load."""
+    deviations = []
+    for given in ("0.02", "0.002"):
+        out = tmp_path / given
+        tolerance = ("--tolerance", f"contact.normal_load={given}")
+        assert run("inverse", RIG, spectra, "--out", str(out), *tolerance).exit_code == 0
+        rows = [row for row in read_csv(out / "rig_errors.csv") if row["quantity"] == "normal"]
+        deviations.append(np.array([float(row["rig_std"]) for row in rows]))
+    assert np.allclose(deviations[0], 0.02 * reconstruction().rig.contact.normal_load, rtol=0.05)
+    assert (deviations[1] < 0.5 * deviations[0]).all()
 
 
 def test_a_second_run_replaces_the_first_and_nothing_else(spectra: str, tmp_path: Path, quick: None) -> None:

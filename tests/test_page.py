@@ -38,6 +38,7 @@ from hbm.files.identifiedlaw import IdentifiedLaw, Value
 from hbm.files.identifyreport import FILES as IDENTIFY_FILES
 from hbm.files.identifyreport import identify_contents, identify_plates
 from hbm.files.inversereport import DRAWINGS, FILES, Drawing, inverse_contents, inverse_page, with_std
+from hbm.identification.known import Known
 from hbm.identification.rigerrors import RigErrors
 from hbm.inverse.reconstruction import Reconstruction
 from tests.contactdata import STATES, reconstruction
@@ -454,7 +455,8 @@ def identified(r: Reconstruction) -> list[IdentifiedLaw]:
 @pytest.fixture(scope="module")
 def laws() -> dict[str, str | bytes]:
     load = "contact.normal_load"
-    errors = RigErrors("lugre", ("mu",), ("1",), {load: 0.02}, {load: np.array([-0.011])})
+    known = Known({load: 83.0}, {load: 0.02}, np.zeros(4), np.zeros((1, 4)))  # which no sensor sees
+    errors = RigErrors("lugre", ("mu",), ("1",), known, {load: np.array([-0.011])})
     return identify_contents(reconstruction(), identified(reconstruction()), errors=errors, warnings=("careful",))
 
 
@@ -466,7 +468,7 @@ def test_page_of_laws_ranks_them_and_links_to_its_files(laws: dict[str, str | by
     assert found.words[found.words.index("Best law") + 1] == "lugre"
     assert found.words[found.words.index("mu, by the rig file") + 1] == "± 0.011"
     assert "contact.normal_load (2 %: -0.011)" in found.words
-    assert str(laws["rig_errors.csv"]).splitlines()[1] == "lugre,contact.normal_load,0.02,mu,1,-0.011"
+    assert str(laws["rig_errors.csv"]).splitlines()[1] == "lugre,contact.normal_load,83.0,0.02,1.0,0.0,mu,1,-0.011"
     cells = found.words[found.words.index("parameters") + 1 :]
     assert cells[:6] == ["lugre", "1", "0", "1", "0.5", "mu 0.500 ± 0.010"]
     assert cells[6:12] == ["dahl", "2", "20", "2", "0.5", "mu 0.500 ± 0.010"]

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -23,10 +23,12 @@ from hbm.commands.options import (
     quoted,
     whole,
 )
+from hbm.commands.tolerance import Tolerance, tolerances_of
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
-    from hbm.inverse.reconstruction import Reconstruction
+    from hbm.identification.contacterrors import ContactErrors
+    from hbm.inverse.reconstruction import Reconstructed, Reconstruction
     from hbm.measurement.spectra import MeasuredSpectra
     from models.jointed import AnyRig, JointedRig
     from models.rig import Rig
@@ -70,14 +72,18 @@ def inverse(
     sensors: Annotated[
         str | None, typer.Option(metavar="COUNT", help="With --design: how many; as many as measured where omitted.")
     ] = None,
+    tolerance: Tolerance = None,
     repeatability: Repeatability = None,
     max_seconds: RunSeconds = "600",
     allow_code: AllowCode = False,
 ) -> None:
     """Friction force, reaction, slip and slip velocity with uncertainty, from measured spectra.
 
-    Of a rig with joints: force and motion at every port. Writes signals, energy and harmonics as tables and arrays,
-    figures with the numbers of each curve, and one page that opens offline, report.html.
+    Of a rig with joints: force and motion at every port. Uncertain by noise, and by what the numbers of the rig file
+    may be off by (--tolerance); where sensors agree better with others, calibrated.toml is a rig file with these.
+
+    Writes signals, energy and harmonics as tables and arrays, figures with the numbers of each curve, and one page that
+    opens offline, report.html.
 
     Example:  hbm inverse rig.toml spectra.csv --out contact
     """
@@ -94,17 +100,19 @@ def inverse(
 
     loaded = load_rig(rig, allow_code=allow_code or None)
     measured = noisy(loaded, _selected(spectra, loaded, records, percent), percent)
+    tolerances = tolerances_of(COMMAND, loaded, measured.channels, tolerance)
     numbers = measured.records.tolist() if records else None
     made = None
     with within(COMMAND, limit, lambda: f"at {len(measured)} records", ADVICE):
         if isinstance(loaded, JointedRig):
             _refuse_of_joints(rig, loaded, {"--design": design, "--formulation": formulation})
-            made = _made_of_joints(loaded, measured, numbers)
+            made = _made_of_joints(loaded, measured, numbers, _Known(rig, tolerances, out or Path()))
         else:
             if design:
                 _print_design(loaded, measured, count)
             if out is not None:
-                made = _made(reconstructed(COMMAND, loaded, measured, formulation), numbers)
+                contact = reconstructed(COMMAND, loaded, measured, formulation)
+                made = _made(contact, numbers, _Known(rig, tolerances, out))
     if made is not None and out is not None:
         _write(*made, out)
 
@@ -246,25 +254,54 @@ def working(doing: str) -> Iterator[None]:
         yield
 
 
-def _made(found: "Reconstruction", records: Sequence[int] | None) -> Made:
-    from hbm.commands.inversetables import print_reconstruction
+class _Known(NamedTuple):
+    """The rig file, what its numbers may be off by, and the folder that is written."""
+
+    rig: Path
+    tolerances: Mapping[str, float] | None
+    out: Path
+
+
+def _made(found: "Reconstruction", records: Sequence[int] | None, known: _Known) -> Made:
+    from hbm.commands.inversetables import print_contact_errors, print_reconstruction
     from hbm.files.inversereport import inverse_contents
 
+    errors = _errors(found, known)
     with working("drawing"):
-        contents = inverse_contents(found, records)
-    return contents, lambda: print_reconstruction(console(), found)
+        contents = inverse_contents(found, records, errors, known.rig)
+
+    def tell() -> None:
+        print_reconstruction(console(), found)
+        print_contact_errors(console(), errors, known.out)
+
+    return contents, tell
 
 
-def _made_of_joints(rig: "JointedRig", spectra: "MeasuredSpectra", records: Sequence[int] | None) -> Made:
-    from hbm.commands.inversetables import print_joint_reconstruction
+def _made_of_joints(
+    rig: "JointedRig", spectra: "MeasuredSpectra", records: Sequence[int] | None, known: _Known
+) -> Made:
+    from hbm.commands.inversetables import print_contact_errors, print_joint_reconstruction
     from hbm.files.jointinverse import joint_inverse_contents
     from hbm.inverse.jointed import reconstruct_joints
 
     with working(f"reconstructing {len(spectra)} records"):
         found = reconstruct_joints(rig, spectra)
+    errors = _errors(found, known)
     with working("drawing"):
-        contents = joint_inverse_contents(found, records)
-    return contents, lambda: print_joint_reconstruction(console(), found)
+        contents = joint_inverse_contents(found, records, errors, known.rig)
+
+    def tell() -> None:
+        print_joint_reconstruction(console(), found)
+        print_contact_errors(console(), errors, known.out)
+
+    return contents, tell
+
+
+def _errors(found: "Reconstructed", known: _Known) -> "ContactErrors":
+    from hbm.identification.contacterrors import contact_errors
+
+    with working("what the rig file may be off by"):
+        return contact_errors(found, known.tolerances)
 
 
 def _write(contents: Mapping[str, str | bytes], tell: Callable[[], None], out: Path) -> None:

@@ -1,6 +1,7 @@
 """Tables that the command line prints of a reconstruction and of friction laws identified from it."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -8,6 +9,8 @@ from rich.console import Console
 from hbm.commands.tables import print_lines, print_table
 from hbm.files.inversereport import LEVEL_NOTE, level_table
 from hbm.files.jointinverse import JOINT_NOTE, joint_table
+from hbm.files.rigerrors import CALIBRATED_FILE, HEADINGS, NOTE
+from hbm.identification.contacterrors import ContactErrors
 from hbm.inverse.jointreconstruction import JointReconstruction
 from hbm.inverse.reconstruction import Reconstruction
 
@@ -21,6 +24,12 @@ def print_reconstruction(console: Console, reconstruction: Reconstruction) -> No
     title = f"{reconstruction.rig.name}, {reconstruction.formulation}"
     print_table(console, title, list(map(_stacked, headings)), rows)
     print_lines(console, [LEVEL_NOTE, *(f"warning: {warning}" for warning in reconstruction.warnings)])
+
+
+def print_contact_errors(console: Console, errors: ContactErrors, out: Path) -> None:
+    """Print what the rig file is uncertain by, and the numbers that sensors ask for."""
+    print_table(console, "what the rig file may be off by", list(HEADINGS), [list(row) for row in errors.told])
+    print_lines(console, [NOTE, *filter(None, [errors.asks and f"{errors.asks}: see {out / CALIBRATED_FILE}"])])
 
 
 def print_joint_reconstruction(console: Console, found: JointReconstruction) -> None:

@@ -1,7 +1,7 @@
 """Figures of what the inverse harmonic balance found: loops, signals, harmonics, energy, and how far to trust them.
 
-Bands and bars are 95 % intervals. Hollow markers are records whose contact does not slip; the mean of their friction
-and slip cannot be known and counts as zero.
+Bands and bars are 95 % intervals: dark by noise, and light by what the rig file may be off by too. Hollow markers are
+records whose contact does not slip; the mean of their friction and slip cannot be known and counts as zero.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,13 +35,16 @@ from hbm.figures.units import prefixed
 from hbm.fourier import Array
 
 if TYPE_CHECKING:
-    from hbm.inverse.reconstruction import Reconstruction
+    from hbm.inverse.reconstruction import EstimatedSignal, Reconstruction
 
 Truth = Mapping[str, Array]
 """Known signals by name, (records, samples) each, in the units of the reconstruction: slip [m], friction [N]..."""
 
 BAND = 1.96
 """Standard deviations on either side of a band: 95 %."""
+
+BANDS = (0.13, 0.3)
+"""Shares of the colour of the bands, the outer one first."""
 
 PANELS = 4
 MOST_LEVELS = 5
@@ -133,15 +136,21 @@ def plot_reconstructed_loop(
     color = level_color(reconstruction, reconstruction.spectra.level[i])
     (by, _), (by_force, _) = unit_of(reconstruction, "slip"), unit_of(reconstruction, "friction")
     u, T = slip.samples[i] * by, friction.samples[i] * by_force
-    band = loop_band(u, T, slip.std[i] * by, friction.std[i] * by_force)
-    ax.add_artist(PathPatch(band, facecolor=tint(color), linewidth=0, zorder=1))
-    ax.update_datalim(band.vertices)  # add_patch would look for the ends of each curve, of which there are none
+    for share, u_std, T_std in zip(BANDS, stds(slip), stds(friction), strict=True):
+        band = loop_band(u, T, u_std[i] * by, T_std[i] * by_force)
+        ax.add_artist(PathPatch(band, facecolor=tint(color, share), linewidth=0, zorder=1))
+        ax.update_datalim(band.vertices)  # add_patch would look for the ends of each curve, of which there are none
     ax.plot(closed(u), closed(T), color=color, linewidth=1.2, zorder=3, label="reconstructed")
     if truth is not None:
         known = [closed(_comparable(reconstruction, truth, name, i)) for name in ("slip", "friction")]
         ax.plot(known[0] * by, known[1] * by_force, **TRUTH_LINE, label="true")
     ax.autoscale_view()
     return dressed(ax, *loop_labels(reconstruction))
+
+
+def stds(signal: "EstimatedSignal") -> tuple[Array, Array]:
+    """Standard deviations of a signal for its `BANDS`: by all that was worked out, by noise."""
+    return signal.whole_std, signal.std
 
 
 def loop_band(u: Array, T: Array, u_std: Array, T_std: Array) -> Path:
@@ -303,10 +312,12 @@ def _draw_signal(
     i, signal = reconstruction.index(record), reconstruction[name]
     color = level_color(reconstruction, reconstruction.spectra.level[i])
     phase = np.append(reconstruction.phase, 1.0)
-    s, reach = closed(signal.samples[i]) * scale, BAND * closed(signal.std[i]) * scale
+    s = closed(signal.samples[i]) * scale
     if name != "normal":
         ax.axhline(0.0, color=FAINT, linewidth=0.6, zorder=0)
-    ax.fill_between(phase, s - reach, s + reach, color=tint(color), linewidth=0, zorder=1)
+    for share, std in zip(BANDS, stds(signal), strict=True):
+        reach = BAND * closed(std[i]) * scale
+        ax.fill_between(phase, s - reach, s + reach, color=tint(color, share), linewidth=0, zorder=1)
     ax.plot(phase, s, color=color, linewidth=1.2, zorder=3, label="reconstructed")
     if truth is not None and name in truth:
         known = closed(_comparable(reconstruction, truth, name, i)) * scale

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 
-from hbm.figures.inverse import BAND, MOST_LEVELS, loop_band
+from hbm.figures.inverse import BAND, BANDS, MOST_LEVELS, loop_band, stds
 from hbm.figures.style import (
     INK,
     SMALL,
@@ -69,8 +69,9 @@ def plot_joint_loops(
         for i, color in zip(places, colors, strict=True):
             u, f = moved.samples[i] * by, force.samples[i] * by_force
             if f.any():
-                band = loop_band(u, f, moved.std[i] * by, force.std[i] * by_force)
-                ax.add_patch(PathPatch(band, facecolor=tint(color), linewidth=0, zorder=1))
+                for share, u_std, f_std in zip(BANDS, stds(moved), stds(force), strict=True):
+                    band = loop_band(u, f, u_std[i] * by, f_std[i] * by_force)
+                    ax.add_patch(PathPatch(band, facecolor=tint(color, share), linewidth=0, zorder=1))
             ax.plot(closed(u), closed(f), color=color, linewidth=1.1, zorder=3)
         ax.autoscale_view()
         dressed(ax, f"Motion [{m}]", f"Force [{N}]")
@@ -98,8 +99,10 @@ def plot_joint_signals(
         for ax, (signal, plain, label) in zip(row, sides, strict=True):
             scale, unit = prefixed(plain, found[signal].samples[places])
             for i, color in zip(places, colors, strict=True):
-                y, std = (scale * closed(part[i]) for part in (found[signal].samples, found[signal].std))
-                ax.fill_between(phase, y - BAND * std, y + BAND * std, color=tint(color), linewidth=0, zorder=1)
+                y = scale * closed(found[signal].samples[i])
+                for share, std in zip(BANDS, stds(found[signal]), strict=True):
+                    reach = BAND * scale * closed(std[i])
+                    ax.fill_between(phase, y - reach, y + reach, color=tint(color, share), linewidth=0, zorder=1)
                 ax.plot(phase, y, color=color, linewidth=1.1, zorder=3)
             ax.set_xlim(0.0, 1.0)
             dressed(ax, "", f"{label} [{unit}]")

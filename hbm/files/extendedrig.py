@@ -68,14 +68,14 @@ def extensions_of(e: Evaluation | None, named: Mapping[type, str]) -> list[Exten
     if e is None:
         return []
     calibrated = [(f.name, f.value(x)) for f, x in zip(e.model.free, e.x, strict=True) if f.cause < 0]
-    out = [_corrected(key, value) for key, value in calibrated]
+    out = [corrected(key, value) for key, value in calibrated]
     for i, cause in enumerate(e.model.causes):
         out.append(Extension.of(cause, e.model.values(e.x, i), named.get(type(cause), "")))
     return out
 
 
-def _corrected(key: str, value: float) -> Extension:
-    """The extension that sets a calibrated number."""
+def corrected(key: str, value: float) -> Extension:
+    """The extension that sets a number of a rig file."""
     table, _, rest = key.partition(".")
     if table != "channels":
         return Extension.of(WrongParameter(key), {"value": value})
@@ -99,11 +99,11 @@ def rigs_of(diagnosis: Diagnosis, nominal: Path, named: Mapping[type, str]) -> C
         Names of causes of one's own, ``file.py:Class``. The Python files are copied beside the rigs that name them.
     """
     if diagnosis.extended is not None:
-        return _rig_file(EXTENDED_FILE, nominal, extensions_of(diagnosis.extended_fit, named))
+        return rig_file(EXTENDED_FILE, nominal, extensions_of(diagnosis.extended_fit, named))
     contents: Contents = {}
     for name, ranked, e in candidates(diagnosis):
         with suppress(ValueError, InputError):  # one that changes nothing, or is none of this rig: not worth a file
-            contents |= _rig_file(name, nominal, extensions_of(e, named), _not_believed(diagnosis, ranked, e))
+            contents |= rig_file(name, nominal, extensions_of(e, named), _not_believed(diagnosis, ranked, e))
     return contents
 
 
@@ -134,7 +134,7 @@ def _not_believed(diagnosis: Diagnosis, ranked: Ranked, e: Evaluation) -> str:
     )
 
 
-def _rig_file(name: str, nominal: Path, extensions: Sequence[Extension], heading: str = "") -> Contents:
+def rig_file(name: str, nominal: Path, extensions: Sequence[Extension], heading: str = "") -> Contents:
     """A rig file, read back as a check, and copies of the Python files it names, which must be beside it."""
     text = heading + extended_rig_text(nominal.read_text(encoding="utf-8-sig"), extensions)
     table = tomllib.loads(text)

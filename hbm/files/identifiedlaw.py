@@ -9,6 +9,7 @@ from hbm.figures.identification import ParameterByLevel
 from hbm.files.inversereport import with_std
 from hbm.files.outputs import Columns, columns_of
 from hbm.fourier import Array
+from hbm.identification.known import Known
 from hbm.identification.lawfit import LawFit
 from hbm.identification.rigerrors import RigErrors
 from hbm.identification.spectra import SpectraFit
@@ -162,12 +163,13 @@ def output_error_columns(fit: SpectraFit) -> Columns:
 def rig_error_columns(errors: RigErrors) -> Columns:
     """Columns of ``rig_errors.csv``: a row for each number of the rig file and each parameter of the best law.
 
-    `tolerance` is relative, of a delay in seconds; `change` is that of the parameter with a number so far off.
+    `tolerance` is relative, of a delay in seconds; `left` is the share of it that sensors leave, `expected` how many
+    tolerances larger they ask for the number to be; `change` is that of the parameter with a number a tolerance larger.
     """
     names = list(zip(errors.names, errors.units, strict=True))
     rows = [
-        (errors.law, key, errors.tolerances[key], name, unit, float(change[i]))
-        for key, change in errors.changes.items()
+        (errors.law, *number, name, unit, float(change[i]))
+        for number, change in zip(errors.known.rows, errors.changes.values(), strict=True)
         for i, (name, unit) in enumerate(names)
     ]
-    return columns_of(("law", "number", "tolerance", "parameter", "unit", "change"), rows)
+    return columns_of(("law", *Known.ROW, "parameter", "unit", "change"), rows)

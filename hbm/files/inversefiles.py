@@ -17,7 +17,7 @@ import numpy.typing as npt
 from hbm.errors import InputError
 from hbm.files.outputs import columns_text, write_folder
 from hbm.fourier import Array
-from hbm.inverse.reconstruction import SIGNALS, Reconstruction
+from hbm.inverse.reconstruction import SIGNALS, Estimates, Reconstructed, Reconstruction
 from hbm.labelled import Variables
 from hbm.measurement.exchange import write_arrays
 from hbm.textfiles import StrPath, csv_text, read_rows
@@ -79,7 +79,7 @@ def has_netcdf() -> bool:
     return find_spec(NEEDED_FOR_NETCDF) is not None
 
 
-def record_columns(reconstruction: Reconstruction, places: npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:
+def record_columns(reconstruction: Reconstructed, places: npt.ArrayLike) -> dict[str, npt.NDArray[Any]]:
     """Number, level and frequency of records by their places."""
     spectra, i = reconstruction.spectra, np.asarray(places)
     return dict(zip(RECORD, (spectra.labels[i], spectra.level[i], spectra.hz[i]), strict=True))
@@ -97,15 +97,16 @@ def _signal_rows(reconstruction: Reconstruction) -> Iterator[list[Any]]:
 
 def energy_columns(reconstruction: Reconstruction) -> dict[str, npt.NDArray[Any]]:
     """Columns of ``energy.csv``: a row per record."""
-    work, energy = reconstruction.work_rate, reconstruction.energy_per_cycle
-    return record_columns(reconstruction, np.arange(len(reconstruction))) | {
-        "work_rate": work.value,
-        "work_rate_std": work.std,
-        "energy_per_cycle": energy.value,
-        "energy_per_cycle_std": energy.std,
-        "slips": reconstruction.slips,
-        "chi2_reduced": reconstruction.misfit.reduced,
-    }
+    columns = record_columns(reconstruction, np.arange(len(reconstruction)))
+    for name, number in reconstruction.energies.items():
+        columns |= estimate_columns(name, number)
+    return columns | {"slips": reconstruction.slips, "chi2_reduced": reconstruction.misfit.reduced}
+
+
+def estimate_columns(name: str, number: Estimates) -> dict[str, npt.NDArray[Any]]:
+    """Columns of a number per record with its standard deviations."""
+    by_rig = {} if number.rig_std is None else {f"{name}_rig_std": number.rig_std}
+    return {name: number.value, f"{name}_std": number.std, **by_rig}
 
 
 def harmonic_columns(reconstruction: Reconstruction) -> dict[str, npt.NDArray[Any]]:

@@ -5,6 +5,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,12 @@ from hbm.figures import inverse as figures
 from hbm.figures import trust
 from hbm.figures.page import Page, Section, Table, page_html
 from hbm.figures.style import AxesArray, closed
-from hbm.files import inversefiles
+from hbm.files import inversefiles, rigerrors
 from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import energy_columns, reconstruction_contents, record_columns
 from hbm.files.outputs import Columns
 from hbm.files.version import installed_version
+from hbm.identification.contacterrors import ContactErrors
 from hbm.inverse.reconstruction import Reconstruction
 
 Records = Sequence[int] | None
@@ -72,6 +74,8 @@ def _over_phase(reconstruction: Reconstruction, chosen: Sequence[int], names: Se
         signal = reconstruction[name]
         columns[name] = np.concatenate([closed(signal.samples[i]) for i in places])
         columns[f"{name}_std"] = np.concatenate([closed(signal.std[i]) for i in places])
+        if signal.rig_std is not None:
+            columns[f"{name}_rig_std"] = np.concatenate([closed(signal.rig_std[i]) for i in places])
     return columns
 
 
@@ -121,16 +125,17 @@ DRAWINGS = (
     Drawing(
         "loops",
         "Friction loops",
-        "Friction force over slip, one period, a row of panels per force level. Bands: 95 %, noise and the harmonics "
-        "above those measured. Where the contact sticks the mean of both is unknown and counts as zero.",
+        "Friction force over slip, one period, a row of panels per force level. Bands: 95 %, dark by noise and the "
+        "harmonics above those measured, light by what the rig file may be off by too. Where the contact sticks the "
+        "mean of both is unknown and counts as zero.",
         figures.plot_reconstructed_loops,
         loop_columns,
     ),
     Drawing(
         "signals",
         "Signals over the period",
-        "Friction, reaction, slip and slip velocity with 95 % bands; of each level the record that slips most, unless "
-        "records were named. P is the static normal load.",
+        "Friction, reaction, slip and slip velocity with 95 % bands as of the loops; of each level the record that "
+        "slips most, unless records were named. P is the static normal load.",
         figures.plot_signals,
         signal_columns,
     ),
@@ -173,18 +178,24 @@ LEVEL_HEADINGS = (
     *("misfit", "worst misfit"),
 )
 LEVEL_NOTE = (
-    "friction, slip, energy: the largest of the level; ± is one standard deviation; misfit: median, 1 is noise alone"
+    "friction, slip, energy: the largest of the level; ± is one standard deviation, by noise; misfit: median, 1 is "
+    "noise alone"
 )
 
 PAGE_FILE = "report.html"
-FILES = (*inversefiles.FILES, PAGE_FILE, *(name for d in DRAWINGS for name in plate_files(d.name)))
+FILES = (*inversefiles.FILES, *rigerrors.FILES, PAGE_FILE, *(name for d in DRAWINGS for name in plate_files(d.name)))
 """All files that can be in the folder."""
 
 
 # -------------------------------------------------------------------------------------------------------------- folder
 
 
-def inverse_contents(reconstruction: Reconstruction, records: Records = None) -> dict[str, str | bytes]:
+def inverse_contents(
+    reconstruction: Reconstruction,
+    records: Records = None,
+    errors: ContactErrors | None = None,
+    nominal: Path | None = None,
+) -> dict[str, str | bytes]:
     """Contents of the files of a reconstruction, by their names in the folder.
 
     Parameters
@@ -192,13 +203,18 @@ def inverse_contents(reconstruction: Reconstruction, records: Records = None) ->
     reconstruction : Reconstruction
     records : sequence of int, optional
         Records to draw; `representative` ones where omitted.
+    errors : ContactErrors, optional
+        What the rig file is uncertain by, in this reconstruction.
+    nominal : Path, optional
+        The rig file, as of :func:`hbm.files.rigerrors.rig_error_contents`.
     """
-    plates = [drawing.plate(reconstruction, records) for drawing in DRAWINGS]
-    contents = reconstruction_contents(reconstruction)
-    return contents | {PAGE_FILE: page_html(inverse_page(reconstruction, plates))} | plate_contents(plates)
+    r = reconstruction if errors is None else reconstruction.with_rig_std(errors.std)
+    plates = [drawing.plate(r, records) for drawing in DRAWINGS]
+    contents = reconstruction_contents(r) | ({} if errors is None else rigerrors.rig_error_contents(errors, nominal))
+    return contents | {PAGE_FILE: page_html(inverse_page(r, plates, errors))} | plate_contents(plates)
 
 
-def inverse_page(reconstruction: Reconstruction, plates: Sequence[Plate]) -> Page:
+def inverse_page(reconstruction: Reconstruction, plates: Sequence[Plate], errors: ContactErrors | None = None) -> Page:
     """The page about a reconstruction, with its figures."""
     r = reconstruction
     levels = Section("Levels", table=Table(*level_table(r), LEVEL_NOTE), csv=("energy.csv",))
@@ -210,7 +226,12 @@ def inverse_page(reconstruction: Reconstruction, plates: Sequence[Plate]) -> Pag
         ),
         warnings=r.warnings,
         summary=_key_numbers(r),
-        sections=[levels, *(plate.section for plate in plates), _files_section()],
+        sections=[
+            levels,
+            *([] if errors is None else [rigerrors.rig_error_section(errors)]),
+            *(plate.section for plate in plates),
+            _files_section(),
+        ],
         foot=f"hbm {installed_version()}, hbm inverse; spectra: {r.spectra.source}",
     )
 
@@ -268,7 +289,8 @@ def _files_section() -> Section:
     return Section(
         "How to read the files",
         text=(
-            "SI units throughout. Every _std is one standard deviation; bands and bars in figures are 1.96 of them.",
+            "SI units throughout. Every _std is one standard deviation by noise, every _rig_std one by the rig file; "
+            "bands and bars in figures are 1.96 of them.",
             "reconstruction.csv: the signals over the period. energy.csv: a row per record. harmonics.csv: cosine, "
             "sine and amplitude of each harmonic, the resolution of the sensors and the condition number. "
             "reconstruction.mat, and reconstruction.nc where h5netcdf is installed: all of it as arrays, with units.",

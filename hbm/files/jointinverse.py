@@ -5,6 +5,7 @@ The files are those of a rig with one contact (:mod:`hbm.files.inversefiles`), w
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -13,22 +14,30 @@ from hbm.figures.page import Page, Section, Table, page_html
 from hbm.figures.style import closed
 from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import FILES as TABLES
-from hbm.files.inversefiles import NETCDF_FILE, PARTS, RECORD, SIGNAL_FILE, array_bytes, has_netcdf
+from hbm.files.inversefiles import NETCDF_FILE, PARTS, RECORD, SIGNAL_FILE, array_bytes, estimate_columns, has_netcdf
 from hbm.files.inversereport import PAGE_FILE, with_std
 from hbm.files.outputs import Columns, columns_text
+from hbm.files.rigerrors import FILES as RIG_FILES
+from hbm.files.rigerrors import Contents, rig_error_contents, rig_error_section
 from hbm.files.version import installed_version
+from hbm.identification.contacterrors import ContactErrors
 from hbm.inverse.jointreconstruction import JointReconstruction
 from hbm.inverse.reconstruction import CONSISTENT
 
 PLATES = ("joint_loops", "joint_signals")
-FILES = (*TABLES, PAGE_FILE, *(name for plate in PLATES for name in plate_files(plate)))
+FILES = (*TABLES, *RIG_FILES, PAGE_FILE, *(name for plate in PLATES for name in plate_files(plate)))
 """All files that can be in the folder."""
 
 JOINT_HEADINGS = ("joint", "port", "force peak", "motion peak", "energy lost, most in a record")
-JOINT_NOTE = "peaks over all records, without the means; ± is one standard deviation"
+JOINT_NOTE = "peaks over all records, without the means; ± is one standard deviation, by noise"
 
 
-def joint_inverse_contents(found: JointReconstruction, records: Sequence[int] | None = None) -> dict[str, str | bytes]:
+def joint_inverse_contents(
+    found: JointReconstruction,
+    records: Sequence[int] | None = None,
+    errors: ContactErrors | None = None,
+    nominal: Path | None = None,
+) -> Contents:
     """Contents of the files of reconstructed joint forces, by their names in the folder.
 
     Parameters
@@ -36,11 +45,16 @@ def joint_inverse_contents(found: JointReconstruction, records: Sequence[int] | 
     found : JointReconstruction
     records : sequence of int, optional
         Records to draw; of each level the one that moves most where omitted.
+    errors : ContactErrors, optional
+        What the rig file is uncertain by, in these.
+    nominal : Path, optional
+        The rig file, as of :func:`hbm.files.rigerrors.rig_error_contents`.
     """
+    found = found if errors is None else found.with_rig_std(errors.std)
     chosen = representative(found) if records is None else list(records)
     plates = _plates(found, chosen)
     arrays = found.arrays()
-    contents: dict[str, str | bytes] = {
+    contents: Contents = {
         SIGNAL_FILE: columns_text(_over_phase(found, found.spectra.records.tolist())),
         "energy.csv": columns_text(energy_columns(found)),
         "harmonics.csv": columns_text(harmonic_columns(found)),
@@ -48,7 +62,8 @@ def joint_inverse_contents(found: JointReconstruction, records: Sequence[int] | 
     }
     if has_netcdf():
         contents[NETCDF_FILE] = array_bytes(".nc", *arrays)
-    return contents | {PAGE_FILE: page_html(_page(found, plates))} | plate_contents(plates)
+    contents |= {} if errors is None else rig_error_contents(errors, nominal)
+    return contents | {PAGE_FILE: page_html(_page(found, plates, errors))} | plate_contents(plates)
 
 
 def _of_records(found: JointReconstruction, places: Sequence[int]) -> Columns:
@@ -67,17 +82,18 @@ def _over_phase(found: JointReconstruction, records: Sequence[int], *, whole: bo
     columns = dict(_of_records(found, np.repeat(places, len(phase)).tolist()))
     columns["phase"] = np.tile(phase, len(places))
     for name, signal in found.signals.items():
-        for part, values in (("", signal.samples), ("_std", signal.std)):
-            columns[f"{name}{part}"] = np.concatenate([closed(values[i]) if whole else values[i] for i in places])
+        parts = {"": signal.samples, "_std": signal.std} | ({"_rig_std": signal.rig_std} if whole else {})
+        for part, values in parts.items():
+            if values is not None:
+                columns[f"{name}{part}"] = np.concatenate([closed(values[i]) if whole else values[i] for i in places])
     return columns
 
 
 def energy_columns(found: JointReconstruction) -> Columns:
     """Columns of ``energy.csv``: a row per record."""
     columns = dict(_of_records(found, range(len(found))))
-    for joint, energy in found.energy.items():
-        columns[f"{joint}.energy_per_cycle"] = energy.value
-        columns[f"{joint}.energy_per_cycle_std"] = energy.std
+    for name, energy in found.energies.items():
+        columns |= estimate_columns(name, energy)
     return columns | {"chi2_reduced": found.misfit.reduced}
 
 
@@ -101,15 +117,15 @@ def _plates(found: JointReconstruction, records: Sequence[int]) -> list[Plate]:
         Plate(
             PLATES[0],
             "Loops of the joints",
-            "Force over motion at each port, without their means; one colour a record. Bands: 95 %, by noise and by "
-            "the harmonics above those measured.",
+            "Force over motion at each port, without their means; one colour a record. Bands: 95 %, dark by noise and "
+            "the harmonics above those measured, light by what the rig file may be off by too.",
             plot_joint_loops(found, records),
             columns,
         ),
         Plate(
             PLATES[1],
             "Signals over the period",
-            "Force and motion at each port, without their means, with 95 % bands.",
+            "Force and motion at each port, without their means, with 95 % bands as of the loops.",
             plot_joint_signals(found, records),
             columns,
         ),
@@ -140,7 +156,7 @@ def _peak(found: JointReconstruction, name: str, scale: float) -> str:
     return with_std(scale * abs(float(signal.samples[r, i])), scale * float(signal.std[r, i]))
 
 
-def _page(found: JointReconstruction, plates: Sequence[Plate]) -> Page:
+def _page(found: JointReconstruction, plates: Sequence[Plate], errors: ContactErrors | None) -> Page:
     spectra, consistent = found.spectra, np.count_nonzero(found.probability > CONSISTENT)
     sensors = ", ".join(found.misfit.channels[:-1])
     return Page(
@@ -158,11 +174,13 @@ def _page(found: JointReconstruction, plates: Sequence[Plate]) -> Page:
         ],
         sections=[
             Section("Joints", table=Table(*joint_table(found), JOINT_NOTE), csv=("energy.csv",)),
+            *([] if errors is None else [rig_error_section(errors)]),
             *(plate.section for plate in plates),
             Section(
                 "How to read the files",
                 text=(
-                    "SI units throughout. Every _std is one standard deviation; bands in figures are 1.96 of them.",
+                    "SI units throughout. Every _std is one standard deviation by noise, every _rig_std one by the rig "
+                    "file; bands in figures are 1.96 of them.",
                     "reconstruction.csv: the signals over the period. energy.csv: a row per record. harmonics.csv: "
                     "cosine, sine and amplitude of each harmonic. reconstruction.mat, and reconstruction.nc where "
                     "h5netcdf is installed: all of it as arrays, with units.",

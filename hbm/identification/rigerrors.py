@@ -11,20 +11,14 @@ import numpy as np
 
 from hbm.fourier import Array
 from hbm.identification.fit import LeastSquares
+from hbm.identification.known import TOLD, Known, known_by, step, tolerance_text
 from hbm.identification.lawfit import LawFit
 from hbm.identification.start import candidate, scales_of
 from hbm.inverse.observed import observe
-from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.reconstruction import Reconstruction
-from hbm.outputerror.nominal import tolerances as default_tolerances
 from hbm.parallel import one_thread
-from hbm.sensitivity.scalars import FRICTION
 from models.display import Displayed
 from models.plausible import quiet
-from models.rig import Rig
-
-TOLD = 2
-"""So many numbers of the rig file are named for a parameter: those that do most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,22 +30,27 @@ class RigErrors(Displayed):
     law : str
     names, units : tuple of str, (p,)
         The parameters that were fitted.
-    tolerances : mapping of str to float
-        Standard deviation of each number of the rig file: relative, of a delay in seconds.
+    known : Known
+        The numbers of the rig file, and what records leave of their tolerances.
     changes : mapping of str to (p,) array
-        Change of the parameters where that number is a standard deviation larger; of a position, smaller.
+        Change of the parameters where that number is a tolerance larger.
     """
 
     law: str
     names: tuple[str, ...]
     units: tuple[str, ...]
-    tolerances: Mapping[str, float]
+    known: Known
     changes: Mapping[str, Array]
+
+    @property
+    def tolerances(self) -> Mapping[str, float]:
+        """Standard deviation of each number of the rig file: relative, of a delay in seconds."""
+        return self.known.tolerances
 
     @property
     def std(self) -> Array:
         """Standard deviations of the parameters by all of them, (p,)."""
-        return np.asarray(np.sqrt(np.sum([change**2 for change in self.changes.values()], axis=0)))
+        return self.known.errors(np.array(list(self.changes.values())))
 
     def __repr__(self) -> str:
         """What they do to each parameter, and which do most."""
@@ -61,24 +60,17 @@ class RigErrors(Displayed):
     @property
     def told(self) -> list[tuple[str, str, str]]:
         """Each parameter, its standard deviation with its unit, and the numbers that do most to it, in words."""
-        rows = []
+        rows, size = [], self.known.size
         for i, (name, unit) in enumerate(zip(self.names, self.units, strict=True)):
-            own = {key: float(change[i]) for key, change in self.changes.items()}
+            own = {key: float(change[i]) * s for (key, change), s in zip(self.changes.items(), size, strict=True)}
             most = sorted(own.items(), key=lambda item: -abs(item[1]))[:TOLD]
-            changes = (f"{key} ({_off(key, self.tolerances[key])}: {change:+.2g})" for key, change in most)
+            changes = (f"{key} ({self._off(key)}: {change:+.2g})" for key, change in most)
             rows.append((name, f"{self.std[i]:.2g}{'' if unit == '1' else f' {unit}'}", ", ".join(changes)))
         return rows
 
-
-def _off(key: str, std: float) -> str:
-    if key.endswith(".delay"):
-        return f"{std:.2g} s"
-    return f"{'-' if _downwards(key) else ''}{100.0 * std:.2g} %"
-
-
-def _downwards(key: str) -> bool:
-    """Whether a number is tried smaller: a place further on may lie beyond the beam."""
-    return key.endswith(".position")
+    def _off(self, key: str) -> str:
+        """What a number is off by, as far as sensors leave its tolerance."""
+        return tolerance_text(key, self.tolerances[key] * float(self.known.size[list(self.changes).index(key)]))
 
 
 @one_thread
@@ -87,7 +79,7 @@ def rig_errors(fit: LawFit, reconstruction: Reconstruction, tolerances: Mapping[
     """What errors of the numbers of a rig file do to the parameters of a law that was identified with it.
 
     Each number in turn is taken a standard deviation off, contact signals are reconstructed again, and the law is
-    fitted again from where it was.
+    fitted again from where it was. Where sensors contradict each other with it off they know it better than that.
 
     Parameters
     ----------
@@ -105,28 +97,17 @@ def rig_errors(fit: LawFit, reconstruction: Reconstruction, tolerances: Mapping[
     rig, entries = reconstruction.rig, fit.parameters.entries
     held = tuple(p.name for p in entries if p.held)
     of = candidate(fit.law, rig.contact.law, scales_of(reconstruction), held)
-    known = np.isin(reconstruction.spectra.records, fit.records)
-    problem = LeastSquares(of, observe(reconstruction).of(known))
+    shown = np.isin(reconstruction.spectra.records, fit.records)
+    problem = LeastSquares(of, observe(reconstruction).of(shown))
     problem.answers(of.x)  # where the others start from
     free = [i for i, p in enumerate(entries) if not p.held]
     values = of.coordinates.values(of.x)
-    if tolerances is None:
-        tolerances = default_tolerances(rig, reconstruction.spectra.channels)
-    off = {key: std for key, std in tolerances.items() if not key.startswith(FRICTION)}
+    known, others = known_by(reconstruction, tolerances)
 
-    def changed(key: str, std: float) -> Array:
-        again = reconstruct(_one_off(rig, key, std), reconstruction.spectra, formulation=reconstruction.formulation)
-        other = LeastSquares(of, observe(again).of(known))
+    def changed(again: Reconstruction) -> Array:
+        other = LeastSquares(of, observe(again).of(shown))
         other.model.start_from(problem.model)
         return np.asarray(of.coordinates.values(other.search(of.x)) - values)[free]
 
     names, units = zip(*((entries[i].name, entries[i].unit) for i in free), strict=True)
-    return RigErrors(fit.name, names, units, off, {key: changed(key, std) for key, std in off.items()})
-
-
-def _one_off(rig: Rig, key: str, std: float) -> Rig:
-    """The rig with one number a standard deviation off."""
-    value = rig.number(key)
-    if key.endswith(".delay"):
-        return rig.with_numbers({key: value + std})
-    return rig.with_numbers({key: value * (1.0 - std if _downwards(key) else 1.0 + std)})
+    return RigErrors(fit.name, names, units, known, {key: step(key) * changed(other) for key, other in others.items()})

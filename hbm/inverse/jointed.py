@@ -16,7 +16,7 @@ from hbm.channels import factor
 from hbm.errors import InputError, expect_joints
 from hbm.fourier import Array, coefficients_of, sampled
 from hbm.inverse.contactforce import decay, last_counted, prior
-from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, consistent
+from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, widening
 from hbm.inverse.reconstruction import EstimatedSignal, Estimates, Misfit
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig, JointedStructure
@@ -81,6 +81,7 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
     f_std, u_std = (np.full((r, H + 1, m), np.nan) for _ in range(2))
     energy, variance = np.zeros((2, r, len(rig.joints)))
     chi2, expected = np.zeros((2, r, len(sensors.channels) + 1))
+    residual = np.zeros((r, H + 1, len(sensors.channels) + 1), dtype=complex)
     for i in range(r):
         for k in range(1, H + 1):
             solved = sensors.solved(i, k)
@@ -90,6 +91,7 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
             taken, spread = solved.taken(k, [j.law.ports for j in rig.joints])
             energy[i] += taken
             variance[i] += spread**2
+            residual[i, k, solved.read] = solved.residual
             chi2[i, solved.read] += solved.chi2
             expected[i, solved.read] += solved.expected
     if not np.isfinite(f_std).any():
@@ -98,13 +100,15 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
             f"{m} joint forces apart at any harmonic; must be at other places"
         )
     misfit = Misfit((*(c.name for c in sensors.channels), "force"), chi2, expected)
-    wide = np.where(consistent(misfit), 1.0, np.sqrt(np.nan_to_num(misfit.reduced, nan=1.0)))
+    wide = widening(misfit)
     left_out, signals = _left_out(rig.structure, spectra, f, f_std), {}
     for j, (name, motion, units) in enumerate(zip(rig.forces, rig.motions, rig.units, strict=True)):
         signals[name] = _signal(units[1], f[..., j], f_std[..., j] * wide[:, None], left_out[0][:, j])
         signals[motion] = _signal(units[0], u[..., j], u_std[..., j] * wide[:, None], left_out[1][:, j])
     energies = {j.name: Estimates(energy[:, i], np.sqrt(variance[:, i]) * wide, "J") for i, j in enumerate(rig.joints)}
-    return JointReconstruction(rig, spectra, signals, energies, misfit)
+    return JointReconstruction(
+        rig=rig, spectra=spectra, signals=signals, energy=energies, misfit=misfit, residual=residual
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,16 +125,23 @@ class _Solved:
         Motion at the joints per force.
     read : (readings,) int array
         Places of the channels read; the force is behind the last.
-    chi2, expected : (readings,) array
-        Squared residuals in units of standard deviations, and what noise alone leaves of them on the mean.
+    residual : (readings,) complex array
+        Measured less explained, in standard deviations.
+    expected : (readings,) array
+        What noise alone leaves of their squares on the mean.
     """
 
     forces: Complex
     spread: Complex
     motion: Complex
     read: npt.NDArray[np.intp]
-    chi2: Array
+    residual: Complex
     expected: Array
+
+    @property
+    def chi2(self) -> Array:
+        """Squared residuals, (readings,)."""
+        return np.asarray(np.abs(self.residual) ** 2)
 
     @property
     def signals(self) -> tuple[Complex, Complex, Array, Array]:
@@ -197,7 +208,7 @@ class _Sensors:
             spread=inverse,
             motion=np.column_stack([on.joints_by_joints, on.joints_by_force]),
             read=np.append(read, len(self.channels)),
-            chi2=np.abs(A @ forces - b) ** 2,
+            residual=b - A @ forces,
             expected=2 * np.where(leverage < 1.0 - ALL_USED, 1.0 - leverage, 0.0),
         )
 

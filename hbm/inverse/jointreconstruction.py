@@ -19,6 +19,7 @@ from hbm.inverse.reconstruction import (
     signal_arrays,
 )
 from hbm.inverse.resolution import harmonics
+from hbm.inverse.sensing import Complex
 from hbm.labelled import Variables, frame
 from hbm.measurement.spectra import MeasuredSpectra
 from models.jointed import JointedRig
@@ -42,6 +43,8 @@ class JointReconstruction(Reconstructed):
         By the names of the joints: what each takes from the body in a period [J], of the harmonics found.
     misfit : Misfit
         Of the response channels measured, and of the force where it was.
+    residual : (r, H+1, c + 1) complex array
+        Measured less explained, of the channels of `misfit`, in standard deviations; 0 where not measured.
     """
 
     rig: JointedRig
@@ -49,6 +52,20 @@ class JointReconstruction(Reconstructed):
     signals: Mapping[str, EstimatedSignal]
     energy: Mapping[str, Estimates]
     misfit: Misfit
+    residual: Complex
+
+    @property
+    def energies(self) -> Mapping[str, Estimates]:
+        """Energy per cycle of each joint by the names of its columns."""
+        return {f"{joint}.energy_per_cycle": energy for joint, energy in self.energy.items()}
+
+    @property
+    def widening(self) -> Array:
+        """By how much standard deviations are larger than noise makes them, where sensors contradict, (r,)."""
+        return widening(self.misfit)
+
+    def _energies_from(self, energies: Mapping[str, Estimates]) -> Mapping[str, Mapping[str, Estimates]]:
+        return {"energy": dict(zip(self.energy, energies.values(), strict=True))}
 
     @property
     def found(self) -> npt.NDArray[np.bool_]:
@@ -99,8 +116,8 @@ class JointReconstruction(Reconstructed):
             If pandas is not installed.
         """
         columns = self._peaks()
-        for joint, energy in self.energy.items():
-            columns |= {f"{joint}.energy_per_cycle": energy.value, f"{joint}.energy_per_cycle_std": energy.std}
+        for name, energy in self.energies.items():
+            columns |= {name: energy.value, f"{name}_std": energy.std}
         return frame("to_dataframe", columns)
 
     def arrays(self) -> tuple[Variables, Variables]:
@@ -117,6 +134,8 @@ class JointReconstruction(Reconstructed):
             name = f"{plain(joint)}_energy_per_cycle"
             arrays[name] = each, estimate.value, estimate.unit
             arrays[f"{name}_std"] = each, estimate.std, estimate.unit
+            if estimate.rig_std is not None:
+                arrays[f"{name}_rig_std"] = each, estimate.rig_std, estimate.unit
         arrays["chi2_reduced"] = each, self.misfit.reduced, "1"
         return arrays, record_coordinates(self.spectra, self.phase)
 
@@ -152,3 +171,8 @@ def _probability(misfit: Misfit) -> Array:
 def consistent(misfit: Misfit) -> npt.NDArray[np.bool_]:
     """Whether noise alone explains the misfit of a record, (r,); so it does where nothing is left to check it by."""
     return np.asarray(_probability(misfit) > CONSISTENT)
+
+
+def widening(misfit: Misfit) -> Array:
+    """Root of the misfit where noise does not explain it, else 1, (r,)."""
+    return np.where(consistent(misfit), 1.0, np.sqrt(np.nan_to_num(misfit.reduced, nan=1.0)))

@@ -17,7 +17,7 @@ from hbm.inverse.contactforce import ForceEstimate, regularised
 from hbm.inverse.kinematic import modal, nnm, nnm_spline
 from hbm.inverse.reconstruction import SIGNALS, EstimatedSignal, Estimates, Misfit, Reconstruction
 from hbm.inverse.resolution import resolution_of
-from hbm.inverse.sensing import Sensing, sensing
+from hbm.inverse.sensing import Complex, Sensing, sensing
 from hbm.inverse.sensorcheck import check_sensors
 from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
@@ -72,15 +72,25 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
             f'reconstruct: formulation = "{formulation}", but the rig has {found}; must be regularised there'
         )
     check = check_sensors(rig, spectra)
-    seen = sensing(rig, check.spectra)
+    result, estimate = _reconstructed(rig, check.spectra, formulation)
+    return replace(result, warnings=(*check.findings, *resolution_of(estimate).warnings))
+
+
+def reconstruct_again(reconstruction: Reconstruction, rig: Rig) -> Reconstruction:
+    """Reconstruct the same records with a rig whose numbers differ; sensors are taken as they are, without warnings."""
+    return _reconstructed(rig, reconstruction.spectra, reconstruction.formulation)[0]
+
+
+def _reconstructed(rig: Rig, spectra: MeasuredSpectra, formulation: str) -> tuple[Reconstruction, ForceEstimate]:
+    """Reconstruction from sensors that are taken as they are, and what it follows from."""
+    seen = sensing(rig, spectra)
     mean = np.zeros(len(spectra))
     slips = np.zeros(len(spectra), dtype=bool)
     for _ in range(MEAN_ROUNDS):
         contact = contact_of(seen, FORMULATIONS[formulation](seen, mean))
         slips = _slips(contact)
         mean = np.where(slips, mean + _asymmetry(contact), 0.0)
-    warnings = (*check.findings, *resolution_of(contact.estimate).warnings)
-    return replace(_reconstruction(contact, formulation, slips), warnings=warnings)
+    return _reconstruction(contact, formulation, slips), contact.estimate
 
 
 def _slips(contact: Contact) -> npt.NDArray[np.bool_]:
@@ -107,7 +117,7 @@ def _reconstruction(contact: Contact, formulation: str, slips: npt.NDArray[np.bo
     """Signals with standard deviations, inflated where the sensors contradict the structure."""
     seen, estimate = contact.sensing, contact.estimate
     misfit = misfit_of(seen, estimate)
-    inflation = np.where(misfit.consistent, 1.0, np.sqrt(np.maximum(misfit.reduced, 1.0)))
+    inflation = misfit.widening
     signals = {name: _signal(contact, name, inflation, slips) for name in SIGNALS}
     energy, work = contact.energy, contact.work_rate
     return Reconstruction(
@@ -119,6 +129,7 @@ def _reconstruction(contact: Contact, formulation: str, slips: npt.NDArray[np.bo
         energy_per_cycle=Estimates(energy.value, energy.std * inflation, "J"),
         work_rate=Estimates(work.value, work.std * inflation, "W"),
         misfit=misfit,
+        residual=_residual(seen, estimate),
         resolution=estimate.resolution,
         condition=estimate.condition,
         law_inputs=contact.law_inputs,
@@ -134,6 +145,13 @@ def misfit_of(seen: Sensing, estimate: ForceEstimate) -> Misfit:
         chi2=np.sum(np.abs(estimate.residual) ** 2, axis=1),
         expected=np.sum(2.0 * (measured - estimate.leverage), axis=1),
     )
+
+
+def _residual(seen: Sensing, estimate: ForceEstimate) -> Complex:
+    """Measured less explained, of the response channels and of the force, in standard deviations, (r, H+1, c + 1)."""
+    known = seen.force_std > 0.0
+    of_force = np.where(known, seen.force - estimate.force, 0.0) / np.where(known, seen.force_std, 1.0)
+    return np.concatenate([estimate.residual, of_force[..., None]], axis=2)
 
 
 def _signal(contact: Contact, name: str, inflation: Array, slips: npt.NDArray[np.bool_]) -> EstimatedSignal:

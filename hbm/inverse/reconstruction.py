@@ -1,8 +1,8 @@
 """Results of the inverse harmonic balance: contact signals with uncertainty, and how well the sensors fit."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +38,8 @@ class EstimatedSignal:
         Values at the phases 0, 1/N... of the period.
     std : (r, N) array
         Standard deviation of the samples: noise, and the harmonics above those measured.
+    rig_std : (r, N) array, optional
+        Beside it, by what the numbers of the rig file may be off by, where that was worked out.
     """
 
     unit: str
@@ -45,6 +47,12 @@ class EstimatedSignal:
     coefficient_std: Array
     samples: Array
     std: Array
+    rig_std: Array | None = None
+
+    @property
+    def whole_std(self) -> Array:
+        """Standard deviation of the samples by all that was worked out, (r, N)."""
+        return self.std if self.rig_std is None else np.hypot(self.std, self.rig_std)
 
     @property
     def complex(self) -> Complex:
@@ -59,11 +67,15 @@ class EstimatedSignal:
 
 @dataclass(frozen=True, eq=False)
 class Estimates:
-    """A number per record with its standard deviation and unit; `value` and `std` are (r,) arrays."""
+    """A number per record with its standard deviation and unit; `value` and `std` are (r,) arrays.
+
+    `rig_std` is the deviation beside it by what the numbers of the rig file may be off by, where that was worked out.
+    """
 
     value: Array
     std: Array
     unit: str
+    rig_std: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +113,11 @@ class Misfit:
         """Whether noise alone explains the misfit of a record, (r,)."""
         return self.probability > CONSISTENT
 
+    @property
+    def widening(self) -> Array:
+        """Root of the misfit where noise does not explain it, else 1, (r,)."""
+        return np.asarray(np.where(self.consistent, 1.0, np.sqrt(np.maximum(self.reduced, 1.0))))
+
 
 @dataclass(frozen=True, eq=False)
 class LawInputs:
@@ -120,12 +137,35 @@ class LawInputs:
     factor: Complex
 
 
+@dataclass(frozen=True, eq=False)
 class Reconstructed(Displayed):
     """What spectra say of the motion and the forces where a rig touches, record by record."""
 
     rig: AnyRig
     spectra: MeasuredSpectra
     signals: Mapping[str, EstimatedSignal]
+    residual: Complex
+
+    @property
+    def energies(self) -> Mapping[str, Estimates]:
+        """Numbers per record, by the names of their columns in ``energy.csv``."""
+        raise NotImplementedError
+
+    @property
+    def widening(self) -> Array:
+        """By how much standard deviations are larger than noise makes them, where sensors contradict, (r,)."""
+        raise NotImplementedError
+
+    def _energies_from(self, energies: Mapping[str, Estimates]) -> Mapping[str, Any]:
+        """Fields that hold :attr:`energies`."""
+        raise NotImplementedError
+
+    def with_rig_std(self, of: Callable[[str], Array]) -> Self:
+        """The same with standard deviations by the rig file, of signals and numbers per record by their names."""
+        signals = {name: replace(s, rig_std=of(name)) for name, s in self.signals.items()}
+        energies = {name: replace(e, rig_std=of(name)) for name, e in self.energies.items()}
+        changes: dict[str, Any] = {"signals": signals, **self._energies_from(energies)}
+        return replace(self, **changes)
 
     def __len__(self) -> int:
         """Number of records."""
@@ -198,6 +238,9 @@ class Reconstruction(Reconstructed):
     energy_per_cycle, work_rate : Estimates
         Energy lost to friction per period [J], and the wear work rate (26) [W], the mean of R |v|.
     misfit : Misfit
+    residual : (r, H+1, c + 1) complex array
+        Measured less explained, of the response channels of `misfit`, then of the force, in standard deviations; 0
+        where not measured.
     resolution : (r, H+1) array
         Standard deviation of harmonics of friction by the sensors alone [N].
     condition : (r, H+1) array
@@ -215,10 +258,24 @@ class Reconstruction(Reconstructed):
     energy_per_cycle: Estimates
     work_rate: Estimates
     misfit: Misfit
+    residual: Complex
     resolution: Array
     condition: Array
     law_inputs: LawInputs
     warnings: tuple[str, ...]
+
+    @property
+    def energies(self) -> Mapping[str, Estimates]:
+        """Work rate and energy per cycle by their names."""
+        return {"work_rate": self.work_rate, "energy_per_cycle": self.energy_per_cycle}
+
+    @property
+    def widening(self) -> Array:
+        """By how much standard deviations are larger than noise makes them, where sensors contradict, (r,)."""
+        return self.misfit.widening
+
+    def _energies_from(self, energies: Mapping[str, Estimates]) -> Mapping[str, Estimates]:
+        return energies
 
     def _about(self) -> dict[str, Any]:
         return {**super()._about(), "formulation": self.formulation}
@@ -232,7 +289,7 @@ class Reconstruction(Reconstructed):
             If pandas is not installed.
         """
         columns = self._peaks()
-        for name, found in (("energy_per_cycle", self.energy_per_cycle), ("work_rate", self.work_rate)):
+        for name, found in self.energies.items():
             columns |= {name: found.value, f"{name}_std": found.std}
         return frame("to_dataframe", {**columns, "slips": self.slips})
 
@@ -246,9 +303,11 @@ class Reconstruction(Reconstructed):
             (record, harmonic); numbers per record.
         """
         arrays, each = signal_arrays(self.signals), ("record",)
-        for name, estimate in (("work_rate", self.work_rate), ("energy_per_cycle", self.energy_per_cycle)):
+        for name, estimate in self.energies.items():
             arrays[name] = each, estimate.value, estimate.unit
             arrays[f"{name}_std"] = each, estimate.std, estimate.unit
+            if estimate.rig_std is not None:
+                arrays[f"{name}_rig_std"] = each, estimate.rig_std, estimate.unit
         arrays["slips"] = each, self.slips.astype(np.int8), "1"
         arrays["chi2_reduced"] = each, self.misfit.reduced, "1"
         arrays["resolution"] = OVER_HARMONICS, self.resolution, "N"
@@ -271,6 +330,8 @@ def signal_arrays(signals: Mapping[str, EstimatedSignal]) -> dict[str, tuple[Seq
     for name, s in signals.items():
         arrays[name] = over_phase, s.samples, s.unit
         arrays[f"{name}_std"] = over_phase, np.array(s.std), s.unit
+        if s.rig_std is not None:
+            arrays[f"{name}_rig_std"] = over_phase, s.rig_std, s.unit
         arrays[f"{name}_cos"] = OVER_HARMONICS, s.complex.real, s.unit
         arrays[f"{name}_sin"] = OVER_HARMONICS, -s.complex.imag, s.unit
         arrays[f"{name}_harmonic_std"] = OVER_HARMONICS, s.coefficient_std, s.unit

@@ -95,7 +95,9 @@ def test_the_truth_lies_within_the_stated_intervals_at_the_stated_rate(
 ) -> None:
     result = run(str(folder / "rig.toml"), str(folder / "spectra.csv"), "--out", str(tmp_path / "out"))
     assert (result.exit_code, result.stderr) == (0, "")
-    assert {f"wrote {tmp_path / 'out' / name}" for name in FILES} == set(result.stdout.splitlines()[-len(FILES) :])
+    files = set(FILES) - {"calibrated.toml"}  # sensors ask for no other numbers
+    written = {line for line in result.stdout.splitlines() if line.startswith("wrote ")}
+    assert {f"wrote {tmp_path / 'out' / name}" for name in files} == written
     found = table(tmp_path / "out" / "harmonics.csv")
     inside = []
     for name, exact in truth.items():
