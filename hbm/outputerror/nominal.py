@@ -5,6 +5,8 @@ from collections.abc import Collection
 import numpy as np
 
 from hbm.sensitivity.scalars import ALPHA, FORCE, FRICTION, LOAD
+from models.bodies.finite import FiniteBeam
+from models.bodies.matrix import MatrixBody
 from models.jointed import AnyRig, JointedRig
 from models.jointednumbers import GAINS
 
@@ -32,6 +34,9 @@ to the largest of their mode."""
 
 FORCE_GAIN = 0.1
 """Tolerance of a force per unit of what was measured in its place, which nobody has calibrated."""
+
+STIFFNESSES = (FiniteBeam.STIFFNESS, MatrixBody.STIFFNESS)
+"""Keys of the stiffness of a whole body: a modulus, or a factor of a matrix."""
 
 SHAPES = "modal.ports."
 """Beginning of the keys of entries of shapes."""
@@ -82,6 +87,8 @@ def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
                 found[key] = SHAPE * float(places[key]) / (abs(value) or 1.0)
         elif key.startswith("modal."):
             found[key] = FREQUENCY
+        elif key in STIFFNESSES:
+            found[key] = TOLERANCES["beam.youngs_modulus"]
         elif key.startswith("joints.") and value > 0.0:
             found[key] = TOLERANCES.get(FRICTION + key.rpartition(".")[2], TOLERANCES["friction"])
         elif key.startswith("damping.modal_ratios") and value > 0.0:

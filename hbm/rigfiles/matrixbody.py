@@ -24,6 +24,7 @@ class MatrixTable(Table):
     fixed: list[str] = Field(default_factory=list)
     modes: Annotated[int, Field(ge=1, le=1000)] = 20
     reduction: Method = "modes"
+    stiffness_factor: Annotated[float, Field(gt=0.0)] = 1.0
 
 
 def matrix_body(matrix: MatrixTable, folder: Path) -> MatrixBody:
@@ -50,6 +51,7 @@ def matrix_body(matrix: MatrixTable, folder: Path) -> MatrixBody:
         damping_matrix=damping,
         fixed=tuple(dict.fromkeys(fixed)),
         reduction=matrix.reduction,
+        stiffness_factor=matrix.stiffness_factor,
     )
 
 

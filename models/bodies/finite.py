@@ -4,14 +4,15 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from scipy import sparse
 
 from models.beam import Beam
 from models.bodies.matrix import MatrixBody
-from models.bodies.ported import AsGiven, PortedModes
+from models.bodies.ported import Elastic, PortedModes
+from models.friction.law import Parameter
 from models.parts import Damping
 from models.plausible import Proportion
 from models.structure import Array
@@ -25,6 +26,9 @@ PER_MODE = 8
 SAME, NEAREST = 1e-9, 2e-4
 """Shares of the length: places nearer than the first are one, further apart than the second they are two."""
 
+REFERENCE = 1e11
+"""Young's modulus with which matrices are made, whatever that of the beam [Pa]."""
+
 PLACE = re.compile(r"(y|slope|axial)\(([0-9.eE+-]+)\)")
 
 MOTIONS = ("axial", "y", "slope")
@@ -32,7 +36,7 @@ MOTIONS = ("axial", "y", "slope")
 
 
 @dataclass(frozen=True)
-class FiniteBeam(AsGiven):
+class FiniteBeam(Elastic):
     """A beam of Hermite elements with bars along them.
 
     Its places are ``y(x)`` (deflection), ``slope(x)`` (rotation) and ``axial(x)`` at x [m]; its supports the ends'
@@ -45,6 +49,8 @@ class FiniteBeam(AsGiven):
     root, tip : {"clamped", "supported", "free"}
         How x = 0 and x = L are held; a supported end keeps its height, and the root its place along the beam.
     """
+
+    STIFFNESS: ClassVar[str] = "beam.youngs_modulus"
 
     beam: Beam
     root: End = "clamped"
@@ -87,6 +93,13 @@ class FiniteBeam(AsGiven):
         """It brings no damping matrix."""
         return True
 
+    @property
+    def _stiffness(self) -> tuple[float, Parameter]:
+        return self.beam.youngs_modulus, Parameter("Pa", "Young's modulus", "")
+
+    def _stiffened(self, value: float) -> "FiniteBeam":
+        return replace(self, beam=replace(self.beam, youngs_modulus=value))
+
     def with_modes(self, modes: int, places: Sequence[str]) -> "FiniteBeam":
         """Return the same beam with another number of modes."""
         return replace(self, beam=replace(self.beam, modes=modes))
@@ -102,7 +115,9 @@ class FiniteBeam(AsGiven):
         asked = [self._place(place) for place in places]
         nodes = self._nodes([x for _, x in asked])
         at = [(motion, nodes[int(np.argmin(np.abs(nodes - x)))]) for motion, x in asked]
-        matrices = _matrices(self, tuple(nodes.tolist()))
+        # modes are worked out once for all moduli
+        matrices = _matrices(self._stiffened(REFERENCE), tuple(nodes.tolist()))
+        matrices = matrices.with_numbers({MatrixBody.STIFFNESS: self.beam.youngs_modulus / REFERENCE})
         known = {_support(name): name for name in matrices.fixed}
         missing = next((name for name in supports if name not in known), None)
         if missing is not None:

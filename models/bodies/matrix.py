@@ -7,15 +7,16 @@ the modes and for the static response of all the others.
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from models.bodies.matrixchecks import refuse_asymmetry, refuse_indefinite, size, some, square
 from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, unit_loads
-from models.bodies.ported import AsGiven, PortedModes
+from models.bodies.ported import Elastic, PortedModes
 from models.bounds import bounded, whole
+from models.friction.law import Parameter
 from models.parts import Damping
 from models.plausible import plausible
 from models.structure import Array
@@ -37,7 +38,7 @@ class Reduced(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MatrixBody(AsGiven):
+class MatrixBody(Elastic):
     """Any structure given by the matrices of its finite elements.
 
     Attributes
@@ -55,7 +56,11 @@ class MatrixBody(AsGiven):
     reduction : str
         ``modes``, the lowest with free ports and the static response of the others at the ports; or ``craig-bampton``,
         the lowest with the ports held and the static shapes of a unit displacement of each.
+    stiffness_factor : float
+        Of the stiffness: 1.02 where the material is 2 % stiffer than that of the model.
     """
+
+    STIFFNESS: ClassVar[str] = "matrix.stiffness_factor"
 
     mass: Matrix
     stiffness: Matrix
@@ -64,6 +69,7 @@ class MatrixBody(AsGiven):
     damping_matrix: Matrix | None = None
     fixed: tuple[str, ...] = ()
     reduction: Method = "modes"
+    stiffness_factor: float = 1.0
 
     def __post_init__(self) -> None:
         """Refuse matrices, names and numbers that no body has."""
@@ -101,6 +107,7 @@ class MatrixBody(AsGiven):
         if self.reduction not in METHODS:
             raise ValueError(f'MatrixBody: reduction = "{self.reduction}"; must be one of {", ".join(METHODS)}')
         whole("MatrixBody: modes", self.modes, 1)
+        bounded("MatrixBody: stiffness_factor", self.stiffness_factor, 0.0, strict=True)
         there = self._most_modes([])
         if not there:
             raise ValueError("MatrixBody: fixed has every degree of freedom with mass; must leave one free")
@@ -112,7 +119,7 @@ class MatrixBody(AsGiven):
         """Size, supports and modes in a few words."""
         if self.reduction == "craig-bampton":
             return f"{self._extent}; {self.modes} modes with the ports held, and the static shapes of the ports"
-        hz = np.sqrt(self._lowest.squares[[0, -1]]) / (2 * np.pi)
+        hz = np.sqrt(self.stiffness_factor * self._lowest.squares[[0, -1]]) / (2 * np.pi)
         return f"{self._extent}; the lowest {self.modes} modes, {hz[0]:.6g} to {hz[1]:.6g} Hz, the others at rest"
 
     def __repr__(self) -> str:
@@ -127,6 +134,18 @@ class MatrixBody(AsGiven):
     def damped_by_modes(self) -> bool:
         """Whether it brings no damping matrix."""
         return self.damping_matrix is None
+
+    @property
+    def _stiffness(self) -> tuple[float, Parameter]:
+        return self.stiffness_factor, Parameter("1", "factor of the stiffness matrix", "")
+
+    def _stiffened(self, value: float) -> "MatrixBody":
+        """With another factor; what follows from the matrices alone is not worked out again."""
+        bounded(f"MatrixBody: {self.STIFFNESS}", value, 0.0, strict=True)
+        _ = self._known, self.reduction == "modes" and self._lowest  # all share these
+        other = object.__new__(MatrixBody)
+        other.__dict__.update(self.__dict__, stiffness_factor=value)  # checks of the matrices are not repeated, either
+        return other
 
     def with_modes(self, modes: int, places: Sequence[str]) -> "MatrixBody":
         """Return the same body with another number of modes, or with as many as its mass has."""
@@ -222,9 +241,17 @@ class MatrixBody(AsGiven):
     def _lowest(self) -> Modes:
         return self._pencil.lowest(self.modes)
 
+    @cached_property
+    def _known(self) -> dict[tuple[str, ...], Reduced]:
+        """Reductions for places, with a factor of 1."""
+        return {}
+
     def _reduced(self, places: Sequence[str]) -> Reduced:
-        at = self._places(places)
-        return self._craig_bampton(at) if self.reduction == "craig-bampton" else self._of_modes(at)
+        at, factor, known = self._places(places), self.stiffness_factor, self._known
+        if tuple(places) not in known:
+            known[tuple(places)] = self._craig_bampton(at) if self.reduction == "craig-bampton" else self._of_modes(at)
+        found = known[tuple(places)]
+        return found._replace(squares=factor * found.squares, flexibility=found.flexibility / factor)
 
     def _of_modes(self, at: npt.NDArray[np.intp]) -> Reduced:
         modes = self._lowest
@@ -303,7 +330,7 @@ class MatrixBody(AsGiven):
 
     def _receptance(self, at: npt.NDArray[np.intp], shapes: Array, damping: Array, omega: float) -> Complex:
         """Receptance of all degrees of freedom (p, p), at `omega` [rad/s]; `damping` (n, n) of `shapes` (f, n)."""
-        stiffness, mass = self._pencil.stiffness, self._pencil.mass
+        stiffness, mass = self.stiffness_factor * self._pencil.stiffness, self._pencil.mass
         load = unit_loads(len(self._free), at).astype(complex)
         if self.damping_matrix is not None:
             viscous = part(self.damping_matrix, self._free, self._free)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -117,18 +117,48 @@ class Body(Protocol):
         ...
 
 
-class AsGiven:
-    """Base of bodies none of whose numbers are off: they are made of matrices, or of a beam's measures."""
+class Elastic:
+    """Base of bodies whose stiffness as a whole is a number: a modulus, or a factor of a matrix.
+
+    Attributes
+    ----------
+    STIFFNESS : str
+        Key of that number in the rig file.
+    """
+
+    STIFFNESS: ClassVar[str]
+
+    @property
+    def damped_by_modes(self) -> bool:
+        """Whether it brings no damping matrix."""
+        raise NotImplementedError
+
+    @property
+    def _stiffness(self) -> "tuple[float, Parameter]":
+        """That number, with unit and bounds."""
+        raise NotImplementedError
+
+    def _stiffened(self, value: float) -> Self:
+        """The same with another one."""
+        raise NotImplementedError
 
     @property
     def numbers(self) -> "Mapping[str, tuple[float, Parameter]]":
-        """None."""
-        return {}
+        """Its stiffness."""
+        return {self.STIFFNESS: self._stiffness}
 
     def with_numbers(self, values: Mapping[str, float]) -> Self:
-        """Return it as it is."""
-        return self
+        """Return the same body with another stiffness, where there is one."""
+        return self._stiffened(values[self.STIFFNESS]) if self.STIFFNESS in values else self
 
     def change(self, key: str, here: PortedModes, damping: "Damping") -> PortedModes:
-        """Return that nothing changes."""
-        return here.nothing
+        """Return the derivatives of its modes and rows `here` to its stiffness: shapes are what they are."""
+        share = 1.0 / self._stiffness[0]
+        moved = replace(here.nothing, omega_n=share * here.omega_n / 2, flexibility=-share * here.flexibility)
+        if not self.damped_by_modes:
+            return moved
+        dampers, squares = damping.dampers(here.omega_n, np.arange(1, here.n + 1)), share * here.omega_n**2
+        viscous = np.diag(dampers.slope * squares)
+        # strain-rate damping is like the stiffness, which does no work on the static shape of a support
+        by_velocity = here.reaction_inertia @ viscous
+        return replace(moved, damping=viscous + np.diag(dampers.strain_rate * squares), reaction_damping=by_velocity)

@@ -8,6 +8,7 @@ import pytest
 from scipy.io import loadmat
 from typer.testing import CliRunner, Result
 
+from hbm import contact_errors
 from hbm.cli import app
 from hbm.files.jointinverse import FILES
 from hbm.inverse.jointed import reconstruct_joints
@@ -118,6 +119,28 @@ def test_the_truth_lies_within_the_stated_intervals_at_the_stated_rate(
         inside.append(np.abs(samples - exact @ waves.T) < 1.96 * std)
     assert np.mean(noise_alone) == pytest.approx(0.95, abs=0.03)  # samples of a record err together
     assert np.mean(inside) > 0.95  # with harmonics that were not measured, which may be less than expected
+
+
+def test_forces_are_as_uncertain_as_the_rig_file_makes_them(
+    folder: Path, truth: dict[str, np.ndarray], tmp_path: Path
+) -> None:
+    """A modulus 1 % too large moves all forces; the sensors ask for the right one, and with it forces are right."""
+    rig, out = tmp_path / "rig.toml", tmp_path / "out"
+    rig.write_text(FILE.replace("210e9", "212.1e9"))
+    result = run(str(rig), str(folder / "spectra.csv"), "--out", str(out))
+    assert "sensors agree better with beam.youngs_modulus = 2." in result.stdout
+    phase = 2 * np.pi * np.arange(256)[:, None] / 256 * np.arange(1, MORE + 1)
+    waves = np.hstack([np.zeros((256, 1)), np.cos(phase), np.sin(phase)])  # means are not known
+    missed = []
+    for file in (rig, out / "calibrated.toml"):
+        loaded = load_rig(file)
+        errors = contact_errors(reconstruct_joints(loaded, load_spectra(folder / "spectra.csv", loaded)))
+        off = {force: errors.stated[force].samples - truth[force] @ waves.T for force in loaded.forces}
+        missed.append([np.sqrt(np.mean(off[force] ** 2)) for force in loaded.forces])
+        for force in loaded.forces:
+            pulls = off[force] / errors.stated[force].whole_std
+            assert 0.3 < np.sqrt(np.mean(pulls**2)) < 1.5
+    assert missed[1][1] < 0.6 * missed[0][1]  # of the other noise is the larger part
 
 
 def test_tables_and_arrays_are_the_reconstruction(folder: Path, truth: object, tmp_path: Path) -> None:
