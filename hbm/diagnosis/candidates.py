@@ -15,6 +15,7 @@ from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
 from hbm.outputerror.model import Model
+from hbm.outputerror.nominal import STIFFNESSES
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
@@ -60,6 +61,9 @@ REFINED, FAR = 300.0, 1500.0
 
 OF_JOINTS = "parameter:joints."
 """Beginning of the labels of numbers of the joints of a rig file."""
+
+OF_BODIES = tuple(f"parameter:{key}" for key in STIFFNESSES)
+"""Labels of the stiffness of a whole body."""
 
 ENTRY = re.compile(r"\[\d+\]")
 """Which entry of a list a label is of."""
@@ -322,13 +326,17 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
 
     A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause,
     and for joints, which were scanned at the size that they have, and promise a share of what calibration leaves: they
-    are compared with each other, and with every number of the joints of the rig file. Nor does that test foresee what
+    are compared with each other, with the stiffness of the whole body, the first that may be wrong, which the smallest
+    spring beside it stands in for, and with every number of the joints of the rig file. Nor does that test foresee what
     a sensor reads that sits far from its place: of a channel that it favours every number runs.
     """
     best: dict[bool, float] = {}
     for s in screening.scores:
         best[is_joint(s)] = max(best.get(is_joint(s), 0.0), s.drop)
     first = _simplest_first([s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]])[:RUNNING]
+    if scanned(base) and not (small(base) or base.model.causes):
+        ahead = [s for s in screening.scores if s.cause.label in OF_BODIES]
+        first = [*ahead, *(s for s in first if s not in ahead)]
     others = [s for s in screening.scores if s not in first]
     if small(base) or base.model.causes:
         tried = []

@@ -6,6 +6,8 @@ from math import inf
 from typing import ClassVar
 
 from models.beam import Beam
+from models.bodies.finite import FiniteBeam
+from models.bodies.matrix import MatrixBody
 from models.causes.cause import EITHER, Cause, Unknown
 from models.friction import describe
 from models.jointed import AnyRig, JointedRig
@@ -109,8 +111,9 @@ def _neighbours(rig: AnyRig, key: str) -> tuple[float, float]:
 
 
 def _of_joints(rig: JointedRig) -> Iterator[str]:
-    """Numbers of a rig with joints that may be wrong: of its modes where anything touches them, and of its joints."""
+    """Numbers of a rig with joints that may be wrong: of its body, where anything touches it, and of its joints."""
     touched = tuple(f"modal.ports.{place}[" for place in rig.places)
+    of_body = (FiniteBeam.STIFFNESS, MatrixBody.STIFFNESS, FREQUENCIES, *touched)
     for key, (value, _) in rig.numbers.items():
-        if value and key.startswith((FREQUENCIES, "damping.", "joints.", GAINS, *touched)):
+        if value and key.startswith((*of_body, "damping.", "joints.", GAINS)):
             yield key
