@@ -245,8 +245,10 @@ def _rig_error_sections(errors: RigErrors | None) -> list[Section]:
         "tolerances of a diagnosis) is in no standard deviation above: it is the same in all records. Beside noise, "
         f"of {errors.law}:"
     )
+    asks = errors.known.asks
+    more = [f"{asks[0].upper()}{asks[1:]}; hbm inverse makes a rig file of that."] if asks else []
     table = Table(("parameter", "standard deviation", "most by (off by: change)"), [list(row) for row in errors.told])
-    return [Section("What the rig file is uncertain by", text=(told,), table=table, csv=(RIG_ERROR_FILE,))]
+    return [Section("What the rig file is uncertain by", text=(told, *more), table=table, csv=(RIG_ERROR_FILE,))]
 
 
 def _output_error_sections(laws: Sequence[IdentifiedLaw], fit: SpectraFit | None) -> list[Section]:

@@ -55,22 +55,10 @@ class ContactErrors(Displayed):
         by_rig = float(self.known.errors(changes))
         return name, f"{abs(value):.4g}", f"{noise:.2g}", f"{by_rig:.2g}", self.known.most(changes)
 
-    @property
-    def asks(self) -> str:
-        """What numbers the sensors ask for, in words; empty where they ask for none."""
-        known, said = self.known, []
-        for key, value in known.asked.items():
-            i = list(known.values).index(key)
-            size, left = known.expected[i] * known.tolerances[key], known.left[i] * known.tolerances[key]
-            scale, unit = (1.0, "s") if key.endswith(".delay") else (100.0, "%")
-            change = f"{scale * size:+.2g} ± {scale * left:.1g} {unit}"
-            said.append(f"{key} = {value:.5g} ({change})")
-        return f"sensors agree better with {', '.join(said)}" if said else ""
-
     def __repr__(self) -> str:
         """What they do to each quantity, where it is largest."""
         rows = [f"{name} {value} ± {rig}, most by {most}" for name, value, _, rig, most in self.told]
-        return "\n".join(["by what the rig file may be off by, beside noise:", *rows, *filter(None, [self.asks])])
+        return "\n".join(["by what the rig file may be off by, beside noise:", *rows, *filter(None, [self.known.asks])])
 
 
 def contact_errors(reconstruction: Reconstructed, tolerances: Mapping[str, float] | None = None) -> ContactErrors:

@@ -96,6 +96,18 @@ class Known:
     def _expected(self) -> Iterator[tuple[str, float, float]]:
         return zip(self.values, self.values.values(), self.expected.tolist(), strict=True)
 
+    @property
+    def asks(self) -> str:
+        """What numbers the sensors ask for, in words; empty where they ask for none."""
+        said = []
+        for key, value in self.asked.items():
+            i = list(self.values).index(key)
+            size, left = self.expected[i] * self.tolerances[key], self.left[i] * self.tolerances[key]
+            scale, unit = (1.0, "s") if key.endswith(".delay") else (100.0, "%")
+            change = f"{scale * size:+.2g} ± {scale * left:.1g} {unit}"
+            said.append(f"{key} = {value:.5g} ({change})")
+        return f"sensors agree better with {', '.join(said)}" if said else ""
+
     def errors(self, changes: Array) -> Array:
         """Root of the mean square of what errors of the numbers do.
 

@@ -55,7 +55,8 @@ class RigErrors(Displayed):
     def __repr__(self) -> str:
         """What they do to each parameter, and which do most."""
         rows = [f"{name} ± {std}, most by {most}" for name, std, most in self.told]
-        return f"{self.law}, by what the rig file may be off by, beside noise: {'; '.join(rows)}"
+        said = f"{self.law}, by what the rig file may be off by, beside noise: {'; '.join(rows)}"
+        return f"{said}\n{self.known.asks}: hbm inverse makes a rig file of that" if self.known.asks else said
 
     @property
     def told(self) -> list[tuple[str, str, str]]:

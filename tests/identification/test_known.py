@@ -100,7 +100,7 @@ def exact() -> Reconstruction:
 def test_of_an_exact_rig_file_sensors_ask_for_nothing(exact: Reconstruction) -> None:
     errors = contact_errors(exact)
     assert not errors.known.asked
-    assert errors.asks == ""
+    assert errors.known.asks == ""
     assert errors.known.left[list(errors.known.values).index(E)] < 0.3  # they know it better than 1 %
     assert errors.known.left[list(errors.known.values).index("contact.normal_load")] > 0.99  # which none of them sees
 

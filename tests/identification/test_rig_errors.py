@@ -55,3 +55,14 @@ def test_tolerances_may_be_given(fit: LawFit, contact: Reconstruction, errors: R
     known = rig_errors(fit, contact, {"contact.normal_load": 0.002})
     assert list(known.changes) == ["contact.normal_load"]
     assert known.std[0] == pytest.approx(0.1 * abs(errors.changes["contact.normal_load"][0]), rel=0.05)
+
+
+def test_numbers_that_sensors_ask_for_are_told(fit: LawFit, contact: Reconstruction, errors: RigErrors) -> None:
+    """Of a rig file whose Young's modulus is 1 % too small; of the right one nothing."""
+    assert "sensors agree" not in str(errors)
+    key = "beam.youngs_modulus"
+    off = contact.rig.with_numbers({key: 0.99 * contact.rig.number(key)})
+    found = reconstruct(off, contact.spectra)
+    said = str(rig_errors(identify(off, found, [LAW]).best, found))
+    assert f"sensors agree better with {key} = 2." in said
+    assert said.endswith("hbm inverse makes a rig file of that")
