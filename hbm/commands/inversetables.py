@@ -29,8 +29,8 @@ def print_reconstruction(console: Console, reconstruction: Reconstruction) -> No
 def print_contact_errors(console: Console, errors: ContactErrors, out: Path) -> None:
     """Print what the rig file is uncertain by, and the numbers that sensors ask for."""
     print_table(console, "what the rig file may be off by", list(HEADINGS), [list(row) for row in errors.told])
-    asks = errors.known.asks
-    print_lines(console, [NOTE, *filter(None, [asks and f"{asks}: see {out / CALIBRATED_FILE}"])])
+    where = f": see {out / CALIBRATED_FILE}" if errors.known.asked else ""
+    print_lines(console, [NOTE, *filter(None, [errors.known.asks + where])])
 
 
 def print_joint_reconstruction(console: Console, found: JointReconstruction) -> None:

@@ -246,7 +246,8 @@ def _rig_error_sections(errors: RigErrors | None) -> list[Section]:
         f"of {errors.law}:"
     )
     asks = errors.known.asks
-    more = [f"{asks[0].upper()}{asks[1:]}; hbm inverse makes a rig file of that."] if asks else []
+    where = "; hbm inverse makes a rig file of that" if errors.known.asked else ""
+    more = [f"{asks[0].upper()}{asks[1:]}{where}."] if asks else []
     table = Table(("parameter", "standard deviation", "most by (off by: change)"), [list(row) for row in errors.told])
     return [Section("What the rig file is uncertain by", text=(told, *more), table=table, csv=(RIG_ERROR_FILE,))]
 

@@ -74,12 +74,12 @@ def calibrated_rig(errors: ContactErrors, nominal: Path) -> Contents:
 
 def rig_error_section(errors: ContactErrors) -> Section:
     """What the rig file is uncertain by, on a page."""
-    asks = errors.known.asks
+    asks, more = errors.known.asks, f" {CALIBRATED_FILE} has them." if errors.known.asked else ""
     told = (
         "Forces are what the structure does not explain, and the structure is told by the rig file. Its numbers may be "
         "off by their tolerances (--tolerance, or those of a diagnosis), as far as the sensors leave these: they "
         "contradict each other where a number is wrong.",
-        *filter(None, [asks and f"{asks[0].upper()}{asks[1:]}. {CALIBRATED_FILE} has them."]),
+        *filter(None, [asks and f"{asks[0].upper()}{asks[1:]}.{more}"]),
     )
     table = Table(HEADINGS, [list(row) for row in errors.told], NOTE)
     return Section("What the rig file is uncertain by", text=told, table=table, csv=(ERROR_FILE, NUMBER_FILE))

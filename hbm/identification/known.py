@@ -11,6 +11,7 @@ from hbm.fourier import Array
 from hbm.inverse.jointed import reconstruct_joints
 from hbm.inverse.reconstruct import reconstruct_again
 from hbm.inverse.reconstruction import Reconstructed, Reconstruction
+from hbm.outputerror.model import FAR
 from hbm.outputerror.nominal import tolerances as default_tolerances
 from hbm.parallel import one_thread
 from hbm.sensitivity.scalars import FRICTION
@@ -19,8 +20,9 @@ from models.plausible import quiet
 OF_LAWS = (FRICTION, "joints.")
 """Beginnings of keys of numbers that no reconstruction uses."""
 
-ASKED = 3.0
-"""Sensors ask for another number where it is off by more than so many standard deviations of what they leave."""
+ASKED, WORTH = 3.0, 0.5
+"""Sensors ask for another number where it is off by more than so many standard deviations of what they leave, and by
+this share of its tolerance: beside less, small differences of any model count as much."""
 
 TOLD = 2
 """So many numbers of the rig file are named for a signal: those that do most."""
@@ -83,9 +85,15 @@ class Known:
 
     @property
     def asked(self) -> dict[str, float]:
-        """Numbers that sensors ask for, where they do."""
-        there = np.abs(self.expected) > ASKED * self.left
+        """Numbers that sensors ask for, where they do; none where they ask for what no tolerance explains."""
+        there = (np.abs(self.expected) > np.maximum(ASKED * self.left, WORTH)) & (not self.strained)
         return {key: value for (key, value), asked in zip(self.calibrated.items(), there, strict=True) if asked}
+
+    @property
+    def strained(self) -> dict[str, float]:
+        """By how many tolerances numbers would be off that are farther off than tolerances explain."""
+        pulls = zip(self.values, self.expected.tolist(), strict=True)
+        return {key: pull for key, pull in pulls if abs(pull) > FAR}
 
     @property
     def calibrated(self) -> dict[str, float]:
@@ -99,6 +107,12 @@ class Known:
     @property
     def asks(self) -> str:
         """What numbers the sensors ask for, in words; empty where they ask for none."""
+        if self.strained:
+            key, pull = max(self.strained.items(), key=lambda item: abs(item[1]))
+            return (
+                "sensors contradict the structure by more than the tolerances of the rig file explain: "
+                f"{key} would be off by {pull:+.1f} of them; hbm diagnose may tell what is missing"
+            )
         said = []
         for key, value in self.asked.items():
             i = list(self.values).index(key)

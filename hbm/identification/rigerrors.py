@@ -56,7 +56,8 @@ class RigErrors(Displayed):
         """What they do to each parameter, and which do most."""
         rows = [f"{name} ± {std}, most by {most}" for name, std, most in self.told]
         said = f"{self.law}, by what the rig file may be off by, beside noise: {'; '.join(rows)}"
-        return f"{said}\n{self.known.asks}: hbm inverse makes a rig file of that" if self.known.asks else said
+        where = ": hbm inverse makes a rig file of that" if self.known.asked else ""
+        return f"{said}\n{self.known.asks}{where}" if self.known.asks else said
 
     @property
     def told(self) -> list[tuple[str, str, str]]:

@@ -13,6 +13,7 @@ from hbm.inverse.reconstruction import Reconstruction
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.nominal import tolerances
 from models import Rig
+from models.causes import CAUSES
 from models.parts import Channel
 from models.published import paper_rig
 from tests.inverse.measurement import SAMPLES, Truth, measured, respond, with_noise
@@ -145,3 +146,13 @@ def test_it_is_said_in_words(exact: Reconstruction) -> None:
     assert "friction [N]" in said and f"most by {E} (1 %)" in said
     assert f"sensors agree better with {E} = 2." in said
     assert isinstance(errors, ContactErrors) and errors.stated["friction"].rig_std is not None
+
+
+def test_what_no_tolerance_explains_is_no_number_to_move(exact: Reconstruction) -> None:
+    """A mass that the rig file has not: sensors would have to err by many tolerances, and are not asked to."""
+    heavy = CAUSES["added-mass"]().extend(RIG, {"mass": 0.05, "position": 0.3})
+    solutions = [steady_state(heavy, hz, harmonics=9, samples=SAMPLES) for hz in HZ]
+    coefficients = np.array([[s[name].coefficients for name in exact.spectra.channels] for s in solutions])
+    found = contact_errors(reconstruct(RIG, replace(exact.spectra, coefficients=coefficients)))
+    assert found.known.strained and not found.known.asked
+    assert "by more than the tolerances of the rig file explain" in found.known.asks
