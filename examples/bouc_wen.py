@@ -11,8 +11,9 @@ from hbm.models.friction import ContactSample, Value, parameter
 class BoucWen:
     """Bouc-Wen: T = -mu R z, dz/dt = stiffness / (mu R) [v - beta |v| |z|^(n-1) z - (1 - beta) v |z|^n].
 
-    Sliding, |z| tends to 1. exponent 1 with beta 1 is Dahl's law; a larger exponent bends later and more sharply, and
-    beta 0.5 unloads along a straight line.
+    Sliding, |z| tends to 1. A larger exponent bends later and more sharply, and beta 0.5 unloads along a straight line.
+    exponent 1 with beta 1 is Dahl's law where R is constant. Where R swings it is another law: T follows R even while
+    the contact sticks, and Dahl's T = -stiffness z only through its limit.
     """
 
     name: ClassVar[str] = "bouc-wen"

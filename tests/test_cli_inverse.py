@@ -148,11 +148,30 @@ def test_design_prints_where_sensors_belong_and_writes_nothing(
 # ----------------------------------------------------------------------------------------------------------- bad input
 
 
+@pytest.mark.parametrize("factor", [1e-3, 1e-5])
+def test_frequencies_far_below_the_first_mode_are_warned_of_with_the_unit_that_they_look_like(
+    spectra: str, tmp_path: Path, quick: None, factor: float
+) -> None:
+    """48 to 56 Hz in kHz; in no unit, a hundred times less."""
+    heading, *rows = (line.split(",") for line in Path(spectra).read_text().splitlines())
+    slower = [[*row[:2], str(float(row[2]) * factor), *row[3:]] for row in rows]
+    slow = tmp_path / "slow.csv"
+    slow.write_text("\n".join(",".join(row) for row in [heading, *slower]))
+    result = run("inverse", RIG, str(slow), "--out", str(tmp_path / "out"), "--record", "1")
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"warning: {slow}: frequency_hz = 0.0") and " times below the first mode of the rig" in line
+    advice = "are they meant in kHz (48 to 56 Hz)?" if factor == 1e-3 else "check their unit"
+    assert line.endswith(advice)
+
+
 @pytest.mark.parametrize(
     ("args", "line"),
     [
         (["inverse", RIG], "hbm inverse: missing argument 'SPECTRA'; see hbm inverse --help"),
         (["inverse", RIG, "S"], "inverse: --out is missing; must name a folder, or --design be asked for"),
+        (["inverse", RIG, "S", "--record", "9"], "S: no record 9; records are 1, 2, 3, 4, 5, 6"),
+        (["inverse", RIG, "no.csv"], "no.csv: no such file; must be a spectra file"),
+        (["inverse", "s.csv", "rig.toml"], 'inverse: RIG = "s.csv", SPECTRA = "rig.toml"; must be exchanged'),
         (["inverse", "no.toml", "S", "--out", "o"], "no.toml: no such file; must be a rig file (TOML)"),
         (["inverse", RIG, "no.csv", "--out", "o"], "no.csv: no such file; must be a spectra file"),
         (
@@ -251,6 +270,10 @@ def test_a_law_is_identified_written_and_printed(spectra: str, tmp_path: Path) -
     ("args", "line"),
     [
         (["identify", RIG, "S"], "hbm identify: missing option '--out'; see hbm identify --help"),
+        (
+            ["identify", "s.csv", "rig.toml", "--out", "o"],
+            'identify: RIG = "s.csv", SPECTRA = "rig.toml"; must be exchanged',
+        ),
         (["identify", RIG, "S", "--out", "file"], 'identify: --out = "file"; is a file, must be a directory'),
         (
             ["identify", RIG, "S", "--out", "o", "--law", "dahll"],

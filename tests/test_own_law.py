@@ -66,7 +66,9 @@ def test_the_page_shows_the_file_verbatim() -> None:
     assert first[1] == FILE.read_text(encoding="utf-8")
 
 
-def test_the_check_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_of_the_page_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     page = (ROOT / "docs" / "howto" / "own_law.md").read_text(encoding="utf-8")
     code = re.findall(r"```python\n(.*?)```", page, re.DOTALL)[1]
     (tmp_path / "examples").symlink_to(ROOT / "examples")
@@ -75,17 +77,35 @@ def test_the_check_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     exec(code, scope := {})
     dahl, ours = scope["loops"]
     assert ours.T == pytest.approx(dahl.T, abs=1e-9)
+    theirs, mine = map(float, capsys.readouterr().out.splitlines()[-2:])
+    assert 0.5 * theirs < mine < 0.6 * theirs
     assert (tmp_path / "loops.png").exists()
 
 
 @pytest.mark.parametrize("amplitude", [1e-6, 1e-5, 1e-3])
 @pytest.mark.parametrize("compliance", [0.0, 3e-8])
-def test_exponent_1_and_beta_1_is_dahl(amplitude: float, compliance: float) -> None:
+def test_exponent_1_and_beta_1_is_dahl_under_a_constant_load(amplitude: float, compliance: float) -> None:
     dahl, ours = Dahl(0.5, 1e7), BoucWen(0.5, 1e7, exponent=1.0, beta=1.0)
     theirs, mine = (
         friction_loop(law, amplitude, 50.0, load=83.0, compliance=compliance, samples=256) for law in (dahl, ours)
     )
     assert mine.T == pytest.approx(theirs.T, abs=1e-9)
+
+
+def test_under_a_load_that_swings_it_is_another_law() -> None:
+    """A contact that sticks: dT = -k dx of Dahl's law; of this one T = -R z, dz = k dx / R, by quadrature."""
+    swinging, hz, x = [80.0, 0.0, 0.0, 0.0, 40.0], 50.0, 1e-9
+    laws = Dahl(0.5, 1e7), BoucWen(0.5, 1e7, exponent=1.0, beta=1.0)
+    dahl, ours = (friction_loop(law, x, hz, load=80.0, reaction=swinging) for law in laws)
+    theta = 2 * np.pi * np.arange(1024) / 1024
+    R = 80.0 + 40.0 * np.sin(2 * theta)
+    rate = -1e7 * x * np.sin(theta) / R
+    z = np.cumsum((rate + np.roll(rate, 1)) / 2) * (theta[1] - theta[0])
+    assert dahl.T == pytest.approx(-1e7 * x * np.cos(theta), abs=1e-5)
+    assert ours.T == pytest.approx(-R * (z - z.mean()), abs=1e-5)
+    assert np.ptp(ours.T) > 1.3 * np.ptp(dahl.T)
+    lost = [friction_loop(law, 1e-6, hz, load=80.0, reaction=swinging).dissipated for law in laws]
+    assert lost[0] > 0.0 > lost[1]  # as the page says
 
 
 @pytest.mark.parametrize(("exponent", "beta"), [(1.0, 0.5), (2.0, 0.5), (2.0, 0.8), (5.0, 1.0)])

@@ -16,6 +16,7 @@ from hbm.commands.options import (
     OutFolder,
     RigFile,
     both_ends,
+    check_order,
     check_out,
     console,
     named,
@@ -99,6 +100,7 @@ def diagnose(
     from hbm.files.diagnosisfiles import FILES
     from hbm.files.extendedrig import CANDIDATES
 
+    check_order(COMMAND, rig, spectra)
     held, floor = different(COMMAND, "--hold-out", hold_out), share(COMMAND, repeatability)
     limit, band = seconds_of(COMMAND, max_seconds), both_ends(COMMAND, begin, end, "Hz")
     check_out(COMMAND, out, (*FILES, f"{CANDIDATES}/1.toml"))

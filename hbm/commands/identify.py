@@ -23,6 +23,7 @@ from hbm.commands.options import (
     Formulation,
     OutFolder,
     RigFile,
+    check_order,
     check_out,
     console,
     named,
@@ -87,6 +88,7 @@ def identify(
     from hbm.files.identifyreport import FILES
     from hbm.rigfiles.laws import find_law
 
+    check_order(COMMAND, rig, spectra)
     held, percent = different(COMMAND, "--held-out", held_out), share(COMMAND, repeatability)
     limit = seconds_of(COMMAND, max_seconds)
     check_out(COMMAND, out, FILES)

@@ -15,6 +15,7 @@ from hbm.commands.options import (
     AllowCode,
     Formulation,
     RigFile,
+    check_order,
     check_out,
     console,
     named,
@@ -87,8 +88,7 @@ def inverse(
 
     Example:  hbm inverse rig.toml spectra.csv --out contact
     """
-    if out is None and not design:
-        raise InputError(f"{COMMAND}: --out is missing; must name a folder, or --design be asked for")
+    check_order(COMMAND, rig, spectra)
     count, limit = _count(sensors, design), seconds_of(COMMAND, max_seconds)
     records, percent = different(COMMAND, "--record", record), share(COMMAND, repeatability)
     if out is not None:
@@ -101,6 +101,8 @@ def inverse(
     loaded = load_rig(rig, allow_code=allow_code or None)
     measured = noisy(loaded, _selected(spectra, loaded, records, percent), percent)
     tolerances = tolerances_of(COMMAND, loaded, measured.channels, tolerance)
+    if out is None and not design:  # after all that is wrong otherwise
+        raise InputError(f"{COMMAND}: --out is missing; must name a folder, or --design be asked for")
     numbers = measured.records.tolist() if records else None
     made = None
     with within(COMMAND, limit, lambda: f"at {len(measured)} records", ADVICE):

@@ -15,6 +15,7 @@ from typer.core import TyperCommand
 from hbm.errors import InputError, visible
 
 FIGURES = (".png", ".pdf", ".svg")
+RIG_ENDING = ".toml"
 LARGEST_H = 200
 
 UNSOLVABLE = "no finite solution with these numbers; look for readings, or standard deviations, far from the others"
@@ -103,6 +104,12 @@ def check_outputs(command: str, out: Path | None, plot: Path | None) -> None:
             check_output(out, (".csv",), "--out")
         if plot is not None:
             check_output(plot, FIGURES, "--plot")
+
+
+def check_order(command: str, rig: Path, spectra: Path) -> None:
+    """Refuse a rig file and what was measured where each is in the place of the other."""
+    if spectra.suffix.lower() == RIG_ENDING and rig.suffix.lower() != RIG_ENDING:
+        raise InputError(f"{command}: RIG = {quoted(str(rig))}, SPECTRA = {quoted(str(spectra))}; must be exchanged")
 
 
 def positive(command: str, option: str, text: str, unit: str) -> float:

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from hbm.response.curve import Assessment, ResponseCurve
     from hbm.response.loop import FrictionLoop
 
-TEXTS = ("record", "channel", "unit", "law", "values", "example", "about")
+TEXTS = ("record", "channel", "unit", "law", "values", "example", "about", "most by (tolerance)")
 """Headings of columns that hold no numbers."""
 
-PROSE = "about"
+PROSE = ("about", "most by (tolerance)")
 """Heading of the column that may take several lines."""
 
 LISTED = 20
@@ -284,7 +284,7 @@ def print_table(console: Console, title: str, headings: Sequence[str], rows: Ite
     console.print(Text(visible(title), "bold"), soft_wrap=True)  # a title of the table would be wrapped to its width
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in headings:
-        table.add_column(Text(heading), justify="left" if heading in TEXTS else "right", no_wrap=heading != PROSE)
+        table.add_column(Text(heading), justify="left" if heading in TEXTS else "right", no_wrap=heading not in PROSE)
     for row in rows:
         table.add_row(*(Text(visible(cell)) for cell in row))
     console.print(table)

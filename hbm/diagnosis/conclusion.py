@@ -1,6 +1,6 @@
 """The conclusion from a decision: scored on the records held out, and said in numbers and sentences."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache, cached_property, partial
 
@@ -15,7 +15,7 @@ from hbm.diagnosis.judge import CLEAR, beside, beside_noise, lead, possible_back
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
-from hbm.diagnosis.remainder import LEFT, Remainder, beyond_noise, explained, remainder
+from hbm.diagnosis.remainder import LEFT, MOST, Remainder, beyond_noise, explained, remainder, tells
 from hbm.diagnosis.search import NEARLY, Search, campaign_of
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
@@ -140,7 +140,7 @@ class Conclusion:
             errors=self._errors(best),
             held_out_records=self.held,
             ranking=tuple(map(self._ranked, self.decision.fits, self._nrmse_held_out)),
-            evidence=tuple(self._evidence.lines(verdict, best)),
+            evidence=(*self._evidence.lines(verdict, best), *(self._to_hold_out(best) if best else ())),
             extended=None if best is None else best.model.rig(best.x),
             nominal=self.search.nominal,
             calibrated=self.search.calibrated,
@@ -186,9 +186,12 @@ class Conclusion:
         """The misfit that the model of the verdict leaves."""
         plain = self.decision.base if self.decision.best is None else self.search.calibrated
         e = self._noise(best or plain)
-        shares = {} if best is None else self._shares
+        shares, untested = {} if best is None else dict(self._shares), best is not None and self._untested
+        if untested:
+            del shares["held_out"]
         told = () if best is None or self._varying is None else (self._varying.sentence,)
-        return remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
+        left = remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
+        return replace(left, untested=untested)
 
     @cached_property
     def _shares(self) -> dict[str, float]:
@@ -201,6 +204,26 @@ class Conclusion:
         if scored is not None and unseen is not None:
             shares["held_out"] = explained(unseen.evaluation.white, scored.evaluation.white)
         return shares
+
+    @cached_property
+    def _untested(self) -> bool:
+        """Whether the records held out fit noise with the best cause, and hardly worse without it."""
+        if self.best is None:
+            return False
+        best, scored = self.best
+        unseen = self.plain[self._extends(best)][1]
+        if scored is None or unseen is None or not scored.misfit.fits:
+            return False
+        return not tells(unseen.evaluation.white, scored.evaluation.white)
+
+    def _to_hold_out(self, best: Evaluation) -> Iterator[str]:
+        """Which of the records fitted would test the cause: every second of those that it explains most of."""
+        if self._untested:
+            before, after = self._before(best).white, self._noise(best).white
+            taken = {number: before.deviance(number) - after.deviance(number) for number in after.spreads}
+            label = {r.number: r.name for r in self.campaign.data.records}
+            chosen = [label[number] for number in sorted(taken, key=taken.__getitem__, reverse=True)[: 2 * MOST : 2]]
+            yield f"Records that would test {name_of(best)}, held out: --hold-out {' '.join(map(str, chosen))}."
 
     def _held(self, best: Evaluation | None) -> dict[str, Evaluation]:
         scored = {"nominal": self.nominal, "calibrated": self.calibrated}
@@ -303,7 +326,8 @@ class Conclusion:
         if best is not None:
             kind: str = verdict
             if verdict == "cause-found" and misfit(self._noise(best), self.campaign).fits:
-                foretold = self._shares.get("held_out", 0.0) >= FORETOLD and not self._within_too(best)
+                foretold = self._shares.get("held_out", 0.0) >= FORETOLD and not self._untested
+                foretold = foretold and not self._within_too(best)
                 kind = "foretold" if foretold else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":

@@ -28,6 +28,8 @@ LEFT = 0.7
 NOISE = 5.0
 """Chi2 that noise makes is known to so many standard deviations."""
 
+UNTESTED = "The records held out do not test the cause: noise alone is left of them without it, too. "
+
 TOGETHER = 0.6
 """Share of one channel from which on it is said to be the one that reads otherwise."""
 
@@ -40,7 +42,7 @@ class Remainder:
     ----------
     explained : dict of str to float
         Share of the misfit beyond noise that is explained, of the records fitted (train) and held out: of the rig file
-        that the cause extends, calibrated or as it is.
+        that the cause extends, calibrated or as it is. Without those held out where they do not test the cause.
     size : float
         Rms of what remains beyond noise, relative to the response.
     noise_variances : float
@@ -51,6 +53,8 @@ class Remainder:
         Where it is, in words.
     harmonics : dict of int to float
         Share of what remains beyond noise by harmonic; those that count.
+    untested : bool
+        Whether records were held out that fit as well without the cause.
     """
 
     explained: Mapping[str, float]
@@ -59,6 +63,7 @@ class Remainder:
     structured: bool
     places: tuple[str, ...] = ()
     harmonics: Mapping[int, float] = field(default_factory=dict)
+    untested: bool = False
 
     @property
     def sentence(self) -> str:
@@ -68,6 +73,7 @@ class Remainder:
             for where, share in zip(("fitted", "held out"), self.explained.values(), strict=False)
         )
         explained = f"Explained: {told}. " if told else ""
+        explained += UNTESTED if self.untested else ""
         if not self.structured:
             return f"{explained}What remains is noise."
         where = f": {'; '.join(self.places)}" if self.places else ""
@@ -126,6 +132,14 @@ def explained(before: Whitened, after: Whitened) -> float:
     """Share of the misfit beyond noise that another model does not leave; 0 where there was none."""
     was = excess(before)
     return float(np.clip(1.0 - excess(after) / was, 0.0, 1.0)) if was > 0.0 else 0.0
+
+
+def tells(before: Whitened, after: Whitened) -> bool:
+    """Whether records tell a model from another: what the other takes is more than the chi2 of noise scatters by.
+
+    The noise itself is the same beside both, so that the difference hardly depends on its draw.
+    """
+    return bool(before.charged - after.charged > np.sqrt(2.0 * len(before)))
 
 
 def remainder(

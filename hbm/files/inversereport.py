@@ -256,12 +256,20 @@ def level_table(reconstruction: Reconstruction) -> tuple[list[str], list[list[st
     return list(LEVEL_HEADINGS), rows
 
 
+LARGE = 1e7
+"""From such a standard deviation on numbers are powers of ten: in full they are wider than any table."""
+
+
 def with_std(value: float, std: float) -> str:
     """A number and its standard deviation, to two digits of the latter.
 
     >>> with_std(47.2634, 0.1283)
     '47.26 ± 0.13'
+    >>> with_std(9.68281604e10, 4788824590.0)
+    '9.683e+10 ± 4.8e+09'
     """
+    if std >= LARGE:
+        return f"{value:.4g} ± {std:.2g}"
     if not (np.isfinite(std) and std > 0.0):
         return f"{value:.4g}"
     digits = max(0, 1 - int(np.floor(np.log10(std))))

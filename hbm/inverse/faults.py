@@ -54,10 +54,10 @@ class Fault:
             moved = (replace(c, position=self.value) if c.name == self.channel else c for c in rig.channels)
             return replace(rig, channels=tuple(moved)), spectra
         if self.cause == "sensor-gain":
-            return rig, _times(spectra, self.channel, np.full((len(spectra), spectra.H + 1), 1.0 / self.value + 0j))
+            return rig, times(spectra, self.channel, np.full((len(spectra), spectra.H + 1), 1.0 / self.value + 0j))
         if self.cause == "sensor-delay":
             i_omega = 2j * np.pi * spectra.hz[:, None] * np.arange(spectra.H + 1)
-            return rig, _times(spectra, self.channel, np.exp(i_omega * self.value))
+            return rig, times(spectra, self.channel, np.exp(i_omega * self.value))
         if self.cause == "swapped-channels":
             order = np.arange(len(spectra.channels))
             i, j = spectra.index(self.channel), spectra.index(self.other)
@@ -66,7 +66,7 @@ class Fault:
         return rig, spectra
 
 
-def _times(spectra: MeasuredSpectra, channel: str, factor: Complex) -> MeasuredSpectra:
+def times(spectra: MeasuredSpectra, channel: str, factor: Complex) -> MeasuredSpectra:
     """Spectra with one channel times a complex factor (r, H+1)."""
     i = spectra.index(channel)
     coefficients, std = spectra.coefficients.copy(), spectra.std.copy()

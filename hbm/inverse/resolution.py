@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.fourier import Array
-from hbm.inverse.contactforce import ForceEstimate
+from hbm.inverse.contactforce import ForceEstimate, last_counted
 
 UNRESOLVED = 1.0
 """A harmonic is not resolved whose standard deviation by the sensors exceeds this share of its size."""
@@ -19,6 +19,9 @@ HALF = 0.5
 
 RELEVANT = 0.01
 """Unresolved harmonics are named where they add this share of friction's rms to its uncertainty."""
+
+MOST_ABOVE = 0.5
+"""Harmonics above those measured are named where they may be this share of friction's rms."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,8 @@ class Resolution:
         Condition number of telling friction from the excitation.
     unresolved : (H,) array
         Share of the records in which the sensors do not resolve the harmonic.
+    above : float
+        What may be above harmonic H, as the prior expects, rms [N].
     records : int
     """
 
@@ -48,11 +53,12 @@ class Resolution:
     prior_share: Array
     condition: Array
     unresolved: Array
+    above: float
     records: int
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """At most three lines on what the sensors do not resolve."""
+        """At most four lines on what the sensors do not resolve."""
         return tuple(self._lines())
 
     def _lines(self) -> Iterator[str]:
@@ -80,6 +86,12 @@ class Resolution:
                 f"{harmonics(unseen)} of friction: no sensor measured them; zero to "
                 f"{np.linalg.norm(self.std[unseen]):.2g} N rms beside {total:.2g} N, as the prior expects"
             )
+        if self.above > MOST_ABOVE * total:
+            alone = "were" if len(self.size) > 1 else "was"
+            yield (
+                f"{harmonics(range(len(self.size)))} alone {alone} measured; friction above may be up to "
+                f"{self.above:.2g} N rms beside {total:.2g} N, as the prior expects: its shape and peak are not known"
+            )
 
 
 def harmonics(places: Iterable[int]) -> str:
@@ -104,6 +116,8 @@ def resolution_of(estimate: ForceEstimate) -> Resolution:
     by_sensors, std = estimate.resolution[:, 1:], np.linalg.norm(estimate.factor[:, 1:, 0], axis=2)
     poor = by_sensors > UNRESOLVED * size
     known = np.where(np.isfinite(by_sensors), by_sensors, np.inf)
+    H = size.shape[1]
+    above = np.linalg.norm(estimate.expected(np.arange(H + 1, last_counted(H) + 1)), axis=1)
     return Resolution(
         size=np.median(size, axis=0),
         by_sensors=np.median(by_sensors, axis=0),
@@ -111,5 +125,6 @@ def resolution_of(estimate: ForceEstimate) -> Resolution:
         prior_share=np.median(np.clip(1.0 - (std / known) ** 2, 0.0, 1.0), axis=0),
         condition=np.median(estimate.condition[:, 1:], axis=0),
         unresolved=poor.mean(axis=0),
+        above=float(np.median(above)),
         records=len(size),
     )

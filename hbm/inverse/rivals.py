@@ -14,6 +14,9 @@ from models.rig import Rig
 WITHIN = 0.1
 """Properties of the rig file are off by this share at most."""
 
+INSIDE = 0.999
+"""Share of the length that the excitation is tried within: at the tip, which is held, it moves nothing."""
+
 EVALUATIONS = 8
 """Steps of the fit, each of which linearises anew."""
 
@@ -100,16 +103,17 @@ def _changed(rig: Rig, off: Array) -> Rig:
     """The rig with its properties off by these shares; sensors stay where they are."""
     body = rig.body
     assert isinstance(body, Beam)
-    E, density, length, thickness, place, alpha = (1.0 + off).tolist()
+    E, density, longer, thickness, place, alpha = (1.0 + off).tolist()
+    length = max(longer * body.length, *(c.position for c in rig.channels))
     return replace(
         rig,
         body=replace(
             body,
             youngs_modulus=E * body.youngs_modulus,
             density=density * body.density,
-            length=max(length * body.length, *(c.position for c in rig.channels)),
+            length=length,
             thickness=thickness * body.thickness,
         ),
-        excitation=replace(rig.excitation, position=min(place * rig.excitation.position, length * body.length)),
+        excitation=replace(rig.excitation, position=min(place * rig.excitation.position, INSIDE * length)),
         damping=replace(rig.damping, mass_proportional=alpha * rig.damping.mass_proportional),
     )

@@ -5,7 +5,7 @@ one named fault (:mod:`hbm.inverse.faults`) makes it agree too, and neither a fa
 of the rig file (:mod:`hbm.inverse.rivals`) does as well. Where the structure itself is wrong no channel is blamed.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -13,10 +13,11 @@ import numpy as np
 
 from hbm.inverse.contactforce import nonlinear_forces, regularised
 from hbm.inverse.faults import Fault, explanations, with_std
-from hbm.inverse.findings import assumed, disagreement, sentence
+from hbm.inverse.findings import assumed, disagreement, sentence, unit_sentence
 from hbm.inverse.readings import Others, Readings, by_noise, even, readings
 from hbm.inverse.rivals import structure_score
 from hbm.inverse.sensing import Complex, Sensing, sensing
+from hbm.inverse.units import mistaken
 from hbm.measurement.spectra import MeasuredSpectra
 from models.beam import Beam
 from models.rig import Rig
@@ -83,16 +84,29 @@ def check_sensors(rig: Rig, spectra: MeasuredSpectra) -> SensorCheck:
     InputError
         If no response was measured.
     """
-    usable, faults, lines = spectra, list[Fault](), list[str]()
+    usable, faults, lines, unit = spectra, list[Fault](), list[str](), ""
     base = first = _readings(rig, spectra)
     while fresh := _one(rig, usable, base) or _two(rig, usable, base):
+        if unit := _unit(rig, usable, base, fresh):
+            break
         for fault in fresh:
             usable = _mended(fault, rig, usable)
             base, before = _readings(rig, usable), base
             lines.append(sentence(fault, rig, before, base))
         faults += fresh
-    lines += [*disagreement(base, bool(faults)), *assumed(rig, spectra)]
+    unit = unit or _unit(rig, usable, base, ())
+    lines += [*([unit] if unit else disagreement(base, bool(faults))), *assumed(rig, spectra)]
     return SensorCheck(tuple(faults), tuple(lines), usable, first.everyone.reduced, base.everyone.reduced)
+
+
+def _unit(rig: Rig, spectra: MeasuredSpectra, base: Readings, faults: Sequence[Fault]) -> str:
+    """Which unit all responses, or the force, seem to be in; nothing where sensors agree, or a sensor is at fault."""
+    force = base.channels[-1]
+    scaled = all(fault.channel == force and fault.cause in ("sensor-gain", "sensor-dead") for fault in faults)
+    if base.everyone.agree or not scaled:
+        return ""
+    found = mistaken(rig, spectra, base, lambda other: _readings(rig, other))
+    return "" if found is None else unit_sentence(found[0].said, base, found[1])
 
 
 def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:

@@ -28,6 +28,7 @@ from hbm.measurement.exchange import (
     npz_rows,
     uff_bytes,
 )
+from hbm.measurement.inband import warn_far_below
 from hbm.measurement.repeatability import with_std
 from hbm.measurement.spectra import AT, MeasuredSpectra
 from hbm.textfiles import StrPath, csv_text, read_rows, write_together
@@ -91,6 +92,11 @@ def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: flo
     ------
     InputError
         If the file cannot be read or says something that is not accepted.
+
+    Warns
+    -----
+    models.plausible.PlausibilityWarning
+        Of frequencies that look as if in kHz.
     """
     source, ending = str(path), Path(path).suffix.lower()
     if ending not in READ:
@@ -102,7 +108,10 @@ def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: flo
     said = [NOTE.fullmatch(",".join(cells).strip()) for _, cells in rows if _is_note(cells)]
     numbers = (_row(where, cells) for where, cells in rows if not _is_note(cells))
     notes = [(note["record"], note["text"]) for note in said if note is not None]
-    return with_std(rig, _assembled(source, numbers, rig, notes), repeatability)
+    spectra = _assembled(source, numbers, rig, notes)
+    if rig is not None:
+        warn_far_below(rig, spectra)
+    return with_std(rig, spectra, repeatability)
 
 
 def _is_note(cells: list[str]) -> bool:

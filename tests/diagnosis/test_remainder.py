@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
+from hbm.diagnosis.confidence import RELIABLE
 from hbm.diagnosis.decide import DECISIVE, plainest
-from hbm.diagnosis.remainder import beyond_noise, explained, remainder
+from hbm.diagnosis.remainder import beyond_noise, explained, remainder, tells
 from hbm.outputerror.whitened import Whitened
 from models.causes.clamp import ClampFriction
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation
@@ -60,6 +61,69 @@ def test_explained_is_a_share_of_the_squares_beyond_noise(noise):
     before, after = (missing(noise, noise.harmonic == 1, size) for size in (0.2, 0.02))
     assert explained(before, after) == pytest.approx(0.99, abs=0.005)
     assert explained(after, before) == 0.0
+
+
+def scattered(white, chi2):
+    """The same with an effect of so much chi2 that has nothing to do with its noise."""
+    added = np.random.default_rng(8).standard_normal(len(white))
+    added -= (added @ white.residual) / white.chi2 * white.residual
+    added *= np.sqrt(chi2 / np.sum(added**2))
+    return replace(white, residual=white.residual + added)
+
+
+def concluded(before, after, share):
+    """A cause that leaves noise alone of records fitted, and of those held out what is given, with and without it."""
+    best = SimpleNamespace(model=SimpleNamespace(calibrated=True, causes=(AddedMass(),)))
+    fits = SimpleNamespace(misfit=SimpleNamespace(fits=True), evaluation=SimpleNamespace(white=after))
+    found = SimpleNamespace(
+        best=(best, fits),
+        plain={"calibrated": (None, SimpleNamespace(evaluation=SimpleNamespace(white=before)))},
+        campaign=None,
+        decision=SimpleNamespace(base=None, fits=()),
+        _extends=lambda best: "calibrated",
+        _noise=lambda e: e,
+        _shares={"train": 1.0, "held_out": share},
+        _within_too=lambda best: False,
+    )
+    found._untested = Conclusion._untested.func(found)
+    return found
+
+
+def test_records_held_out_that_fit_as_well_without_a_cause_do_not_test_it(monkeypatch, noise, campaign):
+    """Whatever share it takes of next to nothing, it is no cause that was foretold, and no share is told."""
+    monkeypatch.setattr("hbm.diagnosis.conclusion.inclusion", lambda fits, best: 1.0)
+    monkeypatch.setattr("hbm.diagnosis.conclusion.misfit", lambda e, campaign: SimpleNamespace(fits=True))
+    scatter = np.sqrt(2 * len(noise))
+    for effect, tested in ((0.5 * scatter, False), (2.0 * scatter, True)):
+        before = scattered(noise, effect)
+        assert explained(before, noise) == pytest.approx(1.0) and tells(before, noise) is tested
+        found = concluded(before, noise, 1.0)
+        confidence = Conclusion._confidence(found, "cause-found", found.best[0])
+        assert confidence == RELIABLE["foretold" if tested else "noise"]
+    left = replace(remainder(noise, campaign, False, {"train": 0.986}), untested=True)
+    assert left.sentence == (
+        "Explained: 98.6 % of the misfit on the records fitted. The records held out do not test the cause: noise "
+        "alone is left of them without it, too. What remains is noise."
+    )
+
+
+def test_records_that_would_test_a_cause_are_named_but_not_all_of_them():
+    """Every second of those that it explains most of, the first three."""
+    taken = {1: 5.0, 2: 900.0, 3: 40.0, 4: 0.0, 5: 70.0, 6: 300.0, 7: 20.0}
+    before, after = (
+        SimpleNamespace(white=SimpleNamespace(spreads=taken, deviance=deviance))
+        for deviance in (taken.__getitem__, lambda number: 0.0)
+    )
+    records = [SimpleNamespace(number=number, name=str(number)) for number in taken]
+    best = SimpleNamespace(model=SimpleNamespace(causes=(AddedMass(),)))
+    found = SimpleNamespace(
+        _untested=True,
+        _before=lambda e: before,
+        _noise=lambda e: after,
+        campaign=SimpleNamespace(data=SimpleNamespace(records=records)),
+    )
+    (line,) = Conclusion._to_hold_out(found, best)
+    assert line == "Records that would test added-mass, held out: --hold-out 2 5 7."
 
 
 def test_freedom_of_transients_is_charged_for(noise):

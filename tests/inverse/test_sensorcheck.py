@@ -54,10 +54,10 @@ def late(spectra: MeasuredSpectra, channel: str, tau: float) -> MeasuredSpectra:
     return times(spectra, channel, np.exp(-2j * np.pi * spectra.hz[:, None] * np.arange(10) * tau))
 
 
-def dead(spectra: MeasuredSpectra, channel: str) -> MeasuredSpectra:
+def dead(spectra: MeasuredSpectra, channel: str, std: float = 0.02) -> MeasuredSpectra:
     i = spectra.index(channel)
     coefficients = spectra.coefficients.copy()
-    coefficients[:, i] = 0.02 * np.random.default_rng(7).normal(size=coefficients[:, i].shape)
+    coefficients[:, i] = std * np.random.default_rng(7).normal(size=coefficients[:, i].shape)
     return replace(spectra, coefficients=coefficients)
 
 

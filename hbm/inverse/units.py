@@ -1,0 +1,100 @@
+"""Units that all responses, or the force, may be in by mistake: tried where the force contradicts the responses.
+
+A factor common to all responses is a gain of the force as well, for friction and reaction are not measured. A gain that
+is a factor between two units is likelier a unit: no channel is at fault then, and none is left out.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from hbm.inverse.faults import explanations, times, with_std
+from hbm.inverse.readings import Readings
+from hbm.measurement.spectra import MeasuredSpectra
+from models.rig import Rig
+
+GRAVITY = 9.80665
+SURE = 20.0
+"""A unit is believed that makes the measurement so much more likely: twice the logarithm, less the price of choice."""
+
+FALL = 30.0
+"""Factor by which the misfit must fall where something else is left."""
+
+KNOWN, CLOSE = 0.2, 3.0
+"""The gain that is left of the force must be known to this share, and be 1 within so many standard deviations."""
+
+MOTION = ("acceleration", "velocity", "displacement")
+
+
+class Unit(NamedTuple):
+    """What channels may be in by mistake: their quantities, in words, and the factor to what they must be in."""
+
+    quantities: tuple[str, ...]
+    said: str
+    factor: float
+
+    def converted(self, rig: Rig, spectra: MeasuredSpectra) -> MeasuredSpectra:
+        """Spectra in the units that they must be in, if these are the ones they are in."""
+        for c in rig.channels:
+            if c.name in spectra.channels and c.quantity in self.quantities:
+                spectra = times(spectra, c.name, np.full((len(spectra), spectra.H + 1), self.factor + 0j))
+        return spectra
+
+
+UNITS = (
+    Unit(("acceleration",), "all accelerations are in g instead of m/s2", GRAVITY),
+    Unit(MOTION, "all responses are in mm instead of m", 1e-3),
+    Unit(MOTION, "all responses are rms values instead of amplitudes", 2.0**0.5),
+    Unit(("force",), "the force is in kgf instead of N", GRAVITY),
+    Unit(("force",), "the force is in kN instead of N", 1e3),
+    Unit(("force",), "the force is an rms value instead of an amplitude", 2.0**0.5),
+)
+
+
+def mistaken(
+    rig: Rig, spectra: MeasuredSpectra, base: Readings, read: Callable[[MeasuredSpectra], Readings]
+) -> tuple[Unit, Readings] | None:
+    """The unit in which the sensors would agree, with what they read in it; none where they do not in any.
+
+    Parameters
+    ----------
+    rig : Rig
+    spectra : MeasuredSpectra
+        Force and responses that contradict each other.
+    base : Readings
+        Of these.
+    read : callable
+        Readings of spectra.
+    """
+    measured = {c.quantity for c in rig.channels if c.name in spectra.channels}
+    possible = [unit for unit in UNITS if measured & set(unit.quantities)] if "force" in measured else []
+    if not possible:
+        return None
+    tried = [(unit, read(unit.converted(rig, spectra))) for unit in possible]
+    chance = SURE + 2.0 * np.log(len(possible))
+    holding = [(unit, other) for unit, other in tried if _explains(other, base, chance)]
+    return min(holding, key=lambda pair: (_off_level(pair[1]), pair[1].everyone.chi2), default=None)
+
+
+def _explains(other: Readings, base: Readings, chance: float) -> bool:
+    """Whether the sensors agree once converted, but for what is wrong otherwise."""
+    before, after = base.everyone, other.everyone
+    explained = after.agree or FALL * after.excess < before.excess
+    return explained and before.chi2 - after.chi2 > chance and _one_to_one(other)
+
+
+def _off_level(readings: Readings) -> float:
+    """How far the force is from its nominal level, in decades to one digit: tells its unit from that of responses."""
+    seen = readings.seen
+    share = np.median(np.abs(seen.force[:, 1]) / seen.spectra.level)
+    return round(abs(float(np.log10(max(share, 1e-9)))), 1)
+
+
+def _one_to_one(readings: Readings) -> bool:
+    """Whether the force reads what the responses imply: a force that is dead agrees with these in any coarse unit."""
+    force = readings.channels[-1]
+    others = readings.others((force,))
+    gain = next(f for f in explanations(readings, force, others) if f.cause == "sensor-gain")
+    std = with_std(gain, readings, others).std
+    return std < KNOWN and abs(gain.value - 1.0) < CLOSE * std
