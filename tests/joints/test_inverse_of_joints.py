@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hbm import contact_errors
 from hbm.errors import InputError
 from hbm.inverse.jointed import receptances, reconstruct_joints
 from hbm.measurement.spectra import MeasuredSpectra
@@ -183,3 +184,25 @@ def test_fewer_sensors_than_forces_are_refused(solution: object) -> None:
     few = _spectra(solution, 1).select(channels=["a1", "a2", "force"])
     with pytest.raises(InputError, match="2 response channels measured and 3 joint forces unknown"):
         reconstruct_joints(RIG, few)
+
+
+def test_modes_that_are_close_are_tried_off_without_changing_places() -> None:
+    """Each as far as a rig can be made, and the change told per tolerance."""
+    body = ModalModel((31.0, 31.05, 31.1), {"a": (0.8, 1.1, 0.3), "b": (0.9, -1.2, 0.5), "c": (0.5, 0.3, 1.0)})
+    channels = (Channel("x", "acceleration", at="a"), Channel("y", "acceleration", at="b"), Channel("force", "force"))
+    rig = JointedRig(
+        "r",
+        body,
+        Damping(modal_ratios=(0.01,)),
+        (Joint("j", Stop(1e3, 1e-4), ("a",)),),
+        Excitation(1.0, at="c"),
+        channels,
+    )
+    exact = steady_state(rig, 31.0, harmonics=H, samples=64)
+    coefficients = np.array([[_kept(exact[c.name].coefficients) for c in channels]])
+    one, std = np.ones(1), np.full((1, 3, H + 1), 1e-3)
+    spectra = MeasuredSpectra("made", np.array([1]), one, 31.0 * one, ("x", "y", "force"), coefficients, std)
+    key = "modal.frequencies_hz[2]"
+    wide, narrow = (contact_errors(reconstruct_joints(rig, spectra), {key: std}) for std in (0.005, 1e-5))
+    change = wide.signals["j.force"]
+    assert np.abs(change - 500.0 * narrow.signals["j.force"]).max() < 0.02 * np.abs(change).max()
