@@ -175,7 +175,8 @@ class MatrixBody(Elastic):
         """Largest relative error of the reduction among frequencies [Hz].
 
         In the Frobenius norm of the receptance of the places (p, p), against all degrees of freedom; with the
-        `damping_matrix`, or the same damping of the modes kept and none of the others.
+        `damping_matrix`, or the same damping of the modes kept and of the others what is proportional to mass and
+        stiffness, which the static response kept of them leaves out. A damping ratio says nothing of the others.
         """
         for i, frequency in enumerate(hz):
             bounded(f"MatrixBody: hz[{i}]", frequency, 0.0, strict=True)
@@ -183,7 +184,7 @@ class MatrixBody(Elastic):
         body = self._damped(places, reduced, damping, ())
         errors = []
         for omega in 2 * np.pi * np.asarray(hz, dtype=float):
-            full = self._receptance(self._places(places), reduced.shapes, body.damping, float(omega))
+            full = self._receptance(self._places(places), reduced, body.damping, damping.proportional, float(omega))
             errors.append(np.linalg.norm(body.receptance(float(omega)) - full) / np.linalg.norm(full))
         return float(max(errors, default=0.0))
 
@@ -328,23 +329,36 @@ class MatrixBody(Elastic):
 
     # ---- the full model
 
-    def _receptance(self, at: npt.NDArray[np.intp], shapes: Array, damping: Array, omega: float) -> Complex:
-        """Receptance of all degrees of freedom (p, p), at `omega` [rad/s]; `damping` (n, n) of `shapes` (f, n)."""
+    def _receptance(
+        self,
+        at: npt.NDArray[np.intp],
+        reduced: Reduced,
+        damping: Array,
+        proportional: tuple[float, float],
+        omega: float,
+    ) -> Complex:
+        """Receptance of all degrees of freedom (p, p), at `omega` [rad/s].
+
+        Modes kept have `damping` (n, n); the others what is proportional to mass [1/s] and stiffness [s].
+        """
         stiffness, mass = self.stiffness_factor * self._pencil.stiffness, self._pencil.mass
         load = unit_loads(len(self._free), at).astype(complex)
         if self.damping_matrix is not None:
             viscous = part(self.damping_matrix, self._free, self._free)
             dynamic = stiffness - omega**2 * mass + 1j * omega * viscous
             return np.asarray(factors(dynamic, pivoting=0.1).solve(load)[at])
-        forces = mass @ shapes  # the damping matrix is forces damping forces'
+        forces = mass @ reduced.shapes  # the damping matrix is the proportional one and forces damping forces'
+        alpha, beta = proportional
+        damping = damping - np.diag(alpha + beta * reduced.squares)
+        dynamic = (1 + 1j * omega * beta) * stiffness - omega * (omega - 1j * alpha) * mass
         # a small loss of everything, so that it is regular at resonance; of the modes kept it is taken back at once
-        lossy = factors(stiffness - omega**2 * (1 - 1j * LOSS) * mass, pivoting=0.1)
+        lossy = factors(dynamic + 1j * omega**2 * LOSS * mass, pivoting=0.1)
         extra = 1j * omega * (damping - LOSS * omega * np.eye(len(damping)))
         by_forces = lossy.solve(forces.astype(complex))
         small = np.linalg.solve(np.eye(len(damping)) + extra @ (forces.T @ by_forces), extra)
         response = np.zeros_like(load)
         for _ in range(4):  # each takes a millionth of the error, what the loss does to the others
-            left = load - (stiffness @ response - omega**2 * (mass @ response))
+            left = load - dynamic @ response
             left -= 1j * omega * (forces @ (damping @ (forces.T @ response)))
             step = lossy.solve(left)
             response += step - by_forces @ (small @ (forces.T @ step))

@@ -171,3 +171,19 @@ def test_modes_given_up_are_kept_at_rest() -> None:
     few = whole.with_modes(2, ["a", "b"]).ported(["a", "b"], RATIO)
     every = whole.ported(["a", "b"], RATIO)
     assert few.receptance(0.0) == pytest.approx(every.receptance(0.0), rel=1e-12)
+
+
+@pytest.mark.parametrize("reduction", ["modes", "craig-bampton"])
+@pytest.mark.parametrize("beta", [0.0, 3.0])
+def test_the_error_of_a_reduction_is_that_against_a_model_damped_in_all_its_modes(reduction: str, beta: float) -> None:
+    """Beside alpha M + beta K of all degrees of freedom, inverted; what is cut is damped where beta is not 0."""
+    n, alpha, omega = 40, 0.002, 0.12
+    body = chain(n, modes=5, reduction=reduction)
+    places, damping = ["7.x", "20.x"], Damping(alpha, stiffness_proportional=beta, high_mode_ratio=0.0)
+    K = body.stiffness.toarray()[1:, 1:]
+    full = np.linalg.inv(K - omega**2 * np.eye(n) + 1j * omega * (alpha * np.eye(n) + beta * K))[
+        np.ix_([6, 19], [6, 19])
+    ]
+    off = np.linalg.norm(body.ported(places, damping).receptance(omega) - full) / np.linalg.norm(full)
+    assert body.receptance_error(places, damping, [omega / (2 * np.pi)]) == pytest.approx(off, rel=1e-6)
+    assert off > 1e-4 or beta == 0.0
