@@ -4,7 +4,7 @@
 the modes and for the static response of all the others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
@@ -12,7 +12,16 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from models.bodies.matrixchecks import refuse_asymmetry, refuse_indefinite, size, some, square
+from models.bodies.matrixchecks import (
+    Exchanged,
+    exchanged,
+    refuse_asymmetry,
+    refuse_indefinite,
+    refuse_size,
+    size,
+    some,
+    square,
+)
 from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, unit_loads
 from models.bodies.ported import Elastic, PortedModes
 from models.bounds import bounded, whole
@@ -90,12 +99,13 @@ class MatrixBody(Elastic):
             if len(set(names)) < len(names):
                 twice = next(name for i, name in enumerate(names) if name in names[:i])
                 raise ValueError(f'MatrixBody: {key} has "{twice}" twice; names must differ')
-        for name in ("mass", "stiffness", "damping_matrix"):
-            if (given := getattr(self, name)) is not None:
-                refuse_asymmetry(name, given, self.dofs)
         for name in self.fixed:
             if name not in self._numbers:
                 raise ValueError(f'MatrixBody: fixed has "{name}"; must be of dofs, {some(self.dofs)}')
+        for name in ("mass", "stiffness", "damping_matrix"):
+            if (given := getattr(self, name)) is not None:
+                refuse_size(name, given, self.dofs, self._held)
+                refuse_asymmetry(name, given, self.dofs)
         if not self.mass.count_nonzero():
             raise ValueError("MatrixBody: mass is zero; must be > 0 somewhere")
         for name in ("mass", "damping_matrix"):
@@ -129,6 +139,11 @@ class MatrixBody(Elastic):
     def __getstate__(self) -> dict[str, Any]:
         """Leave out factors, which cannot be sent to other processes."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def proportions(self) -> Iterator[Exchanged]:
+        """What looks wrong about its matrices."""
+        yield exchanged(self.mass.diagonal()[self._free], self.stiffness.diagonal()[self._free])
 
     @property
     def damped_by_modes(self) -> bool:
