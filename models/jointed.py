@@ -16,7 +16,7 @@ from models.joints.law import numbers
 from models.joints.rubbing import Friction
 from models.numbers import Described, Numbered, no_such_number
 from models.parts import Channel, Damping, Drift, Excitation, check_names
-from models.plausible import Proportion, warn_of
+from models.plausible import Doubtful, warn_of
 from models.rig import Rig
 from models.structure import Array
 
@@ -177,8 +177,8 @@ class JointedRig(Numbered):
         yield "excitation.amplitude", "amplitude", self.excitation.amplitude
 
     @property
-    def proportions(self) -> Iterator[Proportion]:
-        """Numbers of its body that are usually less than others of it."""
+    def proportions(self) -> Iterator[Doubtful]:
+        """Numbers of its body that look wrong beside others of it."""
         yield from getattr(self.body, "proportions", ())
 
     def __str__(self) -> str:

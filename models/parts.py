@@ -119,6 +119,12 @@ class Damping:
         for i, ratio in enumerate(self.modal_ratios or (), start=1):
             yield f"damping.modal_ratios[{i}]", "damping_ratio", ratio
 
+    @property
+    def proportional(self) -> tuple[float, float]:
+        """Of every mode however high: alpha [1/s], where no ratio is in its place, and beta [s]."""
+        by_ratio = self.modal_ratios is not None or self.high_mode_ratio > 0.0
+        return 0.0 if by_ratio else self.mass_proportional, self.stiffness_proportional
+
     def dampers(self, omega_n: Array, numbers: Numbers) -> Dampers:
         """Damping of modes that count as modes `numbers` (n,) of the beam."""
         viscous = self._viscous(omega_n, numbers)

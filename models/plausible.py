@@ -12,7 +12,7 @@ from contextvars import ContextVar
 from math import inf
 from multiprocessing import parent_process
 from numbers import Real
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 
 class PlausibilityWarning(UserWarning):
@@ -38,6 +38,20 @@ class Range(NamedTuple):
     usual: tuple[float, float]
     reason: str
     mistaken: tuple[tuple[str, float], ...] = ()
+
+
+class Doubtful(Protocol):
+    """Something about numbers of a rig that may look wrong."""
+
+    @property
+    def key(self) -> str:
+        """Key of the rig file."""
+        ...
+
+    @property
+    def doubt(self) -> str | None:
+        """What looks wrong, in words; None where nothing does."""
+        ...
 
 
 class Proportion(NamedTuple):
@@ -212,14 +226,14 @@ def plausible(where: str, value: Any, quantity: str) -> None:
         raise ValueError(f"{where} = {float(value)!r}; {accepted}")
 
 
-def doubts(numbers: Iterable[tuple[str, str, Any]], proportions: Iterable[Proportion] = ()) -> dict[str, str]:
+def doubts(numbers: Iterable[tuple[str, str, Any]], proportions: Iterable[Doubtful] = ()) -> dict[str, str]:
     """Doubts about numbers, by their keys; about proportions only where each number alone is usual.
 
     Parameters
     ----------
     numbers : iterable of (str, str, float)
         Key, such as ``beam.length``, quantity and value.
-    proportions : iterable of Proportion
+    proportions : iterable of Doubtful
 
     >>> doubts([("beam.length", "length", 800.0), ("contact.radius", "radius", 0.005)])
     {'beam.length': 'beam.length = 800 m; usual are 0.001 to 100 m; is it meant in mm (0.8 m)?'}
@@ -229,7 +243,7 @@ def doubts(numbers: Iterable[tuple[str, str, Any]], proportions: Iterable[Propor
     return alone or {p.key: said for p in proportions if (said := p.doubt) is not None}
 
 
-def warn_of(numbers: Iterable[tuple[str, str, Any]], proportions: Iterable[Proportion] = ()) -> None:
+def warn_of(numbers: Iterable[tuple[str, str, Any]], proportions: Iterable[Doubtful] = ()) -> None:
     """Warn of numbers that look wrong, once per key and process, since a search makes many rigs.
 
     Warns

@@ -21,6 +21,7 @@ from hbm.rigfiles.write import extended_rig_text, write_extended_rig
 from hbm.textfiles import StrPath, why
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition
+from models.jointed import AnyRig
 
 EXTENDED_FILE, CANDIDATES = "extended.toml", "candidates"
 
@@ -67,11 +68,32 @@ def extensions_of(e: Evaluation | None, named: Mapping[type, str]) -> list[Exten
     """Extensions that make the rig of a fit of the nominal one: calibrated numbers, then causes."""
     if e is None:
         return []
-    calibrated = [(f.name, f.value(x)) for f, x in zip(e.model.free, e.x, strict=True) if f.cause < 0]
-    out = [corrected(key, value) for key, value in calibrated]
+    out = corrections(e.model.nominal, e.model.calibrated_at(e.x))
     for i, cause in enumerate(e.model.causes):
         out.append(Extension.of(cause, e.model.values(e.x, i), named.get(type(cause), "")))
     return out
+
+
+def corrections(rig: AnyRig, values: Mapping[str, float]) -> list[Extension]:
+    """Extensions that set numbers of a rig file, in an order in which each can be set after those before.
+
+    Modes that are close do not change places on the way, nor does a limit at rest fall below the one in motion.
+    """
+    left, out = dict(values), list[Extension]()
+    while left:
+        steps = ((key, _set(rig, key, value)) for key, value in left.items())
+        key, rig = next(((k, there) for k, there in steps if there is not None), (next(iter(left)), rig))
+        out.append(corrected(key, left.pop(key)))
+    return out
+
+
+def _set(rig: AnyRig, key: str, value: float) -> AnyRig | None:
+    """The rig with a number set; None where none can be made."""
+    try:
+        there = rig.with_number(key, value)
+    except ValueError:
+        return None
+    return None if any(True for _ in there.too_low) else there
 
 
 def corrected(key: str, value: float) -> Extension:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from hbm.figures.page import Section, Table
-from hbm.files.extendedrig import corrected, rig_file
+from hbm.files.extendedrig import corrections, rig_file
 from hbm.files.inversefiles import record_columns
 from hbm.files.outputs import Columns, columns_of, columns_text
 from hbm.fourier import Array
@@ -66,10 +66,10 @@ def number_columns(known: Known) -> Columns:
 
 def calibrated_rig(errors: ContactErrors, nominal: Path) -> Contents:
     """The rig file with its numbers as sensors ask for them."""
-    values, body = errors.known.calibrated, errors.reconstruction.rig.body
-    length = body.length if isinstance(body, Beam) else np.inf  # a place that is asked for beyond the beam is its end
+    values, rig = errors.known.calibrated, errors.reconstruction.rig
+    length = rig.body.length if isinstance(rig.body, Beam) else np.inf  # a place asked for beyond a beam is its end
     kept = {key: min(value, length) if key.endswith(".position") else value for key, value in values.items()}
-    return rig_file(CALIBRATED_FILE, nominal, [corrected(key, value) for key, value in kept.items()])
+    return rig_file(CALIBRATED_FILE, nominal, corrections(rig, kept))
 
 
 def rig_error_section(errors: ContactErrors) -> Section:

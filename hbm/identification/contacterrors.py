@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.fourier import Array
-from hbm.identification.known import Known, known_by, step
+from hbm.identification.known import Known, known_by
 from hbm.inverse.reconstruction import Reconstructed
 from models.display import Displayed
 
@@ -83,7 +83,8 @@ def contact_errors(reconstruction: Reconstructed, tolerances: Mapping[str, float
 
     def changed(values: Callable[[Reconstructed], Array]) -> Array:
         here = values(reconstruction)
-        return np.array([step(key) * (values(o) - here) for key, o in others.items()]).reshape(-1, *here.shape)
+        changes = [o.per_tolerance(values(o.found) - here) for o in others.values()]
+        return np.array(changes).reshape(-1, *here.shape)
 
     return ContactErrors(
         reconstruction,

@@ -3,10 +3,11 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
+from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.inverse.jointed import reconstruct_joints
 from hbm.inverse.reconstruct import reconstruct_again
@@ -23,6 +24,9 @@ OF_LAWS = (FRICTION, "joints.")
 ASKED, WORTH = 3.0, 0.5
 """Sensors ask for another number where it is off by more than so many standard deviations of what they leave, and by
 this share of its tolerance: beside less, small differences of any model count as much."""
+
+STEPS = (1.0, -1.0, 0.1, -0.1, 0.01, -0.01)
+"""Tolerances by which a number is tried larger, the first with which a rig can be made."""
 
 TOLD = 2
 """So many numbers of the rig file are named for a signal: those that do most."""
@@ -155,10 +159,24 @@ def tolerance_text(key: str, std: float) -> str:
 Kind = TypeVar("Kind", bound=Reconstructed)
 
 
+@dataclass(frozen=True, eq=False)
+class Tried(Generic[Kind]):
+    """What is reconstructed with a number some tolerances larger; the number of tolerances may be negative."""
+
+    size: float
+    found: Kind
+
+    def per_tolerance(self, change: Array) -> Array:
+        """A change as it is per tolerance, to first order."""
+        return change / self.size
+
+
 @one_thread
 @quiet()
-def known_by(reconstruction: Kind, tolerances: Mapping[str, float] | None = None) -> tuple[Known, dict[str, Kind]]:
-    """What records leave of the tolerances of a rig's numbers, and what is reconstructed with each a tolerance larger.
+def known_by(
+    reconstruction: Kind, tolerances: Mapping[str, float] | None = None
+) -> tuple[Known, dict[str, Tried[Kind]]]:
+    """What records leave of the tolerances of a rig's numbers, and what is reconstructed with each of them moved.
 
     Parameters
     ----------
@@ -171,18 +189,22 @@ def known_by(reconstruction: Kind, tolerances: Mapping[str, float] | None = None
         tolerances = default_tolerances(rig, reconstruction.spectra.channels)
     off = {key: std for key, std in tolerances.items() if not key.startswith(OF_LAWS)}
     values = {key: float(rig.number(key)) for key in off}
-    others = {
-        key: _again(reconstruction, rig.with_numbers({key: _moved(key, values[key], step(key) * std)}))
-        for key, std in off.items()
-    }
+    others = {key: _tried(reconstruction, key, values[key], std) for key, std in off.items()}
     here = _contradiction(reconstruction, reconstruction.widening)
-    changes = [step(key) * (_contradiction(o, reconstruction.widening) - here) for key, o in others.items()]
+    changes = [o.per_tolerance(_contradiction(o.found, reconstruction.widening) - here) for o in others.values()]
     return Known(values, off, here, np.array(changes).reshape(len(off), -1)), others
 
 
-def step(key: str) -> float:
-    """By how many tolerances a number is tried larger: a place further on may lie beyond the beam."""
-    return -1.0 if key.endswith(".position") else 1.0
+def _tried(reconstruction: Kind, key: str, value: float, std: float) -> Tried[Kind]:
+    """What is reconstructed with a number moved: up by a tolerance, or as far as a rig can be made."""
+    up = -1.0 if key.endswith(".position") else 1.0  # a place further on may lie beyond the beam
+    for size in STEPS:
+        try:
+            rig = reconstruction.rig.with_numbers({key: _moved(key, value, up * size * std)})
+        except ValueError:  # modes that are close do not change places
+            continue
+        return Tried(up * size, _again(reconstruction, rig))
+    raise InputError(f"{key} = {value:g} cannot be off by any part of its tolerance; state 0 for one that is exact")
 
 
 def _again(found: Kind, rig: Any) -> Kind:

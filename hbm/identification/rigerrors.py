@@ -11,7 +11,7 @@ import numpy as np
 
 from hbm.fourier import Array
 from hbm.identification.fit import LeastSquares
-from hbm.identification.known import TOLD, Known, known_by, step, tolerance_text
+from hbm.identification.known import TOLD, Known, known_by, tolerance_text
 from hbm.identification.lawfit import LawFit
 from hbm.identification.start import candidate, scales_of
 from hbm.inverse.observed import observe
@@ -112,4 +112,5 @@ def rig_errors(fit: LawFit, reconstruction: Reconstruction, tolerances: Mapping[
         return np.asarray(of.coordinates.values(other.search(of.x)) - values)[free]
 
     names, units = zip(*((entries[i].name, entries[i].unit) for i in free), strict=True)
-    return RigErrors(fit.name, names, units, known, {key: step(key) * changed(other) for key, other in others.items()})
+    changes = {key: other.per_tolerance(changed(other.found)) for key, other in others.items()}
+    return RigErrors(fit.name, names, units, known, changes)

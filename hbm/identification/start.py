@@ -14,7 +14,7 @@ from hbm.identification.coordinates import Coordinate, Coordinates, Linear, Rati
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.rigfiles.lawchoice import known_law
 from hbm.rigfiles.laws import find_law
-from models.friction import FrictionLaw, Parameter, describe, parameters, settings
+from models.friction import FrictionLaw, Parameter, describe, idle, parameters, settings
 
 MOST_STARTS = 8
 """Starts besides the first, at most."""
@@ -160,12 +160,12 @@ def candidate(law: str | type | FrictionLaw, rig_law: FrictionLaw, scales: Scale
     """
     label = law if isinstance(law, str) else str(getattr(law, "name", law))
     law_type, given = _law_type(law)
-    described = describe(law_type)
+    template = given or (rig_law if type(rig_law) is law_type else None)
+    known = template or _known(law_type)
+    described = {name: p for name, p in describe(law_type).items() if known is None or name not in idle(known)}
     free = [name for name in described if name not in set(hold)]
     if not free:
         raise InputError(f"identify: law {label} has no parameter to fit; take another")
-    template = given or (rig_law if type(rig_law) is law_type else None)
-    known = template or _known(law_type)
     first = {name: _first(name, p, scales, given, known, law_type) for name, p in described.items()}
     made = _settings(law_type, known)
     coordinates = Coordinates(

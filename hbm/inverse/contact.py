@@ -7,7 +7,15 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.fourier import Array
-from hbm.inverse.contactforce import ForceEstimate, element_forces, last_counted, product, to_amplitudes, to_samples
+from hbm.inverse.contactforce import (
+    ForceEstimate,
+    Indices,
+    element_forces,
+    last_counted,
+    product,
+    to_amplitudes,
+    to_samples,
+)
 from hbm.inverse.reconstruction import Estimates, LawInputs
 from hbm.inverse.sensing import Complex, Sensing, dynamic_stiffness
 
@@ -94,17 +102,34 @@ class Contact:
     @cached_property
     def unseen(self) -> dict[str, Array]:
         """Standard deviation of each signal from the harmonics above those measured, (r,)."""
+        expected = self.estimate.expected(self._above)
+        return {name: np.linalg.norm(gain * expected, axis=1) for name, gain in self._gains.items()}
+
+    @property
+    def _above(self) -> Indices:
+        """Harmonics above those measured that count."""
         H = self.sensing.H
-        k = np.arange(H + 1, last_counted(H) + 1)
-        i_omega = self.sensing.i_omega[:, 1:2] * k
+        return np.arange(H + 1, last_counted(H) + 1)
+
+    @cached_property
+    def _gains(self) -> dict[str, Complex]:
+        """Each signal per friction at these harmonics."""
+        i_omega = self.sensing.i_omega[:, 1:2] * self._above
         pushes = self.sensing.structure.slip_row / dynamic_stiffness(self.sensing.structure, i_omega)
         one = np.ones((*i_omega.shape, 1))
         per_friction = np.concatenate([one, np.zeros_like(one), pushes], axis=2)
-        expected = self.estimate.expected(k)
-        gains = {
-            name: np.einsum("rkj,rkj->rk", row, per_friction) for name, row in _rows(self.sensing, i_omega).items()
-        }
-        return {name: np.linalg.norm(gain * expected, axis=1) for name, gain in gains.items()}
+        rows = _rows(self.sensing, i_omega)
+        return {name: np.einsum("rkj,rkj->rk", row, per_friction) for name, row in rows.items()}
+
+    @cached_property
+    def unseen_energy(self) -> Array:
+        """Root of the mean square of the energy that friction takes by these harmonics, of random phases [J], (r,).
+
+        Of harmonic k it is pi k |T|^2 Im(u / T): what it does to its own slip goes to the body, always.
+        """
+        power = 2.0 * np.pi * self._above * self.estimate.expected(self._above) ** 2  # pi k times the mean of |T|^2
+        taken = power * self._gains["slip"].imag
+        return np.asarray(np.sqrt(taken.sum(axis=1) ** 2 + np.sum(taken**2, axis=1)))
 
     # ---- energy
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from hbm.channels import factor
 from hbm.errors import InputError, expect_joints
 from hbm.fourier import Array, coefficients_of, sampled
-from hbm.inverse.contactforce import decay, last_counted, prior
+from hbm.inverse.contactforce import Indices, decay, last_counted, prior
 from hbm.inverse.jointreconstruction import SAMPLES, JointReconstruction, widening
 from hbm.inverse.reconstruction import EstimatedSignal, Estimates, Misfit
 from hbm.measurement.spectra import MeasuredSpectra
@@ -88,9 +88,9 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
             if solved is None:
                 continue
             f[i, k], u[i, k], f_std[i, k], u_std[i, k] = solved.signals
-            taken, spread = solved.taken(k, [j.law.ports for j in rig.joints])
+            taken, noise = solved.taken(k, [j.law.ports for j in rig.joints])
             energy[i] += taken
-            variance[i] += spread**2
+            variance[i] += noise**2
             residual[i, k, solved.read] = solved.residual
             chi2[i, solved.read] += solved.chi2
             expected[i, solved.read] += solved.expected
@@ -101,11 +101,12 @@ def reconstruct_joints(rig: JointedRig, spectra: MeasuredSpectra) -> JointRecons
         )
     misfit = Misfit((*(c.name for c in sensors.channels), "force"), chi2, expected)
     wide = widening(misfit)
-    left_out, signals = _left_out(rig.structure, spectra, f, f_std), {}
+    left_out, signals = _left_out(rig, spectra, f, f_std), {}
     for j, (name, motion, units) in enumerate(zip(rig.forces, rig.motions, rig.units, strict=True)):
-        signals[name] = _signal(units[1], f[..., j], f_std[..., j] * wide[:, None], left_out[0][:, j])
-        signals[motion] = _signal(units[0], u[..., j], u_std[..., j] * wide[:, None], left_out[1][:, j])
-    energies = {j.name: Estimates(energy[:, i], np.sqrt(variance[:, i]) * wide, "J") for i, j in enumerate(rig.joints)}
+        signals[name] = _signal(units[1], f[..., j], f_std[..., j] * wide[:, None], left_out.forces[:, j])
+        signals[motion] = _signal(units[0], u[..., j], u_std[..., j] * wide[:, None], left_out.motions[:, j])
+    spread = np.hypot(np.sqrt(variance) * wide[:, None], left_out.energies)
+    energies = {j.name: Estimates(energy[:, i], spread[:, i], "J") for i, j in enumerate(rig.joints)}
     return JointReconstruction(
         rig=rig, spectra=spectra, signals=signals, energy=energies, misfit=misfit, residual=residual
     )
@@ -227,15 +228,31 @@ def _force(rig: JointedRig, spectra: MeasuredSpectra) -> tuple[Complex, Array]:
     return np.where(known, found, 0.0), np.where(known, std, KNOWN * float(np.nanmax(np.abs(found))))
 
 
-def _left_out(s: JointedStructure, spectra: MeasuredSpectra, f: Complex, f_std: Array) -> tuple[Array, Array]:
-    """Standard deviation of forces and of motions at the ports by harmonics that were not found, (r, m) each.
+class _LeftOut(NamedTuple):
+    """What harmonics that were not found may do.
+
+    Attributes
+    ----------
+    forces, motions : (r, m) array
+        Standard deviations at the ports.
+    energies : (r, joints) array
+        Root of the mean square of what each joint takes by them in a period [J].
+    """
+
+    forces: Array
+    motions: Array
+    energies: Array
+
+
+def _left_out(rig: JointedRig, spectra: MeasuredSpectra, f: Complex, f_std: Array) -> _LeftOut:
+    """What harmonics that were not found may do to the forces, motions and energies of joints.
 
     Most of them are above those measured, where what slides or strikes rounds a series off: each force falls on as the
     prior that its own harmonics make most likely says (:mod:`hbm.inverse.contactforce`), and moves all joints.
 
     Parameters
     ----------
-    s : JointedStructure
+    rig : JointedRig
     spectra : MeasuredSpectra
     f : (r, H+1, m) complex array
         Forces found, nan where they were not.
@@ -251,12 +268,38 @@ def _left_out(s: JointedStructure, spectra: MeasuredSpectra, f: Complex, f_std: 
         expected[..., j] = decay(order, size, k)
     expected[:, : spectra.H][found] = 0.0
     expected[~found.any(axis=(1, 2))] = 0.0  # nothing says how large they are
-    hz, which = np.unique(spectra.hz, return_inverse=True)
-    moved = np.array(
-        [[np.abs(receptances(s, 2 * np.pi * n * x).joints_by_joints) ** 2 for n in k] for x in hz.tolist()]
-    )
-    by_forces = np.einsum("rkpj,rkj->rp", moved[which], expected**2)
-    return np.linalg.norm(expected, axis=1), np.sqrt(by_forces)
+    motions, energies = np.empty((len(spectra), f.shape[2])), np.empty((len(spectra), len(rig.joints)))
+    for hz in np.unique(spectra.hz).tolist():
+        there = spectra.hz == hz
+        moved = np.array([receptances(rig.structure, 2 * np.pi * n * hz).joints_by_joints for n in k])
+        motions[there] = np.sqrt(np.einsum("kpj,rkj->rp", np.abs(moved) ** 2, expected[there] ** 2))
+        energies[there] = _energies(k, moved, expected[there], [j.law.ports for j in rig.joints])
+    return _LeftOut(np.linalg.norm(expected, axis=1), motions, energies)
+
+
+def _energies(k: Indices, moved: Complex, expected: Array, ports: Sequence[int]) -> Array:
+    """Root of the mean square of what joints take in a period by forces of random phases [J], (r, joints).
+
+    Of harmonic k that is pi k Im(conj(f) u), u = moved f. What a force does to its own motion goes from the joint to
+    the body, always; what those of other joints do to it goes either way.
+
+    Parameters
+    ----------
+    k : (K,) array
+    moved : (K, m, m) complex array
+        Motion at the ports per force.
+    expected : (r, K, m) array
+        Standard deviation of the cosine and of the sine of each force.
+    ports : sequence of int
+        How many each joint has.
+    """
+    at, joint = np.cumsum([0, *ports[:-1]]), np.repeat(np.arange(len(ports)), ports)
+    power = 2.0 * np.pi * k[:, None] * expected**2  # pi k times the mean of |f|^2
+    mean = np.einsum("kpp,rkp->rp", moved.imag, power)
+    within = joint[:, None] == joint
+    crossed = np.where(within, moved.imag**2, np.abs(moved) ** 2 / 2)
+    variance = np.einsum("kpq,rkp,rkq->rp", crossed, power, power)
+    return np.asarray(np.sqrt(np.add.reduceat(mean, at, axis=1) ** 2 + np.add.reduceat(variance, at, axis=1)))
 
 
 def _signal(unit: str, values: Complex, std: Array, left_out: Array) -> EstimatedSignal:

@@ -144,7 +144,7 @@ def _reconstruction(contact: Contact, formulation: str, slips: npt.NDArray[np.bo
         formulation=formulation,
         signals=signals,
         slips=slips,
-        energy_per_cycle=Estimates(energy.value, energy.std * inflation, "J"),
+        energy_per_cycle=Estimates(energy.value, np.hypot(energy.std * inflation, contact.unseen_energy), "J"),
         work_rate=Estimates(work.value, work.std * inflation, "W"),
         misfit=misfit,
         residual=_residual(seen, estimate),

@@ -3,7 +3,8 @@
 A multisine that excites some odd harmonics only shows nonlinearity where it excites nothing: a response at even
 harmonics comes from an even nonlinearity, at the odd harmonics left out (detection lines) from an odd one. What the
 force itself has on these lines goes through the linear structure and is taken off to first order, by the frequency
-response at the excited lines beside. Noise is what periods differ by.
+response at the excited lines beside. Noise is what periods differ by, of the response and of the force that was taken
+off.
 
 References
 ----------
@@ -40,7 +41,8 @@ class Content:
     ----------
     record, channel : str
     excited, even, odd, noise : float
-        Rms over the lines of each kind; nan where there are none, or the record does not tell.
+        Rms over the lines of each kind; nan where there are none, or the record does not tell. Noise is that of the
+        lines not excited, where of a response the force was taken off: even and odd content are noise where no larger.
     lines : (int, int, int)
         Number of excited, even and odd detection lines.
     """
@@ -61,6 +63,9 @@ class Content:
 
 def contents(spectra: MeasuredSpectra, force: str) -> list[Content]:
     """Even, odd and noise content of every response in every record of a multisine.
+
+    Errors of the force and of a response are taken to be independent; those that the shaker makes, which the structure
+    follows, are taken off with the force, and noise is then less than is stated.
 
     Parameters
     ----------
@@ -95,13 +100,13 @@ def contents(spectra: MeasuredSpectra, force: str) -> list[Content]:
         for channel in spectra.channels:
             Y, std = spectra.complex(channel)[i], spectra.std[i, spectra.index(channel)]
             if channel != force:
-                Y = np.where(excited, Y, Y - _through(U[i], Y, excited) * U[i])
+                G = _through(U[i], Y, excited)
+                Y = np.where(excited, Y, Y - G * U[i])
+                std = np.hypot(std, np.abs(G) * spectra.std[i, spectra.index(force)])
             kinds = excited, band & (k % 2 == 0), band & (k % 2 == 1)
             lit, even, odd = (_rms(Y[mask]) for mask in kinds)
             a, b, c = (int(np.isfinite(Y[mask]).sum()) for mask in kinds)
-            noise = float(
-                np.sqrt(np.nanmean(std[first : last + 1] ** 2))
-            )  # of cos and of sin: that is the rms of a line
+            noise = float(np.sqrt(np.nanmean(std[band] ** 2)))  # of cos and of sin: that is the rms of a line
             found.append(Content(name, channel, lit, even, odd, noise, (a, b, c)))
     return found
 

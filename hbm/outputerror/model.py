@@ -106,18 +106,23 @@ def free_of(unknown: Unknown, cause: int, tolerance: float = np.inf) -> Free:
 
 
 def calibrated_of(rig: AnyRig, key: str, value: float, std: float) -> Free:
-    """Free number that is expected to be what the rig file says, within a standard deviation."""
-    unit = rig.numbers[key][1].unit
+    """Free number that is expected to be what the rig file says, within a standard deviation and its own bounds."""
+    accepted = rig.numbers[key][1]
+    unit = accepted.unit
+    least = float(np.nextafter(accepted.lower, np.inf)) if accepted.strict else accepted.lower
+    most = accepted.upper
+    if key.endswith(".position") and isinstance(rig.body, Beam):
+        most = min(most, float(rig.body.length))
     if value == 0.0:
-        return Free(key, unit, -FAR * std, FAR * std, 0.0, "linear", std, std=1.0)
+        lower, upper = max(-FAR * std, least), min(FAR * std, most)
+        return Free(key, unit, lower, upper, 0.0, "linear", std, std=1.0)
     if value < 0.0 or key.startswith(SHAPES):  # entries of a shape differ by shares of its largest
         reach = abs(value) * min(FAR * std, BOUND)
-        return Free(key, unit, value - reach, value + reach, value, "linear", value, expected=1.0, std=std)
+        lower, upper = max(value - reach, least), min(value + reach, most)
+        return Free(key, unit, lower, upper, value, "linear", value, expected=1.0, std=std)
     factor = min(BOUND, float(np.exp(FAR * std)))
-    upper = value * factor
-    if key.endswith(".position") and isinstance(rig.body, Beam):
-        upper = min(upper, float(rig.body.length))
-    return Free(key, unit, value / factor, upper, value, expected=float(np.log(value)), std=std)
+    lower, upper = max(value / factor, least), min(value * factor, most)
+    return Free(key, unit, lower, upper, value, expected=float(np.log(value)), std=std)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,20 +196,35 @@ class Model:
 
     def rig(self, x: Array) -> AnyRig:
         """The rig at coordinates."""
-        values = [f.value(v) for f, v in zip(self.free, x, strict=True)]
-        named = list(zip(self.free, values, strict=True))
-        rig = self.nominal.with_numbers({f.name: v for f, v in named if f.cause < 0})
+        rig = self.nominal.with_numbers(self.calibrated_at(x))
         for i, cause in enumerate(self.causes):
-            rig = cause.extend(rig, {f.name: v for f, v in named if f.cause == i})
+            rig = cause.extend(rig, self.values(x, i))
         return rig
+
+    def calibrated_at(self, x: Array) -> dict[str, float]:
+        """Calibrated numbers at coordinates; one that must not fall below another is raised with it."""
+        values = self.values(x, -1)
+        for key, other in self._ordered:
+            low, least = (values.get(k, self.nominal.number(k)) for k in (key, other))
+            if low < least:
+                values |= {key: least} if key in values else {other: low}
+        return values
+
+    @cached_property
+    def _ordered(self) -> tuple[tuple[str, str], ...]:
+        """Numbers that must not fall below another, and that other, where one of both is calibrated."""
+        known = {key: accepted.at_least for key, (_, accepted) in self.nominal.numbers.items()}
+        pairs = [(key, f"{key.rpartition('.')[0]}.{other}") for key, other in known.items() if other]
+        return tuple(pair for pair in pairs if not set(pair).isdisjoint(self.calibrated))
 
     def by_x(self, x: Array) -> tuple[tuple[str, ...], Array]:
         """Numbers of the rig that move with the coordinates, and their derivatives (p, n)."""
         here = nominal_scalars(self.rig(x))
         _, high = self.bounds()
+        apart = self._apart and self.calibrated_at(x) == self.values(x, -1)
         columns = []
         for i, f in enumerate(self.free):
-            if f.cause < 0 and self._apart:
+            if f.cause < 0 and apart:
                 columns.append({f.name: f.slope(float(x[i]))})
                 continue
             step = STEP if x[i] + STEP <= high[i] else -STEP
@@ -220,12 +240,12 @@ class Model:
         """Whether a calibrated number moves no number of the rig but itself, whatever the causes are."""
         low, high = self.bounds()
         calibrated = np.array([f.cause < 0 for f in self.free], dtype=bool)
-        x = np.where(calibrated, self.start, np.clip(self.start + ASIDE, low, high))
-        moved = np.where(calibrated, np.clip(x + ASIDE, low, high), x)
+        aside = self.start + np.where(self.start + ASIDE <= high, ASIDE, np.maximum(low - self.start, -ASIDE))
+        x, moved = np.where(calibrated, self.start, aside), aside
         here, there = (nominal_scalars(self.rig(at)) for at in (x, moved))
         changed = {key: there[key] for key, value in here.items() if there[key] != value}
         return changed == {f.name: f.value(v) for f, v in zip(self.free, moved, strict=True) if f.cause < 0}
 
     def values(self, x: Array, cause: int) -> dict[str, float]:
-        """Parameters of a cause at coordinates."""
+        """Parameters of a cause at coordinates, or with -1 what the coordinates of calibrated numbers say."""
         return {f.name: f.value(v) for f, v in zip(self.free, x, strict=True) if f.cause == cause}

@@ -19,7 +19,7 @@ from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
 from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
 from models.bodies.matrix import MatrixBody
-from models.jointed import AnyRig
+from models.jointed import AnyRig, JointedRig, JointedStructure
 from models.parts import ModalBody
 from models.rig import Rig
 
@@ -28,6 +28,10 @@ TOLERANCE = 5e-3
 
 LADDER = (7, 9, 11, 13, 15, 17, 19, 23, 27, 33, 39, 47)
 """Harmonics tried by :func:`frequency_response`."""
+
+LEAST = 1e-4
+"""Errors of a force that does less than this part of what the largest does to the body are relative to this part: no
+sensor has 80 dB to see it with."""
 
 SAMPLES_LIMIT = 4096
 SPREAD = 16
@@ -238,10 +242,37 @@ def _solve_again(
 
 
 def scales_of(rig: AnyRig, points: Sequence[PeriodicSolution]) -> dict[str, float]:
-    """Scales for changes of signals: their peaks; for ports of a joint, that of the largest of its forces."""
+    """Scales for changes of signals: their peaks; for ports of a joint, that of the largest of its forces.
+
+    A force that does nearly nothing to the body, such as rounding leaves of one that symmetry forbids, has the scale of
+    one that does something.
+    """
     joints = {name: name.partition(".force")[0] for name in judged(rig)}
     peaks = {name: max(p.channels[name].peak for p in points) for name in joints}
-    return {name: max(peak for other, peak in peaks.items() if joints[other] == joints[name]) for name in peaks}
+    scales = {name: max(peak for other, peak in peaks.items() if joints[other] == joints[name]) for name in peaks}
+    return scales if isinstance(rig, Rig) else {**scales, **_felt(rig, points, scales)}
+
+
+def _felt(rig: JointedRig, points: Sequence[PeriodicSolution], scales: dict[str, float]) -> dict[str, float]:
+    """Scales of forces at joints, at least such as do a part `LEAST` of what the largest does to the body.
+
+    What a force does is told by the work it does where it acts, |receptance| force^2: forces and moments compare.
+    """
+    names = rig.forces
+    receptances = np.array([np.abs(_receptance(rig.structure, 2 * np.pi * p.hz)) for p in points])
+    forces = np.array([[*(p.channels[name].peak for name in names), abs(p.state.F)] for p in points])
+    largest = np.sqrt((receptances * forces**2).max())
+    by_unit = np.sqrt(receptances.max(axis=0))[:-1]
+    least = np.divide(LEAST * largest, by_unit, out=np.zeros(len(names)), where=by_unit > 0.0)
+    return {name: max(scales[name], float(force)) for name, force in zip(names, least, strict=True)}
+
+
+def _receptance(s: JointedStructure, omega: float) -> Array:
+    """Motion of the bare body where a force acts, per force there: at every port, then at the excitation."""
+    rows = np.vstack([s.joints, s.excitation])
+    dynamic = np.diag(s.omega_n**2 - omega**2) + 1j * omega * s.damping
+    static = np.append(s.flexibility.diagonal(), s.drive_by_force)
+    return np.asarray(np.sum(rows.T * np.linalg.solve(dynamic, rows.T), axis=0) + static)
 
 
 def difference(a: PeriodicSolution, b: PeriodicSolution, channel: str) -> float:

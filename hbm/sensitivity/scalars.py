@@ -1,7 +1,7 @@
 """Numbers that a solution depends on, with the keys of the rig file."""
 
 from models.change import tone_scalars
-from models.friction import describe
+from models.friction import parameters
 from models.friction.law import Parameter
 from models.jointed import AnyRig
 from models.numbers import Described
@@ -27,4 +27,4 @@ def solution_numbers(rig: AnyRig, hz: float, level: float) -> Described:
 
 def law_keys(rig: Rig) -> list[str]:
     """Keys of the numbers of its friction law, in their order."""
-    return [FRICTION + name for name in describe(type(rig.contact.law))]
+    return [FRICTION + name for name in parameters(rig.contact.law)]

@@ -4,7 +4,7 @@
 the modes and for the static response of all the others.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
@@ -12,7 +12,16 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args
 import numpy as np
 import numpy.typing as npt
 
-from models.bodies.matrixchecks import refuse_asymmetry, refuse_indefinite, size, some, square
+from models.bodies.matrixchecks import (
+    Exchanged,
+    exchanged,
+    refuse_asymmetry,
+    refuse_indefinite,
+    refuse_size,
+    size,
+    some,
+    square,
+)
 from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, unit_loads
 from models.bodies.ported import Elastic, PortedModes
 from models.bounds import bounded, whole
@@ -90,12 +99,13 @@ class MatrixBody(Elastic):
             if len(set(names)) < len(names):
                 twice = next(name for i, name in enumerate(names) if name in names[:i])
                 raise ValueError(f'MatrixBody: {key} has "{twice}" twice; names must differ')
-        for name in ("mass", "stiffness", "damping_matrix"):
-            if (given := getattr(self, name)) is not None:
-                refuse_asymmetry(name, given, self.dofs)
         for name in self.fixed:
             if name not in self._numbers:
                 raise ValueError(f'MatrixBody: fixed has "{name}"; must be of dofs, {some(self.dofs)}')
+        for name in ("mass", "stiffness", "damping_matrix"):
+            if (given := getattr(self, name)) is not None:
+                refuse_size(name, given, self.dofs, self._held)
+                refuse_asymmetry(name, given, self.dofs)
         if not self.mass.count_nonzero():
             raise ValueError("MatrixBody: mass is zero; must be > 0 somewhere")
         for name in ("mass", "damping_matrix"):
@@ -129,6 +139,11 @@ class MatrixBody(Elastic):
     def __getstate__(self) -> dict[str, Any]:
         """Leave out factors, which cannot be sent to other processes."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
+
+    @property
+    def proportions(self) -> Iterator[Exchanged]:
+        """What looks wrong about its matrices."""
+        yield exchanged(self.mass.diagonal()[self._free], self.stiffness.diagonal()[self._free])
 
     @property
     def damped_by_modes(self) -> bool:
@@ -175,7 +190,8 @@ class MatrixBody(Elastic):
         """Largest relative error of the reduction among frequencies [Hz].
 
         In the Frobenius norm of the receptance of the places (p, p), against all degrees of freedom; with the
-        `damping_matrix`, or the same damping of the modes kept and none of the others.
+        `damping_matrix`, or the same damping of the modes kept and of the others what is proportional to mass and
+        stiffness, which the static response kept of them leaves out. A damping ratio says nothing of the others.
         """
         for i, frequency in enumerate(hz):
             bounded(f"MatrixBody: hz[{i}]", frequency, 0.0, strict=True)
@@ -183,7 +199,7 @@ class MatrixBody(Elastic):
         body = self._damped(places, reduced, damping, ())
         errors = []
         for omega in 2 * np.pi * np.asarray(hz, dtype=float):
-            full = self._receptance(self._places(places), reduced.shapes, body.damping, float(omega))
+            full = self._receptance(self._places(places), reduced, body.damping, damping.proportional, float(omega))
             errors.append(np.linalg.norm(body.receptance(float(omega)) - full) / np.linalg.norm(full))
         return float(max(errors, default=0.0))
 
@@ -328,23 +344,36 @@ class MatrixBody(Elastic):
 
     # ---- the full model
 
-    def _receptance(self, at: npt.NDArray[np.intp], shapes: Array, damping: Array, omega: float) -> Complex:
-        """Receptance of all degrees of freedom (p, p), at `omega` [rad/s]; `damping` (n, n) of `shapes` (f, n)."""
+    def _receptance(
+        self,
+        at: npt.NDArray[np.intp],
+        reduced: Reduced,
+        damping: Array,
+        proportional: tuple[float, float],
+        omega: float,
+    ) -> Complex:
+        """Receptance of all degrees of freedom (p, p), at `omega` [rad/s].
+
+        Modes kept have `damping` (n, n); the others what is proportional to mass [1/s] and stiffness [s].
+        """
         stiffness, mass = self.stiffness_factor * self._pencil.stiffness, self._pencil.mass
         load = unit_loads(len(self._free), at).astype(complex)
         if self.damping_matrix is not None:
             viscous = part(self.damping_matrix, self._free, self._free)
             dynamic = stiffness - omega**2 * mass + 1j * omega * viscous
             return np.asarray(factors(dynamic, pivoting=0.1).solve(load)[at])
-        forces = mass @ shapes  # the damping matrix is forces damping forces'
+        forces = mass @ reduced.shapes  # the damping matrix is the proportional one and forces damping forces'
+        alpha, beta = proportional
+        damping = damping - np.diag(alpha + beta * reduced.squares)
+        dynamic = (1 + 1j * omega * beta) * stiffness - omega * (omega - 1j * alpha) * mass
         # a small loss of everything, so that it is regular at resonance; of the modes kept it is taken back at once
-        lossy = factors(stiffness - omega**2 * (1 - 1j * LOSS) * mass, pivoting=0.1)
+        lossy = factors(dynamic + 1j * omega**2 * LOSS * mass, pivoting=0.1)
         extra = 1j * omega * (damping - LOSS * omega * np.eye(len(damping)))
         by_forces = lossy.solve(forces.astype(complex))
         small = np.linalg.solve(np.eye(len(damping)) + extra @ (forces.T @ by_forces), extra)
         response = np.zeros_like(load)
         for _ in range(4):  # each takes a millionth of the error, what the loss does to the others
-            left = load - (stiffness @ response - omega**2 * (mass @ response))
+            left = load - dynamic @ response
             left -= 1j * omega * (forces @ (damping @ (forces.T @ response)))
             step = lossy.solve(left)
             response += step - by_forces @ (small @ (forces.T @ step))

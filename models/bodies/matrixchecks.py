@@ -1,14 +1,16 @@
 """Matrices that no body may have, refused."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse.linalg import ArpackError, eigsh
 
 from models.bodies.pencil import DENSE, part
 from models.plausible import plausible
+from models.structure import Array
 
 Matrix = Any  # of scipy.sparse, which has no types
 
@@ -16,6 +18,8 @@ ASYMMETRY = 1e-8  # of an entry, or of the diagonal it is bounded by: what text 
 
 ROUNDING = {"mass": 1e-8, "damping_matrix": 1e-6}
 """Of the diagonal: of stiffness-proportional damping from a text file, rigid motion is not quite free."""
+HELD = 1e36  # of Abaqus, on the diagonal of what a boundary condition holds
+SLOW = 1e-3  # Hz, of the fastest part of a mesh
 EMPTY = 1e-15  # of the largest row: what turning axes leaves of a row of zeros
 
 
@@ -41,9 +45,51 @@ def square(name: str, given: Matrix) -> Matrix:
     matrix.sum_duplicates()
     if bad := int((~np.isfinite(matrix.data)).sum()):
         raise ValueError(f"MatrixBody: {name} has {bad} entries that are nan or infinite; must be finite")
-    largest = float(np.abs(matrix.data).max(initial=0.0))
-    plausible(f"MatrixBody: the largest entry of {name}", largest, "inertia" if name == "mass" else "entry")
     return matrix
+
+
+def refuse_size(name: str, matrix: Matrix, dofs: Sequence[str], held: npt.NDArray[np.intp]) -> None:
+    """Refuse entries that no structure has, but on the diagonal of what is held, which nobody reads."""
+    diagonal = matrix.diagonal()
+    apart = sparse.coo_array(matrix - sparse.diags_array(diagonal))
+    diagonal[held] = 0.0
+    if (by_abaqus := diagonal == HELD).any():
+        found = f"is {HELD:g} on its diagonal at {dofs[int(by_abaqus.argmax())]}"
+        why = "as Abaqus writes of what a boundary condition holds"
+        raise ValueError(
+            f"MatrixBody: {name} {found}, {why}; must be in fixed, or generated without boundary conditions"
+        )
+    largest = float(max(np.abs(diagonal).max(), np.abs(apart.data).max(initial=0.0)))
+    plausible(f"MatrixBody: the largest entry of {name}", largest, "inertia" if name == "mass" else "entry")
+
+
+class Exchanged(NamedTuple):
+    """Mass and stiffness that may be each other, to be doubted like a proportion.
+
+    Attributes
+    ----------
+    key : str
+    hz : float
+        How fast the fastest degree of freedom swings by itself, all others held.
+    """
+
+    key: str
+    hz: float
+
+    @property
+    def doubt(self) -> str | None:
+        """Doubt about the matrices, in words: nothing that is meshed swings once in a quarter of an hour."""
+        if not 0.0 < self.hz < SLOW:
+            return None
+        found = f"no degree of freedom swings faster than {self.hz:.3g} Hz by itself, the others held"
+        return f"{self.key}: {found}; usual are more than {SLOW:g} Hz; are the two exchanged?"
+
+
+def exchanged(mass: Array, stiffness: Array) -> Exchanged:
+    """How fast what has mass and stiffness on the diagonals of the matrices swings by itself."""
+    moves = (mass > 0.0) & (stiffness > 0.0)
+    fastest = np.sqrt((stiffness[moves] / mass[moves]).max(initial=0.0)) / (2 * np.pi)
+    return Exchanged("matrix.mass and matrix.stiffness", float(fastest))
 
 
 def refuse_asymmetry(name: str, matrix: Matrix, dofs: Sequence[str]) -> None:

@@ -14,6 +14,7 @@ Matrix = Any  # of scipy.sparse, which has no types
 SHIFT = 1e-10  # of the squares of the mesh's own frequencies: the factors lose no more than ten digits to rigid motion
 DENSE = 400  # degrees of freedom up to which all modes are worked out
 ROUNDING = 32 * float(np.finfo(float).eps)
+HALF = 2.0**11  # of a mantissa in half precision
 LIGHT = 1e-13  # a motion of this share of the largest inertia per stiffness has none
 
 
@@ -54,7 +55,7 @@ class Pencil:
         self.shift = self.shift if self.shift > 0.0 else 1.0
         self._factors = factors(stiffness + self.shift * mass, pivoting=0.0)
         if (self._factors.U.diagonal() < 0.0).any():  # Sylvester: symmetric pivots have the signs of the eigenvalues
-            raise ValueError("MatrixBody: stiffness is indefinite; must have no negative eigenvalue")
+            raise _indefinite(stiffness, "")
 
     def lowest(self, n: int) -> Modes:
         """The n lowest modes."""
@@ -131,12 +132,26 @@ def ritz(stiffness: Matrix, mass: Matrix, basis: Array, shift: float) -> tuple[A
     squares = np.einsum("ij,ij->j", modes, stiffness @ modes)
     rounding = ROUNDING * np.einsum("ij,ij->j", np.abs(modes), abs(stiffness) @ np.abs(modes))
     if (squares < -rounding).any():
-        lowest = f"its lowest omega^2 is {squares.min():.3g} /s2"
-        raise ValueError(f"MatrixBody: stiffness is indefinite, {lowest}; must have no negative eigenvalue")
+        raise _indefinite(stiffness, f", its lowest omega^2 is {squares.min():.3g} /s2")
     squares[squares <= rounding] = 0.0
     modes *= np.sign(modes[np.abs(modes).argmax(axis=0), range(modes.shape[1])])
     order = np.argsort(squares, kind="stable")
     return squares[order], modes[:, order], shapes[:, ~moves]
+
+
+def _indefinite(stiffness: Matrix, found: str) -> ValueError:
+    """What is wrong with a stiffness, and what may have made it so."""
+    single = "; its entries are rounded to single precision, which may do that: write them in double"
+    why = single if _single(stiffness.data) else ""
+    return ValueError(f"MatrixBody: stiffness is indefinite{found}; must have no negative eigenvalue{why}")
+
+
+def _single(entries: Array) -> bool:
+    """Whether entries have no more digits than single precision has, and need these."""
+    if not np.array_equal(entries, entries.astype(np.float32)):
+        return False
+    digits = np.frexp(entries)[0] * HALF  # whole where half precision would do
+    return bool(np.mean(digits != np.rint(digits)) > 0.5)
 
 
 def factors(matrix: Matrix, pivoting: float) -> Any:

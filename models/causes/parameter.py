@@ -9,7 +9,7 @@ from models.beam import Beam
 from models.bodies.finite import FiniteBeam
 from models.bodies.matrix import MatrixBody
 from models.causes.cause import EITHER, Cause, Unknown
-from models.friction import describe
+from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
 from models.jointednumbers import GAINS
 
@@ -69,7 +69,7 @@ class WrongParameter(Cause):
         beam = isinstance(rig.body, Beam)
         keys = [*(OF_BEAM if beam else ()), LOAD, *(() if rig.damping.modal_ratios else (ALPHA,))]
         keys += [POSITION] if beam else []
-        keys += [LAW + name for name in describe(type(rig.contact.law))]
+        keys += [LAW + name for name in parameters(rig.contact.law)]
         yield from (cls(key) for key in keys if rig.number(key) > 0.0)
 
     @property

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
-from models.friction import describe
+from models.friction import parameters
 from models.jointed import AnyRig
 from models.parts import Drift
 from models.rig import Rig
@@ -109,7 +109,7 @@ class ParameterDrift(Cause):
     def candidates(cls, rig: Rig) -> Iterator["ParameterDrift"]:
         """Offer stiffness, damping, load and friction, where they are positive and do not drift yet."""
         keys = [*([STIFFNESS] if isinstance(rig.body, Beam) else []), *([] if rig.damping.modal_ratios else [ALPHA])]
-        keys += [LOAD, *(LAW + name for name in describe(type(rig.contact.law)))]
+        keys += [LOAD, *(LAW + name for name in parameters(rig.contact.law))]
         drifting = {drift.parameter for drift in rig.drift}
         yield from (cls(key) for key in keys if key not in drifting and rig.number(key) > 0.0)
 

@@ -162,9 +162,16 @@ def defaults(law: type) -> dict[str, Any]:
     return {f.name: f.default for f in fields(law) if f.default is not MISSING}
 
 
+def idle(law: object) -> set[str]:
+    """Fields of a law without a meaning beside a setting that is given, such as the spread of given limits."""
+    given = (f for name, f in settings(type(law)).items() if getattr(law, name) != f.default)
+    return {other for f in given for other in f.metadata["setting"].instead_of}
+
+
 def parameters(law: object) -> dict[str, float]:
     """Parameters of a law (or of a nonlinear element) by name, in the order every solver passes them."""
-    return {f.name: getattr(law, f.name) for f in fields(law) if "setting" not in f.metadata}  # type: ignore[arg-type]
+    names = describe(type(law)).keys() - idle(law)
+    return {f.name: getattr(law, f.name) for f in fields(law) if f.name in names}  # type: ignore[arg-type]
 
 
 def chosen(law: object) -> dict[str, Any]:

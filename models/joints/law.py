@@ -5,13 +5,13 @@ ports. Harmonic balance marches it over a period, time integration over a step; 
 """
 
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import Field, fields, is_dataclass, replace
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import casadi as ca
 
 from models.bounds import bounded
-from models.friction.law import Parameter
+from models.friction.law import Parameter, idle
 from models.plausible import of_parameter, plausible
 
 Value = Any  # a float or a CasADi expression: laws are written once for both
@@ -129,37 +129,38 @@ def numbers(law: Any) -> dict[str, float]:
     {'mu': 0.3, 'critical_slip': 1e-06, 'normal_load': 50.0}
     """
     found: dict[str, float] = {}
-    for f in fields(law):
+    for f in _numbered(law):
         value = getattr(law, f.name)
-        if is_dataclass(value):
-            found |= numbers(value)
-        elif value is not None and "setting" not in f.metadata:
-            found[f.name] = value
+        found |= numbers(value) if is_dataclass(value) else {f.name: value}
     return found
+
+
+def _numbered(law: Any) -> "list[Field[Any]]":
+    """Fields of a law that are numbers, or a law within it; those without a meaning in this one are none."""
+    without = idle(law)
+    return [
+        f
+        for f in fields(law)
+        if "setting" not in f.metadata and f.name not in without and getattr(law, f.name) is not None
+    ]
 
 
 def described(law: Any) -> dict[str, Parameter]:
     """Metadata of the parameters of a law, by their names as :func:`numbers` has them."""
     unknown = Parameter("?", "not described", "", lower=-float("inf"))
     found: dict[str, Parameter] = {}
-    for f in fields(law):
+    for f in _numbered(law):
         value = getattr(law, f.name)
-        if is_dataclass(value):
-            found |= described(value)
-        elif value is not None and "setting" not in f.metadata:
-            found[f.name] = f.metadata.get("parameter", unknown)
+        found |= described(value) if is_dataclass(value) else {f.name: f.metadata.get("parameter", unknown)}
     return found
 
 
 def with_numbers(law: Law, values: Iterator[Any]) -> Law:
     """Copy a law with other parameters, in the order of :func:`numbers`."""
     changed: dict[str, Any] = {}
-    for f in fields(law):  # type: ignore[arg-type]  # every law is a dataclass
+    for f in _numbered(law):
         value = getattr(law, f.name)
-        if is_dataclass(value):
-            changed[f.name] = with_numbers(value, values)
-        elif value is not None and "setting" not in f.metadata:
-            changed[f.name] = next(values)
+        changed[f.name] = with_numbers(value, values) if is_dataclass(value) else next(values)
     return replace(law, **changed)  # type: ignore[type-var]
 
 

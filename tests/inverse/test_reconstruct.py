@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.stats import chi2
 
 from hbm.errors import InputError
 from hbm.inverse.contactforce import prior
@@ -264,3 +265,13 @@ def test_friction_that_would_supply_energy_is_told() -> None:
     (line,) = (w for w in reconstruct(RIG, replace(right, coefficients=backwards)).warnings if "supplies energy" in w)
     assert line.startswith("friction supplies energy in 3 of 3 records, most in record 2: ")
     assert line.endswith("are the signs of all sines reversed (exp(-i omega t)), or that of the force?")
+
+
+def test_energy_of_harmonics_above_those_measured_is_in_its_deviation() -> None:
+    """Three harmonics with little noise, of forces that go on to the ninth with random phases."""
+    truths = [record(hz, 30.0, seed) for seed in range(4) for hz in (60.0, 70.0, 80.0, 95.0)]
+    found = reconstruct(RIG, measured(RIG, truths, {name: std / 10 for name, std in STD.items()}, 3))
+    loops = [((np.roll(t.friction, -1) + t.friction) / 2, np.roll(t.slip, -1) - t.slip) for _, t in truths]
+    pulls = (found.energy_per_cycle.value + [T @ du for T, du in loops]) / found.energy_per_cycle.std
+    least, most = np.sqrt(chi2.ppf([0.005, 0.995], len(truths)) / len(truths))  # of so many normal numbers
+    assert least < np.sqrt(np.mean(pulls**2)) < most

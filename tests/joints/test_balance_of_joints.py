@@ -9,12 +9,13 @@ from hbm import InputError, simulate
 from hbm.balance.jointed import JointBalance
 from hbm.fourier import FourierBasis
 from hbm.integration.jointed import JointMarcher, joint_steady_state, simulate_joints, state_at_phase_zero
+from hbm.response.accuracy import scales_of
 from hbm.response.trace import steady_state, trace_frequency
 from hbm.stability.jointed import joint_stability
 from models import Coulomb, Dahl, Iwan, Jenkins, Karnopp, LuGre, Stribeck
 from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
-from models.joints import Friction, Joint, PolynomialSpring
+from models.joints import CubicSpring, Friction, Joint, PolynomialSpring
 from models.parts import Damping, Excitation
 from tests.joints.rigs import beam_rig, contact_and_joint, made_up
 
@@ -157,3 +158,20 @@ def test_a_curve_of_joints_is_traced_through_its_peak() -> None:
     assert curve.complete
     assert 40.0 < curve.peak.hz < 90.0
     assert max(abs(p.energy_error) for p in curve.points) < 1e-6
+
+
+def test_errors_of_a_force_that_symmetry_forbids_are_not_relative_to_rounding() -> None:
+    """A port that no mode reached moves: its force is what rounding, here a shape of 1e-13, leaves of none."""
+    body = ModalModel(
+        (31.0, 74.5),
+        {"a": (0.8, 1.1), "r": (1e-13, 0.0), "c": (0.5, 0.3)},
+        flexibility=tuple(tuple(row) for row in np.diag([0.0, 1e-3, 0.0])),
+    )
+    joints = (Joint("cub", CubicSpring(1e6), ("a",)), Joint("twist", PolynomialSpring(linear=20.0), ("r",)))
+    rig = JointedRig("r", body, Damping(modal_ratios=(0.01,)), joints, Excitation(1.0, at="c"))
+    points = [steady_state(rig, hz, harmonics=3, samples=64) for hz in (30.0, 31.0)]
+    scales = scales_of(rig, points)
+    peak = {name: max(p[name].peak for p in points) for name in scales}
+    assert scales["drive"] == peak["drive"] and scales["cub.force"] == peak["cub.force"]
+    assert peak["twist.force"] < 1e-12
+    assert scales["twist.force"] > 1e-6

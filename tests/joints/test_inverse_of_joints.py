@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from hbm import contact_errors
 from hbm.errors import InputError
 from hbm.inverse.jointed import receptances, reconstruct_joints
 from hbm.measurement.spectra import MeasuredSpectra
@@ -34,17 +35,17 @@ def solution() -> object:
     return steady_state(RIG, 45.0, harmonics=25, samples=1024)
 
 
-def _kept(coefficients: np.ndarray) -> np.ndarray:
+def _kept(coefficients: np.ndarray, most: int = H) -> np.ndarray:
     full = len(coefficients) // 2
-    return np.r_[coefficients[: H + 1], coefficients[full + 1 : full + 1 + H]]
+    return np.r_[coefficients[: most + 1], coefficients[full + 1 : full + 1 + most]]
 
 
-def _spectra(solution: object, draws: int) -> MeasuredSpectra:
+def _spectra(solution: object, draws: int, most: int = H, noise: float = STD) -> MeasuredSpectra:
     rng = np.random.default_rng(0)
-    exact = np.array([_kept(solution[c.name].coefficients) for c in CHANNELS])
-    noisy = exact + STD * rng.normal(size=(draws, *exact.shape))
+    exact = np.array([_kept(solution[c.name].coefficients, most) for c in CHANNELS])
+    noisy = exact + noise * rng.normal(size=(draws, *exact.shape))
     names = tuple(c.name for c in CHANNELS)
-    std = np.full((draws, len(names), H + 1), STD)
+    std = np.full((draws, len(names), most + 1), noise)
     ones = np.ones(draws)
     return MeasuredSpectra("made", np.arange(1, draws + 1), 20.0 * ones, 45.0 * ones, names, noisy, std)
 
@@ -61,17 +62,34 @@ def test_errors_are_as_large_as_stated(solution: object) -> None:
     assert np.mean(found.probability < 0.05) < 0.12
 
 
+def _energy(solution: object, joint: str) -> float:
+    """What a joint takes in a period by all harmonics of its force and motion."""
+    f, u = (solution[f"{joint}.{what}"].coefficients for what in ("force", "motion"))
+    most = len(f) // 2
+    k = np.arange(1, most + 1)
+    return -np.pi * float(f[1 : most + 1] @ (k * u[most + 1 :]) - f[most + 1 :] @ (k * u[1 : most + 1]))
+
+
 def test_energies_are_as_uncertain_as_stated(solution: object) -> None:
-    found = reconstruct_joints(RIG, _spectra(solution, 300))
+    """By noise: all harmonics are measured."""
+    found = reconstruct_joints(RIG, _spectra(solution, 300, most=25))
     for joint in RIG.joints:
-        f, u = (_kept(solution[f"{joint.name}.{what}"].coefficients) for what in ("force", "motion"))
-        k = np.arange(1, H + 1)
-        exact = -np.pi * float(f[1 : H + 1] @ (k * u[H + 1 :]) - f[H + 1 :] @ (k * u[1 : H + 1]))  # of these harmonics
         energy = found.energy[joint.name]
-        pulls = (energy.value - exact) / energy.std
+        pulls = (energy.value - _energy(solution, joint.name)) / energy.std
         assert np.std(pulls) == pytest.approx(1.0, abs=0.13), joint.name
         assert abs(np.mean(pulls)) < 0.2, joint.name
     assert found.energy["rub"].value.mean() > 100 * found.energy["rub"].std.mean()
+
+
+def test_energies_are_as_uncertain_as_harmonics_leave_them_that_were_not_measured(solution: object) -> None:
+    """Hardly any noise: what is wrong is the energy of harmonics above the third and the fifth, some of it lost."""
+    pulls = []
+    for most in (3, 5):
+        found = reconstruct_joints(RIG, _spectra(solution, 1, most=most, noise=1e-6))
+        for joint in RIG.joints:
+            energy, exact = found.energy[joint.name], _energy(solution, joint.name)
+            pulls.append((energy.value[0] - exact) / energy.std[0])
+    assert 0.3 < np.sqrt(np.mean(np.square(pulls))) < 1.5
 
 
 def test_a_contradiction_widens_the_deviations(solution: object) -> None:
@@ -183,3 +201,25 @@ def test_fewer_sensors_than_forces_are_refused(solution: object) -> None:
     few = _spectra(solution, 1).select(channels=["a1", "a2", "force"])
     with pytest.raises(InputError, match="2 response channels measured and 3 joint forces unknown"):
         reconstruct_joints(RIG, few)
+
+
+def test_modes_that_are_close_are_tried_off_without_changing_places() -> None:
+    """Each as far as a rig can be made, and the change told per tolerance."""
+    body = ModalModel((31.0, 31.05, 31.1), {"a": (0.8, 1.1, 0.3), "b": (0.9, -1.2, 0.5), "c": (0.5, 0.3, 1.0)})
+    channels = (Channel("x", "acceleration", at="a"), Channel("y", "acceleration", at="b"), Channel("force", "force"))
+    rig = JointedRig(
+        "r",
+        body,
+        Damping(modal_ratios=(0.01,)),
+        (Joint("j", Stop(1e3, 1e-4), ("a",)),),
+        Excitation(1.0, at="c"),
+        channels,
+    )
+    exact = steady_state(rig, 31.0, harmonics=H, samples=64)
+    coefficients = np.array([[_kept(exact[c.name].coefficients) for c in channels]])
+    one, std = np.ones(1), np.full((1, 3, H + 1), 1e-3)
+    spectra = MeasuredSpectra("made", np.array([1]), one, 31.0 * one, ("x", "y", "force"), coefficients, std)
+    key = "modal.frequencies_hz[2]"
+    wide, narrow = (contact_errors(reconstruct_joints(rig, spectra), {key: std}) for std in (0.005, 1e-5))
+    change = wide.signals["j.force"]
+    assert np.abs(change - 500.0 * narrow.signals["j.force"]).max() < 0.02 * np.abs(change).max()

@@ -1,5 +1,6 @@
 """Multisines through functions whose even and odd parts are known apart."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from hbm.measurement.harmonicestimate import spectra_of_records
 from hbm.measurement.harmonics import harmonic_spectra
 from hbm.measurement.multisine import contents, excited_lines
 from hbm.measurement.recording import recording
+from hbm.measurement.spectra import MeasuredSpectra
 from hbm.measurement.spectrafile import write_spectra
 
 N, H, PERIODS = 4096, 400, 10
@@ -103,3 +105,32 @@ def test_the_command_prints_the_levels(tmp_path: Path) -> None:
     row = next(line.split() for line in result.stdout.splitlines() if " a1 " in line)
     assert row[:3] == ["1", "a1", str(len(LINES))]
     assert float(row[4]) == pytest.approx(found.db("even"), abs=0.05)
+
+
+def noisy_force(y: np.ndarray, noise: float) -> tuple[MeasuredSpectra, np.ndarray]:
+    """A force with noise on every line, its response as exact as can be; and the frequency response in between."""
+    spectra = measured(force(), y, noise=1e-6)
+    coefficients, std = spectra.coefficients.copy(), spectra.std.copy()
+    i = spectra.index("force")
+    std[0, i] = noise
+    coefficients[0, i] += noise * np.random.default_rng(3).standard_normal(2 * H + 1)
+    x = np.arange(H + 1) / 100.0
+    return replace(spectra, coefficients=coefficients, std=std), np.abs(1.0 / (1.0 - x**2 + 0.2j * x))
+
+
+def test_noise_of_the_force_that_is_taken_off_is_noise_of_the_response() -> None:
+    """A linear structure: what is left where nothing was excited is that noise, not even or odd content."""
+    spectra, G = noisy_force(filtered(force()), 1e-3)
+    _, found = contents(spectra, "force")
+    assert found.noise == pytest.approx(1e-3 * np.sqrt(np.mean(G[np.r_[EVEN, ODD]] ** 2)), rel=0.05)
+    assert found.even == pytest.approx(1e-3 * np.sqrt(np.mean(G[EVEN] ** 2)), rel=0.2)
+    assert found.odd == pytest.approx(1e-3 * np.sqrt(np.mean(G[ODD] ** 2)), rel=0.35)
+
+
+def test_content_shows_above_the_noise_of_the_force() -> None:
+    x = filtered(force())
+    even, odd = 0.02 * x**2, 0.01 * x**3
+    _, found = contents(noisy_force(x + even + odd, 1e-4)[0], "force")
+    assert found.even == pytest.approx(np.hypot(rms_of_a_line(even, EVEN), found.noise), rel=0.1)
+    assert found.odd == pytest.approx(np.hypot(rms_of_a_line(odd, ODD), found.noise), rel=0.1)
+    assert found.even > 10.0 * found.noise

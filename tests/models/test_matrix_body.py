@@ -1,5 +1,7 @@
 """Bodies given by matrices: modes against closed forms, both reductions against all degrees of freedom."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import sparse
@@ -171,3 +173,63 @@ def test_modes_given_up_are_kept_at_rest() -> None:
     few = whole.with_modes(2, ["a", "b"]).ported(["a", "b"], RATIO)
     every = whole.ported(["a", "b"], RATIO)
     assert few.receptance(0.0) == pytest.approx(every.receptance(0.0), rel=1e-12)
+
+
+@pytest.mark.parametrize("reduction", ["modes", "craig-bampton"])
+@pytest.mark.parametrize("beta", [0.0, 3.0])
+def test_the_error_of_a_reduction_is_that_against_a_model_damped_in_all_its_modes(reduction: str, beta: float) -> None:
+    """Beside alpha M + beta K of all degrees of freedom, inverted; what is cut is damped where beta is not 0."""
+    n, alpha, omega = 40, 0.002, 0.12
+    body = chain(n, modes=5, reduction=reduction)
+    places, damping = ["7.x", "20.x"], Damping(alpha, stiffness_proportional=beta, high_mode_ratio=0.0)
+    K = body.stiffness.toarray()[1:, 1:]
+    full = np.linalg.inv(K - omega**2 * np.eye(n) + 1j * omega * (alpha * np.eye(n) + beta * K))[
+        np.ix_([6, 19], [6, 19])
+    ]
+    off = np.linalg.norm(body.ported(places, damping).receptance(omega) - full) / np.linalg.norm(full)
+    assert body.receptance_error(places, damping, [omega / (2 * np.pi)]) == pytest.approx(off, rel=1e-6)
+    assert off > 1e-4 or beta == 0.0
+
+
+def fine(stiffness: sparse.csc_array | None = None, fixed: tuple[str, ...] = ()) -> MatrixBody:
+    """A chain of six light masses on stiff springs, with numbers that need all digits."""
+    body = chain(6)
+    K = 1e6 / 3.0 * body.stiffness if stiffness is None else stiffness
+    return MatrixBody(0.01 / 3.0 * body.mass, K, body.dofs, modes=2, fixed=fixed)
+
+
+def test_mass_and_stiffness_that_are_each_other_are_doubted() -> None:
+    body = fine(fixed=("0.x",))
+    right, wrong = (
+        [d.doubt for d in b.proportions] for b in (body, replace(body, mass=body.stiffness, stiffness=body.mass))
+    )
+    assert right == [None]
+    assert "are the two exchanged?" in wrong[0]
+    assert [d.doubt for d in chain(40).proportions] == [None]  # of unit masses on unit springs
+
+
+def test_single_precision_is_named_where_it_may_have_made_a_stiffness_indefinite() -> None:
+    K = fine().stiffness.toarray()
+    K[0, 0] *= 1.0 - 1e-6
+    said = "stiffness is indefinite.*must have no negative eigenvalue"
+    with pytest.raises(ValueError, match=f"{said}; its entries are rounded to single precision.*in double$"):
+        fine(stiffness=sparse.csc_array(K.astype(np.float32))).ported(["3.x"], RATIO)
+    with pytest.raises(ValueError, match=f"{said}$"):
+        fine(stiffness=sparse.csc_array(K)).ported(["3.x"], RATIO)
+    with pytest.raises(ValueError, match=f"{said}$"):  # few digits are no rounding
+        fine(stiffness=sparse.csc_array(np.diag([-1.0, *[2.0] * 6]))).ported(["3.x"], RATIO)
+
+
+def test_what_a_boundary_condition_holds_is_fixed_or_said() -> None:
+    """Abaqus writes 1e36 there."""
+    K = fine().stiffness.toarray()
+    K[0, 0] = 1e36
+    held = sparse.csc_array(K)
+    found = fine(stiffness=held, fixed=("0.x",)).ported(["3.x"], RATIO)
+    assert found.omega_n == pytest.approx(fine(fixed=("0.x",)).ported(["3.x"], RATIO).omega_n, rel=1e-12)
+    said = "stiffness is 1e\\+36 on its diagonal at 0.x, as Abaqus .*; must be in fixed, or generated without boundary"
+    with pytest.raises(ValueError, match=said):
+        fine(stiffness=held)
+    K[0, 1] = K[1, 0] = 1e36
+    with pytest.raises(ValueError, match="the largest entry of stiffness = 1e\\+36; must be of magnitude"):
+        fine(stiffness=sparse.csc_array(K), fixed=("0.x",))
