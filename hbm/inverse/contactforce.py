@@ -122,7 +122,12 @@ def regularised(sensing: Sensing, mean: Array) -> ForceEstimate:
     return most_likely(sensing, lambda expected, _: _solve(sensing, mean, expected))
 
 
-def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S]) -> ForceEstimate:
+def likeliest(sensing: Sensing, mean: Array) -> ForceEstimate:
+    """As :func:`regularised`, of the order that is likeliest: the best guess where its uncertainty does not matter."""
+    return most_likely(sensing, lambda expected, _: _solve(sensing, mean, expected), cautious=False)
+
+
+def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S], *, cautious: bool = True) -> ForceEstimate:
     """Solve with friction unbound, then with the prior that this makes most likely.
 
     Parameters
@@ -130,12 +135,14 @@ def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S]) -> Forc
     sensing : Sensing
     solve : callable
         Solution by the sizes (r, H+1) that are expected of friction, and the solution before.
+    cautious : bool
+        As of :func:`prior`.
     """
     shape = sensing.i_omega.shape
     largest = np.maximum(np.abs(sensing.force).max(axis=1), sensing.rig.contact.normal_load)
     unbound = np.broadcast_to(UNBOUND * np.maximum(largest, sensing.spectra.level)[:, None], shape)
     free = solve(unbound, None)
-    order, size, largest_size = prior(np.abs(free.friction[:, 1:]), free.resolution[:, 1:])
+    order, size, largest_size = prior(np.abs(free.friction[:, 1:]), free.resolution[:, 1:], cautious=cautious)
     expected = np.zeros(shape)
     expected[:, 1:] = decay(order, largest_size, np.arange(1, shape[1]))
     held = solve(expected, free)
@@ -163,8 +170,11 @@ def decay(order: Array, size: Array, k: Indices) -> Array:
     return np.asarray(size[:, k % 2] * (1.0 * k) ** -order[:, None])
 
 
-def prior(amplitude: Array, std: Array) -> tuple[Array, Array, Array]:
+def prior(amplitude: Array, std: Array, *, cautious: bool = False) -> tuple[Array, Array, Array]:
     """Order and sizes of the prior that make amplitudes of harmonics 1..H most likely.
+
+    Where it holds harmonics that were measured, a steep order would call some known that nobody saw: then the least
+    order is cautious that is as likely within the noise.
 
     Parameters
     ----------
@@ -172,6 +182,8 @@ def prior(amplitude: Array, std: Array) -> tuple[Array, Array, Array]:
         Magnitude of each harmonic by the sensors alone [N].
     std : (r, H) array
         Standard deviation of each of its cos and sin; inf where not measured [N].
+    cautious : bool
+        Whether the least order is taken that is as likely, from that of corners on.
 
     Returns
     -------
@@ -182,11 +194,11 @@ def prior(amplitude: Array, std: Array) -> tuple[Array, Array, Array]:
     """
     parts = max(1, amplitude.size * SIZES * len(ORDERS) // MOST_NUMBERS)
     rows = zip(np.array_split(amplitude, parts), np.array_split(std, parts), strict=True)
-    orders, sizes, largest = zip(*(_most_likely_decay(a, s) for a, s in rows), strict=True)
+    orders, sizes, largest = zip(*(_most_likely_decay(a, s, cautious) for a, s in rows), strict=True)
     return np.concatenate(orders), np.concatenate(sizes), np.concatenate(largest)
 
 
-def _most_likely_decay(a: Array, std: Array) -> tuple[Array, Array, Array]:
+def _most_likely_decay(a: Array, std: Array, cautious: bool) -> tuple[Array, Array, Array]:
     """Order and sizes of some records at once, see :func:`prior`."""
     k, every = np.arange(1, a.shape[1] + 1), np.arange(len(a))
     decay, seen = k ** -ORDERS[:, None], np.isfinite(std)
@@ -199,7 +211,8 @@ def _most_likely_decay(a: Array, std: Array) -> tuple[Array, Array, Array]:
         seen[:, None, None], -np.log(variance) - a[:, None, None] ** 2 / (2 * variance), 0.0
     )  # cos and sin
     likelihood = np.stack([_of_kind(terms, seen, k % 2 == odd) for odd in (0, 1)], axis=1)  # (r, kinds, sizes, orders)
-    best = _cautious(likelihood.max(axis=2).sum(axis=1))
+    by_order = likelihood.max(axis=2).sum(axis=1)
+    best = _cautious(by_order) if cautious else by_order.argmax(axis=1)
     likelihood, tried = likelihood[every, :, :, best], tried[every, :, best]  # (r, kinds, sizes), (r, sizes)
     likely = likelihood >= likelihood.max(axis=2, keepdims=True) - AS_LIKELY
     last = SIZES - 1 - likely[..., ::-1].argmax(axis=2)
@@ -207,10 +220,7 @@ def _most_likely_decay(a: Array, std: Array) -> tuple[Array, Array, Array]:
 
 
 def _cautious(likelihood: Array) -> npt.NDArray[np.intp]:
-    """Index of the least order as likely within the noise as the best of `likelihood` (r, orders).
-
-    A steeper one would call harmonics known that nobody saw. Corners are the roughest that is taken for granted.
-    """
+    """Index of the least order, from that of corners on, as likely within the noise as the best, (r, orders)."""
     best = likelihood.argmax(axis=1)
     likely = likelihood >= likelihood.max(axis=1, keepdims=True) - ORDER_AS_LIKELY
     return np.asarray(np.maximum(likely.argmax(axis=1), np.minimum(best, int(np.searchsorted(ORDERS, CORNERS)))))

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from hbm.errors import InputError, expect_rig
 from hbm.fourier import Array, coefficients_of
 from hbm.inverse.contact import Contact, contact_of
-from hbm.inverse.contactforce import ForceEstimate, regularised
+from hbm.inverse.contactforce import ForceEstimate, likeliest, regularised
 from hbm.inverse.kinematic import modal, nnm, nnm_spline
 from hbm.inverse.reconstruction import SIGNALS, EstimatedSignal, Estimates, Misfit, Reconstruction
 from hbm.inverse.resolution import resolution_of
@@ -72,22 +72,32 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
             f'reconstruct: formulation = "{formulation}", but the rig has {found}; must be regularised there'
         )
     check = check_sensors(rig, spectra)
-    result, contact = _reconstructed(rig, check.spectra, formulation)
+    result, contact = _reconstructed(rig, check.spectra, formulation, FORMULATIONS[formulation])
     return replace(result, warnings=(*check.findings, *_gains(contact), *resolution_of(contact.estimate).warnings))
 
 
 def reconstruct_again(reconstruction: Reconstruction, rig: Rig) -> Reconstruction:
     """Reconstruct the same records with a rig whose numbers differ; sensors are taken as they are, without warnings."""
-    return _reconstructed(rig, reconstruction.spectra, reconstruction.formulation)[0]
+    name = reconstruction.formulation
+    return _reconstructed(rig, reconstruction.spectra, name, FORMULATIONS[name])[0]
 
 
-def _reconstructed(rig: Rig, spectra: MeasuredSpectra, formulation: str) -> tuple[Reconstruction, Contact]:
+def reconstruct_likeliest(rig: Rig, spectra: MeasuredSpectra) -> Reconstruction:
+    """The best guess of what happens at the contact, for simulations to start from; its deviations are too small."""
+    check = check_sensors(rig, spectra)
+    result, contact = _reconstructed(rig, check.spectra, "regularised", likeliest)
+    return replace(result, warnings=(*check.findings, *resolution_of(contact.estimate).warnings))
+
+
+def _reconstructed(
+    rig: Rig, spectra: MeasuredSpectra, formulation: str, find: Callable[[Sensing, Array], ForceEstimate]
+) -> tuple[Reconstruction, Contact]:
     """Reconstruction from sensors that are taken as they are, and the signals that it is of."""
     seen = sensing(rig, spectra)
     mean = np.zeros(len(spectra))
     slips = np.zeros(len(spectra), dtype=bool)
     for _ in range(MEAN_ROUNDS):
-        contact = contact_of(seen, FORMULATIONS[formulation](seen, mean))
+        contact = contact_of(seen, find(seen, mean))
         slips = _slips(contact)
         mean = np.where(slips, mean + _asymmetry(contact), 0.0)
     return _reconstruction(contact, formulation, slips), contact

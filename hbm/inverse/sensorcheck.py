@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from hbm.inverse.contactforce import nonlinear_forces, regularised
+from hbm.inverse.contactforce import likeliest, nonlinear_forces
 from hbm.inverse.faults import Fault, explanations, with_std
 from hbm.inverse.findings import assumed, disagreement, sentence, unit_sentence
 from hbm.inverse.readings import Others, Readings, by_noise, even, readings
@@ -116,7 +116,7 @@ def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:
     coupling, change = np.zeros(seen.stiffness.shape, dtype=complex), np.inf
     for _ in range(ROUNDS if seen.structure.shortening.any() or rig.elements else 0):
         left = replace(straight, measured=seen.measured - seen.by_modal_forces(coupling))
-        found = regularised(left, np.zeros(len(spectra)))
+        found = likeliest(left, np.zeros(len(spectra)))
         fresh = nonlinear_forces(seen, found.friction, found.q + coupling / seen.stiffness)
         before, change = change, float(np.abs(seen.weight * seen.by_modal_forces(fresh - coupling)).max())
         if change > GROWS * before:  # what the sensors read is no motion of this structure
@@ -136,7 +136,7 @@ def _straight(rig: Rig) -> Rig:
 def _unsure(seen: Sensing, coupling: Complex) -> Sensing:
     """The same, sensors trusted less where they see the product of motion and a friction that is hardly known."""
     left = replace(seen, rig=_straight(seen.rig), measured=seen.measured - seen.by_modal_forces(coupling))
-    found = regularised(left, np.zeros(len(seen.spectra)))
+    found = likeliest(left, np.zeros(len(seen.spectra)))
     share = np.linalg.norm(found.factor[:, 1, 0], axis=1) / np.maximum(np.abs(found.friction[:, 1]), 1e-9)
     seen_of_it = share[:, None, None] * np.abs(seen.weight * seen.by_modal_forces(coupling))
     return replace(seen, weight=seen.weight / np.hypot(1.0, seen_of_it))

@@ -4,7 +4,7 @@ import numpy as np
 
 from hbm.channels import factor
 from hbm.fourier import Array
-from hbm.inverse.reconstruct import reconstruct
+from hbm.inverse.reconstruct import reconstruct_likeliest
 from hbm.inverse.sensing import Complex, Readings, readings, sensing
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.records import Measurement, expect_fundamental, measurement_of, turned
@@ -25,7 +25,7 @@ def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement
     """
     if isinstance(rig, JointedRig):
         return rig, _of_joints(rig, readings(rig, spectra)), ()
-    seen = reconstruct(rig, spectra)
+    seen = reconstruct_likeliest(rig, spectra)
     return seen.rig, measurement_of(seen, sensing(seen.rig, spectra)), seen.warnings
 
 

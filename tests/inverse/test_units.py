@@ -61,6 +61,6 @@ def test_a_force_that_reads_noise_alone_is_dead_and_in_no_coarser_unit(noisy: Me
 def test_a_fundamental_alone_leaves_the_peak_of_friction_unknown_and_says_so(noisy: MeasuredSpectra) -> None:
     coefficients = np.concatenate([noisy.coefficients[..., :2], noisy.coefficients[..., 10:11]], axis=2)
     fundamental = replace(noisy, coefficients=coefficients, std=noisy.std[..., :2])
-    (line,) = reconstruct(RIG, fundamental).warnings
-    assert line.startswith("harmonic 1 alone was measured; friction above may be up to ")
+    told = [line for line in reconstruct(RIG, fundamental).warnings if "alone" in line]
+    assert len(told) == 1 and told[0].startswith("harmonic 1 alone was measured; friction above may be up to ")
     assert not any("alone" in line for line in reconstruct(RIG, noisy).warnings)
