@@ -108,13 +108,13 @@ def inverse(
     with within(COMMAND, limit, lambda: f"at {len(measured)} records", ADVICE):
         if isinstance(loaded, JointedRig):
             _refuse_of_joints(rig, loaded, {"--design": design, "--formulation": formulation})
-            made = _made_of_joints(loaded, measured, numbers, _Known(rig, tolerances, out or Path()))
+            made = _made_of_joints(loaded, measured, numbers, _Given(rig, tolerances, out or Path()))
         else:
             if design:
                 _print_design(loaded, measured, count)
             if out is not None:
                 contact = reconstructed(COMMAND, loaded, measured, formulation)
-                made = _made(contact, numbers, _Known(rig, tolerances, out))
+                made = _made(contact, numbers, _Given(rig, tolerances, out))
     if made is not None and out is not None:
         _write(*made, out)
 
@@ -256,7 +256,7 @@ def working(doing: str) -> Iterator[None]:
         yield
 
 
-class _Known(NamedTuple):
+class _Given(NamedTuple):
     """The rig file, what its numbers may be off by, and the folder that is written."""
 
     rig: Path
@@ -264,23 +264,23 @@ class _Known(NamedTuple):
     out: Path
 
 
-def _made(found: "Reconstruction", records: Sequence[int] | None, known: _Known) -> Made:
+def _made(found: "Reconstruction", records: Sequence[int] | None, given: _Given) -> Made:
     from hbm.commands.inversetables import print_contact_errors, print_reconstruction
     from hbm.files.inversereport import inverse_contents
 
-    errors = _errors(found, known)
+    errors = _errors(found, given)
     with working("drawing"):
-        contents = inverse_contents(found, records, errors, known.rig)
+        contents = inverse_contents(found, records, errors, given.rig)
 
     def tell() -> None:
         print_reconstruction(console(), found)
-        print_contact_errors(console(), errors, known.out)
+        print_contact_errors(console(), errors, given.out)
 
     return contents, tell
 
 
 def _made_of_joints(
-    rig: "JointedRig", spectra: "MeasuredSpectra", records: Sequence[int] | None, known: _Known
+    rig: "JointedRig", spectra: "MeasuredSpectra", records: Sequence[int] | None, given: _Given
 ) -> Made:
     from hbm.commands.inversetables import print_contact_errors, print_joint_reconstruction
     from hbm.files.jointinverse import joint_inverse_contents
@@ -288,22 +288,22 @@ def _made_of_joints(
 
     with working(f"reconstructing {len(spectra)} records"):
         found = reconstruct_joints(rig, spectra)
-    errors = _errors(found, known)
+    errors = _errors(found, given)
     with working("drawing"):
-        contents = joint_inverse_contents(found, records, errors, known.rig)
+        contents = joint_inverse_contents(found, records, errors, given.rig)
 
     def tell() -> None:
         print_joint_reconstruction(console(), found)
-        print_contact_errors(console(), errors, known.out)
+        print_contact_errors(console(), errors, given.out)
 
     return contents, tell
 
 
-def _errors(found: "Reconstructed", known: _Known) -> "ContactErrors":
+def _errors(found: "Reconstructed", given: _Given) -> "ContactErrors":
     from hbm.identification.contacterrors import contact_errors
 
     with working("what the rig file may be off by"):
-        return contact_errors(found, known.tolerances)
+        return contact_errors(found, given.tolerances)
 
 
 def _write(contents: Mapping[str, str | bytes], tell: Callable[[], None], out: Path) -> None:

@@ -59,11 +59,8 @@ FINISHED = 40
 REFINED, FAR = 300.0, 1500.0
 """Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
 
-OF_JOINTS = "parameter:joints."
-"""Beginning of the labels of numbers of the joints of a rig file."""
-
-OF_BODIES = tuple(f"parameter:{key}" for key in STIFFNESSES)
-"""Labels of the stiffness of a whole body."""
+OF_JOINTS, OF_BODIES = "parameter:joints.", tuple(f"parameter:{key}" for key in STIFFNESSES)
+"""Beginning of the labels of numbers of the joints of a rig file; labels of the stiffness of a whole body."""
 
 ENTRY = re.compile(r"\[\d+\]")
 """Which entry of a list a label is of."""

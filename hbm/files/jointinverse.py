@@ -14,7 +14,15 @@ from hbm.figures.page import Page, Section, Table, page_html
 from hbm.figures.style import closed
 from hbm.files.figurefiles import Plate, plate_contents, plate_files
 from hbm.files.inversefiles import FILES as TABLES
-from hbm.files.inversefiles import NETCDF_FILE, PARTS, RECORD, SIGNAL_FILE, array_bytes, estimate_columns, has_netcdf
+from hbm.files.inversefiles import (
+    NETCDF_FILE,
+    PARTS,
+    SIGNAL_FILE,
+    array_bytes,
+    estimate_columns,
+    has_netcdf,
+    record_columns,
+)
 from hbm.files.inversereport import PAGE_FILE, with_std
 from hbm.files.outputs import Columns, columns_text
 from hbm.files.rigerrors import FILES as RIG_FILES
@@ -66,11 +74,6 @@ def joint_inverse_contents(
     return contents | {PAGE_FILE: page_html(_page(found, plates, errors))} | plate_contents(plates)
 
 
-def _of_records(found: JointReconstruction, places: Sequence[int]) -> Columns:
-    spectra, i = found.spectra, np.asarray(places)
-    return dict(zip(RECORD, (spectra.labels[i], spectra.level[i], spectra.hz[i]), strict=True))
-
-
 def _places(found: JointReconstruction, records: Sequence[int]) -> list[int]:
     return [found.index(record) for record in records]
 
@@ -79,7 +82,7 @@ def _over_phase(found: JointReconstruction, records: Sequence[int], *, whole: bo
     """Signals over the period, a row per record and phase; with the first phase again at the end where `whole`."""
     places = _places(found, records)
     phase = np.append(found.phase, 1.0) if whole else found.phase
-    columns = dict(_of_records(found, np.repeat(places, len(phase)).tolist()))
+    columns = record_columns(found, np.repeat(places, len(phase)))
     columns["phase"] = np.tile(phase, len(places))
     for name, signal in found.signals.items():
         parts = {"": signal.samples, "_std": signal.std} | ({"_rig_std": signal.rig_std} if whole else {})
@@ -91,7 +94,7 @@ def _over_phase(found: JointReconstruction, records: Sequence[int], *, whole: bo
 
 def energy_columns(found: JointReconstruction) -> Columns:
     """Columns of ``energy.csv``: a row per record."""
-    columns = dict(_of_records(found, range(len(found))))
+    columns = record_columns(found, np.arange(len(found)))
     for name, energy in found.energies.items():
         columns |= estimate_columns(name, energy)
     return columns | {"chi2_reduced": found.misfit.reduced}
@@ -100,7 +103,7 @@ def energy_columns(found: JointReconstruction) -> Columns:
 def harmonic_columns(found: JointReconstruction) -> Columns:
     """Columns of ``harmonics.csv``: a row per record and harmonic; blank where the sensors tell nothing."""
     r, k = np.indices((len(found), found.spectra.H + 1)).reshape(2, -1)
-    columns = {**_of_records(found, r.tolist()), "harmonic": k}
+    columns = {**record_columns(found, r), "harmonic": k}
     for name, signal in found.signals.items():
         c = signal.complex[r, k]
         parts = (c.real, np.where(k, -c.imag, c.real), np.abs(c), signal.coefficient_std[r, k])

@@ -15,6 +15,7 @@ from hbm.inverse.reconstruction import (
     Estimates,
     Misfit,
     Reconstructed,
+    estimate_arrays,
     record_coordinates,
     signal_arrays,
 )
@@ -129,14 +130,8 @@ class JointReconstruction(Reconstructed):
             As of a :class:`hbm.inverse.reconstruction.Reconstruction`; ``bolt 1.force`` is ``bolt_1_force``.
         """
         arrays = signal_arrays({plain(name): signal for name, signal in self.signals.items()})
-        each = ("record",)
-        for joint, estimate in self.energy.items():
-            name = f"{plain(joint)}_energy_per_cycle"
-            arrays[name] = each, estimate.value, estimate.unit
-            arrays[f"{name}_std"] = each, estimate.std, estimate.unit
-            if estimate.rig_std is not None:
-                arrays[f"{name}_rig_std"] = each, estimate.rig_std, estimate.unit
-        arrays["chi2_reduced"] = each, self.misfit.reduced, "1"
+        arrays |= estimate_arrays({plain(name): energy for name, energy in self.energies.items()})
+        arrays["chi2_reduced"] = ("record",), self.misfit.reduced, "1"
         return arrays, record_coordinates(self.spectra, self.phase)
 
     def __repr__(self) -> str:

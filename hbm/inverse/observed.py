@@ -143,8 +143,7 @@ def observe(reconstruction: Reconstruction) -> Observed:
 
 
 def _record(r: Reconstruction, i: int, basis: FourierBasis, by_mean: Complex, informed: float) -> ObservedRecord:
-    shown, misfit, slips = r.law_inputs, r.misfit, bool(r.slips[i])
-    inflation = 1.0 if misfit.consistent[i] else float(np.sqrt(max(misfit.reduced[i], 1.0)))
+    shown, slips = r.law_inputs, bool(r.slips[i])
     return ObservedRecord(
         number=int(r.spectra.records[i]),
         name=r.spectra.label(int(r.spectra.records[i])),
@@ -155,7 +154,7 @@ def _record(r: Reconstruction, i: int, basis: FourierBasis, by_mean: Complex, in
         signals=np.stack([_wide(s[i], basis) for s in (shown.u, shown.rho, shown.eta)], axis=1),
         gains=_gains(r.rig.structure, 2 * np.pi * float(r.spectra.hz[i]), basis.H, r.H, slips),
         by_mean=_wide(by_mean if slips else np.zeros_like(by_mean), basis),
-        noise=_noise(shown.factor[i] * inflation, shown.u[i], basis),
+        noise=_noise(shown.factor[i] * r.widening[i], shown.u[i], basis),
         informed=informed,
     )
 

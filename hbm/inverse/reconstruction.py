@@ -303,11 +303,7 @@ class Reconstruction(Reconstructed):
             (record, harmonic); numbers per record.
         """
         arrays, each = signal_arrays(self.signals), ("record",)
-        for name, estimate in self.energies.items():
-            arrays[name] = each, estimate.value, estimate.unit
-            arrays[f"{name}_std"] = each, estimate.std, estimate.unit
-            if estimate.rig_std is not None:
-                arrays[f"{name}_rig_std"] = each, estimate.rig_std, estimate.unit
+        arrays |= estimate_arrays(self.energies)
         arrays["slips"] = each, self.slips.astype(np.int8), "1"
         arrays["chi2_reduced"] = each, self.misfit.reduced, "1"
         arrays["resolution"] = OVER_HARMONICS, self.resolution, "N"
@@ -335,6 +331,15 @@ def signal_arrays(signals: Mapping[str, EstimatedSignal]) -> dict[str, tuple[Seq
         arrays[f"{name}_cos"] = OVER_HARMONICS, s.complex.real, s.unit
         arrays[f"{name}_sin"] = OVER_HARMONICS, -s.complex.imag, s.unit
         arrays[f"{name}_harmonic_std"] = OVER_HARMONICS, s.coefficient_std, s.unit
+    return arrays
+
+
+def estimate_arrays(estimates: Mapping[str, Estimates]) -> dict[str, tuple[Sequence[str], Any, str]]:
+    """Numbers per record with their deviations, by the names of files of arrays."""
+    arrays: dict[str, tuple[Sequence[str], Any, str]] = {}
+    for name, e in estimates.items():
+        parts = {"": e.value, "_std": e.std, "_rig_std": e.rig_std}
+        arrays |= {f"{name}{part}": (("record",), v, e.unit) for part, v in parts.items() if v is not None}
     return arrays
 
 

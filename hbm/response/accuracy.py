@@ -200,7 +200,14 @@ def estimate_error(curve: ResponseCurve) -> NumericalError:
     rig, found = curve.rig, probes(curve)
     H, N_t, n = curve.basis.H, curve.basis.N_t, rig.structure.n
     finer_H, finer_N, finer_rig = finer(H), 2 * N_t, rig.with_modes(2 * n)
-    total = _changes(curve, found, finer_rig, finer_H, finer_N)
+    scales = scales_of(rig, curve.points)
+
+    def changes(found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> Array:
+        """Relative change of each point on another discretisation, nan where it was not found."""
+        again = _solve_again(found, rig, H, N_t, curve.level)
+        return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
+
+    total = changes(found, finer_rig, finer_H, finer_N)
     peak = next(i for i, p in enumerate(found) if p is curve.peak)
     worst = peak if np.all(np.isnan(total)) else int(np.nanargmax(total))
     told_apart = sorted({peak, worst})
@@ -212,18 +219,12 @@ def estimate_error(curve: ResponseCurve) -> NumericalError:
     sources = {name: np.full(len(found), np.nan) for name in shares}
     for name, finer_problem in shares.items():
         if name != "modes" or finer_rig.structure.n > n:
-            sources[name][told_apart] = _changes(curve, [found[i] for i in told_apart], *finer_problem)
+            sources[name][told_apart] = changes([found[i] for i in told_apart], *finer_problem)
     table = tuple(
         Probe(p.hz, **{name: float(change[i]) for name, change in sources.items()}, total=float(total[i]))
         for i, p in enumerate(found)
     )
     return NumericalError(table, table[peak], max(p.closure for p in curve.points))
-
-
-def _changes(curve: ResponseCurve, found: Sequence[PeriodicSolution], rig: AnyRig, H: int, N_t: int) -> Array:
-    """Relative change of each point on another discretisation, nan where it was not found."""
-    again, scales = _solve_again(found, rig, H, N_t, curve.level), scales_of(curve.rig, curve.points)
-    return np.array([relative_change(a, b, scales) for a, b in zip(found, again, strict=True)])
 
 
 def _solve_again(

@@ -14,16 +14,8 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.nominal import tolerances
 from models import Rig
 from models.causes import CAUSES
-from models.parts import Channel
-from models.published import paper_rig
-from tests.inverse.measurement import SAMPLES, Truth, measured, respond, with_noise
+from tests.inverse.measurement import CHANNELS, RIG, SAMPLES, Truth, measured, respond, with_noise
 
-POSITIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.58)
-CHANNELS = (
-    Channel("force", "force", 0.555),
-    *(Channel(f"a{i}", "acceleration", x) for i, x in enumerate(POSITIONS, start=1)),
-)
-RIG = replace(paper_rig(), channels=CHANNELS)
 HZ = (46.0, 49.0, 50.0, 52.0, 58.0)
 SIGNALS = ("friction", "slip", "normal")
 E = "beam.youngs_modulus"

@@ -10,6 +10,16 @@ import numpy as np
 
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models import Beam, Rig
+from models.parts import Channel
+from models.published import paper_rig
+
+POSITIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.58)
+CHANNELS = (
+    Channel("force", "force", 0.555),
+    *(Channel(f"a{i}", "acceleration", x) for i, x in enumerate(POSITIONS, start=1)),
+)
+RIG = replace(paper_rig(), channels=CHANNELS)
+"""The paper's rig with six accelerometers."""
 
 H_TRUE = 12
 MODES = 40

@@ -14,17 +14,10 @@ from hbm.inverse.sensing import sensing
 from hbm.inverse.shapes import Functions, by_force, by_moment, fitted_shapes, series, spline
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from models import Beam
-from models.parts import Channel, ModalBody
-from models.published import paper_rig
-from tests.inverse.measurement import SAMPLES, force_shape, measured, moment_shape, respond, with_noise
+from models.parts import ModalBody
+from tests.inverse.measurement import CHANNELS, RIG, SAMPLES, force_shape, measured, moment_shape, respond, with_noise
 
 FITTED = ("modal", "nnm", "nnm-spline")
-POSITIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.58)
-CHANNELS = (
-    Channel("force", "force", 0.555),
-    *(Channel(f"a{i}", "acceleration", x) for i, x in enumerate(POSITIONS, start=1)),
-)
-RIG = replace(paper_rig(), channels=CHANNELS)
 BEAM = RIG.body
 assert isinstance(BEAM, Beam)
 STD = {"force": 1e-4, **{f"a{i}": 0.02 for i in range(1, 7)}}

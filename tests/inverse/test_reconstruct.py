@@ -12,16 +12,8 @@ from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.response.trace import steady_state
 from models.causes import CAUSES
 from models.friction import Dahl, FrictionLaw, Iwan
-from models.parts import Channel
-from models.published import paper_rig
-from tests.inverse.measurement import SAMPLES, Truth, measured, respond, with_noise
+from tests.inverse.measurement import RIG, SAMPLES, Truth, measured, respond, with_noise
 
-POSITIONS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.58)
-CHANNELS = (
-    Channel("force", "force", 0.555),
-    *(Channel(f"a{i}", "acceleration", x) for i, x in enumerate(POSITIONS, start=1)),
-)
-RIG = replace(paper_rig(), channels=CHANNELS)
 STD = {"force": 1e-4, **{f"a{i}": 0.02 for i in range(1, 7)}}
 THETA = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
 

@@ -1,9 +1,11 @@
 """Rigs with joints that several tests share."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
+from hbm.rigfiles.load import load_rig
 from models import Beam, Jenkins
 from models.bodies.finite import FiniteBeam
 from models.bodies.modal import ModalModel
@@ -12,6 +14,15 @@ from models.joints import Friction, Joint, PlaneFriction, PolynomialSpring, Stop
 from models.parts import Channel, Damping, Excitation
 from models.published import paper_rig
 from models.rig import Rig
+
+
+def loaded(folder: Path, text: str) -> JointedRig:
+    """The rig of a file of this text."""
+    (folder / "rig.toml").write_text(text)
+    found = load_rig(folder / "rig.toml")
+    assert isinstance(found, JointedRig)
+    return found
+
 
 BEAM = Beam(0.606, 0.03888, 0.00478, 210e9, 7800.0, 6)
 

@@ -34,6 +34,7 @@ from models.bodies.modal import ModalModel
 from models.jointed import JointedRig
 from models.joints import Joint, Stop
 from models.parts import Channel, Damping, Excitation
+from tests.joints.rigs import loaded
 
 FILE = """
 name = "two modes"
@@ -66,10 +67,7 @@ TAKEN = "must not be one of the computed drive, pad.motion, pad.force"
 
 @pytest.fixture
 def rig(tmp_path: Path) -> JointedRig:
-    (tmp_path / "rig.toml").write_text(FILE)
-    found = load_rig(tmp_path / "rig.toml")
-    assert isinstance(found, JointedRig)
-    return found
+    return loaded(tmp_path, FILE)
 
 
 def spectra_of(rig: JointedRig, force: np.ndarray) -> MeasuredSpectra:

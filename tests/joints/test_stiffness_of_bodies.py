@@ -9,7 +9,6 @@ import pytest
 from hbm.errors import InputError
 from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state
-from hbm.rigfiles.load import load_rig
 from hbm.sensitivity.jointed import joint_sensitivities
 from models.beam import Beam
 from models.bodies.finite import FiniteBeam
@@ -17,6 +16,7 @@ from models.bodies.matrix import MatrixBody, Method
 from models.bodies.ported import Body, PortedModes
 from models.jointed import JointedRig
 from models.parts import Damping
+from tests.joints.rigs import loaded
 
 BEAM = FiniteBeam(Beam(0.6, 0.04, 0.005, 210e9, 7800.0, 4))
 PLACES = ("y(0.25)", "slope(0.6)", "y(0.5)")
@@ -106,10 +106,7 @@ def test_a_modulus_is_that_of_the_elements() -> None:
 
 @pytest.fixture
 def rig(tmp_path: Path) -> JointedRig:
-    (tmp_path / "rig.toml").write_text(FILE)
-    found = load_rig(tmp_path / "rig.toml")
-    assert isinstance(found, JointedRig)
-    return found
+    return loaded(tmp_path, FILE)
 
 
 def test_responses_follow_the_modulus(rig: JointedRig) -> None:
