@@ -92,6 +92,22 @@ def expect_positive(value: Any, what: str, where: str, unit: str) -> None:
         raise InputError(f"{where}: {what} = {_shown(value)}; must be > 0 and finite [{unit}]")
 
 
+def expect_not_negative(value: Any, what: str, where: str, unit: str) -> None:
+    """Refuse what is no number >= 0, text among it.
+
+    Raises
+    ------
+    InputError
+        With what was given.
+    """
+    try:
+        accepted = bool(0.0 <= value < inf)
+    except (TypeError, ValueError):
+        accepted = False
+    if not accepted:
+        raise InputError(f"{where}: {what} = {_shown(value)}; must be >= 0 and finite [{unit}]")
+
+
 def expect_frequency(hz: Any, where: str) -> None:
     """Refuse a frequency that is not one.
 

@@ -605,9 +605,9 @@ def test_spectra_without_standard_deviations_are_refused(folder: Path, tmp_path:
         (("--tolerance", "beam.length"), 'diagnose: --tolerance = "beam.length"; must be KEY=VALUE'),
         (
             ("--tolerance", "beam.colour=1"),
-            "diagnose: --tolerance beam.colour; must be a number of the rig file, not 0",
+            "diagnose: tolerance of beam.colour; must be of a number of the rig file, not 0",
         ),
-        (("--tolerance", "beam.length=-1"), "diagnose: --tolerance beam.length = -1; must be a number > 0 [relative]"),
+        (("--tolerance", "beam.length=-1"), "diagnose: --tolerance beam.length = -1; must be a number >= 0 [relative]"),
         (("--repeatability", "0"), "diagnose: --repeatability = 0; must be a number > 0 [%]"),
         (("--repeatability", "100"), "diagnose: --repeatability = 100; must be below 100 %"),
         (("--hold-out", "99"), "no record 99; records are 1, 2, 3"),

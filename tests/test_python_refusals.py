@@ -131,11 +131,11 @@ def test_a_body_with_a_damping_matrix_has_no_other_damping() -> None:
         ),
         (
             {"tolerances": {"foo": 0.1}},
-            "diagnose: tolerances has foo; must be numbers of the rig: contact.friction.mu, ",
+            "diagnose: tolerance of foo; must be of a number of the rig file, not 0: contact.friction.mu, ",
         ),
         (
             {"tolerances": {"beam.youngs_modulus": -0.1}},
-            "diagnose: tolerances[beam.youngs_modulus] = -0.1; must be > 0 and finite [relative]",
+            "diagnose: tolerance of beam.youngs_modulus = -0.1; must be >= 0 and finite [relative]",
         ),
     ],
 )

@@ -116,7 +116,7 @@ def diagnose(
     from hbm.parallel import all_cores
     from hbm.rigfiles.laws import files_run, run_files
 
-    tolerances = tolerances_of(COMMAND, loaded, measured.channels, tolerance)
+    tolerances = tolerances_of(COMMAND, loaded, tolerance)
     with (
         _failing(measured.source),
         Work() as work,

@@ -104,7 +104,7 @@ def identify(
     from hbm.identification.identify import identify as fit_laws
     from hbm.identification.rigerrors import rig_errors
 
-    tolerances = tolerances_of(COMMAND, loaded, measured.channels, tolerance)
+    tolerances = tolerances_of(COMMAND, loaded, tolerance)
     contact = reconstructed(COMMAND, loaded, measured, formulation)
     again, failure = None, ""
     with Work() as work, within(COMMAND, limit, work.doing, ADVICE):

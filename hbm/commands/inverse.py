@@ -100,7 +100,7 @@ def inverse(
 
     loaded = load_rig(rig, allow_code=allow_code or None)
     measured = noisy(loaded, _selected(spectra, loaded, records, percent), percent)
-    tolerances = tolerances_of(COMMAND, loaded, measured.channels, tolerance)
+    tolerances = tolerances_of(COMMAND, loaded, tolerance)
     if out is None and not design:  # after all that is wrong otherwise
         raise InputError(f"{COMMAND}: --out is missing; must name a folder, or --design be asked for")
     numbers = measured.records.tolist() if records else None

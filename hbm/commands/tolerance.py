@@ -1,11 +1,11 @@
 """The option ``--tolerance``: what numbers of a rig file may be off by."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import typer
 
-from hbm.commands.options import positive, quoted
+from hbm.commands.options import not_negative, quoted
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,26 +16,21 @@ Tolerance: TypeAlias = Annotated[
     typer.Option(
         "--tolerance",
         metavar="KEY=VALUE",
-        help="What a number of the rig file may be off by, relative standard deviation; repeated for each.",
+        help="What a number of the rig file may be off by, relative standard deviation, 0 if it is exact; repeated "
+        "for each.",
     ),
 ]
 
 
-def tolerances_of(
-    command: str, rig: "AnyRig", measured: Collection[str], texts: Sequence[str] | None
-) -> Mapping[str, float] | None:
-    """Tolerances of the numbers of a rig of which some channels were measured, with the options; None without any."""
-    if not texts:
-        return None
-    from hbm.outputerror.nominal import nominal_scalars, tolerances
+def tolerances_of(command: str, rig: "AnyRig", texts: Sequence[str] | None) -> dict[str, float]:
+    """Tolerances that the options state of numbers of a rig."""
+    from hbm.outputerror.nominal import tolerances
 
-    known, chosen = nominal_scalars(rig), tolerances(rig, measured)
-    for text in texts:
+    stated: dict[str, float] = {}
+    for text in texts or ():
         key, equals, value = text.partition("=")
         if not equals:
             raise InputError(f"{command}: --tolerance = {quoted(text)}; must be KEY=VALUE")
-        if not (known.get(key) or (key in known and key.endswith(".delay"))):
-            accepted = ", ".join(name for name, number in known.items() if number)
-            raise InputError(f"{command}: --tolerance {key}; must be a number of the rig file, not 0: {accepted}")
-        chosen[key] = positive(command, f"--tolerance {key}", value, "relative")
-    return chosen
+        stated[key] = not_negative(command, f"--tolerance {key}", value, "relative")
+    tolerances(rig, (), stated, command)  # refuses what is no number of the rig
+    return stated

@@ -11,11 +11,10 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from hbm.diagnosis.screen import coarse, spread
-from hbm.errors import InputError, expect_positive
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate, fall, fit_from, fit_model
 from hbm.outputerror.model import FAR, SENSORS, Model
-from hbm.outputerror.nominal import SHAPES, nominal_scalars, tolerances
+from hbm.outputerror.nominal import SHAPES, tolerances
 from hbm.outputerror.simulated import FAILURES, Solutions
 from hbm.sensitivity.scalars import LOAD
 from models.causes.parameter import WrongParameter
@@ -32,22 +31,9 @@ ROUNDING = 1e-6
 """A calibrated number is at its bound to within this share."""
 
 
-def trusted(rig: AnyRig, channels: Collection[str] = (), given: Mapping[str, float] | None = None) -> Model:
-    """The nominal rig within tolerances, of the sensors of some channels too; `given` replaces the default ones.
-
-    Raises
-    ------
-    InputError
-        If one is given of what is no number of the rig, or is none.
-    """
-    if given is None:
-        return Model(rig, tolerances(rig, channels))
-    known = nominal_scalars(rig)
-    for key, std in given.items():
-        if key not in known:
-            raise InputError(f"diagnose: tolerances has {key}; must be numbers of the rig: {', '.join(known)}")
-        expect_positive(std, f"tolerances[{key}]", "diagnose", "relative")
-    return Model(rig, dict(given))
+def trusted(rig: AnyRig, channels: Collection[str] = (), stated: Mapping[str, float] | None = None) -> Model:
+    """The nominal rig within tolerances, of the sensors of some channels too; those stated before the usual ones."""
+    return Model(rig, tolerances(rig, channels, stated, "diagnose"))
 
 
 def profiled(model: Model) -> Model:

@@ -59,8 +59,8 @@ def diagnose(
         Candidates, classes of them, or names as of docs/reference/causes.md, ``parameter:<key>`` and ``file.py:Class``
         among them; a file that is named is run. The whole catalogue and every nominal value where omitted.
     tolerances : mapping of str to float, optional
-        Relative standard deviations of numbers of the rig file, by their keys. Within these
-        nothing is called wrong. :data:`hbm.outputerror.nominal.TOLERANCES` where omitted.
+        Relative standard deviations of numbers of the rig file, by their keys, 0 for one that is exact. Within these
+        nothing is called wrong. Those not given are as in :data:`hbm.outputerror.nominal.TOLERANCES`.
     repeatability : float
         Share of its response by which the structure differs from one mounting to the next, 0.01 for 1 %. It counts as
         noise, as do what the rig file states of a channel and what records measured more than once show, whichever is

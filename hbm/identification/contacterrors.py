@@ -73,7 +73,8 @@ def contact_errors(reconstruction: Reconstructed, tolerances: Mapping[str, float
     ----------
     reconstruction : Reconstruction or JointReconstruction
     tolerances : mapping of str to float, optional
-        Standard deviation of each number, relative, of a delay in seconds; those of a diagnosis where omitted.
+        Standard deviations of numbers, relative, of a delay in seconds, 0 for one that is exact. Those not given are
+        as in a diagnosis.
 
     Returns
     -------

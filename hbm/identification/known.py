@@ -13,7 +13,7 @@ from hbm.inverse.jointed import reconstruct_joints
 from hbm.inverse.reconstruct import reconstruct_again
 from hbm.inverse.reconstruction import Reconstructed, Reconstruction
 from hbm.outputerror.model import FAR
-from hbm.outputerror.nominal import tolerances as default_tolerances
+from hbm.outputerror.nominal import tolerances as usual_or
 from hbm.parallel import one_thread
 from hbm.sensitivity.scalars import FRICTION
 from models.plausible import quiet
@@ -182,12 +182,11 @@ def known_by(
     ----------
     reconstruction : Reconstruction or JointReconstruction
     tolerances : mapping of str to float, optional
-        Those of a diagnosis where omitted, :data:`hbm.outputerror.nominal.TOLERANCES`.
+        As for :func:`hbm.contact_errors`.
     """
     rig = reconstruction.rig
-    if tolerances is None:
-        tolerances = default_tolerances(rig, reconstruction.spectra.channels)
-    off = {key: std for key, std in tolerances.items() if not key.startswith(OF_LAWS)}
+    all_of_them = usual_or(rig, reconstruction.spectra.channels, tolerances)
+    off = {key: std for key, std in all_of_them.items() if not key.startswith(OF_LAWS)}
     values = {key: float(rig.number(key)) for key in off}
     others = {key: _tried(reconstruction, key, values[key], std) for key, std in off.items()}
     here = _contradiction(reconstruction, reconstruction.widening)

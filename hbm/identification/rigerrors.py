@@ -90,7 +90,7 @@ def rig_errors(fit: LawFit, reconstruction: Reconstruction, tolerances: Mapping[
     reconstruction : Reconstruction
         That it was fitted to.
     tolerances : mapping of str to float, optional
-        Those of a diagnosis where omitted, :data:`hbm.outputerror.nominal.TOLERANCES`.
+        As for :func:`hbm.contact_errors`.
 
     Returns
     -------

@@ -1,14 +1,16 @@
 """Numbers of a rig: what they may be off by, and other values of them."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from hbm.errors import InputError, expect_not_negative
 from hbm.sensitivity.scalars import ALPHA, FORCE, FRICTION, LOAD
 from models.bodies.finite import FiniteBeam
 from models.bodies.matrix import MatrixBody
 from models.jointed import AnyRig, JointedRig
 from models.jointednumbers import GAINS
+from models.rig import Rig
 
 TOLERANCES = {
     "beam.youngs_modulus": 0.01,
@@ -38,11 +40,16 @@ FORCE_GAIN = 0.1
 STIFFNESSES = (FiniteBeam.STIFFNESS, MatrixBody.STIFFNESS)
 """Keys of the stiffness of a whole body: a modulus, or a factor of a matrix."""
 
+DELAY = ".delay"
+"""Ending of the keys of what is known to a time, not to a share of itself."""
+
 SHAPES = "modal.ports."
 """Beginning of the keys of entries of shapes."""
 
 
-def tolerances(rig: AnyRig, channels: Collection[str] = ()) -> dict[str, float]:
+def tolerances(
+    rig: AnyRig, channels: Collection[str] = (), stated: Mapping[str, float] | None = None, where: str = "tolerances"
+) -> dict[str, float]:
     """Numbers of a rig that are calibrated, and the standard deviation of each: relative, but of a delay in seconds.
 
     Parameters
@@ -50,29 +57,48 @@ def tolerances(rig: AnyRig, channels: Collection[str] = ()) -> dict[str, float]:
     rig : Rig
     channels : collection of str
         Channels that were measured; those of motion count.
+    stated : mapping of str to float, optional
+        What goes before the usual tolerance of a number; 0 for one that is exact, and not calibrated.
+    where : str
+        Who asks, for the message.
+
+    Raises
+    ------
+    InputError
+        If one is stated of what is no number of the rig, or of 0 that is no delay; or none >= 0 is.
     """
-    channels = [c.name for c in rig.response_channels if c.name in channels]
-    if isinstance(rig, JointedRig):
-        return _of_joints(rig, channels)
+    measured = [c.name for c in rig.response_channels if c.name in channels]
+    found = _of_joints(rig, measured) if isinstance(rig, JointedRig) else _of_contact(rig, measured)
+    known = nominal_scalars(rig)
+    for key, std in (stated or {}).items():
+        if not (known.get(key) or (key in known and key.endswith(DELAY))):
+            accepted = ", ".join(name for name, number in known.items() if number)
+            raise InputError(f"{where}: tolerance of {key}; must be of a number of the rig file, not 0: {accepted}")
+        expect_not_negative(std, f"tolerance of {key}", where, "s" if key.endswith(DELAY) else "relative")
+        found[key] = float(std)
+    return {key: std for key, std in found.items() if std > 0.0}
+
+
+def _of_contact(rig: Rig, measured: Sequence[str]) -> dict[str, float]:
     known = nominal_scalars(rig)
     law = {key: TOLERANCES.get(key, TOLERANCES["friction"]) for key in known if key.startswith(FRICTION)}
     others = {key: std for key, std in TOLERANCES.items() if key in known}
     if rig.damping.modal_ratios is not None:
         others.pop(ALPHA, None)
     numbers = {key: std for key, std in (law | others).items() if known[key] > 0.0}
-    places = [key for key in ("excitation.position", *(f"channels.{c}.position" for c in channels)) if key in known]
+    places = [key for key in ("excitation.position", *(f"channels.{c}.position" for c in measured)) if key in known]
     numbers |= {key: TOLERANCES["position"] / known[key] for key in places if known[key] > 0.0}
-    return numbers | _of_channels(channels)
+    return numbers | _of_channels(measured)
 
 
-def _of_channels(channels: Collection[str]) -> dict[str, float]:
+def _of_channels(channels: Sequence[str]) -> dict[str, float]:
     found: dict[str, float] = {}
     for c in channels:
         found |= {f"channels.{c}.gain": TOLERANCES["gain"], f"channels.{c}.delay": TOLERANCES["delay"]}
     return found
 
 
-def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
+def _of_joints(rig: JointedRig, measured: Sequence[str]) -> dict[str, float]:
     """Tolerances of a rig with joints: of modes as far as anything touches them, and of the laws of the joints.
 
     Those that the rig states go first; what it states to be exact is held. Of a port that nothing touches it may state
@@ -98,7 +124,7 @@ def _of_joints(rig: JointedRig, channels: Collection[str]) -> dict[str, float]:
         elif key.startswith(GAINS):
             found[key] = FORCE_GAIN
     found |= {key: std for key, std in rig.tolerances.items() if key in found or key.startswith(SHAPES)}
-    return {key: std for key, std in found.items() if std > 0.0} | _of_channels(channels)
+    return found | _of_channels(measured)
 
 
 def nominal_scalars(rig: AnyRig) -> dict[str, float]:

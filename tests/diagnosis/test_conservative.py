@@ -18,6 +18,7 @@ from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate, fall
 from hbm.outputerror.model import Model
+from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state
 from models.bodies import ModalModel
 from models.causes.joints import CubicStiffness
@@ -153,7 +154,8 @@ def test_a_diagnosis_without_fundamentals_has_all_other_figures() -> None:
     for name in ("a1", "a2", "a3"):
         harmonics[:, spectra.index(name), [1, H + 1]] = np.nan
     above = replace(spectra, coefficients=harmonics)
-    d = diagnose(RIG, above, causes=[CubicStiffness("m2", "m3")], tolerances={})
+    exact = dict.fromkeys(tolerances(RIG, above.channels), 0.0)
+    d = diagnose(RIG, above, causes=[CubicStiffness("m2", "m3")], tolerances=exact)
     found = Diagnosed(d, RIG, above, discrepancy(d.calibrated, d.campaign))
     assert any("lost in noise" in line for line in found.evidence)
     plates = {plate.name for plate in diagnosis_plates(found)}

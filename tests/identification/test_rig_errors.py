@@ -52,7 +52,8 @@ def test_they_are_most_of_what_is_not_known(fit: LawFit, errors: RigErrors) -> N
 
 
 def test_tolerances_may_be_given(fit: LawFit, contact: Reconstruction, errors: RigErrors) -> None:
-    known = rig_errors(fit, contact, {"contact.normal_load": 0.002})
+    exact = dict.fromkeys(errors.tolerances, 0.0)
+    known = rig_errors(fit, contact, exact | {"contact.normal_load": 0.002})
     assert list(known.changes) == ["contact.normal_load"]
     assert known.std[0] == pytest.approx(0.1 * abs(errors.changes["contact.normal_load"][0]), rel=0.05)
 

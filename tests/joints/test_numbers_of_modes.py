@@ -196,6 +196,16 @@ def test_tolerances_of_the_file_go_before_those_of_the_diagnosis(tmp_path: Path)
     assert tolerances(load_rig(file), ["tip"]) == pytest.approx(expected)
 
 
+def test_one_tolerance_that_is_stated_leaves_the_others_as_they_are(tmp_path: Path) -> None:
+    file = tmp_path / "rig.toml"
+    file.write_text(FILE)
+    rig = load_rig(file)
+    usual = tolerances(rig, ["tip"])
+    looser, exact = "modal.frequencies_hz[2]", "damping.modal_ratios[1]"
+    found = tolerances(rig, ["tip"], {looser: 0.1, exact: 0.0})
+    assert found == {key: 0.1 if key == looser else std for key, std in usual.items() if key != exact}
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
