@@ -47,6 +47,9 @@ REFINABLE = 10.0
 HELPS = 0.5
 """Where the best leaves more than this share of chi2 nothing will explain the records."""
 
+TIED = 0.02
+"""Fits that leave far more than noise are alike where they differ by no more than this share of it."""
+
 SHARE = 0.7
 """Where the misfit is small, those run whose predicted fall of BIC is at least this share of the best."""
 
@@ -99,7 +102,7 @@ def fit_candidates(
         lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
         reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
         done, rest = (
-            _refined(_full_fits(chosen, base, campaign, tell, reach), base, campaign),
+            _refined(_full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign),
             _in_order(screening, base),
         )
         reached = chosen[0].chi2 if lost else np.inf
@@ -148,9 +151,18 @@ def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Scre
 
 
 def _full_fits(
-    candidates: Sequence[Candidate], base: Evaluation, campaign: Campaign, tell: Tell, of_use: float = np.inf
+    candidates: Sequence[Candidate],
+    base: Evaluation,
+    campaign: Campaign,
+    tell: Tell,
+    of_use: float = np.inf,
+    *,
+    one: bool = False,
 ) -> list[Evaluation]:
-    """Fits of candidates to all records, as far as they may get below a chi2 of use; of several valleys the deepest."""
+    """Fits of candidates to all records, as far as they may get below a chi2 of use; of several valleys the deepest.
+
+    Of `one` no more than the first that takes its share, as it did of few records.
+    """
     done: list[Evaluation] = []
     margin = CLOSE if small(base) else REFINED
     for candidate in candidates:
@@ -162,6 +174,8 @@ def _full_fits(
             needed = fits[0].found if fits else ()
             fits = sorted([*fits, *_fits(model, campaign, x, base.solutions, needed, reach)], key=rank)
         done += fits[:1]
+        if one and any(e.chi2 < HELPS * base.chi2 for e in done):
+            break
     return done
 
 
@@ -372,15 +386,19 @@ def _chosen(
     scale: float,
     order: Callable[[Candidate], float],
 ) -> list[Candidate]:
-    """The best, and in an order those close to it by a chi2 that grows by `scale` to all records."""
+    """The best, and in an order those close to it by a chi2 that grows by `scale` to all records.
+
+    Where none explains the few, what is left is no noise to count numbers by: of those alike to TIED the first in that
+    order is the best.
+    """
     best = fitted[0].chi2
     lost, margin = best > EXPLAINED * few.points, max(10 * CLOSE, best)
-    alone = hopeless or best > HOPE * few.points
-    least = LEAST if lost and not alone else 1
-    most = 1 if alone else LEAST if lost else FITTED
+    least = LEAST if lost and best <= HOPE * few.points and not hopeless else 1
+    most = 1 if hopeless else LEAST if lost else FITTED
     near = [r for r in fitted if r.chi2 <= BEHIND * best]
     close = [r for i, r in enumerate(near) if i < least or scale * (r.chi2 - best) < margin]
-    return [*close[:1], *sorted(close[1:], key=order)][:most]
+    first = min((r for r in close if r.chi2 <= (1.0 + TIED) * best), key=order) if lost else close[0]
+    return [first, *sorted((r for r in close if r is not first), key=order)][:most]
 
 
 def _unseen(score: Score) -> bool:

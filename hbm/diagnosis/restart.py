@@ -9,7 +9,7 @@ import numpy as np
 from hbm.diagnosis.candidates import EXPLAINED
 from hbm.diagnosis.judge import background_of, beside_noise
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, fit_model, refine
+from hbm.outputerror.fit import Evaluation, best_start, fit_model, refine
 from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause
 
@@ -24,7 +24,7 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
     found : Evaluation
         Fit of a model with them, maybe with others before them and over other calibrated numbers.
     causes : sequence of Cause
-        The last ones of its model.
+        Of that model, the last ones or others.
     campaign : Campaign
 
     Returns
@@ -35,16 +35,29 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
     model = base.model
     for added in causes:
         model = model.extended_by(added)
-    before = len(found.model.causes) - len(model.causes)  # so many more come before them there
+    place = {i: model.causes.index(c) for i, c in enumerate(found.model.causes) if c in model.causes} | {-1: -1}
     known = base.coordinates
-    for (cause, name), x in found.coordinates.items():
-        known[cause if cause < 0 else cause - before, name] = x
-    start = np.array([known[f.cause, f.name] for f in model.free])
+    known |= {(place[cause], name): x for (cause, name), x in found.coordinates.items() if cause in place}
+    starts = [np.array([known[f.cause, f.name] for f in model.free])]
+    if base.model.calibrated and not found.model.calibrated:
+        # calibration without the causes may have gone far to do without them
+        starts.append(np.array([f.expected if f.cause < 0 else x for f, x in zip(model.free, starts[0], strict=True)]))
     try:
+        start = best_start(model, campaign, starts, found.solutions)[0][1] if len(starts) > 1 else starts[0]
         best = fit_model(model, campaign, start, found.solutions, reach=EXPLAINED * len(found.white))
         return [refine(best, campaign)]
     except FAILURES:
         return []
+
+
+def apart(base: Evaluation, pair: Evaluation, campaign: Campaign) -> list[Evaluation]:
+    """Fits of each of two causes alone, from where both were found.
+
+    The first may only have led to where the second is found; and the second only have carried the first out of a
+    valley, or onto the branch, that it was caught in.
+    """
+    first, second = pair.model.causes[:1], pair.model.causes[1:]
+    return [e for cause in (first, second) for e in started(base, pair, cause, campaign)]
 
 
 def led_to(base: Evaluation, pair: Evaluation, campaign: Campaign) -> list[Evaluation]:

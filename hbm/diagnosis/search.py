@@ -32,7 +32,7 @@ from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.remainder import beyond_noise, explained
-from hbm.diagnosis.restart import led_to, less_moved, started
+from hbm.diagnosis.restart import apart, led_to, less_moved, started
 from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
@@ -123,7 +123,7 @@ class Search:
         tell("calibration", 0.2)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
         self.fitted: list[Evaluation] = []
-        self._over = cache(self._over_base)
+        self._over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
 
     def _seen(self, cause: Cause) -> bool:
         """Whether what was measured can speak of a cause: its channels, or the harmonics of the force."""
@@ -214,11 +214,9 @@ class Search:
 
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
-        near = [e for e in exact.fits if self._enough(e)][:CLOSEST]
+        near = [e for e in exact.fits if self._settles(e)][:CLOSEST]
         if near and not self._fits(self.calibrated):
-            self.tell("the best ones, calibrated", 0.5)
-            again = [e for found in near for e in started(self.calibrated, found, found.model.causes, self.campaign)]
-            self.fitted += again
+            again = [e for found in near for e in self._over_tolerances(found)]
             return self._decided(self.calibrated, again, self.tried)
         best = exact.best if self.first.model.calibrated else None
         # where the rig file moved along from the beginning, another race would but start elsewhere
@@ -229,6 +227,21 @@ class Search:
             return first
         self.calibrated = further
         return self._decided(self.calibrated, first.fits, self.tried)
+
+    def _calibrated_beside(self, found: Evaluation) -> list[Evaluation]:
+        """A model with the same causes, its rig file within tolerances."""
+        self.tell(f"{found.model.label}, calibrated", 0.5)
+        again = started(self.calibrated, found, found.model.causes, self.campaign)
+        self.fitted += again
+        return again
+
+    def _settles(self, e: Evaluation) -> bool:
+        """Whether a model leaves next to nothing that tolerances of the rig file do not."""
+        if self._enough(e):
+            return True
+        if e.model.calibrated or explained(self.nominal.white, e.white) < NEARLY or not self.tolerable(e):
+            return False
+        return any(self._enough(again) for again in self._over_tolerances(e))
 
     def _enough(self, e: Evaluation) -> bool:
         """Whether a model within tolerances leaves noise, or so little that it may be a background."""
@@ -293,9 +306,9 @@ class Search:
         """The best causes found over the rig file as it is, over the calibrated one where they are not known there."""
         known = {e.model.label for e in self.fitted if e.model.calibrated}
         plain = [e for e in best_of(self.fitted) if e.model.label not in known and not e.missing]
-        return [
-            e for found in plain[:CLOSEST] for e in started(self.calibrated, found, found.model.causes, self.campaign)
-        ]
+        too = [e for found in plain[:CLOSEST] for e in started(self.calibrated, found, found.model.causes, self.campaign)]
+        pairs = [e for e in too if len(e.model.causes) > 1]
+        return [*too, *(e for pair in pairs[:1] for e in apart(self.calibrated, pair, self.campaign))]
 
     def _decided(self, base: Evaluation, fits: Sequence[Evaluation], tried: int) -> Decision:
         """The best of fits over a base, if it is better than that by more than chance in so many tries.
@@ -327,7 +340,7 @@ class Search:
         over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
             return self._decided(over, lifted, self.tried)
-        fits = fit_candidates(base, self.campaign, screening, lambda doing: self.tell(doing, done), self._enough)
+        fits = fit_candidates(base, self.campaign, screening, lambda doing: self.tell(doing, done), self._settles)
         self.fitted += fits
         return self._decided(over, [*lifted, *fits], self.tried)
 
@@ -387,10 +400,8 @@ class Search:
         rest = [c for c in others if _suits(c, single.model.rig(single.x))]
         name, scores = single.model.label, self._screened(single, rest)
         fits = fit_candidates(single, self.campaign, scores, lambda d: self.tell(f"{name} and {d}", 0.7), self._enough)
-        self.fitted += fits
-        # the first of a pair may only have led to where the second is found
-        pairs = [pair for pair in fits[:1] if self._fits(pair)]
-        alone = [e for pair in pairs for e in started(base, pair, pair.model.causes[1:], self.campaign)]
+        alone = [e for pair in fits[:1] for e in apart(base, pair, self.campaign)]
+        self.fitted += [*fits, *alone]
         found = self._decided(base, [*fits, *alone, *earlier.fits], self.tried**2)
         return replace(found, fits=found.fits[:MOST_RANKED])
 

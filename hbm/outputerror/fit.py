@@ -27,6 +27,10 @@ REFINED = 4
 SETTLED, PART = 0.05, 1e-3
 """Least squares ends when a step promises to lower chi2 by less than this, or by less than this part of its excess."""
 
+ASTRAY, NEARER = 100.0, 0.5
+"""A record may be on another branch than the measured one where its mean square misfit is more than the first; it is
+moved to one that leaves less than this share of that."""
+
 DAMPED = 1e-6
 ROUNDING = 1e-13
 LEAST_DAMPED = 1e-10
@@ -218,7 +222,18 @@ def fit_model(
         If the steady state of no record is found at `x`, or that of one that is needed is not.
     """
     here = evaluate(model, campaign, np.clip(x, *model.bounds()), last, needed=needed)
-    return fit_from(here, campaign, last, steps, settled, part, reach)
+    return fit_from(_on_branches_measured(here, campaign), campaign, last, steps, settled, part, reach)
+
+
+def _on_branches_measured(here: Evaluation, campaign: Campaign) -> Evaluation:
+    """The same, records that are far off on the branch that what was measured leads to, where that is nearer."""
+    chi2 = campaign.chi2(here.solutions)
+    far = [r.number for r in campaign.data.records if chi2.get(r.number, 0.0) > ASTRAY * r.listed.sum()]
+    if not far:
+        return here
+    others = campaign.of(far).solve(here.model.rig(here.x), {})
+    nearer = {n: others[n] for n, c in campaign.chi2(others).items() if c < NEARER * chi2[n]}
+    return evaluate(here.model, campaign, here.x, here.solutions | nearer, needed=here.found) if nearer else here
 
 
 def fit_from(
