@@ -6,7 +6,7 @@ tolerances; `profiled` lets those of friction, material and damping go free, so 
 on anything else. The load stays: friction sees only its product with mu.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -93,6 +93,20 @@ def off(trust: Model, e: Evaluation) -> dict[str, float]:
     }
     far = (1.0 - ROUNDING) * FAR
     return {key: pull for key, pull in sorted(pulls.items(), key=lambda p: -abs(p[1])) if abs(pull) > far}
+
+
+def off_beside_sensors(trust: Model, e: Evaluation) -> list[str]:
+    """Numbers of the rig file, those of sensors aside, that a model moves by more than tolerances explain."""
+    return [key for key in off(trust, e) if not key.startswith(SENSORS)]
+
+
+def blamed(trust: Model, freed: Evaluation, wrong: Sequence[str], campaign: Campaign) -> Evaluation:
+    """Fit of a model in which each of some numbers of the rig file is a cause, from where they are in one of none."""
+    model = Model(trust.nominal, trust.calibrated, tuple(WrongParameter(key) for key in wrong))
+    values = {f.name: f.value(v) for f, v in zip(freed.model.free, freed.x, strict=True)}
+    names = [f.name if f.cause < 0 else wrong[f.cause] for f in model.free]
+    start = np.array([f.of(values[name]) for f, name in zip(model.free, names, strict=True)])
+    return fit_model(model, campaign, start, freed.solutions)
 
 
 def moved(e: Evaluation) -> list[str]:

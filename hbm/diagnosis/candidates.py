@@ -8,15 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.attached import attached_starts
+from hbm.diagnosis.fullfits import HELPS, REFINED, full_fits, refined
 from hbm.diagnosis.otherstarts import ALIKE, BEHIND, MORE_STARTS, MORE_STEPS, Tell, from_other_starts, is_joint, scanned
-from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Candidate, QuickFits, elsewhere, rank, with_limits
+from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Candidate, QuickFits, elsewhere, rank
 from hbm.diagnosis.screen import Score, Screening, small, starting, telling
-from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
-from hbm.outputerror.model import Model
+from hbm.outputerror.fit import Evaluation, fit_model, refine
 from hbm.outputerror.nominal import STIFFNESSES
-from hbm.outputerror.simulated import FAILURES, Solutions
+from hbm.outputerror.simulated import FAILURES
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.causes.sensors import OfChannel
@@ -41,12 +40,6 @@ FITTED, LEAST, HOPE = 5, 3, 3.0
 """Candidates that are fitted to all records, at most; and so many where none explains the few but the mean square
 misfit of the best gives hope: else it is fitted alone, for what it is worth."""
 
-REFINABLE = 10.0
-"""Mean square misfit up to which a better correction of the discretisation may be what is missing."""
-
-HELPS = 0.5
-"""Where the best leaves more than this share of chi2 nothing will explain the records."""
-
 TIED = 0.02
 """Fits that leave far more than noise are alike where they differ by no more than this share of it."""
 
@@ -55,12 +48,6 @@ SHARE = 0.7
 
 EXPLAINED, LITTLE = 1.5, 0.03
 """Mean square misfit of the quick fit, or share of what it was, from which on only look-alikes of the best one run."""
-
-FINISHED = 40
-"""Evaluations of the best fit of a joint that leaves more, at most."""
-
-REFINED, FAR = 300.0, 1500.0
-"""Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
 
 OF_JOINTS, OF_BODIES = "parameter:joints.", tuple(f"parameter:{key}" for key in STIFFNESSES)
 """Beginning of the labels of numbers of the joints of a rig file; labels of the stiffness of a whole body."""
@@ -95,23 +82,23 @@ def fit_candidates(
     """
     screening, quick, reached = _started(screening, base, campaign), QuickFits(base, campaign), np.inf
     if small(base):
-        done = _refined(_full_fits(_by_score(quick, screening), base, campaign, tell), base, campaign)
+        done = refined(full_fits(_by_score(quick, screening), base, campaign, tell), base, campaign)
         tried, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
     else:
         chosen, tried = _by_quick_fits(quick, screening, tell, LITTLE)
         lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
         reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
         done, rest = (
-            _refined(_full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign),
+            refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign),
             _in_order(screening, base),
         )
         reached = chosen[0].chi2 if lost else np.inf
     rest = [s for s in rest if s.cause.label not in tried]
     if rest and not any(enough(e) for e in done):
         chosen, _ = _by_quick_fits(quick, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
-        more = sorted(_full_fits(chosen, base, campaign, tell), key=rank)
+        more = sorted(full_fits(chosen, base, campaign, tell), key=rank)
         if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
-            more = _refined(more, base, campaign)
+            more = refined(more, base, campaign)
         done = sorted([*done, *more], key=rank)
     return followed(done, campaign) if any(enough(e) for e in done[:1]) else done
 
@@ -148,62 +135,6 @@ def _started(screening: Screening, base: Evaluation, campaign: Campaign) -> Scre
     starts = attached_starts(base, campaign.of(telling(base, campaign, SCANNED)), [s.cause for s in screening.scores])
     scores = tuple(replace(s, starts=starts.get(s.cause.label, s.starts)) for s in screening.scores)
     return replace(screening, scores=scores)
-
-
-def _full_fits(
-    candidates: Sequence[Candidate],
-    base: Evaluation,
-    campaign: Campaign,
-    tell: Tell,
-    of_use: float = np.inf,
-    *,
-    one: bool = False,
-) -> list[Evaluation]:
-    """Fits of candidates to all records, as far as they may get below a chi2 of use; of several valleys the deepest.
-
-    Of `one` no more than the first that takes its share, as it did of few records.
-    """
-    done: list[Evaluation] = []
-    margin = CLOSE if small(base) else REFINED
-    for candidate in candidates:
-        tell(f"{candidate.cause.label}, all records")
-        model = base.model.extended_by(candidate.cause)
-        fits: list[Evaluation] = []
-        for x in (candidate.x, *candidate.others):
-            reach = min(of_use, min((e.chi2 for e in (*done, *fits) if not e.missing), default=np.inf) + margin)
-            needed = fits[0].found if fits else ()
-            fits = sorted([*fits, *_fits(model, campaign, x, base.solutions, needed, reach)], key=rank)
-        done += fits[:1]
-        if one and any(e.chi2 < HELPS * base.chi2 for e in done):
-            break
-    return done
-
-
-def _fits(
-    model: Model, campaign: Campaign, x: Array, last: Solutions, needed: Collection[int], reach: float
-) -> list[Evaluation]:
-    """From a start, limits lowered too; none where it has no steady states, or lacks one that is needed."""
-    fits: list[Evaluation] = []
-    with suppress(*FAILURES):
-        fits.append(fit_model(model, campaign, x, last, needed=needed, reach=reach))
-        fits += with_limits(fits[0], campaign, STEPS)
-    return fits
-
-
-def _refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
-    """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough."""
-    ordered = sorted(done, key=rank)
-    if not ordered:
-        return []
-    first, *others = ordered
-    if first.chi2 > REFINABLE * len(first.white):
-        if scanned(base):  # a joint's stiffness and what it slips at go along narrow valleys, which take more steps
-            first = fit_model(first.model, campaign, first.x, first.solutions, FINISHED)
-        return [first, *others]
-    first = refine(first, campaign)
-    if not small(base) and first.chi2 - len(first.white) < FAR:
-        others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]
-    return sorted([first, *others], key=rank)
 
 
 def _by_score(quick: QuickFits, screening: Screening) -> list[Candidate]:

@@ -7,9 +7,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import islice
 
-import numpy as np
-
-from hbm.diagnosis.calibrate import calibrate, off, profiled, tolerable, trusted
+from hbm.diagnosis.calibrate import blamed, calibrate, off, off_beside_sensors, profiled, tolerable, trusted
 from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import (
     DECISIVE,
@@ -44,7 +42,6 @@ from hbm.outputerror.model import SENSORS, Model
 from hbm.outputerror.numerics import Numerics, choose
 from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause, candidates_of
-from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady
 from models.causes.structure import ContactLoss
 from models.jointed import AnyRig, JointedRig
@@ -306,7 +303,7 @@ class Search:
         """The best causes found over the rig file as it is, over the calibrated one where they are not known there."""
         known = {e.model.label for e in self.fitted if e.model.calibrated}
         plain = [e for e in best_of(self.fitted) if e.model.label not in known and not e.missing]
-        too = [e for found in plain[:CLOSEST] for e in started(self.calibrated, found, found.model.causes, self.campaign)]
+        too = [e for found in plain[:CLOSEST] for e in self._over_tolerances(found)]
         pairs = [e for e in too if len(e.model.causes) > 1]
         return [*too, *(e for pair in pairs[:1] for e in apart(self.calibrated, pair, self.campaign))]
 
@@ -378,20 +375,12 @@ class Search:
         """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
         self.tell("free calibration", 0.65)
         base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
-        wrong = self._beyond(base) or self._beyond(self.calibrated)
+        wrong = off_beside_sensors(self.trust, base) or off_beside_sensors(self.trust, self.calibrated)
         if not self._nearly(base) or not wrong:
             return None
-        model = Model(self.rig, self.trust.calibrated, tuple(WrongParameter(key) for key in wrong))
-        values = {f.name: f.value(v) for f, v in zip(base.model.free, base.x, strict=True)}
-        names = [f.name if f.cause < 0 else wrong[f.cause] for f in model.free]
-        start = np.array([f.of(values[name]) for f, name in zip(model.free, names, strict=True)])
-        best = fit_model(model, self.campaign, start, base.solutions)
+        best = blamed(self.trust, base, wrong, self.campaign)
         self.fitted.append(best)
         return Decision(self.calibrated, best, (best,))
-
-    def _beyond(self, e: Evaluation) -> list[str]:
-        """Numbers of the rig file, those of sensors aside, that a model moves by more than tolerances explain."""
-        return [key for key in off(self.trust, e) if not key.startswith(SENSORS)]
 
     def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
         """Two causes: one more beside one; not transients, which are free and would take what is left of any."""

@@ -233,7 +233,7 @@ def _on_branches_measured(here: Evaluation, campaign: Campaign) -> Evaluation:
         return here
     others = campaign.of(far).solve(here.model.rig(here.x), {})
     nearer = {n: others[n] for n, c in campaign.chi2(others).items() if c < NEARER * chi2[n]}
-    return evaluate(here.model, campaign, here.x, here.solutions | nearer, needed=here.found) if nearer else here
+    return evaluate(here.model, campaign, here.x, {**here.solutions, **nearer}, needed=here.found) if nearer else here
 
 
 def fit_from(

@@ -1,0 +1,83 @@
+"""Fits of candidates to all records."""
+
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+
+import numpy as np
+
+from hbm.diagnosis.otherstarts import Tell, scanned
+from hbm.diagnosis.quickfits import CLOSE, Candidate, rank, with_limits
+from hbm.diagnosis.screen import small
+from hbm.fourier import Array
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
+from hbm.outputerror.model import Model
+from hbm.outputerror.simulated import FAILURES, Solutions
+
+HELPS = 0.5
+"""Where the best leaves more than this share of chi2 nothing will explain the records."""
+
+REFINABLE = 10.0
+"""Mean square misfit up to which a better correction of the discretisation may be what is missing."""
+
+FINISHED = 40
+"""Evaluations of the best fit of a joint that leaves more, at most."""
+
+REFINED, FAR = 300.0, 1500.0
+"""Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
+
+
+def full_fits(
+    candidates: Sequence[Candidate],
+    base: Evaluation,
+    campaign: Campaign,
+    tell: Tell,
+    of_use: float = np.inf,
+    *,
+    one: bool = False,
+) -> list[Evaluation]:
+    """Fits of candidates to all records, as far as they may get below a chi2 of use; of several valleys the deepest.
+
+    Of `one` no more than the first that takes its share, as it did of few records.
+    """
+    done: list[Evaluation] = []
+    margin = CLOSE if small(base) else REFINED
+    for candidate in candidates:
+        tell(f"{candidate.cause.label}, all records")
+        model = base.model.extended_by(candidate.cause)
+        fits: list[Evaluation] = []
+        for x in (candidate.x, *candidate.others):
+            reach = min(of_use, min((e.chi2 for e in (*done, *fits) if not e.missing), default=np.inf) + margin)
+            needed = fits[0].found if fits else ()
+            fits = sorted([*fits, *_fits(model, campaign, x, base.solutions, needed, reach)], key=rank)
+        done += fits[:1]
+        if one and any(e.chi2 < HELPS * base.chi2 for e in done):
+            break
+    return done
+
+
+def _fits(
+    model: Model, campaign: Campaign, x: Array, last: Solutions, needed: Collection[int], reach: float
+) -> list[Evaluation]:
+    """From a start, limits lowered too; none where it has no steady states, or lacks one that is needed."""
+    fits: list[Evaluation] = []
+    with suppress(*FAILURES):
+        fits.append(fit_model(model, campaign, x, last, needed=needed, reach=reach))
+        fits += with_limits(fits[0], campaign, STEPS)
+    return fits
+
+
+def refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
+    """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough."""
+    ordered = sorted(done, key=rank)
+    if not ordered:
+        return []
+    first, *others = ordered
+    if first.chi2 > REFINABLE * len(first.white):
+        if scanned(base):  # a joint's stiffness and what it slips at go along narrow valleys, which take more steps
+            first = fit_model(first.model, campaign, first.x, first.solutions, FINISHED)
+        return [first, *others]
+    first = refine(first, campaign)
+    if not small(base) and first.chi2 - len(first.white) < FAR:
+        others = [refine(e, campaign) if e.chi2 < first.chi2 + REFINED else e for e in others]
+    return sorted([first, *others], key=rank)
