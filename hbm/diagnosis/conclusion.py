@@ -191,7 +191,14 @@ class Conclusion:
             del shares["held_out"]
         told = () if best is None or self._varying is None else (self._varying.sentence,)
         left = remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
-        return replace(left, untested=untested)
+        return replace(left, untested=untested, missed=self._missed(e) if best is None else 0.0)
+
+    def _missed(self, e: Evaluation) -> float:
+        """Error of the records held out, where these are not noise although those fitted are; else 0."""
+        scored = self._predicted(e)
+        if scored is None or scored.misfit.fits or not misfit(e, self.campaign).fits:
+            return 0.0
+        return scored.misfit.nrmse
 
     @cached_property
     def _shares(self) -> dict[str, float]:
@@ -217,13 +224,22 @@ class Conclusion:
         return not tells(unseen.evaluation.white, scored.evaluation.white)
 
     def _to_hold_out(self, best: Evaluation) -> Iterator[str]:
-        """Which of the records fitted would test the cause: every second of those that it explains most of."""
-        if self._untested:
-            before, after = self._before(best).white, self._noise(best).white
-            taken = {number: before.deviance(number) - after.deviance(number) for number in after.spreads}
-            label = {r.number: r.name for r in self.campaign.data.records}
-            chosen = [label[number] for number in sorted(taken, key=taken.__getitem__, reverse=True)[: 2 * MOST : 2]]
-            yield f"Records that would test {name_of(best)}, held out: --hold-out {' '.join(map(str, chosen))}."
+        """Which of the records fitted would test the cause: of those that show it, every second after the clearest.
+
+        The clearest one is left among those fitted: without any that shows a cause none is found.
+        """
+        if not self._untested:
+            return
+        before, after = self._before(best).white, self._noise(best).white
+        taken = {number: before.deviance(number) - after.deviance(number) for number in after.spreads}
+        clear = sorted((n for n in taken if taken[n] > DECISIVE), key=taken.__getitem__, reverse=True)
+        label = {r.number: r.name for r in self.campaign.data.records}
+        if len(clear) > 1:
+            chosen = " ".join(str(label[number]) for number in clear[1::2][:MOST])
+            yield f"Records that would test {name_of(best)}, held out: --hold-out {chosen}."
+        else:
+            alone = f": record {label[clear[0]]} alone" if clear else ""
+            yield f"Too few records show {name_of(best)} clearly{alone}; measure more of that kind, and hold out some."
 
     def _held(self, best: Evaluation | None) -> dict[str, Evaluation]:
         scored = {"nominal": self.nominal, "calibrated": self.calibrated}
@@ -331,7 +347,10 @@ class Conclusion:
                 kind = "foretold" if foretold else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":
-            return RELIABLE[verdict] * (1.0 - misfit(self._noise(self.decision.story), self.campaign).probability)
+            e = self._noise(self.decision.story)
+            scored = self._predicted(e)
+            by_noise = [misfit(e, self.campaign).probability, *([] if scored is None else [scored.misfit.probability])]
+            return RELIABLE[verdict] * (1.0 - min(by_noise))
         noise = misfit(self.search.nominal, self.campaign).fits
         return RELIABLE[verdict] * nothing_missing(self.search, self.decision) if noise else RELIABLE["within"]
 

@@ -55,6 +55,8 @@ class Remainder:
         Share of what remains beyond noise by harmonic; those that count.
     untested : bool
         Whether records were held out that fit as well without the cause.
+    missed : float
+        Error of the records held out, relative to their response, where these alone are more than noise; else 0.
     """
 
     explained: Mapping[str, float]
@@ -64,6 +66,7 @@ class Remainder:
     places: tuple[str, ...] = ()
     harmonics: Mapping[int, float] = field(default_factory=dict)
     untested: bool = False
+    missed: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -75,7 +78,10 @@ class Remainder:
         explained = f"Explained: {told}. " if told else ""
         explained += UNTESTED if self.untested else ""
         if not self.structured:
-            return f"{explained}What remains is noise."
+            alone = (
+                f" on the records fitted; those held out are missed by {percent(self.missed)}" if self.missed else ""
+            )
+            return f"{explained}What remains is noise{alone}."
         where = f": {'; '.join(self.places)}" if self.places else ""
         return (
             f"{explained}What remains is {percent(self.size)} of the response ({self.noise_variances:.3g} noise "

@@ -246,6 +246,9 @@ def _checks(causes: Sequence[Cause]) -> Iterator[str]:
 
 
 def _where_to_look(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
+    if d.remainder.missed:
+        yield "What is wrong shows in the records held out alone: hold out fewer of them, so that some are fitted."
+        return
     records = [place.removeprefix(MOST_IN) for place in d.remainder.places if place.startswith(MOST_IN)]
     yield f"Add records where most remains{f': {records[0]}' if records else ''}."
     if force is not None and force.explainable:

@@ -107,9 +107,21 @@ def test_records_held_out_that_fit_as_well_without_a_cause_do_not_test_it(monkey
     )
 
 
-def test_records_that_would_test_a_cause_are_named_but_not_all_of_them():
-    """Every second of those that it explains most of, the first three."""
-    taken = {1: 5.0, 2: 900.0, 3: 40.0, 4: 0.0, 5: 70.0, 6: 300.0, 7: 20.0}
+@pytest.mark.parametrize(
+    ("taken", "said"),
+    [
+        (
+            {1: 5.0, 2: 900.0, 3: 40.0, 4: 0.0, 5: 70.0, 6: 300.0, 7: 20.0},
+            "Records that would test added-mass, held out: --hold-out 6 3.",
+        ),
+        (
+            {1: 5.0, 2: 900.0, 3: 20.0},
+            "Too few records show added-mass clearly: record 2 alone; measure more of that kind, and hold out some.",
+        ),
+    ],
+)
+def test_records_that_would_test_a_cause_are_named_but_not_the_clearest(taken: dict[int, float], said: str):
+    """Every second of those that show it: without any of them fitted nothing would be found."""
     before, after = (
         SimpleNamespace(white=SimpleNamespace(spreads=taken, deviance=deviance))
         for deviance in (taken.__getitem__, lambda number: 0.0)
@@ -123,7 +135,22 @@ def test_records_that_would_test_a_cause_are_named_but_not_all_of_them():
         campaign=SimpleNamespace(data=SimpleNamespace(records=records)),
     )
     (line,) = Conclusion._to_hold_out(found, best)
-    assert line == "Records that would test added-mass, held out: --hold-out 2 5 7."
+    assert line == said
+
+
+@pytest.mark.parametrize(
+    ("fitted", "held_out", "missed"), [(True, False, 0.031), (True, True, 0.0), (False, False, 0.0)]
+)
+def test_what_shows_in_the_records_held_out_alone_is_told(
+    monkeypatch, noise, campaign, fitted: bool, held_out: bool, missed: float
+):
+    monkeypatch.setattr("hbm.diagnosis.conclusion.misfit", lambda e, campaign: SimpleNamespace(fits=fitted))
+    scored = SimpleNamespace(misfit=SimpleNamespace(fits=held_out, nrmse=0.031))
+    found = SimpleNamespace(_predicted=lambda e: scored, campaign=None)
+    assert Conclusion._missed(found, None) == missed
+    told = replace(remainder(noise, campaign, False, {}), missed=missed).sentence
+    others = " on the records fitted; those held out are missed by 3.1 %" if missed else ""
+    assert told == f"What remains is noise{others}."
 
 
 def test_freedom_of_transients_is_charged_for(noise):
