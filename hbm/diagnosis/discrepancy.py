@@ -102,10 +102,17 @@ class Discrepancy:
 
     @property
     def two(self) -> bool:
-        """Whether it takes a force beside that of the contact: a place alone leaves much, and both far less."""
+        """Whether it takes a force beside that of the contact: a place alone leaves more than noise, both far less.
+
+        A force elsewhere changes that of the contact too, beyond what is linear: alone, it may seem to act there. Where
+        next to all is explained by a place alone, two must leave noise.
+        """
         single = self.places[0]
-        done = self._noise_alone(single) or single.share > NEARLY_ALL
-        return bool(self.beside) and not done and self.beside[0].left < LEFT * single.left
+        if not self.beside or self._noise_alone(single):
+            return False
+        both = self.beside[0]
+        worth = single.share <= NEARLY_ALL or self._noise_alone(both)
+        return worth and both.left - 1.0 < LEFT * (single.left - 1.0)
 
     @property
     def contact(self) -> MissingForce | None:

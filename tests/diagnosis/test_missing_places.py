@@ -88,6 +88,15 @@ def test_a_second_place_that_is_told_apart_is_named() -> None:
     assert look == "Look at the contact and at the clamp: what is missing is there, if it is at two places."
 
 
+def test_a_contact_that_leaves_a_little_more_than_noise_is_not_blamed_for_what_acts_beside_it() -> None:
+    """Noise is known to 8 % of 300 degrees of freedom, three times which is 1.24."""
+    for misfit, contact in ((100.0, 1.33), (1e4, 1.4)):
+        force = found(misfit, {"the contact": contact, "the clamp": 1.5}, {"the beam at 56 mm": 1.02, "the clamp": 1.3})
+        assert told(force)[1].startswith("Look at the contact and at the beam at 56 mm: what is missing is there")
+    noisy = found(100.0, {"the contact": 1.2, "the clamp": 1.5}, {"the beam at 56 mm": 1.02, "the clamp": 1.3})
+    assert told(noisy)[1].startswith("Look at the contact: the missing force is there")
+
+
 def test_where_noise_is_left_places_that_leave_more_are_told_apart() -> None:
     """400 degrees of freedom: noise is known to 7 %, three times which is 1.21."""
     force = found(300.0, {"the clamp": 1.0, "sensor a1": 1.2, "sensor a2": 1.3})
