@@ -34,8 +34,8 @@ def loops(
 ) -> None:
     """Laws of a friction device under an imposed displacement, compared.
 
-    Coulomb, asymmetric limits, backlash, breakaway, and the mass of what moves. The best law of each loop is printed,
-    with what it leaves of the force and how far its energy is off.
+    Coulomb, asymmetric limits, backlash, breakaway, the mass of what moves, and a zero of the load cell where backlash
+    shows it. The best law of each loop is printed, with what it leaves of the force and how far its energy is off.
 
     Example:  hbm loops hysteresis_loops.csv --out laws.csv
     """
@@ -69,45 +69,76 @@ def loops(
 def _deliver(chosen: Sequence["MeasuredLoop"], found: Sequence[Sequence["LoopFit"]], out: Path | None) -> None:
     import numpy as np
 
-    from hbm.commands.tables import print_lines, print_rows
+    from hbm.commands.tables import print_lines
     from hbm.files.outputs import columns_of, columns_text
     from hbm.identification.loops import NAMES
     from hbm.textfiles import write_together
 
     if out is not None:
         entries = [(each.name, fit) for each, fits in zip(chosen, found, strict=True) for fit in fits]
-        headings = ["loop", "law", "bic", "left", "work_j", "work_measured_j"]
+        headings = ["loop", "law", "bic", "at_bounds", "left", "work_j", "work_measured_j"]
         headings += [part for name in NAMES for part in (name, f"{name}_std")]
         rows: list[list[Any]] = [
-            [loop, fit.law, fit.bic, fit.left, fit.work, fit.work_measured]
+            [loop, fit.law, fit.bic, " ".join(fit.at_bounds), fit.left, fit.work, fit.work_measured]
             + [part.get(name, np.nan) for name in NAMES for part in (fit.values, fit.stds)]
             for loop, fit in entries
         ]
         write_together({out: columns_text(columns_of(headings, rows))})
-    print_rows(
-        console(), "best law of each loop", [_row(e.name, fits[0]) for e, fits in zip(chosen, found, strict=True)]
-    )
-    errors = np.abs([fits[0].work_error for fits in found])
+    best = [fits[0] for fits in found]
+    _tables([each.name for each in chosen], best)
+    errors = np.abs([fit.work_error for fit in best])
     print_lines(
         console(),
         [
             f"energy off by {np.median(errors):.1%} in the median, {errors.max():.1%} at most; "
-            f"within 5 % in {int(np.sum(errors < 0.05))} of {len(errors)} loops"
+            f"within 5 % in {int(np.sum(errors < 0.05))} of {len(errors)} loops",
+            *(
+                f"warning: {each.name}: {note}"
+                for each, fit in zip(chosen, best, strict=True)
+                for note in (*each.notes, *fit.warnings)
+            ),
         ],
     )
     print_written([] if out is None else [out])
 
 
-def _row(name: str, fit: "LoopFit") -> dict[str, str]:
-    def said(key: str, unit: float) -> str:
-        return f"{fit.values[key] / unit:.4g} ± {fit.stds[key] / unit:.1g}" if key in fit.values else "-"
+def _tables(names: Sequence[str], best: Sequence["LoopFit"]) -> None:
+    """Print limits and backlash of all loops, and the other numbers of those that have any."""
+    from hbm.commands.tables import print_rows
 
-    return {
-        "record": name,
-        "law": fit.law,
-        "forward\nkN": said("forward", 1e3),
-        "backward\nkN": said("backward", 1e3),
-        "backlash\nmm": said("backlash", 1e-3),
-        "left\n%": f"{100 * fit.left:.3g}",
-        "energy\n%": f"{100 * fit.work_error:+.2g}",
-    }
+    first, others = ("forward", "backward", "backlash"), ("breakaway", "distance", "mass", "offset")
+    ends = [{"left\n%": f"{100 * fit.left:.3g}", "energy\n%": f"{100 * fit.work_error:+.2g}"} for fit in best]
+    heads = [{"record": name, "law": fit.law} for name, fit in zip(names, best, strict=True)]
+    rows = zip(heads, _columns(best, first), ends, strict=True)
+    print_rows(console(), "best law of each loop", [head | said | end for head, said, end in rows])
+    more = [i for i, fit in enumerate(best) if any(key in fit.values for key in others)]
+    said = _columns([best[i] for i in more], others)
+    named = [{"record": names[i]} | row for i, row in zip(more, said, strict=True)]
+    print_rows(console(), "other numbers of these laws", named)
+
+
+def _columns(fits: Sequence["LoopFit"], keys: Sequence[str]) -> list[dict[str, str]]:
+    """Numbers of laws, of the keys that any of them has, in units that suit them."""
+    from hbm.figures.units import prefixed
+    from hbm.identification.loops import NAMES, UNITS
+
+    units, columns = dict(zip(NAMES, UNITS, strict=True)), {}
+    for key in keys:
+        alike = [name for name in keys if units[name] == units[key]]
+        values = [fit.values[name] for fit in fits for name in alike if name in fit.values]
+        if any(key in fit.values for fit in fits):
+            columns[key] = prefixed(units[key], values)
+    return [{f"{key}\n{unit}": _said(fit, key, scale) for key, (scale, unit) in columns.items()} for fit in fits]
+
+
+def _said(fit: "LoopFit", key: str, scale: float) -> str:
+    """A number with its deviation, to the digit where this begins."""
+    from math import floor, log10
+
+    if key not in fit.values:
+        return "-"
+    value, std = fit.values[key] * scale, fit.stds[key] * scale
+    first = floor(log10(std)) if std > 0.0 else 0
+    if not -6 < first < 6:
+        return f"{value:.4g} ± {std:.1g}"
+    return f"{round(value, -first):.{max(0, -first)}f} ± {round(std, -first):.{max(0, -first)}f}"

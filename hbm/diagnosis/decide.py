@@ -97,10 +97,15 @@ def nearest(fits: Sequence[Evaluation]) -> list[Evaluation]:
 
 def others_of(best: Evaluation, ranked: Sequence[Evaluation]) -> list[Evaluation]:
     """Fits with other causes, the best one of each."""
+    return [e for e in one_of_each(ranked) if e.model.label != best.model.label]
+
+
+def one_of_each(ranked: Sequence[Evaluation]) -> list[Evaluation]:
+    """Of fits with the same causes the first alone."""
     first: dict[str, Evaluation] = {}
     for e in ranked:
         first.setdefault(e.model.label, e)
-    return [e for label, e in first.items() if label != best.model.label]
+    return list(first.values())
 
 
 def tied(fits: Sequence[Evaluation], best: Evaluation) -> list[Evaluation]:

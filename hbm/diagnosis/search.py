@@ -20,6 +20,7 @@ from hbm.diagnosis.decide import (
     inside,
     leading,
     nearest,
+    one_of_each,
     others_of,
     plainest,
     simpler,
@@ -228,8 +229,7 @@ class Search:
     def _calibrated_beside(self, found: Evaluation) -> list[Evaluation]:
         """A model with the same causes, its rig file within tolerances."""
         self.tell(f"{found.model.label}, calibrated", 0.5)
-        again = started(self.calibrated, found, found.model.causes, self.campaign)
-        self.fitted += again
+        self.fitted += (again := started(self.calibrated, found, found.model.causes, self.campaign))
         return again
 
     def _settles(self, e: Evaluation) -> bool:
@@ -312,7 +312,7 @@ class Search:
 
         What leaves the tolerances of the rig file beside its causes is none of them.
         """
-        ranked = best_of([e for e in fits if self.tolerable(e)])
+        ranked = one_of_each(best_of([e for e in fits if self.tolerable(e)]))
         best = next((e for e in ranked[:1] if accepted(base, e, tried)), None)
         return Decision(base, best, tuple(ranked))
 
@@ -350,9 +350,9 @@ class Search:
         causes = [c for c in self.candidates if isinstance(c, ContactLoss) and _suits(c, base.model.rig(base.x))]
         if not causes or not any(s.lift_off for s in base.solutions.values()):
             return []
-        model = base.model.extended_by(causes[0])
         self.tell(f"{causes[0].label}, all records", done)
         with suppress(*FAILURES):
+            model = base.model.extended_by(causes[0])
             return [refine(fit_model(model, self.campaign, starting(model, base, {}), base.solutions), self.campaign)]
         return []
 

@@ -6,12 +6,28 @@ import numpy as np
 
 from hbm.errors import InputError
 from hbm.fourier import Array
+from hbm.measurement.cycles import cycles_in
 from hbm.measurement.recording import recording
 from hbm.textfiles import StrPath, read_columns
 
 COLUMNS = ("loop", "time_s", "displacement_m", "force_n")
 FEWEST = 32
 """Samples of a loop."""
+
+SLACK = 0.02
+"""Part of a cycle that may be missing from the last one."""
+
+ALONE = (0.9, 1.3)
+"""Cycles that may be one: its length is not known to better where it is not seen twice."""
+
+CLOSED = 2.0
+"""A loop is closed where it ends within so many of its largest steps of where it began."""
+
+GIVEN = 0.01
+"""Energy that a loop gives, as a part of range of force times range of displacement, which no noise makes."""
+
+LONG = 1.0
+"""Range of a displacement that is more likely in millimetres [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,12 +39,15 @@ class MeasuredLoop:
     name : str
     time, displacement, force : (n,) array
         [s], [m], and the force on the device along the displacement [N].
+    notes : tuple of str
+        What to beware of in what was read.
     """
 
     name: str
     time: Array
     displacement: Array
     force: Array
+    notes: tuple[str, ...] = ()
 
     @property
     def work(self) -> float:
@@ -44,7 +63,7 @@ def load_loops(path: StrPath) -> list[MeasuredLoop]:
     ----------
     path : str or path
         CSV with the columns ``loop,time_s,displacement_m,force_n``, in any order, others left out. Of each loop whole
-        cycles at steady amplitude, in the order of time.
+        cycles at steady amplitude, in the order of time; samples beyond the last whole cycle are left out.
 
     Returns
     -------
@@ -54,7 +73,8 @@ def load_loops(path: StrPath) -> list[MeasuredLoop]:
     Raises
     ------
     InputError
-        If a column is missing, an entry is no number, time does not increase, or a loop is too short.
+        If a column is missing, an entry is no number, time does not increase, or a loop is too short, no whole cycle,
+        or has a force of one sign or of the wrong one.
     """
     found: dict[str, list[list[float]]] = {}
     for where, (loop, *numbers) in read_columns(path, "a loops file (CSV)", COLUMNS):
@@ -75,4 +95,42 @@ def _loop(where: str, name: str, columns: Array) -> MeasuredLoop:
     force = checked.channels["force"]
     if np.ptp(force) == 0.0:
         raise InputError(f"{where}: force_n is {force[0]:g} throughout; must change")
-    return MeasuredLoop(name, checked.time, x, force)
+    if force.min() > 0.0 or force.max() < 0.0:
+        raise InputError(
+            f"{where}: force_n is {force.min():.4g} to {force.max():.4g} N, of one sign throughout; must resist both "
+            "ways: take the zero of the load cell off"
+        )
+    loop = _whole(where, MeasuredLoop(name, checked.time, x, force))
+    if loop.work < -GIVEN * np.ptp(force) * np.ptp(x):
+        raise InputError(
+            f"{where}: force_n gives out {-loop.work:.4g} J, as one of reversed sign does; must be the force on the "
+            "device along displacement_m, which takes energy"
+        )
+    return loop
+
+
+def _whole(where: str, loop: MeasuredLoop) -> MeasuredLoop:
+    """The whole cycles of a loop, with notes on what was read."""
+    samples, cycles = len(loop.time), cycles_in(loop.time, loop.displacement)
+    count = 0 if np.isnan(cycles) else int(cycles + SLACK)
+    kept = samples if count == 0 else min(samples, round(count * samples / cycles))
+    if (np.isnan(cycles) or ALONE[0] < cycles < ALONE[1]) and _closed(loop):
+        kept = samples
+    elif count == 0:
+        held = "no steady cycle" if np.isnan(cycles) else f"{cycles:.2g} cycles"
+        raise InputError(
+            f"{where}: {samples} samples hold {held} of displacement_m and do not end where they began; must be whole "
+            "cycles at steady amplitude"
+        )
+    notes, reach = [], float(np.ptp(loop.displacement))
+    if samples - kept > 1:  # one more is the first of the next cycle
+        whole = f"{count} whole cycle{'s' * (count > 1)}"
+        notes.append(f"{samples - kept} of {samples} samples are beyond {whole} and left out")
+    if reach > LONG:
+        notes.append(f"displacement_m spans {reach:.4g} m; is it in mm?")
+    return MeasuredLoop(loop.name, loop.time[:kept], loop.displacement[:kept], loop.force[:kept], tuple(notes))
+
+
+def _closed(loop: MeasuredLoop) -> bool:
+    """Whether both signals end where they began."""
+    return all(abs(v[-1] - v[0]) <= CLOSED * np.abs(np.diff(v)).max() for v in (loop.displacement, loop.force))

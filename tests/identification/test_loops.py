@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from hbm.cli import app
 from hbm.errors import InputError
+from hbm.identification import loops as fitting
 from hbm.identification.loops import LAWS, fit_loop
 from hbm.measurement.loopsfile import MeasuredLoop, load_loops
 
@@ -70,6 +71,90 @@ def test_energy_of_a_coulomb_loop_is_its_area() -> None:
     assert fit_loop(found, ["coulomb"])[0].values["stiffness"] == pytest.approx(5e6, rel=1e-3)
 
 
+def steady(
+    forward: float = 30.0,
+    backward: float = 30.0,
+    *,
+    backlash: float = 0.0,
+    mass: float = 0.0,
+    offset: float = 0.0,
+    samples: int = 501,
+    seed: int = 4,
+) -> MeasuredLoop:
+    """Some cycles of 100 samples at 10 Hz and 1 mm, spring 2e5 N/m, with the noise of sensors."""
+    theta, noise = 2 * np.pi * np.arange(samples) / 100, np.random.default_rng(seed)
+    x = 1e-3 * np.sin(theta)
+    before = 1e-3 * np.sin(2 * np.pi * np.arange(100) / 100)
+    T = force(np.concatenate([before, x]), 2e5, forward, backward, backlash)[-samples:]
+    F = T + offset - mass * (20 * np.pi) ** 2 * x + 0.1 * noise.standard_normal(samples)
+    return MeasuredLoop("steady", np.arange(samples) / 1000, x + 1e-8 * noise.standard_normal(samples), F)
+
+
+@pytest.mark.parametrize("samples", [500, 501, 537])
+def test_a_mass_is_found_wherever_the_recording_ends(samples: int) -> None:
+    """An acceleration by lines of the whole recording is wrong where that holds a part of a cycle more."""
+    pulls = []
+    for seed in range(3):
+        best = fit_loop(steady(mass=2.0, samples=samples, seed=seed))[0]
+        assert best.law == "coulomb and mass"
+        assert best.left < 0.0045  # noise is 0.0036 to 0.004 of the force
+        known = {"stiffness": 2e5, "forward": 30.0, "mass": 2.0}
+        pulls += [(best.values[name] - true) / best.stds[name] for name, true in known.items()]
+        assert max(best.stds["forward"] / 30.0, best.stds["mass"] / 2.0) < 2e-3
+    assert np.abs(pulls).max() < 4.0
+
+
+def test_a_mass_stands_beside_backlash_and_both_limits() -> None:
+    best = fit_loop(steady(33.0, 27.0, backlash=4e-4, mass=2.0))[0]
+    assert best.law == "backlash and mass"
+    for name, true in (("forward", 33.0), ("backward", 27.0), ("backlash", 4e-4), ("mass", 2.0)):
+        assert best.values[name] == pytest.approx(true, abs=4.0 * best.stds[name])
+
+
+def test_a_play_longer_than_the_half_of_the_way_is_found() -> None:
+    """The median of a force read to 1 N is zero then."""
+    device = steady(backlash=1.4e-3)
+    best = fit_loop(MeasuredLoop("gap", device.time, device.displacement, np.round(device.force)))[0]
+    assert best.law == "backlash"
+    for name, true, read in (("forward", 30.0, 0.5), ("backward", 30.0, 0.5), ("backlash", 1.4e-3, 0.5 / 2e5)):
+        assert best.values[name] == pytest.approx(true, abs=read)
+
+
+def test_breakaway_is_no_spring_that_yields() -> None:
+    """A device without a limit of its own, as Dahl's: the limit went to 1e-10 N, and the breakaway to 1e12."""
+    x = 1e-3 * np.sin(2 * np.pi * np.arange(500) / 100)
+    T, F = 0.0, []
+    for dx in np.diff(np.concatenate([x[:100], x]), prepend=0.0):
+        T += 2e5 * dx - abs(dx) * 2e5 / 30.0 * T
+        F.append(T)
+    device = MeasuredLoop("dahl", np.arange(500) / 1000, x, np.array(F[100:]))
+    fits = fit_loop(device)
+    assert not fits[0].at_bounds
+    assert 0.5 * max(F) < fits[0].values["forward"] * (1.0 + fits[0].values.get("breakaway", 0.0)) < 3.0 * max(F)
+    assert all(fit.values.get("breakaway", 0.0) <= 2.0 for fit in fits)
+    bounded = [bool(fit.at_bounds) for fit in fits]
+    assert bounded == sorted(bounded)  # last, whatever they leave
+    assert all("not determined" in fit.warnings[0] for fit in fits if fit.at_bounds)
+
+
+def test_a_zero_of_the_load_cell_is_told_where_backlash_shows_it() -> None:
+    best = fit_loop(steady(backlash=4e-4, offset=5.0))[0]
+    assert (best.law, best.warnings) == ("backlash and offset", ())
+    for name, true in (("forward", 30.0), ("backward", 30.0), ("offset", 5.0)):
+        assert best.values[name] == pytest.approx(true, abs=4.0 * best.stds[name])
+    best = fit_loop(steady(offset=5.0))[0]
+    assert best.law == "asymmetric"
+    assert best.warnings == ("a zero of the load cell of 5 N would look the same as these limits: take it off before",)
+
+
+def test_breakaway_that_is_not_there_is_soon_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its logarithm ran off, for hundreds of marches."""
+    march, marches = fitting.marched, []
+    monkeypatch.setattr(fitting, "marched", lambda *given: marches.append(given) or march(*given))
+    fit_loop(steady(35.0, 25.0), ["backlash and breakaway"])
+    assert len(marches) < 200
+
+
 def written(path: Path, *loops: MeasuredLoop) -> Path:
     rows = ["loop,time_s,note,displacement_m,force_n"]
     for each in loops:
@@ -89,6 +174,44 @@ def test_the_command_prints_and_writes_the_laws(tmp_path: Path) -> None:
     assert float(first["forward"]) == pytest.approx(12e3, rel=0.01)
     again = load_loops(file)[0]
     assert again.force.tolist() == loop(300.0).force.tolist()
+
+
+def test_forces_of_some_newtons_are_printed_in_newtons_and_warnings_with_them(tmp_path: Path) -> None:
+    file = written(tmp_path / "l.csv", steady(35.0, 25.0, mass=2.0))
+    result = CliRunner().invoke(app, ["loops", str(file)])
+    assert result.exit_code == 0, result.output
+    lines = result.stdout.splitlines()
+    assert lines[3].split() == ["record", "law", "N", "N", "%", "%"]
+    assert "asymmetric and mass" in lines[5]
+    name, mass, *_ = next(line for line in lines[6:] if line.startswith(" steady")).split()
+    assert (name, float(mass)) == ("steady", pytest.approx(2.0, abs=0.02))
+    assert lines[-1].startswith("warning: steady: a zero of the load cell of 5")
+
+
+def test_samples_beyond_whole_cycles_are_left_out(tmp_path: Path) -> None:
+    for samples, kept, notes in (
+        (500, 500, ()),
+        (501, 500, ()),
+        (480, 400, ("80 of 480 samples are beyond 4 whole cycles and left out",)),
+        (100, 100, ()),
+        (160, 100, ("60 of 160 samples are beyond 1 whole cycle and left out",)),
+    ):
+        found = load_loops(written(tmp_path / "l.csv", steady(samples=samples)))[0]
+        assert (len(found.time), found.notes) == (kept, notes)
+
+
+def test_loops_that_cannot_be_those_of_friction_are_refused(tmp_path: Path) -> None:
+    file, known = tmp_path / "l.csv", steady()
+    by_hand = MeasuredLoop("steady", known.time, 1e3 * known.displacement, known.force)
+    assert load_loops(written(file, by_hand))[0].notes == ("displacement_m spans 2 m; is it in mm?",)
+    for measured, line in (
+        (MeasuredLoop("steady", known.time, known.displacement, -known.force), "force_n gives out 0.5095 J, as one of"),
+        (steady(samples=80), "80 samples hold 0.8 cycles of displacement_m and do not end where they began; must be"),
+        (steady(offset=50.0), "force_n is 19.68 to 80.26 N, of one sign throughout; must resist both ways: take the"),
+    ):
+        with pytest.raises(InputError) as refused:
+            load_loops(written(file, measured))
+        assert str(refused.value).startswith(f"{file}: loop steady: {line}")
 
 
 def test_what_is_no_loops_file_is_refused(tmp_path: Path) -> None:
