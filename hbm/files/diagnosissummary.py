@@ -14,6 +14,7 @@ from hbm.diagnosis.remainder import first_of, nearly_all, percent
 from hbm.diagnosis.verdict import NOTHING_TELLS, Diagnosis, Estimate
 from hbm.files.identifiedlaw import Value, value_text
 from hbm.outputerror.fit import Evaluation
+from models.beam import Beam
 from models.causes.cause import Cause
 
 VERDICTS = {
@@ -195,7 +196,17 @@ def _added(d: Diagnosis) -> str:
     calibrated = sum(f.cause < 0 for f in e.model.free)
     causes = " and ".join(cause.label for cause in e.model.causes)
     rest = f"{calibrated} numbers of the rig file are calibrated beside it" if calibrated else "nothing else is changed"
-    return f"extended.toml is the rig file with {causes}; {rest}."
+    return f"extended.toml is the rig file with {causes}; {rest}.{_more_modes(d)}"
+
+
+def _more_modes(d: Diagnosis) -> str:
+    """What a beam needs to be simulated as the records were, where its rig file keeps fewer modes."""
+    if d.extended is None or not isinstance(d.extended.body, Beam):
+        return ""
+    taken = d.campaign.numerics.working.modes
+    if taken <= d.extended.body.modes:
+        return ""
+    return f" The records took {taken} modes: set modes = {taken} in its [beam] for the same accuracy."
 
 
 def _gain(d: Diagnosis, noise: float) -> str:
