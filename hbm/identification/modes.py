@@ -90,9 +90,8 @@ class Modes(Displayed):
         """
         if drive is None:
             return self.A, self.A_std, np.ones(len(self))
+        self.responses.expect_drive(drive)
         names = list(self.responses.channels)
-        if drive not in names:
-            raise InputError(f"modal: --drive = {drive}; must be one of {', '.join(names)}")
         own, std = self.A[names.index(drive)], self.A_std[names.index(drive)]
         for f, a, s in zip(self.hz, own, std, strict=True):
             if a <= 0.0:
