@@ -170,6 +170,7 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
     if blocks:
         std, rho = _of_blocks(by_block, periods / length)
         coefficients = coefficients - leak(_trends(by_block))
+        std = std * np.sqrt(1.0 + 1.0 / (periods**2 * (1.0 - 1.0 / blocks**2)))  # white noise in trends leaks so much
     else:
         std, rho = _of_residual(residual, periods, H), np.zeros((Y.shape[1], H + 1))
     std = np.maximum(std, np.finfo(float).eps * np.std(Y, axis=0)[:, None])  # what the arithmetic can resolve
