@@ -23,7 +23,7 @@ class Modes(Displayed):
     A, A_std : (c, r) array
         Product of a channel's shape and that of the drive [1/kg].
     above, above_std, beside, below, below_std : (c,) array
-        U [m/N], V [m s2/N] and L [1/kg].
+        U [m/N], V [m s2/N] and L [1/kg]. Losses of modes beyond the band are fitted beside them, and not listed.
     phase, phase_std : float
         By which the force leads the channel that stands for it [rad]; 0 where that is the force.
     chi2_reduced : float

@@ -21,8 +21,8 @@ from scipy.optimize import least_squares
 from hbm.fourier import Array
 from hbm.measurement.responses import Complex
 
-REST = 3
-"""Residual terms of a channel."""
+REST, LOSSES = 3, 2
+"""Residual terms of a channel: of stiffness and mass, and of damping."""
 
 POSITIVE = (1e-100, 1e100)
 """Frequencies and ratios whose squares and products are numbers; a pole that runs off ends here."""
@@ -49,12 +49,20 @@ class Projection:
         Powers of i omega by quantity, and responses, over the standard deviation of each; 0 where not measured.
     by_force : (n, c) complex array
         What one standard deviation of the force does to the measured, over the standard deviation of each.
+    lossy : bool
+        Whether modes beyond the band are damped.
     """
 
     omega: Array
     motion: Complex
     measured: Complex
     by_force: Complex
+    lossy: bool = False
+
+    @property
+    def rest(self) -> int:
+        """Number of residual terms of a channel."""
+        return REST + LOSSES * self.lossy
 
     @cached_property
     def middle(self) -> float:
@@ -63,9 +71,10 @@ class Projection:
 
     @cached_property
     def _residuals(self) -> Complex:
-        """Columns of U, V and L, (n, 3), with frequencies in units of the middle one: all are flexibilities."""
-        squared = (self.omega / self.middle) ** 2
-        return np.column_stack([np.ones_like(squared), squared, -1.0 / squared]).astype(complex)
+        """Columns of U, V, L and of losses, with frequencies in units of the middle one: all are flexibilities."""
+        x = self.omega / self.middle
+        terms = [np.ones_like(x), x**2, -1.0 / x**2, -1j * x, -1j / x**3]
+        return np.column_stack(terms[: self.rest]).astype(complex)
 
     @cached_property
     def _force(self) -> Array:
@@ -73,11 +82,11 @@ class Projection:
         return np.asarray(np.sum(np.abs(self.by_force) ** 2, axis=1, keepdims=True))
 
     def columns(self, poles: Array) -> Complex:
-        """Responses of modes with a flexibility of 1 each, and of the residuals, (n, r + 3)."""
+        """Responses of modes with a flexibility of 1 each, and of the residuals, (n, r + rest)."""
         return np.column_stack([1.0 / _stiffness(self.omega, poles), self._residuals])
 
     def answer(self, poles: Array, phase: float, flexibility: Array) -> Complex:
-        """Weighted responses (n, c) of flexibilities (c, r + 3)."""
+        """Weighted responses (n, c) of flexibilities (c, r + rest)."""
         return np.asarray(self.motion * np.exp(1j * phase) * (self.columns(poles) @ flexibility.T))
 
     def whitened(self, z: Complex) -> Complex:
@@ -97,7 +106,7 @@ class Projection:
         return np.asarray((self.motion * np.exp(1j * phase))[:, :, None] * np.concatenate([moved, turned], axis=2))
 
     def flexibilities(self, poles: Array, phase: float) -> Array:
-        """Those (c, r + 3) that fit best beside poles and a phase."""
+        """Those (c, r + rest) that fit best beside poles and a phase."""
         return self._best(poles, phase)[0]
 
     def fitted(self, start: Array, phase: float, turns: bool) -> tuple[Array, float]:
@@ -127,7 +136,7 @@ class Projection:
             return unpacked(fit.x)
 
     def _best(self, poles: Array, phase: float) -> tuple[Array, Rest]:
-        """Best flexibilities (c, r + 3), and what these leave of others."""
+        """Best flexibilities (c, r + rest), and what these leave of others."""
         columns, c = self.columns(poles), self.measured.shape[1]
         turned = self.motion * np.exp(1j * phase)
         bases, uppers, sizes = zip(*(_orthonormal(turned[:, j, None] * columns) for j in range(c)), strict=True)
