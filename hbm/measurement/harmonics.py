@@ -218,14 +218,18 @@ Leak = Callable[[Array], Array]
 def _fitted(t: Array, Y: Array, hz: float, H: int, edges: Array) -> tuple[Array, Array, Array, Leak]:
     """Coefficients by least squares, (c, 2H+1), those of each block, (B, c, 2H+1), what is left, (N, c), and leaks."""
     sums = list(_normal_equations(t, Y, hz, H, edges))
-    whole = sum(G for G, _, _ in sums)
-    coefficients = np.asarray(np.linalg.solve(whole, sum(r for _, r, _ in sums)).T, dtype=float)
+    whole, middle, length = sum(G for G, _ in sums), 0.5 * (t[0] + t[-1]), t[-1] - t[0]
+    coefficients = np.asarray(np.linalg.solve(whole, sum(r for _, r in sums)).T, dtype=float)
     residual = np.concatenate([y - _design(x, hz, H) @ coefficients.T for x, y in _chunks(t, Y, edges)])
 
     def leak(trend: Array) -> Array:
-        return np.asarray(np.linalg.solve(whole, sum(ramp for _, _, ramp in sums) @ trend.T).T)
+        seen = np.zeros_like(trend.T)
+        for x, _ in _chunks(t, Y, edges):
+            A = _design(x, hz, H)
+            seen += A.T @ (((x - middle) / length)[:, None] * (A @ trend.T))
+        return np.asarray(np.linalg.solve(whole, seen).T)
 
-    return coefficients, np.stack([np.linalg.solve(G, r).T for G, r, _ in sums]), residual, leak
+    return coefficients, np.stack([np.linalg.solve(G, r).T for G, r in sums]), residual, leak
 
 
 def _transformed(
@@ -281,15 +285,11 @@ def _chunks(t: Array, Y: Array, edges: Array) -> Iterator[tuple[Array, Array]]:
         yield t[first:last], Y[first:last]
 
 
-def _normal_equations(t: Array, Y: Array, hz: float, H: int, edges: Array) -> Iterator[tuple[Array, Array, Array]]:
-    """Normal matrix and right-hand side of each block, and those of all columns growing from -1/2 to 1/2.
-
-    Their sums are those of the whole record.
-    """
-    middle, length = 0.5 * (t[0] + t[-1]), t[-1] - t[0]
+def _normal_equations(t: Array, Y: Array, hz: float, H: int, edges: Array) -> Iterator[tuple[Array, Array]]:
+    """Normal matrix and right-hand side of each block; their sums are those of the whole record."""
     for x, y in _chunks(t, Y, edges):
         A = _design(x, hz, H)
-        yield A.T @ A, A.T @ y, A.T @ ((x - middle) / length * A.T).T
+        yield A.T @ A, A.T @ y
 
 
 # ------------------------------------------------------------------------------------------------ standard deviations
