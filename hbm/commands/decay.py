@@ -54,7 +54,7 @@ def decay(
     """Frequency and damping ratio of a mode over its amplitude, from free decays.
 
     Of several decays: means in classes of amplitude, with uncertainties by what they differ by and what
-    changes within a window.
+    changes within a window. What is clipped is left out, with a warning.
 
     Example:  hbm decay blow1.csv blow2.csv --channel velocity --band 95 150 --settle 0.15 --out decay.csv
     """
@@ -125,7 +125,7 @@ def _mode(rig: "AnyRig", number: int, found: "Decay") -> tuple["NonlinearMode | 
 
 
 def _deliver(found: "Decay", mode: "NonlinearMode | None", out: Path | None) -> None:
-    from hbm.commands.tables import dashed, print_rows
+    from hbm.commands.tables import dashed, print_lines, print_rows
     from hbm.files.outputs import columns_text
     from hbm.modes.decaying import predicted
     from hbm.textfiles import write_together
@@ -147,4 +147,5 @@ def _deliver(found: "Decay", mode: "NonlinearMode | None", out: Path | None) -> 
             row |= {"simulated\nHz": dashed(hz[i], ".7g"), "simulated\n%": dashed(100 * ratio[i], ".4g")}
         rows.append(row)
     print_rows(console(), found.source, rows)
+    print_lines(console(), [f"warning: {line}" for line in found.warnings])
     print_written([] if out is None else [out])

@@ -23,7 +23,7 @@ class Modes(Displayed):
     A, A_std : (c, r) array
         Product of a channel's shape and that of the drive [1/kg].
     above, above_std, beside, below, below_std : (c,) array
-        U [m/N], V [m s2/N] and L [1/kg].
+        U [m/N], V [m s2/N] and L [1/kg]. Losses of modes beyond the band are fitted beside them, and not listed.
     phase, phase_std : float
         By which the force leads the channel that stands for it [rad]; 0 where that is the force.
     chi2_reduced : float
@@ -90,9 +90,8 @@ class Modes(Displayed):
         """
         if drive is None:
             return self.A, self.A_std, np.ones(len(self))
+        self.responses.expect_drive(drive)
         names = list(self.responses.channels)
-        if drive not in names:
-            raise InputError(f"modal: --drive = {drive}; must be one of {', '.join(names)}")
         own, std = self.A[names.index(drive)], self.A_std[names.index(drive)]
         for f, a, s in zip(self.hz, own, std, strict=True):
             if a <= 0.0:

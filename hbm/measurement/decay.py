@@ -11,7 +11,7 @@ no better than one where it is the larger part.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -23,6 +23,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.labelled import frame
 from hbm.measurement.recording import Recording
+from hbm.measurement.steadiness import clipped
 from models.display import Displayed
 
 CYCLES, FALL = 16, 1.5
@@ -60,6 +61,8 @@ class Decay(Displayed):
         Rate of decay over angular frequency.
     decays : int
         Recordings it is made of.
+    warnings : tuple of str
+        What speaks against the recordings, one sentence each.
     """
 
     source: str
@@ -71,6 +74,7 @@ class Decay(Displayed):
     damping_ratio: Array
     damping_ratio_std: Array
     decays: int = 1
+    warnings: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """Number of amplitudes."""
@@ -147,26 +151,27 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
     Returns
     -------
     Decay
-        One amplitude a window, the windows side by side.
+        One amplitude a window, the windows side by side. What comes before the last sample of a flat top is left out.
 
     Raises
     ------
     InputError
         If the channel is not there, steps of time differ, the band is not within half the sampling rate, or the
-        recording is too short.
+        recording is too short, or what flat tops leave of it.
 
     References
     ----------
     M. Feldman, Hilbert transform in vibration analysis, MSSP 25 (2011) 735-802, for free vibration.
     """
-    t, z, hz, apart = _demodulated(recorded, channel, band)
+    kept, warnings = _below_flat_tops(recorded, channel)
+    t, z, hz, apart = _demodulated(kept, channel, band)
     size = max(FEWEST, round(CYCLES / hz / apart))
     clear = np.abs(z) > max(CLEAR * _noise(z), LEAST * np.abs(z).max())
     end = len(z) if clear.all() else int(np.argmin(clear))
     rows = [_window(t[i:j], z[i:j]) for i, j in _windows(np.abs(z[:end]), size)]
     if not rows:
         raise InputError(
-            f"{recorded.source}: {channel} stands out of the noise for {end * apart:.3g} s between {band[0]:g} and "
+            f"{kept.source}: {channel} stands out of the noise for {end * apart:.3g} s between {band[0]:g} and "
             f"{band[1]:g} Hz; must be {size * apart:.3g} s at least; try a wider band"
         )
     amplitude, slope, noise = (np.array(column) for column in zip(*rows, strict=True))
@@ -181,6 +186,7 @@ def free_decay(recorded: Recording, channel: str, band: tuple[float, float]) -> 
         hz_std=hz_std / (2 * np.pi),
         damping_ratio=damping_ratio(omega, -slope.real),
         damping_ratio_std=rate_std / omega,
+        warnings=warnings,
     )
 
 
@@ -229,8 +235,8 @@ def over_amplitude(decays: Sequence[Decay], bins: int = BINS, source: str = "dec
             of_both = (_mean(values[own], std[own]) for values, std in ((hz, hz_std), (zeta, zeta_std)))
             rows.append((float(np.exp(np.mean(np.log(A[own])))), *chain.from_iterable(of_both)))
     amplitude, f, f_std, z, z_std = np.array(rows).T
-    first = decays[0]
-    return Decay(source, first.channel, first.unit, amplitude, f, f_std, z, z_std, len(decays))
+    first, warnings = decays[0], tuple(dict.fromkeys(line for d in decays for line in d.warnings))
+    return Decay(source, first.channel, first.unit, amplitude, f, f_std, z, z_std, len(decays), warnings)
 
 
 def _mean(values: Array, std: Array) -> tuple[float, float]:
@@ -242,11 +248,26 @@ def _mean(values: Array, std: Array) -> tuple[float, float]:
 # ----------------------------------------------------------------------------------------------------------- the motion
 
 
+def _below_flat_tops(recorded: Recording, channel: str) -> tuple[Recording, tuple[str, ...]]:
+    """What comes after the last flat top of a channel that is clipped where it is largest, and a warning if it is.
+
+    A decay is clipped at its beginning alone: of all of it flat tops are a part as small as it is long.
+    """
+    recorded.expect_channel(channel)
+    y = recorded.channels[channel]
+    last = int(np.flatnonzero((y == y.max()) | (y == y.min()))[-1])
+    if not clipped(y[: last + 1]):
+        return recorded, ()
+    said = f"{recorded.source}: {channel} is flat-topped up to {recorded.time[last]:.4g} s: was it clipped?"
+    after = replace(recorded, source=f"{recorded.source} after its flat tops")
+    begin, end = recorded.time[last : last + 2][-1], recorded.time[-1]
+    return after.between(float(begin), float(end)), (f"{said} All before is left out",)
+
+
 def _demodulated(
     recorded: Recording, channel: str, band: tuple[float, float]
 ) -> tuple[Array, npt.NDArray[np.complex128], float, float]:
     """Times, complex amplitudes, the frequency they are turned to rest by [Hz], and how far apart they are [s]."""
-    recorded.expect_channel(channel)
     recorded.expect_even("to follow a decay")
     y, step = recorded.channels[channel], recorded.step
     low, high = band

@@ -71,8 +71,8 @@ class HarmonicEstimate(Displayed):
     own_std : (c, H+1) array
         Standard deviation of each of cos and sin, phases of all channels counted from one another.
     turn_std : float
-        Standard deviation of the phase of the fundamental at the zero of time by that of a refined frequency [rad], 0
-        where that was given. It turns all channels together, harmonic k by k times as much.
+        Standard deviation of the phase of the fundamental at the zero of time by that of a refined frequency, or by
+        what a given one is off [rad]. It turns all channels together, harmonic k by k times as much.
     units : dict of str to str
         As in the recording.
     quality : tuple of ChannelQuality, (c,)
@@ -98,6 +98,12 @@ class HarmonicEstimate(Displayed):
     def H(self) -> int:
         """Highest harmonic."""
         return int(self.own_std.shape[1]) - 1
+
+    @property
+    def off_hz(self) -> float:
+        """What a frequency that was given is off [Hz], by a turn of all phases alike; 0 where there is none."""
+        off = _frequency_error(self)
+        return off[1] if off else 0.0
 
     @property
     def std(self) -> Array:

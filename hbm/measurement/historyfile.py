@@ -1,4 +1,4 @@
-"""Time histories of measurements read from files: CSV, MAT (v5 and v7.3), NPZ, UFF58, TDMS, and SEP005 dictionaries.
+"""Time histories of measurements read from files: CSV, MAT (v4 to v7.3), NPZ, UFF58, TDMS, and SEP005 dictionaries.
 
 Every reader only finds time, channels and units; :func:`hbm.measurement.recording.recording` checks and converts them.
 Without a unit, values must be in SI.
@@ -30,7 +30,7 @@ from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.labelled import extra
 from hbm.measurement.csvhistory import read_csv
-from hbm.measurement.matfile import refuse_broken
+from hbm.measurement.matfile import load_variables
 from hbm.measurement.npzfile import load_npz
 from hbm.measurement.recording import DRIVES, KIND, TIMES, Found, Recording, recording, renamed
 from hbm.measurement.ufffile import DataSet, functions, label_of, place, read_uff, system_of, unit_of
@@ -112,14 +112,14 @@ def _read(path: Path) -> Found:
 
 
 def _mat(path: Path) -> Found:
-    reader = extra("pymatreader", str(path))
     try:
-        refuse_broken(path)
-        content = reader.read_mat(path)
-    except Exception as refused:  # pymatreader lets through whatever SciPy and h5py raise
-        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v5 or v7.3)") from None
+        content = load_variables(path)
+    except InputError:
+        raise
+    except Exception as refused:  # whatever SciPy and h5py raise
+        raise InputError(f"{path}: cannot be read ({damage(refused)}); must be a MAT file (v4 to v7.3)") from None
     units = content.get("units")
-    said = {name: str(unit) for name, unit in units.items()} if isinstance(units, dict) else {}
+    said = {name: str(unit) for name, unit in units.items() if np.size(unit)} if isinstance(units, dict) else {}
     return _of_variables(path, content, said)
 
 
@@ -134,14 +134,15 @@ def _of_variables(path: Path, content: Mapping[str, Any], units: Mapping[str, st
     time = next((vectors.pop(name) for name in TIMES if name in vectors), None)
     if time is None and not vectors:
         raise InputError(f"{path}: no vectors; must have {', '.join(TIMES)} or a scalar fs, and one vector per channel")
-    rate = next((float(np.squeeze(numbers[name])) for name in RATES if np.size(numbers.get(name, ())) == 1), 0.0)
+    rates = [np.squeeze(numbers[name]) for name in RATES if np.size(numbers.get(name, ())) == 1]
+    rate = next((float(rate) for rate in rates if np.isrealobj(rate)), 0.0)
     if time is None and 0.0 < rate < float("inf"):
         time = np.arange(len(next(iter(vectors.values())))) / rate
     return Found(time, vectors, units)
 
 
 def _numeric(values: Any) -> bool:
-    return isinstance(values, int | float | np.ndarray) and np.asarray(values).dtype.kind in "iufb"
+    return isinstance(values, int | float | complex | np.ndarray) and np.asarray(values).dtype.kind in "iufbc"
 
 
 # -------------------------------------------------------------------------------------------------------------- UFF58

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from hbm.labelled import extra
 from hbm.textfiles import StrPath
 
 HEADER = 128
@@ -34,6 +35,26 @@ def load_mat(path: StrPath) -> dict[str, Any]:
 
     refuse_broken(path)
     variables: dict[str, Any] = loadmat(path, spmatrix=False)
+    return variables
+
+
+def load_variables(path: StrPath) -> dict[str, Any]:
+    """Variables of a MAT file of any version: vectors without dimensions of one, structs as dictionaries.
+
+    Raises
+    ------
+    InputError
+        If it is of version 7.3 and pymatreader is not installed.
+    Exception
+        As :func:`load_mat`, and whatever h5py makes of a damaged file.
+    """
+    from scipy.io import loadmat
+
+    refuse_broken(path)
+    try:
+        variables: dict[str, Any] = loadmat(path, spmatrix=False, simplify_cells=True)
+    except NotImplementedError:  # HDF5
+        variables = extra("pymatreader", str(path)).read_mat(path)
     return variables
 
 

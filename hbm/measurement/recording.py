@@ -214,6 +214,8 @@ def renamed(
 
 
 def _samples(source: str, name: str, values: npt.ArrayLike) -> Array:
+    if np.iscomplexobj(values):
+        raise InputError(f"{source}: {name} is complex; must be one real number per sample")
     try:
         numbers = np.squeeze(np.asarray(values, dtype=float))
     except (TypeError, ValueError):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.multisine import excited_lines
 from hbm.measurement.repeatability import typical_size
@@ -56,6 +57,17 @@ class FrequencyResponses:
     def std(self) -> Array:
         """Standard deviation of each of real and imaginary part, (n, c)."""
         return np.hypot(self.own_std, np.abs(self.felt(self.H)))
+
+    def expect_drive(self, name: str | None) -> None:
+        """Refuse a channel at the drive that is not there.
+
+        Raises
+        ------
+        InputError
+            With those that are.
+        """
+        if name is not None and name not in self.channels:
+            raise InputError(f"modal: --drive = {name}; must be one of {', '.join(self.channels)}")
 
     def between(self, low: float, high: float) -> "FrequencyResponses":
         """Those in a band of frequencies."""

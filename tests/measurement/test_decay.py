@@ -107,6 +107,42 @@ def test_several_decays_differ_by_what_is_stated(motion) -> None:
     assert d.hz_std.max() < decays[0].hz_std.max()
 
 
+def test_what_is_clipped_is_left_out_with_a_warning(motion, tmp_path: Path) -> None:
+    """Damping is flat where a flat top does not fall; what comes after it is as if nothing had been clipped."""
+    whole = blow(motion, 0)
+    v = np.clip(whole.channels["v"], -0.6, 0.7)
+    last = int(np.flatnonzero((v == 0.7) | (v == -0.6))[-1])
+    d = free_decay(replace(whole, channels={"v": v}), "v", BAND)
+    line = f"blow0.csv: v is flat-topped up to {whole.time[last]:.4g} s: was it clipped? All before is left out"
+    assert d.warnings == (line,)
+    assert d.amplitude[0] < 0.7
+    assert max(np.abs(part).max() for part in pulls(d)) < 4.0
+    rest = whole.between(float(whole.time[last + 1]), 3.0)
+    assert d.damping_ratio == pytest.approx(free_decay(rest, "v", BAND).damping_ratio, rel=1e-12)
+    assert over_amplitude([d, free_decay(whole, "v", BAND), d]).warnings == (line,)
+    np.savetxt(tmp_path / "b.csv", np.column_stack([whole.time, v]), delimiter=",", header="time_s,v", comments="")
+    result = CliRunner().invoke(app, ["decay", str(tmp_path / "b.csv"), "--channel", "v", "--band", "95", "150"])
+    assert result.exit_code == 0
+    assert "b.csv: v is flat-topped up to " in result.stdout
+    t = np.arange(0.0, 3.0, 1.0 / RATE)
+    held = recording("b.csv", t, {"v": np.clip(np.cos(2 * np.pi * 110.3 * t), -0.7, 0.7)})
+    with pytest.raises(
+        InputError, match=r"b.csv after its flat tops: 0.00225 s; must be more than 0.12 s for a band of"
+    ):
+        free_decay(held, "v", BAND)
+    with pytest.raises(
+        InputError, match=r"b.csv after its flat tops: 1 samples from 2.997 to 2.997 s; must be at least"
+    ):
+        free_decay(held.between(0.0, float(t[-12])), "v", BAND)
+
+
+@pytest.mark.parametrize("steps", [4, 40, 4000])
+def test_steps_of_a_converter_are_no_flat_tops(motion, steps: int) -> None:
+    t, A, phase = motion
+    y = np.round(steps * A * np.cos(phase)) / steps
+    assert not free_decay(recording("blow.csv", t, {"v": y}), "v", BAND).warnings
+
+
 def test_what_is_no_decay_of_a_mode_is_refused(motion) -> None:
     recorded = blow(motion, 0)
     for channel, band, line in (

@@ -52,6 +52,30 @@ def test_noiseless_harmonics_are_exact(periods: float) -> None:
     assert e.periods == int(periods)
 
 
+@pytest.mark.parametrize(("hz", "highest"), [(HZ, 5), (50.0, 201)], ids=["least squares", "FFT"])
+def test_a_fundamental_that_turns_or_grows_leaks_into_no_harmonic(hz: float, highest: int) -> None:
+    """A clock that is off by 30 ppm, and 2 % of growth: up to 3e-5 and 8e-5 of them would be in other harmonics."""
+    t = np.arange(50 * 512) / (512 * hz)
+    turned, grown = np.cos(2 * np.pi * hz * (1 + 3e-5) * t + 0.7), (1 + 0.02 * t / t[-1]) * np.cos(2 * np.pi * hz * t)
+    e = harmonic_spectra(recording("run.csv", t, {"turned": turned, "grown": grown}), hz, highest)
+    others = np.delete(e.coefficients, [1, highest + 1], axis=1)
+    assert np.abs(others).max() < 1e-7
+
+
+def test_harmonics_of_a_frequency_that_is_off_are_as_uncertain_as_stated() -> None:
+    """Pulls of 20 records of 100 periods; the fundamental leaks up to three standard deviations of harmonics."""
+    t, pulls = times(100.0), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        y = np.cos(2 * np.pi * HZ * (1 + 6e-5) * t + 0.3 * seed) + 0.0007 * rng.standard_normal(len(t))
+        e = harmonic_spectra(recording("run.csv", t, {"a1": y}), HZ, H)
+        pulls.append(e.coefficients[0, [2, 3, 4, 5, 7, 8, 9, 10]] / np.tile(e.std[0, 2:], 2))
+        assert any("refine it" in line for line in e.warnings)
+        error = abs(e.coefficients[0, 1] - 1j * e.coefficients[0, H + 1] - np.exp(0.3j * seed))
+        assert error < 2.0 * np.sqrt(2.0) * e.std[0, 1]  # the phase in the middle stands for that at the zero of time
+    assert np.sqrt(np.mean(np.square(pulls))) == pytest.approx(1.0, abs=0.25)
+
+
 def test_unequal_steps_are_exact_too() -> None:
     rng = np.random.default_rng(2)
     t = np.sort(rng.uniform(0.0, 1.0, 5000))

@@ -19,6 +19,7 @@ RATE = 2048.0
 N = 300
 TIME = np.arange(N) / RATE
 FORCE, A1 = np.cos(40.0 * TIME), 3.0 * np.sin(70.0 * TIME)
+HEADER_7_3 = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
 
 
 def assert_read(found: Recording, scale: float = 1.0, *, rel: float = 1e-12) -> None:
@@ -109,7 +110,7 @@ def test_garbage_is_refused_by_every_reader(tmp_path: Path) -> None:
 def test_a_missing_package_is_named(ending: str, package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     path = tmp_path / f"h.{ending}"
-    path.write_bytes(b"")
+    path.write_bytes(HEADER_7_3 if ending == "mat" else b"")
     source: Any = path if ending else [{"name": "a1"}]
     where = path if ending else "SEP005"
     assert refusal(source) == f"{where}: needs {package}; install it with: pip install 'casadi-hbm[io]'"
@@ -126,15 +127,23 @@ def test_mat_of_scipy(time: dict[str, Any], tmp_path: Path) -> None:
     assert found.units["a1"] == "m/s2"
 
 
+@pytest.mark.parametrize("version", ["4", "5"])
+def test_mat_of_scipy_needs_no_other_package(version: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pymatreader", None)
+    said: dict[str, Any] = {"units": {"a1": "g", "force": ""}} if version == "5" else {}
+    content = {"t": TIME[:, None], "force": FORCE, "a1": A1[:, None], "note": "run 3", **said}
+    savemat(tmp_path / "h.mat", content, format=version)
+    assert_read(load_history(tmp_path / "h.mat"), 9.80665 if said else 1.0)
+
+
 def test_mat_of_version_7_3(tmp_path: Path) -> None:
     """As MATLAB writes it: HDF5 behind a header of 512 bytes, columns first."""
     path = tmp_path / "h.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values in {"time": TIME, "force": FORCE, "a1": A1}.items():
             file.create_dataset(name, data=values[None, :]).attrs["MATLAB_class"] = np.bytes_("double")
-    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
     with path.open("r+b") as file:
-        file.write(header)
+        file.write(HEADER_7_3)
     found = load_history(path, {"force": "force", "a1": "a1"})
     assert_read(found)
 
@@ -148,6 +157,11 @@ def test_mat_of_version_7_3(tmp_path: Path) -> None:
         ({"time": TIME}, "no channel; must have time and at least one channel"),
         ({"time": TIME, "a1": A1[:-1]}, "a1 has 299 samples, time has 300; must have as many"),
         ({"time": TIME, "a1": np.ones((300, 2))}, "a1 is 300 x 2; must be one number per sample"),
+        ({"fs": RATE, "a1": A1 + 1j}, "a1 is complex; must be one real number per sample"),
+        (
+            {"fs": RATE * 1j, "a1": A1},
+            "no time; must have a vector time_s, time, t, or a scalar fs or sampling_hz > 0 [Hz]",
+        ),
         ({"time": TIME, "a1": np.where(TIME == 0.0, np.inf, A1)}, "a1 is inf at sample 1; must be a finite number"),
         (
             {"time": TIME, "a1": A1, "units": {"a1": "V"}},
@@ -321,3 +335,5 @@ def test_a_numpy_archive_with_several_clocks(tmp_path: Path) -> None:
 def test_a_numpy_archive_with_a_rate(tmp_path: Path) -> None:
     np.savez(tmp_path / "h.npz", v1=np.arange(4.0), sampling_hz=np.array(8.0))
     assert load_history(tmp_path / "h.npz").time.tolist() == [0.0, 0.125, 0.25, 0.375]
+    np.savez(tmp_path / "h.npz", v1=np.arange(4.0) * 1j, sampling_hz=np.array(8.0))
+    assert refusal(tmp_path / "h.npz") == f"{tmp_path / 'h.npz'}: v1 is complex; must be one real number per sample"

@@ -1,0 +1,79 @@
+"""Flexibilities eliminated beside poles, by dense least squares and by differences."""
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+import pytest
+
+from hbm.identification.projection import REST, Projection
+
+POLES = np.array([[20.0, 0.01], [31.0, 0.004]])
+PHASE = 0.1
+
+
+@pytest.fixture(params=[0.0, 3.0], ids=["exact force", "force that errs"])
+def weighted(request: pytest.FixtureRequest) -> Projection:
+    """Two channels of two modes and noise; some of one were not measured."""
+    rng = np.random.default_rng(1)
+    omega = 2 * np.pi * np.linspace(15.0, 40.0, 60)
+    motion = (1j * omega[:, None]) ** np.array([2, 1]) * np.array([1.0, 50.0])
+    motion[:5, 1] = 0.0
+    true = Projection(omega, motion, motion, 0.0 * motion).answer(POLES, PHASE, rng.standard_normal((2, 2 + REST)))
+    real, imaginary = rng.standard_normal((2, *true.shape))
+    measured = true + 0.003 * np.abs(true).max() * (real + 1j * imaginary) * (motion != 0.0)
+    return Projection(omega, motion, measured, request.param * measured / np.abs(measured).max())
+
+
+def unit(j: int, q: int) -> np.ndarray:
+    out = np.zeros((2, 2 + REST))
+    out[j, q] = 1.0
+    return out
+
+
+def columns(weighted: Projection) -> Iterator[np.ndarray]:
+    """What each flexibility does, whitened, real parts and imaginary ones."""
+    for j, q in product(range(2), range(2 + REST)):
+        z = weighted.whitened(weighted.answer(POLES, PHASE, unit(j, q)))
+        yield np.concatenate([z.real.ravel(), z.imag.ravel()])
+
+
+def test_flexibilities_are_those_of_dense_least_squares(weighted: Projection) -> None:
+    z = weighted.whitened(weighted.measured)
+    A, b = np.column_stack(list(columns(weighted))), np.concatenate([z.real.ravel(), z.imag.ravel()])
+    size = np.linalg.norm(A, axis=0)
+    expected = np.linalg.lstsq(A / size, b, rcond=None)[0] / size
+    assert weighted.flexibilities(POLES, PHASE).ravel() == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_is_whitened_has_the_noise_1() -> None:
+    """Covariance 1 + b b^H of real and imaginary parts, by its inverse."""
+    rng = np.random.default_rng(2)
+    b = rng.standard_normal((1, 3)) + 1j * rng.standard_normal((1, 3))
+    none = np.zeros((1, 3), dtype=complex)
+    W = np.column_stack([Projection(np.ones(1), none, none, b).whitened(one[None]).ravel() for one in np.eye(3)])
+    assert W.conj().T @ W == pytest.approx(np.linalg.inv(np.eye(3) + b.T @ b.conj()))
+
+
+def test_slopes_are_differences(weighted: Projection) -> None:
+    flexibility, step = weighted.flexibilities(POLES, PHASE), 1e-6
+
+    def answer(moved: np.ndarray) -> np.ndarray:
+        poles = POLES * np.exp(moved[:4].reshape(2, 2).T)
+        return weighted.answer(poles, PHASE + moved[4], flexibility)
+
+    expected = [(answer(step * one) - answer(-step * one)) / (2 * step) for one in np.eye(5)]
+    found = weighted.slopes(POLES, PHASE, flexibility)
+    assert found == pytest.approx(np.stack(expected, axis=2), abs=1e-6 * np.abs(found).max())
+
+
+def test_no_poles_near_those_found_fit_better(weighted: Projection) -> None:
+    def misfit(poles: np.ndarray, phase: float) -> float:
+        left = weighted.measured - weighted.answer(poles, phase, weighted.flexibilities(poles, phase))
+        return float(np.sum(np.abs(weighted.whitened(left)) ** 2))
+
+    poles, phase = weighted.fitted(POLES * 1.002, 0.0, turns=True)
+    least = misfit(poles, phase)
+    for i, by in product(range(5), (-1e-3, 1e-3)):
+        moved = by * np.eye(5)[i]
+        assert misfit(poles * np.exp(moved[:4].reshape(2, 2).T), phase + moved[4]) > least
