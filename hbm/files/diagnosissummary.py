@@ -201,7 +201,7 @@ def _added(d: Diagnosis) -> str:
 
 def _more_modes(d: Diagnosis) -> str:
     """What a beam needs to be simulated as the records were, where its rig file keeps fewer modes."""
-    if d.extended is None or not isinstance(d.extended.body, Beam):
+    if d.extended is None or d.campaign is None or not isinstance(d.extended.body, Beam):
         return ""
     taken = d.campaign.numerics.working.modes
     if taken <= d.extended.body.modes:
