@@ -1,0 +1,130 @@
+"""Fits that begin on another branch or in another valley than the one that was measured, and get out of it."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import hbm.diagnosis.fullfits
+from hbm.diagnosis.candidates import TIED, _chosen
+from hbm.diagnosis.fullfits import HELPS, full_fits
+from hbm.diagnosis.restart import apart, started
+from hbm.diagnosis.search import Search, campaign_of
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.model import Model
+from hbm.response.trace import trace_frequency
+from models.bodies import ModalModel
+from models.causes.joints import CubicStiffness, LocalDamper
+from models.jointed import JointedRig
+from models.joints import CubicSpring, Joint
+from models.parts import Channel, Damping, Excitation
+
+H, HZ, NOISE, K3 = 3, 21.0, 1e-3, 5e10
+BODY, DAMPING = ModalModel((20.0,), {"tip": (1.0,)}), Damping(modal_ratios=(0.005,))
+CHANNELS = (Channel("force", "force"), Channel("x", "displacement", at="tip"))
+SPRING = Joint("hidden", CubicSpring(K3), ("tip",))
+RIG = JointedRig("one mode", BODY, DAMPING, (SPRING,), Excitation(0.05, at="tip"), CHANNELS)
+
+
+def branches() -> list[Any]:
+    """Steady states at one frequency between the folds, the smallest first: made by the curve that passes all three."""
+    curve = trace_frequency(RIG, (19.0, 24.0), harmonics=H)
+    hz = np.array(curve.hz)
+    crossed = np.flatnonzero((hz[1:] - HZ) * (hz[:-1] - HZ) <= 0.0)
+    assert len(crossed) == 3
+    near = [curve.points[i] for i in crossed]
+    return sorted(near, key=lambda s: float(np.abs(s["x"].coefficients).max()))
+
+
+def spectra_at(solution: Any) -> MeasuredSpectra:
+    rows = {name: solution[name].coefficients[None, : 2 * H + 1] for name in ("x", "force")}
+    size = np.abs(rows["x"]).max()
+    std = {"x": np.full((1, H + 1), NOISE * size), "force": np.full((1, H + 1), 1e-6)}
+    return spectra_of(RIG, np.array([solution.hz]), np.array([solution.level]), rows, std)
+
+
+@pytest.mark.parametrize("measured", [0, 2])
+def test_a_record_is_followed_on_the_branch_that_was_measured(measured: int) -> None:
+    """Its last steady state is on the other one, where Newton's method would stay."""
+    found = branches()
+    campaign, _ = campaign_of(RIG, spectra_at(found[measured]))
+    model = Model(RIG, {})
+    astray = {1: found[2 - measured]}
+    stays = evaluate(model, campaign, model.start, astray)
+    assert stays.chi2 > 1e4 * len(stays.white)
+    assert fit_model(model, campaign, model.start, astray).chi2 < 10.0 * len(stays.white)
+
+
+def quick(label: str, chi2: float, numbers: int) -> Any:
+    return SimpleNamespace(cause=SimpleNamespace(label=label), chi2=chi2, numbers=numbers)
+
+
+def order(candidate: Any) -> float:
+    return float(candidate.numbers)
+
+
+def test_of_those_that_leave_alike_the_simplest_comes_first_where_none_leaves_noise() -> None:
+    few, richer = SimpleNamespace(points=50), quick("quintic", 1e5, 3)
+    for share, first in ((0.5 * TIED, "cubic"), (2.0 * TIED, "quintic")):
+        fitted = [richer, quick("cubic", (1.0 + share) * 1e5, 2), quick("poor", 1e7, 1)]
+        chosen = [c.cause.label for c in _chosen(fitted, few, False, 1.0, order)]
+        assert chosen[0] == first and set(chosen) == {"cubic", "quintic"}
+    explains = [quick("quintic", 49.0, 3), quick("cubic", 49.5, 2)]
+    assert _chosen(explains, few, False, 1.0, order)[0].cause.label == "quintic"
+
+
+@pytest.mark.parametrize(("left", "fitted"), [(0.9 * HELPS, 1), (1.1 * HELPS, 2)])
+def test_another_is_fitted_where_the_first_does_not_take_its_share_of_all(
+    monkeypatch: pytest.MonkeyPatch, left: float, fitted: int
+) -> None:
+    fits = (SimpleNamespace(chi2=share * 1e4, missing=(), bic=share, white=()) for share in (left, 0.1))
+    monkeypatch.setattr(hbm.diagnosis.fullfits, "_fits", lambda *_: [next(fits)])
+    monkeypatch.setattr(hbm.diagnosis.fullfits, "small", lambda base: False)
+    model = SimpleNamespace(extended_by=lambda cause: None)
+    base = SimpleNamespace(chi2=1e4, model=model, solutions={})
+    two = [SimpleNamespace(cause=SimpleNamespace(label=name), x=None, others=()) for name in "ab"]
+    assert len(full_fits(two, base, None, lambda said: None, one=True)) == fitted
+
+
+def test_each_of_a_pair_is_fitted_alone_from_where_both_were_found() -> None:
+    """The first of them keeps the number that it has in the pair, not the start of a search."""
+    found = branches()[0]
+    linear = JointedRig("one mode", BODY, DAMPING, (), RIG.excitation, CHANNELS)
+    campaign, _ = campaign_of(linear, spectra_at(found))
+    bare = Model(linear, {})
+    base = evaluate(bare, campaign, bare.start, {})
+    first, second = CubicStiffness("tip"), LocalDamper("tip")
+    both = bare.extended_by(first).extended_by(second)
+    x = np.array([f.of(K3 if f.cause == 0 else 1e-9) for f in both.free])
+    pair = evaluate(both, campaign, x, {1: found})
+    alone = apart(base, pair, campaign)
+    assert [e.model.causes for e in alone] == [(first,), (second,)]
+    assert alone[0].chi2 == pytest.approx(pair.chi2, rel=0.2, abs=1.0) and alone[1].chi2 > 1e3 * alone[0].chi2
+    (found_alone,) = started(base, pair, (first,), campaign)
+    assert found_alone.model.values(found_alone.x, 0)[first.unknowns(linear)[0].name] == pytest.approx(K3, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("explained", "calibrated", "settled", "asked"),
+    [(0.95, True, True, 1), (0.95, False, False, 1), (0.5, True, False, 0)],
+)
+def test_a_cause_that_takes_nearly_all_is_calibrated_before_others_are_looked_for(
+    monkeypatch: pytest.MonkeyPatch, explained: float, calibrated: bool, settled: bool, asked: int
+) -> None:
+    again: list[Any] = []
+
+    def beside(e: Any) -> list[Any]:
+        again.append(e)
+        return ["calibrated"]
+
+    monkeypatch.setattr("hbm.diagnosis.search.explained", lambda before, after: explained)
+    e = SimpleNamespace(model=SimpleNamespace(calibrated={}), white=None)
+    search = SimpleNamespace(
+        _enough=lambda one: one == "calibrated" and calibrated,
+        nominal=SimpleNamespace(white=None),
+        tolerable=lambda one: True,
+        _over_tolerances=beside,
+    )
+    assert Search._settles(search, e) is settled and len(again) == asked
