@@ -1,14 +1,16 @@
-"""What the first screen tells of where a force is missing, and of whether records tell places apart."""
+"""What the first screen tells of where a force is missing, of whether records tell places apart, and of modes."""
 
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
 from hbm.diagnosis.discrepancy import Discrepancy
 from hbm.diagnosis.missingforce import MissingForce
 from hbm.diagnosis.remainder import Remainder
 from hbm.diagnosis.verdict import Diagnosis, Errors
-from hbm.files.diagnosissummary import first_screen
+from hbm.files.diagnosissummary import _more_modes, first_screen
+from models.published import PAPER_BEAM
 
 POINTS, UNKNOWNS = 500, 100
 KINDS = {"the clamp": "motion", "sensor a1": "reading", "sensor a2": "reading"}
@@ -109,3 +111,12 @@ def test_more_places_than_can_be_listed_are_counted() -> None:
     names = [f"the beam at {10 * i} mm" for i in range(1, 7)]
     _, look = told(found(300.0, {name: 50.0 + 0.5 * i for i, name in enumerate(names)}))
     assert look.endswith("the beam at 40 mm or at 2 other places, which these records do not tell apart.")
+
+
+@pytest.mark.parametrize(("taken", "said"), [(PAPER_BEAM.modes, False), (PAPER_BEAM.modes + 10, True)])
+def test_modes_that_records_took_are_said_where_the_rig_file_keeps_fewer(taken: int, said: bool) -> None:
+    campaign = SimpleNamespace(numerics=SimpleNamespace(working=SimpleNamespace(modes=taken)))
+    told = _more_modes(SimpleNamespace(extended=SimpleNamespace(body=PAPER_BEAM), campaign=campaign))
+    assert told == (
+        f" The records took {taken} modes: set modes = {taken} in its [beam] for the same accuracy." if said else ""
+    )
