@@ -56,8 +56,11 @@ def measured_of(off, snr):
 
 
 def test_one_wrong_number_beside_a_background_is_named_where_small_errors_would_leave_noise():
-    """A wrong radius, and Young's modulus off by a tenth of its tolerance, which is all that a background is here."""
-    rig, spectra = measured_of({"contact.radius": 1.05, E: 1.001}, 50.0)
+    """A wrong radius, and Young's modulus off by a twelfth of its tolerance: a background of 0.8 % of the response.
+
+    One of 1 % is as large as a cause that is found may leave.
+    """
+    rig, spectra = measured_of({"contact.radius": 1.05, E: 1.0008}, 50.0)
     radius, others = WrongParameter("contact.radius"), (AddedMass, ViscousContact)
     found = diagnose(rig, spectra, held_out=(), causes=(radius, *others))
     assert misfit(found.calibrated, found.campaign).fits
