@@ -84,12 +84,7 @@ def expect_positive(value: Any, what: str, where: str, unit: str) -> None:
     InputError
         With what was given.
     """
-    try:
-        accepted = bool(0.0 < value < inf)
-    except (TypeError, ValueError):
-        accepted = False
-    if not accepted:
-        raise InputError(f"{where}: {what} = {_shown(value)}; must be > 0 and finite [{unit}]")
+    _expect_from_zero(value, what, where, unit, "> 0")
 
 
 def expect_not_negative(value: Any, what: str, where: str, unit: str) -> None:
@@ -100,12 +95,16 @@ def expect_not_negative(value: Any, what: str, where: str, unit: str) -> None:
     InputError
         With what was given.
     """
+    _expect_from_zero(value, what, where, unit, ">= 0")
+
+
+def _expect_from_zero(value: Any, what: str, where: str, unit: str, least: str) -> None:
     try:
-        accepted = bool(0.0 <= value < inf)
+        accepted = bool(0.0 < value < inf) or (least == ">= 0" and bool(value == 0.0))
     except (TypeError, ValueError):
         accepted = False
     if not accepted:
-        raise InputError(f"{where}: {what} = {_shown(value)}; must be >= 0 and finite [{unit}]")
+        raise InputError(f"{where}: {what} = {_shown(value)}; must be {least} and finite [{unit}]")
 
 
 def expect_frequency(hz: Any, where: str) -> None:

@@ -49,8 +49,11 @@ SHARE = 0.7
 EXPLAINED, LITTLE = 1.5, 0.03
 """Mean square misfit of the quick fit, or share of what it was, from which on only look-alikes of the best one run."""
 
-OF_JOINTS, OF_BODIES = "parameter:joints.", tuple(f"parameter:{key}" for key in STIFFNESSES)
-"""Beginning of the labels of numbers of the joints of a rig file; labels of the stiffness of a whole body."""
+OF_JOINTS = "parameter:joints."
+"""Beginning of the labels of numbers of the joints of a rig file."""
+
+OF_BODIES = tuple(f"parameter:{key}" for key in STIFFNESSES)
+"""Labels of the stiffness of a whole body."""
 
 ENTRY = re.compile(r"\[\d+\]")
 """Which entry of a list a label is of."""
@@ -88,10 +91,8 @@ def fit_candidates(
         chosen, tried = _by_quick_fits(quick, screening, tell, LITTLE)
         lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
         reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
-        done, rest = (
-            refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign),
-            _in_order(screening, base),
-        )
+        done = refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign)
+        rest = _in_order(screening, base)
         reached = chosen[0].chi2 if lost else np.inf
     rest = [s for s in rest if s.cause.label not in tried]
     if rest and not any(enough(e) for e in done):

@@ -191,14 +191,19 @@ class Conclusion:
             del shares["held_out"]
         told = () if best is None or self._varying is None else (self._varying.sentence,)
         left = remainder(e.white, self.campaign, bool(told) or not misfit(e, self.campaign).fits, shares, told)
-        return replace(left, untested=untested, missed=self._missed(e) if best is None else 0.0)
+        return replace(left, untested=untested, missed=self._missed(plain) if best is None else 0.0)
 
     def _missed(self, e: Evaluation) -> float:
         """Error of the records held out, where these are not noise although those fitted are; else 0."""
-        scored = self._predicted(e)
-        if scored is None or scored.misfit.fits or not misfit(e, self.campaign).fits:
-            return 0.0
-        return scored.misfit.nrmse
+        scored = self._scored(e)
+        alone = scored is not None and not scored.misfit.fits and misfit(self._noise(e), self.campaign).fits
+        return scored.misfit.nrmse if scored is not None and alone else 0.0
+
+    def _scored(self, e: Evaluation) -> Predicted | None:
+        """The best model, the rig file as it is or calibrated, on the records held out."""
+        if self.best is not None and e is self.best[0]:
+            return self.best[1]
+        return self.nominal if e is self.search.nominal else self.calibrated
 
     @cached_property
     def _shares(self) -> dict[str, float]:
@@ -325,7 +330,7 @@ class Conclusion:
         A calibration that ends at its bounds says nothing: then it is the rig file as it is that is judged.
         """
         base = base if self.search.tolerable(base) else self.search.nominal
-        e, scored = self._noise(base), self.nominal if base is self.search.nominal else self.calibrated
+        e, scored = self._noise(base), self._scored(base)
         if nrmse(e.white) > SAYS_NOTHING:
             return "unexplained"
         if misfit(e, self.campaign).fits and (scored is None or scored.misfit.fits):
@@ -347,10 +352,9 @@ class Conclusion:
                 kind = "foretold" if foretold else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":
-            e = self._noise(self.decision.story)
-            scored = self._predicted(e)
-            by_noise = [misfit(e, self.campaign).probability, *([] if scored is None else [scored.misfit.probability])]
-            return RELIABLE[verdict] * (1.0 - min(by_noise))
+            story, scored = self.decision.story, self._scored(self.decision.story)
+            by_noise = [misfit(self._noise(story), self.campaign), *([] if scored is None else [scored.misfit])]
+            return RELIABLE[verdict] * (1.0 - min(m.probability for m in by_noise))
         noise = misfit(self.search.nominal, self.campaign).fits
         return RELIABLE[verdict] * nothing_missing(self.search, self.decision) if noise else RELIABLE["within"]
 

@@ -15,7 +15,8 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 
 HELPS = 0.5
-"""Where the best leaves more than this share of chi2 nothing will explain the records."""
+"""Where the best leaves more than this share of chi2 of few records nothing will explain them; where the first does of
+all records another one is fitted."""
 
 REFINABLE = 10.0
 """Mean square misfit up to which a better correction of the discretisation may be what is missing."""

@@ -56,8 +56,7 @@ def apart(base: Evaluation, pair: Evaluation, campaign: Campaign) -> list[Evalua
     The first may only have led to where the second is found; and the second only have carried the first out of a
     valley, or onto the branch, that it was caught in.
     """
-    first, second = pair.model.causes[:1], pair.model.causes[1:]
-    return [e for cause in (first, second) for e in started(base, pair, cause, campaign)]
+    return [*started(base, pair, pair.model.causes[:1], campaign), *led_to(base, pair, campaign)]
 
 
 def led_to(base: Evaluation, pair: Evaluation, campaign: Campaign) -> list[Evaluation]:

@@ -350,9 +350,9 @@ class Search:
         causes = [c for c in self.candidates if isinstance(c, ContactLoss) and _suits(c, base.model.rig(base.x))]
         if not causes or not any(s.lift_off for s in base.solutions.values()):
             return []
+        model = base.model.extended_by(causes[0])
         self.tell(f"{causes[0].label}, all records", done)
         with suppress(*FAILURES):
-            model = base.model.extended_by(causes[0])
             return [refine(fit_model(model, self.campaign, starting(model, base, {}), base.solutions), self.campaign)]
         return []
 

@@ -13,7 +13,7 @@ from hbm.inverse.jointed import reconstruct_joints
 from hbm.inverse.reconstruct import reconstruct_again
 from hbm.inverse.reconstruction import Reconstructed, Reconstruction
 from hbm.outputerror.model import FAR
-from hbm.outputerror.nominal import tolerances as usual_or
+from hbm.outputerror.nominal import tolerances as with_usual
 from hbm.parallel import one_thread
 from hbm.sensitivity.scalars import FRICTION
 from models.plausible import quiet
@@ -185,8 +185,8 @@ def known_by(
         As for :func:`hbm.contact_errors`.
     """
     rig = reconstruction.rig
-    all_of_them = usual_or(rig, reconstruction.spectra.channels, tolerances)
-    off = {key: std for key, std in all_of_them.items() if not key.startswith(OF_LAWS)}
+    every = with_usual(rig, reconstruction.spectra.channels, tolerances)
+    off = {key: std for key, std in every.items() if not key.startswith(OF_LAWS)}
     values = {key: float(rig.number(key)) for key in off}
     others = {key: _tried(reconstruction, key, values[key], std) for key, std in off.items()}
     here = _contradiction(reconstruction, reconstruction.widening)

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hbm.fourier import Array
+from hbm.measurement.harmonics import design
 
 COUNTED = 5
 """Harmonics by which the length of a cycle is found."""
@@ -88,9 +89,7 @@ def _resolved(samples: int, cycles: float, most: int) -> int:
 
 
 def _basis(cycles: float, time: Array, harmonics: int) -> Array:
-    """Columns 1, cosines and sines."""
-    angles = np.outer((time - time[0]) * (2.0 * np.pi * cycles / span(time)), np.arange(1, harmonics + 1))
-    return np.hstack([np.ones((len(time), 1)), np.cos(angles), np.sin(angles)])
+    return design(time - time[0], cycles / span(time), harmonics)
 
 
 def _left(cycles: float, time: Array, displacement: Array, harmonics: int) -> float:

@@ -220,12 +220,12 @@ def _fitted(t: Array, Y: Array, hz: float, H: int, edges: Array) -> tuple[Array,
     sums = list(_normal_equations(t, Y, hz, H, edges))
     whole, middle, length = sum(G for G, _ in sums), 0.5 * (t[0] + t[-1]), t[-1] - t[0]
     coefficients = np.asarray(np.linalg.solve(whole, sum(r for _, r in sums)).T, dtype=float)
-    residual = np.concatenate([y - _design(x, hz, H) @ coefficients.T for x, y in _chunks(t, Y, edges)])
+    residual = np.concatenate([y - design(x, hz, H) @ coefficients.T for x, y in _chunks(t, Y, edges)])
 
     def leak(trend: Array) -> Array:
         seen = np.zeros_like(trend.T)
         for x, _ in _chunks(t, Y, edges):
-            A = _design(x, hz, H)
+            A = design(x, hz, H)
             seen += A.T @ (((x - middle) / length)[:, None] * (A @ trend.T))
         return np.asarray(np.linalg.solve(whole, seen).T)
 
@@ -270,7 +270,7 @@ def _trends(by_block: Array) -> Array:
     return np.asarray(np.tensordot(x, by_block, axes=1) / (x @ x))
 
 
-def _design(t: Array, hz: float, H: int) -> Array:
+def design(t: Array, hz: float, H: int) -> Array:
     """Columns 1, cos k Omega t, sin k Omega t, (N, 2H+1)."""
     powers = np.empty((H, len(t)), dtype=complex)
     powers[0] = np.exp(2j * np.pi * hz * t)
@@ -288,7 +288,7 @@ def _chunks(t: Array, Y: Array, edges: Array) -> Iterator[tuple[Array, Array]]:
 def _normal_equations(t: Array, Y: Array, hz: float, H: int, edges: Array) -> Iterator[tuple[Array, Array]]:
     """Normal matrix and right-hand side of each block; their sums are those of the whole record."""
     for x, y in _chunks(t, Y, edges):
-        A = _design(x, hz, H)
+        A = design(x, hz, H)
         yield A.T @ A, A.T @ y
 
 
@@ -373,7 +373,7 @@ def _refined(recorded: Recording, t: Array, hz: float, H: int, channel: str) -> 
     centred, duration = t - t.mean(), float(t[-1] - t[0])
 
     def left(f: float) -> float:
-        A = _design(centred, f, H)
+        A = design(centred, f, H)
         return float(np.sum((y - A @ np.linalg.solve(A.T @ A, A.T @ y)) ** 2))
 
     reach = 0.5 / duration
@@ -384,7 +384,7 @@ def _refined(recorded: Recording, t: Array, hz: float, H: int, channel: str) -> 
             f"{recorded.source}: no maximum of {channel} within {reach:.3g} Hz of {hz:g} Hz; "
             "must be closer to the fundamental"
         )
-    A = _design(centred, best, H)
+    A = design(centred, best, H)
     a = np.linalg.lstsq(A, y, rcond=None)[0]
     noise = np.sum((y - A @ a) ** 2) / max(len(y) - 2 * H - 1, 1)
     amplitude = max(float(np.hypot(a[1], a[H + 1])), np.finfo(float).tiny)

@@ -146,7 +146,7 @@ def test_what_shows_in_the_records_held_out_alone_is_told(
 ):
     monkeypatch.setattr("hbm.diagnosis.conclusion.misfit", lambda e, campaign: SimpleNamespace(fits=fitted))
     scored = SimpleNamespace(misfit=SimpleNamespace(fits=held_out, nrmse=0.031))
-    found = SimpleNamespace(_predicted=lambda e: scored, campaign=None)
+    found = SimpleNamespace(_scored=lambda e: scored, _noise=lambda e: e, campaign=None)
     assert Conclusion._missed(found, None) == missed
     told = replace(remainder(noise, campaign, False, {}), missed=missed).sentence
     others = " on the records fitted; those held out are missed by 3.1 %" if missed else ""
