@@ -18,11 +18,11 @@ import numpy.typing as npt
 
 from hbm.diagnosis.calibrate import trusted
 from hbm.diagnosis.screen import coarse
-from hbm.diagnosis.search import campaign_of
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import evaluate
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Free, Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from hbm.outputerror.whitened import uncorrelated

@@ -29,7 +29,14 @@ class Entries(NamedTuple):
 
     def along(self, rows: npt.NDArray[np.bool_]) -> "Entries | None":
         """Those along some rows; None where there are none."""
-        kept = rows[self.row]
+        return self._kept(rows[self.row])
+
+    @property
+    def acting(self) -> "Entries | None":
+        """Those that are not zero all along; None where there are none."""
+        return self._kept(np.asarray(self.k.any(axis=0)))
+
+    def _kept(self, kept: npt.NDArray[np.bool_]) -> "Entries | None":
         return Entries(self.k[:, kept], self.row[kept], self.column[kept]) if kept.any() else None
 
 
@@ -69,7 +76,13 @@ class ElementSlope:
     @property
     def acts(self) -> bool:
         """Whether any of the forces changes with the motion: none does while every stop stays open."""
-        return any(entry is not None and entry.k.any() for entry in self._entries)
+        return any(entry is not None for entry in self._entries)
+
+    @property
+    def rows(self) -> npt.NDArray[np.intp]:
+        """Rows whose forces change, or whose readings change forces."""
+        there = [entry for entry in self._entries if entry is not None]
+        return np.unique(np.concatenate([*(e.row for e in there), *(e.column for e in there)]))
 
     def strength(self) -> Array:
         """Dynamic stiffness that the elements add to each harmonic and mode, at most, (H+1, n)."""
@@ -321,8 +334,7 @@ class ElementsOverPeriod:
 
     def linearize(self, Q: Array, Omega: float, F: Array) -> ElementSlope:
         """Derivatives of what the forces of :meth:`along_rows` do to modes and support."""
-        entries = [e if len(e.row) else None for e in self._slopes(Q, Omega, F)]
-        return ElementSlope(self, entries, self._y_t.copy(), Omega)
+        return ElementSlope(self, [e.acting for e in self._slopes(Q, Omega, F)], self._y_t.copy(), Omega)
 
     def slopes_in_time(self, Q: Array, Omega: float, F: Array) -> tuple[Array, Array]:
         """Derivatives of the forces on modes and support to q and to q' at the samples, two of (N_t, n+1, n)."""

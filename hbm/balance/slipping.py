@@ -52,7 +52,7 @@ class PointForces:
         self, problem: Balance, elements: ElementsOverPeriod, contact: ContactForce, slope: ElementSlope
     ) -> None:
         self._problem, self._elements, self._contact = problem, elements, contact
-        self._rows = np.flatnonzero(elements.at_points)
+        self._rows = slope.rows
         side = len(self._rows) * problem.basis.size
         self.slid = slope.by_readings(self._rows).reshape(side, side)
 

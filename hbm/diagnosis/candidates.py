@@ -49,6 +49,10 @@ SHARE = 0.7
 EXPLAINED, LITTLE = 1.5, 0.03
 """Mean square misfit of the quick fit, or share of what it was, from which on only look-alikes of the best one run."""
 
+REST, HALF, LEAD = 0.1, 0.5, 3.0
+"""A candidate is alone ahead that leaves at most the first share of what exceeds noise, and every other one so many
+times as much. Nor are more tried where it leaves the second, and those whose starts were next so many times as much."""
+
 OF_JOINTS = "parameter:joints."
 """Beginning of the labels of numbers of the joints of a rig file."""
 
@@ -62,7 +66,7 @@ Enough = Callable[[Evaluation], bool]
 
 
 def fit_candidates(
-    base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell, enough: Enough
+    base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell, enough: Enough, *, favoured: bool = False
 ) -> list[Evaluation]:
     """Fit the candidates that may explain a misfit, over a model that was calibrated or not.
 
@@ -77,6 +81,8 @@ def fit_candidates(
         Progress.
     enough : callable
         Whether a fit leaves so little that no other candidates are looked at.
+    favoured : bool
+        Whether no candidates are looked at but the first in the order of the score test, if none of them leaves noise.
 
     Returns
     -------
@@ -88,13 +94,13 @@ def fit_candidates(
         done = refined(full_fits(_by_score(quick, screening), base, campaign, tell), base, campaign)
         tried, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
     else:
-        chosen, tried = _by_quick_fits(quick, screening, tell, LITTLE)
+        chosen, tried = _by_quick_fits(quick, screening, tell, 0.0 if favoured else LITTLE, favoured=favoured)
         lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
         reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
         done = refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign)
         rest = _in_order(screening, base)
         reached = chosen[0].chi2 if lost else np.inf
-    rest = [s for s in rest if s.cause.label not in tried]
+    rest = [] if favoured else [s for s in rest if s.cause.label not in tried]
     if rest and not any(enough(e) for e in done):
         chosen, _ = _by_quick_fits(quick, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
         more = sorted(full_fits(chosen, base, campaign, tell), key=rank)
@@ -158,20 +164,28 @@ def _by_score(quick: QuickFits, screening: Screening) -> list[Candidate]:
 
 
 def _by_quick_fits(
-    quick: QuickFits, screening: Screening, tell: Tell, little: float, reached: float = np.inf
+    quick: QuickFits,
+    screening: Screening,
+    tell: Tell,
+    little: float,
+    reached: float = np.inf,
+    *,
+    favoured: bool = False,
 ) -> tuple[list[Candidate], set[str]]:
     """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that were tried.
 
     Those that leave more than `reached` are out.
     """
     few = quick.few
-    fitted, free, tried = _first_quick_fits(quick, screening, max(EXPLAINED * few.points, little * quick.before), tell)
+    limit = max(EXPLAINED * few.points, little * quick.before)
+    fitted, free, tried = _first_quick_fits(quick, screening, limit, tell, favoured)
     fitted, free = [r for r in fitted if r.chi2 < BEHIND * reached], [r for r in free if r.chi2 < reached]
-    if not fitted:
-        return free, tried
+    if not fitted or (favoured and fitted[0].chi2 > limit):
+        return [*fitted[:1], *free], tried
     if not quick.base.model.causes:
         first = bool(np.isinf(reached)) and not quick.base.pulls.any()
-        fitted = from_other_starts(fitted, EXPLAINED * few.points, quick, screening, tell, first=first)
+        explained = fitted[0].chi2 if _alone_ahead(fitted, quick) else EXPLAINED * few.points
+        fitted = from_other_starts(fitted, explained, quick, screening, tell, first=first)
     if scanned(quick.base):
         confused = _confused(fitted, EXPLAINED * few.points, screening, tried)
         tried |= {s.cause.label for s in confused}
@@ -192,11 +206,11 @@ def _free(cause: Cause) -> bool:
 
 
 def _first_quick_fits(
-    quick: QuickFits, screening: Screening, explained: float, tell: Tell
+    quick: QuickFits, screening: Screening, explained: float, tell: Tell, favoured: bool
 ) -> tuple[list[Candidate], list[Candidate], set[str]]:
     """Quick fits of what may explain the records, and of what is free in each, the best first; and what was tried."""
     listed = _in_order(screening, quick.base)
-    waiting, started = listed, 0
+    waiting, started, by_start = listed, 0, False
     fitted: list[Candidate] = []
     free: list[Candidate] = []
     tried: set[str] = set()
@@ -205,22 +219,40 @@ def _first_quick_fits(
         return _settled(fitted, explained, score.cause, screening)
 
     while waiting := [s for s in waiting if not excluded(s)]:
+        if favoured and started >= FAVOURED:
+            break
         if started == FAVOURED and all(r.chi2 > explained for r in fitted):
             tell("starts of all others")
-            waiting = quick.ordered(waiting)
+            waiting, by_start = quick.ordered(waiting), True
         if started >= COMPARED and scanned(quick.base) and any(r.chi2 <= explained for r in fitted):
             break
         count = AT_ONCE if started else 1
         batch, waiting = waiting[:count], waiting[count:]
         started += len(batch)
         tell(", ".join(s.cause.label for s in batch) + f" ({started} of {len(listed)})")
-        for score, candidate in zip(batch, quick.run(batch, reach=_reach(fitted, explained)), strict=True):
-            if excluded(score):
-                continue
-            tried.add(score.cause.label)
-            if candidate is not None:
-                (free if _free(score.cause) else fitted).append(candidate)
+        found = [r for r in quick.run(batch, reach=_reach(fitted, explained)) if r is not None]
+        tried |= {s.cause.label for s in batch}
+        free += [r for r in found if _free(r.cause)]
+        fitted += (forces := [r for r in found if not _free(r.cause)])
+        if by_start and _ahead(fitted, forces, HALF, quick):
+            break
+        if started >= FAVOURED and _alone_ahead(fitted, quick):
+            explained = max(explained, min(r.chi2 for r in fitted))
     return sorted(fitted, key=lambda r: r.chi2), sorted(free, key=lambda r: r.chi2), tried
+
+
+def _alone_ahead(fitted: Sequence[Candidate], quick: QuickFits) -> bool:
+    """Whether the best of some candidates leaves next to nothing and is far ahead of the others."""
+    ranked = sorted(fitted, key=lambda r: r.chi2)
+    return _ahead(ranked[:1], ranked[1:], REST, quick)
+
+
+def _ahead(fitted: Sequence[Candidate], others: Sequence[Candidate], share: float, quick: QuickFits) -> bool:
+    """Whether the best leaves a share of what exceeds noise, and others leave far more."""
+    noise = quick.few.points
+    left = max(min((r.chi2 for r in fitted), default=np.inf) - noise, (EXPLAINED - 1.0) * noise)
+    behind = all(r.chi2 - noise > LEAD * left for r in others)
+    return behind and left <= share * (quick.before - noise) and not scanned(quick.base)
 
 
 def _reach(fitted: Sequence[Candidate], explained: float) -> float:

@@ -16,7 +16,7 @@ from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, predicted
 from hbm.diagnosis.remainder import LEFT, MOST, Remainder, beyond_noise, explained, remainder, tells
-from hbm.diagnosis.search import NEARLY, Search, campaign_of
+from hbm.diagnosis.search import NEARLY, Search
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.fourier import Array
@@ -24,6 +24,7 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import CHANGING, LARGEST
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.whitened import Whitened
 
 MAIN, NOTABLE = 0.5, 0.005

@@ -19,7 +19,7 @@ HELPS = 0.5
 all records another one is fitted."""
 
 REFINABLE = 10.0
-"""Mean square misfit up to which a better correction of the discretisation may be what is missing."""
+"""Mean square misfit up to which the discretisation is corrected anew where a fit is."""
 
 FINISHED = 40
 """Evaluations of the best fit of a joint that leaves more, at most."""
@@ -68,13 +68,18 @@ def _fits(
     return fits
 
 
+def refinable(e: Evaluation) -> bool:
+    """Whether a better correction of the discretisation may be what a fit is missing."""
+    return e.chi2 <= REFINABLE * len(e.white)
+
+
 def refined(done: list[Evaluation], base: Evaluation, campaign: Campaign) -> list[Evaluation]:
     """Fits in order, the best ones refined: where the misfit is small the campaign is corrected near enough."""
     ordered = sorted(done, key=rank)
     if not ordered:
         return []
     first, *others = ordered
-    if first.chi2 > REFINABLE * len(first.white):
+    if not refinable(first):
         if scanned(base):  # a joint's stiffness and what it slips at go along narrow valleys, which take more steps
             first = fit_model(first.model, campaign, first.x, first.solutions, FINISHED)
         return [first, *others]

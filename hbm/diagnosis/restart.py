@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.candidates import EXPLAINED
+from hbm.diagnosis.fullfits import refinable
 from hbm.diagnosis.judge import background_of, beside_noise
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, best_start, fit_model, refine
@@ -45,7 +46,7 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
     try:
         start = best_start(model, campaign, starts, found.solutions)[0][1] if len(starts) > 1 else starts[0]
         best = fit_model(model, campaign, start, found.solutions, reach=EXPLAINED * len(found.white))
-        return [refine(best, campaign)]
+        return [refine(best, campaign) if refinable(best) else best]
     except FAILURES:
         return []
 

@@ -36,11 +36,9 @@ from hbm.diagnosis.screen import Screening, screen, starting
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
-from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate, fit_model, refine
-from hbm.outputerror.measured import measured
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import SENSORS, Model
-from hbm.outputerror.numerics import Numerics, choose
 from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause, candidates_of
 from models.causes.records import ForceDistortion, NotSteady
@@ -66,23 +64,6 @@ DISTORTED = 5.0
 """A force is distorted that has a harmonic of so many standard deviations."""
 
 OnProgress = Callable[[str, float], None]
-
-
-def campaign_of(
-    rig: AnyRig, spectra: MeasuredSpectra, numerics: Numerics | None = None, executor: Executor | None = None
-) -> tuple[Campaign, tuple[str, ...]]:
-    """Records of spectra, with the discretisation that resolves them; and what the sensors say of each other.
-
-    Raises
-    ------
-    InputError
-        If no response was measured.
-    """
-    rig, data, warnings = measured(rig, spectra)
-    if not any(r.listed.any() for r in data.records):
-        raise InputError(f"{spectra.source}: no harmonic of any response was measured; must have one")
-    numerics = choose(rig, data, executor) if numerics is None else numerics
-    return Campaign(data, numerics, executor=executor), warnings
 
 
 class Search:
@@ -187,7 +168,7 @@ class Search:
             return Decision(self.nominal, None, ())
         if self._within() and beyond_noise(self.nominal.white) <= TOLERATED:
             return Decision(self.calibrated, None, ())
-        exact = self._race(self.first, self.screening, 0.3)
+        exact = self._exact()
         if self._explains(exact) and exact.best is not None:
             if simpler(exact.best, self.calibrated, self.tried) or not self._within():
                 return exact
@@ -200,6 +181,8 @@ class Search:
             return Decision(self.calibrated, None, exact.fits)
         if self._explains(first):
             return self._plainest(exact, first)
+        if not (exact.fits or first.fits):
+            exact = self._race(self.first, self.screening, 0.6)
         single = best_first(exact, first)
         if single.best is not None and self._enough(single.best):
             return single
@@ -209,6 +192,18 @@ class Search:
         small = beyond_noise(self.calibrated.white) <= LARGEST and self.tolerable(self.calibrated)
         leads = [] if small else leading(self.calibrated, single.best, best_of(self.fitted))
         return best_first(single, *[self._pair(single, lead) for lead in leads])
+
+    def _exact(self) -> Decision:
+        """What explains the rig file as it is, if it is one of the likeliest: others show over the calibrated one.
+
+        A rig file with joints moved along from the beginning: there all are tried. Where tolerances take next to all
+        and not enough, none is.
+        """
+        if isinstance(self.rig, JointedRig):
+            return self._race(self.first, self.screening, 0.3)
+        if not self._within() and explained(self.nominal.white, self.calibrated.white) >= NEARLY:
+            return Decision(self.nominal, None, ())
+        return self._race(self.first, self.screening, 0.3, favoured=True)
 
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
@@ -331,13 +326,15 @@ class Search:
         e = self.calibrated
         return self._fits(e) and self.tolerable(e) and not suspicious(self._over(e), self.rig)
 
-    def _race(self, base: Evaluation, screening: Screening, done: float) -> Decision:
+    def _race(self, base: Evaluation, screening: Screening, done: float, favoured: bool = False) -> Decision:
         lifted = self._lifted(base, done)
         self.fitted += lifted
         over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
             return self._decided(over, lifted, self.tried)
-        fits = fit_candidates(base, self.campaign, screening, lambda doing: self.tell(doing, done), self._settles)
+        fits = fit_candidates(
+            base, self.campaign, screening, lambda doing: self.tell(doing, done), self._settles, favoured=favoured
+        )
         self.fitted += fits
         return self._decided(over, [*lifted, *fits], self.tried)
 

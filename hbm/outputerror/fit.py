@@ -27,7 +27,7 @@ REFINED = 4
 SETTLED, PART = 0.05, 1e-3
 """Least squares ends when a step promises to lower chi2 by less than this, or by less than this part of its excess."""
 
-ASTRAY, NEARER = 100.0, 0.5
+ASTRAY, ASTRAY_SHARE, NEARER = 100.0, 0.1, 0.5
 """A record may be on another branch than the measured one where its mean square misfit is more than the first; it is
 moved to one that leaves less than this share of that."""
 
@@ -228,7 +228,9 @@ def fit_model(
 def _on_branches_measured(here: Evaluation, campaign: Campaign) -> Evaluation:
     """The same, records that are far off on the branch that what was measured leads to, where that is nearer."""
     chi2 = campaign.chi2(here.solutions)
-    far = [r.number for r in campaign.data.records if chi2.get(r.number, 0.0) > ASTRAY * r.listed.sum()]
+    whole = {r.number: float(np.nansum((r.measured / campaign.std(r)) ** 2)) for r in campaign.data.records}
+    least = {r.number: max(ASTRAY * r.listed.sum(), ASTRAY_SHARE**2 * whole[r.number]) for r in campaign.data.records}
+    far = [n for n, missed in chi2.items() if missed > least[n]]
     if not far:
         return here
     others = campaign.of(far).solve(here.model.rig(here.x), {})

@@ -1,18 +1,40 @@
 """Measured records of a rig of either kind, with where Newton's method starts: on the branch they were measured on."""
 
+from concurrent.futures import Executor
+
 import numpy as np
 
 from hbm.channels import factor
+from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.inverse.reconstruct import reconstruct_likeliest
 from hbm.inverse.sensing import Complex, Readings, readings, sensing
 from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.numerics import Numerics, choose
 from hbm.outputerror.records import Measurement, expect_fundamental, measurement_of, turned
 from models.jointed import AnyRig, JointedRig
 
 FOLLOWED = 10.0
 """Standard deviation of the force that may be missing on each mode to make it follow its sensors, in units of what the
 excitation does to the mode it drives most."""
+
+
+def campaign_of(
+    rig: AnyRig, spectra: MeasuredSpectra, numerics: Numerics | None = None, executor: Executor | None = None
+) -> tuple[Campaign, tuple[str, ...]]:
+    """Records of spectra, with the discretisation that resolves them; and what the sensors say of each other.
+
+    Raises
+    ------
+    InputError
+        If no response was measured.
+    """
+    rig, data, warnings = measured(rig, spectra)
+    if not any(r.listed.any() for r in data.records):
+        raise InputError(f"{spectra.source}: no harmonic of any response was measured; must have one")
+    numerics = choose(rig, data, executor) if numerics is None else numerics
+    return Campaign(data, numerics, executor=executor), warnings
 
 
 def measured(rig: AnyRig, spectra: MeasuredSpectra) -> tuple[AnyRig, Measurement, tuple[str, ...]]:

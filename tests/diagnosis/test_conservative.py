@@ -11,12 +11,12 @@ from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.discrepancy import Discrepancy, discrepancy
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.noise import understated
-from hbm.diagnosis.search import campaign_of
 from hbm.files.diagnosed import Diagnosed
 from hbm.files.diagnosisplates import diagnosis_plates
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate, fall
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state

@@ -20,10 +20,10 @@ from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.restart import started
 from hbm.diagnosis.screen import screen
-from hbm.diagnosis.search import campaign_of
 from hbm.errors import InputError
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model, free_of
 from hbm.outputerror.whitened import uncorrelated
 from models.causes.cause import Unknown

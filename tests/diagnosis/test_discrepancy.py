@@ -11,12 +11,12 @@ from hbm import load_rig
 from hbm.diagnosis.attached import PLACES, attached_starts
 from hbm.diagnosis.discrepancy import discrepancy
 from hbm.diagnosis.places import all_at_once, places_of
-from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
 from hbm.measurement.spectra import spectra_of
 from hbm.outputerror import campaign as records
 from hbm.outputerror import simulated
 from hbm.outputerror.fit import evaluate
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics
 from hbm.response.trace import steady_state

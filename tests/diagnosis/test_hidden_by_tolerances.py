@@ -11,8 +11,9 @@ from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.judge import beside, lead
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.screen import starting
-from hbm.diagnosis.search import Search, campaign_of
+from hbm.diagnosis.search import Search
 from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.response.synthesis import synthesize

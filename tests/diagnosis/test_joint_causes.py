@@ -24,12 +24,13 @@ from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.otherstarts import from_other_starts
 from hbm.diagnosis.quickfits import Candidate, QuickFits
 from hbm.diagnosis.screen import Score, Screening
-from hbm.diagnosis.search import Search, campaign_of
+from hbm.diagnosis.search import Search
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.measurement.spectrafile import write_spectra
 from hbm.outputerror.fit import Evaluation, evaluate, fit_model
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances
 from hbm.response.trace import steady_state

@@ -18,9 +18,9 @@ from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import evidence
 from hbm.diagnosis.restart import led_to
 from hbm.diagnosis.screen import screen, small
-from hbm.diagnosis.search import campaign_of
 from hbm.fourier import FourierBasis
 from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics
 from hbm.outputerror.records import force_columns

@@ -14,11 +14,11 @@ from hbm.diagnosis.decide import accepted
 from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.predict import predicted
-from hbm.diagnosis.search import campaign_of
 from hbm.diagnosis.verdict import Errors
 from hbm.fourier import FourierBasis
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics
 from models.causes.records import NotSteady

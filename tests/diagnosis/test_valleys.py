@@ -10,9 +10,10 @@ import hbm.diagnosis.fullfits
 from hbm.diagnosis.candidates import TIED, _chosen
 from hbm.diagnosis.fullfits import HELPS, full_fits
 from hbm.diagnosis.restart import apart, started
-from hbm.diagnosis.search import Search, campaign_of
+from hbm.diagnosis.search import Search
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.response.trace import trace_frequency
 from models.bodies import ModalModel

@@ -22,7 +22,7 @@ from hbm import (
     trace_frequency,
 )
 from hbm.diagnosis.screen import coarse
-from hbm.diagnosis.search import campaign_of
+from hbm.outputerror.measured import campaign_of
 from hbm.response.accuracy import choose_harmonics
 from models.bodies.matrix import MatrixBody
 from models.jointed import JointedRig
