@@ -36,7 +36,7 @@ ROUNDING = 1e-13
 LEAST_DAMPED = 1e-10
 MOST_DAMPED = 1e4
 
-MANY, MISSED = 8, 2
+MANY, MISSED = 5, 2
 """More starts than this are compared on so many records first."""
 
 MOST = 0.7
