@@ -309,21 +309,27 @@ FEW_MODES = 12
 
 
 @lru_cache(maxsize=32)
-def marcher(shape: Shape, steps: int) -> ca.Function:
-    """Function (state, drive, parameters) -> (states, T, residual) over `steps` steps."""
+def _advance(shape: Shape) -> ca.Function:
+    """Function (state, drive, parameters) -> (state, T, residual) of one step, the same for any number of them."""
     s = _step(shape, NEWTON_BESIDE_ELEMENTS if shape.elements else NEWTON)
     outputs = ca.substitute([s.state, s.force, s.residual], [s.end], [s.predicted])
     outputs = ca.substitute(outputs, [s.T], [s.x[2 * shape.modes]])
-    step = ca.Function("step", [s.x, s.drive, s.p], outputs, {"cse": True})
-    start, drives = ca.MX.sym("x", s.x.shape[0]), ca.MX.sym("d", s.drive.shape[0], steps)
-    values = ca.MX.sym("p", s.p.shape[0])
+    return ca.Function("step", [s.x, s.drive, s.p], outputs, {"cse": True})
+
+
+@lru_cache(maxsize=32)
+def marcher(shape: Shape, steps: int) -> ca.Function:
+    """Function (state, drive, parameters) -> (states, T, residual) over `steps` steps."""
+    step = _advance(shape)
+    start, drives = ca.MX.sym("x", step.size1_in(0)), ca.MX.sym("d", step.size1_in(1), steps)
+    values = ca.MX.sym("p", step.size1_in(2))
     marched = step.mapaccum(steps)(start, drives, ca.repmat(values, 1, steps))
     return ca.Function("march", [start, drives, values], marched)
 
 
 @lru_cache(maxsize=32)
-def lineariser(shape: Shape, steps: int) -> ca.Function:
-    """Jacobians of `steps` steps from the states they start at, and the friction and the motion they end with.
+def _derivative(shape: Shape) -> ca.Function:
+    """Function (state, T, end, drive, parameters) -> derivative of one step to the state that it starts at.
 
     One Newton iteration from a solution has the derivative of the solution.
     """
@@ -331,11 +337,16 @@ def lineariser(shape: Shape, steps: int) -> ca.Function:
     arguments = [s.x, s.T, s.end, s.drive, s.p]
     if shape.modes <= FEW_MODES:
         jacobian = ca.densify(ca.jacobian(s.state, s.x))
-        step = ca.Function("jacobian", arguments, [jacobian], {"cse": True})
-    else:
-        step = _by_columns(ca.Function("step", arguments, [s.state], {"cse": True}))
-    inputs = [ca.MX.sym("i", part.shape[0], steps) for part in arguments[:-1]]
-    values = ca.MX.sym("p", s.p.shape[0])
+        return ca.Function("jacobian", arguments, [jacobian], {"cse": True})
+    return _by_columns(ca.Function("step", arguments, [s.state], {"cse": True}))
+
+
+@lru_cache(maxsize=32)
+def lineariser(shape: Shape, steps: int) -> ca.Function:
+    """Jacobians of `steps` steps from the states they start at, and the friction and the motion they end with."""
+    step = _derivative(shape)
+    inputs = [ca.MX.sym("i", step.size1_in(i), steps) for i in range(step.n_in() - 1)]
+    values = ca.MX.sym("p", step.size1_in(step.n_in() - 1))
     return ca.Function("linearise", [*inputs, values], [step.map(steps)(*inputs, ca.repmat(values, 1, steps))])
 
 

@@ -9,6 +9,7 @@ step that is a hundred times finer than the samples these references judge.
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from math import copysign, exp
 
 import numpy as np
 
@@ -75,7 +76,7 @@ def clipped(T: float, mu: float, rho: float, eta: float) -> float:
 
 
 def weakening(mu_static: float, mu: float, speed: float, v: float, exponent: float = 2.0) -> float:
-    return mu + (mu_static - mu) * float(np.exp(-((abs(v) / speed) ** exponent)))
+    return mu + (mu_static - mu) * exp(-((abs(v) / speed) ** exponent))
 
 
 def jenkins(stiffness: float, mu: Callable[[float], float], m: Motion, periods: int = 2) -> np.ndarray:
@@ -146,7 +147,7 @@ def dahl(law: Dahl, m: Motion) -> np.ndarray:
 
     def rate(i: int, y: Vector) -> Vector:
         (z,) = y
-        bend = 1.0 - np.sign(m.v[i]) * z * k / (law.mu * (m.rho[i] - m.eta[i] * k * z))
+        bend = 1.0 - copysign(1.0, m.v[i]) * z * k / (law.mu * (m.rho[i] - m.eta[i] * k * z))
         return (m.v[i] * bend / (1.0 + m.C * k * bend),)
 
     z, out = 0.0, []
@@ -166,15 +167,20 @@ def lugre(law: LuGre, m: Motion) -> np.ndarray:
     """
     k, s1, s2 = law.stiffness, law.bristle_damping, law.viscous
 
+    mu = [weakening(law.mu_static, law.mu, law.stribeck_velocity, v) for v in m.v]
+
     def steady(i: int, T: float) -> float:
-        return weakening(law.mu_static, law.mu, law.stribeck_velocity, m.v[i]) * (m.rho[i] + m.eta[i] * T)
+        return mu[i] * (m.rho[i] + m.eta[i] * T)
 
     def rigid(i: int, z: float) -> tuple[float, float]:
         """Force and z' where the contact moves with v."""
         T, v = 0.0, m.v[i]
         for _ in range(30):
+            before = T
             z_rate = v - abs(v) * k * z / steady(i, T)
             T = -(k * z + s1 * z_rate + s2 * v)
+            if before == T:
+                break
         return T, z_rate
 
     def rate(i: int, y: Vector) -> Vector:
@@ -204,8 +210,10 @@ def hybrid(law: Hybrid, m: Motion) -> np.ndarray:
     k_p = 1.0 / (1.0 / law.stiffness + 1.0 / law.stiffness_elastic_plastic)
     assert m.C == 0.0 or c_s == 0.0
 
+    mu = [weakening(law.mu_static, law.mu, law.stribeck_velocity, v) for v in m.v]
+
     def steady(i: int, T: float) -> float:
-        return weakening(law.mu_static, law.mu, law.stribeck_velocity, m.v[i]) * (m.rho[i] + m.eta[i] * T)
+        return mu[i] * (m.rho[i] + m.eta[i] * T)
 
     def contact(i: int, p: float, s: float) -> tuple[float, float]:
         """Force and z_s' for a given state."""
@@ -216,9 +224,11 @@ def hybrid(law: Hybrid, m: Motion) -> np.ndarray:
             bend = 1.0 - (1.0 if drive > 0 else -1.0) * k_ps * (s - p) / g
             return -k_ps * (s - p), drive * bend / (1.0 + m.C * k_ps * bend)
         for _ in range(30):
-            g = steady(i, T)
+            before, g = T, steady(i, T)
             s_rate = (v - abs(v) * k_ps * (s - p) / g) / (1.0 + c_s * abs(v) / g)
             T = -(k_ps * (s - p) + c_s * s_rate)
+            if before == T:
+                break
         return T, s_rate
 
     def plastic(p: float, s: float) -> float:
@@ -246,7 +256,7 @@ def iwan(law: Iwan, m: Motion) -> np.ndarray:
             T = forces.sum()
             for _ in range(40):  # a contraction with factor C k n / (1 + C k n), R included
                 limit = law.mu * (m.rho[b] + m.eta[b] * T) * shares
-                new = np.clip(forces - k * (m.u[b] + m.C * T - w), -limit, limit)
+                new = np.minimum(np.maximum(forces - k * (m.u[b] + m.C * T - w), -limit), limit)
                 total = new.sum()
                 if abs(total - T) < 1e-10:
                     break

@@ -120,19 +120,20 @@ HZ, H, F_N, RATIO, ROW = 0.5, 221, 33.0, 0.04, 1.3
 """Base frequency, lines, and the one mode of an oscillator."""
 
 
-def marched(force: Array, hidden: Callable[[Array], Array]) -> Array:
-    """Displacement (1024,) of the oscillator over its second period, integrated in time."""
+def marched(forces: Array, hidden: Callable[[Array], Array]) -> Array:
+    """Displacements (records, 1024) of the oscillator over its second period under forces, integrated in time."""
     t = np.arange(1024) / 1024 / HZ
-    w, phase = 2 * np.pi * F_N, 2 * np.pi * HZ * np.arange(H + 1)
-    c = np.concatenate([force[:1], force[1 : H + 1] - 1j * force[H + 1 :]])
+    w, phase, records = 2 * np.pi * F_N, 2 * np.pi * HZ * np.arange(H + 1), len(forces)
+    c = np.hstack([forces[:, :1], forces[:, 1 : H + 1] - 1j * forces[:, H + 1 :]])
 
     def rate(now: float, y: Array) -> Array:
-        u = ROW * y[0]
-        F = float(np.real(np.sum(c * np.exp(1j * phase * now))))
-        return np.array([y[1], ROW * (F + hidden(u)) - 2 * RATIO * w * y[1] - w**2 * y[0]])
+        q, v = y[:records], y[records:]
+        F = (c @ np.exp(1j * phase * now)).real
+        return np.concatenate([v, ROW * (F + hidden(ROW * q)) - 2 * RATIO * w * v - w**2 * q])
 
-    found = solve_ivp(rate, (0.0, 2 / HZ), np.zeros(2), t_eval=t + 1 / HZ, rtol=1e-8, atol=1e-11, method="DOP853")
-    return np.asarray(ROW * found.y[0])
+    start, times = np.zeros(2 * records), t + 1 / HZ
+    found = solve_ivp(rate, (0.0, 2 / HZ), start, t_eval=times, rtol=1e-8, atol=1e-11, method="DOP853")
+    return np.asarray(ROW * found.y[:records])
 
 
 def oscillator(hz: float = F_N) -> JointedRig:
@@ -146,7 +147,7 @@ def measured(hidden: Callable[[Array], Array], noise: float) -> MeasuredSpectra:
     """Five records of an odd multisine at two levels."""
     basis, rng, lines = FourierBasis(H, 1024), np.random.default_rng(7), np.arange(1, H + 1, 2)
     forces = np.array([force_of(basis, seed, lines, size) for seed, size in enumerate((4.0, 4.0, 8.0, 8.0, 8.0))])
-    x = np.array([basis.coefficients(marched(force, hidden)) for force in forces])
+    x = basis.coefficients(marched(forces, hidden).T).T
     std = np.full((5, H + 1), np.nan)
     std[:, lines] = noise * np.sqrt(np.mean(x**2))
     blank = np.isnan(np.concatenate([std, std[:, 1:]], axis=1))
@@ -159,7 +160,7 @@ def measured(hidden: Callable[[Array], Array], noise: float) -> MeasuredSpectra:
 
 def test_lines_agree_with_integration_in_time() -> None:
     k3, lines, basis = 2e7, np.arange(1, H + 1, 2), FourierBasis(3 * H, 4096)  # the cube has lines up to three times
-    expected = marched(force_of(FourierBasis(H, 1024), 3, lines, 8.0), lambda u: -k3 * u**3)
+    (expected,) = marched(force_of(FourierBasis(H, 1024), 3, lines, 8.0)[None], lambda u: -k3 * u**3)
     force = force_of(basis, 3, lines, 8.0)
     rig = replace(oscillator(), joints=(Joint("k", CubicSpring(k3), ("m",)),))
     found = ROW * basis.samples(LineBalance(rig, basis, HZ, force).solved().state.Q)[::4, 0]
