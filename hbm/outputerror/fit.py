@@ -28,8 +28,8 @@ SETTLED, PART = 0.05, 1e-3
 """Least squares ends when a step promises to lower chi2 by less than this, or by less than this part of its excess."""
 
 ASTRAY, ASTRAY_SHARE, NEARER = 100.0, 0.1, 0.5
-"""A record may be on another branch than the measured one where its mean square misfit is more than the first; it is
-moved to one that leaves less than this share of that."""
+"""A record may be on another branch than the measured one where its mean square misfit is more than the first, and more
+than the second of its size is missed; it is moved to one that leaves less than the third of that misfit."""
 
 DAMPED = 1e-6
 ROUNDING = 1e-13
