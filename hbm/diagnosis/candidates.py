@@ -66,7 +66,12 @@ Enough = Callable[[Evaluation], bool]
 
 
 def fit_candidates(
-    base: Evaluation, campaign: Campaign, screening: Screening, tell: Tell, enough: Enough, *, favoured: bool = False
+    base: Evaluation,
+    campaign: Campaign,
+    screening: Screening,
+    tell: Tell,
+    enough: Enough,
+    likely: Collection[str] | None = None,
 ) -> list[Evaluation]:
     """Fit the candidates that may explain a misfit, over a model that was calibrated or not.
 
@@ -81,8 +86,8 @@ def fit_candidates(
         Progress.
     enough : callable
         Whether a fit leaves so little that no other candidates are looked at.
-    favoured : bool
-        Whether no candidates are looked at but the first in the order of the score test, if none of them leaves noise.
+    likely : collection of str, optional
+        Labels of candidates that are tried beside the first of the score test, and no others; all where omitted.
 
     Returns
     -------
@@ -94,13 +99,13 @@ def fit_candidates(
         done = refined(full_fits(_by_score(quick, screening), base, campaign, tell), base, campaign)
         tried, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
     else:
-        chosen, tried = _by_quick_fits(quick, screening, tell, 0.0 if favoured else LITTLE, favoured=favoured)
+        chosen, tried = _by_quick_fits(quick, screening, tell, LITTLE if likely is None else 0.0, likely=likely)
         lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
         reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
         done = refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign)
         rest = _in_order(screening, base)
         reached = chosen[0].chi2 if lost else np.inf
-    rest = [] if favoured else [s for s in rest if s.cause.label not in tried]
+    rest = [s for s in rest if likely is None and s.cause.label not in tried]
     if rest and not any(enough(e) for e in done):
         chosen, _ = _by_quick_fits(quick, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
         more = sorted(full_fits(chosen, base, campaign, tell), key=rank)
@@ -170,7 +175,7 @@ def _by_quick_fits(
     little: float,
     reached: float = np.inf,
     *,
-    favoured: bool = False,
+    likely: Collection[str] | None = None,
 ) -> tuple[list[Candidate], set[str]]:
     """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that were tried.
 
@@ -178,14 +183,15 @@ def _by_quick_fits(
     """
     few = quick.few
     limit = max(EXPLAINED * few.points, little * quick.before)
-    fitted, free, tried = _first_quick_fits(quick, screening, limit, tell, favoured)
+    fitted, free, tried = _first_quick_fits(quick, screening, limit, tell, likely)
     fitted, free = [r for r in fitted if r.chi2 < BEHIND * reached], [r for r in free if r.chi2 < reached]
-    if not fitted or (favoured and fitted[0].chi2 > limit):
+    if not fitted or (likely is not None and fitted[0].chi2 > limit):
         return [*fitted[:1], *free], tried
     if not quick.base.model.causes:
         first = bool(np.isinf(reached)) and not quick.base.pulls.any()
-        explained = fitted[0].chi2 if _alone_ahead(fitted, quick) else EXPLAINED * few.points
-        fitted = from_other_starts(fitted, explained, quick, screening, tell, first=first)
+        contested = 1 if _alone_ahead(fitted, quick) else len(fitted)
+        again = from_other_starts(fitted[:contested], EXPLAINED * few.points, quick, screening, tell, first=first)
+        fitted = [*again, *fitted[contested:]]
     if scanned(quick.base):
         confused = _confused(fitted, EXPLAINED * few.points, screening, tried)
         tried |= {s.cause.label for s in confused}
@@ -206,10 +212,13 @@ def _free(cause: Cause) -> bool:
 
 
 def _first_quick_fits(
-    quick: QuickFits, screening: Screening, explained: float, tell: Tell, favoured: bool
+    quick: QuickFits, screening: Screening, explained: float, tell: Tell, likely: Collection[str] | None
 ) -> tuple[list[Candidate], list[Candidate], set[str]]:
     """Quick fits of what may explain the records, and of what is free in each, the best first; and what was tried."""
     listed = _in_order(screening, quick.base)
+    if likely is not None:
+        named = [s for s in screening.scores if s.cause.label in likely]
+        listed = [*named, *[s for s in listed if s not in named][:FAVOURED]]
     waiting, started, by_start = listed, 0, False
     fitted: list[Candidate] = []
     free: list[Candidate] = []
@@ -219,9 +228,7 @@ def _first_quick_fits(
         return _settled(fitted, explained, score.cause, screening)
 
     while waiting := [s for s in waiting if not excluded(s)]:
-        if favoured and started >= FAVOURED:
-            break
-        if started == FAVOURED and all(r.chi2 > explained for r in fitted):
+        if likely is None and started == FAVOURED and all(r.chi2 > explained for r in fitted):
             tell("starts of all others")
             waiting, by_start = quick.ordered(waiting), True
         if started >= COMPARED and scanned(quick.base) and any(r.chi2 <= explained for r in fitted):

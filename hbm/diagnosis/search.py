@@ -1,6 +1,6 @@
 """The search for the simplest story that explains the records fitted: what is tried, in which order."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import replace
@@ -41,6 +41,7 @@ from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import SENSORS, Model
 from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause, candidates_of
+from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady
 from models.causes.structure import ContactLoss
 from models.jointed import AnyRig, JointedRig
@@ -194,16 +195,16 @@ class Search:
         return best_first(single, *[self._pair(single, lead) for lead in leads])
 
     def _exact(self) -> Decision:
-        """What explains the rig file as it is, if it is one of the likeliest: others show over the calibrated one.
+        """What explains the rig file as it is, if it is likely, as what calibration takes to its bounds is.
 
-        A rig file with joints moved along from the beginning: there all are tried. Where tolerances take next to all
-        and not enough, none is.
+        Nothing is tried where tolerances take next to all and not enough, all where joints moved along from the start.
         """
         if isinstance(self.rig, JointedRig):
             return self._race(self.first, self.screening, 0.3)
-        if not self._within() and explained(self.nominal.white, self.calibrated.white) >= NEARLY:
+        wrong = {f"{WrongParameter.name}:{key}" for key in off_beside_sensors(self.trust, self.calibrated)}
+        if not wrong and not self._within() and explained(self.nominal.white, self.calibrated.white) >= NEARLY:
             return Decision(self.nominal, None, ())
-        return self._race(self.first, self.screening, 0.3, favoured=True)
+        return self._race(self.first, self.screening, 0.3, wrong)
 
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
@@ -326,14 +327,16 @@ class Search:
         e = self.calibrated
         return self._fits(e) and self.tolerable(e) and not suspicious(self._over(e), self.rig)
 
-    def _race(self, base: Evaluation, screening: Screening, done: float, favoured: bool = False) -> Decision:
+    def _race(
+        self, base: Evaluation, screening: Screening, done: float, likely: Collection[str] | None = None
+    ) -> Decision:
         lifted = self._lifted(base, done)
         self.fitted += lifted
         over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
             return self._decided(over, lifted, self.tried)
         fits = fit_candidates(
-            base, self.campaign, screening, lambda doing: self.tell(doing, done), self._settles, favoured=favoured
+            base, self.campaign, screening, lambda doing: self.tell(doing, done), self._settles, likely
         )
         self.fitted += fits
         return self._decided(over, [*lifted, *fits], self.tried)
