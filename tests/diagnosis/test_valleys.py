@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import hbm.diagnosis.fullfits
-from hbm.diagnosis.candidates import TIED, _chosen
+from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen
 from hbm.diagnosis.fullfits import HELPS, full_fits
 from hbm.diagnosis.restart import apart, started
 from hbm.diagnosis.search import Search
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import evaluate, fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
@@ -39,10 +40,12 @@ def branches() -> list[Any]:
     return sorted(near, key=lambda s: float(np.abs(s["x"].coefficients).max()))
 
 
-def spectra_at(solution: Any) -> MeasuredSpectra:
+def spectra_at(solution: Any, larger: float = 1.0, noise: float = NOISE) -> MeasuredSpectra:
+    """Of a motion so many times as large."""
     rows = {name: solution[name].coefficients[None, : 2 * H + 1] for name in ("x", "force")}
+    rows["x"] = larger * rows["x"]
     size = np.abs(rows["x"]).max()
-    std = {"x": np.full((1, H + 1), NOISE * size), "force": np.full((1, H + 1), 1e-6)}
+    std = {"x": np.full((1, H + 1), noise * size), "force": np.full((1, H + 1), 1e-6)}
     return spectra_of(RIG, np.array([solution.hz]), np.array([solution.level]), rows, std)
 
 
@@ -56,6 +59,47 @@ def test_a_record_is_followed_on_the_branch_that_was_measured(measured: int) -> 
     stays = evaluate(model, campaign, model.start, astray)
     assert stays.chi2 > 1e4 * len(stays.white)
     assert fit_model(model, campaign, model.start, astray).chi2 < 10.0 * len(stays.white)
+
+
+@pytest.mark.parametrize(("larger", "times"), [(1.05, 0), (1.3, 1)])
+def test_a_record_that_is_missed_by_little_of_its_size_is_on_its_branch(
+    monkeypatch: pytest.MonkeyPatch, larger: float, times: int
+) -> None:
+    """However many standard deviations that is: it is not solved for from what was measured."""
+    found = branches()[0]
+    campaign, _ = campaign_of(RIG, spectra_at(found, larger, noise=1e-5))
+    again, solve = [], Campaign.solve
+
+    def counted(self: Campaign, rig: Any, last: Any) -> Any:
+        again.append(rig)
+        return solve(self, rig, last)
+
+    monkeypatch.setattr(Campaign, "solve", counted)
+    model = Model(RIG, {})
+    fit = fit_model(model, campaign, model.start, {1: found})
+    assert fit.chi2 > 1e4 * len(fit.white) and len(again) == times
+
+
+@pytest.mark.parametrize(
+    ("left", "alone", "before_the_next"),
+    [
+        ((900.0, 4000.0, 9000.0), True, True),  # of 10000
+        ((900.0, 2000.0, 9000.0), False, True),
+        ((2000.0, 9000.0, 9000.0), False, True),
+        ((4000.0, 9000.0, 9000.0), False, False),
+        ((6000.0, 60000.0, 60000.0), False, False),
+        ((0.0, 40.0, 40.0), False, False),  # all leave but noise
+    ],
+)
+def test_one_is_ahead_that_leaves_little_and_others_far_more(
+    left: tuple[float, ...], alone: bool, before_the_next: bool
+) -> None:
+    few = SimpleNamespace(points=100)
+    base = SimpleNamespace(model=SimpleNamespace(nominal=None))
+    quick_fits: Any = SimpleNamespace(few=few, before=10100.0, base=base)
+    fitted = [quick(str(i), 100.0 + chi2, 1) for i, chi2 in enumerate(left)]
+    assert _alone_ahead(fitted, quick_fits) is alone
+    assert _ahead(fitted, fitted[2:], HALF, quick_fits) is before_the_next
 
 
 def quick(label: str, chi2: float, numbers: int) -> Any:

@@ -270,6 +270,21 @@ def test_a_stop_that_stays_open_changes_nothing() -> None:
     np.testing.assert_allclose(open_.residual(x, lam), expected, atol=1e-14)
 
 
+def test_a_stop_that_stays_open_does_not_enter_the_system_of_one_that_closes() -> None:
+    plain = beam(Dahl(mu=0.5, stiffness=1e7), alpha=6.0, modes=4)
+    reach = float(np.abs(steady_state(plain, 50.0, harmonics=7)["drive"].samples).max())
+    closing, idle = ImpactStop(0.1 * reach, 1e4, 0.3), ImpactStop(10 * reach, 1e4, 0.3)
+    solution = steady_state(replace(plain, elements=(closing,)), 50.0, harmonics=7)
+    steps = []
+    for elements in ((closing,), (idle, closing, replace(idle, position=0.5))):
+        problem = HarmonicBalance(replace(plain, elements=elements), solution.basis)
+        here = problem.linearize(*problem.pack(solution.state))
+        assert len(here.slope.at_points.rows) == 1
+        right = np.random.default_rng(2).standard_normal(problem.size)
+        steps.append(here.solve_bordered(np.zeros(problem.size), 1.0, right, 0.0)[0])
+    np.testing.assert_allclose(steps[1], steps[0], atol=1e-12 * np.abs(steps[0]).max())
+
+
 def changed(rig: Rig, key: str, factor: float) -> Rig:
     table, _, name = key.partition(".")
     if table.startswith("elements"):
