@@ -15,9 +15,7 @@ from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause
 
 
-def started(
-    base: Evaluation, found: Evaluation, causes: Sequence[Cause], campaign: Campaign, of_use: float = np.inf
-) -> list[Evaluation]:
+def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campaign: Campaign) -> list[Evaluation]:
     """Fit of a model with some of the causes of another one, from where these were found.
 
     Parameters
@@ -29,8 +27,6 @@ def started(
     causes : sequence of Cause
         Of that model, the last ones or others.
     campaign : Campaign
-    of_use : float
-        Chi2 that is of use: no more is done for a fit that does not get there.
 
     Returns
     -------
@@ -49,8 +45,8 @@ def started(
         starts.append(np.array([f.expected if f.cause < 0 else x for f, x in zip(model.free, starts[0], strict=True)]))
     try:
         start = best_start(model, campaign, starts, found.solutions)[0][1] if len(starts) > 1 else starts[0]
-        best = fit_model(model, campaign, start, found.solutions, reach=min(of_use, EXPLAINED * len(found.white)))
-        return [refine(best, campaign) if refinable(best) and best.chi2 <= of_use else best]
+        best = fit_model(model, campaign, start, found.solutions, reach=EXPLAINED * len(found.white))
+        return [refine(best, campaign) if refinable(best) else best]
     except FAILURES:
         return []
 

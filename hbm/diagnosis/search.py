@@ -357,9 +357,8 @@ class Search:
 
     def _calibrated_from(self, found: Decision) -> Evaluation | None:
         """Calibration from where a cause is found, where it gets further: then it had ended in a wrong valley."""
-        better = self.calibrated.chi2 - DECISIVE
-        again = [] if found.best is None else started(self.calibrated, found.best, (), self.campaign, better)
-        return next((e for e in again if e.chi2 <= better), None)
+        again = [] if found.best is None else started(self.calibrated, found.best, (), self.campaign)
+        return next((e for e in again if e.chi2 <= self.calibrated.chi2 - DECISIVE), None)
 
     def _plainest(self, exact: Decision, first: Decision) -> Decision:
         """What explains over the calibrated model, over the rig file as it is if it does so there too.
