@@ -1,6 +1,6 @@
 """The conclusion from a decision: scored on the records held out, and said in numbers and sentences."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, cached_property, partial
 
@@ -14,8 +14,8 @@ from hbm.diagnosis.evidence import Evidence
 from hbm.diagnosis.judge import CLEAR, beside, beside_noise, lead, possible_background_of, rig_freed
 from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
-from hbm.diagnosis.predict import Predicted, predicted
-from hbm.diagnosis.remainder import LEFT, MOST, Remainder, beyond_noise, explained, remainder, tells
+from hbm.diagnosis.predict import Predicted, pays_unseen, predicted
+from hbm.diagnosis.remainder import MOST, Remainder, beyond_noise, explained, remainder, tells
 from hbm.diagnosis.search import NEARLY, Search
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
@@ -52,23 +52,6 @@ def foretells(scored: Predicted | None, calibrated: Predicted | None) -> bool:
     if scored is None or calibrated is None:
         return True
     return scored.errors.nrmse <= min(WORSE * calibrated.errors.nrmse, SAYS_NOTHING)
-
-
-def pays_unseen(best: Evaluation, raced: Sequence[Evaluation], unseen: Callable[[Evaluation], Whitened | None]) -> bool:
-    """Whether a second cause takes its share of what the first, if that was fitted, leaves of records held out.
-
-    Parameters
-    ----------
-    best : Evaluation
-    raced : sequence of Evaluation
-        Fits of all that was tried, first causes alone among them.
-    unseen : callable
-        Records held out beside a model; None where there are none, or where it has no steady state.
-    """
-    firsts = [e for e in raced if e.model.causes and e.model.causes == best.model.causes[:-1]]
-    after = unseen(best) if firsts else None
-    whites = [] if after is None else [white for e in firsts if (white := unseen(e)) is not None]
-    return all(explained(white, after) >= 1.0 - LEFT for white in whites if after is not None)
 
 
 class Conclusion:

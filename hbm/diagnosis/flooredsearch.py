@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hbm.diagnosis.calibrate import tolerable, trusted
-from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING, pays_unseen
+from hbm.diagnosis.conclusion import MAIN, SAYS_NOTHING
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE
 from hbm.diagnosis.decide import accepted, best_of, inclusion, inside, leading, tied
 from hbm.diagnosis.deviations import std_of_records
@@ -21,6 +21,7 @@ from hbm.diagnosis.estimates import estimates, name_of, told_of
 from hbm.diagnosis.flooredevidence import floored_evidence, white_beside
 from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.misfit import nrmse
+from hbm.diagnosis.predict import pays_unseen
 from hbm.diagnosis.remainder import LEFT, Remainder, beyond_noise, explained, negligible, within_noise
 from hbm.diagnosis.screen import starting
 from hbm.diagnosis.search import NEARLY, OnProgress

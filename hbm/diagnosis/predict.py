@@ -1,14 +1,17 @@
 """Predictions of a fitted model for records that no fit has seen."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from continuation import ConvergenceError
 from hbm.diagnosis.misfit import Misfit, likeliest, misfit_of_new, nrmse
+from hbm.diagnosis.remainder import LEFT, explained
 from hbm.diagnosis.verdict import Errors
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.whitened import Whitened
 
 LINEARISED = 4
 """Times the prediction of records held out is linearised anew where the first does not fit, at most;"""
@@ -59,3 +62,20 @@ def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -
         if found.chi2 > FALLING * before:
             break
     return found
+
+
+def pays_unseen(best: Evaluation, raced: Sequence[Evaluation], unseen: Callable[[Evaluation], Whitened | None]) -> bool:
+    """Whether a second cause takes its share of what the first, if that was fitted, leaves of records held out.
+
+    Parameters
+    ----------
+    best : Evaluation
+    raced : sequence of Evaluation
+        Fits of all that was tried, first causes alone among them.
+    unseen : callable
+        Records held out beside a model; None where there are none, or where it has no steady state.
+    """
+    firsts = [e for e in raced if e.model.causes and e.model.causes == best.model.causes[:-1]]
+    after = unseen(best) if firsts else None
+    whites = [] if after is None else [white for e in firsts if (white := unseen(e)) is not None]
+    return all(explained(white, after) >= 1.0 - LEFT for white in whites if after is not None)

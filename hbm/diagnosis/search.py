@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
-from itertools import chain, islice
+from itertools import islice
 
 from hbm.diagnosis.calibrate import blamed, calibrate, off, off_beside_sensors, profiled, tolerable, trusted
 from hbm.diagnosis.candidates import fit_candidates
@@ -201,7 +201,7 @@ class Search:
         """
         if isinstance(self.rig, JointedRig):
             return self._race(self.first, self.screening, 0.3)
-        wrong = {f"{WrongParameter.name}:{key}" for key in off_beside_sensors(self.trust, self.calibrated)}
+        wrong = {WrongParameter(key).label for key in off_beside_sensors(self.trust, self.calibrated)}
         if not wrong and not self._within() and explained(self.nominal.white, self.calibrated.white) >= NEARLY:
             return Decision(self.nominal, None, ())
         return self._race(self.first, self.screening, 0.3, wrong)
@@ -210,7 +210,8 @@ class Search:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
         near = [e for e in exact.fits if self._settles(e)][:CLOSEST]
         if near and not self._fits(self.calibrated):
-            return self._decided(self.calibrated, [*chain.from_iterable(map(self._over_tolerances, near))], self.tried)
+            again = [e for found in near for e in self._over_tolerances(found)]
+            return self._decided(self.calibrated, again, self.tried)
         best = exact.best if self.first.model.calibrated else None
         # where the rig file moved along from the beginning, another race would but start elsewhere
         told = best is not None and explained(self.calibrated.white, best.white) >= NEARLY

@@ -228,9 +228,10 @@ def fit_model(
 def _on_branches_measured(here: Evaluation, campaign: Campaign) -> Evaluation:
     """The same, records that are far off on the branch that what was measured leads to, where that is nearer."""
     chi2 = campaign.chi2(here.solutions)
-    whole = {r.number: float(np.nansum((r.measured / campaign.std(r)) ** 2)) for r in campaign.data.records}
-    least = {r.number: max(ASTRAY * r.listed.sum(), ASTRAY_SHARE**2 * whole[r.number]) for r in campaign.data.records}
-    far = [n for n, missed in chi2.items() if missed > least[n]]
+    missed = [r for r in campaign.data.records if chi2.get(r.number, 0.0) > ASTRAY * r.listed.sum()]
+    far = [
+        r.number for r in missed if chi2[r.number] > ASTRAY_SHARE**2 * np.nansum((r.measured / campaign.std(r)) ** 2)
+    ]
     if not far:
         return here
     others = campaign.of(far).solve(here.model.rig(here.x), {})

@@ -192,7 +192,7 @@ class ResponseCurve(Displayed):
             unit=signals[0].unit,
             coefficients=np.array([s.coefficients for s in signals]),
             peak=np.array([s.peak for s in signals]),
-            rms=np.sqrt(np.mean(np.array([s.samples for s in signals]) ** 2, axis=1)),
+            rms=np.array([s.rms for s in signals]),
         )
 
     def __getitem__(self, name: str) -> ChannelCurve:

@@ -9,9 +9,9 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from hbm.diagnosis.conclusion import pays_unseen
 from hbm.diagnosis.decide import STRONGER, leading
 from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.predict import pays_unseen
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.fit import Evaluation
