@@ -11,16 +11,21 @@ from hbm.balance.jointequations import Complex, JointEquations
 from hbm.balance.scaled import Parameter, State
 from hbm.fourier import Array
 
+SINGULAR = 1e-9
+"""Least dynamic stiffness of an undamped mode in Newton's system, in units of its own: at its frequency it has none."""
+
 
 class Modes:
     """The modes at a frequency: their answer to forces, harmonic by harmonic."""
 
     def __init__(self, problem: JointEquations, Omega: float) -> None:
         self.basis, self.diagonal = problem.basis, problem.diagonal
-        stiffness = problem.dynamic_stiffness(Omega)
+        stiffness: Complex = problem.dynamic_stiffness(Omega)
         # the mean of a rigid motion is not eliminated: the joints decide it
         if self.diagonal:
             stiffness[0, problem.rigid] = np.inf
+            least = SINGULAR * problem.structure.omega_n**2
+            stiffness = np.where(np.abs(stiffness) < least, least, stiffness)
             self.receptance: Complex = 1.0 / stiffness
         else:
             stiffness[0, problem.rigid, problem.rigid] = 1.0

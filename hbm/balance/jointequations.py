@@ -109,6 +109,10 @@ class JointEquations(Scaled[JointedRig]):
 
     # ---- mechanics
 
+    def held_adrift(self, state: State) -> Array:
+        """Mean force against which rigid motions are kept at rest that nothing else keeps there, (rigid,)."""
+        return np.asarray(self.adrift @ state.Q[0, self.rigid])
+
     def modal_forces(self, f: Array, F: float) -> Array:
         """On the modes, (2H+1, n)."""
         return np.asarray(f @ self.structure.joints + np.outer(F * self.force_shape, self.structure.excitation))
@@ -172,5 +176,5 @@ class JointEquations(Scaled[JointedRig]):
         s, basis = self.structure, self.basis
         balance = (s.omega_n**2 - (basis.k * state.Omega)[:, None] ** 2) * state.Q
         balance += state.Omega * basis.derivative(state.Q) @ s.damping.T
-        balance[0, self.rigid] += self.adrift @ state.Q[0, self.rigid]
+        balance[0, self.rigid] += self.held_adrift(state)
         return np.asarray(balance - self.modal_forces(state.T, state.F))

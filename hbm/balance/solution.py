@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from continuation import ConvergenceError
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointequations import JointEquations
 from hbm.balance.problem import AnyBalance, HarmonicBalance, Kinematics, State
@@ -16,6 +17,9 @@ from hbm.channels import DISPLACEMENT, channel_named, read
 from hbm.fourier import Array, FourierBasis
 from models.display import Displayed
 from models.parts import UNITS, Channel
+
+WALKING = 1e-3
+"""Mean force on a free body, relative to the excitation, from which on it walks and does not stay where it is."""
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,8 @@ class PeriodicSolution(Displayed):
         Change of the friction state over the period, relative to its range.
     energy_error : float
         Excitation work minus losses in damping, friction, elements and clamp over a period, relative to the work.
+    unheld : float
+        Mean force on a free body that nothing balances, relative to the excitation.
     """
 
     hz: float
@@ -133,6 +139,7 @@ class PeriodicSolution(Displayed):
     memory: Array
     closure: float
     energy_error: float
+    unheld: float = 0.0
 
     def __repr__(self) -> str:
         """Say where it is, and the peak of each channel."""
@@ -153,6 +160,11 @@ class PeriodicSolution(Displayed):
         Joints that can separate do; for them it is never said.
         """
         return "normal" in self.channels and bool(self.channels["normal"].samples.min() < 0.0)
+
+    @property
+    def walks(self) -> bool:
+        """Whether friction pushes a free body along: then this is no motion of it, for none is periodic."""
+        return self.unheld > WALKING
 
     @property
     def off(self) -> float:
@@ -203,6 +215,22 @@ class PeriodicSolution(Displayed):
 
     def _taken(self, ports: list[tuple[str, str]]) -> float:
         return -sum(path_work(np.asarray, self[force].samples, self[motion].samples) for force, motion in ports)
+
+
+def at_rest(found: PeriodicSolution) -> PeriodicSolution:
+    """The same, a motion about a place where the body stays.
+
+    Raises
+    ------
+    ConvergenceError
+        If it walks: then there is none.
+    """
+    if found.walks:
+        raise ConvergenceError(
+            f"steady state: no motion is periodic at {found.hz:.6g} Hz, {found.level:g} N; friction pushes the body "
+            f"along, nothing balances its mean, {found.unheld:.2g} of the excitation; simulate it in time instead"
+        )
+    return found
 
 
 def path_work(measure: Callable[[Array], Array], force: Array, slip: Array) -> float:
@@ -327,7 +355,8 @@ def describe_joints(problem: JointEquations, state: State, hz: float) -> Periodi
         channels[name] = Signal(unit, moved_by, samples, float(np.abs(samples).max()))
         channels[force] = Signal(unit_of_force, f[:, i], found[:, i], float(np.abs(found[:, i]).max()))
     energy = _joint_energy_error(problem, state, channels)
-    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy)
+    unheld = float(np.abs(problem.held_adrift(state)).max(initial=0.0)) / problem.modal_force_ref
+    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy, unheld)
 
 
 def _joint_energy_error(problem: JointEquations, state: State, channels: Mapping[str, Signal]) -> float:

@@ -36,8 +36,8 @@ DOWN = 3.0
 RIGID = 1e-6
 """A mode below this fraction of the highest frequency is a rigid motion."""
 
-NODE = 1e-9
-"""Where a joint pushes a mode by less than this fraction of its elastic forces, it stands at a node, to rounding."""
+NODE = 1e-3
+"""Where a joint pushes a mode by less than this fraction of its elastic forces, it stands at a node or nearly so."""
 
 FRICTIONLESS = (1e-6, 1e-2)
 """Default amplitudes where friction sets no scale [m]."""

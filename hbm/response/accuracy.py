@@ -312,5 +312,11 @@ def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> 
             f"the tip would lift off from {low:.5g} to {high:.5g} Hz (normal reaction down to {least:.3g} N); "
             "the model keeps it on the support there"
         )
+    for low, high in curve.walking:
+        most = max(p.unheld for p in curve.points)
+        yield (
+            f"from {low:.5g} to {high:.5g} Hz friction pushes the body along: nothing balances its mean, up to "
+            f"{most:.2g} of the excitation; no motion is periodic there, simulate it in time instead"
+        )
     if not curve.complete:
         yield f"partial curve: {curve.branch.message}"

@@ -1,5 +1,6 @@
 """A branch of periodic solutions in physical terms, with what is known of its accuracy."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -263,8 +264,16 @@ class ResponseCurve(Displayed):
     @property
     def lift_off(self) -> list[tuple[float, float]]:
         """Frequency ranges (or force ranges) where the tip would lift off, [(first, last), ...]."""
-        lifted = np.array([p.lift_off for p in self.points])
-        at, edges = self.values, np.flatnonzero(np.diff(np.concatenate([[False], lifted, [False]]).astype(int)))
+        return self._where([p.lift_off for p in self.points])
+
+    @property
+    def walking(self) -> list[tuple[float, float]]:
+        """Frequency ranges (or force ranges) where friction pushes a free body along: no motion is periodic there."""
+        return self._where([p.walks for p in self.points])
+
+    def _where(self, flags: Sequence[bool]) -> list[tuple[float, float]]:
+        """Ranges of the curve's parameter over which points have a flag, [(first, last), ...]."""
+        at, edges = self.values, np.flatnonzero(np.diff([False, *flags, False]))
         return [(float(at[i:j].min()), float(at[i:j].max())) for i, j in zip(edges[::2], edges[1::2], strict=True)]
 
     @cached_property

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from hbm import steady_state
+from continuation import ConvergenceError
+from hbm import frequency_response, steady_state
 from hbm.integration.jointed import simulate_joints
 from hbm.response.trace import trace_frequency
 from models import Coulomb, Dahl, Iwan, Jenkins
@@ -82,3 +83,45 @@ def test_what_sticks_keeps_the_mean_of_its_history() -> None:
     assert abs(mean) > 1e-2 * found["drive"].peak
     assert mean == pytest.approx(drive.mean(), rel=1e-4)
     assert abs(force) < 1e-4 * found["floor.force"].peak
+
+
+def shuffling(force: float) -> JointedRig:
+    """A block on a foot whose load goes with the force that pushes it: it is lighter one way than the other."""
+    body = ModalModel((0.0, 40.0), {"along": (1.0, 0.4), "pressed": (0.0, 1.0), "pushed": (0.5, 1.0)})
+    foot = Joint("foot", Friction(Jenkins(0.3, 1e-5), 20.0, normal_stiffness=3e4), ("along", "pressed"))
+    return JointedRig("block", body, Damping(modal_ratios=(0.02,)), (foot,), Excitation(force, at="pushed"))
+
+
+def test_what_walks_has_no_periodic_motion() -> None:
+    """In time it goes a like way in every period; the balance says so, for a motion as for a curve."""
+    rig = shuffling(12.0)
+    late = simulate_joints(rig, 45.0, periods=60, steps_per_period=1024, last_periods=21)
+    drive = late.channels["drive"].values[1:].reshape(-1, 1024).mean(axis=1)
+    steps = np.diff(drive)
+    assert np.all(np.abs(steps / steps.mean() - 1.0) < 0.2) and abs(steps.mean()) > 1e-5
+    with pytest.raises(ConvergenceError, match=r"no motion is periodic at 45 Hz, 12 N; friction pushes the body along"):
+        steady_state(rig, 45.0)
+    curve = frequency_response(rig, (44.5, 45.5), harmonics=9)
+    assert curve.assessment is not None
+    assert any("friction pushes the body along" in line for line in curve.assessment.warnings)
+    assert curve.walking[0][0] == pytest.approx(44.5) and curve.walking[-1][1] == pytest.approx(45.5)
+
+
+def test_what_sticks_does_not_walk() -> None:
+    """Its mean is held, however its load goes."""
+    found = steady_state(shuffling(12.0), 26.0, harmonics=15)
+    assert not found.walks
+    assert abs(found["foot.force.1"].coefficients[0]) < 1e-9 * found["foot.force.1"].peak
+
+
+@pytest.mark.parametrize("start", [10.0, 5.0])
+def test_a_curve_begins_at_the_frequency_of_an_undamped_mode(start: float) -> None:
+    """Or where one of its harmonics is: there the linear structure has no answer, with its spring it has."""
+    body = ModalModel((10.0,), {"mass": (1.0,)})
+    spring = Joint("spring", PolynomialSpring(cubic=1e9), ("mass",))
+    rig = JointedRig("undamped", body, Damping(modal_ratios=(0.0,)), (spring,), Excitation(2.0, at="mass"))
+    curve = trace_frequency(rig, (start, 1.3 * start), harmonics=7)
+    begins = steady_state(rig, start, harmonics=7)["drive"].peak
+    beside = steady_state(rig, start * (1.0 + 1e-9), harmonics=7)["drive"].peak
+    assert curve.complete
+    assert curve["drive"].peak[0] == pytest.approx(begins, rel=1e-6) == pytest.approx(beside, rel=1e-6)
