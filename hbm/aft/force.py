@@ -121,6 +121,11 @@ class LawOverPeriod(SteadyPeriod):
     """A friction law on a Fourier basis: coefficients of the contact signals in, of the force out.
 
     One object serves one thread: it owns the buffers that CasADi reads and fills.
+
+    Attributes
+    ----------
+    closure : float
+        Of the last force, see :meth:`force`.
     """
 
     choices = (2, 3, 9)
@@ -130,7 +135,7 @@ class LawOverPeriod(SteadyPeriod):
         self._law, self._step = law, law_step(law)
         self._shown: tuple[Array | None, float] = (None, 0.0)
         self._signals, self._environment = np.zeros((basis.N_t, len(SIGNALS))), np.zeros(len(ENVIRONMENT))
-        self._fades = False  # whether the state before the period fades without ever being forgotten
+        self._fades, self.closure = False, 0.0  # whether the state before the period fades without being forgotten
         self._parameters = np.zeros(self._step.function.size1_in(6))
         self._bind(self.choices[0])
 
@@ -163,8 +168,8 @@ class LawOverPeriod(SteadyPeriod):
         np.matmul(self.basis.synthesis, signals, out=self._signals)
         self._environment[:] = environment.compliance, environment.load, 2 * np.pi / (Omega * self.basis.N_t)
         self._parameters[:] = environment.parameters
-        closure = self._steady()
-        return self._forces, closure
+        self.closure = self._steady()
+        return self._forces, self.closure
 
     @property
     def memory(self) -> Array:

@@ -34,7 +34,9 @@ class IdentifiedLaw:
     ----------
     law : str
     values : tuple of Value
-    chi2_reduced, bic : float
+    chi2_reduced : float
+    bic : float
+        That laws are compared by.
     held_out : float
         Relative error of friction on records the law was not fitted to; nan where none were held out.
     range_error : float
@@ -56,7 +58,7 @@ class IdentifiedLaw:
 
 
 def identified_law(
-    fit: LawFit, reconstruction: Reconstruction, by_level: Mapping[float, LawFit] | None = None
+    fit: LawFit, reconstruction: Reconstruction, bic: float, by_level: Mapping[float, LawFit] | None = None
 ) -> IdentifiedLaw:
     """A fitted law as its report needs it.
 
@@ -65,6 +67,8 @@ def identified_law(
     fit : LawFit
         Fitted to records of the reconstruction.
     reconstruction : Reconstruction
+    bic : float
+        That laws are compared by.
     by_level : mapping of float to LawFit, optional
         The same law fitted to each level alone.
     """
@@ -79,7 +83,7 @@ def identified_law(
         law=fit.name,
         values=tuple(Value(p.name, p.value, p.std, p.unit) for p in fit.parameters.entries),
         chi2_reduced=fit.quality.chi2_reduced,
-        bic=fit.quality.bic,
+        bic=bic,
         held_out=np.nan if fit.held_out is None else fit.held_out.relative_error,
         range_error=fit.objective,
         by_level=tuple(_by_level(fit, by_level or {})),

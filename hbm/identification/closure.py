@@ -15,6 +15,9 @@ BALANCED = 1e-5
 
 MOST_ITERATIONS = 20
 
+OPEN = 1e-2
+"""A law whose force is short of its own by more than this share of its peak is too stiff to be solved."""
+
 FORCE_FLOOR = 2e-4
 """Numerical floor of each coefficient of the force, as a fraction of its largest harmonic."""
 
@@ -95,7 +98,7 @@ class LawOnRecords:
             matrix = np.eye(len(T)) - _feedback(slopes, record)
             missing = slopes.coefficients - T
             size = np.abs(slopes.coefficients).max()
-            if not np.isfinite(size):
+            if not np.isfinite(size) or self._laws[record.number].closure > OPEN:
                 return None
             if np.abs(missing).max() <= BALANCED * size:
                 return Answer(T + np.linalg.solve(matrix, missing), signals, slopes, matrix, True)
@@ -137,12 +140,12 @@ class LawOnRecords:
         moved = np.outer(record.by_mean, change[0]) - change
         return np.asarray(moved[self.observed.compared])
 
-    def covariance(self, record: ObservedRecord, answer: Answer) -> Array:
-        """Covariance of the residual [N2].
+    def root(self, record: ObservedRecord, answer: Answer) -> Array:
+        """Lower factor L of the covariance L L' of the residual [N].
 
         Noise of the reconstructed force and, through the law's slope, of the slip and reaction it is shown; a floor
         for what numerics leave, and for the second order of the law's slope: the square of the largest deviation
-        over the force.
+        over the force. It is factored as it is: squared, deviations of a loop that hardly closes would drown the rest.
         """
         law: Array = np.zeros(record.noise.shape[1:])
         slopes = (answer.slopes.by_u, answer.slopes.by_rho, answer.slopes.by_eta)
@@ -151,11 +154,10 @@ class LawOnRecords:
                 law += slope @ noise
         law = np.asarray(np.linalg.solve(answer.matrix, law))
         deviations = record.noise[0][self.observed.compared] + self.residual_change(record, law)
-        covariance = deviations @ deviations.T
         force = max(float(np.abs(record.friction[1:]).max()), np.finfo(float).tiny)
-        second_order = float(np.linalg.eigvalsh(covariance)[-1]) / force
+        second_order = float(np.linalg.norm(deviations, 2)) ** 2 / force
         floor = np.hypot(FORCE_FLOOR * force, min(second_order, force))
-        return np.asarray(covariance + floor**2 * np.eye(len(covariance)))
+        return np.asarray(np.linalg.qr(np.vstack([deviations.T, floor * np.eye(len(deviations))]), "r").T)
 
 
 def _feedback(slopes: ContactForce, record: ObservedRecord) -> Array:

@@ -21,8 +21,10 @@ class Ranked:
     Attributes
     ----------
     name : str
+    bic : float
+        Bayesian information criterion, with chi2 in units of the best law's reduced chi2 where no law fits.
     delta_chi2, delta_bic : float
-        More than the best law's, in units of the best law's reduced chi2 where no law fits.
+        More than the best law's, in the same units.
     held_out_excess, held_out_error : float
         chi2 on held-out records more than the best law's, and the standard error of that; nan where none were.
     separable : bool
@@ -32,6 +34,7 @@ class Ranked:
     """
 
     name: str
+    bic: float
     delta_chi2: float
     delta_bic: float
     held_out_excess: float
@@ -103,6 +106,7 @@ def _ranked(fit: LawFit, best: LawFit, unit: float, fastest: float) -> Ranked:
     separable = bool(worse or min(delta_bic, delta_chi2) >= CLEAR)
     return Ranked(
         fit.name,
+        _bic(fit, unit),
         delta_chi2,
         delta_bic,
         excess,

@@ -112,9 +112,9 @@ class LeastSquares:
         return np.array([slope(i, answer) for i, answer in enumerate(self.answers(x))])
 
     def roots(self, x: Array) -> Array:
-        """Lower Cholesky factors of the covariances at coordinates, (r, c, c)."""
+        """Lower factors of the covariances at coordinates, (r, c, c)."""
         pairs = zip(self.observed.records, self.answers(x), strict=True)
-        return np.linalg.cholesky(np.array([self.model.covariance(record, answer) for record, answer in pairs]))
+        return np.array([self.model.root(record, answer) for record, answer in pairs])
 
     def weights(self, x: Array) -> tuple[Array, Array]:
         """Factors of the covariances, enlarged for strange records; and the factor of each record, (r,)."""

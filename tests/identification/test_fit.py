@@ -152,6 +152,34 @@ def test_static_coefficient_never_falls_below_the_kinetic_one():
         assert law.mu_static >= law.mu > 0.0
 
 
+def test_covariance_is_factored_as_a_loop_that_hardly_closes_leaves_it():
+    # noise enters through the inverse of what closes the loop: of a matrix that is singular to rounding too
+    law, signals = TRUTHS["coulomb-penalty"], motions(1, seed=9)
+    problem = LeastSquares(candidate(law, law, SCALES, ()), observed([of_law(law, signals[0])], signals, FLOOR))
+    record, answer = problem.observed.records[0], problem.answers(problem.candidate.x)[0]
+    size, scale = len(answer.matrix), np.diag(np.geomspace(1e-17, 1.0, len(answer.matrix)))
+    for matrix in (
+        answer.matrix,
+        scale @ (np.eye(size) + 0.1 * np.random.default_rng(10).standard_normal((size, size))),
+    ):
+        law_noise = answer.slopes.by_u @ record.noise[1] + answer.slopes.by_rho @ record.noise[2]
+        law_noise = np.linalg.solve(matrix, law_noise + answer.slopes.by_eta @ record.noise[3])
+        deviations = (record.noise[0] - law_noise)[problem.observed.compared]
+        root = problem.model.root(record, replace(answer, matrix=matrix))
+        assert np.allclose(np.triu(root, 1), 0.0) and np.all(np.diag(root) != 0.0)
+        left = root @ root.T - deviations @ deviations.T  # the floor squared, on the diagonal
+        assert np.abs(left - left[0, 0] * np.eye(len(left))).max() < 1e-12 * np.abs(deviations @ deviations.T).max()
+
+
+def test_law_too_stiff_to_be_solved_is_given_up_at_once():
+    # beside a compliance that it exceeds a hundred thousand times; each iteration marches it over a period
+    law, signals = Dahl(mu=0.47, stiffness=1e13), motions(1, seed=11)
+    made = fed_back(observed([of_law(TRUTHS["dahl"], signals[0])], signals, FLOOR), 2e-8)
+    problem = LeastSquares(candidate(law, law, SCALES, ()), made)
+    (answer,) = problem.answers(problem.candidate.x)
+    assert not answer.balanced and problem.model.evaluations <= 3
+
+
 def test_law_without_parameters_is_refused():
     with pytest.raises(InputError, match=r"^identify: law none has no parameter to fit; take another$"):
         candidate("none", TRUTHS["dahl"], SCALES, ())
