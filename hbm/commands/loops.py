@@ -8,7 +8,6 @@ import typer
 
 from hbm.commands.budgets import RunSeconds, seconds_of, within
 from hbm.commands.options import console, named, print_written
-from hbm.errors import InputError
 
 if TYPE_CHECKING:
     from hbm.identification.loops import LoopFit
@@ -49,13 +48,7 @@ def loops(
     from hbm.identification.loops import fit_loop
     from hbm.measurement.loopsfile import load_loops
 
-    measured = load_loops(file)
-    names = [each.name for each in measured]
-    for name in loop or ():
-        if name not in names:
-            raise InputError(f"{file}: no loop {name}; loops are {', '.join(names)}")
-    chosen = [each for each in measured if not loop or each.name in loop]
-    found = []
+    chosen, found = load_loops(file, loop or ()), []
     with (
         Work() as work,
         within(COMMAND, limit, work.doing, "try fewer samples a cycle, --loop, or a larger --max-seconds"),

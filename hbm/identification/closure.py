@@ -157,7 +157,7 @@ class LawOnRecords:
         force = max(float(np.abs(record.friction[1:]).max()), np.finfo(float).tiny)
         second_order = float(np.linalg.norm(deviations, 2)) ** 2 / force
         floor = np.hypot(FORCE_FLOOR * force, min(second_order, force))
-        return np.asarray(np.linalg.qr(np.vstack([deviations.T, floor * np.eye(len(deviations))]), "r").T)
+        return np.asarray(np.linalg.qr(np.vstack([deviations.T, floor * np.eye(len(deviations))]), mode="r")).T
 
 
 def _feedback(slopes: ContactForce, record: ObservedRecord) -> Array:

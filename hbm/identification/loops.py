@@ -48,6 +48,9 @@ LAWS: dict[str, tuple[str, ...]] = {
 PLAYS = (0.02, 0.08, 0.2)
 """Parts of the whole way at which a play is looked for."""
 
+MISSED = 0.2
+"""A law whose energy of a cycle is off by more of what was measured is not that of the loop."""
+
 STARTS = {
     "stiffness": 20.0,
     "forward": 1.0,
@@ -125,6 +128,9 @@ class LoopFit(Displayed):
         return tuple(self._doubts())
 
     def _doubts(self) -> Iterator[str]:
+        if abs(self.work_error) > MISSED:
+            taken = f"takes {self.work:.3g} J a cycle, measured are {self.work_measured:.3g} J"
+            yield f"none of these laws is that of the loop: the best one {taken}"
         if self.at_bounds:
             verb = "is" if len(self.at_bounds) == 1 else "are"
             yield f"no law fits without a number at its bound; {', '.join(self.at_bounds)} {verb} not determined"

@@ -1,5 +1,6 @@
 """Loops files: displacement imposed on a friction device and the force it took, docs/reference/data_files.md."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,7 +57,7 @@ class MeasuredLoop:
         return float(np.sum(0.5 * (F[1:] + F[:-1]) * np.diff(x)))
 
 
-def load_loops(path: StrPath) -> list[MeasuredLoop]:
+def load_loops(path: StrPath, only: Sequence[str] = ()) -> list[MeasuredLoop]:
     """Read a loops file.
 
     Parameters
@@ -64,6 +65,8 @@ def load_loops(path: StrPath) -> list[MeasuredLoop]:
     path : str or path
         CSV with the columns ``loop,time_s,displacement_m,force_n``, in any order, others left out. Of each loop whole
         cycles at steady amplitude, in the order of time; samples beyond the last whole cycle are left out.
+    only : sequence of str
+        Loops that are asked for, all where omitted; the others may be none.
 
     Returns
     -------
@@ -73,7 +76,7 @@ def load_loops(path: StrPath) -> list[MeasuredLoop]:
     Raises
     ------
     InputError
-        If a column is missing, an entry is no number, time does not increase, or a loop is too short, no whole cycle,
+        If a column or a loop is missing, an entry is no number, time does not increase, or a loop is too short, no whole cycle,
         or has a force of one sign or of the wrong one.
     """
     found: dict[str, list[list[float]]] = {}
@@ -84,7 +87,11 @@ def load_loops(path: StrPath) -> list[MeasuredLoop]:
             raise InputError(f"{where}: {', '.join(numbers)}; must be numbers, {', '.join(COLUMNS[1:])}") from None
     if not found:
         raise InputError(f"{path}: no rows; must have at least one loop")
-    return [_loop(f"{path}: loop {name}", name, np.array(table).T) for name, table in found.items()]
+    missing = next((name for name in only if name not in found), None)
+    if missing is not None:
+        raise InputError(f"{path}: no loop {missing}; loops are {', '.join(found)}")
+    asked = {name: table for name, table in found.items() if not only or name in only}
+    return [_loop(f"{path}: loop {name}", name, np.array(table).T) for name, table in asked.items()]
 
 
 def _loop(where: str, name: str, columns: Array) -> MeasuredLoop:

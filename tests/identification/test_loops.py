@@ -1,5 +1,6 @@
 """Loops of a friction device that is known, by a march of its own; and what cannot be a loops file."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -186,6 +187,28 @@ def test_forces_of_some_newtons_are_printed_in_newtons_and_warnings_with_them(tm
     name, mass, *_ = next(line for line in lines[6:] if line.startswith(" steady")).split()
     assert (name, float(mass)) == ("steady", pytest.approx(2.0, abs=0.02))
     assert lines[-1].startswith("warning: steady: a zero of the load cell of 5")
+
+
+def test_a_loop_of_none_of_the_laws_is_said_to_be_so() -> None:
+    """A cubic spring takes nothing; friction that fits it best does."""
+    known = steady()
+    spring = replace(known, force=3e7 * (known.displacement - known.displacement.mean()) ** 3)
+    assert fit_loop(spring)[0].warnings[0].startswith("none of these laws is that of the loop: the best one takes ")
+    assert not any(line.startswith("none") for line in fit_loop(known)[0].warnings)
+
+
+def test_a_loop_that_is_none_does_not_hide_the_others(tmp_path: Path) -> None:
+    """Those that are asked for are read alone."""
+    known = steady()
+    given = replace(known, name="reversed", force=-known.force)
+    file = tmp_path / "l.csv"
+    both = [written(tmp_path / f"{one.name}.csv", one).read_text().splitlines() for one in (known, given)]
+    file.write_text("\n".join([*both[0], *both[1][1:]]) + "\n")
+    with pytest.raises(InputError, match="loop reversed: force_n gives out"):
+        load_loops(file)
+    assert [one.name for one in load_loops(file, ["steady"])] == ["steady"]
+    result = CliRunner().invoke(app, ["loops", str(file), "--loop", "steady"])
+    assert result.exit_code == 0, result.output
 
 
 def test_samples_beyond_whole_cycles_are_left_out(tmp_path: Path) -> None:
