@@ -3,8 +3,7 @@
 A displacement s(t) = exp(p t) at the place of a channel is read as gain p^n exp(-p delay) s(t), with n derivatives.
 """
 
-from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +12,6 @@ from hbm.fourier import Array, FourierBasis
 from models.parts import Channel
 
 Rates = npt.NDArray[np.complexfloating[Any, Any]]
-
-Found = TypeVar("Found")
 
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
@@ -48,19 +45,6 @@ def _rates(basis: FourierBasis, Omega: float) -> Rates:
 
 def _times(basis: FourierBasis, coefficients: Array, factors: Rates) -> Array:
     return basis.real((basis.complex(coefficients).T * factors).T)
-
-
-def channel_named(channels: Mapping[str, Found], name: str) -> Found:
-    """What is known of a channel.
-
-    Raises
-    ------
-    KeyError
-        With the channels that there are.
-    """
-    if name not in tuple(channels):
-        raise KeyError(f'no channel "{name}"; there are {", ".join(channels)}')
-    return channels[name]
 
 
 def late(channel: Channel, values: Array, dt: float) -> Array:

@@ -1,9 +1,12 @@
 """The error a user can cause."""
 
 import re
+from collections.abc import Mapping
 from math import inf
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, TypeVar
+
+Found = TypeVar("Found")
 
 LONGEST = re.compile(r"\S{300,}")
 """A word of a message that nobody reads to its end."""
@@ -74,6 +77,19 @@ def expect_joints(rig: object, where: str) -> None:
     expect_rig(rig, where, joints=True)
     if isinstance(rig, Rig):
         raise InputError(f"{where}: {rig.name} has [contact]; must be a rig with [[joints]]")
+
+
+def channel_named(channels: Mapping[str, Found], name: str) -> Found:
+    """What is known of a channel.
+
+    Raises
+    ------
+    KeyError
+        With the channels that there are.
+    """
+    if name not in tuple(channels):
+        raise KeyError(f'no channel "{name}"; there are {", ".join(channels)}')
+    return channels[name]
 
 
 def expect_positive(value: Any, what: str, where: str, unit: str) -> None:

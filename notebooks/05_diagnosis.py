@@ -29,9 +29,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from hbm import load_rig, load_spectra, trace_frequency
-from hbm.diagnosis.diagnose import diagnose
-from hbm.diagnosis.discrepancy import discrepancy
+from hbm import diagnose, discrepancy, load_rig, load_spectra, trace_frequency
 from hbm.figures import diagnosis as figures
 from hbm.figures.compared import compared
 from hbm.figures.gain import plot_gain

@@ -10,7 +10,6 @@ import numpy as np
 
 from hbm.outputerror.model import FAR
 from hbm.outputerror.nominal import TOLERANCES
-from hbm.sensitivity.scalars import FRICTION
 
 GROUPS: dict[str, tuple[str, ...]] = {
     "friction": (
@@ -141,7 +140,7 @@ class Outcome:
             return bool(abs(self.answer["parameters"]["ratio"] ** 2 - 1.0) <= FAR * TOLERANCES[YOUNG])
         cause = str(self.answer["cause"])
         key = cause.removeprefix(PARAMETER)
-        tolerance = TOLERANCES.get(key, TOLERANCES["friction"] if key.startswith(FRICTION) else None)
+        tolerance = TOLERANCES.get(key, TOLERANCES["friction"] if key.startswith("contact.friction.") else None)
         if not is_parameter(cause) or tolerance is None:
             return False
         return bool(

@@ -13,7 +13,8 @@ from continuation import ConvergenceError
 from hbm.balance.jointed import JointBalance
 from hbm.balance.jointequations import JointEquations
 from hbm.balance.problem import AnyBalance, HarmonicBalance, Kinematics, State
-from hbm.channels import DISPLACEMENT, channel_named, read
+from hbm.channels import DISPLACEMENT, read
+from hbm.errors import channel_named
 from hbm.fourier import Array, FourierBasis
 from models.display import Displayed
 from models.parts import UNITS, Channel

@@ -25,8 +25,10 @@ from hbm.commands.options import (
 from hbm.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
     from hbm.figures.style import AxesArray
-    from hbm.fourier import Array
     from hbm.modes.accuracy import NumericalChange
     from hbm.modes.backbone import Backbone
     from hbm.response.budget import Budget
@@ -208,7 +210,7 @@ def _print(backbones: Sequence["Backbone"], changes: Sequence["NumericalChange"]
     print_lines(screen, lines)
 
 
-def _over(values: "Array", form: str) -> str:
+def _over(values: "npt.NDArray[np.float64]", form: str) -> str:
     """From the first to the last of some values where they change one way; else from the least to the largest."""
     first, last, least, most = values[0], values[-1], values.min(), values.max()
     ends = (first, last) if {first, last} == {least, most} else (least, most)

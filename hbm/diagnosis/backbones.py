@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from hbm.diagnosis.backbonecampaign import backbone_campaign
 from hbm.diagnosis.backbonescan import backbone_scan
 from hbm.diagnosis.diagnose import candidates_among
 from hbm.diagnosis.flooredsearch import FlooredSearch
@@ -14,7 +15,6 @@ from hbm.diagnosis.search import OnProgress
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError, expect_rig
 from hbm.measurement.decay import Decay
-from hbm.outputerror.backbones import backbone_campaign
 from hbm.parallel import one_thread
 from models.causes.cause import Cause
 from models.jointed import AnyRig

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from hbm.diagnosis.backbonecampaign import BackboneCampaign
 from hbm.diagnosis.jointscan import PushedRecord, Scanned, scanned, tried_ends
 from hbm.fourier import Array
-from hbm.outputerror.backbones import BackboneCampaign
 from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.records import Record
 from hbm.sensitivity.jointforces import Ends, motion_between

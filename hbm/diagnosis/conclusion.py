@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, cached_property, partial
 
-from continuation import ConvergenceError
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
 from hbm.diagnosis.decide import DECISIVE, TIED, Decision, inclusion, tied
@@ -25,6 +24,7 @@ from hbm.outputerror.background import CHANGING, LARGEST
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
 from hbm.outputerror.measured import campaign_of
+from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import Whitened
 
 MAIN, NOTABLE = 0.5, 0.005
@@ -367,7 +367,7 @@ class Conclusion:
         known = {} if self.calibrated is None else self.calibrated.evaluation.solutions
         try:
             return None if self.hidden is None else nrmse(evaluate(e.model, self.hidden, e.x, known).white)
-        except (ConvergenceError, ValueError):
+        except FAILURES:
             return None
 
     def _advice(self, best: Evaluation | None, ties: list[Evaluation]) -> str:

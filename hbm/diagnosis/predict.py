@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from continuation import ConvergenceError
 from hbm.diagnosis.misfit import Misfit, likeliest, misfit_of_new, nrmse
 from hbm.diagnosis.remainder import LEFT, explained
 from hbm.diagnosis.verdict import Errors
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import Whitened
 
 LINEARISED = 4
@@ -40,7 +40,7 @@ def predicted(e: Evaluation, hidden: Campaign | None) -> Predicted | None:
     try:
         rough = evaluate(e.model, hidden, e.x, {})
         there = evaluate(e.model, hidden.corrected(e.model.rig(e.x), rough.solutions), e.x, rough.solutions)
-    except (ConvergenceError, ValueError):
+    except FAILURES:
         return None
     first = misfit_of_new(there, e.x, e.covariance, hidden)
     return Predicted(there, replace(_within(there, e, first, hidden), nrmse=nrmse(there.white.predicted)))
@@ -55,7 +55,7 @@ def _within(there: Evaluation, e: Evaluation, found: Misfit, hidden: Campaign) -
         try:
             x = np.clip(likeliest(there, e.x, e.covariance), low, high)
             there = evaluate(e.model, hidden, x, there.solutions)
-        except (ConvergenceError, ValueError):
+        except FAILURES:
             break
         before = found.chi2
         found = min(found, misfit_of_new(there, e.x, e.covariance, hidden), key=lambda m: -m.probability)

@@ -11,50 +11,6 @@ one HTML page that holds figures, tables and what to beware of.
 Names are imported when they are first used: what draws a reconstruction needs nothing of curves.
 """
 
-from typing import TYPE_CHECKING
+from lazy_loader import attach_stub
 
-from hbm.lazy import first_used
-
-if TYPE_CHECKING:
-    from hbm.figures.curves import (
-        least_reaction,
-        phase_degrees,
-        plot_contact,
-        plot_curves,
-        plot_frequency_response,
-        plot_phase,
-    )
-    from hbm.figures.histories import plot_history
-    from hbm.figures.loops import plot_loop, plot_loops
-    from hbm.figures.sensors import plot_channel, plot_sensors
-
-__all__ = [
-    "least_reaction",
-    "phase_degrees",
-    "plot_channel",
-    "plot_contact",
-    "plot_curves",
-    "plot_frequency_response",
-    "plot_history",
-    "plot_loop",
-    "plot_loops",
-    "plot_phase",
-    "plot_sensors",
-]
-
-__getattr__ = first_used(
-    __name__,
-    {
-        "hbm.figures.curves": (
-            "least_reaction",
-            "phase_degrees",
-            "plot_contact",
-            "plot_curves",
-            "plot_frequency_response",
-            "plot_phase",
-        ),
-        "hbm.figures.histories": ("plot_history",),
-        "hbm.figures.loops": ("plot_loop", "plot_loops"),
-        "hbm.figures.sensors": ("plot_channel", "plot_sensors"),
-    },
-)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

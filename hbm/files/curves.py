@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hbm.channels import channel_named
-from hbm.errors import InputError
+from hbm.errors import InputError, channel_named
 from hbm.files.outputs import companion, with_companion
 from hbm.files.version import installed_version
 from hbm.fourier import Array

@@ -76,8 +76,8 @@ def load_loops(path: StrPath, only: Sequence[str] = ()) -> list[MeasuredLoop]:
     Raises
     ------
     InputError
-        If a column or a loop is missing, an entry is no number, time does not increase, or a loop is too short, no whole cycle,
-        or has a force of one sign or of the wrong one.
+        If a column or a loop is missing, an entry is no number, time does not increase, or a loop is too short, no
+        whole cycle, or has a force of one sign or of the wrong one.
     """
     found: dict[str, list[list[float]]] = {}
     for where, (loop, *numbers) in read_columns(path, "a loops file (CSV)", COLUMNS):

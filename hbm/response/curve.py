@@ -11,7 +11,7 @@ import numpy.typing as npt
 from continuation import Branch, Point, Problem
 from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, amplitudes, describe, phases
-from hbm.channels import channel_named
+from hbm.errors import channel_named
 from hbm.fourier import Array, FourierBasis
 from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
 from hbm.response.bifurcation import Bifurcation

@@ -8,7 +8,8 @@ import numpy as np
 
 from hbm.balance.problem import Linearization
 from hbm.balance.solution import PeriodicSolution
-from hbm.channels import DERIVATIVES, DISPLACEMENT, VELOCITY, channel_named, read
+from hbm.channels import DERIVATIVES, DISPLACEMENT, VELOCITY, read
+from hbm.errors import channel_named
 from hbm.fourier import Array
 from hbm.sensitivity.held import HeldBalance, friction_change
 from hbm.sensitivity.scalars import solution_numbers

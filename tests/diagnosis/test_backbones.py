@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from continuation import ConvergenceError
 from hbm.cli import app
+from hbm.diagnosis.backbonecampaign import backbone_campaign
 from hbm.diagnosis.backbones import diagnose_backbone
 from hbm.diagnosis.diagnose import diagnose
 from hbm.errors import InputError
@@ -18,7 +19,6 @@ from hbm.fourier import Array, FourierBasis
 from hbm.measurement.decay import Decay
 from hbm.measurement.decayfile import is_decay, load_decay
 from hbm.modes.decaying import at_channel, over_channel
-from hbm.outputerror.backbones import backbone_campaign
 from hbm.outputerror.fit import start_from
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import Solutions
@@ -210,7 +210,7 @@ def test_a_candidate_that_is_not_accepted_is_ranked(rig: JointedRig, monkeypatch
 def test_where_the_nonlinear_mode_is_not_found_the_amplitudes_are_said(
     rig: JointedRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hbm.outputerror.backbones.ALONE", Budget(points=8))
+    monkeypatch.setattr("hbm.diagnosis.backbonecampaign.ALONE", Budget(points=8))
     file = written(tmp_path / "decay.csv", decayed(rig, 1))
     args = ["diagnose", str(tmp_path / "rig.toml"), str(file), "--out", str(tmp_path / "out")]
     result = CliRunner().invoke(app, args)
