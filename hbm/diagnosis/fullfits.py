@@ -7,12 +7,15 @@ import numpy as np
 
 from hbm.diagnosis.otherstarts import Tell, scanned
 from hbm.diagnosis.quickfits import CLOSE, Candidate, rank, with_limits
-from hbm.diagnosis.screen import small
+from hbm.diagnosis.screen import small, starting
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
+from models.causes.cause import Cause, candidates_of
+from models.causes.structure import ContactLoss
+from models.jointed import AnyRig
 
 HELPS = 0.5
 """Where the best leaves more than this share of chi2 of few records nothing will explain them; where the first does of
@@ -55,6 +58,27 @@ def full_fits(
         if one and any(e.chi2 < HELPS * base.chi2 for e in done):
             break
     return done
+
+
+def lifted_off(base: Evaluation, candidates: Sequence[Cause], campaign: Campaign, tell: Tell) -> list[Evaluation]:
+    """A model whose tip lifts off, where its reaction turns negative; else nothing.
+
+    It has no number to fit, and what corrects the discretisation of a tip that is kept on its support says nothing
+    of one that is not: quick fits would not tell.
+    """
+    causes = [c for c in candidates if isinstance(c, ContactLoss) and suits(c, base.model.rig(base.x))]
+    if not causes or not any(s.lift_off for s in base.solutions.values()):
+        return []
+    model = base.model.extended_by(causes[0])
+    tell(f"{causes[0].label}, all records")
+    with suppress(*FAILURES):
+        return [refine(fit_model(model, campaign, starting(model, base, {}), base.solutions), campaign)]
+    return []
+
+
+def suits(cause: Cause, rig: AnyRig) -> bool:
+    """Whether an extended rig can be extended by a cause too."""
+    return any(offered == cause for offered in candidates_of(type(cause), rig))
 
 
 def _fits(

@@ -11,8 +11,10 @@ from hbm.diagnosis.fullfits import refinable
 from hbm.diagnosis.judge import background_of, beside_noise
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, best_start, fit_model, refine
+from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause
+from models.causes.parameter import WrongParameter
 
 
 def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campaign: Campaign) -> list[Evaluation]:
@@ -39,6 +41,7 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
     place = {i: model.causes.index(c) for i, c in enumerate(found.model.causes) if c in model.causes} | {-1: -1}
     known = base.coordinates
     known |= {(place[cause], name): x for (cause, name), x in found.coordinates.items() if cause in place}
+    known |= _blamed(model, found)
     starts = [np.array([known[f.cause, f.name] for f in model.free])]
     if base.model.calibrated and not found.model.calibrated:
         # calibration without the causes may have gone far to do without them
@@ -49,6 +52,14 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
         return [refine(best, campaign) if refinable(best) else best]
     except FAILURES:
         return []
+
+
+def _blamed(model: Model, found: Evaluation) -> dict[tuple[int, str], float]:
+    """Coordinates of calibrated numbers, where a number is a cause of its own in another model."""
+    causes = enumerate(found.model.causes)
+    blamed = [(i, c.key) for i, c in causes if isinstance(c, WrongParameter) and c not in model.causes]
+    values = {key: found.model.values(found.x, i)["value"] for i, key in blamed}
+    return {(-1, f.name): f.of(values[f.name]) for f in model.free if f.cause < 0 and f.name in values}
 
 
 def apart(base: Evaluation, pair: Evaluation, campaign: Campaign) -> list[Evaluation]:

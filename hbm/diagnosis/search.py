@@ -27,20 +27,21 @@ from hbm.diagnosis.decide import (
     suspicious,
     tied,
 )
+from hbm.diagnosis.fullfits import lifted_off, suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import ordered
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.restart import apart, led_to, less_moved, started
-from hbm.diagnosis.screen import Screening, screen, starting
+from hbm.diagnosis.screen import Screening, screen
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
-from hbm.outputerror.fit import Evaluation, evaluate, fit_model, refine
+from hbm.outputerror.fit import Evaluation, evaluate, fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import SENSORS, Model
 from hbm.outputerror.simulated import FAILURES
-from models.causes.cause import Cause, candidates_of
+from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady
 from models.causes.structure import ContactLoss
@@ -232,9 +233,18 @@ class Search:
         """Whether a model leaves next to nothing that tolerances of the rig file do not."""
         if self._enough(e):
             return True
-        if e.model.calibrated or explained(self.nominal.white, e.white) < NEARLY or not self.tolerable(e):
+        if e.model.calibrated:
+            return self._fits(e) and self._calibrates(e)
+        if explained(self.nominal.white, e.white) < NEARLY or not self.tolerable(e):
             return False
         return any(self._enough(again) for again in self._over_tolerances(e))
+
+    def _calibrates(self, e: Evaluation) -> bool:
+        """Whether calibration leaves noise from where a number within its tolerance does: it stands there then."""
+        for again in started(self.calibrated, e, (), self.campaign):
+            if self._fits(again) and self.tolerable(again):
+                self.calibrated = again
+        return self._fits(self.calibrated) and self.tolerable(self.calibrated)
 
     def _enough(self, e: Evaluation) -> bool:
         """Whether a model within tolerances leaves noise, or so little that it may be a background."""
@@ -330,8 +340,7 @@ class Search:
     def _race(
         self, base: Evaluation, screening: Screening, done: float, likely: Collection[str] | None = None
     ) -> Decision:
-        lifted = self._lifted(base, done)
-        self.fitted += lifted
+        self.fitted += (lifted := lifted_off(base, self.candidates, self.campaign, lambda what: self.tell(what, done)))
         over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
             return self._decided(over, lifted, self.tried)
@@ -340,21 +349,6 @@ class Search:
         )
         self.fitted += fits
         return self._decided(over, [*lifted, *fits], self.tried)
-
-    def _lifted(self, base: Evaluation, done: float) -> list[Evaluation]:
-        """A model whose tip lifts off, where its reaction turns negative; else nothing.
-
-        It has no number to fit, and what corrects the discretisation of a tip that is kept on its support says nothing
-        of one that is not: quick fits would not tell.
-        """
-        causes = [c for c in self.candidates if isinstance(c, ContactLoss) and _suits(c, base.model.rig(base.x))]
-        if not causes or not any(s.lift_off for s in base.solutions.values()):
-            return []
-        model = base.model.extended_by(causes[0])
-        self.tell(f"{causes[0].label}, all records", done)
-        with suppress(*FAILURES):
-            return [refine(fit_model(model, self.campaign, starting(model, base, {}), base.solutions), self.campaign)]
-        return []
 
     def _calibrated_from(self, found: Decision) -> Evaluation | None:
         """Calibration from where a cause is found, where it gets further: then it had ended in a wrong valley."""
@@ -386,15 +380,10 @@ class Search:
         """Two causes: one more beside one; not transients, which are free and would take what is left of any."""
         base = earlier.base if earlier.best is single else self.calibrated if single.model.calibrated else self.nominal
         others = [c for c in self.candidates if c not in single.model.causes and not isinstance(c, NotSteady)]
-        rest = [c for c in others if _suits(c, single.model.rig(single.x))]
+        rest = [c for c in others if suits(c, single.model.rig(single.x))]
         name, scores = single.model.label, self._screened(single, rest)
         fits = fit_candidates(single, self.campaign, scores, lambda d: self.tell(f"{name} and {d}", 0.7), self._enough)
         alone = [e for pair in fits[:1] for e in apart(base, pair, self.campaign)]
         self.fitted += [*fits, *alone]
         found = self._decided(base, [*fits, *alone, *earlier.fits], self.tried**2)
         return replace(found, fits=found.fits[:MOST_RANKED])
-
-
-def _suits(cause: Cause, rig: AnyRig) -> bool:
-    """Whether an extended rig can be extended by a cause too."""
-    return any(offered == cause for offered in candidates_of(type(cause), rig))
