@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.fourier import Array
+from hbm.measurement.clipping import flat_topped
 from hbm.measurement.clock import UNEVEN
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.measurement.steadiness import Leftover, Steadiness
@@ -184,7 +185,7 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
                 f"of {q.leftover.line_share:.2%} of its rms"
             )
         if q.clipped:
-            yield f"{q.name} is flat-topped: was it clipped?"
+            yield flat_topped(q.name)
 
 
 def _changes(s: Steadiness, *, turned: bool) -> bool:

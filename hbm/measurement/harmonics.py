@@ -30,10 +30,11 @@ from scipy.optimize import minimize_scalar
 
 from hbm.errors import InputError, expect_frequency, expect_whole
 from hbm.fourier import Array
+from hbm.measurement.clipping import clipped
 from hbm.measurement.clock import UNEVEN, unevenness
 from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
 from hbm.measurement.recording import Recording, constant
-from hbm.measurement.steadiness import clipped, leftover, steadiness
+from hbm.measurement.steadiness import leftover, steadiness
 
 FEWEST_BLOCKS = 4
 BLOCKS = 32

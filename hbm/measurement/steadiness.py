@@ -234,11 +234,3 @@ def leftover(residual: Array, rms: float, periods: int, hz: float) -> Leftover:
     line = slice(max(top - reach, 0), top + reach + 1)
     centre = float(power[line] @ bins[line] / power[line].sum())
     return Leftover(share(between), centre * hz / periods, share(line))
-
-
-def clipped(values: Array) -> bool:
-    """Whether a channel is flat-topped: far more samples at its extreme than at the value next to it."""
-    step = RESOLVED * float(np.max(np.abs(values))) or 1.0  # values of one phase of a cosine that was computed are one
-    found, counts = np.unique(np.round(values / step), return_counts=True)
-    fewest = max(8.0, 0.003 * len(values))
-    return len(found) > 2 and bool(counts[-1] >= max(fewest, 5 * counts[-2]) or counts[0] >= max(fewest, 5 * counts[1]))

@@ -12,6 +12,7 @@ from hbm import load_rig
 from hbm.cli import app
 from hbm.errors import InputError
 from hbm.identification.modalfit import fit_modes
+from hbm.measurement.clipping import clipped_from_rest
 from hbm.measurement.recording import Recording, recording
 from hbm.measurement.transient import responses_from_rest
 
@@ -117,3 +118,25 @@ def test_the_command_makes_a_rig_of_hits(recorded: Recording, tmp_path: Path) ->
     np.savetxt(file, table[:9], delimiter=",", header="time_s,a1,v2,x3,force (mm)", comments="")
     refused = CliRunner().invoke(app, asked)
     assert (refused.exit_code, refused.stderr) == (2, f"{file}: channel force is in m; must be force, N\n")
+
+
+@pytest.mark.parametrize("rough", [0.0, NOISE])
+def test_a_channel_that_is_clipped_is_named_also_under_the_noise_of_what_comes_after(rough: float) -> None:
+    """At 60 % of its largest, before and after noise is added; hits and motions that are not clipped have none."""
+    good = hits(0)
+    assert responses_from_rest(good, "force", CHANNELS).warnings == ()
+    rng = np.random.default_rng(7)
+    for name in ("a1", "force"):
+        v = good.channels[name]
+        limit = 0.6 * np.abs(v).max()
+        flat = np.clip(v, -limit, limit) + rough * limit * rng.standard_normal(len(v))
+        read = Recording("hits.csv", good.time, {**good.channels, name: flat}, good.units)
+        assert responses_from_rest(read, "force", CHANNELS).warnings == (f"{name} is flat-topped: was it clipped?",)
+
+
+@pytest.mark.parametrize("steps", [20, 200, 30_000])
+def test_hits_on_a_coarse_converter_are_not_clipped(steps: int) -> None:
+    t = np.arange(40_000) / 2000.0
+    falls = np.where(t > 1.0, np.exp(-1.5 * (t - 1.0)) * np.sin(2 * np.pi * 7.3 * (t - 1.0)), 0.0)
+    assert not clipped_from_rest(np.round(steps * falls), 0.0)
+    assert clipped_from_rest(np.clip(np.round(steps * falls), -0.7 * steps, 0.7 * steps), 0.0) == (steps > 20)
