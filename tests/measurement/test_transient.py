@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from hbm import load_rig
 from hbm.cli import app
@@ -140,3 +140,29 @@ def test_hits_on_a_coarse_converter_are_not_clipped(steps: int) -> None:
     falls = np.where(t > 1.0, np.exp(-1.5 * (t - 1.0)) * np.sin(2 * np.pi * 7.3 * (t - 1.0)), 0.0)
     assert not clipped_from_rest(np.round(steps * falls), 0.0)
     assert clipped_from_rest(np.clip(np.round(steps * falls), -0.7 * steps, 0.7 * steps), 0.0) == (steps > 20)
+
+
+def test_channels_of_hits_that_are_late_or_reversed_are_named(recorded: Recording, tmp_path: Path) -> None:
+    """By samples of 1/2048 s; modes are those on one clock."""
+
+    def run(name: str, **changed: np.ndarray) -> Result:
+        path = tmp_path / f"{name}.csv"
+        columns = {"time_s": recorded.time, **recorded.channels, **changed}
+        np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+        band = ["--from", "12", "--to", "70", "--quantity", "v2=velocity", "--quantity", "x3=displacement"]
+        return CliRunner().invoke(
+            app, ["modal", str(path), "--transient", "--drive", "a1", *band, "--out", str(tmp_path / f"{name}.toml")]
+        )
+
+    moved = {name: np.roll(values, 5) for name, values in recorded.channels.items()}
+    assert "warning" not in run("clean").stdout
+    late = " ".join(run("late", v2=moved["v2"]).stdout.split())
+    assert "warning: v2 comes 2.44" in late
+    assert "ms after the force" in late
+    assert load_rig(tmp_path / "late.toml").structure.omega_n == pytest.approx(2 * np.pi * HZ, rel=2e-4)
+    early = " ".join(run("early", force=moved["force"]).stdout.split())
+    assert "warning: all channels come 2.44" in early
+    assert "ms before the force" in early
+    reversed_ = run("reversed", a1=-recorded.channels["a1"])
+    assert reversed_.exit_code == 2
+    assert reversed_.stderr.startswith("modal: a1 moves against the force in all 3 modes")
