@@ -195,6 +195,7 @@ def _print(found: "Modes") -> None:
             "warning: not linear at this level, its shapes are not real, or a mode near the band is not in it: some of "
             "these may be no modes; the next mode on either side should be in the band"
         )
+    lines += [f"warning: {line}" for line in (*found.responses.warnings, *found.warnings)]
     vague = [str(i) for i, (z, std) in enumerate(zip(found.ratio, found.ratio_std, strict=True), 1) if std > VAGUE * z]
     if vague:
         several = len(vague) > 1

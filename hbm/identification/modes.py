@@ -10,6 +10,9 @@ from hbm.fourier import Array
 from hbm.measurement.responses import FrequencyResponses
 from models.display import Displayed
 
+CERTAIN = 5.0
+"""Standard deviations from which a delay is one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Modes(Displayed):
@@ -26,6 +29,8 @@ class Modes(Displayed):
         U [m/N], V [m s2/N] and L [1/kg]. Losses of modes beyond the band are fitted beside them, and not listed.
     phase, phase_std : float
         By which the force leads the channel that stands for it [rad]; 0 where that is the force.
+    delays, delays_std : (c,) array
+        By which channels come after the force, against the modes [s]; 0 where none is seen. The modes are without them.
     chi2_reduced : float
         Misfit; deviations are multiplied by its root where it is above 1, or their size was not known.
     """
@@ -44,6 +49,8 @@ class Modes(Displayed):
     below_std: Array
     phase: float
     phase_std: float
+    delays: Array
+    delays_std: Array
     chi2_reduced: float
 
     def __len__(self) -> int:
@@ -57,6 +64,22 @@ class Modes(Displayed):
             for f, sf, z, sz in zip(self.hz, self.hz_std, self.ratio, self.ratio_std, strict=True)
         ]
         return "\n".join([f"{len(self)} modes, misfit {self.chi2_reduced:.3g} noise variances", *lines])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What speaks against the channels: delays, one sentence each."""
+        late = np.flatnonzero(self.delays)
+        t, std, names = self.delays[late], self.delays_std[late], list(self.responses.channels)
+        if not len(late):
+            return ()
+        alone = "; of one mode alone, a shape that is not real looks the same" if len(self) == 1 else ""
+        advice = f"against the phases of all modes{alone}. It is taken off here: align the channels in the file"
+        if len(names) == len(late) > 1 and np.ptp(t) < CERTAIN * np.linalg.norm(std):
+            mean = float(np.average(t, weights=std**-2.0))
+            return (f"all channels come {_beside(mean, float(np.sum(std**-2.0) ** -0.5))} the force, {advice}",)
+        return tuple(
+            f"{names[j]} comes {_beside(self.delays[j], self.delays_std[j])} the force, {advice}" for j in late
+        )
 
     def flexibility(self, masses: bool) -> Array:
         """The one number of each channel that comes nearest to its residuals in the band, (c,) [m/N].
@@ -103,3 +126,8 @@ class Modes(Displayed):
         relative = np.hypot(self.A_std / np.abs(self.A), 0.5 * std / own)
         relative[names.index(drive)] = 0.5 * std / own
         return self.A / root, np.abs(self.A / root) * relative, root
+
+
+def _beside(delay: float, std: float) -> str:
+    """How much later or earlier, with its standard deviation."""
+    return f"{1e3 * abs(delay):.5g} ± {1e3 * std:.2g} ms {'after' if delay > 0.0 else 'before'}"

@@ -1,8 +1,8 @@
 """Poles beside flexibilities that are eliminated: what is linear in responses is fitted exactly, whatever poles are.
 
-Flexibilities of modes and residuals are linear beside poles and a phase, so that only these are left to be searched:
-few unknowns, however many channels there are, and none of the narrow valleys along which a pole and its flexibilities
-move together. Slopes are those of Kaufman (BIT 15, 1975, 49-57).
+Flexibilities of modes and residuals are linear beside poles and turns, a phase and delays of the channels, so that only
+these are left to be searched: few unknowns, however many channels there are, and none of the narrow valleys along which
+a pole and its flexibilities move together. Slopes are those of Kaufman (BIT 15, 1975, 49-57).
 
 An error of the force errs all channels of a frequency alike, so that their flexibilities are fitted together. They are
 taken in an orthonormal basis of what each channel can do: what couples them is a matrix as well conditioned as the
@@ -51,6 +51,11 @@ class Projection:
         What one standard deviation of the force does to the measured, over the standard deviation of each.
     lossy : bool
         Whether modes beyond the band are damped.
+    free : bool
+        Whether flexibilities have phases of their own: every column is there a second time, a quarter of a turn ahead.
+
+    Turns are (1 + c,) angles: the phase by which the force leads, and the delay of each channel, as what it turns the
+    middle frequency back by [rad].
     """
 
     omega: Array
@@ -58,11 +63,16 @@ class Projection:
     measured: Complex
     by_force: Complex
     lossy: bool = False
+    free: bool = False
 
     @property
     def rest(self) -> int:
         """Number of residual terms of a channel."""
         return REST + LOSSES * self.lossy
+
+    def size(self, modes: int) -> int:
+        """Number of flexibilities of a channel."""
+        return (modes + self.rest) * (1 + self.free)
 
     @cached_property
     def middle(self) -> float:
@@ -82,12 +92,18 @@ class Projection:
         return np.asarray(np.sum(np.abs(self.by_force) ** 2, axis=1, keepdims=True))
 
     def columns(self, poles: Array) -> Complex:
-        """Responses of modes with a flexibility of 1 each, and of the residuals, (n, r + rest)."""
-        return np.column_stack([1.0 / _stiffness(self.omega, poles), self._residuals])
+        """Responses of modes with a flexibility of 1 each, and of the residuals, (n, q)."""
+        columns = np.column_stack([1.0 / _stiffness(self.omega, poles), self._residuals])
+        return np.hstack([columns, 1j * columns]) if self.free else columns
 
-    def answer(self, poles: Array, phase: float, flexibility: Array) -> Complex:
-        """Weighted responses (n, c) of flexibilities (c, r + rest)."""
-        return np.asarray(self.motion * np.exp(1j * phase) * (self.columns(poles) @ flexibility.T))
+    def turned(self, turns: Array) -> Complex:
+        """Motion (n, c) that is turned."""
+        x = self.omega[:, None] / self.middle
+        return np.asarray(self.motion * np.exp(1j * (turns[0] - x * turns[1:])))
+
+    def answer(self, poles: Array, turns: Array, flexibility: Array) -> Complex:
+        """Weighted responses (n, c) of flexibilities (c, q)."""
+        return np.asarray(self.turned(turns) * (self.columns(poles) @ flexibility.T))
 
     def whitened(self, z: Complex) -> Complex:
         """Weighted (n, c, ...) beside an error of the force, which adds b b^H to their covariance 1."""
@@ -96,49 +112,67 @@ class Projection:
         taken = np.divide(1.0 - 1.0 / np.sqrt(1.0 + size), size, out=np.zeros_like(size), where=size > 0.0)
         return np.asarray(z - b * (taken * np.sum(b.conj() * z, axis=1, keepdims=True)))
 
-    def slopes(self, poles: Array, phase: float, flexibility: Array) -> Complex:
-        """Derivatives of the answer to logarithms of frequencies and of ratios, and to the phase, (n, c, 2 r + 1)."""
+    def slopes(self, poles: Array, turns: Array, flexibility: Array) -> Complex:
+        """Derivatives of the answer to logarithms of frequencies and of ratios, and to turns, (n, c, 2 r + 1 + c)."""
         modes, x, stiffness = len(poles), _ratios(self.omega, poles), _stiffness(self.omega, poles)
         damping = 2j * poles[:, 1] * x
         per_mode = np.hstack([(damping - 2.0 * x**2) / stiffness, -damping / stiffness]) / np.tile(stiffness, 2)
-        moved = per_mode[:, None] * np.tile(flexibility[:, :modes], 2)
-        turned = 1j * (self.columns(poles) @ flexibility.T)[:, :, None]
-        return np.asarray((self.motion * np.exp(1j * phase))[:, :, None] * np.concatenate([moved, turned], axis=2))
+        of_modes = flexibility[:, :modes].astype(complex)
+        if self.free:
+            of_modes += 1j * flexibility[:, self.size(modes) // 2 :][:, :modes]
+        motion, back = self.turned(turns), -self.omega[:, None] / self.middle
+        moved = motion[:, :, None] * per_mode[:, None] * np.tile(of_modes, 2)
+        turned = 1j * motion * (self.columns(poles) @ flexibility.T)
+        own = (back * turned)[:, :, None] * np.eye(turned.shape[1])
+        return np.asarray(np.concatenate([moved, turned[:, :, None], own], axis=2))
 
-    def flexibilities(self, poles: Array, phase: float) -> Array:
-        """Those (c, r + rest) that fit best beside poles and a phase."""
-        return self._best(poles, phase)[0]
+    def flexibilities(self, poles: Array, turns: Array) -> Array:
+        """Those (c, q) that fit best beside poles and turns."""
+        return self._best(poles, turns)[0]
 
-    def fitted(self, start: Array, phase: float, turns: bool) -> tuple[Array, float]:
-        """Poles that fit best from where they start, and the phase too where it `turns`."""
+    def misfits(self, poles: Array, channel: int, delays: Array) -> Array:
+        """What flexibilities leave of a channel that is read alone, at each of its delays (m,), which are turns."""
+        columns = _parts(self.motion[:, [channel]] * self.columns(poles))
+        size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+        basis = np.linalg.qr(columns / size)[0]
+        undone = np.exp(1j * np.outer(self.omega / self.middle, delays)) * self.measured[:, [channel]]
+        described = np.sum((basis.T @ _parts(undone)) ** 2, axis=0)
+        return np.asarray(np.sum(np.abs(self.measured[:, channel]) ** 2) - described)
+
+    def fitted(self, start: Array, turns: Array, sought: npt.NDArray[np.bool_]) -> tuple[Array, Array]:
+        """Poles that fit best from where they start, and those of the turns (1 + c,) that are sought."""
         modes = len(start)
 
-        def unpacked(x: Array) -> tuple[Array, float]:
-            return np.exp(x[: 2 * modes]).reshape(2, modes).T, float(x[-1]) if turns else phase
+        def unpacked(x: Array) -> tuple[Array, Array]:
+            tried = turns.copy()
+            tried[sought] = x[2 * modes :]
+            return np.exp(x[: 2 * modes]).reshape(2, modes).T, tried
 
         known: list[tuple[Array, Rest]] = []  # of the last that was tried: its slopes are asked for, or none
+        moving = np.append(np.ones(2 * modes, dtype=bool), sought)
 
         def left(x: Array) -> Array:
-            poles, turn = unpacked(x)
+            poles, tried = unpacked(x)
             if not np.isfinite(self.columns(poles)).all():
                 return np.full(2 * self.measured.size, np.nan)  # SciPy tries a shorter step
-            known[:] = [self._best(poles, turn)]
+            known[:] = [self._best(poles, tried)]
             return _parts(self.whitened(known[0][1](self.measured[:, :, None]))).ravel()
 
         def slopes(x: Array) -> Array:
             flexibility, rest = known[0]
-            moved = rest(-self.slopes(*unpacked(x), flexibility)[:, :, : len(x)])
+            moved = -self.slopes(*unpacked(x), flexibility)[:, :, moving]
+            moved = rest(np.where(np.isfinite(moved), moved, 0.0))  # a pole that has run off stays where it is
             return _parts(self.whitened(moved)).reshape(-1, len(x))
 
-        x = np.concatenate([np.log(np.clip(start, *POSITIVE)).T.ravel(), [phase] * turns])
+        x = np.concatenate([np.log(np.clip(start, *POSITIVE)).T.ravel(), turns[sought]])
         with np.errstate(all="ignore"):  # in SciPy's own step, where a pole has run off
             fit = least_squares(left, x, jac=slopes, x_scale="jac", max_nfev=STEPS)
             return unpacked(fit.x)
 
-    def _best(self, poles: Array, phase: float) -> tuple[Array, Rest]:
-        """Best flexibilities (c, r + rest), and what these leave of others."""
+    def _best(self, poles: Array, turns: Array) -> tuple[Array, Rest]:
+        """Best flexibilities (c, q), and what these leave of others."""
         columns, c = self.columns(poles), self.measured.shape[1]
-        turned = self.motion * np.exp(1j * phase)
+        turned = self.turned(turns)
         bases, uppers, sizes = zip(*(_orthonormal(turned[:, j, None] * columns) for j in range(c)), strict=True)
         basis = np.stack(bases)  # (c, n, q), orthonormal by their real and imaginary parts
         q = basis.shape[2]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hbm.fourier import Array
-from hbm.measurement.harmonics import design
+from hbm.measurement.waves import design
 
 COUNTED = 5
 """Harmonics by which the length of a cycle is found."""

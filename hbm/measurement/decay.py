@@ -22,8 +22,8 @@ from scipy.signal import firwin, oaconvolve
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.labelled import frame
+from hbm.measurement.clipping import clipped, flat_topped
 from hbm.measurement.recording import Recording
-from hbm.measurement.steadiness import clipped
 from models.display import Displayed
 
 CYCLES, FALL = 16, 1.5
@@ -258,7 +258,7 @@ def _below_flat_tops(recorded: Recording, channel: str) -> tuple[Recording, tupl
     last = int(np.flatnonzero((y == y.max()) | (y == y.min()))[-1])
     if not clipped(y[: last + 1]):
         return recorded, ()
-    said = f"{recorded.source}: {channel} is flat-topped up to {recorded.time[last]:.4g} s: was it clipped?"
+    said = f"{recorded.source}: {flat_topped(channel, f' up to {recorded.time[last]:.4g} s')}"
     after = replace(recorded, source=f"{recorded.source} after its flat tops")
     begin, end = recorded.time[last : last + 2][-1], recorded.time[-1]
     return after.between(float(begin), float(end)), (f"{said} All before is left out",)

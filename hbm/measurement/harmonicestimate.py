@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.fourier import Array
+from hbm.measurement.clipping import flat_topped
 from hbm.measurement.clock import UNEVEN
+from hbm.measurement.jump import Jump
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.measurement.steadiness import Leftover, Steadiness
 from models.display import Displayed
@@ -14,8 +16,11 @@ from models.display import Displayed
 LEAST_SHARE = 0.001
 """Trends, transients and lines below this part of the amplitude are not warned of, however significant; nor such turns
 [rad]."""
-ELSEWHERE = 0.99
-"""Share of the rms of every channel that lies elsewhere where the rate or the fundamental is wrong."""
+ELSEWHERE, MOSTLY = 0.99, 0.9
+"""Share of the rms that lies elsewhere in a channel where the rate or the fundamental is wrong, and at least in those
+beside it: harmonics of what is given may be some of what is there."""
+REFINED = 3.0
+"""Turn of all phases [rad] up to which a frequency can be refined: half a period over the record are 3.14."""
 CERTAIN = 5.0
 """Standard deviations from which a turn of all phases is there beyond doubt, or a change beside it."""
 
@@ -37,6 +42,8 @@ class ChannelQuality:
     leftover : Leftover
     clipped : bool
         Whether it is flat-topped.
+    jump : Jump or None
+        Of its phase.
     """
 
     name: str
@@ -47,6 +54,7 @@ class ChannelQuality:
     steadiness: Steadiness
     leftover: Leftover
     clipped: bool
+    jump: Jump | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +86,8 @@ class HarmonicEstimate(Displayed):
     quality : tuple of ChannelQuality, (c,)
     dead : tuple of str
         Constant channels, left out.
+    beyond : dict of int to (c,) array
+        Amplitudes of harmonics above H that stand out, by number.
     """
 
     source: str
@@ -93,6 +103,7 @@ class HarmonicEstimate(Displayed):
     units: Mapping[str, str]
     quality: tuple[ChannelQuality, ...]
     dead: tuple[str, ...]
+    beyond: Mapping[int, Array]
 
     @property
     def H(self) -> int:
@@ -157,22 +168,30 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
             "the sampling rate or the fundamental is wrong"
         )
         return
-    off = _frequency_error(e)
-    smeared = off is not None and abs(off[0]) * e.H > 2.0 * np.pi  # the highest harmonic is a line of its own
+    jump, off = _jump(e), _frequency_error(e)
+    if jump is not None:
+        lost = jump.angle % (2.0 * np.pi) / (2.0 * np.pi * e.hz)
+        yield (
+            f"all phases jump by {jump.angle:.3g} +/- {jump.std:.1g} rad at {jump.time:.4g} s: {1e3 * lost:.3g} ms are "
+            "lost there, or so much and whole periods; use what comes before or after, or record again"
+        )
+    turned = off is not None and abs(off[0]) * e.H > 2.0 * np.pi  # the highest harmonic is a line of its own
+    smeared = jump is not None or turned
     if off:
         yield (
             f"all phases turn by {off[0]:.3g} rad over the record: "
-            f"the fundamental lies {off[1]:+.2g} Hz from the one given; refine it"
+            f"the fundamental lies {off[1]:+.2g} Hz from the one given; "
+            + ("refine it" if abs(off[0]) < REFINED else f"it is about {e.hz + off[1]:.5g} Hz")
         )
     for q in e.quality:
         s = q.steadiness
-        if not off and not s.steady and s.size > LEAST_SHARE:
+        if jump is None and not off and not s.steady and s.size > LEAST_SHARE:
             yield (
                 f"{q.name} is not steady: a transient dies out at {s.decay_rate:.3g} +/- {s.decay_rate_std:.1g} 1/s, "
                 f"{s.beat_hz:+.2g} Hz beside the {_harmonic(q.harmonic)}; "
                 f"{s.left:.2%} of the amplitude is left of it at the end"
             )
-        elif not s.steady and _changes(s, turned=off is not None):
+        elif not smeared and not s.steady and _changes(s, turned=off is not None):
             change = s.growing if off else s.change
             yield (
                 f"{q.name} is not steady: "
@@ -184,7 +203,7 @@ def _warnings(e: HarmonicEstimate) -> Iterator[str]:
                 f"of {q.leftover.line_share:.2%} of its rms"
             )
         if q.clipped:
-            yield f"{q.name} is flat-topped: was it clipped?"
+            yield flat_topped(q.name)
 
 
 def _changes(s: Steadiness, *, turned: bool) -> bool:
@@ -197,25 +216,43 @@ def _harmonic(k: int) -> str:
 
 
 def _elsewhere(e: HarmonicEstimate) -> float | None:
-    """Frequency [Hz] of the signal, where it is alike in all channels and not the fundamental given."""
+    """Fundamental [Hz] of the signal, where all channels have multiples of one alone and it is not the one given."""
     found = np.array([_signal_hz(e, i) for i in range(len(e.channels))])
-    alike = float(np.ptp(found)) < e.hz / e.periods
-    return float(found[0]) if alike and found[0] != e.hz else None
+    most = max(q.leftover.share for q in e.quality)
+    if not np.isfinite(found).all() or MOSTLY < most <= ELSEWHERE:
+        return None
+    least = float(found.min())
+    alike = np.abs(found - np.round(found / least) * least) < e.hz / e.periods
+    return least if alike.all() and least != e.hz else None
 
 
 def _signal_hz(e: HarmonicEstimate, i: int) -> float:
-    """Fundamental [Hz] that a channel has by its strongest line, nan where it is a sum of others."""
-    q, a, b = e.quality[i], e.coefficients[i, 1 : e.H + 1], e.coefficients[i, e.H + 1 :]
-    if q.leftover.share > ELSEWHERE:
-        return q.leftover.line_hz
-    power = a**2 + b**2
-    own = float(power[q.harmonic - 1 :: q.harmonic].sum())
-    return q.harmonic * e.hz if power.sum() - own < (1.0 - ELSEWHERE**2) * power.sum() else float("nan")
+    """Fundamental [Hz] that a channel has by its strongest line, or by the harmonics that it has; else nan."""
+    if e.quality[i].leftover.share > MOSTLY:
+        return e.quality[i].leftover.line_hz
+    power = {k: e.coefficients[i, k] ** 2 + e.coefficients[i, e.H + k] ** 2 for k in range(1, e.H + 1)}
+    power |= {k: amplitude[i] ** 2 for k, amplitude in e.beyond.items()}
+    least, total = ELSEWHERE**2, sum(power.values())
+    return e.hz * max(g for g in power if sum(p for k, p in power.items() if k % g == 0) >= least * total)
+
+
+def _jump(e: HarmonicEstimate) -> Jump | None:
+    """Jump of the surest channel, where all channels jump alike."""
+    jumps = [q.jump for q in e.quality if q.harmonic == 1 and q.jump is not None]
+    if len(jumps) < len(e.channels):
+        return None
+    surest, block = min(jumps, key=lambda j: j.std), 1.01 * e.periods / e.hz / e.blocks
+    alike = all(
+        abs(j.angle - surest.angle) < 0.1 * abs(surest.angle) + CERTAIN * np.hypot(j.std, surest.std)
+        and abs(j.time - surest.time) < block
+        for j in jumps
+    )
+    return surest if alike and abs(surest.angle) > LEAST_SHARE else None
 
 
 def _frequency_error(e: HarmonicEstimate) -> tuple[float, float] | None:
     """Turn of all phases [rad] and what a frequency that was given is off [Hz], where all channels turn alike."""
-    if np.isfinite(e.hz_std):  # a refined one is as right as one frequency can be
+    if np.isfinite(e.hz_std) or _jump(e) is not None:  # a refined one is as right as one frequency can be
         return None
     turns = np.array([q.steadiness.turning for q in e.quality])
     stds = np.array([q.steadiness.change_std for q in e.quality])

@@ -13,6 +13,9 @@ A scatter of nu degrees of freedom says little when nu is small. What is given i
 distribution, larger by the root of nu/(nu - 2): then (measured - true)/std has the variance 1 that a chi square
 assumes, and an interval of 1.96 std holds the truth in 95 % of all records, to 1 % from four blocks up.
 
+Harmonics above those that are asked for are fitted too where they stand out, or they would leak into blocks whose
+length is no whole number of samples: see :mod:`hbm.measurement.waves`.
+
 Over whole periods harmonics that stay do not leak into each other; those that turn or grow do, alike in all blocks,
 which none of them scatters by. What a linear trend of all harmonics leaks is known from the blocks, and taken off.
 
@@ -30,16 +33,16 @@ from scipy.optimize import minimize_scalar
 
 from hbm.errors import InputError, expect_frequency, expect_whole
 from hbm.fourier import Array
+from hbm.measurement.clipping import clipped
 from hbm.measurement.clock import UNEVEN, unevenness
 from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
+from hbm.measurement.jump import jump
 from hbm.measurement.recording import Recording, constant
-from hbm.measurement.steadiness import clipped, leftover, steadiness
+from hbm.measurement.steadiness import leftover, steadiness
+from hbm.measurement.waves import MOST_FITTED, Overtones, design, overtones
 
 FEWEST_BLOCKS = 4
 BLOCKS = 32
-
-MOST_FITTED = 200
-"""Harmonics from which on least squares would take too long and too much memory."""
 
 SLIP = 0.05
 """Samples by which whole periods may miss whole samples over a record: less than a given frequency is known to."""
@@ -163,10 +166,16 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
     length = max(1, periods // BLOCKS)
     blocks = periods // length if periods >= FEWEST_BLOCKS else 0
     starts = np.arange(1, max(blocks, 1)) * length
+    beyond = Overtones(np.arange(0), np.empty((Y.shape[1], 0)), np.zeros_like(Y))
     if samples:
         coefficients, by_block, residual, leak = _transformed(Y, hz * t[0], H, samples, starts)
     else:
-        coefficients, by_block, residual, leak = _fitted(t, Y, hz, H, t[0] + starts / hz - 0.5 * measured.step)
+        edges = t[0] + starts / hz - 0.5 * measured.step
+        coefficients, by_block, residual, leak = _fitted(t, Y, hz, H, edges)
+        if blocks:
+            beyond = overtones(t, Y, hz, H, _even(t, residual), periods)
+        if len(beyond.numbers):
+            coefficients, by_block, residual, leak = _fitted(t, Y - beyond.values, hz, H, edges)
     if blocks:
         std, rho = _of_blocks(by_block, periods / length)
         coefficients = coefficients - leak(_trends(by_block))
@@ -176,6 +185,8 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
     std = np.maximum(std, np.finfo(float).eps * np.std(Y, axis=0)[:, None])  # what the arithmetic can resolve
     size = np.hypot(coefficients[:, 1 : H + 1], coefficients[:, H + 1 :])
     lead = np.where(size[:, 0] < LEADS * size.max(axis=1), 1 + size.argmax(axis=1), 1).tolist()
+    followed = [by_block[:blocks, j, k] - 1j * by_block[:blocks, j, H + k] for j, k in enumerate(lead)]
+    even = _even(t, residual)
     middles = t[0] + (np.arange(blocks) + 0.5) * length / hz
     quality = tuple(
         ChannelQuality(
@@ -186,11 +197,12 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
             correlation=float(rho[j, lead[j]]),
             steadiness=steadiness(
                 middles,
-                by_block[:blocks, j, lead[j]] - 1j * by_block[:blocks, j, H + lead[j]],
+                followed[j],
                 2.0 * np.pi * lead[j] * float(np.nan_to_num(hz_std)),
             ),
-            leftover=leftover(_even(t, residual[:, j]), float(np.std(Y[:, j])), periods, hz),
+            leftover=leftover(even[:, j], float(np.std(Y[:, j])), periods, hz),
             clipped=clipped(Y[:, j]),
+            jump=jump(middles, followed[j]),
         )
         for j, name in enumerate(measured.channels)
     )
@@ -208,6 +220,7 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
         units=measured.units,
         quality=quality,
         dead=(),
+        beyond=dict(zip(beyond.numbers.tolist(), beyond.amplitude.T, strict=True)),
     )
 
 
@@ -268,15 +281,6 @@ def _trends(by_block: Array) -> Array:
     """Change over the record of each coefficient of blocks (B, c, 2H+1), by a straight line through them."""
     x = (np.arange(len(by_block)) - 0.5 * (len(by_block) - 1)) / len(by_block)
     return np.asarray(np.tensordot(x, by_block, axes=1) / (x @ x))
-
-
-def design(t: Array, hz: float, H: int) -> Array:
-    """Columns 1, cos k Omega t, sin k Omega t, (N, 2H+1)."""
-    powers = np.empty((H, len(t)), dtype=complex)
-    powers[0] = np.exp(2j * np.pi * hz * t)
-    for k in range(1, H):
-        powers[k] = powers[k - 1] * powers[0]
-    return np.column_stack([np.ones(len(t)), powers.real.T, powers.imag.T])
 
 
 def _chunks(t: Array, Y: Array, edges: Array) -> Iterator[tuple[Array, Array]]:
@@ -355,8 +359,11 @@ def _of_residual(residual: Array, periods: int, H: int) -> Array:
 
 
 def _even(t: Array, values: Array) -> Array:
-    """Values at equally spaced times."""
-    return values if unevenness(t) <= UNEVEN else np.interp(np.linspace(t[0], t[-1], len(t)), t, values)
+    """Values (N, c) at equally spaced times."""
+    if unevenness(t) <= UNEVEN:
+        return values
+    at = np.linspace(t[0], t[-1], len(t))
+    return np.column_stack([np.interp(at, t, own) for own in values.T])
 
 
 # -------------------------------------------------------------------------------------------- the frequency, refined

@@ -2,9 +2,11 @@
 
 In the frame exp(i phi) of a sweep a mode of exponent sigma answers the force F by P with dP/dt = F - s P, where
 s = i dphi/dt - sigma. Its steady state is Q = F/s. What it is off that, E = P - Q, obeys dE/dt = -s E - dQ/dt, which is
-integrated along the sweep with dQ/dt constant in small steps; a window sees the mean of P over its length. Exponents
-are those with which all channels are fitted best, by variable projection: residues, what other modes answer, and what
-the start of the sweep lets ring are linear.
+integrated along the sweep with dQ/dt constant in small steps. Exponents are those with which all channels are fitted
+best, by variable projection: residues, what other modes answer, and what the start of the sweep lets ring are linear.
+
+What a window sees of P is not quite its mean: the fit of the window takes what bends within it for some of its other
+waves. It is linear in P and in its conjugate, and known from the fit: so much of P at each of some instants.
 """
 
 from dataclasses import dataclass
@@ -19,8 +21,8 @@ from hbm.fourier import Array
 
 Complex = npt.NDArray[np.complex128]
 
-INSTANTS, SHARES = np.polynomial.legendre.leggauss(8)
-"""Where a window is looked at, from -1 to 1, and twice the share of each in its mean."""
+INSTANTS = np.polynomial.legendre.leggauss(24)[0]
+"""Where a window is looked at, from -1 to 1."""
 
 SHARPEST = 1e-4
 """Part that no response is known better than when modes are fitted, nor a lag by them."""
@@ -58,6 +60,8 @@ class Drive:
         Of the instants [s, rad, rad/s].
     forces : (w i,) complex array
         At the instants.
+    seen : (w, 2, i) complex array
+        Shares of each instant, and of its conjugate, in what a window sees.
     """
 
     omega: Array
@@ -66,6 +70,23 @@ class Drive:
     phase: Array
     pace: Array
     forces: Complex
+    seen: Complex
+
+
+class Seen(NamedTuple):
+    """What windows see of motions (w, m), and of their conjugates, which goes with conjugates of amounts."""
+
+    direct: Complex
+    mirrored: Complex
+
+    def of(self, amounts: Complex) -> Complex:
+        """All that is seen of amounts (m, c) of the motions, (w, c)."""
+        return np.asarray(self.direct @ amounts + self.mirrored @ amounts.conj())
+
+    def real(self) -> Array:
+        """Columns (2w, 2m) of real amounts and of imaginary ones."""
+        columns = np.hstack([self.direct + self.mirrored, 1j * (self.direct - self.mirrored)])
+        return np.concatenate([columns.real, columns.imag])
 
 
 class Smooth(NamedTuple):
@@ -82,8 +103,31 @@ class Smooth(NamedTuple):
         return np.asarray(self.value[:, None] + x * (self.first[:, None] + 0.5 * x * self.second[:, None]))
 
 
-def drive_of(time: Array, half: Array, phase: Array, force: Complex) -> Drive:
-    """Force of a sweep by the middles of windows and half their lengths [s], phases [rad] and amplitudes, (w,) each."""
+def shares(x: Array, wave: Complex, found: Complex) -> Complex:
+    """Shares of instants, and of their conjugates, in what a window sees of a motion, (2, i).
+
+    Parameters
+    ----------
+    x : (n,) array
+        Samples of the window, from -1 to 1.
+    wave : (n,) complex array
+        exp(i phi) at the samples.
+    found : (n,) complex array
+        Amplitude that the fit of the window finds, per value of each sample.
+    """
+    others = ~np.eye(len(INSTANTS), dtype=bool)
+    between = [
+        np.prod((x[:, None] - INSTANTS[o]) / (at - INSTANTS[o]), axis=1) for at, o in zip(INSTANTS, others, strict=True)
+    ]
+    both = 0.5 * np.array([found * wave, found * wave.conj()])
+    return np.asarray(both @ np.stack(between, axis=1))
+
+
+def drive_of(time: Array, half: Array, phase: Array, force: Complex, seen: Complex) -> Drive:
+    """Force of a sweep by the middles of windows and half their lengths [s], phases [rad] and amplitudes, (w,) each.
+
+    `seen` is of :func:`shares`, (w, 2, i).
+    """
     x = half[:, None] * INSTANTS
     motion = smooth(time, phase)
     size = np.maximum(np.abs(force), 1e-12 * np.abs(force).max())  # a force that pauses has no logarithm
@@ -95,6 +139,7 @@ def drive_of(time: Array, half: Array, phase: Array, force: Complex) -> Drive:
         phase=motion.at(x).real.ravel(),
         pace=(motion.first[:, None] + motion.second[:, None] * x).real.ravel(),
         forces=np.exp(log.at(x)).ravel(),
+        seen=seen,
     )
 
 
@@ -120,29 +165,33 @@ def _smooth(t: Array, y: npt.NDArray[np.inexact[Any]], reach: int) -> Smooth:
     return Smooth(c[:, 0], c[:, 1] / scale, std, 2.0 * second / scale**2, variance)
 
 
-def answers(drive: Drive, sigma: Complex) -> tuple[Complex, Complex]:
+def answers(drive: Drive, sigma: Complex) -> tuple[Seen, Complex]:
     """Answers of modes of exponents (r,) to the force per residue, as windows see them and steady, (w, r) each."""
     steady = drive.force[:, None] / (1j * drive.omega[:, None] - sigma)
-    swept = np.empty_like(steady)
+    swept = Seen(np.empty_like(steady), np.empty_like(steady))
     for r, exponent in enumerate(sigma):
         Q = drive.forces / (1j * drive.pace - exponent)
         turn = 1j * np.diff(drive.phase) - exponent * np.diff(drive.time)
         kept, pulled = np.exp(-turn), -np.diff(Q) / turn
         band = np.array([np.ones(len(Q)), np.append(-kept, 0.0)])
         E = solve_banded((1, 0), band, np.append(pulled[0], pulled * (1.0 - kept)))
-        swept[:, r] = _seen(Q + E)
+        swept.direct[:, r], swept.mirrored[:, r] = _seen(drive, Q + E)
     return swept, steady
 
 
-def rings(drive: Drive, sigma: Complex) -> Complex:
+def rings(drive: Drive, sigma: Complex) -> Seen:
     """Free vibration since the start in the frame of the sweep, as windows see it, (w, r)."""
     since, turned = drive.time - drive.time[0], drive.phase - drive.phase[0]
-    return np.column_stack([_seen(np.exp(exponent * since - 1j * turned)) for exponent in sigma])
+    ringing = Seen(*np.empty((2, len(drive.omega), len(sigma)), dtype=complex))
+    for r, exponent in enumerate(sigma):
+        ringing.direct[:, r], ringing.mirrored[:, r] = _seen(drive, np.exp(exponent * since - 1j * turned))
+    return ringing
 
 
-def _seen(values: Complex) -> Complex:
-    """Means over the windows."""
-    return np.asarray(0.5 * values.reshape(-1, len(SHARES)) @ SHARES)
+def _seen(drive: Drive, values: Complex) -> tuple[Complex, Complex]:
+    """What windows see of values at the instants (w i,), and of their conjugates, (w,) each."""
+    of_windows = values.reshape(drive.seen[:, 0].shape)
+    return np.sum(drive.seen[:, 0] * of_windows, axis=1), np.sum(drive.seen[:, 1] * of_windows.conj(), axis=1)
 
 
 class _Fit:
@@ -158,20 +207,24 @@ class _Fit:
     def linear(self, sigma: Complex) -> tuple[Complex, Complex]:
         """What channels are off their steady states by the best fit beside exponents, and what it leaves, (w, c)."""
         swept, steady = answers(self.drive, sigma)
-        ringing = rings(self.drive, sigma) if len(sigma) else swept
-        columns = np.column_stack([swept, ringing, self.others])
-        size = np.linalg.norm(columns, axis=0)
-        amounts = np.empty((columns.shape[1], self.X.shape[1]), dtype=complex)
-        for j, w in enumerate(self.weight.T):
-            amounts[:, j] = np.linalg.lstsq(w[:, None] * columns / size, w * self.X[:, j], rcond=None)[0] / size
-        off = np.column_stack([swept - steady, ringing]) @ amounts[: 2 * len(sigma)]
-        return off, self.X - columns @ amounts
+        ringing, others = rings(self.drive, sigma), Seen(self.others, np.zeros_like(self.others))
+        seen = Seen(*(np.hstack(parts) for parts in zip(swept, ringing, others, strict=True)))
+        columns = seen.real()
+        size, amounts = np.linalg.norm(columns, axis=0), np.empty((columns.shape[1], self.X.shape[1]))
+        for j, w in enumerate(np.tile(self.weight.T, 2)):
+            read = np.concatenate([self.X[:, j].real, self.X[:, j].imag])
+            amounts[:, j] = np.linalg.lstsq(w[:, None] * columns / size, w * read, rcond=None)[0] / size
+        real, imaginary = np.split(amounts, 2)
+        whole = real + 1j * imaginary
+        seen_of_all, r = seen.of(whole), len(sigma)
+        off = seen_of_all - others.of(whole[2 * r :]) - steady @ whole[:r]
+        return off, self.X - seen_of_all
 
     def further(self, left: Complex) -> tuple[complex, float]:
         """Exponent of the mode that takes most from what is left, and how much of chi square."""
         omega = np.quantile(self.drive.omega, np.linspace(0.0, 1.0, CANDIDATES))
         tried = np.concatenate([omega * (1j - ratio) for ratio in RATIOS])
-        columns = answers(self.drive, tried)[0]
+        columns = answers(self.drive, tried)[0].direct
         overlap = np.abs(columns.conj().T @ (self.weight**2 * left)) ** 2
         size = np.abs(columns.T) ** 2 @ self.weight**2
         taken = np.sum(np.divide(overlap, size, out=np.zeros_like(size), where=size > 0.0), axis=1)

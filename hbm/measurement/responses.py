@@ -40,6 +40,8 @@ class FrequencyResponses:
         Standard deviation of each part of the force over its amplitude: it errs all channels alike.
     sized : bool
         Whether the standard deviations are known; else only how they compare.
+    warnings : tuple of str
+        What speaks against what was recorded, one sentence each.
     """
 
     hz: Array
@@ -48,6 +50,7 @@ class FrequencyResponses:
     own_std: Array
     force_error: Array | float = 0.0
     sized: bool = True
+    warnings: tuple[str, ...] = ()
 
     def felt(self, responses: Complex) -> Complex:
         """What one standard deviation of the force does to responses (n, c)."""

@@ -27,6 +27,9 @@ UNPROMISING = 0.1
 """Probability, at the best of a coarse search, from which a transient is not looked for further."""
 FEWEST_BLOCKS = 8
 """Fewest blocks to whose amplitudes a transient is fitted: it has too many parameters for fewer."""
+FAR, COHERENT = 1.0, 0.95
+"""Turn over the record [rad] from which it is no linear trend of the amplitude, and the part of the power that has to
+turn evenly for that."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,10 @@ def steadiness(t: Array, c: Complex, omega_std: float = 0.0) -> Steadiness:
         nan = float("nan")
         return Steadiness(nan, nan, nan, nan)
     duration = B * (t[1] - t[0])
-    trend, trend_std, p = _trend(t, c)
+    unwound = _unwound(t, c)
+    trend, trend_std, p = _trend(t, c if unwound is None else unwound[0])
+    if unwound is not None:
+        trend, p = trend + 1j * unwound[1], 0.0
     if np.max(np.abs(c - c.mean())) <= RESOLVED * abs(c.mean()):
         return Steadiness(abs(trend), trend_std, float(trend.imag), p_steady=1.0)
     std = float(np.hypot(trend_std, omega_std * duration))
@@ -97,6 +103,17 @@ def steadiness(t: Array, c: Complex, omega_std: float = 0.0) -> Steadiness:
         p = _trend(t, c)[2]
     known = Steadiness(abs(trend), std, float(trend.imag), p)
     return _transient(t, c, known) if B >= FEWEST_BLOCKS else known
+
+
+def _unwound(t: Array, c: Complex) -> tuple[Complex, float] | None:
+    """Amplitudes turned back by the turn of their phase over the record, and that [rad]; None of no large, even one."""
+    if len(t) < FEWEST_BLOCKS:
+        return None
+    x = (t - t.mean()) / (len(t) * (t[1] - t[0]))
+    turn = float(x @ np.unwrap(np.angle(c)) / (x @ x))
+    back = c * np.exp(-1j * turn * x)
+    even = abs(back.mean()) ** 2 > COHERENT * float(np.mean(np.abs(c) ** 2))
+    return (back, turn) if even and abs(turn) > FAR else None
 
 
 def _trend(t: Array, c: Complex) -> tuple[complex, float, float]:
@@ -234,11 +251,3 @@ def leftover(residual: Array, rms: float, periods: int, hz: float) -> Leftover:
     line = slice(max(top - reach, 0), top + reach + 1)
     centre = float(power[line] @ bins[line] / power[line].sum())
     return Leftover(share(between), centre * hz / periods, share(line))
-
-
-def clipped(values: Array) -> bool:
-    """Whether a channel is flat-topped: far more samples at its extreme than at the value next to it."""
-    step = RESOLVED * float(np.max(np.abs(values))) or 1.0  # values of one phase of a cosine that was computed are one
-    found, counts = np.unique(np.round(values / step), return_counts=True)
-    fewest = max(8.0, 0.003 * len(values))
-    return len(found) > 2 and bool(counts[-1] >= max(fewest, 5 * counts[-2]) or counts[0] >= max(fewest, 5 * counts[1]))

@@ -28,7 +28,7 @@ from scipy.signal import hilbert
 
 from hbm.errors import InputError
 from hbm.fourier import Array, coefficients_of
-from hbm.measurement.lag import SHARPEST, drive_of, off_steady, smooth
+from hbm.measurement.lag import SHARPEST, drive_of, off_steady, shares, smooth
 from hbm.measurement.recording import Recording, constant
 from hbm.measurement.spectra import AT, MeasuredSpectra
 
@@ -71,6 +71,8 @@ class Sweep:
         c_k, s = Re sum c_k exp(i k phi), phases by the reference, and their rates of change [1/s].
     std : (w, c, H+1) array
         Standard deviation of each of cos and sin by what is left in the window.
+    seen : (w, 2, i) complex array
+        What a window sees of instants, of :func:`hbm.measurement.lag.shares`, at the fundamental.
     dead : tuple of str
         Constant channels, left out.
     """
@@ -86,6 +88,7 @@ class Sweep:
     amplitudes: Complex
     slopes: Complex
     std: Array
+    seen: Complex
     dead: tuple[str, ...] = ()
 
 
@@ -163,12 +166,12 @@ def swept(recorded: Recording, reference: str, harmonics: int = 5, cycles: int =
         raise InputError(
             f"{recorded.source}: fewer than {2 * cycles} cycles of {reference}; must have two windows of {cycles}"
         )
-    time, half, along, amplitudes, slopes, std = (np.array(column) for column in zip(*rows, strict=True))
+    time, half, along, amplitudes, slopes, std, seen = (np.array(column) for column in zip(*rows, strict=True))
     motion = smooth(time, along)
     hz, hz_std, rate = (values.real / (2 * np.pi) for values in (motion.first, motion.std, motion.second))
     _expect_sweep(recorded, reference, time, hz)
     channels = tuple(recorded.channels)
-    return Sweep(recorded.source, channels, time, half, along, hz, hz_std, rate, amplitudes, slopes, std, dead)
+    return Sweep(recorded.source, channels, time, half, along, hz, hz_std, rate, amplitudes, slopes, std, seen, dead)
 
 
 def _expect_sweep(recorded: Recording, reference: str, time: Array, hz: Array) -> None:
@@ -189,7 +192,7 @@ def _expect_sweep(recorded: Recording, reference: str, time: Array, hz: Array) -
 
 def _windows(
     recorded: Recording, phase: Array, places: list[int], H: int
-) -> Iterator[tuple[float, float, float, Complex, Complex, Array]]:
+) -> Iterator[tuple[float, float, float, Complex, Complex, Array, Complex]]:
     t, Y = recorded.time, np.column_stack(list(recorded.channels.values()))
     least = np.finfo(float).eps * np.std(Y, axis=0)[:, None]  # what the arithmetic can resolve
     for first, last in pairwise(places):
@@ -213,7 +216,8 @@ def _windows(
         both = 0.5 * (variance[:, 1 : H + 1] + variance[:, H + 1 :])
         amplitudes, slopes = (_complex(part.T, H) for part in (found[: 2 * H + 1], found[2 * H + 1 :] / half))
         std = np.maximum(np.sqrt(np.column_stack([variance[:, 0], both])), least)
-        yield t[first] + half, half, float(along(0.0)), amplitudes, slopes, std
+        seen = shares(x, waves[:, 0], inverse[1] + 1j * inverse[H + 1])
+        yield t[first] + half, half, float(along(0.0)), amplitudes, slopes, std, seen
 
 
 def _complex(parts: Array, H: int) -> Complex:
@@ -325,7 +329,7 @@ def _steady(sweep: Sweep, force: str, passages: Mapping[str, Passage | None]) ->
     others = [j for j in range(len(sweep.channels)) if j != i]
     X, F = amplitudes[:, others, 1], amplitudes[:, i, 1]
     own = np.hypot(std[:, others, 1], np.abs(X / F[:, None]) * std[:, [i], 1])
-    drive = drive_of(sweep.time, sweep.half, sweep.phase, F)
+    drive = drive_of(sweep.time, sweep.half, sweep.phase, F, sweep.seen)
     off, left = off_steady(drive, X, own)
     for j, by, rest, noise in zip(others, off.T, left.T, own.T, strict=True):
         share = _not_described(by, rest, noise)

@@ -10,9 +10,9 @@ import numpy as np
 from scipy import fft
 
 from hbm.errors import InputError
-from hbm.fourier import Array
+from hbm.measurement.clipping import clipped_from_rest, flat_topped
 from hbm.measurement.recording import Recording
-from hbm.measurement.responses import SHARP, FrequencyResponses
+from hbm.measurement.responses import SHARP, Complex, FrequencyResponses
 
 REST, FEW = 0.02, 20
 """At rest is the first and last part of a recording, of so many samples at least."""
@@ -47,7 +47,7 @@ def responses_from_rest(recorded: Recording, force: str, channels: Mapping[str, 
     _expect_complete(recorded, (force, *channels))
     few = max(int(REST * len(recorded.time)), FEW)
     lines = {name: _from_rest(recorded, name, few) for name in (force, *channels)}
-    X, force_noise = lines[force]
+    X, force_noise, _ = lines[force]
     size = np.abs(X)
     there = (size >= DRIVEN * size[1:].max()) & (force_noise < SHARP * size)
     there[0] = False
@@ -56,9 +56,10 @@ def responses_from_rest(recorded: Recording, force: str, channels: Mapping[str, 
     return FrequencyResponses(
         kept / (recorded.step * len(recorded.time)),
         dict(channels),
-        np.column_stack([Y[kept] / X[kept] for Y, _ in moved]),
-        np.column_stack([noise / size[kept] for _, noise in moved]),
+        np.column_stack([Y[kept] / X[kept] for Y, *_ in moved]),
+        np.column_stack([noise / size[kept] for _, noise, _ in moved]),
         force_noise / size[kept],
+        warnings=tuple(flat_topped(name) for name, (*_, flat) in lines.items() if flat),
     )
 
 
@@ -70,8 +71,8 @@ def _expect_complete(recorded: Recording, names: tuple[str, ...]) -> None:
         raise InputError(f"{recorded.source}: {len(recorded.time)} samples; must be at least {4 * FEW}")
 
 
-def _from_rest(recorded: Recording, name: str, few: int) -> tuple[Array, float]:
-    """Lines of a channel, and the standard deviation of each of their parts."""
+def _from_rest(recorded: Recording, name: str, few: int) -> tuple[Complex, float, bool]:
+    """Lines of a channel, the standard deviation of each of their parts, and whether it is flat-topped."""
     values = recorded.channels[name]
     signal = values - values[:few].mean()
     first, last = (float(np.std(part)) for part in (signal[:few], signal[-few:]))
@@ -86,4 +87,4 @@ def _from_rest(recorded: Recording, name: str, few: int) -> tuple[Array, float]:
                 "until all has died out"
             )
     noise = max(first, LEAST * largest) * np.sqrt(len(values) / 2.0)
-    return fft.rfft(signal), float(noise)
+    return fft.rfft(signal), float(noise), clipped_from_rest(signal, first)

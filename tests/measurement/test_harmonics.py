@@ -5,10 +5,10 @@ import pytest
 
 from hbm.errors import InputError
 from hbm.fourier import Array
+from hbm.measurement.clipping import clipped
 from hbm.measurement.harmonicestimate import HarmonicEstimate, spectra_of_records
 from hbm.measurement.harmonics import harmonic_spectra
 from hbm.measurement.recording import Recording, recording
-from hbm.measurement.steadiness import clipped
 
 HZ, RATE, H = 50.3, 1600.0, 5  # 31.8 samples per period
 TRUE = np.array([0.1, 1.0, 0.2, 0.3, 0.05, 0.02, -0.5, 0.1, 0.0, 0.03, 0.01])

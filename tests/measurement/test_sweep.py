@@ -17,7 +17,7 @@ from hbm.identification.modalfit import fit_modes
 from hbm.measurement.recording import Recording, recording
 from hbm.measurement.responses import frequency_responses
 from hbm.measurement.spectrafile import load_spectra
-from hbm.measurement.sweep import passage, sweep_spectra, swept
+from hbm.measurement.sweep import SLOW, passage, sweep_spectra, swept
 
 RATE, HZ = 1000.0, 50.0
 OMEGA = 2 * np.pi * HZ
@@ -67,15 +67,15 @@ def test_a_response_is_off_its_steady_state_by_what_is_stated(speed: float, fast
     assert np.sqrt(np.mean(pulls**2)) == pytest.approx(1.0, abs=0.15)
 
 
-def exact(begin: float, end: float, speed: float) -> dict[str, np.ndarray]:
-    """Force and acceleration of modes of 45 and 52 Hz, of 1 and 0.8 %, sampled at 4 kHz.
+def exact(begin: float, end: float, speed: float, ratios=(0.01, 0.008)) -> dict[str, np.ndarray]:
+    """Force and acceleration of modes of 45 and 52 Hz, of 1 and 0.8 % or other ratios, sampled at 4 kHz.
 
     Each mode is integrated exactly for a force that is straight over an eighth of a sample.
     """
     t = np.arange(0.0, abs(end - begin) / speed, 1.0 / 32000.0)
     force = 2.0 * np.cos(2 * np.pi * (begin * t + 0.5 * np.sign(end - begin) * speed * t**2))
     motion = np.zeros_like(t)
-    for hz, ratio, share in ((45.0, 0.01, 1.0), (52.0, 0.008, 0.5)):
+    for hz, ratio, share in zip((45.0, 52.0), ratios, (1.0, 0.5), strict=True):
         omega = 2 * np.pi * hz
         mode = np.array([1.0, 0.0, 0.0]), np.array([1.0, 2 * ratio * omega, omega**2])
         b, a, _ = cont2discrete(mode, 1.0 / 32000.0, "foh")
@@ -97,6 +97,25 @@ def test_modes_of_a_slow_sweep_are_right_by_what_is_stated(span: tuple[float, fl
         std = np.concatenate([found.hz_std, found.ratio_std])
         pulls.append((np.concatenate([found.hz, found.ratio]) - truth) / std)
     assert 0.5 < np.sqrt(np.mean(np.square(pulls))) < 1.5
+
+
+@pytest.mark.parametrize("span", [(40.0, 57.0), (57.0, 40.0)])
+@pytest.mark.parametrize("times", [8.0, 50.0])
+def test_modes_of_a_sweep_that_is_too_fast_are_right_by_what_is_stated(times: float, span: tuple[float, float]) -> None:
+    """Of 0.2 %: a mode grows, and falls, within a few windows, which do not see just its mean."""
+    truth = np.array([45.0, 52.0, 0.002, 0.0025])
+    clean, pulls = exact(*span, times * SLOW * (2 * 0.002 * 45.0) ** 2, tuple(truth[2:])), []
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        dirty = {name: values + 5e-3 * rng.standard_normal(len(values)) for name, values in clean.items()}
+        measured = recording("sweep.csv", np.arange(len(dirty["a1"])) / 4000.0, dirty)
+        spectra = sweep_spectra([swept(measured, "force", 1)], "force")
+        assert any("swept too fast" in line for line in spectra.warnings)
+        found = fit_modes(frequency_responses(spectra, "force", {"a1": "acceleration"}).between(41.0, 56.0), 2)
+        std = np.concatenate([found.hz_std, found.ratio_std])
+        assert (std / truth < [1e-5, 1e-5, 5e-3, 5e-3]).all()
+        pulls.append((np.concatenate([found.hz, found.ratio]) - truth) / std)
+    assert np.sqrt(np.mean(np.square(pulls))) < 1.5
 
 
 @pytest.mark.parametrize("span", [(15.0, 16.8), (16.8, 15.0)])

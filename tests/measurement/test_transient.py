@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from hbm import load_rig
 from hbm.cli import app
 from hbm.errors import InputError
 from hbm.identification.modalfit import fit_modes
+from hbm.measurement.clipping import clipped_from_rest
 from hbm.measurement.recording import Recording, recording
 from hbm.measurement.transient import responses_from_rest
 
@@ -117,3 +118,51 @@ def test_the_command_makes_a_rig_of_hits(recorded: Recording, tmp_path: Path) ->
     np.savetxt(file, table[:9], delimiter=",", header="time_s,a1,v2,x3,force (mm)", comments="")
     refused = CliRunner().invoke(app, asked)
     assert (refused.exit_code, refused.stderr) == (2, f"{file}: channel force is in m; must be force, N\n")
+
+
+@pytest.mark.parametrize("rough", [0.0, NOISE])
+def test_a_channel_that_is_clipped_is_named_also_under_the_noise_of_what_comes_after(rough: float) -> None:
+    """At 60 % of its largest, before and after noise is added; hits and motions that are not clipped have none."""
+    good = hits(0)
+    assert responses_from_rest(good, "force", CHANNELS).warnings == ()
+    rng = np.random.default_rng(7)
+    for name in ("a1", "force"):
+        v = good.channels[name]
+        limit = 0.6 * np.abs(v).max()
+        flat = np.clip(v, -limit, limit) + rough * limit * rng.standard_normal(len(v))
+        read = Recording("hits.csv", good.time, {**good.channels, name: flat}, good.units)
+        assert responses_from_rest(read, "force", CHANNELS).warnings == (f"{name} is flat-topped: was it clipped?",)
+
+
+@pytest.mark.parametrize("steps", [20, 200, 30_000])
+def test_hits_on_a_coarse_converter_are_not_clipped(steps: int) -> None:
+    t = np.arange(40_000) / 2000.0
+    falls = np.where(t > 1.0, np.exp(-1.5 * (t - 1.0)) * np.sin(2 * np.pi * 7.3 * (t - 1.0)), 0.0)
+    assert not clipped_from_rest(np.round(steps * falls), 0.0)
+    assert clipped_from_rest(np.clip(np.round(steps * falls), -0.7 * steps, 0.7 * steps), 0.0) == (steps > 20)
+
+
+def test_channels_of_hits_that_are_late_or_reversed_are_named(recorded: Recording, tmp_path: Path) -> None:
+    """By samples of 1/2048 s; modes are those on one clock."""
+
+    def run(name: str, **changed: np.ndarray) -> Result:
+        path = tmp_path / f"{name}.csv"
+        columns = {"time_s": recorded.time, **recorded.channels, **changed}
+        np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+        band = ["--from", "12", "--to", "70", "--quantity", "v2=velocity", "--quantity", "x3=displacement"]
+        return CliRunner().invoke(
+            app, ["modal", str(path), "--transient", "--drive", "a1", *band, "--out", str(tmp_path / f"{name}.toml")]
+        )
+
+    moved = {name: np.roll(values, 5) for name, values in recorded.channels.items()}
+    assert "warning" not in run("clean").stdout
+    late = " ".join(run("late", v2=moved["v2"]).stdout.split())
+    assert "warning: v2 comes 2.44" in late
+    assert "ms after the force" in late
+    assert load_rig(tmp_path / "late.toml").structure.omega_n == pytest.approx(2 * np.pi * HZ, rel=2e-4)
+    early = " ".join(run("early", force=moved["force"]).stdout.split())
+    assert "warning: all channels come 2.44" in early
+    assert "ms before the force" in early
+    reversed_ = run("reversed", a1=-recorded.channels["a1"])
+    assert reversed_.exit_code == 2
+    assert reversed_.stderr.startswith("modal: a1 moves against the force in all 3 modes")

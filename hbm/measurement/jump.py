@@ -1,0 +1,71 @@
+"""Jumps of phase within a record: samples that were lost, in a file whose times do not say so.
+
+A frequency that is off turns phases from block to block alike, one that drifts turns them smoothly. Lost samples turn
+all of them at once, by the same angle in every channel.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from hbm.fourier import Array
+from hbm.measurement.steadiness import Complex
+
+FEWEST_BLOCKS = 10
+"""Blocks in which a jump can be told from what is smooth."""
+
+SMOOTH = 3
+"""Degree of what is smooth."""
+
+ABRUPT = 0.05
+"""A jump, beside a frequency that is off, leaves at most this part of the square that is left by what is smooth."""
+
+CERTAIN = 5.0
+"""Standard deviations from which a jump is there beyond doubt."""
+
+
+class Jump(NamedTuple):
+    """A jump of phase.
+
+    Attributes
+    ----------
+    angle, std : float
+        By which the phase goes on after it, and its standard deviation [rad].
+    time : float
+        Middle of the block that it is in [s].
+    """
+
+    angle: float
+    std: float
+    time: float
+
+
+def jump(t: Array, c: Complex) -> Jump | None:
+    """Find the jump of complex amplitudes of blocks, if there is one.
+
+    Parameters
+    ----------
+    t : (B,) array
+        Middle of each block [s], equally spaced.
+    c : (B,) complex array
+    """
+    B = len(t)
+    if B < FEWEST_BLOCKS or not c.all():
+        return None
+    x, phase = np.linspace(-1.0, 1.0, B), np.unwrap(np.angle(c))
+    smooth = np.polynomial.Polynomial.fit(x, phase, SMOOTH)(x)
+    tried = [_at(x, phase, j) for j in range(2, B - 2)]
+    angle, std, left = tried[best := int(np.argmin([left for *_, left in tried]))]
+    if left > ABRUPT * float(np.sum((phase - smooth) ** 2)) or abs(angle) < CERTAIN * std:
+        return None
+    return Jump(angle, std, float(t[best + 2]))
+
+
+def _at(x: Array, phase: Array, j: int) -> tuple[float, float, float]:
+    """Angle of a jump within block j, its standard deviation, and the square that is left."""
+    others = np.arange(len(x)) != j  # the block that it is in has some of both phases
+    A = np.column_stack([np.ones_like(x), x, np.arange(len(x)) > j])[others]
+    inverse = np.linalg.inv(A.T @ A)
+    found = inverse @ A.T @ phase[others]
+    left = float(np.sum((phase[others] - A @ found) ** 2))
+    return float(found[2]), float(np.sqrt(left / (len(A) - 3) * inverse[2, 2])), left
