@@ -101,6 +101,25 @@ def test_numbers_that_sensors_ask_for_are_told_and_make_a_rig_file(spectra: str,
     assert {row["number"]: float(row["left"]) for row in rows}["contact.normal_load"] > 0.99
 
 
+def test_beside_a_wrong_unit_no_other_number_of_the_rig_is_asked_for(spectra: str, tmp_path: Path, quick: None) -> None:
+    """Responses in mm: the unit is what is said, not a modulus that is off, nor where energy goes."""
+    out, in_mm = tmp_path / "contact", tmp_path / "mm.csv"
+    rows = read_csv(Path(spectra))
+    for row in rows:
+        if row["channel"] != "force":
+            row |= {column: repr(1e3 * float(row[column])) for column in ("cos", "sin", "std")}
+    with in_mm.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    result = run("inverse", RIG, str(in_mm), "--out", str(out))
+    assert (result.exit_code, result.stderr) == (0, "")
+    (warning,) = (line for line in result.stdout.splitlines() if line.startswith("warning: "))
+    assert warning.startswith("warning: units: the sensors read as if all responses are in mm instead of m, ")
+    assert "agree better" not in result.stdout and "tolerances" not in result.stdout
+    assert not (out / "calibrated.toml").exists() and not (out / "rig_numbers.csv").exists()
+
+
 def test_tolerances_decide_what_the_rig_file_is_uncertain_by(spectra: str, tmp_path: Path, quick: None) -> None:
     """A load that is known ten times better: the reaction is, too, as far as it is by the load."""
     deviations = []

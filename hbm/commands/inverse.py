@@ -268,13 +268,14 @@ def _made(found: "Reconstruction", records: Sequence[int] | None, given: _Given)
     from hbm.commands.inversetables import print_contact_errors, print_reconstruction
     from hbm.files.inversereport import inverse_contents
 
-    errors = _errors(found, given)
+    errors = None if found.unit else _errors(found, given)  # in a wrong unit sensors ask for any number
     with working("drawing"):
         contents = inverse_contents(found, records, errors, given.rig)
 
     def tell() -> None:
         print_reconstruction(console(), found)
-        print_contact_errors(console(), errors, given.out)
+        if errors is not None:
+            print_contact_errors(console(), errors, given.out)
 
     return contents, tell
 

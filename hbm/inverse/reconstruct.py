@@ -73,7 +73,8 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
         )
     check = check_sensors(rig, spectra)
     result, contact = _reconstructed(rig, check.spectra, formulation, FORMULATIONS[formulation])
-    return replace(result, warnings=(*check.findings, *_gains(contact), *resolution_of(contact.estimate).warnings))
+    beside = () if check.unit else (*_gains(contact), *resolution_of(contact.estimate).warnings)
+    return replace(result, warnings=(*check.findings, *beside), unit=check.unit)
 
 
 def reconstruct_again(reconstruction: Reconstruction, rig: Rig) -> Reconstruction:

@@ -64,6 +64,8 @@ class SensorCheck:
         Without the channels at fault; exchanged ones are exchanged back.
     before, after : float
         Misfit per degree of freedom of all channels, and of those left; nan without degrees of freedom.
+    unit : str
+        The finding about a unit that is not the one that numbers must be in; empty where there is none.
     """
 
     faults: tuple[Fault, ...]
@@ -71,6 +73,7 @@ class SensorCheck:
     spectra: MeasuredSpectra
     before: float
     after: float
+    unit: str = ""
 
     def __repr__(self) -> str:
         return "\n".join(self.findings) or f"the sensors agree: misfit {self.after:.2f} per degree of freedom"
@@ -96,14 +99,13 @@ def check_sensors(rig: Rig, spectra: MeasuredSpectra) -> SensorCheck:
         faults += fresh
     unit = unit or _unit(rig, usable, base, ())
     lines += [*([unit] if unit else disagreement(base, bool(faults))), *assumed(rig, spectra)]
-    return SensorCheck(tuple(faults), tuple(lines), usable, first.everyone.reduced, base.everyone.reduced)
+    return SensorCheck(tuple(faults), tuple(lines), usable, first.everyone.reduced, base.everyone.reduced, unit)
 
 
 def _unit(rig: Rig, spectra: MeasuredSpectra, base: Readings, faults: Sequence[Fault]) -> str:
-    """Which unit all responses, or the force, seem to be in; nothing where sensors agree, or a sensor is at fault."""
+    """Which unit all responses, or the force, seem to be in; nothing where a sensor is at fault."""
     force = base.channels[-1]
-    scaled = all(fault.channel == force and fault.cause in ("sensor-gain", "sensor-dead") for fault in faults)
-    if base.everyone.agree or not scaled:
+    if not all(fault.channel == force and fault.cause in ("sensor-gain", "sensor-dead") for fault in faults):
         return ""
     found = mistaken(rig, spectra, base, lambda other: _readings(rig, other))
     return "" if found is None else unit_sentence(found[0].said, base, found[1])
