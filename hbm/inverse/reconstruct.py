@@ -73,8 +73,14 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
         )
     check = check_sensors(rig, spectra)
     result, contact = _reconstructed(rig, check.spectra, formulation, FORMULATIONS[formulation])
-    beside = () if check.unit else (*_gains(contact), *resolution_of(contact.estimate).warnings)
+    beside = () if check.unit else _beside(contact, result.slips)
     return replace(result, warnings=(*check.findings, *beside), unit=check.unit)
+
+
+def _beside(contact: Contact, slips: npt.NDArray[np.bool_]) -> tuple[str, ...]:
+    """Warnings about what was found, beside those about sensors."""
+    resolution = resolution_of(contact.estimate).warnings
+    return (*_gains(contact), *resolution, *contact.unseen.warnings(contact.samples, slips))
 
 
 def reconstruct_again(reconstruction: Reconstruction, rig: Rig) -> Reconstruction:
@@ -155,7 +161,7 @@ def _reconstruction(contact: Contact, formulation: str, slips: npt.NDArray[np.bo
         formulation=formulation,
         signals=signals,
         slips=slips,
-        energy_per_cycle=Estimates(energy.value, np.hypot(energy.std * inflation, contact.unseen_energy), "J"),
+        energy_per_cycle=Estimates(energy.value, np.hypot(energy.std * inflation, contact.unseen.energy), "J"),
         work_rate=Estimates(work.value, work.std * inflation, "W"),
         misfit=misfit,
         residual=_residual(seen, estimate),
@@ -191,5 +197,5 @@ def _signal(contact: Contact, name: str, inflation: Array, slips: npt.NDArray[np
     mean_std = np.where(slips | (name == "normal"), contact.mean_std(name, slips), 0.0)
     noise = np.sqrt(np.sum(std[:, 1:] ** 2, axis=1) + mean_std**2)
     std[:, 0] = mean_std
-    total = np.hypot(noise, contact.unseen[name])
+    total = np.hypot(noise, contact.unseen.std[name])
     return EstimatedSignal(SIGNALS[name], coefficients, std, samples, np.broadcast_to(total[:, None], samples.shape))
