@@ -66,12 +66,26 @@ class Contact:
 
         The mean friction of a contact that slips comes from the force at two instants, see
         :func:`hbm.inverse.reconstruct.reconstruct`, and holds as far as it then slides. One that sticks may keep any
-        mean; what else follows from it is taken to be as uncertain as if it were as large as friction itself.
+        mean that friction bears: what else follows from it is as uncertain as that is.
         """
         at_once = np.sqrt(np.sum(self.std("friction")[:, 1:] ** 2, axis=1) + self.unseen.std["friction"] ** 2)
         found = np.hypot(at_once / np.sqrt(2.0), self._unsettled)
-        mean = np.where(slips, found, self.samples["friction"].std(axis=1))
+        mean = np.where(slips, found, self._kept(slips))
         return np.asarray(np.abs(self.rows[name][:, 0] @ self._static) * mean)
+
+    def _kept(self, slips: npt.NDArray[np.bool_]) -> Array:
+        """Standard deviation of the mean friction where the contact sticks, (r,) [N].
+
+        As large as friction itself, but no more than what is left to the limits that the records which slip reach,
+        evenly.
+        """
+        T, R = self.samples["friction"], np.maximum(self.samples["normal"], 0.0)
+        size = T.std(axis=1)
+        if not slips.any():
+            return np.asarray(size)
+        limit = np.max((np.abs(T) / np.maximum(R, 0.02 * self.load))[slips]) * R
+        most, least = np.min(limit - T, axis=1), np.max(-limit - T, axis=1)  # of a mean
+        return np.asarray(np.minimum(size, np.maximum(np.maximum(most, -least), 0.0) / np.sqrt(3.0)))
 
     @cached_property
     def _unsettled(self) -> Array:
@@ -122,7 +136,21 @@ class Contact:
         weights = np.concatenate([head, F.conj()[..., None] * s.excitation + damped], axis=2)
         change = np.einsum("k,rkj,rkjm->rkm", np.pi * k, weights, state.factor)
         lost = np.pi * np.sum(k * (T.conj() * u).imag, axis=1)
-        return Estimates(lost, np.linalg.norm(change, axis=(1, 2)), "J")
+        return Estimates(lost, np.hypot(np.linalg.norm(change, axis=(1, 2)), self._energy_of_errors), "J")
+
+    @property
+    def _energy_of_errors(self) -> Array:
+        """Root of the mean square of the energy that errors of friction take from those of slip [J], (r,).
+
+        Of harmonic k it is pi k Im(dT* du), a quadratic form of normal numbers: most where friction is hardly known.
+        """
+        T, u = self._deviations("friction"), self._deviations("slip")
+        k = np.pi * np.arange(T.shape[1])
+        both = np.einsum("rkm,rkm->rk", T.conj(), u)
+        sizes = np.linalg.norm(T, axis=2) * np.linalg.norm(u, axis=2)
+        mean = np.sum(2.0 * k * both.imag, axis=1)
+        variance = np.sum(2.0 * k**2 * (sizes**2 - (both**2).real), axis=1)
+        return np.asarray(np.sqrt(mean**2 + np.maximum(variance, 0.0)))
 
     @cached_property
     def work_rate(self) -> Estimates:
