@@ -101,6 +101,38 @@ def test_numbers_that_sensors_ask_for_are_told_and_make_a_rig_file(spectra: str,
     assert {row["number"]: float(row["left"]) for row in rows}["contact.normal_load"] > 0.99
 
 
+def test_a_length_that_is_wrong_is_told_and_no_place_of_a_sensor(spectra: str, tmp_path: Path, quick: None) -> None:
+    """Of a rig file whose beam is 0.5 % too long; it is exact where --tolerance says so."""
+    out, rig = tmp_path / "contact", tmp_path / "rig.toml"
+    rig.write_text(Path(RIG).read_text().replace("length = 0.606", "length = 0.609"))
+    result = run("inverse", str(rig), spectra, "--out", str(out))
+    assert (result.exit_code, result.stderr) == (0, "")
+    told = next(line for line in result.stdout.splitlines() if line.startswith("sensors agree better with"))
+    assert told.startswith("sensors agree better with beam.length = 0.60") and "position" not in told
+    assert load_rig(out / "calibrated.toml").number("beam.length") == pytest.approx(0.606, rel=1.5e-3)
+    run("inverse", str(rig), spectra, "--out", str(out), "--tolerance", "beam.length=0")
+    assert "beam.length" not in {row["number"] for row in read_csv(out / "rig_numbers.csv")}
+
+
+def test_beside_a_wrong_unit_no_other_number_of_the_rig_is_asked_for(spectra: str, tmp_path: Path, quick: None) -> None:
+    """Responses in mm: the unit is what is said, not a modulus that is off, nor where energy goes."""
+    out, in_mm = tmp_path / "contact", tmp_path / "mm.csv"
+    rows = read_csv(Path(spectra))
+    for row in rows:
+        if row["channel"] != "force":
+            row |= {column: repr(1e3 * float(row[column])) for column in ("cos", "sin", "std")}
+    with in_mm.open("w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows)
+    result = run("inverse", RIG, str(in_mm), "--out", str(out))
+    assert (result.exit_code, result.stderr) == (0, "")
+    (warning,) = (line for line in result.stdout.splitlines() if line.startswith("warning: "))
+    assert warning.startswith("warning: units: the sensors read as if all responses are in mm instead of m, ")
+    assert "agree better" not in result.stdout and "tolerances" not in result.stdout
+    assert not (out / "calibrated.toml").exists() and not (out / "rig_numbers.csv").exists()
+
+
 def test_tolerances_decide_what_the_rig_file_is_uncertain_by(spectra: str, tmp_path: Path, quick: None) -> None:
     """A load that is known ten times better: the reaction is, too, as far as it is by the load."""
     deviations = []

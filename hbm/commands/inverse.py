@@ -40,6 +40,9 @@ Made = tuple[Mapping[str, str | bytes], Callable[[], None]]
 """What goes into a folder, and what prints what was found."""
 MOST_SENSORS = 1000
 
+LENGTH, LENGTH_TOLERANCE = "beam.length", 0.003
+"""Clamps are soft and supports are wide: the length between them is hardly known better, relative."""
+
 SpectraFile = Annotated[
     Path,
     typer.Argument(metavar="SPECTRA", help="Spectra file (csv, npz, nc or mat), see hbm spectra.", show_default=False),
@@ -268,13 +271,15 @@ def _made(found: "Reconstruction", records: Sequence[int] | None, given: _Given)
     from hbm.commands.inversetables import print_contact_errors, print_reconstruction
     from hbm.files.inversereport import inverse_contents
 
-    errors = _errors(found, given)
+    tolerances = with_length(found.rig, given.tolerances)
+    errors = None if found.unit else _errors(found, tolerances)  # in a wrong unit sensors ask for any number
     with working("drawing"):
         contents = inverse_contents(found, records, errors, given.rig)
 
     def tell() -> None:
         print_reconstruction(console(), found)
-        print_contact_errors(console(), errors, given.out)
+        if errors is not None:
+            print_contact_errors(console(), errors, given.out)
 
     return contents, tell
 
@@ -288,7 +293,7 @@ def _made_of_joints(
 
     with working(f"reconstructing {len(spectra)} records"):
         found = reconstruct_joints(rig, spectra)
-    errors = _errors(found, given)
+    errors = _errors(found, given.tolerances)
     with working("drawing"):
         contents = joint_inverse_contents(found, records, errors, given.rig)
 
@@ -299,11 +304,18 @@ def _made_of_joints(
     return contents, tell
 
 
-def _errors(found: "Reconstructed", given: _Given) -> "ContactErrors":
+def with_length(rig: "Rig", tolerances: Mapping[str, float] | None) -> Mapping[str, float]:
+    """Tolerances of a rig's numbers, and that of the length of its beam where none is stated."""
+    from models.beam import Beam
+
+    return ({LENGTH: LENGTH_TOLERANCE} if isinstance(rig.body, Beam) else {}) | dict(tolerances or {})
+
+
+def _errors(found: "Reconstructed", tolerances: Mapping[str, float] | None) -> "ContactErrors":
     from hbm.identification.contacterrors import contact_errors
 
     with working("what the rig file may be off by"):
-        return contact_errors(found, given.tolerances)
+        return contact_errors(found, tolerances)
 
 
 def _write(contents: Mapping[str, str | bytes], tell: Callable[[], None], out: Path) -> None:

@@ -9,15 +9,14 @@ import numpy.typing as npt
 from hbm.fourier import Array
 from hbm.inverse.contactforce import (
     ForceEstimate,
-    Indices,
     element_forces,
-    last_counted,
     product,
     to_amplitudes,
     to_samples,
 )
 from hbm.inverse.reconstruction import Estimates, LawInputs
-from hbm.inverse.sensing import Complex, Sensing, dynamic_stiffness
+from hbm.inverse.sensing import Complex, Sensing
+from hbm.inverse.unseen import Unseen, signal_rows
 
 SAMPLES = 256
 """Samples per period, at least."""
@@ -67,12 +66,26 @@ class Contact:
 
         The mean friction of a contact that slips comes from the force at two instants, see
         :func:`hbm.inverse.reconstruct.reconstruct`, and holds as far as it then slides. One that sticks may keep any
-        mean; what else follows from it is taken to be as uncertain as if it were as large as friction itself.
+        mean that friction bears: what else follows from it is as uncertain as that is.
         """
-        at_once = np.sqrt(np.sum(self.std("friction")[:, 1:] ** 2, axis=1) + self.unseen["friction"] ** 2)
+        at_once = np.sqrt(np.sum(self.std("friction")[:, 1:] ** 2, axis=1) + self.unseen.std["friction"] ** 2)
         found = np.hypot(at_once / np.sqrt(2.0), self._unsettled)
-        mean = np.where(slips, found, self.samples["friction"].std(axis=1))
+        mean = np.where(slips, found, self._kept(slips))
         return np.asarray(np.abs(self.rows[name][:, 0] @ self._static) * mean)
+
+    def _kept(self, slips: npt.NDArray[np.bool_]) -> Array:
+        """Standard deviation of the mean friction where the contact sticks, (r,) [N].
+
+        As large as friction itself, but no more than what is left to the limits that the records which slip reach,
+        evenly.
+        """
+        T, R = self.samples["friction"], np.maximum(self.samples["normal"], 0.0)
+        size = T.std(axis=1)
+        if not slips.any():
+            return np.asarray(size)
+        limit = np.max((np.abs(T) / np.maximum(R, 0.02 * self.load))[slips]) * R
+        most, least = np.min(limit - T, axis=1), np.max(-limit - T, axis=1)  # of a mean
+        return np.asarray(np.minimum(size, np.maximum(np.maximum(most, -least), 0.0) / np.sqrt(3.0)))
 
     @cached_property
     def _unsettled(self) -> Array:
@@ -100,36 +113,9 @@ class Contact:
         return np.concatenate([[1.0, 0.0], s.slip_row / s.omega_n**2])
 
     @cached_property
-    def unseen(self) -> dict[str, Array]:
-        """Standard deviation of each signal from the harmonics above those measured, (r,)."""
-        expected = self.estimate.expected(self._above)
-        return {name: np.linalg.norm(gain * expected, axis=1) for name, gain in self._gains.items()}
-
-    @property
-    def _above(self) -> Indices:
-        """Harmonics above those measured that count."""
-        H = self.sensing.H
-        return np.arange(H + 1, last_counted(H) + 1)
-
-    @cached_property
-    def _gains(self) -> dict[str, Complex]:
-        """Each signal per friction at these harmonics."""
-        i_omega = self.sensing.i_omega[:, 1:2] * self._above
-        pushes = self.sensing.structure.slip_row / dynamic_stiffness(self.sensing.structure, i_omega)
-        one = np.ones((*i_omega.shape, 1))
-        per_friction = np.concatenate([one, np.zeros_like(one), pushes], axis=2)
-        rows = _rows(self.sensing, i_omega)
-        return {name: np.einsum("rkj,rkj->rk", row, per_friction) for name, row in rows.items()}
-
-    @cached_property
-    def unseen_energy(self) -> Array:
-        """Root of the mean square of the energy that friction takes by these harmonics, of random phases [J], (r,).
-
-        Of harmonic k it is pi k |T|^2 Im(u / T): what it does to its own slip goes to the body, always.
-        """
-        power = 2.0 * np.pi * self._above * self.estimate.expected(self._above) ** 2  # pi k times the mean of |T|^2
-        taken = power * self._gains["slip"].imag
-        return np.asarray(np.sqrt(taken.sum(axis=1) ** 2 + np.sum(taken**2, axis=1)))
+    def unseen(self) -> Unseen:
+        """Harmonics above those measured."""
+        return Unseen(self.sensing, self.estimate)
 
     # ---- energy
 
@@ -150,7 +136,21 @@ class Contact:
         weights = np.concatenate([head, F.conj()[..., None] * s.excitation + damped], axis=2)
         change = np.einsum("k,rkj,rkjm->rkm", np.pi * k, weights, state.factor)
         lost = np.pi * np.sum(k * (T.conj() * u).imag, axis=1)
-        return Estimates(lost, np.linalg.norm(change, axis=(1, 2)), "J")
+        return Estimates(lost, np.hypot(np.linalg.norm(change, axis=(1, 2)), self._energy_of_errors), "J")
+
+    @property
+    def _energy_of_errors(self) -> Array:
+        """Root of the mean square of the energy that errors of friction take from those of slip [J], (r,).
+
+        Of harmonic k it is pi k Im(dT* du), a quadratic form of normal numbers: most where friction is hardly known.
+        """
+        T, u = self._deviations("friction"), self._deviations("slip")
+        k = np.pi * np.arange(T.shape[1])
+        both = np.einsum("rkm,rkm->rk", T.conj(), u)
+        sizes = np.linalg.norm(T, axis=2) * np.linalg.norm(u, axis=2)
+        mean = np.sum(2.0 * k * both.imag, axis=1)
+        variance = np.sum(2.0 * k**2 * (sizes**2 - (both**2).real), axis=1)
+        return np.asarray(np.sqrt(mean**2 + np.maximum(variance, 0.0)))
 
     @cached_property
     def work_rate(self) -> Estimates:
@@ -179,7 +179,7 @@ def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:
     s, H = sensing.structure, sensing.H
     N = max(SAMPLES, 1 << int(np.ceil(np.log2(8 * H))))
     state = np.concatenate([np.stack([estimate.friction, estimate.force], axis=2), estimate.q], axis=2)
-    rows = _rows(sensing, sensing.i_omega)
+    rows = signal_rows(sensing, sensing.i_omega)
     amplitudes = {name: np.einsum("rkj,rkj->rk", row, state) for name, row in rows.items()}
     if s.shortening.any():
         drawn_in = product(estimate.q, estimate.q @ s.shortening).sum(axis=2) / 2
@@ -193,25 +193,3 @@ def contact_of(sensing: Sensing, estimate: ForceEstimate) -> Contact:
     samples["normal"] = samples["rho"] + samples["eta"] * samples["friction"]
     amplitudes["normal"] = to_amplitudes(samples["normal"], H)
     return Contact(sensing, estimate, rows, amplitudes, samples)
-
-
-def _rows(sensing: Sensing, i_omega: Complex) -> dict[str, Complex]:
-    """Signals as linear forms of (friction, force, q) at i k Omega (r, K), products left out, (r, K, 2 + n)."""
-    s = sensing.structure
-    one, reaction = np.ones(i_omega.shape), s.reaction
-
-    def row(friction: float, force: float, q: Complex | Array) -> Complex:
-        head = np.stack([friction * one, force * one], axis=2)
-        return np.concatenate([head, np.broadcast_to(q, (*i_omega.shape, s.n))], axis=2).astype(complex)
-
-    inertia = i_omega[..., None] ** 2 * reaction.inertia + i_omega[..., None] * reaction.damping + reaction.stiffness
-    slip = row(s.compliance, s.residual.slip_by_force, s.slip_row)
-    return {
-        "friction": row(1.0, 0.0, np.zeros(s.n)),
-        "slip": slip,
-        "slip_velocity": i_omega[..., None] * slip,
-        "normal": row(-reaction.friction_lever, -reaction.force_share, inertia),
-        "modal_slip": row(0.0, s.residual.slip_by_force, s.slip_row),
-        "rho": row(0.0, -reaction.force_share, inertia),
-        "eta": row(0.0, 0.0, reaction.stretch),
-    }

@@ -8,7 +8,8 @@ deviations of all that was measured.
 
 Harmonics that the sensors hardly see are held by a prior: friction falls with the number k of the harmonic like
 k^-p. Its size, for odd and for even harmonics, and its order p are those that make the measured record most
-likely (empirical Bayes, the Gaussian form of generalised Tikhonov regularisation): the noise decides, not a hand.
+likely (empirical Bayes, the Gaussian form of generalised Tikhonov regularisation): the noise decides, not a hand. The
+fundamental alone may be as large as the load whatever the others are, which are small beside it where a contact sticks.
 """
 
 from collections.abc import Callable
@@ -142,9 +143,12 @@ def most_likely(sensing: Sensing, solve: Callable[[Array, S | None], S], *, caut
     largest = np.maximum(np.abs(sensing.force).max(axis=1), sensing.rig.contact.normal_load)
     unbound = np.broadcast_to(UNBOUND * np.maximum(largest, sensing.spectra.level)[:, None], shape)
     free = solve(unbound, None)
-    order, size, largest_size = prior(np.abs(free.friction[:, 1:]), free.resolution[:, 1:], cautious=cautious)
+    seen, k = (np.abs(free.friction[:, 1:]), free.resolution[:, 1:]), np.arange(1, shape[1])
+    order, size, largest_size = prior(*seen, cautious=cautious)
     expected = np.zeros(shape)
-    expected[:, 1:] = decay(order, largest_size, np.arange(1, shape[1]))
+    expected[:, 1:] = decay(order, largest_size, k)
+    if cautious:  # beside the fundamental of a contact that mostly sticks all others are small: they do not tell it
+        expected[:, 1] = np.maximum(expected[:, 1], sensing.rig.contact.normal_load)
     held = solve(expected, free)
     return ForceEstimate(
         friction=held.friction,

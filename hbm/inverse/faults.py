@@ -14,6 +14,9 @@ from models.rig import Rig
 
 LARGEST_GAIN = 20.0
 
+GAINS = np.geomspace(1.0 / LARGEST_GAIN, LARGEST_GAIN, 49)
+"""Sizes of a gain from which the best is refined, of either sign."""
+
 GRID = 121
 """Positions along the beam, and delays within a period, from which the best is refined."""
 
@@ -88,7 +91,7 @@ def explanations(readings: Readings, channel: str, others: Others) -> Iterator[F
     Yields
     ------
     Fault
-        `cause` is empty for no fault.
+        `cause` is empty for no fault; then dead, then a gain.
     """
     rows = readings.rows[:, :, readings.channels.index(channel)]
     price = float(np.log(readings.total))
@@ -136,7 +139,8 @@ def _parameters(
     """Cause, misfit over values (m,) of its parameter, and the grid on which its least is near the least of all."""
     gain = _regression(readings, channel, others, rows)
     near = np.clip(gain + (0.05 + 0.2 * abs(gain)) * np.linspace(-1.0, 1.0, 5), -LARGEST_GAIN, LARGEST_GAIN)
-    yield "sensor-gain", lambda g: misfit(np.asarray(g[:, None, None, None], dtype=np.complex128)), near
+    gains = np.unique(np.concatenate([near, -GAINS, GAINS]))  # regression falls short where predictions are noisy
+    yield "sensor-gain", lambda g: misfit(np.asarray(g[:, None, None, None], dtype=np.complex128)), gains
     period = 1.0 / float(readings.seen.spectra.hz.max())
     late = period * np.linspace(-0.5, 0.5, GRID)
     k_Omega = readings.k_Omega[..., None]

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import special
 
 from hbm.inverse.faults import Fault
-from hbm.inverse.readings import Readings, even
+from hbm.inverse.readings import Others, Readings, even
 from hbm.inverse.reconstruction import CONSISTENT
 from hbm.inverse.resolution import harmonics
 from hbm.inverse.sensing import UNKNOWN_FORCE
@@ -71,22 +71,26 @@ def disagreement(base: Readings, left_out: bool) -> Iterator[str]:
             "nothing is left to check the sensors and the structure by"
         )
         return
-    reduced = everyone.reduced
-    uncertain = np.sqrt(reduced / (2.0 * everyone.dof))
-    factor = _sure(np.sqrt(reduced), uncertain)
-    low, high = special.chdtr(everyone.dof, everyone.chi2), special.chdtrc(everyone.dof, everyone.chi2)
+    reduced, stated = everyone.reduced, base.as_stated  # less scatter than stated shows only beside what is stated
+    low, high = special.chdtr(stated.dof, stated.chi2), special.chdtrc(everyone.dof, everyone.chi2)
     if min(low, high) > CONSISTENT:
         return
-    if reduced < 1.0:
-        yield f"standard deviations: the sensors scatter {factor} times what is stated, all alike; stated too large"
+    scatter = "standard deviations: the sensors scatter {} times what is stated, all alike; stated too {}"
+    if low < high:
+        yield scatter.format(_times(stated), "large")
     elif _alike(base):
-        yield f"standard deviations: the sensors scatter {factor} times what is stated, all alike; stated too small"
+        yield scatter.format(_times(everyone), "small")
     else:
         yield (
             f"the sensors contradict the structure{' still' if left_out else ''}: misfit {reduced:.3g} per degree of "
             f"freedom, {np.sqrt(reduced):.2g} standard deviations rms; {_worst(base)}; no fault of "
             f"{'one channel' if len(base.seen.channels) > 2 else 'a channel can be told from others that'} explains it"
         )
+
+
+def _times(everyone: Others) -> str:
+    """How many times what is stated sensors scatter."""
+    return _sure(np.sqrt(everyone.reduced), np.sqrt(everyone.reduced / (2.0 * everyone.dof)))
 
 
 def _alike(base: Readings) -> bool:

@@ -1,7 +1,8 @@
 """Innovations of sensors: the reading of each channel less what all others predict for it.
 
 Friction and force are free at every harmonic here, without a prior, so that nothing is assumed of the contact: with c
-channels, the force among them, c - 2 complex numbers per record and harmonic are left to contradict the structure.
+channels, the force among them, c - 2 complex numbers per record and harmonic are left to contradict the structure, less
+one number per record for the mean friction: no sensor sees it, but it stiffens the beam (foreshortening).
 """
 
 from dataclasses import dataclass, replace
@@ -42,13 +43,32 @@ def even(chi2: Array, dof: Array) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
+class Coupling:
+    """Forces on the modes that friction and motion make together, of r records at harmonics 0..H.
+
+    Attributes
+    ----------
+    forces : (r, H+1, n) complex array
+        Of alternating friction on the deflected structure, and of nonlinear elements.
+    by_mean : (r, H+1, n) complex array
+        Per mean friction.
+    mean : (r,) array
+        What the mean friction may be, its standard deviation around none [N].
+    """
+
+    forces: Complex
+    by_mean: Complex
+    mean: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Others:
     """Friction and force by all channels but one: r records, harmonics 1..H.
 
     Attributes
     ----------
-    state : (r, H, 3) complex array
-        Friction and force [N], and 1 for what is known.
+    state : (r, H, 4) complex array
+        Friction and force [N], 1 for what is known, and the mean friction of the record [N].
     covariance : (r, H, 2, 2) complex array
     chi2, dof : float
         Misfit of the others among themselves, and its expectation by noise.
@@ -82,23 +102,26 @@ class Readings:
     Attributes
     ----------
     seen : Sensing
-    coupling : (r, H+1, n) complex array
-        Forces of friction on the deflected structure, which the channels see besides.
+    coupling : Coupling
+        Which the channels see besides.
     channels : tuple of str, (c,)
     read : (r, H, c) complex array
         0 where not measured.
-    rows : (r, H, c, 3) complex array
-        Reading per friction, per force, and by the coupling.
+    rows : (r, H, c, 4) complex array
+        Reading per friction, per force, by the coupling, and per mean friction.
     weight : (r, H, c) array
         1 / std, 0 where not measured.
+    stated : Sensing
+        With standard deviations as they are stated, where `seen` trusts the sensors less.
     """
 
     seen: Sensing
-    coupling: Complex
+    coupling: Coupling
     channels: tuple[str, ...]
     read: Complex
     rows: Complex
     weight: Array
+    stated: Sensing
 
     @property
     def k_Omega(self) -> Array:
@@ -115,6 +138,11 @@ class Readings:
     def everyone(self) -> Others:
         """Friction and force by all channels together."""
         return self.others(())
+
+    @cached_property
+    def as_stated(self) -> Others:
+        """The same, sensors trusted as their standard deviations state."""
+        return self.everyone if self.stated is self.seen else readings(self.stated, self.coupling).everyone
 
     @cached_property
     def leverage(self) -> Array:
@@ -147,12 +175,20 @@ class Readings:
         error = left - (A @ state[..., None])[..., 0]
         leverage = np.einsum("rkci,rkij,rkcj->rkc", A, covariance, A.conj()).real
         measured = self.weight[:, :, keep] > 0.0
-        one = np.ones((*state.shape[:2], 1))
+        by_mean = self.rows[:, :, keep, 3]
+        follows = (covariance @ (A_h @ by_mean[..., None]))[..., 0]
+        seen = by_mean - (A @ follows[..., None])[..., 0]  # of a mean, beyond what friction and force make of it
+        told, power = (
+            self.coupling.mean * np.sum((seen.conj() * other).real, axis=(1, 2))
+            for other in (error, self.coupling.mean[:, None, None] * seen)
+        )
+        share = told / (1.0 + power)  # of what the mean may be
+        mean = (self.coupling.mean * share)[:, None, None] * np.ones((*state.shape[:2], 1))
         return Others(
-            state=np.concatenate([state, one], axis=2),
+            state=np.concatenate([state - mean * follows, np.ones_like(mean), mean], axis=2),
             covariance=covariance,
-            chi2=float(np.sum(np.abs(error) ** 2)),
-            dof=float(np.sum(2.0 * (measured - leverage))),
+            chi2=float(np.sum(np.abs(error - mean * seen) ** 2) + np.sum(share**2)),
+            dof=float(np.sum(2.0 * (measured - leverage)) - np.sum(power / (1.0 + power))),
         )
 
     def against(self, channel: str, others: Others) -> tuple[Complex, Array]:
@@ -163,7 +199,7 @@ class Readings:
         return self.read[:, :, j] - np.einsum("rks,rks->rk", rows, others.state), 1.0 + unsure
 
     def innovation(self, channel: str, rows: Complex, others: Others) -> Array:
-        """Misfit that a channel with `rows` (m, r, H, 3) adds to that of the others, (m,)."""
+        """Misfit that a channel with `rows` (m, r, H, 4) adds to that of the others, (m,)."""
         read = self.read[:, :, self.channels.index(channel)]
         error = read - np.einsum("mrks,rks->mrk", rows, others.state)
         A = rows[..., :2]
@@ -171,7 +207,7 @@ class Readings:
         return np.asarray(np.sum(np.abs(error) ** 2 / (1.0 + unsure), axis=(1, 2)))
 
     def rows_at(self, channel: str, positions: Array) -> Complex:
-        """Rows that a channel has at other positions (m,) of a beam, (m, r, H, 3)."""
+        """Rows that a channel has at other positions (m,) of a beam, (m, r, H, 4)."""
         s = self.seen
         quantity = next(c.quantity for c in s.rig.channels if c.name == channel)
         tried = tuple(Channel(f"x{i}", quantity, float(x)) for i, x in enumerate(positions))
@@ -180,28 +216,31 @@ class Readings:
         return np.moveaxis(_rows(moved, self.coupling), 2, 0) * weight[..., None]
 
 
-def readings(seen: Sensing, coupling: Complex) -> Readings:
+def readings(seen: Sensing, coupling: Coupling, stated: Sensing | None = None) -> Readings:
     """Readings of all channels beside the forces of friction on the deflected structure.
 
     Parameters
     ----------
     seen : Sensing
-    coupling : (r, H+1, n) complex array
+    coupling : Coupling
+    stated : Sensing, optional
+        With standard deviations as stated, where those of `seen` are others.
     """
-    force = np.zeros((*seen.force.shape, 1, 3))
+    force = np.zeros((*seen.force.shape, 1, 4))
     force[..., 0, 1] = 1.0
     std = np.maximum(seen.force_std, EXACT * seen.spectra.level[:, None])
     weight = np.concatenate([seen.weight, 1.0 / std[..., None]], axis=2)[:, 1:]
     rows = np.concatenate([_rows(seen, coupling), force[:, 1:]], axis=2)
     read = np.concatenate([seen.measured, seen.force[..., None]], axis=2)[:, 1:]
     name = next((c.name for c in seen.rig.channels if c.quantity == "force"), "force")
-    return Readings(seen, coupling, (*seen.channels, name), weight * read, weight[..., None] * rows, weight)
+    names = (*seen.channels, name)
+    return Readings(seen, coupling, names, weight * read, weight[..., None] * rows, weight, stated or seen)
 
 
-def _rows(seen: Sensing, coupling: Complex) -> Complex:
-    """Responses per friction, per force, and by the coupling, at harmonics 1..H, (r, H, c, 3)."""
-    both = np.stack([seen.by_friction, seen.by_force, seen.by_modal_forces(coupling)], axis=3)
-    return np.asarray(both[:, 1:])
+def _rows(seen: Sensing, coupling: Coupling) -> Complex:
+    """Responses per friction, per force, by the coupling, and per mean friction, at harmonics 1..H, (r, H, c, 4)."""
+    beside = [seen.by_modal_forces(forces) for forces in (coupling.forces, coupling.by_mean)]
+    return np.stack([seen.by_friction, seen.by_force, *beside], axis=3)[:, 1:]
 
 
 def _inverse(N: Complex) -> Complex:

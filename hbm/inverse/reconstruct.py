@@ -73,7 +73,14 @@ def reconstruct(rig: Rig, spectra: MeasuredSpectra, *, formulation: str = "regul
         )
     check = check_sensors(rig, spectra)
     result, contact = _reconstructed(rig, check.spectra, formulation, FORMULATIONS[formulation])
-    return replace(result, warnings=(*check.findings, *_gains(contact), *resolution_of(contact.estimate).warnings))
+    beside = () if check.unit else _beside(contact, result.slips)
+    return replace(result, warnings=(*check.findings, *beside), unit=check.unit)
+
+
+def _beside(contact: Contact, slips: npt.NDArray[np.bool_]) -> tuple[str, ...]:
+    """Warnings about what was found, beside those about sensors."""
+    resolution = resolution_of(contact.estimate).warnings
+    return (*_gains(contact), *resolution, *contact.unseen.warnings(contact.samples, slips))
 
 
 def reconstruct_again(reconstruction: Reconstruction, rig: Rig) -> Reconstruction:
@@ -99,8 +106,9 @@ def _reconstructed(
     for _ in range(MEAN_ROUNDS):
         contact = contact_of(seen, find(seen, mean))
         slips = _slips(contact)
-        mean = np.where(slips, mean + _asymmetry(contact), 0.0)
-    return _reconstruction(contact, formulation, slips), contact
+        used, mean = mean, np.where(slips, mean + _asymmetry(contact), 0.0)
+    other = contact_of(seen, find(seen, used + contact.mean_std("friction", slips)))
+    return _reconstruction(contact, other, formulation, slips), contact
 
 
 def _slips(contact: Contact) -> npt.NDArray[np.bool_]:
@@ -141,20 +149,24 @@ def _asymmetry(contact: Contact) -> Array:
     return np.asarray(-(ratio[r, i] + ratio[r, j]) / (1.0 / R[r, i] + 1.0 / R[r, j]))
 
 
-def _reconstruction(contact: Contact, formulation: str, slips: npt.NDArray[np.bool_]) -> Reconstruction:
-    """Signals with standard deviations, inflated where the sensors contradict the structure."""
+def _reconstruction(contact: Contact, other: Contact, formulation: str, slips: npt.NDArray[np.bool_]) -> Reconstruction:
+    """Signals with standard deviations, inflated where the sensors contradict the structure.
+
+    `other` has a mean friction that is a standard deviation larger: it bends the beam, and so stiffens it.
+    """
     seen, estimate = contact.sensing, contact.estimate
     misfit = misfit_of(seen, estimate)
     inflation = misfit.widening
-    signals = {name: _signal(contact, name, inflation, slips) for name in SIGNALS}
+    signals = {name: _signal(contact, other, name, inflation, slips) for name in SIGNALS}
     energy, work = contact.energy, contact.work_rate
+    energy_std = np.hypot(energy.std * inflation, other.energy.value - energy.value)
     return Reconstruction(
         rig=seen.rig,
         spectra=seen.spectra,
         formulation=formulation,
         signals=signals,
         slips=slips,
-        energy_per_cycle=Estimates(energy.value, np.hypot(energy.std * inflation, contact.unseen_energy), "J"),
+        energy_per_cycle=Estimates(energy.value, np.hypot(energy_std, contact.unseen.energy), "J"),
         work_rate=Estimates(work.value, work.std * inflation, "W"),
         misfit=misfit,
         residual=_residual(seen, estimate),
@@ -182,13 +194,18 @@ def _residual(seen: Sensing, estimate: ForceEstimate) -> Complex:
     return np.concatenate([estimate.residual, of_force[..., None]], axis=2)
 
 
-def _signal(contact: Contact, name: str, inflation: Array, slips: npt.NDArray[np.bool_]) -> EstimatedSignal:
+def _signal(
+    contact: Contact, other: Contact, name: str, inflation: Array, slips: npt.NDArray[np.bool_]
+) -> EstimatedSignal:
     coefficients, samples = coefficients_of(contact.amplitudes[name]), contact.samples[name]
     # what nobody measured is as uncertain as expected, whatever the sensors say of each other
     measured = (contact.sensing.weight > 0.0).any(axis=2)
     std = contact.std(name) * np.where(measured, inflation[:, None], 1.0)
     mean_std = np.where(slips | (name == "normal"), contact.mean_std(name, slips), 0.0)
     noise = np.sqrt(np.sum(std[:, 1:] ** 2, axis=1) + mean_std**2)
+    total = np.hypot(noise, contact.unseen.std[name])[:, None]
+    by_mean = other.samples[name] - samples
+    by_mean -= by_mean.mean(axis=1, keepdims=True)
+    std = np.hypot(std, np.abs(other.amplitudes[name] - contact.amplitudes[name]) / np.sqrt(2.0))  # of cos and sin
     std[:, 0] = mean_std
-    total = np.hypot(noise, contact.unseen[name])
-    return EstimatedSignal(SIGNALS[name], coefficients, std, samples, np.broadcast_to(total[:, None], samples.shape))
+    return EstimatedSignal(SIGNALS[name], coefficients, std, samples, np.hypot(total, by_mean))

@@ -248,6 +248,8 @@ class Reconstruction(Reconstructed):
     law_inputs : LawInputs
     warnings : tuple of str
         Warnings, a line each, with numbers.
+    unit : str
+        The warning about channels in another unit, with which no number here is right; empty where there is none.
     """
 
     rig: Rig
@@ -263,6 +265,7 @@ class Reconstruction(Reconstructed):
     condition: Array
     law_inputs: LawInputs
     warnings: tuple[str, ...]
+    unit: str = ""
 
     @property
     def energies(self) -> Mapping[str, Estimates]:

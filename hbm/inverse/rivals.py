@@ -79,9 +79,9 @@ def _residual_change(at: Readings) -> Complex:
     Variable projection has two parts. The one that vanishes with the residual is left out (Kaufman 1975).
     """
     seen, s = at.seen, at.seen.structure
-    change, (T, F, _) = structure_change(seen.rig, PROPERTIES), np.moveaxis(at.everyone.state, 2, 0)
+    change, (T, F, *_) = structure_change(seen.rig, PROPERTIES), np.moveaxis(at.everyone.state, 2, 0)
     i_omega, stiffness = seen.i_omega[:, 1:, None], seen.stiffness[:, 1:]
-    q = (T[..., None] * s.slip_row + F[..., None] * s.excitation + at.coupling[:, 1:]) / stiffness
+    q = (T[..., None] * s.slip_row + F[..., None] * s.excitation + at.coupling.forces[:, 1:]) / stiffness
     names = [channel.name for channel in seen.rig.response_channels]
     places = [2 + names.index(name) for name in seen.channels]
     columns = []

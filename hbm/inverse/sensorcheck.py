@@ -14,7 +14,7 @@ import numpy as np
 from hbm.inverse.contactforce import likeliest, nonlinear_forces
 from hbm.inverse.faults import Fault, explanations, with_std
 from hbm.inverse.findings import assumed, disagreement, sentence, unit_sentence
-from hbm.inverse.readings import Others, Readings, by_noise, even, readings
+from hbm.inverse.readings import Coupling, Others, Readings, by_noise, even, readings
 from hbm.inverse.rivals import structure_score
 from hbm.inverse.sensing import Complex, Sensing, sensing
 from hbm.inverse.units import mistaken
@@ -64,6 +64,8 @@ class SensorCheck:
         Without the channels at fault; exchanged ones are exchanged back.
     before, after : float
         Misfit per degree of freedom of all channels, and of those left; nan without degrees of freedom.
+    unit : str
+        The finding about a unit that is not the one that numbers must be in; empty where there is none.
     """
 
     faults: tuple[Fault, ...]
@@ -71,6 +73,7 @@ class SensorCheck:
     spectra: MeasuredSpectra
     before: float
     after: float
+    unit: str = ""
 
     def __repr__(self) -> str:
         return "\n".join(self.findings) or f"the sensors agree: misfit {self.after:.2f} per degree of freedom"
@@ -96,14 +99,13 @@ def check_sensors(rig: Rig, spectra: MeasuredSpectra) -> SensorCheck:
         faults += fresh
     unit = unit or _unit(rig, usable, base, ())
     lines += [*([unit] if unit else disagreement(base, bool(faults))), *assumed(rig, spectra)]
-    return SensorCheck(tuple(faults), tuple(lines), usable, first.everyone.reduced, base.everyone.reduced)
+    return SensorCheck(tuple(faults), tuple(lines), usable, first.everyone.reduced, base.everyone.reduced, unit)
 
 
 def _unit(rig: Rig, spectra: MeasuredSpectra, base: Readings, faults: Sequence[Fault]) -> str:
-    """Which unit all responses, or the force, seem to be in; nothing where sensors agree, or a sensor is at fault."""
+    """Which unit all responses, or the force, seem to be in; nothing where a sensor is at fault."""
     force = base.channels[-1]
-    scaled = all(fault.channel == force and fault.cause in ("sensor-gain", "sensor-dead") for fault in faults)
-    if base.everyone.agree or not scaled:
+    if not all(fault.channel == force and fault.cause in ("sensor-gain", "sensor-dead") for fault in faults):
         return ""
     found = mistaken(rig, spectra, base, lambda other: _readings(rig, other))
     return "" if found is None else unit_sentence(found[0].said, base, found[1])
@@ -113,19 +115,30 @@ def _readings(rig: Rig, spectra: MeasuredSpectra) -> Readings:
     """Readings beside the motion; the product of friction and motion is found in turns while they come closer."""
     seen = sensing(rig, spectra)
     straight = replace(seen, rig=_straight(seen.rig))
-    coupling, change = np.zeros(seen.stiffness.shape, dtype=complex), np.inf
+    none = np.zeros(seen.stiffness.shape, dtype=complex)
+    coupling, change = Coupling(none, none, np.zeros(len(spectra))), np.inf
     for _ in range(ROUNDS if seen.structure.shortening.any() or rig.elements else 0):
-        left = replace(straight, measured=seen.measured - seen.by_modal_forces(coupling))
-        found = likeliest(left, np.zeros(len(spectra)))
-        fresh = nonlinear_forces(seen, found.friction, found.q + coupling / seen.stiffness)
-        before, change = change, float(np.abs(seen.weight * seen.by_modal_forces(fresh - coupling)).max())
+        fresh = _coupling(seen, straight, coupling)
+        moved = seen.by_modal_forces(fresh.forces - coupling.forces)
+        before, change = change, float(np.abs(seen.weight * moved).max())
         if change > GROWS * before:  # what the sensors read is no motion of this structure
             break
         coupling = fresh
         if change < CLOSE:
             break
     measured = any(c.quantity == "force" and c.name in spectra.channels for c in rig.channels)
-    return readings(seen if measured else _unsure(seen, coupling), coupling)
+    return readings(seen if measured else _unsure(seen, coupling), coupling, seen)
+
+
+def _coupling(seen: Sensing, straight: Sensing, before: Coupling) -> Coupling:
+    """What friction and motion make together, of friction and motion found beside `before`."""
+    left = replace(straight, measured=seen.measured - seen.by_modal_forces(before.forces))
+    found = likeliest(left, np.zeros(len(seen.spectra)))
+    q = found.q + before.forces / seen.stiffness
+    size = np.linalg.norm(found.friction[:, 1:], axis=1) / np.sqrt(2.0)
+    most = seen.rig.contact.normal_load  # of a mean, whatever the friction
+    forces = nonlinear_forces(seen, found.friction, q)
+    return Coupling(forces, -q @ seen.structure.shortening, np.minimum(size, most))
 
 
 def _straight(rig: Rig) -> Rig:
@@ -133,12 +146,12 @@ def _straight(rig: Rig) -> Rig:
     return replace(rig, contact=replace(rig.contact, foreshortening=False), elements=())
 
 
-def _unsure(seen: Sensing, coupling: Complex) -> Sensing:
+def _unsure(seen: Sensing, coupling: Coupling) -> Sensing:
     """The same, sensors trusted less where they see the product of motion and a friction that is hardly known."""
-    left = replace(seen, rig=_straight(seen.rig), measured=seen.measured - seen.by_modal_forces(coupling))
+    left = replace(seen, rig=_straight(seen.rig), measured=seen.measured - seen.by_modal_forces(coupling.forces))
     found = likeliest(left, np.zeros(len(seen.spectra)))
     share = np.linalg.norm(found.factor[:, 1, 0], axis=1) / np.maximum(np.abs(found.friction[:, 1]), 1e-9)
-    seen_of_it = share[:, None, None] * np.abs(seen.weight * seen.by_modal_forces(coupling))
+    seen_of_it = share[:, None, None] * np.abs(seen.weight * seen.by_modal_forces(coupling.forces))
     return replace(seen, weight=seen.weight / np.hypot(1.0, seen_of_it))
 
 
@@ -319,5 +332,5 @@ def _by_position(base: Readings, j: int, state: Complex, body: Beam) -> Complex:
     position = next(c.position for c in seen.rig.channels if c.name == seen.channels[j])
     slope = body.shapes(np.array([position]), 1)[0]
     pushes = np.stack([seen.structure.slip_row, seen.structure.excitation])
-    q = (state @ pushes + base.coupling[:, 1:]) / seen.stiffness[:, 1:]
+    q = (state @ pushes + base.coupling.forces[:, 1:]) / seen.stiffness[:, 1:]
     return np.asarray(base.weight[:, :, j] * seen.factor[:, 1:, j] * (q @ slope))

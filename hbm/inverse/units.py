@@ -5,11 +5,12 @@ is a factor between two units is likelier a unit: no channel is at fault then, a
 """
 
 from collections.abc import Callable
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
-from hbm.inverse.faults import explanations, times, with_std
+from hbm.inverse.faults import Fault, explanations, times
 from hbm.inverse.readings import Readings
 from hbm.measurement.spectra import MeasuredSpectra
 from models.rig import Rig
@@ -21,8 +22,9 @@ SURE = 20.0
 FALL = 30.0
 """Factor by which the misfit must fall where something else is left."""
 
-KNOWN, CLOSE = 0.2, 3.0
-"""The gain that is left of the force must be known to this share, and be 1 within so many standard deviations."""
+CLOSE, NEAR = 3.0, 0.05
+"""The gain that is left of the force must be 1 within so many standard deviations, or to this share: no two units are
+as close, and sensors may be off by that besides."""
 
 MOTION = ("acceleration", "velocity", "displacement")
 
@@ -69,12 +71,20 @@ def mistaken(
     """
     measured = {c.quantity for c in rig.channels if c.name in spectra.channels}
     possible = [unit for unit in UNITS if measured & set(unit.quantities)] if "force" in measured else []
-    if not possible:
+    if not possible or not _off(base):
         return None
     tried = [(unit, read(unit.converted(rig, spectra))) for unit in possible]
     chance = SURE + 2.0 * np.log(len(possible))
     holding = [(unit, other) for unit, other in tried if _explains(other, base, chance)]
     return min(holding, key=lambda pair: (_off_level(pair[1]), pair[1].everyone.chi2), default=None)
+
+
+def _off(readings: Readings) -> bool:
+    """Whether the force reads another multiple of what the responses imply than one, beyond doubt."""
+    if len(readings.seen.channels) < 2:  # one response does not tell friction from force
+        return False
+    right, _, gain = _force(readings)
+    return right.chi2 - gain.chi2 > SURE
 
 
 def _explains(other: Readings, base: Readings, chance: float) -> bool:
@@ -92,9 +102,15 @@ def _off_level(readings: Readings) -> float:
 
 
 def _one_to_one(readings: Readings) -> bool:
-    """Whether the force reads what the responses imply: a force that is dead agrees with these in any coarse unit."""
-    force = readings.channels[-1]
-    others = readings.others((force,))
-    gain = next(f for f in explanations(readings, force, others) if f.cause == "sensor-gain")
-    std = with_std(gain, readings, others).std
-    return std < KNOWN and abs(gain.value - 1.0) < CLOSE * std
+    """Whether the force reads what the responses imply: one that is dead agrees with these in any coarse unit."""
+    right, dead, gain = _force(readings)
+    scale = max(gain.chi2 / readings.count(gain.channel), 1.0)  # an imperfect explanation is less sure
+    close = right.chi2 - gain.chi2 < CLOSE**2 * scale or abs(gain.value - 1.0) < NEAR
+    return close and dead.chi2 - right.chi2 > SURE * scale
+
+
+def _force(readings: Readings) -> tuple[Fault, Fault, Fault]:
+    """The force as it is, as if it were dead, and with a gain, beside what the responses say of it."""
+    name = readings.channels[-1]
+    right, dead, gain = islice(explanations(readings, name, readings.others((name,))), 3)
+    return right, dead, gain

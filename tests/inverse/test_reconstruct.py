@@ -11,7 +11,7 @@ from hbm.inverse.reconstruct import reconstruct
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.response.trace import steady_state
 from models.causes import CAUSES
-from models.friction import Dahl, FrictionLaw, Iwan
+from models.friction import Dahl, FrictionLaw, Iwan, Jenkins
 from tests.inverse.measurement import RIG, SAMPLES, Truth, measured, respond, with_noise
 
 STD = {"force": 1e-4, **{f"a{i}": 0.02 for i in range(1, 7)}}
@@ -267,3 +267,60 @@ def test_energy_of_harmonics_above_those_measured_is_in_its_deviation() -> None:
     pulls = (found.energy_per_cycle.value + [T @ du for T, du in loops]) / found.energy_per_cycle.std
     least, most = np.sqrt(chi2.ppf([0.005, 0.995], len(truths)) / len(truths))  # of so many normal numbers
     assert least < np.sqrt(np.mean(pulls**2)) < most
+
+
+BELOW = (45.0, 46.0, 47.0, 48.0, 49.0, 50.0, 51.0, 52.0)
+"""Hz, below the resonance of the beam with a contact that sticks."""
+
+
+def between(pulls: np.ndarray, count: int) -> bool:
+    """Whether the root of the mean square of pulls is that of so many normal numbers, to 1 %."""
+    least, most = np.sqrt(chi2.ppf([0.005, 0.995], count) / count)
+    return bool(least < np.sqrt(np.mean(np.square(pulls))) < most)
+
+
+def fundamentals(truths: list[tuple[float, Truth]]) -> np.ndarray:
+    return np.array([2 * np.fft.rfft(truth.friction)[1] / SAMPLES for _, truth in truths])
+
+
+def test_the_mean_that_a_stuck_contact_keeps_is_in_the_bands_of_the_rest() -> None:
+    """It stiffens the beam, as no harmonic of friction does: noise says a part of what the fundamental errs by."""
+    rng, level = np.random.default_rng(4), 3.0
+    stuck = [(hz, truth.friction - truth.friction.mean()) for hz, truth in rubbed(Jenkins(5.0, 4e-5), level, BELOW)]
+    kept = [T + rng.normal() * T.std() for _, T in stuck]
+    truths = [(hz, respond(RIG, hz, complex(level), T)) for hz, T in zip(BELOW, kept, strict=True)]
+    found = reconstruct(RIG, with_noise(measured(RIG, truths, STD, 9), rng))
+    assert not found.slips.any()
+    off, friction = found["friction"].complex[:, 1] - fundamentals(truths), found["friction"]
+    pulls = np.abs(off) / np.sqrt(2) / friction.coefficient_std[:, 1]
+    assert between(pulls, len(truths)), pulls
+    wanted = np.array([truth.friction - truth.friction.mean() for _, truth in truths])
+    over = (friction.samples - wanted) / friction.std
+    assert between(over, len(truths)), over
+    assert np.sqrt(np.mean(np.abs(off) ** 2 / 2)) > 5 * np.median(found.resolution[:, 1])
+
+
+@pytest.mark.parametrize("channels", [("a1", "a2", "a3", "a4", "a5", "a6"), ("a2", "a5")])
+def test_a_fundamental_that_sensors_hardly_tell_from_the_force_is_as_uncertain_as_that(
+    channels: tuple[str, ...],
+) -> None:
+    """Beside it all harmonics are small where the contact mostly sticks: they do not say how large it is."""
+    truths = rubbed(Dahl(0.52, 1e7), 1.0, (46.0, 50.0, 54.0, 57.0))
+    exact, pulls, energies = measured(RIG, truths, STD, 9).select(channels=list(channels)), [], []
+    lost = [-np.sum((np.roll(t.friction, -1) + t.friction) / 2 * (np.roll(t.slip, -1) - t.slip)) for _, t in truths]
+    for seed in range(12):
+        found = reconstruct(RIG, with_noise(exact, np.random.default_rng(seed)))
+        off = found["friction"].complex[:, 1] - fundamentals(truths)
+        pulls.append(np.stack([off.real, off.imag]) / found["friction"].coefficient_std[:, 1])
+        energies.append((found.energy_per_cycle.value - lost) / found.energy_per_cycle.std)
+        assert not any("scatter" in line for line in found.warnings)  # of standard deviations that are exact
+    assert between(np.array(pulls), 12 * 2 * len(truths)), np.sqrt(np.mean(np.square(pulls), axis=(0, 1)))
+    assert np.sqrt(np.mean(np.square(energies))) < 1.3
+
+
+def test_standard_deviations_that_are_too_large_are_told_without_a_force_channel_too() -> None:
+    exact = measured(RIG, rubbed(Dahl(0.52, 1e7), 1.0, (46.0, 50.0, 54.0, 57.0)), STD, 9).select(channels=["a2", "a5"])
+    noisy = with_noise(exact, np.random.default_rng(1))
+    (line,) = (w for w in reconstruct(RIG, replace(noisy, std=3.0 * noisy.std)).warnings if "scatter" in w)
+    assert line.endswith("stated too large")
+    assert float(line.split("scatter ")[1].split()[0]) == pytest.approx(1 / 3, rel=0.15)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from hbm.inverse.reconstruct import reconstruct
 from hbm.inverse.sensorcheck import check_sensors
@@ -44,6 +45,47 @@ def test_a_unit_is_named_and_no_channel_is_left_out(
     assert found.spectra.channels == noisy.channels
     (line,) = found.findings
     assert line.startswith(f"units: the sensors read as if {said}, ")
+
+
+def with_decibel(decibel: float, seed: int) -> MeasuredSpectra:
+    """Noise of each channel so far below what it reads in its records."""
+    size = np.sqrt(np.sum(CLEAN.coefficients**2, axis=2, keepdims=True) / 2)
+    std = np.broadcast_to(10 ** (-decibel / 20) * size, CLEAN.std.shape)
+    return with_noise(replace(CLEAN, std=std), np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("decibel", [40.0, 30.0])
+def test_accelerations_in_g_are_named_however_noisy_they_are(decibel: float) -> None:
+    """Where responses hardly know the force, regression on what they say of it falls short of its gain."""
+    for seed in range(6):
+        found = check_sensors(RIG, scaled(with_decibel(decibel, seed), RESPONSES, 1 / 9.80665))
+        assert found.faults == ()
+        assert found.unit.startswith("units: the sensors read as if all accelerations are in g instead of m/s2, ")
+        assert check_sensors(RIG, with_decibel(decibel, seed)).findings == ()
+
+
+def test_sensors_that_agree_with_a_force_in_another_unit_by_their_noise_are_told() -> None:
+    """Two sensors explain nearly anything: the misfit is not large, but falls beyond doubt in the other unit."""
+    spectra = scaled(with_decibel(45.0, 3).select(channels=["force", "a2", "a5"]), RESPONSES, 1 / 9.80665)
+    assert check_sensors(RIG, spectra).unit.startswith("units: the sensors read as if all accelerations are in g ")
+
+
+def test_a_gain_of_a_force_that_sensors_hardly_know_is_within_its_deviation() -> None:
+    """Pulls of ten draws; the misfit is not symmetric, and its deviation the mean of both sides."""
+    pulls = []
+    for seed in range(10):
+        (fault,) = check_sensors(RIG, scaled(with_decibel(38.0, seed), ("force",), 6.0)).faults
+        assert (fault.cause, fault.channel) == ("sensor-gain", "force")
+        pulls.append((fault.value - 6.0) / fault.std)
+    assert np.sqrt(np.mean(np.square(pulls))) < np.sqrt(chi2.ppf(0.995, len(pulls)) / len(pulls))  # of normal numbers
+    assert np.abs(pulls).max() < 3.0
+
+
+def test_nothing_is_said_of_friction_where_a_unit_is_wrong(noisy: MeasuredSpectra) -> None:
+    found = reconstruct(RIG, scaled(noisy, RESPONSES, 1e3))
+    assert found.warnings == (found.unit,)
+    assert found.unit.startswith("units: ")
+    assert reconstruct(RIG, noisy).unit == ""
 
 
 @pytest.mark.parametrize("gain", [0.8, 1.3, 3.0, 5.0])
