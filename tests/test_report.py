@@ -434,3 +434,14 @@ def test_a_drawn_period_is_the_signal_of_its_harmonics() -> None:
     assert np.allclose(points[:, 1], 40.0 - 36.0 * measured / np.abs(measured).max(), atol=0.06)
     whole = 10.0 * np.sqrt(1.0 + 1.0 / 16.0 + 1.0 / 81.0)
     assert first.table.rows[0][:3] == ["a1", "10 m/s²", f"{100.0 * 10.0 / whole:.2g}"]
+
+
+@pytest.mark.parametrize("lost", ["nominal", "calibrated"])
+def test_a_record_that_a_model_has_lost_is_drawn_for_none(lost: str) -> None:
+    """Its steady state was not found with that model alone; the others have one record more."""
+    c = records_of_two_channels({(0, 1, 3.0): 10.0})
+    without = Compared(*(getattr(c, f.name)[c.record != 4] for f in fields(Compared)))
+    models = {"nominal": c, "calibrated": c} | {lost: without}
+    whole = record_choice({"nominal": c}, ["a1", "a2"], ["m/s²", "m/s²"])
+    choice = record_choice(models, ["a1", "a2"], ["m/s²", "m/s²"])
+    assert [o.label for o in choice.options] == [o.label for o in whole.options if not o.label.startswith("4:")]

@@ -31,15 +31,18 @@ def record_choice(models: Mapping[str, Compared], channels: Sequence[str], units
     Returns
     -------
     Choice
-        Of the records that the calibrated model misses most, in the order of their numbers; shown first is the one that
-        it misses most clearly.
+        Of the records that the calibrated model misses most and all models have, in the order of their numbers; shown
+        first is the one that it misses most clearly.
     """
-    any_model = next(iter(models.values()))
-    numbers, place = np.unique(any_model.record, return_inverse=True)
-    missed = np.bincount(place.ravel(), models.get("calibrated", any_model).deviation ** 2)
-    kept = np.sort(np.argsort(-missed)[:MOST_RECORDS])
+    judged = models.get("calibrated", next(iter(models.values())))
+    numbers, place = np.unique(judged.record, return_inverse=True)
+    # a record whose steady state one of the models has lost is compared by none
+    shared = np.all([np.isin(numbers, c.record) for c in models.values()], axis=0)
+    missed = np.where(shared, np.bincount(place.ravel(), judged.deviation**2), -1.0)
+    kept = np.sort(np.argsort(-missed)[: min(MOST_RECORDS, int(shared.sum()))])
     options = tuple(_option(models, channels, units, int(numbers[i])) for i in kept)
-    return Choice("Record", options, int(np.argmax(missed[kept])), ("measured", *models))
+    shown = int(np.argmax(missed[kept])) if len(kept) else 0
+    return Choice("Record", options, shown, ("measured", *models))
 
 
 def _option(models: Mapping[str, Compared], channels: Sequence[str], units: Sequence[str], number: int) -> Option:

@@ -73,6 +73,8 @@ def _record_section(found: Diagnosed) -> Iterator[Section]:
     if not found.compared:
         return
     choice = record_choice(found.compared, found.channels, found.units)
+    if not choice.options:
+        return
     yield Section(
         "Record by record",
         text=(
