@@ -60,8 +60,9 @@ def lighter(e: Evaluation) -> Model:
 def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
     """Fit the calibrated numbers; it never ends worse than it started.
 
-    Where much is left, once more from one number off alone. What one number explains, all of them together take a
-    little of each; where the response is not linear in them, that leads astray.
+    Where much is left, once more from one number off alone, which is believed where none ends at its bound. What one
+    number explains, all of them together take a little of each; where the response is not linear in them, that leads
+    astray.
     """
     found = _calibrated(model, campaign, last)
     starts = _one_alone(model) if found.white.chi2 > LOST * len(found.white) else []
@@ -69,7 +70,8 @@ def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
         with suppress(*FAILURES):
             start = best_start(model, campaign, starts, last)[0][1]
             again = fit_model(model, campaign, start, last, needed=found.found, reach=found.chi2)
-            return again if again.chi2 < found.chi2 and not again.missing else found
+            within = not again.missing and not off(model, again)
+            return again if within and again.chi2 < found.chi2 else found
     return found
 
 

@@ -308,8 +308,8 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
 
     A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause,
     and for joints, which were scanned at the size that they have, and promise a share of what calibration leaves: they
-    are compared with each other, with the stiffness of the whole body, the first that may be wrong, which the smallest
-    spring beside it stands in for, and with every number of the joints of the rig file. Nor does that test foresee what
+    are compared with each other, after the stiffness of the whole body, which the smallest spring beside it stands in
+    for, and every number of the joints of the rig file, which many other joints do. Nor does that test foresee what
     a sensor reads that sits far from its place: of a channel that it favours every number runs.
     """
     best: dict[bool, float] = {}
@@ -317,13 +317,11 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
         best[is_joint(s)] = max(best.get(is_joint(s), 0.0), s.drop)
     first = _simplest_first([s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]])[:RUNNING]
     if scanned(base) and not (small(base) or base.model.causes):
-        ahead = [s for s in screening.scores if s.cause.label in OF_BODIES]
+        ahead = [s for s in screening.scores if s.cause.label in OF_BODIES or s.cause.label.startswith(OF_JOINTS)]
         first = [*ahead, *(s for s in first if s not in ahead)]
     others = [s for s in screening.scores if s not in first]
-    if small(base) or base.model.causes:
+    if small(base) or base.model.causes or scanned(base):
         tried = []
-    elif scanned(base):
-        tried = [s for s in others if s.cause.label.startswith(OF_JOINTS)]
     else:
         forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
         tried = [*_of_channels(first, others), *(s for s in forces if not _unseen(s))]
