@@ -77,7 +77,9 @@ class Evidence:
         elif verdict == "unexplained" and self.decision.fits:
             tried = self.decision.fits[0]
             m = misfit(beside_noise(tried, search.campaign), self.noise)
-            yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances{_clearest(m)}."
+            far = list(off(search.trust, tried))[:MOVED]
+            beyond = f", with {' and '.join(far)} farther off than tolerances explain" if far else ""
+            yield f"Best tried: {tried.model.label}, {m.chi2_reduced:.3g} noise variances{beyond}{_clearest(m)}."
             if (scored := self.scored) is not None and not scored.misfit.fits:
                 yield (
                     f"It does not predict the records held out: {scored.errors.chi2_reduced:.4g} noise variances"

@@ -505,6 +505,16 @@ def test_a_cause_is_named_though_the_tolerances_of_a_modal_test_are_too_tight_fo
     assert found.errors["extended"]["held_out"].nrmse < 0.1 * found.errors["calibrated"]["held_out"].nrmse
 
 
+def test_a_wrong_number_of_a_joint_that_is_known_is_named() -> None:
+    """A stop whose gap is a third too wide in the rig file: other joints make nearly the same force."""
+    stop = OneSidedStop("c").extend(rig_of(NOMINAL), {"stiffness": STOP, "gap": CLEARANCE})
+    key = next(key for key in stop.numbers if key.endswith(".gap"))
+    d = diagnose(stop.with_numbers({key: 1.3 * CLEARANCE}), records("gap"))
+    assert (d.verdict, d.cause) == ("cause-found", f"parameter:{key}")
+    estimate, std = value(d, "value")
+    assert abs(estimate - CLEARANCE) < 3.0 * std and std < 0.1 * CLEARANCE
+
+
 def test_numbers_of_joints_that_the_rig_file_has_run_before_those_that_it_may_lack() -> None:
     """Far from what was measured, the first of their effects says nothing beside the force that is missing.
 
