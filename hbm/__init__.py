@@ -47,6 +47,8 @@ def __getattr__(name: str) -> Any:
         from hbm.files.version import installed_version
 
         return installed_version()
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return _first_used(name)
 
 
