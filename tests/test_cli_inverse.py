@@ -82,13 +82,18 @@ def test_records_and_formulation_can_be_chosen(spectra: str, tmp_path: Path, qui
     assert read_reconstruction(tmp_path / "out" / "reconstruction.csv").records.tolist() == [2, 5]
 
 
-def test_numbers_that_sensors_ask_for_are_told_and_make_a_rig_file(spectra: str, tmp_path: Path, quick: None) -> None:
-    """Of a rig file whose Young's modulus is 1 % too small; with what it makes of it they agree, and it is gone."""
-    out, rig = tmp_path / "contact", tmp_path / "rig.toml"
-    rig.write_text(Path(RIG).read_text().replace("210e9", "207.9e9"))
+def asked_for(spectra: str, folder: Path, right: str, wrong: str) -> tuple[Path, Path, str]:
+    """Results, rig file with a wrong number, and the line about what the sensors ask for."""
+    out, rig = folder / "contact", folder / "rig.toml"
+    rig.write_text(Path(RIG).read_text().replace(right, wrong))
     result = run("inverse", str(rig), spectra, "--out", str(out))
     assert (result.exit_code, result.stderr) == (0, "")
-    told = next(line for line in result.stdout.splitlines() if line.startswith("sensors agree better with"))
+    return out, rig, next(line for line in result.stdout.splitlines() if line.startswith("sensors agree better with"))
+
+
+def test_numbers_that_sensors_ask_for_are_told_and_make_a_rig_file(spectra: str, tmp_path: Path, quick: None) -> None:
+    """Of a rig file whose Young's modulus is 1 % too small; with what it makes of it they agree, and it is gone."""
+    out, rig, told = asked_for(spectra, tmp_path, "210e9", "207.9e9")
     assert "beam.youngs_modulus = 2." in told and told.endswith(f"see {out / 'calibrated.toml'}")
     calibrated = load_rig(out / "calibrated.toml")
     assert calibrated.number("beam.youngs_modulus") == pytest.approx(210e9, rel=3e-3)
@@ -103,11 +108,7 @@ def test_numbers_that_sensors_ask_for_are_told_and_make_a_rig_file(spectra: str,
 
 def test_a_length_that_is_wrong_is_told_and_no_place_of_a_sensor(spectra: str, tmp_path: Path, quick: None) -> None:
     """Of a rig file whose beam is 0.5 % too long; it is exact where --tolerance says so."""
-    out, rig = tmp_path / "contact", tmp_path / "rig.toml"
-    rig.write_text(Path(RIG).read_text().replace("length = 0.606", "length = 0.609"))
-    result = run("inverse", str(rig), spectra, "--out", str(out))
-    assert (result.exit_code, result.stderr) == (0, "")
-    told = next(line for line in result.stdout.splitlines() if line.startswith("sensors agree better with"))
+    out, rig, told = asked_for(spectra, tmp_path, "length = 0.606", "length = 0.609")
     assert told.startswith("sensors agree better with beam.length = 0.60") and "position" not in told
     assert load_rig(out / "calibrated.toml").number("beam.length") == pytest.approx(0.606, rel=1.5e-3)
     run("inverse", str(rig), spectra, "--out", str(out), "--tolerance", "beam.length=0")

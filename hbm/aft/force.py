@@ -135,7 +135,8 @@ class LawOverPeriod(SteadyPeriod):
         self._law, self._step = law, law_step(law)
         self._shown: tuple[Array | None, float] = (None, 0.0)
         self._signals, self._environment = np.zeros((basis.N_t, len(SIGNALS))), np.zeros(len(ENVIRONMENT))
-        self._fades, self.closure = False, 0.0  # whether the state before the period fades without being forgotten
+        self._fades = False  # whether the state before the period fades without ever being forgotten
+        self.closure = 0.0
         self._parameters = np.zeros(self._step.function.size1_in(6))
         self._bind(self.choices[0])
 

@@ -192,9 +192,7 @@ class SteadyPeriod:
                 return 0.0
             pull = self._pull
             closure = self._open_force(pull * gap)
-            if (
-                not closure > CLOSURE or not gap.any()
-            ):  # or samples alone are not solved, which other memory does not mend
+            if not closure > CLOSURE or not gap.any():  # no other memory mends samples that are not solved
                 break
             self._fades = True
             slope = np.eye(n) - monodromy(self._transitions) * pull[:, None] / pull

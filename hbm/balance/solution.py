@@ -218,7 +218,7 @@ class PeriodicSolution(Displayed):
         return -sum(path_work(np.asarray, self[force].samples, self[motion].samples) for force, motion in ports)
 
 
-def at_rest(found: PeriodicSolution) -> PeriodicSolution:
+def expect_periodic(found: PeriodicSolution) -> PeriodicSolution:
     """The same, a motion about a place where the body stays.
 
     Raises

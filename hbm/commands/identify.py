@@ -146,8 +146,8 @@ def _deliver(
     from hbm.files.outputs import write_folder
 
     by_level = {name: {level: fits[name] for level, fits in found.levels.items()} for name in found.fits}
-    fits = [(found.fits[r.name], r.bic) for r in found.comparison.ranking]
-    laws = [identified_law(fit, contact, bic, by_level[fit.name]) for fit, bic in fits]
+    ranking = found.comparison.ranking
+    laws = [identified_law(found.fits[r.name], contact, r.bic, by_level[r.name]) for r in ranking]
     warnings: Sequence[str] = [*contact.warnings, *(line for fit in found.fits.values() for line in law_warnings(fit))]
     with working("drawing"):
         verdict = found.comparison.verdict

@@ -240,11 +240,16 @@ class Search:
         return any(self._enough(again) for again in self._over_tolerances(e))
 
     def _calibrates(self, e: Evaluation) -> bool:
-        """Whether calibration leaves noise from where a number within its tolerance does: it stands there then."""
-        for again in started(self.calibrated, e, (), self.campaign):
-            if self._fits(again) and self.tolerable(again):
-                self.calibrated = again
-        return self._fits(self.calibrated) and self.tolerable(self.calibrated)
+        """Whether calibration leaves noise from where a number within its tolerance does, as before it did not.
+
+        It stands there then.
+        """
+        if self._fits(self.calibrated) and self.tolerable(self.calibrated):
+            return False
+        again = started(self.calibrated, e, (), self.campaign)
+        further = next((a for a in again if self._fits(a) and self.tolerable(a)), None)
+        self.calibrated = further or self.calibrated
+        return further is not None
 
     def _enough(self, e: Evaluation) -> bool:
         """Whether a model within tolerances leaves noise, or so little that it may be a background."""

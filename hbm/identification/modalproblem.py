@@ -160,7 +160,7 @@ class Problem:
         if self.together.by_force.any():  # each channel alone is another way to the same end
             begun.append(self.alone.fitted(start, turns, self.sought))
         found = [self._beside(*self.together.fitted(*one, self.sought), self.together) for one in begun]
-        return min(found, key=lambda x: float(np.sum(np.abs(self._left(x, len(start))) ** 2)))
+        return min(found, key=lambda x: self._chi2(x, len(start)))
 
     def _beside(self, poles: Array, turns: Array, weighted: Projection) -> Array:
         """All unknowns by poles and turns."""
@@ -172,6 +172,9 @@ class Problem:
     def _left(self, x: Array, modes: int) -> Complex:
         """What a fit leaves, (n, c), of the noise 1."""
         return self.together.whitened(self.together.measured - self._answer(self.together, x, modes))
+
+    def _chi2(self, x: Array, modes: int) -> float:
+        return float(np.sum(np.abs(self._left(x, modes)) ** 2))
 
     def _slopes(self, x: Array, modes: int) -> Array:
         """Derivatives of what is left to x, real parts above imaginary ones, (2 n c, p)."""
@@ -205,12 +208,12 @@ class Problem:
         """Bayesian information criterion, for noise of unknown size; infinite of as many unknowns as numbers."""
         if len(x) >= self.points:
             return float("inf")
-        chi2 = float(np.sum(np.abs(self._left(x, modes)) ** 2))
-        return float(self.points * np.log(max(chi2 / self.points, POSITIVE[0])) + len(x) * np.log(self.points))
+        mean = max(self._chi2(x, modes) / self.points, POSITIVE[0])
+        return float(self.points * np.log(mean) + len(x) * np.log(self.points))
 
     def misfit(self, x: Array, modes: int) -> float:
         """What a fit leaves, in noise variances."""
-        return float(np.sum(np.abs(self._left(x, modes)) ** 2)) / max(self.points - len(x), 1)
+        return self._chi2(x, modes) / max(self.points - len(x), 1)
 
     def _covariance(self, x: Array, modes: int) -> Array:
         """Covariance of x for the noise stated."""

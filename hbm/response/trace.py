@@ -14,7 +14,7 @@ import numpy as np
 from continuation import ConvergenceError, NewtonSettings, Predictor, Settings, continue_branch, solve_at
 from hbm.balance.padding import pad
 from hbm.balance.problem import TOLERANCE, AnyBalance, State, balance_of
-from hbm.balance.solution import PeriodicSolution, at_rest, describe
+from hbm.balance.solution import PeriodicSolution, describe, expect_periodic
 from hbm.balance.tones import basis_for, holding
 from hbm.errors import expect_frequency, expect_level, expect_positive, expect_range, expect_rig
 from hbm.fourier import Array, FourierBasis, default_samples, sampled
@@ -101,7 +101,7 @@ def steady_state(
     problem = balance_of(rig, basis_for(rig, harmonics, samples, "steady_state"), level=level)
     lam = problem.lam_at(hz)
     x = first_solution(problem, lam) if start is None else solve_near(problem, lam, start)
-    return at_rest(describe(problem, x, lam))
+    return expect_periodic(describe(problem, x, lam))
 
 
 @one_thread
