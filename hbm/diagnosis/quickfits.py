@@ -10,7 +10,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hbm.diagnosis.calibrate import lighter
-from hbm.diagnosis.screen import Score, coarse, starting, telling
+from hbm.diagnosis.screen import coarse, starting, telling
+from hbm.diagnosis.signatures import Score
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import MANY, Evaluation, best_start, fit_model

@@ -23,8 +23,9 @@ from hbm.diagnosis.discrepancy import discrepancy
 from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.otherstarts import from_other_starts
 from hbm.diagnosis.quickfits import Candidate, QuickFits
-from hbm.diagnosis.screen import Score, Screening
+from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.search import Search
+from hbm.diagnosis.signatures import Score
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
