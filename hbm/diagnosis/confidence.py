@@ -26,8 +26,8 @@ docs/theory/diagnosis.md says which were counted."""
 
 def nothing_missing(search: Search, decision: Decision) -> float:
     """Probability that nothing is missing, even odds before; the candidates share theirs."""
-    base, scores = decision.base, [s for s in search.screening.scores if s.drop > 0.0]
-    calibrated = search.nominal.chi2 - base.chi2 if base is search.calibrated else 0.0
-    beside = [evidence(e) - evidence(base) for e in decision.fits] or [calibrated - s.gain for s in scores]
+    base = decision.base
+    fits = [evidence(e) - evidence(base) for e in decision.fits]
+    beside = fits or [-s.gain for s in search.screenings[-1].scores if s.drop > 0.0]
     dearer = 2.0 * np.log(max(len(search.candidates), 1))
     return float(weights([0.0, *(b + dearer for b in beside)])[0])

@@ -113,7 +113,7 @@ class Evidence:
             )
 
     def _scores(self) -> Iterator[str]:
-        screening = self.search.screening
+        screening = self.search.screenings[0]
         if not screening.scores or not screening.scores[0].drop:
             return
         told = ", ".join(f"{s.cause.label} {s.drop:.3g}" for s in screening.scores[:4])

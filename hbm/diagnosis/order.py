@@ -27,6 +27,9 @@ ALIKE, CHANCE = 0.4, 1.64
 """There is an order where the cosine between neighbours is more than this on the mean, and than so many standard
 deviations of that mean where there is none."""
 
+TOLERANCES_LEAVE = 0.01
+"""Share of the excess of chi2 that is left, at most, where numbers within tolerances were most of what was wrong."""
+
 
 @dataclass(frozen=True)
 class _Missing:
@@ -73,3 +76,14 @@ def _missing(record: Record, simulated: Simulated, campaign: Campaign) -> _Missi
 
 def _force(missing: _Missing) -> float:
     return missing.record.force
+
+
+def disordered(base: Evaluation, nominal: Evaluation, campaign: Campaign) -> bool:
+    """Whether what a model misses has no order.
+
+    Calibration may take the order from an effect with what it takes of it: only where it takes next to all was that
+    tolerances alone, and what the rig file as it is misses counts no more.
+    """
+    left, before = (e.white.chi2 - len(e.white) for e in (base, nominal))
+    models = {base} if left < TOLERANCES_LEAVE * before else {base, nominal}
+    return not any(ordered(e, campaign) for e in models)

@@ -30,10 +30,10 @@ from hbm.diagnosis.decide import (
 from hbm.diagnosis.fullfits import lifted_off, suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.order import ordered
+from hbm.diagnosis.order import disordered
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.restart import apart, led_to, less_moved, started
-from hbm.diagnosis.screen import Screening, screen
+from hbm.diagnosis.screen import Screening, screen, small
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
@@ -46,9 +46,6 @@ from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady
 from models.causes.structure import ContactLoss
 from models.jointed import AnyRig, JointedRig
-
-TOLERANCES_LEAVE = 0.01
-"""Share of the excess of chi2 that is left, at most, where numbers within tolerances were most of what was wrong."""
 
 NEARLY = 0.9
 """Share of the misfit of the calibrated rig file of which a cause explains next to all."""
@@ -99,12 +96,11 @@ class Search:
         self.first = self.nominal
         if isinstance(rig, JointedRig):  # what is identified of modes is never exact: it moves along from the beginning
             self.first = evaluate(self.trust, self.campaign, self.trust.start, self.nominal.solutions)
-        tell("screening", 0.1)
-        self.screening: Screening = self._screened(self.first)
-        tell("calibration", 0.2)
+        tell("calibration", 0.1)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
         self.fitted: list[Evaluation] = []
-        self._over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
+        self.screenings: list[Screening] = []
+        self.over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
 
     def _seen(self, cause: Cause) -> bool:
         """Whether what was measured can speak of a cause: its channels, or the harmonics of the force."""
@@ -116,30 +112,21 @@ class Search:
     def _screened(self, base: Evaluation, candidates: Sequence[Cause] | None = None) -> Screening:
         """Scores over a model of candidates, all unless given; of transients only where what is missed has no order."""
         offered = self.candidates if candidates is None else candidates
-        if not self._disordered(base):
+        if not disordered(base, self.nominal, self.campaign):
             offered = [c for c in offered if not isinstance(c, NotSteady)]
         offered = [c for c in offered if not isinstance(c, ContactLoss)]  # has no size: see _lifted
         return screen(base, self.campaign, offered)
 
     def _over_base(self, base: Evaluation) -> Screening:
-        """Scores over a calibrated model, which take as long as some fits."""
-        self.tell("screening over the calibrated model", 0.5)
-        return self._screened(base)
-
-    def _disordered(self, base: Evaluation) -> bool:
-        """Whether what a model misses has no order.
-
-        Calibration may take the order from an effect with what it takes of it: only where it takes next to all was that
-        tolerances alone.
-        """
-        left, before = (e.white.chi2 - len(e.white) for e in (base, self.nominal))
-        models = {base} if left < TOLERANCES_LEAVE * before else {base, self.nominal}
-        return not any(ordered(e, self.campaign) for e in models)
+        """Scores over a model, which take as long as some fits."""
+        self.tell("screening" if base is self.first else "screening over the calibrated model", 0.3)
+        self.screenings.append(self._screened(base))
+        return self.screenings[-1]
 
     @property
     def tried(self) -> int:
         """Candidates, each shape that was scanned counted."""
-        return max(self.screening.tried, 1)
+        return max(self.screenings[0].tried, 1)
 
     def decide(self) -> Decision:
         """The simplest story that will do: see :mod:`hbm.diagnosis.decide`."""
@@ -166,7 +153,7 @@ class Search:
     def _plain(self) -> Decision:
         """The simplest story that leaves noise alone; where there is none, the best of those that nearly do."""
         nominal = misfit(self.nominal, self.campaign)
-        if nominal.fits and not suspicious(self.screening, self.rig):
+        if nominal.fits and not suspicious(self.over(self.first), self.rig):
             return Decision(self.nominal, None, ())
         if self._within() and beyond_noise(self.nominal.white) <= TOLERATED:
             return Decision(self.calibrated, None, ())
@@ -175,16 +162,16 @@ class Search:
             if simpler(exact.best, self.calibrated, self.tried) or not self._within():
                 return exact
         if self._within():
-            return Decision(self.calibrated, None, exact.fits)
+            return self._within_tolerances(exact)
         if nominal.fits:
             return Decision(self.nominal, None, exact.fits)
         first = self._over_calibrated(exact)
         if self._within():
-            return Decision(self.calibrated, None, exact.fits)
+            return self._within_tolerances(exact)
         if self._explains(first):
             return self._plainest(exact, first)
         if not (exact.fits or first.fits):
-            exact = self._race(self.first, self.screening, 0.6)
+            exact = self._race(self.first, self.over(self.first), 0.6)
         single = best_first(exact, first)
         if single.best is not None and self._enough(single.best):
             return single
@@ -201,11 +188,24 @@ class Search:
         Nothing is tried where tolerances take next to all and not enough, all where joints moved along from the start.
         """
         if isinstance(self.rig, JointedRig):
-            return self._race(self.first, self.screening, 0.3)
+            return self._race(self.first, self.over(self.first), 0.3)
         wrong = {WrongParameter(key).label for key in off_beside_sensors(self.trust, self.calibrated)}
         if not wrong and not self._within() and explained(self.nominal.white, self.calibrated.white) >= NEARLY:
             return Decision(self.nominal, None, ())
-        return self._race(self.first, self.screening, 0.3, wrong)
+        return self._race(self.first, self.over(self.first), 0.3, wrong)
+
+    def _within_tolerances(self, exact: Decision) -> Decision:
+        """The calibrated rig file, or one cause that is likelier in place of all that its numbers have moved.
+
+        Where these have moved, what they did is linear in what could have been in their place.
+        """
+        alike = self.over(self.calibrated).instead([e.model.label for e in exact.fits])
+        if isinstance(self.rig, JointedRig) or small(self.nominal) or not alike.scores:
+            return Decision(self.calibrated, None, exact.fits)
+        found = self._race(self.nominal, alike, 0.5)
+        if found.best is not None and self._explains(found) and simpler(found.best, self.calibrated, self.tried):
+            return found
+        return Decision(self.calibrated, None, tuple(one_of_each(best_of([*found.fits, *exact.fits]))))
 
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
@@ -216,7 +216,7 @@ class Search:
         best = exact.best if self.first.model.calibrated else None
         # where the rig file moved along from the beginning, another race would but start elsewhere
         told = best is not None and explained(self.calibrated.white, best.white) >= NEARLY
-        first = exact if told else self._race(self.calibrated, self._over(self.calibrated), 0.55)
+        first = exact if told else self._race(self.calibrated, self.over(self.calibrated), 0.55)
         further = self._calibrated_from(first)
         if further is None:
             return first
@@ -340,7 +340,7 @@ class Search:
         it tells it.
         """
         e = self.calibrated
-        return self._fits(e) and self.tolerable(e) and not suspicious(self._over(e), self.rig)
+        return self._fits(e) and self.tolerable(e) and not suspicious(self.over(e), self.rig)
 
     def _race(
         self, base: Evaluation, screening: Screening, done: float, likely: Collection[str] | None = None

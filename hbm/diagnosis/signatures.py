@@ -52,6 +52,8 @@ class Score:
         Unit vector in standard deviations; zero where the cause is not seen.
     start : dict of str to float
         Shape of the best one.
+    instead : float
+        Share of what calibrated numbers have moved the records by that the cause does in their place.
     gain : float
         Predicted fall of BIC.
     starts : tuple of dict of str to float
@@ -63,6 +65,7 @@ class Score:
     z: float
     signature: Array
     start: dict[str, float]
+    instead: float = 0.0
     gain: float = 0.0
     starts: tuple[dict[str, float], ...] = ()
 
@@ -165,6 +168,13 @@ class _Known:
         """The calibrated rig."""
         return self.here.model.rig(self.here.x)
 
+    @cached_property
+    def moved(self) -> Array:
+        """What the calibrated numbers have moved the coefficients found by, to first order."""
+        std = np.array([f.std for f in self.here.model.free])
+        known = np.isfinite(std)
+        return np.asarray(self.here.white.jacobian[:, known] @ (self.here.pulls[known] * std[known]))
+
     def rows(self, e: Evaluation) -> Mask:
         """Coefficients of the records of an evaluation, (m,)."""
         return np.repeat(np.isin(self.few.numbers, list(e.found)), [int(r.listed.sum()) for r in self.few.data.records])
@@ -179,7 +189,8 @@ class _Known:
         mine = [f for f, m in zip(free, own, strict=True) if m]
         relief = float(np.sum(e.pulls[own] ** 2))
         score = self._scored(cause, {}, strength, mine, e.white.jacobian[:, own], own, self.found)
-        return replace(score, drop=score.drop + relief) if score.drop else score
+        moves = bool((own & self.calibrated).any())
+        return replace(score, drop=score.drop + relief * bool(score.drop), instead=0.0 if moves else score.instead)
 
     def of_cause(self, e: Evaluation, entry: _Entry) -> Score:
         """Score of a cause in the model of its group."""
@@ -208,7 +219,9 @@ class _Known:
         drop, z, shown = _projected(known, np.concatenate([self.residual[rows], -pulls]), mine, free, strength)
         signature = np.zeros(len(self.residual))
         signature[rows] = shown[: int(rows.sum())]
-        return Score(cause, drop, z, signature, start)
+        moved = self.moved[rows[self.found]]
+        left = Span(columns[rows[seen]]).across(moved)
+        return Score(cause, drop, z, signature, start, 1.0 - float(left @ left) / max(float(moved @ moved), 1e-300))
 
 
 def _known(base: Evaluation, few: Campaign, wrong: Sequence[WrongParameter]) -> _Known | None:
