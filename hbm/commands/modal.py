@@ -105,7 +105,7 @@ def modal(
         found = fit_modes(responses, count, phase=phase, drive=drive)
     text = modal_rig_text(found, measured.stem, force, level, drive)
     write_together({out: text})
-    _print(found)
+    _print(found, driven=drive is not None)
     print_written([out])
 
 
@@ -170,7 +170,7 @@ def _channels(known: Mapping[str, str], texts: Sequence[str]) -> dict[str, str]:
     return {name: quantity or "acceleration" for name, quantity in channels.items()}
 
 
-def _print(found: "Modes") -> None:
+def _print(found: "Modes", *, driven: bool) -> None:
     from hbm.commands.tables import print_lines, print_rows
 
     rows = [
@@ -184,10 +184,13 @@ def _print(found: "Modes") -> None:
     low, high = found.responses.hz[[0, -1]]
     print_rows(console(), f"{len(found)} modes from {low:.5g} to {high:.5g} Hz", rows)
     lines = [f"misfit {found.chi2_reduced:.3g} noise variances at {len(found.responses.hz)} frequencies"]
+    lines += _between(found, driven=driven)
     if found.phase_std:
         lines.append(f"the force leads the channel that stands for it by {found.phase:.4f} ± {found.phase_std:.1g} rad")
     if not found.responses.sized:
-        lines = [f"{len(found.responses.hz)} frequencies; no standard deviations are known, these are of the misfit"]
+        lines[:1] = [
+            f"{len(found.responses.hz)} frequencies; no standard deviations are known, these are of the misfit"
+        ]
     elif found.chi2_reduced > 1.0:
         lines.append("standard deviations are multiplied by the root of the misfit")
     if found.responses.sized and found.chi2_reduced > FITS:
@@ -204,3 +207,23 @@ def _print(found: "Modes") -> None:
             f"{'they' if several else 'it'} may stand for what is beyond the band or not linear: see --modes"
         )
     print_lines(console(), lines)
+
+
+def _between(found: "Modes", *, driven: bool) -> list[str]:
+    """Which modes damp one another most, and whether shapes are still not real."""
+    lines = []
+    if found.damping is not None and found.damping_std is not None:
+        D, size = found.damping, found.damping.diagonal() ** 0.5
+        pairs = [(abs(D[i, j]) / (size[i] * size[j]), i, j) for j in range(len(found)) for i in range(j)]
+        _, i, j = max(pairs)
+        lines.append(
+            f"modes damp one another, {i + 1} and {j + 1} most: {D[i, j]:.4g} ± {found.damping_std[i, j]:.2g} 1/s; the "
+            "rig file has a damping matrix"
+        )
+    if found.phases_misfit is not None:
+        advice = "" if driven or len(found) == 1 else "; --drive lets damping between these modes be found"
+        lines.append(
+            "warning: shapes are not real, and the rig file cannot hold them: with a phase of each channel in each "
+            f"mode {found.phases_misfit:.3g} noise variances would be left{advice}"
+        )
+    return lines

@@ -45,6 +45,7 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
         first = modes.below / np.sqrt(own)
         shapes, std = np.column_stack([first, shapes]), np.column_stack([modes.below_std / np.sqrt(own), std])
         root = np.append(np.sqrt(own), root)
+    damping, damping_std = _damping(modes, rigid)
     ports = {channel: (row, spread) for channel, row, spread in zip(channels, shapes, std, strict=True)}
     if drive is None:
         ports[DRIVE] = root, np.zeros(len(root))
@@ -57,20 +58,21 @@ def modal_rig_text(modes: Modes, name: str, force: str, level: float, drive: str
         "[modal]",
         f"frequencies_hz = {_row(hz)}" + ("  # 0: all modes below the band" if rigid else ""),
         f"flexibility = {_matrix(_flexibility(modes, list(ports), at, rigid))}  # of other modes, where it was seen",
+        *([] if damping is None else [f"damping_matrix = {_matrix(damping, 13)}"]),
         "",
         "[modal.ports]" + ("" if drive else "  # the force acts on 1 of each mode: shapes carry the scale"),
         *(f'"{port}" = {_row(row)}' for port, (row, _) in ports.items()),
         "",
         "[modal.tolerances]  # one standard deviation",
         f"frequencies_hz = {_row(hz_std, 2)}",
-        f"modal_ratios = {_row(ratio_std, 2)}",
+        f"modal_ratios = {_row(ratio_std, 2)}"
+        if damping_std is None
+        else f"damping_matrix = {_matrix(damping_std, 2)}",
         "",
         "[modal.tolerances.ports]",
         *(f'"{port}" = {_row(spread, 2)}' for port, (_, spread) in ports.items()),
         "",
-        "[damping]",
-        f"modal_ratios = {_row(ratio)}",
-        "",
+        *(["[damping]", f"modal_ratios = {_row(ratio)}", ""] if damping is None else []),
         "[excitation]",
         f'at = "{at}"',
         f"amplitude = {level:.6g}",
@@ -92,9 +94,17 @@ def _flexibility(modes: Modes, ports: list[str], at: str, rigid: bool) -> Array:
     return out
 
 
+def _damping(modes: Modes, rigid: bool) -> tuple[Array, Array] | tuple[None, None]:
+    """Damping between modes, a rigid one before them, and its deviations; of normal modes there is none."""
+    if modes.damping is None or modes.damping_std is None:
+        return None, None
+    before = ((int(rigid), 0),) * 2
+    return np.pad(modes.damping, before), np.pad(modes.damping_std, before)
+
+
 def _row(values: Iterable[float], digits: int = 9) -> str:
     return "[" + ", ".join(f"{value:#.{digits}g}" for value in values) + "]"
 
 
-def _matrix(values: Array) -> str:
-    return "[" + ", ".join(_row(row) for row in values) + "]"
+def _matrix(values: Array, digits: int = 9) -> str:
+    return "[" + ", ".join(_row(row, digits) for row in values) + "]"

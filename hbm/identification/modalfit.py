@@ -13,14 +13,19 @@ information criterion falls: no pole is picked by hand.
 A channel that comes late by tau turns by exp(-i omega tau), at all modes and between them: a fit that is not as good as
 the noise is tried with a delay of each channel. A delay is believed where it is sure, and describes the channels better
 than phases of their own in each mode, which shapes that are not real have, for as many numbers as each of both takes.
+
+Shapes are not real where modes damp one another: see :mod:`.dampedmodes`. With a channel at the drive these are real,
+mass-normalised, and have a full damping matrix. What is still not real comes from modes beyond the band, or is not
+linear.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hbm.errors import InputError
 from hbm.fourier import Array
+from hbm.identification.dampedmodes import Coupled, coupled
 from hbm.identification.modalproblem import Problem
 from hbm.identification.modes import CERTAIN, Modes
 from hbm.identification.projection import REST
@@ -41,11 +46,12 @@ TAKEN = 0.5
 
 @dataclass(frozen=True)
 class _Fit:
-    """Unknowns x of a problem with so many modes."""
+    """Unknowns x of a problem with so many modes, and the fit with one less that they were found from."""
 
     problem: Problem
     x: Array
     modes: int
+    before: "_Fit | None" = None
 
     @property
     def poles(self) -> Array:
@@ -68,7 +74,7 @@ class _Fit:
     def of(self, problem: Problem) -> "_Fit":
         """The same modes in another problem."""
         turns = np.where(problem.sought, self.problem.turns(self.x), 0.0)
-        return _Fit(problem, problem.fitted(self.poles, turns), self.modes)
+        return _Fit(problem, problem.fitted(self.poles, turns), self.modes, self.before)
 
 
 def fit_modes(
@@ -107,19 +113,22 @@ def fit_modes(
         found = _with_delays(found, modes, phase=phase, drive=drive)
     if not found.modes:
         raise InputError("modal: no mode stands out of the noise; must be measured around one")
-    return found.problem.described(found.x, found.modes)
+    damped = None if drive is None else _damped(found, drive, fixed=modes is not None)
+    if damped is None:
+        return _beside_phases(found, found.problem.described(found.x, found.modes), found.bic)
+    return _beside_phases(found, damped.described(), damped.bic)
 
 
 def _searched(problem: Problem, modes: int | None) -> _Fit:
     """As many modes as are asked for, or as the data ask for."""
-    best, poles = problem.fitted(np.empty((0, 2))), np.empty((0, 2))
+    best = _Fit(problem, problem.fitted(np.empty((0, 2))), 0)
     for _ in range(modes or MOST_MODES):
-        start = np.vstack([poles, problem.further(poles, best)])
-        tried = problem.fitted(start, problem.turns(best))
-        if modes is None and not problem.asks_for(tried, best, len(poles) + 1):
+        start = np.vstack([best.poles, problem.further(best.poles, best.x)])
+        tried = problem.fitted(start, problem.turns(best.x))
+        if modes is None and not problem.asks_for(tried, best.x, best.modes + 1):
             break
-        best, poles = tried, problem.poles(tried, len(poles) + 1)
-    return _Fit(problem, best, len(poles))
+        best = _Fit(problem, tried, best.modes + 1, best)
+    return best
 
 
 def _finished(found: _Fit) -> _Fit:
@@ -132,7 +141,29 @@ def _finished(found: _Fit) -> _Fit:
         found = found.of(problem)
     lossy = found.of(problem.lossy())
     light = lossy.problem.losses(lossy.x, lossy.modes) < LIGHT
-    return lossy if light and lossy.bic < found.bic else _Fit(problem, found.x, found.modes)
+    return lossy if light and lossy.bic < found.bic else _Fit(problem, found.x, found.modes, found.before)
+
+
+def _damped(found: _Fit, drive: str, *, fixed: bool) -> Coupled | None:
+    """Modes that damp one another, if they do; fewer of them, where one of normal modes stood for that alone."""
+    best = coupled(found.problem, found.x, found.modes, drive)
+    while best and not fixed and found.before and found.before.modes > 1:
+        found = found.before.of(found.problem)
+        fewer = coupled(found.problem, found.x, found.modes, drive)
+        if fewer is None or fewer.bic >= best.bic:
+            break
+        best = fewer
+    return best
+
+
+def _beside_phases(found: _Fit, modes: Modes, bic: float) -> Modes:
+    """Modes with the misfit of shapes that are not real, where these take most of what is left."""
+    noise = 1.0 if found.problem.responses.sized else 0.0
+    if modes.chi2_reduced < CLOSE * noise:
+        return modes
+    free = found.of(found.problem.free())
+    taken = free.misfit - noise < (1.0 - TAKEN) * (modes.chi2_reduced - noise) and free.bic < bic
+    return replace(modes, phases_misfit=free.misfit) if taken else modes
 
 
 def _doubtful(found: _Fit) -> bool:

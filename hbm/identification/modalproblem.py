@@ -82,7 +82,7 @@ class Problem:
 
     def losses(self, x: Array, modes: int) -> float:
         """Size of losses of modes beyond the band, beside that of all else that these answer."""
-        columns, flexibility = self.together.columns(np.empty((0, 2))), self._flexibility(x, modes)[:, modes:]
+        columns, flexibility = self.together.columns(np.empty((0, 2))), self.flexibility(x, modes)[:, modes:]
         rest, losses = (columns[:, part] @ flexibility[:, part].T for part in (slice(REST), slice(REST, None)))
         return float(np.linalg.norm(losses) / max(float(np.linalg.norm(rest)), POSITIVE[0]))
 
@@ -126,7 +126,7 @@ class Problem:
     # ---- all of it
 
     def _answer(self, weighted: Projection, x: Array, modes: int) -> Complex:
-        return weighted.answer(self.poles(x, modes), self.turns(x), self._flexibility(x, modes))
+        return weighted.answer(self.poles(x, modes), self.turns(x), self.flexibility(x, modes))
 
     def turns(self, x: Array) -> Array:
         """Phase by which the force leads, and what delays turn the middle frequency back by, (1 + c,) [rad]."""
@@ -134,13 +134,14 @@ class Problem:
         out[self.sought] = x[len(x) - int(self.sought.sum()) :]
         return out
 
-    def _flexibility(self, x: Array, modes: int) -> Array:
+    def flexibility(self, x: Array, modes: int) -> Array:
+        """Flexibilities (c, q) of modes and residuals."""
         c, q = len(self.driven), self.together.size(modes)
         return np.asarray(x[2 * modes : 2 * modes + c * q].reshape(c, q))
 
     def at_drive(self, x: Array, modes: int) -> Array:
         """Flexibilities (d, r) of modes where the force acts, of d = 1 channel there or none."""
-        return self._flexibility(x, modes)[self.driven, :modes]
+        return self.flexibility(x, modes)[self.driven, :modes]
 
     @staticmethod
     def poles(x: Array, modes: int) -> Array:
@@ -179,7 +180,7 @@ class Problem:
     def _slopes(self, x: Array, modes: int) -> Array:
         """Derivatives of what is left to x, real parts above imaginary ones, (2 n c, p)."""
         weighted, poles, turns = self.together, self.poles(x, modes), self.turns(x)
-        of_others = weighted.slopes(poles, turns, self._flexibility(x, modes))
+        of_others = weighted.slopes(poles, turns, self.flexibility(x, modes))
         columns = weighted.columns(poles)
         n, c, q = *weighted.measured.shape, weighted.size(modes)
         of_linear = np.zeros((n, c, c, q), dtype=complex)
@@ -206,40 +207,41 @@ class Problem:
 
     def bic(self, x: Array, modes: int) -> float:
         """Bayesian information criterion, for noise of unknown size; infinite of as many unknowns as numbers."""
-        if len(x) >= self.points:
-            return float("inf")
-        mean = max(self._chi2(x, modes) / self.points, POSITIVE[0])
-        return float(self.points * np.log(mean) + len(x) * np.log(self.points))
+        return self.criterion(self._chi2(x, modes), len(x))
 
     def misfit(self, x: Array, modes: int) -> float:
         """What a fit leaves, in noise variances."""
-        return self._chi2(x, modes) / max(self.points - len(x), 1)
+        return self.per_number(self._chi2(x, modes), len(x))
 
-    def _covariance(self, x: Array, modes: int) -> Array:
-        """Covariance of x for the noise stated."""
-        J = self._slopes(x, modes)
-        size = np.linalg.norm(J, axis=0)
-        scale = np.divide(1.0, size, out=0.0 * size, where=size > 0.0)  # flexibilities are of another size
-        return np.asarray(np.linalg.pinv((J * scale).T @ (J * scale)) * np.outer(scale, scale))
+    def criterion(self, chi2: float, unknowns: int) -> float:
+        """Bayesian information criterion of a fit that leaves chi2."""
+        if unknowns >= self.points:
+            return float("inf")
+        mean = max(chi2 / self.points, POSITIVE[0])
+        return float(self.points * np.log(mean) + unknowns * np.log(self.points))
 
-    def noise(self, x: Array, modes: int) -> float:
+    def per_number(self, chi2: float, unknowns: int) -> float:
+        """What is left of each number that is free."""
+        return chi2 / max(self.points - unknowns, 1)
+
+    def noise(self, misfit: float) -> float:
         """Factor of a covariance by the misfit, where that is above 1 or the size of the noise is not known."""
-        return max(self.misfit(x, modes), 1.0) if self.responses.sized else self.misfit(x, modes)
+        return max(misfit, 1.0) if self.responses.sized else misfit
 
     def pulls(self, x: Array, modes: int) -> Array:
         """Delays that a fit without them asks for, by one step from it, over their standard deviations, (c,)."""
         late, none = self.late(), np.zeros(len(self.driven))
         beside, left = np.append(x, none), self._left(x, modes).ravel()
-        covariance = late._covariance(beside, modes)
+        covariance = covariance_of(late._slopes(beside, modes))
         step = -covariance @ late._slopes(beside, modes).T @ np.append(left.real, left.imag)
-        spread = np.sqrt(np.maximum(np.diag(covariance), POSITIVE[0]) * self.noise(x, modes))
+        spread = np.sqrt(np.maximum(np.diag(covariance), POSITIVE[0]) * self.noise(self.misfit(x, modes)))
         return np.asarray((step / spread)[len(x) :])
 
     def described(self, x: Array, modes: int) -> Modes:
         """Modes in the order of their frequencies, with standard deviations."""
-        covariance = self._covariance(x, modes) * self.noise(x, modes)
+        covariance = covariance_of(self._slopes(x, modes)) * self.noise(self.misfit(x, modes))
         poles, c, middle = self.poles(x, modes), len(self.driven), self.together.middle
-        w, flexibility = 2 * np.pi * poles[:, 0], self._flexibility(x, modes)
+        w, flexibility = 2 * np.pi * poles[:, 0], self.flexibility(x, modes)
         place = 2 * modes + np.arange(flexibility.size).reshape(flexibility.shape)
 
         def std(rows: Array) -> Array:
@@ -270,3 +272,11 @@ class Problem:
             delays_std=turns_std[1:] / middle,
             chi2_reduced=self.misfit(x, modes),
         )
+
+
+def covariance_of(slopes: Array) -> Array:
+    """Covariance of unknowns by the slopes of what is left of noise 1."""
+    size = np.linalg.norm(slopes, axis=0)
+    scale = np.divide(1.0, size, out=0.0 * size, where=size > 0.0)  # unknowns are of another size each
+    scaled = slopes * scale
+    return np.asarray(np.linalg.pinv(scaled.T @ scaled) * np.outer(scale, scale))

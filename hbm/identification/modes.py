@@ -33,6 +33,10 @@ class Modes(Displayed):
         By which channels come after the force, against the modes [s]; 0 where none is seen. The modes are without them.
     chi2_reduced : float
         Misfit; deviations are multiplied by its root where it is above 1, or their size was not known.
+    damping, damping_std : (r, r) array or None
+        Viscous damping between the modes [1/s], where they damp one another; of normal modes there is none but ratios.
+    phases_misfit : float or None
+        Misfit with phases of each channel in each mode, where that is most of what is left: shapes are not real.
     """
 
     responses: FrequencyResponses
@@ -52,6 +56,9 @@ class Modes(Displayed):
     delays: Array
     delays_std: Array
     chi2_reduced: float
+    damping: Array | None = None
+    damping_std: Array | None = None
+    phases_misfit: float | None = None
 
     def __len__(self) -> int:
         """Number of modes."""

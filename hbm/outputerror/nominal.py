@@ -43,8 +43,8 @@ STIFFNESSES = (FiniteBeam.STIFFNESS, MatrixBody.STIFFNESS)
 DELAY = ".delay"
 """Ending of the keys of what is known to a time, not to a share of itself."""
 
-SHAPES = "modal.ports."
-"""Beginning of the keys of entries of shapes."""
+SHAPES, BETWEEN = "modal.ports.", "modal.damping_matrix["
+"""Beginnings of the keys of entries of shapes, and of the damping between modes."""
 
 
 def tolerances(
@@ -102,7 +102,8 @@ def _of_joints(rig: JointedRig, measured: Sequence[str]) -> dict[str, float]:
     """Tolerances of a rig with joints: of modes as far as anything touches them, and of the laws of the joints.
 
     Those that the rig states go first; what it states to be exact is held. Of a port that nothing touches it may state
-    how its shapes are known: they move once a joint that was not modelled acts there.
+    how its shapes are known: they move once a joint that was not modelled acts there. A damping matrix is exact but
+    where it states how its entries are known.
     """
     found: dict[str, float] = {}
     largest = np.abs(rig.ported.rows).max(axis=0)
@@ -111,7 +112,7 @@ def _of_joints(rig: JointedRig, measured: Sequence[str]) -> dict[str, float]:
         if key.startswith(SHAPES):
             if places.get(key, 0.0) > 0.0:
                 found[key] = SHAPE * float(places[key]) / (abs(value) or 1.0)
-        elif key.startswith("modal."):
+        elif key.startswith("modal.frequencies_hz"):
             found[key] = FREQUENCY
         elif key in STIFFNESSES:
             found[key] = TOLERANCES["beam.youngs_modulus"]
@@ -123,7 +124,7 @@ def _of_joints(rig: JointedRig, measured: Sequence[str]) -> dict[str, float]:
             found[key] = TOLERANCES[ALPHA]
         elif key.startswith(GAINS):
             found[key] = FORCE_GAIN
-    found |= {key: std for key, std in rig.tolerances.items() if key in found or key.startswith(SHAPES)}
+    found |= {key: std for key, std in rig.tolerances.items() if key in found or key.startswith((SHAPES, BETWEEN))}
     return found | _of_channels(measured)
 
 

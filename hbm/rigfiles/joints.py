@@ -65,12 +65,14 @@ class TolerancesTable(Table):
 
     frequencies_hz: Deviations = Field(default_factory=list)
     modal_ratios: Deviations = Field(default_factory=list)
+    damping_matrix: Annotated[list[Deviations], Field(max_length=MOST_MODES)] = Field(default_factory=list)
     ports: dict[Shown, Deviations] = Field(default_factory=dict)
 
     @property
     def rows(self) -> dict[Key, list[float]]:
         """Deviations by mode, under the key of each row that is given."""
         rows: dict[Key, list[float]] = {("ports", port): row for port, row in self.ports.items()}
+        rows |= {("damping_matrix", i): row for i, row in enumerate(self.damping_matrix)}
         rows |= {("frequencies_hz",): self.frequencies_hz, ("modal_ratios",): self.modal_ratios}
         return {key: row for key, row in rows.items() if row}
 
@@ -280,14 +282,21 @@ def _tolerances(rig: JointedRig, ports: Collection[str], stated: TolerancesTable
     if foreign := next((port for port in stated.ports if port not in ports), None):
         unknown = dotted(("modal", "tolerances", "ports", foreign))
         raise ValueError(f"{unknown} is unknown; ports are {', '.join(ports) or 'none'}")
+    if stated.damping_matrix and len(stated.damping_matrix) != rig.structure.n:
+        rows = f"has {len(stated.damping_matrix)} rows"
+        raise ValueError(f"modal.tolerances.damping_matrix {rows}; must have {rig.structure.n}, one per mode")
     for key, row in stated.rows.items():
         where = dotted(("modal", "tolerances", *key))
         if len(row) != rig.structure.n:
             raise ValueError(f"{where} has {len(row)} entries; must have {rig.structure.n}, one per mode")
         table = "damping" if key == ("modal_ratios",) else "modal"
+        of_row = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in key)
         for i, std in enumerate(row, 1):
-            number = f"{table}.{'.'.join(map(str, key))}[{i}]"
-            if number in known:
+            number = f"{table}{of_row}[{i}]"
+            if key[0] == "damping_matrix" and i <= int(key[1]):  # below the diagonal
+                if std != stated.damping_matrix[i - 1][int(key[1])]:
+                    raise ValueError(f"{where}[{i}] = {std:g}; must be as [{i}][{int(key[1]) + 1}], it is symmetric")
+            elif number in known:
                 out[number] = std / (abs(known[number][0]) or 1.0)
             elif std > 0.0:
                 raise ValueError(f"{where}[{i}] = {std:g}; must be 0, for {number} is no number of the rig")

@@ -1,6 +1,6 @@
 """A body given by its modes at named ports, measured or computed elsewhere."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -101,28 +101,42 @@ class ModalModel:
 
     @cached_property
     def numbers(self) -> dict[str, tuple[float, Parameter]]:
-        """Frequencies of modes that are not rigid, and shapes at the ports: ``modal.ports.tip[2]`` is of mode 2."""
+        """Frequencies of modes that are not rigid, shapes at the ports, and what a damping matrix has between modes.
+
+        ``modal.ports.tip[2]`` is of mode 2, ``modal.damping_matrix[1][2]`` of modes 1 and 2.
+        """
         found = {
             _frequency(i): (hz, Parameter("Hz", "natural frequency", "")) for i, hz in enumerate(self.frequencies_hz)
         }
         found = {key: number for key, number in found.items() if number[0] > 0.0}
         shape = Parameter("kg^-1/2", "mass-normalised shape", "", lower=-np.inf)
+        between = Parameter("1/s", "viscous damping between two modes", "", lower=-np.inf)
+        own = Parameter("1/s", "viscous damping of a mode", "", strict=False)
+        found |= {key: (value, own if i == j else between) for (i, j), key, value in self._entries}
         return found | {
             _shape(name, i): (entry, shape) for name, row in self.ports.items() for i, entry in enumerate(row)
         }
 
     def with_numbers(self, values: Mapping[str, float]) -> "ModalModel":
-        """Return the same modes with other values of some of these."""
+        """Return the same modes with other values of some of these.
+
+        Of entries of a damping matrix that would give energy, it has the nearest ones that do not.
+        """
         hz = [values.get(_frequency(i), value) for i, value in enumerate(self.frequencies_hz)]
         ports = {
             name: tuple(values.get(_shape(name, i), entry) for i, entry in enumerate(row))
             for name, row in self.ports.items()
         }
-        return replace(self, frequencies_hz=tuple(hz), ports=ports) if values else self
+        changed = replace(self, frequencies_hz=tuple(hz), ports=ports) if values else self
+        return replace(changed, damping_matrix=self._damped(values)) if self._of_damping(values) else changed
 
     def change(self, key: str, here: PortedModes, damping: Damping) -> PortedModes:
         """Return the derivatives of its modes and rows `here` to a frequency or an entry of a shape."""
         none, modes = here.nothing, range(self.modes)
+        if between := self._of_damping([key]):
+            D = np.zeros_like(here.damping)
+            D[between[0]] = D[between[0][::-1]] = 1.0
+            return replace(none, damping=D, reaction_damping=here.reaction_inertia @ D)
         if key not in map(_frequency, modes):
             entries = [[key == _shape(name, i) for i in modes] for name in here.places]
             return replace(none, rows=np.array(entries, dtype=float).reshape(none.rows.shape))
@@ -192,6 +206,31 @@ class ModalModel:
         omega_n = 2 * np.pi * np.array(self.frequencies_hz)
         dampers = damping.dampers(omega_n, np.arange(1, self.modes + 1))
         return np.diag(dampers.viscous + dampers.strain_rate * omega_n**2)
+
+    # ---- entries of the damping matrix
+
+    @property
+    def _entries(self) -> list[tuple[tuple[int, int], str, float]]:
+        """Entries on and above the diagonal of the damping matrix, each with its key."""
+        rows = self.damping_matrix or ()
+        return [
+            ((i, j), f"modal.damping_matrix[{i + 1}][{j + 1}]", row[j])
+            for i, row in enumerate(rows)
+            for j in range(i, len(rows))
+        ]
+
+    def _of_damping(self, keys: Collection[str]) -> list[tuple[int, int]]:
+        """Which entries keys are of."""
+        return [at for at, key, _ in self._entries if key in keys]
+
+    def _damped(self, values: Mapping[str, float]) -> tuple[tuple[float, ...], ...]:
+        """Damping matrix with other values, or the nearest one that takes energy only."""
+        D = np.array(self.damping_matrix, dtype=float)
+        for (i, j), key, value in self._entries:
+            D[i, j] = D[j, i] = values.get(key, value)
+        size, axes = np.linalg.eigh(D)
+        nearest = (axes * np.maximum(size, 0.0)) @ axes.T if size[0] < 0.0 else D
+        return tuple(map(tuple, (0.5 * (nearest + nearest.T)).tolist()))
 
 
 def _frequency(i: int) -> str:
