@@ -207,8 +207,8 @@ class JointedRig(Numbered):
 
     @property
     def kind(self) -> tuple[Any, ...]:
-        """What it has that takes long to simulate or may have no steady state."""
-        return (bool(self.joints),)
+        """What it has that takes long to simulate or may have no steady state: joints, transients."""
+        return bool(self.joints), self.excitation.settled
 
     @property
     def pressed(self) -> list[tuple[float, slice]]:

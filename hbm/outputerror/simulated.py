@@ -19,7 +19,6 @@ from models.change import tone_scalars
 from models.jointed import AnyRig
 from models.jointednumbers import GAINS
 from models.parts import alike
-from models.rig import Rig
 
 Solutions = Mapping[int, PeriodicSolution]
 States = Mapping[int, State]
@@ -125,7 +124,7 @@ def simulated(
     try:
         beside = held_beside(solution) if spare > 0.0 else None
         by = changes_where_solved(found, solution, (*own, HZ, *tones), beside)
-        left = left_by_transients(here, solution, data) if isinstance(here, Rig) else None
+        left = left_by_transients(here, solution, data)
     except FAILURES:
         return None
     p = len(own)
@@ -178,7 +177,7 @@ def history(spare: float, by_force: Mapping[str, Array], solution: PeriodicSolut
     return np.asarray(size * np.stack(change, axis=1))
 
 
-def left_by_transients(rig: Rig, solution: PeriodicSolution, data: Measurement) -> Array | None:
+def left_by_transients(rig: AnyRig, solution: PeriodicSolution, data: Measurement) -> Array | None:
     """Amplitudes that the transients of a start from rest leave, (2, c, H, k): each as large as it may well be.
 
     None where all have died out.

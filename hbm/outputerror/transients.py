@@ -15,13 +15,17 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import eig
 
+from hbm.aft.recurrence import monodromy
 from hbm.balance.equations import Balance
+from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, turned
 from hbm.fourier import Array, FourierBasis
 from hbm.parallel import one_thread
 from hbm.stability.floquet import Disturbance
+from hbm.stability.jointed import along_solution
+from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
 
 Complex = npt.NDArray[np.complex128]
@@ -48,12 +52,12 @@ class Transients:
 
 
 @one_thread
-def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transients:
+def transients(rig: AnyRig, solution: PeriodicSolution, harmonics: int) -> Transients:
     """Work out the harmonics that transients leave, for a start from rest :data:`WAITED` periods before a record.
 
     Parameters
     ----------
-    rig : Rig
+    rig : Rig or JointedRig
         The rig of the solution.
     solution : PeriodicSolution
     harmonics : int
@@ -63,13 +67,11 @@ def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transien
     ------
     ValueError
         If the rig's clamp slips, or if it is rigid where it sticks: see :class:`hbm.stability.floquet.Disturbance`.
+    ArithmeticError
+        As :func:`hbm.stability.jointed.along_solution`.
     """
-    problem = Balance(rig, solution.basis, level=solution.level)
-    s, Omega, channels = problem.structure, solution.state.Omega, rig.response_channels
-    exponents, p = _motions(problem, solution.state)
-    rows = np.array([s.channel_rows[c.name] for c in channels])
-    by_friction = np.array([s.residual.channels.get(c.name, (0.0, 0.0))[1] for c in channels])
-    seen = rows @ p[:, : s.n] + by_friction[:, None] * p[:, [2 * s.n]]  # (N_t, c, m)
+    exponents, seen = _at_joints(rig, solution) if isinstance(rig, JointedRig) else _at_contact(rig, solution)
+    Omega, channels = solution.state.Omega, rig.response_channels
     orders = np.array([DERIVATIVES[c.quantity] for c in channels])
     left = _leaked(seen, exponents, Omega, harmonics, orders)
     basis = FourierBasis(harmonics, 2 * harmonics + 1)
@@ -77,22 +79,54 @@ def transients(rig: Rig, solution: PeriodicSolution, harmonics: int) -> Transien
     return Transients(np.stack(read, axis=1), -exponents.real)
 
 
+def _at_contact(rig: Rig, solution: PeriodicSolution) -> tuple[Complex, Complex]:
+    """Exponents (m,) of what a start from rest excites, and displacements at the channels of each, (N_t, c, m)."""
+    problem = Balance(rig, solution.basis, level=solution.level)
+    exponents, p = _motions(problem, solution.state)
+    s, channels = problem.structure, rig.response_channels
+    rows = np.array([s.channel_rows[c.name] for c in channels])
+    by_friction = np.array([s.residual.channels.get(c.name, (0.0, 0.0))[1] for c in channels])
+    return exponents, rows @ p[:, : s.n] + by_friction[:, None] * p[:, [2 * s.n]]
+
+
 def _motions(problem: Balance, state: State) -> tuple[Complex, Complex]:
     """Exponents (m,) of the motions that a start from rest excites, and their periodic parts (N_t, size, m)."""
     disturbance, basis, n = Disturbance(problem, state), problem.basis, problem.structure.n
-    multipliers, adjoint, vectors = eig(disturbance.monodromy, left=True)
-    start, last = np.zeros(len(multipliers)), basis.synthesis[-1]
+    matrix, last = disturbance.monodromy, basis.synthesis[-1]
+    start = np.zeros(len(matrix))
     start[: 2 * n] = -np.concatenate([last @ state.Q, state.Omega * (last @ basis.derivative(state.Q))])
     start[2 * n] = -disturbance.law.T[-1]
+    exponents, starts = _excited(matrix, start, disturbance.law.undying, state.Omega)
+    since = (basis.theta + basis.theta[1]) / state.Omega
+    return exponents, disturbance.motion(starts) * np.exp(-np.outer(since, exponents))[:, None]
+
+
+def _at_joints(rig: JointedRig, solution: PeriodicSolution) -> tuple[Complex, Complex]:
+    """As :func:`_at_contact` of a rig with joints, by the time step along the solution."""
+    along = along_solution(JointBalance(rig, solution.basis, level=solution.level), solution.state)
+    steps = along.steps
+    exponents, starts = _excited(monodromy(steps), -along.start, along.undying, solution.state.Omega)
+    s, layout, y = rig.structure, along.layout, starts
+    seen = np.empty((len(steps), len(s.channels), len(exponents)), dtype=complex)
+    for k, step in enumerate(steps):
+        seen[k] = s.channels @ y[: s.n] + s.channels_by_joints @ y[layout.f]
+        y = step @ y
+    since = 2 * np.pi / solution.state.Omega * np.arange(len(steps)) / len(steps)
+    return exponents, seen * np.exp(-np.outer(since, exponents))[:, None]
+
+
+def _excited(matrix: Array, start: Array, undying: int, Omega: float) -> tuple[Complex, Complex]:
+    """Exponents (m,) of the motions of a monodromy that a start excites, and what is left of each later, (size, m).
+
+    Those nearest to standing still, `undying`, are means that history decides.
+    """
+    multipliers, adjoint, vectors = eig(matrix, left=True)
     left = np.minimum(np.abs(multipliers), 1.0) ** WAITED
     kept = (multipliers.imag >= 0.0) & (left > FADED)  # one of each pair
-    kept[np.argsort(np.abs(multipliers - 1.0))[: disturbance.law.undying]] = False  # mean friction that history decides
+    kept[np.argsort(np.abs(multipliers - 1.0))[:undying]] = False
     adjoint, vectors = adjoint[:, kept].conj(), vectors[:, kept]
     size = left[kept] * (start @ adjoint) / np.sum(adjoint * vectors, axis=0)
-    exponents = np.log(multipliers[kept].astype(complex)) * state.Omega / (2 * np.pi)
-    y = disturbance.motion(vectors * size)
-    since = (basis.theta + basis.theta[1]) / state.Omega
-    return exponents, y * np.exp(-np.outer(since, exponents))[:, None]
+    return np.log(multipliers[kept].astype(complex)) * Omega / (2 * np.pi), vectors * size
 
 
 def _leaked(p: Complex, exponents: Complex, Omega: float, H: int, orders: npt.NDArray[np.integer]) -> Complex:

@@ -4,6 +4,8 @@ The state holds the modes, the forces at the ports and all that the laws remembe
 are judged alike.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from hbm.balance.equations import Balance
@@ -11,6 +13,7 @@ from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
 from hbm.integration.jointed import state_at_phase_zero
 from hbm.integration.jointmarch import JointMarcher, resolving_steps
+from hbm.integration.jointstep import Layout
 from hbm.parallel import one_thread
 from hbm.stability.multipliers import SLIPPING, Stability, floquet, of_monodromy
 from models.structure import Array
@@ -51,6 +54,42 @@ def joint_stability(problem: JointBalance, state: State) -> Stability:
     slips = any(j.functions.memory for j in problem.joints)
     error = SLIPPING / problem.basis.N_t if slips else 1.0 / problem.basis.N_t**2
     return of_monodromy(matrix, 2 * np.pi / state.Omega, undying, error)
+
+
+@dataclass(frozen=True, eq=False)
+class Along:
+    """Time steps along a solution over a period of the force.
+
+    Attributes
+    ----------
+    start : (size,) array
+        State at phase 0.
+    steps : (N, size, size) array
+        Derivative of the state after each step to that before.
+    layout : Layout
+        Parts of a state.
+    undying : int
+        See :class:`hbm.stability.multipliers.Stability`.
+    """
+
+    start: Array
+    steps: Array
+    layout: Layout
+    undying: int
+
+
+def along_solution(problem: JointBalance, state: State) -> Along:
+    """Time steps along a solution of a balance of joints that has the period of the force.
+
+    Raises
+    ------
+    ArithmeticError
+        If a step along the solution cannot be solved.
+    """
+    x, undying = state_at_phase_zero(problem, state), sum(j.undying for j in problem.joints)
+    marcher, X = _following(problem, state.Omega / (2 * np.pi), state.F, x)
+    steps = marcher.step.jacobians(np.vstack([x, X[:-1]]), X, marcher.told)
+    return Along(x, steps, marcher.step.layout, undying)
 
 
 def _following(problem: JointBalance, hz: float, level: float, x: Array) -> tuple[JointMarcher, Array]:

@@ -7,7 +7,7 @@ from typing import ClassVar
 from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
 from models.friction import parameters
-from models.jointed import AnyRig
+from models.jointed import AnyRig, JointedRig
 from models.parts import Drift
 from models.rig import Rig
 
@@ -53,7 +53,8 @@ class ForceDistortion(Cause):
 class NotSteady(Cause):
     """Transients in the records, of any size and phase in each: only how they decay is a number of the rig.
 
-    With damping proportional to the mass every mode decays at half that coefficient, but for what friction takes.
+    With damping proportional to the mass every mode decays at half that coefficient, but for what friction takes. A rig
+    with joints decays as its modes are damped, which calibration moves in any case.
     """
 
     name: ClassVar[str] = "not-steady"
@@ -66,22 +67,23 @@ class NotSteady(Cause):
     )
     abrupt: ClassVar[bool] = True
     free: ClassVar[bool] = True
+    rigs: ClassVar[tuple[type, ...]] = EITHER
 
     @classmethod
-    def candidates(cls, rig: Rig) -> Iterator["NotSteady"]:
+    def candidates(cls, rig: AnyRig) -> Iterator["NotSteady"]:
         """Where transients are none yet; with a clamp that slips or a tip that lifts off they are not known."""
-        known = rig.attachments.clamp_limit is None and not rig.contact.lift_off
+        known = isinstance(rig, JointedRig) or (rig.attachments.clamp_limit is None and not rig.contact.lift_off)
         if rig.excitation.settled and known:
             yield cls()
 
-    def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
+    def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The rate of decay, where it is not that of damping ratios."""
-        if rig.damping.modal_ratios is not None:
+        if isinstance(rig, JointedRig) or rig.damping.modal_ratios is not None:
             return ()
         now = rig.damping.mass_proportional / 2.0
         return (Unknown("decay_rate", "1/s", ALPHA, 0.0, MOST_DECAY, now, (now,), times=2.0, known=True),)
 
-    def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
+    def extend(self, rig: AnyRig, values: Mapping[str, float]) -> AnyRig:
         """Let the records have transients that decay so."""
         rig = replace(rig, excitation=replace(rig.excitation, settled=False))
         return rig.with_number(ALPHA, 2.0 * values["decay_rate"]) if values else rig

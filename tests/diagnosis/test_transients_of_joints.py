@@ -1,0 +1,153 @@
+"""Records of rigs with joints, or of modes alone, taken before a start from rest died out: by the independent march."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from hbm.diagnosis.decide import accepted
+from hbm.diagnosis.diagnose import diagnose
+from hbm.diagnosis.misfit import nrmse
+from hbm.diagnosis.order import ordered
+from hbm.diagnosis.predict import predicted
+from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.measured import campaign_of
+from hbm.outputerror.model import Model
+from models.bodies import ModalModel
+from models.causes import all_candidates
+from models.causes.joints import CubicStiffness, LocalDamper
+from models.causes.records import NotSteady
+from models.friction import Jenkins
+from models.jointed import JointedRig
+from models.joints import CubicSpring, Friction, Joint
+from models.parts import Channel, Damping, Excitation
+from tests.truth.modal import Hidden, Modes, cubic, jenkins, last_periods, nothing
+
+ROWS = {
+    "drive": np.array([0.8, 0.5, -0.6]),
+    "a": np.array([0.5, 0.9, 0.8]),
+    "b": np.array([0.9, -0.4, 0.7]),
+    "c": np.array([1.2, -1.1, 1.0]),
+}
+MODES = Modes(np.array([20.0, 47.0, 90.0]), np.array([0.015, 0.012, 0.015]), ROWS)
+SENSORS, H = ("a", "b", "c"), 5
+HZ = np.tile([18.5, 19.4, 19.8, 20.2, 20.6, 21.2, 22.5, 45.5, 46.6, 47.4, 49.0], 3)
+FORCE = np.repeat((0.2, 0.6, 1.0), 11) * np.where(HZ > 40.0, 4.0, 1.0)
+EARLY, STEADY, RECORDED = 25, 200, 8
+"""Periods after the start at which a record of so many begins; after the first, 10 % are left of the first mode."""
+
+OFF = {"hz": 3e-4, "ratio": 0.03, "shape": 3e-3}
+"""What a structure differs by from the rig file, relative standard deviations."""
+
+K3, STIFFNESS, LIMIT = 2e7, 3000.0, 0.6
+LATE = NotSteady()
+CASES: dict[str, tuple[Hidden, tuple[Joint, ...]]] = {
+    "no joint": (nothing, ()),
+    "cubic": (cubic(K3), (Joint("spring", CubicSpring(K3), ("c",)),)),
+    "friction": (jenkins(STIFFNESS, LIMIT), (Joint("rub", Friction(Jenkins(1.0, LIMIT / STIFFNESS), LIMIT), ("c",)),)),
+}
+
+
+def rig_of(joints: tuple[Joint, ...]) -> JointedRig:
+    body = ModalModel(tuple(MODES.hz.tolist()), {name: tuple(row.tolist()) for name, row in ROWS.items()})
+    sensors = (Channel(name, "displacement", at=name) for name in SENSORS)
+    damping = Damping(modal_ratios=tuple(MODES.ratio.tolist()))
+    return JointedRig(
+        "three modes", body, damping, joints, Excitation(1.0, at="drive"), (Channel("force", "force"), *sensors)
+    )
+
+
+@cache
+def measured(hidden: Hidden, wait: int, *, exact: bool = True) -> MeasuredSpectra:
+    """Harmonics of records of whole periods, each after a start from rest: those of their mean period."""
+    rng = np.random.default_rng(1)
+    modes = MODES if exact else MODES.disturbed(rng, **OFF)
+    q = last_periods(modes, hidden, modes.rows["c"], "drive", HZ, FORCE, wait + RECORDED, 512, H, RECORDED).mean(axis=0)
+    size = (len(HZ), 2 * H + 1)
+    clean = {"force": np.zeros(size), **{name: q @ modes.rows[name] for name in SENSORS}}
+    clean["force"][:, 1] = FORCE
+    std = {name: 2e-3 * np.sqrt(np.mean(y[:, [1, H + 1]] ** 2)) for name, y in clean.items()} | {"force": 1e-4}
+    noisy = {name: y + std[name] * rng.standard_normal(size) for name, y in clean.items()}
+    stds = {name: np.full((len(HZ), H + 1), s) for name, s in std.items()}
+    for name in noisy:  # no mean was measured
+        noisy[name][:, 0] = stds[name][:, 0] = np.nan
+    return spectra_of(rig_of(()), HZ, FORCE, noisy, stds)
+
+
+def beside(joints: tuple[Joint, ...], spectra: MeasuredSpectra) -> tuple[Campaign, Evaluation, Evaluation]:
+    """Records, the rig as it is, and with transients in each record."""
+    rig = rig_of(joints)
+    campaign, _ = campaign_of(rig, spectra)
+    bare = Model(rig, {})
+    base = evaluate(bare, campaign, bare.start, {})
+    late = bare.extended_by(LATE)
+    return campaign, base, evaluate(late, campaign, late.start, base.solutions)
+
+
+def per_coefficient(e: Evaluation) -> float:
+    return e.white.chi2 / len(e.white)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_transients_leave_noise_and_explain_what_was_measured(name: str) -> None:
+    hidden, joints = CASES[name]
+    campaign, base, e = beside(joints, measured(hidden, EARLY))
+    noise = 4 * np.sqrt(2 / len(base.white))
+    assert per_coefficient(base) > 50.0 and per_coefficient(e) < 1.0 + noise
+    assert nrmse(e.white) < 0.3 * nrmse(base.white)
+    assert accepted(base, e, 30) and not ordered(base, campaign)
+    _, base, e = beside(joints, measured(hidden, STEADY))
+    assert per_coefficient(base) < 1.0 + noise
+    assert not accepted(base, e, 30)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_motions_are_those_of_the_march(name: str) -> None:
+    """With their size free the four to six numbers of a record leave what the noise does, as one of them alone not."""
+    hidden, joints = CASES[name]
+    campaign, base, e = beside(joints, measured(hidden, EARLY + 15))
+    left, free = 0.0, 0
+    for record in campaign.data.records:
+        std = campaign.listed_std(record)
+        found = e.found[record.number].by_transients
+        assert found is not None
+        columns, missed = found[record.listed] / std[:, None], campaign.missed(record, base.found[record.number]) / std
+        sizes = np.linalg.lstsq(columns, missed, rcond=1e-6)[0]
+        left += float(np.sum((missed - columns @ sizes) ** 2))
+        free += len(missed) - columns.shape[1]
+    assert left / free < 1.3
+
+
+def test_what_is_free_in_each_record_takes_no_credit() -> None:
+    hidden, joints = CASES["cubic"]
+    campaign, base, e = beside(joints, measured(hidden, EARLY))
+    unseen = predicted(e, campaign)
+    assert unseen.errors.nrmse == pytest.approx(nrmse(base.white), rel=1e-2)
+    assert e.white.free > 10.0 * len(e.found) and base.white.free == 0.0
+
+
+@pytest.mark.parametrize("name", ["cubic", "friction"])
+def test_a_joint_that_is_missing_has_an_order(name: str) -> None:
+    """So that transients are not tried: they would take it."""
+    campaign, base, e = beside((), measured(CASES[name][0], STEADY))
+    assert per_coefficient(base) > 3.0 and ordered(base, campaign)
+    assert per_coefficient(e) < 0.5 * per_coefficient(base)
+
+
+def test_they_are_offered_once() -> None:
+    for joints in ((), CASES["cubic"][1]):
+        rig = rig_of(joints)
+        assert LATE in all_candidates(rig) and LATE.unknowns(rig) == ()
+        late = LATE.extend(rig, {})
+        assert late.kind != rig.kind and not late.excitation.settled and LATE not in all_candidates(late)
+
+
+def test_records_taken_too_early_are_called_that_and_steady_ones_consistent() -> None:
+    hidden, joints = CASES["cubic"]
+    rig = rig_of(joints)
+    causes = [LATE, *(c for kind in (CubicStiffness, LocalDamper) for c in kind.candidates(rig) if not c.to)]
+    d = diagnose(rig, measured(hidden, EARLY, exact=False), causes=causes)
+    assert d.cause == "not-steady" and d.verdict == "cause-found"
+    assert diagnose(rig, measured(hidden, STEADY, exact=False), causes=causes).verdict == "consistent"
