@@ -29,6 +29,8 @@ more is missing physics, or a number that is wrong, which calibration must not h
 SENSORS = "channels."
 """Beginning of the keys of numbers of sensors."""
 
+FAINT = 1e-9
+"""A number of a cause that starts above 0 and may come down to it ends at so much of that: laws refuse to be none."""
 
 Form = Literal["linear", "logarithmic", "inverse"]
 
@@ -97,7 +99,8 @@ def free_of(unknown: Unknown, cause: int, tolerance: float = np.inf) -> Free:
     positive = unknown.lower > 0.0 and unknown.upper / unknown.lower > WIDE
     form: Form = "linear" if not positive else "inverse" if np.isinf(unknown.neutral) else "logarithmic"
     scale = unknown.starts[-1] if form == "inverse" else max(abs(s) for s in unknown.starts) or 1.0
-    lower, upper = float(unknown.lower), float(unknown.upper)
+    least = FAINT * scale if form == "linear" and unknown.starts[0] > 0.0 else 0.0
+    lower, upper = float(unknown.lower) or least, float(unknown.upper)
     free = Free(unknown.name, unknown.unit, lower, upper, unknown.starts[0], form, scale, cause=cause)
     if not np.isfinite(tolerance):
         return free

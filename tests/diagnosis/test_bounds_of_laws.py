@@ -14,6 +14,8 @@ from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import sensitivities
 from hbm.sensitivity.scalars import law_keys
 from models.bodies.modal import ModalModel
+from models.causes import all_candidates
+from models.causes.addedjoint import AddedJoint
 from models.causes.parameter import WrongParameter
 from models.friction import LAWS, Iwan, Jenkins, Stribeck, describe, parameters
 from models.jointed import AnyRig, JointedRig
@@ -108,3 +110,18 @@ def test_modes_that_are_close_are_corrected_without_changing_places() -> None:
     first, second = (f"modal.frequencies_hz[{i}]" for i in (1, 2))
     assert [e.cause.key for e in corrections(rig, {first: 31.2, second: 31.25})] == [second, first]
     assert [e.cause.key for e in corrections(rig, {first: 30.8, second: 30.9})] == [first, second]
+
+
+def test_a_joint_that_is_looked_for_may_come_down_to_next_to_nothing() -> None:
+    """To first order, where no steady state is solved, fits end at the bound itself."""
+    rig = jointed(Jenkins(0.5, 1e-6))
+    kinds = {type(c): c for c in all_candidates(rig) if isinstance(c, AddedJoint)}
+    assert len(kinds) > 10
+    for cause in kinds.values():
+        model = Model(rig, {}).extended_by(cause)
+        low, _ = model.bounds()
+        for i, f in enumerate(model.free):
+            x = model.start
+            x[i] = low[i]
+            if f.lower >= 0.0:
+                assert len(model.rig(x).joints) > len(rig.joints)
