@@ -77,6 +77,16 @@ def test_nothing_is_found_where_nothing_is_wrong():
     assert set(found.errors) == {"nominal", "calibrated"}
 
 
+def test_an_elastic_clamp_is_named_where_many_numbers_within_their_tolerances_do_as_well():
+    """A place leads calibration to where it leaves noise: one cause of the whole catalogue is likelier instead."""
+    rig, spectra = example("clamp_rotation", 1)
+    found = diagnose(rig, spectra)
+    assert (found.verdict, found.cause) == ("cause-found", "clamp-rotation")
+    assert misfit(found.calibrated, found.campaign).fits
+    stiffness = found.parameters["stiffness"]
+    assert abs(stiffness.value - truth("clamp_rotation")["stiffness"]) < 2 * stiffness.std < 0.1 * stiffness.value
+
+
 def test_elastic_clamp_is_found_with_its_stiffness():
     found = diagnosed("clamp_rotation", 1)
     assert (found.verdict, found.cause) == ("cause-found", "clamp-rotation")
@@ -205,6 +215,8 @@ def test_score_test_names_the_clamp_and_the_look_alikes():
     found = screen(base, campaign, candidates)
     assert found.scores[0].cause == ClampRotation()
     assert found.tried == len(candidates) + 2 * 3  # mass and spring at four places each
+    assert ClampRotation() in [s.cause for s in found.instead([]).scores]
+    assert ClampRotation() not in [s.cause for s in found.instead(["clamp-rotation"]).scores]
     alike = list(found.look_alikes(found.scores[0].cause.label, 0.0).values())
     assert len(alike) == len(found.scores) - 1
     assert 1.0 + 1e-9 >= alike[0] > 0.0
