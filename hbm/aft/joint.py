@@ -178,6 +178,20 @@ class JointOverPeriod(SteadyPeriod):
         inputs = np.broadcast_to(numbers, (basis.N_t, *numbers.shape))
         return basis.coefficients(Loop(read(), m, virgin).changed(inputs))
 
+    def alike(self, signals: Array, Omega: float) -> Array | None:
+        """Slopes (m, 2 m + 1) of the forces to the signals, where they are the same at all samples and nothing is kept.
+
+        None for any other law.
+        """
+        if self.functions.memory or self.functions.timed:
+            return None
+        self._show(signals, Omega)
+        if np.any(self._local != self._local[0]):
+            return None
+        found = np.zeros((self.ports, signals_of(self.ports)))
+        found[:, list(self.functions.reads)] = self._local[0]
+        return found
+
     def pushed(self, signals: Array, Omega: float, change: Array) -> Array:
         """Change (2H+1, m, c) of the coefficients of the forces with small changes of the signals, no matrix made.
 

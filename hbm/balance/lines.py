@@ -173,19 +173,27 @@ class LinesHere:
         return float(np.abs(self.answer - self.state.T).max(initial=0.0))
 
     @cached_property
+    def alike(self) -> list[Array | None]:
+        """Slopes (ports, 2 ports + 1) of each joint that answers to all motions alike: a spring or a dashpot."""
+        joints = zip(self.problem.joints, self.signals, strict=True)
+        return [j.alike(s, self.problem.Omega) for j, s in joints]
+
+    @cached_property
     def linearized(self) -> Complex:
         """Stiffness (H+1, m, m) of springs and dashpots that come nearest to the joints' forces [N/m]."""
         problem, m = self.problem, len(self.problem.own)
         rate = 1j * self.problem.Omega * np.arange(problem.basis.H + 1)[:, None, None]
         out = np.zeros((problem.basis.H + 1, m, m), dtype=complex)
-        for j, at, signals in zip(problem.joints, problem.slices, self.signals, strict=True):
-            moved = signals[1:, : j.ports]
-            moving = problem.basis.derivative(signals[:, : j.ports])[1:] * problem.Omega
-            both = np.hstack([moved, moving])
-            size = np.linalg.norm(both, axis=0)
-            size[size == 0.0] = 1.0
-            found = np.linalg.lstsq(both / size, self.answer[1:, at], rcond=None)[0] / size[:, None]
-            out[:, at, at] = found[: j.ports].T + rate * found[j.ports :].T
+        joints = zip(problem.joints, problem.slices, self.signals, self.alike, strict=True)
+        for j, at, signals, slopes in joints:
+            if slopes is None:
+                moved = signals[1:, : j.ports]
+                moving = problem.basis.derivative(signals[:, : j.ports])[1:] * problem.Omega
+                both = np.hstack([moved, moving])
+                size = np.linalg.norm(both, axis=0)
+                size[size == 0.0] = 1.0
+                slopes = (np.linalg.lstsq(both / size, self.answer[1:, at], rcond=None)[0] / size[:, None]).T
+            out[:, at, at] = slopes[:, : j.ports] + rate * slopes[:, j.ports : 2 * j.ports]
         return out
 
     @cached_property
@@ -205,18 +213,23 @@ class LinesHere:
         """Answer of the same springs and dashpots to the motion that forces (2H+1, m, c) make."""
         return self._times(self.linearized @ self.problem.yielding, forces)
 
-    def pushed(self, f: Array) -> Array:
-        """Change (2H+1, m, c) of the joints' answer with forces (2H+1, m, c)."""
-        basis, amplitudes = self.problem.basis, self.problem.basis.complex(f)
-        return self.answered([basis.real(by_force @ amplitudes) for by_force in self.problem.signalled])
-
     def answered(self, change: Sequence[Array]) -> Array:
         """Change (2H+1, m, c) of the joints' answer with the signals at each, (2H+1, 2 ports + 1, c)."""
         joints = zip(self.problem.joints, self.signals, change, strict=True)
         return np.concatenate([j.pushed(s, self.problem.Omega, d) for j, s, d in joints], axis=1)
 
+    @cached_property
+    def _other(self) -> list[tuple[int, slice, Complex, Complex]]:
+        """Joints that these only stand for: number, ports, signals and answer of springs and dashpots to a force."""
+        problem, held = self.problem, self.linearized @ self.problem.yielding @ self.closed
+        joints = enumerate(zip(problem.slices, self.alike, strict=True))
+        return [(j, at, problem.signalled[j] @ self.closed, held[:, at]) for j, (at, same) in joints if same is None]
+
     def followed(self, missed: Array, accuracy: float = EXACT) -> Array:
         """Changes of the forces that balance what is missed, (2H+1, m, c), all joints answering to each.
+
+        With springs and dashpots in place of the joints it is what is missed that is looked for, at those joints alone
+        that these only stand for.
 
         Raises
         ------
@@ -226,24 +239,38 @@ class LinesHere:
         there, out = np.flatnonzero(missed.any(axis=(0, 1))), np.zeros_like(missed)
         if not len(there):
             return out
-        right = missed[:, :, there]
+        basis, right = self.problem.basis, missed[:, :, there]
+        own = np.concatenate([np.arange(at.start, at.stop) for _, at, _, _ in self._other] or [np.arange(0)])
 
-        def forces(rows: Array) -> Array:
-            return rows.T.reshape(right.shape)
+        def unlike(forces: Array) -> Array:
+            """What joints answer to forces (2H+1, m, c) otherwise than springs and dashpots, (2H+1, own, c)."""
+            amplitudes, found = basis.complex(forces), []
+            for j, _, seen, held in self._other:
+                joint, change = self.problem.joints[j], basis.real(seen @ amplitudes)
+                found.append(joint.pushed(self.signals[j], self.problem.Omega, change) - basis.real(held @ amplitudes))
+            return np.concatenate(found, axis=1)
+
+        def whole(rows: Array) -> Array:
+            forces = np.zeros_like(right)
+            forces[:, own] = rows.T.reshape(len(right), len(own), -1)
+            return forces
 
         def unanswered(rows: Array) -> Array:
-            return rows - self._rows(self.pushed(forces(rows)))
+            return rows - self._rows(unlike(whole(rows)))
 
-        def nearly(rows: Array) -> Array:
-            return self._rows(self.preconditioned(forces(rows)))
-
-        again = RESTARTS if accuracy < INEXACT else 1  # a step that is not near is shortened, or the excitation raised
-        found, reached = solved(unanswered, nearly, self._rows(right), accuracy, KRYLOV, again)
+        reached, found = True, right.copy()
+        if len(own):
+            again = RESTARTS if accuracy < INEXACT else 1  # a step that is not near is shortened, or the force raised
+            known = right.copy()
+            known[:, own] = 0.0
+            known_rows = self._rows(right[:, own] + (unlike(known) if known.any() else 0.0))
+            rows, reached = solved(unanswered, np.asarray, known_rows, accuracy, KRYLOV, again)
+            found[:, own] = rows.T.reshape(len(right), len(own), -1)
         if not reached and accuracy < INEXACT:
             raise ConvergenceError(
                 f"no derivative under the lines of {self.problem.fixed_hz:.6g} Hz: GMRES does not end"
             )
-        out[:, :, there] = forces(found)
+        out[:, :, there] = self.preconditioned(found)
         return out
 
     @staticmethod

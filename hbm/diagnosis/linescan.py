@@ -37,24 +37,26 @@ def _pushed(
 ) -> PushedRecord:
     here = _with_places(record, base, campaign, rig, ends)
     basis, std, own = here.problem.basis, campaign.std(record), base.white.record == record.number
+    top = 1 + int(np.flatnonzero(record.listed.any(axis=(0, 1))).max())  # above it nothing is compared
     by_places, moved = receptances(here, campaign.data.channels, len(ends))
     signals = np.stack([s[:, 0] for s in here.signals[-len(ends) :]], axis=1)
-    there = basis.complex(signals)[1:].T  # (p, H)
-    seen = by_places[:, :, 1:] * np.where(np.isfinite(std), 1.0 / std, 0.0)  # (p, c, H)
-    missed = np.zeros(record.listed.shape)
-    missed[record.listed] = base.white.residual[own]
+    there = basis.complex(signals)[1 : top + 1].T  # (p, H)
+    listed, std = record.listed[..., :top], std[..., :top]
+    seen = by_places[:, :, 1 : top + 1] * np.where(np.isfinite(std), 1.0 / std, 0.0)  # (p, c, H)
+    missed = np.zeros(listed.shape)
+    missed[listed] = base.white.residual[own]
     amplitudes = missed[0] + 1j * missed[1]
     size = np.sum(np.abs(seen) ** 2, axis=1)
     force = np.sum(seen.conj() * amplitudes, axis=1) / np.where(size > 0.0, size, 1.0)
-    motion = there + moved[:, 1:] * force
-    waves = [basis.real(np.pad(m, (1, 0))[:, None]) for m in motion]
+    motion = there + moved[:, 1 : top + 1] * force
+    waves = [basis.real(np.pad(m, (1, basis.H - top))[:, None]) for m in motion]
     largest = np.array([float(np.abs(basis.samples(w)).max()) for w in waves])
-    rate = float(np.linalg.norm(motion * np.arange(1, basis.H + 1))) / max(float(np.linalg.norm(motion)), 1e-300)
+    rate = float(np.linalg.norm(motion * np.arange(1, top + 1))) / max(float(np.linalg.norm(motion)), 1e-300)
     omega = 2 * np.pi * record.hz
     return PushedRecord(
         base.white.residual[own],
         base.white.jacobian[own],
-        [_Lines(s, record.listed) for s in seen],
+        [_Lines(s, listed) for s in seen],
         motion,
         largest,
         omega * rate,

@@ -24,9 +24,8 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.floored import FlooredCampaign
 from hbm.outputerror.numerics import Grid, Numerics
 from hbm.outputerror.records import Measurement, Record, parts
-from hbm.outputerror.simulated import FAILURES, Simulated, States, in_record
-from hbm.sensitivity.jointed import JointChannels
-from hbm.sensitivity.lines import line_changes
+from hbm.outputerror.simulated import FAILURES, Simulated, Solutions, States, in_record, states
+from hbm.sensitivity.lines import LineChannels, line_changes
 from models.jointed import AnyRig, JointedRig
 
 
@@ -56,6 +55,10 @@ class LineCampaign(FlooredCampaign):
         """As of any campaign; what the force is uncertain by is in the standard deviations of the channels."""
         task = partial(_simulated, rig, self.finer, self.data.channels, self.forces, tuple(keys))
         return self._each(task, starts, needed)
+
+    def solve(self, rig: AnyRig, last: Solutions) -> dict[int, PeriodicSolution]:
+        """As of any campaign: each record on its own lines."""
+        return {number: s.solution for number, s in self.simulate(rig, (), states(last)).items()}
 
     @property
     def finer(self) -> int:
@@ -190,7 +193,7 @@ def _simulated(
     except FAILURES:
         return None
     by_keys[-1] /= record.force_on(rig)  # the balance counts its force in shares of all lines
-    by = JointChannels(here.problem, solution, own, Q, T)
+    by = LineChannels(here.problem, solution, own, Q, T)
     basis, H = solution.basis, record.measured.shape[2]
     amplitudes = [parts(basis, solution[name].coefficients, H) for name in channels]
     slopes = [parts(basis, by[name].coefficients @ by_keys, H) for name in channels]

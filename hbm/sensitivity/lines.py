@@ -7,8 +7,18 @@ import numpy as np
 from hbm.balance.lines import LinesHere
 from hbm.balance.scaled import State
 from hbm.fourier import Array
+from hbm.sensitivity.channels import ChannelSensitivity, smooth_peak
+from hbm.sensitivity.jointed import JointChannels, Peak
 from hbm.sensitivity.scalars import FORCE
 from models.joints.law import numbers
+
+
+class LineChannels(JointChannels):
+    """Derivatives of the channels on their lines alone: no samples of them, and of no peak."""
+
+    def _sampled(self, name: str, coefficients: Array, peak: Peak = smooth_peak) -> ChannelSensitivity:
+        none = np.zeros((0, coefficients.shape[1]))
+        return ChannelSensitivity(coefficients, none, np.full(coefficients.shape[1], np.nan))
 
 
 def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:

@@ -9,12 +9,15 @@ from scipy.integrate import solve_ivp
 
 from hbm import diagnose, joint_sensitivities, steady_state
 from hbm.balance.lines import LineBalance
+from hbm.diagnosis.calibrate import trusted
 from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.shortlist import elsewhere, hopeful
 from hbm.files.diagnosed import Diagnosed
 from hbm.files.diagnosisplates import diagnosis_plates
 from hbm.fourier import MANY, Array, FourierBasis, sampled
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
+from hbm.outputerror.fit import fit_model
+from hbm.outputerror.lines import line_campaign
 from hbm.sensitivity.lines import line_changes
 from models.bodies.modal import ModalModel
 from models.causes.addedjoint import AddedJoint
@@ -167,6 +170,26 @@ def test_lines_agree_with_integration_in_time() -> None:
     linear = ROW * basis.samples(LineBalance(oscillator(), basis, HZ, force).solved().state.Q)[::4, 0]
     assert np.linalg.norm(linear - expected) > 0.1 * np.linalg.norm(expected)  # the spring matters
     np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max())
+
+
+def test_records_of_other_base_frequencies_are_solved_on_their_own_lines() -> None:
+    """Far off, they are also solved from nothing, in case what was measured leads elsewhere."""
+    basis, hz, rng = FourierBasis(2 * H, 2048), np.array([HZ, HZ / 2]), np.random.default_rng(3)
+    tops, force, x = (H, 2 * H), np.full((2, basis.size), np.nan), np.full((2, basis.size), np.nan)
+    for i, top in enumerate(tops):
+        lines = np.concatenate([np.arange(1, top + 1), basis.H + np.arange(1, top + 1)])
+        driven = force_of(basis, i, np.arange(1, top + 1), 1.0)
+        response = ROW * LineBalance(oscillator(), basis, hz[i], driven).solved().state.Q[:, 0]
+        noise = 1e-3 * np.sqrt(np.mean(response[lines] ** 2)) * rng.standard_normal(len(lines))
+        force[i, lines], x[i, lines] = driven[lines], response[lines] + noise
+    std = np.where(np.isnan(x[:, : basis.H + 1]), np.nan, 1e-3 * np.sqrt(np.nanmean(x**2, axis=1))[:, None])
+    spectra = spectra_of(oscillator(), hz, np.ones(2), {"force": force, "x": x}, {"force": std * 0.0 + 1e-9, "x": std})
+    model = trusted(oscillator(1.03 * F_N), ("x",), {"modal.frequencies_hz[1]": 0.03})
+    found = fit_model(model, line_campaign(oscillator(1.03 * F_N), spectra), model.start, {})
+    assert not found.missing
+    assert found.white.chi2 == pytest.approx(len(found.white), rel=0.2)
+    fitted = found.model.rig(found.x).number("modal.frequencies_hz[1]")
+    assert fitted == pytest.approx(F_N, rel=1e-4)
 
 
 def test_a_cubic_spring_is_named_from_lines() -> None:
