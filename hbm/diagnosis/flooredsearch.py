@@ -29,6 +29,7 @@ from hbm.diagnosis.shortlist import alike, elsewhere, hopeful
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.fourier import Array
 from hbm.outputerror.background import LARGEST
+from hbm.outputerror.fit import SETTLED as LEAST
 from hbm.outputerror.fit import Evaluation, evaluate, fit_from, fit_model, start_from
 from hbm.outputerror.floored import FlooredCampaign, likeliest_floor
 from hbm.outputerror.model import Model
@@ -48,6 +49,10 @@ BEHIND = 2.0
 """A fit is given up that will not leave less than so many times what the best one does."""
 
 OTHER_MODES = "measure another mode too: in what was measured these places move alike"
+
+ENOUGH = 1e-3
+"""A fit ends where a step promises to take less than this share of chi2: beside a floor, noise does not say when. After
+the race it is begun anew once, for steps that were damped promise less than there is."""
 
 PULLED = 2.0
 """A number of the rig file may be wrong that calibration moves by so many tolerances."""
@@ -165,7 +170,7 @@ class FlooredSearch:
         self, base: Evaluation, cause: Cause, starts: Sequence[dict[str, float]], of_use: float
     ) -> Evaluation | None:
         """The fit of a candidate from the best of its starts; None where no start has all steady states."""
-        model, campaign, needed = base.model.extended_by(cause), self.campaign, base.found
+        model, campaign, needed = base.model.extended_by(cause), self.campaign.roughly(), base.found
         begun = list[tuple[float, Solutions, Array]]()
         for start in starts:
             with suppress(*FAILURES):
@@ -175,7 +180,8 @@ class FlooredSearch:
         if begun:
             _, solutions, x = min(begun, key=lambda b: b[0])
             with suppress(*FAILURES):
-                return fit_model(model, campaign, x, solutions, needed=needed, reach=of_use)
+                enough = max(LEAST, ENOUGH * base.chi2)
+                return fit_model(model, campaign, x, solutions, settled=enough, needed=needed, reach=of_use)
         self.unsolved.append(model.label)
         return None
 
@@ -231,7 +237,12 @@ class FlooredSearch:
 
     def _again(self, e: Evaluation) -> Evaluation:
         """A fit beside the floor there is now."""
-        return fit_from(self.beside(e, self.campaign.floor), self.campaign, e.solutions)
+        here = self.beside(e, self.campaign.floor)
+        enough = ENOUGH * here.chi2
+        if enough <= LEAST or not e.model.causes:  # on the rig file without a cause all others rest
+            return fit_from(here, self.campaign, e.solutions)
+        once = fit_model(e.model, self.campaign, e.x, e.solutions, settled=enough)
+        return fit_from(once, self.campaign, once.solutions, settled=enough)
 
     def noise_alone(self, e: Evaluation) -> bool:
         """Whether a model leaves no more than the noise stated, and is within tolerances."""

@@ -59,6 +59,10 @@ class FlooredCampaign(Campaign, ABC):
         """None: all uncertainty is in the standard deviations of the channels."""
         return np.zeros((0, *record.measured.shape))
 
+    def roughly(self) -> Self:
+        """The same for a race, in which derivatives need not be exact."""
+        return self
+
     def refined(self) -> Self:
         """The same on twice the harmonics and samples."""
         basis = self.numerics.working.basis

@@ -6,14 +6,14 @@ deviations of the force go through the linear rig to the channels and are added 
 
 from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import numpy as np
 
 from continuation import ConvergenceError
-from hbm.balance.lines import LineBalance, LinesHere
+from hbm.balance.lines import EXACT, LineBalance, LinesHere
 from hbm.balance.scaled import State
 from hbm.balance.solution import PeriodicSolution, describe_joints
 from hbm.channels import factor
@@ -28,6 +28,9 @@ from hbm.outputerror.simulated import FAILURES, Simulated, Solutions, States, in
 from hbm.sensitivity.lines import LineChannels, line_changes
 from models.jointed import AnyRig, JointedRig
 
+ROUGH = 1e-4
+"""Accuracy of derivatives in a race, relative: least squares that follow them end as near as races are told apart."""
+
 
 @dataclass(frozen=True, eq=False)
 class LineCampaign(FlooredCampaign):
@@ -37,11 +40,14 @@ class LineCampaign(FlooredCampaign):
     ----------
     forces : dict of int to (2H+1,) array
         Coefficients of the force of each record [N], up to there.
+    accuracy : float
+        Of derivatives.
     """
 
     floor_of: ClassVar[str] = "the rms of the lines of a channel on each of them"
 
     forces: Mapping[int, Array] = field(default_factory=dict)
+    accuracy: float = EXACT
 
     @property
     def described(self) -> str:
@@ -53,12 +59,16 @@ class LineCampaign(FlooredCampaign):
         self, rig: AnyRig, keys: Sequence[str], starts: States, needed: Collection[int] = ()
     ) -> dict[int, Simulated]:
         """As of any campaign; what the force is uncertain by is in the standard deviations of the channels."""
-        task = partial(_simulated, rig, self.finer, self.data.channels, self.forces, tuple(keys))
+        task = partial(_simulated, rig, self.finer, self.data.channels, self.forces, tuple(keys), self.accuracy)
         return self._each(task, starts, needed)
 
     def solve(self, rig: AnyRig, last: Solutions) -> dict[int, PeriodicSolution]:
         """As of any campaign: each record on its own lines."""
         return {number: s.solution for number, s in self.simulate(rig, (), states(last)).items()}
+
+    def roughly(self) -> Self:
+        """The same for a race, in which derivatives need not be exact."""
+        return replace(self, accuracy=ROUGH)
 
     @property
     def finer(self) -> int:
@@ -180,6 +190,7 @@ def _simulated(
     channels: Sequence[str],
     forces: Mapping[int, Array],
     keys: tuple[str, ...],
+    accuracy: float,
     record: Record,
     last: State | None,
 ) -> Simulated | None:
@@ -189,7 +200,7 @@ def _simulated(
         here = line_state(_balance(rig, finer, record, forces[record.number]), last)
         solution: PeriodicSolution = describe_joints(here.problem, here.state, record.hz)
         own, by_keys = in_record(rig, keys, record)
-        Q, T = line_changes(here, own)
+        Q, T = line_changes(here, own, accuracy)
     except FAILURES:
         return None
     by_keys[-1] /= record.force_on(rig)  # the balance counts its force in shares of all lines

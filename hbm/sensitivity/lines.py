@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hbm.balance.lines import LinesHere
+from hbm.balance.lines import EXACT, LinesHere
 from hbm.balance.scaled import State
 from hbm.fourier import Array
 from hbm.sensitivity.channels import ChannelSensitivity, smooth_peak
@@ -21,10 +21,10 @@ class LineChannels(JointChannels):
         return ChannelSensitivity(coefficients, none, np.full(coefficients.shape[1], np.nan))
 
 
-def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
+def line_changes(here: LinesHere, keys: Sequence[str], accuracy: float = EXACT) -> tuple[Array, Array]:
     """Derivatives of the modes (2H+1, n, p) and joint forces (2H+1, m, p) to numbers of the rig (p,).
 
-    That to the amplitude of the excitation is to the share of all its lines.
+    That to the amplitude of the excitation is to the share of all its lines. Their `accuracy` is relative.
 
     Raises
     ------
@@ -56,5 +56,5 @@ def line_changes(here: LinesHere, keys: Sequence[str]) -> tuple[Array, Array]:
             of_law = np.array([[float(name == keys[i]) for i in columns] for name in names])
             law = problem.joints[j]
             missed[:, at, columns] = law.along(here.signals[j], problem.Omega, of_law)
-    T = here.followed(missed)
+    T = here.followed(missed, accuracy)
     return Q + problem.modes.moved(np.einsum("kmp,mn->knp", T, s.joints)), T

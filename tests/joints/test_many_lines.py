@@ -17,14 +17,14 @@ from hbm.files.diagnosisplates import diagnosis_plates
 from hbm.fourier import MANY, Array, FourierBasis, sampled
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.fit import fit_model
-from hbm.outputerror.lines import line_campaign
+from hbm.outputerror.lines import ROUGH, line_campaign
 from hbm.sensitivity.lines import line_changes
 from models.bodies.modal import ModalModel
 from models.causes.addedjoint import AddedJoint
 from models.causes.joints import CubicStiffness, JointSlip, LocalSpring, QuinticStiffness
 from models.friction import Dahl, Iwan, Jenkins
 from models.jointed import JointedRig
-from models.joints import Clearance, CubicSpring, Friction, Joint, JointLaw
+from models.joints import Clearance, CubicSpring, Dashpot, Friction, Joint, JointLaw, PolynomialSpring
 from models.parts import Channel, Damping, Excitation
 
 LINES = (1, 2, 3, 5, 6, 8, 11)
@@ -53,9 +53,14 @@ def force_of(basis: FourierBasis, seed: int, lines: Array, size: float) -> Array
 
 @pytest.fixture(params=LAWS, ids=lambda law: type(getattr(law, "law", law)).__name__)
 def both(request: pytest.FixtureRequest) -> tuple[LineBalance, JointedRig]:
-    """The balance of lines, and the same rig with the lines as harmonics of its force."""
+    """The balance of lines, and the same rig with the lines as harmonics of its force, of each law."""
     law: JointLaw = request.param
-    rig, basis = two_modes(Joint("j", law, ("a",), ("b",))), FourierBasis(24, 256)
+    return in_both(Joint("j", law, ("a",), ("b",)))
+
+
+def in_both(*joints: Joint) -> tuple[LineBalance, JointedRig]:
+    """The balance of lines with some joints, and the same rig with the lines as harmonics of its force."""
+    rig, basis = two_modes(*joints), FourierBasis(24, 256)
     force = force_of(basis, 4, np.array(LINES), 0.7)
     unit = np.hypot(force[1], force[25])
     turn = np.exp(1j * np.arange(25) * np.angle(force[1] + 1j * force[25]))  # the dense balance has a cosine first
@@ -93,6 +98,26 @@ def test_the_derivative_to_the_force_is_that_to_the_share_of_all_lines(both: tup
     ):
         share = known * dense.excitation.amplitude
         np.testing.assert_allclose(found, share, atol=2e-5 * np.abs(share).max())
+
+
+def test_springs_and_dashpots_beside_friction_answer_exactly() -> None:
+    """They are eliminated: what is looked for is the friction alone, or nothing where there is none."""
+    linear = Joint("held", PolynomialSpring(linear=-1e5), ("a",), ("b",)), Joint("d", Dashpot(4.0), ("a",))
+    for joints in ((Joint("j", Friction(Iwan(1.0, 3e5, elements=4), 0.8), ("a",), ("b",)), *linear), linear):
+        lines, dense = in_both(*joints)
+        here, solution = lines.solved(), steady_state(dense, 9.0, harmonics=24, samples=256)
+        np.testing.assert_allclose(here.state.T, solution.state.T, atol=1e-7 * np.abs(solution.state.T).max())
+        keys = ["modal.frequencies_hz[2]", "modal.ports.a[1]", *(k for k in dense.numbers if k.startswith("joints."))]
+        expected = joint_sensitivities(dense, solution, [key for key in keys if dense.number(key)])
+        for found, known in zip(line_changes(here, expected.parameters), (expected.Q, expected.T), strict=True):
+            size = np.abs(known).max(axis=(0, 1))
+            np.testing.assert_allclose(found / size, known / size, atol=2e-5)
+
+
+def test_rough_derivatives_are_near_the_exact_ones(both: tuple[LineBalance, JointedRig]) -> None:
+    here, keys = both[0].solved(), ["modal.frequencies_hz[2]", "modal.ports.a[1]"]
+    for rough, exact in zip(line_changes(here, keys, ROUGH), line_changes(here, keys), strict=True):
+        np.testing.assert_allclose(rough, exact, atol=1e-2 * np.abs(exact).max())
 
 
 def test_a_body_that_may_drift_has_the_mean_of_its_springs_alone() -> None:
