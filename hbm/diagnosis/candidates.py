@@ -100,7 +100,8 @@ def fit_candidates(
         done = refined(full_fits(_by_score(quick, screening), base, campaign, tell), base, campaign)
         tried, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
     else:
-        chosen, tried = _by_quick_fits(quick, screening, tell, LITTLE if likely is None else 0.0, likely=likely)
+        little = LITTLE if likely is None and not scanned(base) else 0.0
+        chosen, tried = _by_quick_fits(quick, screening, tell, little, likely=likely)
         lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
         reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
         done = refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign)
@@ -225,14 +226,16 @@ def _first_quick_fits(
     free: list[Candidate] = []
     tried: set[str] = set()
 
-    def excluded(score: Score) -> bool:
-        return _settled(fitted, explained, score.cause, screening)
+    favoured = FAVOURED + sum(_of_the_rig(s.cause) for s in listed)
 
-    while waiting := [s for s in waiting if not excluded(s)]:
-        if likely is None and started == FAVOURED and all(r.chi2 > explained for r in fitted):
+    def explains() -> bool:
+        return any(r.chi2 <= explained for r in fitted)
+
+    while waiting := [s for s in waiting if not _settled(fitted, explained, s.cause, screening)]:
+        if likely is None and not by_start and started >= favoured and not explains():
             tell("starts of all others")
             waiting, by_start = quick.ordered(waiting), True
-        if started >= COMPARED and scanned(quick.base) and any(r.chi2 <= explained for r in fitted):
+        if started >= COMPARED and scanned(quick.base) and explains():
             break
         count = AT_ONCE if started else 1
         batch, waiting = waiting[:count], waiting[count:]
@@ -318,7 +321,7 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
         best[is_joint(s)] = max(best.get(is_joint(s), 0.0), s.drop)
     first = _simplest_first([s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]])[:RUNNING]
     if scanned(base) and not (small(base) or base.model.causes):
-        ahead = [s for s in screening.scores if s.cause.label in OF_BODIES or s.cause.label.startswith(OF_JOINTS)]
+        ahead = [s for s in screening.scores if _of_the_rig(s.cause)]
         first = [*ahead, *(s for s in first if s not in ahead)]
     others = [s for s in screening.scores if s not in first]
     if small(base) or base.model.causes or scanned(base):
@@ -327,6 +330,11 @@ def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
         forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
         tried = [*_of_channels(first, others), *(s for s in forces if not _unseen(s))]
     return [*first, *tried, *(s for s in others if _unseen(s))]
+
+
+def _of_the_rig(cause: Cause) -> bool:
+    """Whether it is a number that many a joint stands in for: of a joint of the rig file, or of its whole body."""
+    return cause.label in OF_BODIES or cause.label.startswith(OF_JOINTS)
 
 
 def _simplest_first(scores: Sequence[Score]) -> list[Score]:

@@ -68,11 +68,12 @@ def from_other_starts(
     stuck = _stuck(fitted, explained, quick.base.model.nominal, screening, laws=first and scanned(quick.base))
     if not stuck:
         return fitted
-    fitted = _again(fitted, stuck, quick, screening, tell)
-    if not first or not scanned(quick.base):
+    lost, fitted = fitted[0].chi2 > explained, _again(fitted, stuck, quick, screening, tell)
+    best = fitted[0].cause
+    if not (first and lost and isinstance(best, AddedJoint)):
         return fitted
     known = {r.cause.label for r in stuck}
-    places = [r for r in fitted if r.cause.name == fitted[0].cause.name and r.cause.label not in known]
+    places = [r for r in fitted if r.cause.name == best.name and r.cause.label not in known]
     return _again(fitted, places, quick, screening, tell) if places else fitted
 
 
@@ -101,7 +102,8 @@ def _stuck(
         return [r for r in fitted if r.cause.label in again and r.chi2 <= BEHIND * best.chi2]
     alike, own = screening.look_alikes(best.cause.label, ALIKE), best.cause.unknowns(rig)
     simpler = [r for r in others[:SIMPLER] if r.cause.label in alike and len(r.cause.unknowns(rig)) < len(own)]
-    return [best] * any(u.shapes for u in own) + simpler
+    placed = any(u.shapes for u in own) and not isinstance(best.cause, AddedJoint)  # a joint has one place
+    return [best] * placed + simpler
 
 
 def _first_of_laws(fitted: Sequence[Candidate], screening: Screening) -> Iterable[Cause]:

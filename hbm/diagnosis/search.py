@@ -27,6 +27,7 @@ from hbm.diagnosis.decide import (
     suspicious,
     tied,
 )
+from hbm.diagnosis.foremost import foremost
 from hbm.diagnosis.fullfits import lifted_off, suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
@@ -349,6 +350,7 @@ class Search:
         over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
             return self._decided(over, lifted, self.tried)
+        screening = foremost(screening, base, self.calibrated, self.campaign)
         fits = fit_candidates(
             base, self.campaign, screening, lambda doing: self.tell(doing, done), self._settles, likely
         )
@@ -386,7 +388,7 @@ class Search:
         base = earlier.base if earlier.best is single else self.calibrated if single.model.calibrated else self.nominal
         others = [c for c in self.candidates if c not in single.model.causes and not isinstance(c, NotSteady)]
         rest = [c for c in others if suits(c, single.model.rig(single.x))]
-        name, scores = single.model.label, self._screened(single, rest)
+        name, scores = single.model.label, foremost(self._screened(single, rest), single, single, self.campaign)
         fits = fit_candidates(single, self.campaign, scores, lambda d: self.tell(f"{name} and {d}", 0.7), self._enough)
         alone = [e for pair in fits[:1] for e in apart(base, pair, self.campaign)]
         self.fitted += [*fits, *alone]

@@ -20,6 +20,7 @@ from hbm.cli import app
 from hbm.diagnosis.candidates import _confused, _in_order
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.discrepancy import discrepancy
+from hbm.diagnosis.foremost import foremost
 from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.otherstarts import from_other_starts
 from hbm.diagnosis.quickfits import Candidate, QuickFits
@@ -336,6 +337,22 @@ def test_a_scan_of_exact_records_finds_the_size_of_what_made_them(
     )
     assert best.cause.at == at and best.cause.to == ""
     assert best.starts[0][name] == pytest.approx(size, rel=within)
+
+
+def test_joints_run_first_at_the_place_where_a_free_force_explains_the_records() -> None:
+    """Friction acts at b; over the rig file as it is friction elsewhere promises more than any other law there."""
+    rig, kinds = rig_of(NOMINAL), (LocalFriction, CubicStiffness, QuadraticDamping)
+    frequencies = [WrongParameter(f"modal.frequencies_hz[{i}]") for i in (1, 2, 3)]
+    offered = [*(cause for kind in kinds for cause in kind.candidates(rig)), *frequencies]
+    search = Search(rig, records("jenkins"), offered, None, lambda doing, done: None, None)
+    promised = search.screening.scores
+    ordered = foremost(search.screening, search.first, search.calibrated, search.campaign).scores
+    before, after = ([s for s in scores if isinstance(s.cause, AddedJoint)] for scores in (promised, ordered))
+    there = [s for s in before if isinstance(s.cause, AddedJoint) and s.cause.way(("b", ""))]
+    assert len(there) > 1 and before[: len(there)] != there
+    assert after == [*there, *(s for s in before if s not in there)]
+    assert [s for s in promised if s not in before] == [s for s in ordered if s not in after]
+    assert [s in before for s in promised] == [s in after for s in ordered]
 
 
 def test_a_joint_is_scanned_and_placed_beside_a_force_with_its_measured_harmonics() -> None:
