@@ -16,7 +16,9 @@ NEARLY = 0.99
 """Share of the misfit beyond noise from which on a free force at a place explains nearly all of it."""
 
 
-def foremost(screening: Screening, base: Evaluation, lacking: Evaluation, campaign: Campaign) -> Screening:
+def foremost(
+    screening: Screening, base: Evaluation, lacking: Evaluation, campaign: Campaign, *, alone: bool = False
+) -> Screening:
     """Scores whose joints come first at the places where the force is missing that a model lacks.
 
     What a law promises to first order may be most at the wrong place: the motion there, and what the joints of the rig
@@ -32,6 +34,8 @@ def foremost(screening: Screening, base: Evaluation, lacking: Evaluation, campai
     lacking : Evaluation
         What misses the records by that force alone, all numbers within their tolerances.
     campaign : Campaign
+    alone : bool
+        Whether joints elsewhere are left out where such a place explains nearly all.
     """
     if small(base) or not scanned(base):
         return screening
@@ -39,8 +43,9 @@ def foremost(screening: Screening, base: Evaluation, lacking: Evaluation, campai
     if not missing.explainable:
         return screening
     there = [p.place.ends for p in missing.alike if isinstance(p.place, JointPlace) and p.share >= NEARLY]
-    turns = iter(sorted(filter(is_joint, screening.scores), key=lambda s: not _at(s, there)))
-    return replace(screening, scores=tuple(next(turns) if is_joint(s) else s for s in screening.scores))
+    scores = [s for s in screening.scores if not (alone and there and is_joint(s)) or _at(s, there)]
+    turns = iter(sorted(filter(is_joint, scores), key=lambda s: not _at(s, there)))
+    return replace(screening, scores=tuple(next(turns) if is_joint(s) else s for s in scores))
 
 
 def _at(score: Score, places: Sequence[Ends]) -> bool:

@@ -171,7 +171,7 @@ class Search:
             return self._within_tolerances(exact)
         if self._explains(first):
             return self._plainest(exact, first)
-        if not (exact.fits or first.fits):
+        if not (exact.fits or first.fits or isinstance(self.rig, JointedRig)):  # of joints all have run
             exact = self._race(self.first, self.over(self.first), 0.6)
         single = best_first(exact, first)
         if single.best is not None and self._enough(single.best):
@@ -350,7 +350,7 @@ class Search:
         over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
             return self._decided(over, lifted, self.tried)
-        screening = foremost(screening, base, self.calibrated, self.campaign)
+        screening = foremost(screening, base, self.calibrated, self.campaign, alone=base is self.calibrated)
         fits = fit_candidates(
             base, self.campaign, screening, lambda doing: self.tell(doing, done), self._settles, likely
         )
@@ -388,7 +388,8 @@ class Search:
         base = earlier.base if earlier.best is single else self.calibrated if single.model.calibrated else self.nominal
         others = [c for c in self.candidates if c not in single.model.causes and not isinstance(c, NotSteady)]
         rest = [c for c in others if suits(c, single.model.rig(single.x))]
-        name, scores = single.model.label, foremost(self._screened(single, rest), single, single, self.campaign)
+        name, scores = single.model.label, self._screened(single, rest)
+        scores = foremost(scores, single, single, self.campaign, alone=True)
         fits = fit_candidates(single, self.campaign, scores, lambda d: self.tell(f"{name} and {d}", 0.7), self._enough)
         alone = [e for pair in fits[:1] for e in apart(base, pair, self.campaign)]
         self.fitted += [*fits, *alone]

@@ -353,6 +353,8 @@ def test_joints_run_first_at_the_place_where_a_free_force_explains_the_records()
     assert after == [*there, *(s for s in before if s not in there)]
     assert [s for s in promised if s not in before] == [s for s in ordered if s not in after]
     assert [s in before for s in promised] == [s in after for s in ordered]
+    alone = foremost(search.screening, search.first, search.calibrated, search.campaign, alone=True).scores
+    assert list(alone) == [s for s in ordered if s in there or s not in after]
 
 
 def test_a_joint_is_scanned_and_placed_beside_a_force_with_its_measured_harmonics() -> None:
