@@ -6,7 +6,8 @@ from dataclasses import replace
 from hbm.diagnosis.discrepancy import discrepancy
 from hbm.diagnosis.jointplaces import JointPlace
 from hbm.diagnosis.otherstarts import is_joint, scanned
-from hbm.diagnosis.screen import Score, Screening, small
+from hbm.diagnosis.screen import Screening, small
+from hbm.diagnosis.signatures import Score
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.sensitivity.jointforces import Ends
