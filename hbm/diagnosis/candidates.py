@@ -10,7 +10,7 @@ import numpy as np
 from hbm.diagnosis.attached import attached_starts
 from hbm.diagnosis.fullfits import HELPS, REFINED, full_fits, refined
 from hbm.diagnosis.otherstarts import ALIKE, BEHIND, MORE_STARTS, MORE_STEPS, Tell, from_other_starts, is_joint, scanned
-from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Candidate, QuickFits, elsewhere, rank
+from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Candidate, QuickFits, elsewhere, needless, rank
 from hbm.diagnosis.screen import Screening, small, starting, telling
 from hbm.diagnosis.signatures import Score
 from hbm.outputerror.campaign import Campaign
@@ -366,14 +366,14 @@ def _chosen(
 ) -> list[Candidate]:
     """The best, and in an order those close to it by a chi2 that grows by `scale` to all records.
 
-    Where none explains the few, what is left is no noise to count numbers by: of those alike to TIED the first in that
-    order is the best.
+    What is richer than another is left out if it is no better. Where none explains the few, what is left is no noise to
+    count numbers by: of those alike to TIED the first in that order is the best.
     """
     best = fitted[0].chi2
     lost, margin = best > EXPLAINED * few.points, max(10 * CLOSE, best)
     least = LEAST if lost and best <= HOPE * few.points and not hopeless else 1
     most = 1 if hopeless else LEAST if lost else FITTED
-    near = [r for r in fitted if r.chi2 <= BEHIND * best]
+    near = [r for r in fitted if r.chi2 <= BEHIND * best and (lost or not needless(r, fitted))]
     close = [r for i, r in enumerate(near) if i < least or scale * (r.chi2 - best) < margin]
     first = min((r for r in close if r.chi2 <= (1.0 + TIED) * best), key=order) if lost else close[0]
     return [first, *sorted((r for r in close if r is not first), key=order)][:most]

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from hbm.diagnosis.calibrate import lighter
+from hbm.diagnosis.decide import held_by
 from hbm.diagnosis.screen import coarse, starting, telling
 from hbm.diagnosis.signatures import Score
 from hbm.fourier import Array
@@ -37,6 +38,9 @@ AT_ONCE = 4
 
 CLOSE = 30.0
 """Fits are close whose chi2 differs by less."""
+
+CHANCE = 4.0
+"""Fall of chi2 of few records that noise alone gives one or two more numbers."""
 
 VALLEYS, APART = 2, 3.0
 """Other valleys that are fitted to all records, at most; fits stand in different ones that differ by more than so many
@@ -68,6 +72,12 @@ class Candidate:
     chi2: float
     x: Array
     others: tuple[Array, ...] = ()
+
+
+def needless(rich: Candidate, others: Sequence[Candidate]) -> bool:
+    """Whether a candidate holds a simpler one that leaves hardly more: noise alone gives further numbers as much."""
+    held = held_by(rich.cause) - {rich.cause.label}
+    return any(r.cause.label in held and r.chi2 - rich.chi2 < CHANCE for r in others)
 
 
 Starts = list[tuple[float, Array]]

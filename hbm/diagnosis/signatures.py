@@ -5,7 +5,7 @@ Differentiated once are a model and all its numbers; causes that change differen
 
 from collections.abc import Collection, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain, product
 from typing import Any
@@ -147,16 +147,19 @@ class _Known:
     few : Campaign
     here : Evaluation
         With numbers free that may be wrong.
-    calibrated : tuple of bool, (n,)
+    calibrated : (n,) array of bool
         Which coordinates calibration moves, and those of earlier causes: what they can do is no sign of another one.
     residual : (m,) array
         What the model misses, exactly.
+    spans : dict of bytes to Span
+        What calibration can do, remembered: most causes free none of its numbers.
     """
 
     few: Campaign
     here: Evaluation
     calibrated: Mask
     residual: Array
+    spans: dict[bytes, Span] = field(default_factory=dict)
 
     @cached_property
     def found(self) -> Mask:
@@ -212,9 +215,8 @@ class _Known:
         seen: Mask,
     ) -> Score:
         """Score by derivatives (r, k) of the coefficients `seen`, calibrated numbers that it frees left out."""
-        rows = seen & self.found
-        expected, pulls = np.where(freed, 0.0, self.here.expected), np.where(freed, 0.0, self.here.pulls)
-        known = np.vstack([self.here.white.jacobian[rows[self.found]], expected])[:, self.calibrated & ~freed]
+        rows, pulls = seen & self.found, np.where(freed, 0.0, self.here.pulls)
+        known = self._calibration(rows, freed)
         mine = np.vstack([columns[rows[seen]], np.zeros((len(pulls), len(free)))])
         drop, z, shown = _projected(known, np.concatenate([self.residual[rows], -pulls]), mine, free, strength)
         signature = np.zeros(len(self.residual))
@@ -222,6 +224,15 @@ class _Known:
         moved = self.moved[rows[self.found]]
         left = Span(columns[rows[seen]]).across(moved)
         return Score(cause, drop, z, signature, start, 1.0 - float(left @ left) / max(float(moved @ moved), 1e-300))
+
+    def _calibration(self, rows: Mask, freed: Mask) -> Span:
+        """What calibrated numbers can do to coefficients, and to what is expected of them, without those freed."""
+        key = np.append(rows, freed).tobytes()
+        if key not in self.spans:
+            expected = np.where(freed, 0.0, self.here.expected)
+            both = np.vstack([self.here.white.jacobian[rows[self.found]], expected])
+            self.spans[key] = Span(both[:, self.calibrated & ~freed])
+        return self.spans[key]
 
 
 def _known(base: Evaluation, few: Campaign, wrong: Sequence[WrongParameter]) -> _Known | None:
@@ -253,11 +264,10 @@ def _of_group(known: _Known, model: Model, entries: Sequence[_Entry]) -> list[Sc
 
 
 def _projected(
-    known: Array, r: Array, mine: Array, free: Sequence[Free], strength: Unknown
+    calibration: Span, r: Array, mine: Array, free: Sequence[Free], strength: Unknown
 ) -> tuple[float, float, Array]:
     """Predicted drop, its signed root by the strength alone, and the unit signature of the strength."""
     whole = float(np.linalg.norm(mine[:, 0]))
-    calibration = Span(known)
     r, mine = calibration.across(r), calibration.across(mine)
     first = mine[:, 0]
     size = float(np.linalg.norm(first))

@@ -9,6 +9,7 @@ import pytest
 import hbm.diagnosis.fullfits
 from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen
 from hbm.diagnosis.fullfits import HELPS, full_fits
+from hbm.diagnosis.quickfits import CHANCE
 from hbm.diagnosis.restart import apart, started
 from hbm.diagnosis.search import Search
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
@@ -18,7 +19,9 @@ from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.response.trace import trace_frequency
 from models.bodies import ModalModel
+from models.causes.clamp import ClampFriction
 from models.causes.joints import CubicStiffness, LocalDamper
+from models.causes.structure import ClampRotation
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
 from models.parts import Channel, Damping, Excitation
@@ -118,6 +121,17 @@ def test_of_those_that_leave_alike_the_simplest_comes_first_where_none_leaves_no
         assert chosen[0] == first and set(chosen) == {"cubic", "quintic"}
     explains = [quick("quintic", 49.0, 3), quick("cubic", 49.5, 2)]
     assert _chosen(explains, few, False, 1.0, order)[0].cause.label == "quintic"
+
+
+@pytest.mark.parametrize(("ahead", "run"), [(-1.0, 1), (0.9 * CHANCE, 1), (1.1 * CHANCE, 2)])
+def test_what_holds_a_simpler_one_is_fitted_to_all_records_where_it_is_better_by_more_than_chance(
+    ahead: float, run: int
+) -> None:
+    rich, plain = (SimpleNamespace(cause=cause, numbers=0) for cause in (ClampFriction(), ClampRotation()))
+    rich.chi2, plain.chi2 = 60.0 - ahead, 60.0
+    fitted: list[Any] = sorted([rich, plain], key=lambda r: float(r.chi2))
+    chosen = _chosen(fitted, SimpleNamespace(points=50), False, 1.0, order)  # type: ignore[arg-type]
+    assert plain in chosen and len(chosen) == run
 
 
 @pytest.mark.parametrize(("left", "fitted"), [(0.9 * HELPS, 1), (1.1 * HELPS, 2)])
