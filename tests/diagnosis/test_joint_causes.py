@@ -345,15 +345,15 @@ def test_joints_run_first_at_the_place_where_a_free_force_explains_the_records()
     frequencies = [WrongParameter(f"modal.frequencies_hz[{i}]") for i in (1, 2, 3)]
     offered = [*(cause for kind in kinds for cause in kind.candidates(rig)), *frequencies]
     search = Search(rig, records("jenkins"), offered, None, lambda doing, done: None, None)
-    promised = search.screening.scores
-    ordered = foremost(search.screening, search.first, search.calibrated, search.campaign).scores
+    promised = search.over(search.first).scores
+    ordered = foremost(search.over(search.first), search.first, search.calibrated, search.campaign).scores
     before, after = ([s for s in scores if isinstance(s.cause, AddedJoint)] for scores in (promised, ordered))
     there = [s for s in before if isinstance(s.cause, AddedJoint) and s.cause.way(("b", ""))]
     assert len(there) > 1 and before[: len(there)] != there
     assert after == [*there, *(s for s in before if s not in there)]
     assert [s for s in promised if s not in before] == [s for s in ordered if s not in after]
     assert [s in before for s in promised] == [s in after for s in ordered]
-    alone = foremost(search.screening, search.first, search.calibrated, search.campaign, alone=True).scores
+    alone = foremost(search.over(search.first), search.first, search.calibrated, search.campaign, alone=True).scores
     assert list(alone) == [s for s in ordered if s in there or s not in after]
 
 
