@@ -340,7 +340,8 @@ class Conclusion:
             by_noise = [misfit(self._noise(story), self.campaign), *([] if scored is None else [scored.misfit])]
             return RELIABLE[verdict] * (1.0 - min(m.probability for m in by_noise))
         noise = misfit(self.search.nominal, self.campaign).fits
-        return RELIABLE[verdict] * nothing_missing(self.search, self.decision) if noise else RELIABLE["within"]
+        alone = nothing_missing(self.search, self.decision) if noise else 0.0
+        return alone * RELIABLE[verdict] + (1.0 - alone) * RELIABLE["within"]
 
     def _errors(self, best: Evaluation | None) -> dict[str, dict[str, Errors]]:
         models = dict(self.plain)

@@ -9,10 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import hbm.diagnosis.conclusion
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.calibrate import calibrate, trusted
 from hbm.diagnosis.candidates import followed
 from hbm.diagnosis.conclusion import Conclusion
+from hbm.diagnosis.confidence import RELIABLE
 from hbm.diagnosis.decide import Decision, sidak
 from hbm.diagnosis.diagnose import HALF, diagnose
 from hbm.diagnosis.estimates import lifted
@@ -76,6 +78,15 @@ def test_nothing_is_found_where_nothing_is_wrong():
     assert found.cause is None and found.extended is None and found.parameters == {}
     assert found.errors["nominal"]["held_out"].chi2_reduced == pytest.approx(1.0, abs=0.2)
     assert set(found.errors) == {"nominal", "calibrated"}
+    assert RELIABLE["within"] < found.confidence <= RELIABLE["consistent"]
+
+
+def test_what_a_score_test_promises_does_not_make_noise_unlikely_where_no_cause_is_accepted(monkeypatch):
+    """A background that is lost in noise promises something to many causes: the verdict is right all the same."""
+    monkeypatch.setattr(hbm.diagnosis.conclusion, "nothing_missing", lambda search, decision: 0.0)
+    rig, spectra = example("null", 4)
+    found = diagnose(rig, spectra, causes=(AddedMass,))
+    assert (found.verdict, found.confidence) == ("consistent", RELIABLE["within"])
 
 
 def test_an_elastic_clamp_is_found_in_place_of_many_numbers_that_do_as_well_within_their_tolerances():
