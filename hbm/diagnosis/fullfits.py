@@ -14,6 +14,7 @@ from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause, candidates_of
+from models.causes.records import ForceDistortion
 from models.causes.structure import ContactLoss
 from models.jointed import AnyRig
 
@@ -29,6 +30,9 @@ FINISHED = 40
 
 REFINED, FAR = 300.0, 1500.0
 """Fits whose chi2 is within the first of the best are refined too, unless the best is this far from fitting."""
+
+DISTORTED = 5.0
+"""A force is distorted that has a harmonic of so many standard deviations."""
 
 
 def full_fits(
@@ -74,6 +78,14 @@ def lifted_off(base: Evaluation, candidates: Sequence[Cause], campaign: Campaign
     with suppress(*FAILURES):
         return [refine(fit_model(model, campaign, starting(model, base, {}), base.solutions), campaign)]
     return []
+
+
+def measurable(cause: Cause, campaign: Campaign) -> bool:
+    """Whether what was measured can speak of a cause: its channels, or the harmonics of the force."""
+    channels = campaign.data.channels
+    if isinstance(cause, ForceDistortion):
+        return (campaign.data.distorted or 0.0) > DISTORTED
+    return all(getattr(cause, name, channels[0]) in channels for name in ("channel", "other"))
 
 
 def suits(cause: Cause, rig: AnyRig) -> bool:

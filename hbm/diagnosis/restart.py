@@ -54,6 +54,16 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
         return []
 
 
+def alone(nominal: Evaluation, calibrated: Evaluation, keys: Sequence[str], campaign: Campaign) -> Iterator[Evaluation]:
+    """Fits of one number at a time over the rig file as it is, from where calibration has it."""
+    values = calibrated.model.values(calibrated.x, -1)
+    for key in keys:
+        model = nominal.model.extended_by(WrongParameter(key))
+        with suppress(*FAILURES):
+            e = fit_model(model, campaign, np.array([model.free[-1].of(values[key])]), calibrated.solutions)
+            yield refine(e, campaign) if refinable(e) else e
+
+
 def _blamed(model: Model, found: Evaluation) -> dict[tuple[int, str], float]:
     """Coordinates of calibrated numbers, where a number is a cause of its own in another model."""
     causes = enumerate(found.model.causes)

@@ -4,7 +4,7 @@ The signature of a cause is the exact derivative of the steady states to its par
 less what the calibrated numbers can do as well. A number that only shapes an effect (a place, a frequency) is scanned.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,9 +36,8 @@ PROBED = 6
 COARSE = (15, 256)
 """Harmonics and samples for the derivatives; the misfit itself is that of the fine simulation."""
 
-INSTEAD, COMPARED = 0.5, 5
-"""Causes that do less than this share of what calibrated numbers did are none that could be in their place; so many are
-compared with them."""
+INSTEAD = 0.5
+"""What does less than this share of what calibrated numbers did could not be in their place."""
 
 HOPELESS = 0.15
 """Joints whose scan promises a smaller share of the best one's fall of chi2 are left out."""
@@ -61,10 +60,10 @@ class Screening:
         cosines = {s.cause.label: float(abs(s.signature @ mine)) for s in self.scores if s.cause.label != label}
         return {name: c for name, c in sorted(cosines.items(), key=lambda pair: -pair[1]) if c >= least}
 
-    def instead(self, but: Collection[str]) -> "Screening":
-        """The same of those alone, but for some labels, that do most of what calibrated numbers did."""
-        alike = [s for s in self.scores if s.instead >= INSTEAD and s.cause.label not in but]
-        return replace(self, scores=tuple(sorted(alike, key=lambda s: -s.instead)[:COMPARED]))
+    @property
+    def instead(self) -> list[Score]:
+        """Those that do most of what calibrated numbers did, numbers among them, the most alike first."""
+        return sorted((s for s in self.scores if s.instead >= INSTEAD), key=lambda s: -s.instead)
 
 
 def small(base: Evaluation) -> bool:

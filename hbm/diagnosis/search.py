@@ -28,12 +28,12 @@ from hbm.diagnosis.decide import (
     tied,
 )
 from hbm.diagnosis.foremost import foremost
-from hbm.diagnosis.fullfits import lifted_off, suits
+from hbm.diagnosis.fullfits import lifted_off, measurable, suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import disordered
 from hbm.diagnosis.remainder import beyond_noise, explained
-from hbm.diagnosis.restart import apart, led_to, less_moved, started
+from hbm.diagnosis.restart import alone, apart, led_to, less_moved, started
 from hbm.diagnosis.screen import Screening, screen, small
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
@@ -44,7 +44,7 @@ from hbm.outputerror.model import SENSORS, Model
 from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
-from models.causes.records import ForceDistortion, NotSteady
+from models.causes.records import NotSteady
 from models.causes.structure import ContactLoss
 from models.jointed import AnyRig, JointedRig
 
@@ -60,8 +60,8 @@ PAYS = 0.7
 CLOSEST, LAST = 1, 4
 """Causes found over the rig file as it is that are calibrated too; steps of the last fit."""
 
-DISTORTED = 5.0
-"""A force is distorted that has a harmonic of so many standard deviations."""
+COMPARED = 5
+"""Causes, and numbers, that are compared in place of all that calibration has moved."""
 
 OnProgress = Callable[[str, float], None]
 
@@ -82,7 +82,7 @@ class Search:
         tell("sensors and numerics", 0.0)
         self.campaign, self.sensors = campaign_of(rig, spectra, executor=executor)
         channels = self.campaign.data.channels
-        self.candidates = [c for c in candidates if self._seen(c)]
+        self.candidates = [c for c in candidates if measurable(c, self.campaign)]
         self.trust = trusted(rig, channels, tolerances)
         least = len([f for f in self.trust.free if not f.name.startswith(SENSORS)]) + 1
         if self.campaign.points <= least:
@@ -102,13 +102,6 @@ class Search:
         self.fitted: list[Evaluation] = []
         self.screenings: list[Screening] = []
         self.over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
-
-    def _seen(self, cause: Cause) -> bool:
-        """Whether what was measured can speak of a cause: its channels, or the harmonics of the force."""
-        channels = self.campaign.data.channels
-        if isinstance(cause, ForceDistortion):
-            return (self.campaign.data.distorted or 0.0) > DISTORTED
-        return all(getattr(cause, name, channels[0]) in channels for name in ("channel", "other"))
 
     def _screened(self, base: Evaluation, candidates: Sequence[Cause] | None = None) -> Screening:
         """Scores over a model of candidates, all unless given; of transients only where what is missed has no order."""
@@ -198,14 +191,20 @@ class Search:
     def _within_tolerances(self, exact: Decision) -> Decision:
         """The calibrated rig file, or one cause that is likelier in place of all that its numbers have moved.
 
-        Where these have moved, what they did is linear in what could have been in their place.
+        Where these have moved, what they did is linear in what could have been in their place. One of them alone that
+        does as well as the cause is within its tolerance.
         """
-        alike = self.over(self.calibrated).instead([e.model.label for e in exact.fits])
-        if isinstance(self.rig, JointedRig) or small(self.nominal) or not alike.scores:
+        screening, known = self.over(self.calibrated), {e.model.label for e in exact.fits}
+        numbers = {WrongParameter(key).label: key for key in self.trust.calibrated}
+        causes = [s for s in screening.instead if s.cause.label not in known and s.cause.label not in numbers]
+        if isinstance(self.rig, JointedRig) or small(self.nominal) or not causes:
             return Decision(self.calibrated, None, exact.fits)
-        found = self._race(self.nominal, alike, 0.5)
-        if found.best is not None and self._explains(found) and simpler(found.best, self.calibrated, self.tried):
-            return found
+        found = self._race(self.nominal, replace(screening, scores=tuple(causes[:COMPARED])), 0.5)
+        best = found.best
+        if best is not None and self._fits(best) and simpler(best, self.calibrated, self.tried):
+            keys = [numbers[s.cause.label] for s in screening.instead if s.cause.label in numbers][:COMPARED]
+            if all(e.bic > best.bic + DECISIVE for e in alone(self.nominal, self.calibrated, keys, self.campaign)):
+                return found
         return Decision(self.calibrated, None, tuple(one_of_each(best_of([*found.fits, *exact.fits]))))
 
     def _over_calibrated(self, exact: Decision) -> Decision:

@@ -192,8 +192,7 @@ class _Known:
         mine = [f for f, m in zip(free, own, strict=True) if m]
         relief = float(np.sum(e.pulls[own] ** 2))
         score = self._scored(cause, {}, strength, mine, e.white.jacobian[:, own], own, self.found)
-        moves = bool((own & self.calibrated).any())
-        return replace(score, drop=score.drop + relief * bool(score.drop), instead=0.0 if moves else score.instead)
+        return replace(score, drop=score.drop + relief) if score.drop else score
 
     def of_cause(self, e: Evaluation, entry: _Entry) -> Score:
         """Score of a cause in the model of its group."""
