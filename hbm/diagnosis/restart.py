@@ -11,7 +11,7 @@ from hbm.diagnosis.fullfits import refinable
 from hbm.diagnosis.judge import background_of, beside_noise
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, best_start, fit_model, refine
-from hbm.outputerror.model import Model
+from hbm.outputerror.model import FAR, Model
 from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
@@ -55,13 +55,16 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
 
 
 def alone(nominal: Evaluation, calibrated: Evaluation, keys: Sequence[str], campaign: Campaign) -> Iterator[Evaluation]:
-    """Fits of one number at a time over the rig file as it is, from where calibration has it."""
-    values = calibrated.model.values(calibrated.x, -1)
-    for key in keys:
-        model = nominal.model.extended_by(WrongParameter(key))
+    """Fits of one number at a time over the rig file as it is, from where calibration has it, if within tolerance."""
+    for f in calibrated.model.free:
+        if f.cause >= 0 or f.name not in keys:
+            continue
+        model, value = nominal.model.extended_by(WrongParameter(f.name)), calibrated.model.values(calibrated.x, -1)
         with suppress(*FAILURES):
-            e = fit_model(model, campaign, np.array([model.free[-1].of(values[key])]), calibrated.solutions)
-            yield refine(e, campaign) if refinable(e) else e
+            e = fit_model(model, campaign, np.array([model.free[-1].of(value[f.name])]), calibrated.solutions)
+            e = refine(e, campaign) if refinable(e) else e
+            if abs(f.of(model.free[-1].value(float(e.x[-1]))) - f.expected) <= FAR * f.std:
+                yield e
 
 
 def _blamed(model: Model, found: Evaluation) -> dict[tuple[int, str], float]:

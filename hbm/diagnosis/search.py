@@ -152,9 +152,8 @@ class Search:
         if self._within() and beyond_noise(self.nominal.white) <= TOLERATED:
             return Decision(self.calibrated, None, ())
         exact = self._exact()
-        if self._explains(exact) and exact.best is not None:
-            if simpler(exact.best, self.calibrated, self.tried) or not self._within():
-                return exact
+        if exact.best is not None and self._fits(exact.best) and (not self._within() or self._likelier(exact.best)):
+            return exact
         if self._within():
             return self._within_tolerances(exact)
         if nominal.fits:
@@ -191,21 +190,26 @@ class Search:
     def _within_tolerances(self, exact: Decision) -> Decision:
         """The calibrated rig file, or one cause that is likelier in place of all that its numbers have moved.
 
-        Where these have moved, what they did is linear in what could have been in their place. One of them alone that
-        does as well as the cause is within its tolerance.
+        Where these have moved, what they did is linear in what could have been in their place.
         """
         screening, known = self.over(self.calibrated), {e.model.label for e in exact.fits}
-        numbers = {WrongParameter(key).label: key for key in self.trust.calibrated}
-        causes = [s for s in screening.instead if s.cause.label not in known and s.cause.label not in numbers]
+        known |= {WrongParameter(key).label for key in self.trust.calibrated}
+        causes = [s for s in screening.instead if s.cause.label not in known]
         if isinstance(self.rig, JointedRig) or small(self.nominal) or not causes:
             return Decision(self.calibrated, None, exact.fits)
         found = self._race(self.nominal, replace(screening, scores=tuple(causes[:COMPARED])), 0.5)
-        best = found.best
-        if best is not None and self._fits(best) and simpler(best, self.calibrated, self.tried):
-            keys = [numbers[s.cause.label] for s in screening.instead if s.cause.label in numbers][:COMPARED]
-            if all(e.bic > best.bic + DECISIVE for e in alone(self.nominal, self.calibrated, keys, self.campaign)):
-                return found
-        return Decision(self.calibrated, None, tuple(one_of_each(best_of([*found.fits, *exact.fits]))))
+        fits = tuple(one_of_each(best_of([*found.fits, *exact.fits])))
+        stands = found.best is not None and self._fits(found.best) and self._likelier(found.best)
+        return found if stands else Decision(self.calibrated, None, fits)
+
+    def _likelier(self, best: Evaluation) -> bool:
+        """Whether one cause is likelier than many small errors of the rig file, and than one of these alone."""
+        if not simpler(best, self.calibrated, self.tried):
+            return False
+        numbers = {WrongParameter(key).label: key for key in self.trust.calibrated}
+        moved = [numbers[s.cause.label] for s in self.over(self.calibrated).instead if s.cause.label in numbers]
+        each = alone(self.nominal, self.calibrated, moved[:COMPARED], self.campaign)
+        return all(e.bic > best.bic + DECISIVE for e in each)
 
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
