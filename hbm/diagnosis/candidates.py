@@ -11,8 +11,8 @@ from hbm.diagnosis.attached import attached_starts
 from hbm.diagnosis.fullfits import HELPS, REFINED, full_fits, refined
 from hbm.diagnosis.otherstarts import ALIKE, BEHIND, MORE_STARTS, MORE_STEPS, Tell, from_other_starts, is_joint, scanned
 from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Candidate, QuickFits, elsewhere, needless, rank
-from hbm.diagnosis.screen import Screening, small, starting, telling
-from hbm.diagnosis.signatures import Score
+from hbm.diagnosis.screen import Screening, small, telling
+from hbm.diagnosis.signatures import Score, starting
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, fit_model, refine
 from hbm.outputerror.nominal import STIFFNESSES

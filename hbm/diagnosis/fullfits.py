@@ -7,7 +7,8 @@ import numpy as np
 
 from hbm.diagnosis.otherstarts import Tell, scanned
 from hbm.diagnosis.quickfits import CLOSE, Candidate, rank, with_limits
-from hbm.diagnosis.screen import small, starting
+from hbm.diagnosis.screen import small
+from hbm.diagnosis.signatures import starting
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine

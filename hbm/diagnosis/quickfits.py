@@ -11,8 +11,8 @@ from scipy.optimize import minimize_scalar
 
 from hbm.diagnosis.calibrate import lighter
 from hbm.diagnosis.decide import held_by
-from hbm.diagnosis.screen import coarse, starting, telling
-from hbm.diagnosis.signatures import Score
+from hbm.diagnosis.screen import coarse, telling
+from hbm.diagnosis.signatures import Score, starting
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import MANY, Evaluation, best_start, fit_model

@@ -9,10 +9,11 @@ import numpy as np
 from hbm.diagnosis.candidates import EXPLAINED
 from hbm.diagnosis.fullfits import refinable
 from hbm.diagnosis.judge import background_of, beside_noise
+from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, best_start, fit_model, refine
 from hbm.outputerror.model import FAR, Model
-from hbm.outputerror.simulated import FAILURES
+from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
 
@@ -48,23 +49,29 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
         starts.append(np.array([f.expected if f.cause < 0 else x for f, x in zip(model.free, starts[0], strict=True)]))
     try:
         start = best_start(model, campaign, starts, found.solutions)[0][1] if len(starts) > 1 else starts[0]
-        best = fit_model(model, campaign, start, found.solutions, reach=EXPLAINED * len(found.white))
-        return [refine(best, campaign) if refinable(best) else best]
+        return [_fitted(model, campaign, start, found.solutions, EXPLAINED * len(found.white))]
     except FAILURES:
         return []
 
 
 def alone(nominal: Evaluation, calibrated: Evaluation, keys: Sequence[str], campaign: Campaign) -> Iterator[Evaluation]:
     """Fits of one number at a time over the rig file as it is, from where calibration has it, if within tolerance."""
+    values = calibrated.model.values(calibrated.x, -1)
     for f in calibrated.model.free:
         if f.cause >= 0 or f.name not in keys:
             continue
-        model, value = nominal.model.extended_by(WrongParameter(f.name)), calibrated.model.values(calibrated.x, -1)
+        model = nominal.model.extended_by(WrongParameter(f.name))
+        start = np.array([model.free[-1].of(values[f.name])])
         with suppress(*FAILURES):
-            e = fit_model(model, campaign, np.array([model.free[-1].of(value[f.name])]), calibrated.solutions)
-            e = refine(e, campaign) if refinable(e) else e
+            e = _fitted(model, campaign, start, calibrated.solutions)
             if abs(f.of(model.free[-1].value(float(e.x[-1]))) - f.expected) <= FAR * f.std:
                 yield e
+
+
+def _fitted(model: Model, campaign: Campaign, x: Array, last: Solutions, reach: float = np.inf) -> Evaluation:
+    """A fit, the discretisation corrected anew where that may be what it is missing."""
+    best = fit_model(model, campaign, x, last, reach=reach)
+    return refine(best, campaign) if refinable(best) else best
 
 
 def _blamed(model: Model, found: Evaluation) -> dict[tuple[int, str], float]:

@@ -8,20 +8,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from hbm.diagnosis.jointscan import scan
-from hbm.diagnosis.signatures import Score, scores
-from hbm.fourier import Array
+from hbm.diagnosis.signatures import Mask, Score, scores
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
-from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import LEFT, Correction, size
 from hbm.outputerror.simulated import FAILURES
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
-
-Mask = npt.NDArray[np.bool_]
 
 RECORDS, FEW = 20, 8
 """Records whose derivatives make the signatures, spread over levels and frequencies: where the misfit is small, and
@@ -155,15 +150,3 @@ def _tried(base: Evaluation, campaign: Campaign, causes: Sequence[Cause], seen: 
             there = {}
         drop = (before - sum(few.chi2(there).values())) * share if len(there) == len(plain) else 0.0
         yield Score(cause, max(drop, 0.0), np.sqrt(max(drop, 0.0)), np.zeros(int(seen.sum())), {})
-
-
-def starting(model: Model, base: Evaluation, start: dict[str, float]) -> Array:
-    """Coordinates with the calibrated numbers (and earlier causes) of another model and the last cause at a start."""
-    known = base.coordinates
-    last = len(model.causes) - 1
-    return np.array(
-        [
-            f.of(start[f.name]) if f.cause == last and f.name in start else known.get((f.cause, f.name), f.of(f.start))
-            for f in model.free
-        ]
-    )

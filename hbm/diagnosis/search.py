@@ -84,6 +84,7 @@ class Search:
         channels = self.campaign.data.channels
         self.candidates = [c for c in candidates if measurable(c, self.campaign)]
         self.trust = trusted(rig, channels, tolerances)
+        self._tolerated = {WrongParameter(key).label: key for key in self.trust.calibrated}
         least = len([f for f in self.trust.free if not f.name.startswith(SENSORS)]) + 1
         if self.campaign.points <= least:
             raise InputError(
@@ -152,7 +153,7 @@ class Search:
         if self._within() and beyond_noise(self.nominal.white) <= TOLERATED:
             return Decision(self.calibrated, None, ())
         exact = self._exact()
-        if exact.best is not None and self._fits(exact.best) and (not self._within() or self._likelier(exact.best)):
+        if self._explains(exact) and (not self._within() or self._likelier(exact)):
             return exact
         if self._within():
             return self._within_tolerances(exact)
@@ -193,23 +194,22 @@ class Search:
         Where these have moved, what they did is linear in what could have been in their place.
         """
         screening, known = self.over(self.calibrated), {e.model.label for e in exact.fits}
-        known |= {WrongParameter(key).label for key in self.trust.calibrated}
-        causes = [s for s in screening.instead if s.cause.label not in known]
+        causes = [s for s in screening.instead if s.cause.label not in known and s.cause.label not in self._tolerated]
         if isinstance(self.rig, JointedRig) or small(self.nominal) or not causes:
             return Decision(self.calibrated, None, exact.fits)
         found = self._race(self.nominal, replace(screening, scores=tuple(causes[:COMPARED])), 0.5)
         fits = tuple(one_of_each(best_of([*found.fits, *exact.fits])))
-        stands = found.best is not None and self._fits(found.best) and self._likelier(found.best)
+        stands = self._explains(found) and self._likelier(found)
         return found if stands else Decision(self.calibrated, None, fits)
 
-    def _likelier(self, best: Evaluation) -> bool:
-        """Whether one cause is likelier than many small errors of the rig file, and than one of these alone."""
-        if not simpler(best, self.calibrated, self.tried):
+    def _likelier(self, found: Decision) -> bool:
+        """Whether the cause found is likelier than many small errors of the rig file, and than one of these alone."""
+        best, known = found.best, self._tolerated
+        if best is None or not simpler(best, self.calibrated, self.tried):
             return False
-        numbers = {WrongParameter(key).label: key for key in self.trust.calibrated}
-        moved = [numbers[s.cause.label] for s in self.over(self.calibrated).instead if s.cause.label in numbers]
-        each = alone(self.nominal, self.calibrated, moved[:COMPARED], self.campaign)
-        return all(e.bic > best.bic + DECISIVE for e in each)
+        moved = [known[s.cause.label] for s in self.over(self.calibrated).instead if s.cause.label in known]
+        single = alone(self.nominal, self.calibrated, moved[:COMPARED], self.campaign)
+        return all(e.bic > best.bic + DECISIVE for e in single)
 
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
@@ -394,7 +394,7 @@ class Search:
         name, scores = single.model.label, self._screened(single, rest)
         scores = foremost(scores, single, single, self.campaign, alone=True)
         fits = fit_candidates(single, self.campaign, scores, lambda d: self.tell(f"{name} and {d}", 0.7), self._enough)
-        alone = [e for pair in fits[:1] for e in apart(base, pair, self.campaign)]
-        self.fitted += [*fits, *alone]
-        found = self._decided(base, [*fits, *alone, *earlier.fits], self.tried**2)
+        parted = [e for pair in fits[:1] for e in apart(base, pair, self.campaign)]
+        self.fitted += [*fits, *parted]
+        found = self._decided(base, [*fits, *parted, *earlier.fits], self.tried**2)
         return replace(found, fits=found.fits[:MOST_RANKED])

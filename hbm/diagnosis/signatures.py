@@ -70,6 +70,18 @@ class Score:
     starts: tuple[dict[str, float], ...] = ()
 
 
+def starting(model: Model, base: Evaluation, start: dict[str, float]) -> Array:
+    """Coordinates with the calibrated numbers (and earlier causes) of another model and the last cause at a start."""
+    known = base.coordinates
+    last = len(model.causes) - 1
+    return np.array(
+        [
+            f.of(start[f.name]) if f.cause == last and f.name in start else known.get((f.cause, f.name), f.of(f.start))
+            for f in model.free
+        ]
+    )
+
+
 def scores(base: Evaluation, few: Campaign, sized: Sequence[Cause]) -> list[Score]:
     """Scores on few records of causes that have a size, of every shape; none without derivatives of the model."""
     wrong = [c for c in sized if isinstance(c, WrongParameter)]
@@ -239,10 +251,8 @@ def _known(base: Evaluation, few: Campaign, wrong: Sequence[WrongParameter]) -> 
     model = base.model
     freed = {c.key: np.inf for c in wrong if c.key not in model.calibrated}
     model = Model(model.nominal, {**model.calibrated, **freed}, model.causes)
-    at = base.coordinates
-    x = np.array([at.get((f.cause, f.name), f.of(f.start)) for f in model.free])
     try:
-        here = evaluate(model, few, x, base.solutions)
+        here = evaluate(model, few, starting(model, base, {}), base.solutions)
     except FAILURES:
         return None
     calibrated = np.array([f.cause >= 0 or f.name in base.model.calibrated for f in model.free], dtype=bool)

@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 from hbm.fourier import Array
 from hbm.identification.modalproblem import Problem, covariance_of
 from hbm.identification.modes import CERTAIN, Modes
-from hbm.identification.projection import POSITIVE, STEPS
+from hbm.identification.projection import POSITIVE, STEPS, as_reals
 from hbm.measurement.responses import Complex
 
 HASTE = 40
@@ -150,7 +150,7 @@ class Coupled:
         ]
         moved = np.concatenate(parts if more is None else [*parts, more], axis=2)
         slopes = weighted.whitened(-weighted.turned(self.turns)[:, :, None] * moved)
-        return np.concatenate([slopes.real, slopes.imag]).reshape(-1, slopes.shape[2])
+        return as_reals(slopes).reshape(-1, slopes.shape[2])
 
     # ---- how good
 
@@ -173,7 +173,7 @@ class Coupled:
         """The most likely from here, or as near to it as so many steps come."""
 
         def residuals(x: Array) -> Array:
-            return _parts(self._at(x).left)
+            return as_reals(self._at(x).left).ravel()
 
         with np.errstate(all="ignore"):
             fit = least_squares(residuals, self.x, jac=lambda x: self._at(x)._slopes(), x_scale="jac", max_nfev=steps)
@@ -191,7 +191,7 @@ class Coupled:
         size = np.linalg.norm(own, axis=0)
         basis = np.linalg.qr(own / np.where(size > 0.0, size, 1.0))[0]
         others = others - basis @ (basis.T @ others)
-        pulls = (others.T @ _parts(self.left)) ** 2 / np.maximum(np.sum(others**2, axis=0), POSITIVE[0])
+        pulls = (others.T @ as_reals(self.left).ravel()) ** 2 / np.maximum(np.sum(others**2, axis=0), POSITIVE[0])
         best = int(pulls.argmax())
         if len(self.groups) == self.modes and pulls[best] < CERTAIN**2 * self.problem.noise(self.misfit):
             return None
@@ -273,8 +273,3 @@ def _normal(problem: Problem, x: Array, modes: int, drive: int) -> Coupled | Non
         rest=flexibility[:, modes:],
         turns=problem.turns(x),
     )
-
-
-def _parts(z: Complex) -> Array:
-    """Real parts above imaginary ones, as one row."""
-    return np.concatenate([z.real, z.imag]).ravel()

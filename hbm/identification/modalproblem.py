@@ -12,7 +12,7 @@ import numpy.typing as npt
 from hbm.channels import DERIVATIVES
 from hbm.fourier import Array
 from hbm.identification.modes import Modes
-from hbm.identification.projection import POSITIVE, REST, Projection
+from hbm.identification.projection import POSITIVE, REST, Projection, as_reals
 from hbm.measurement.responses import Complex, FrequencyResponses
 
 GRID, RATIOS = 400, (5e-4, 2e-3, 8e-3, 0.03)
@@ -189,7 +189,7 @@ class Problem:
         of_turns = of_others[:, :, 2 * modes :][:, :, self.sought]
         parts = [of_others[:, :, : 2 * modes], of_linear.reshape(n, c, c * q), of_turns]
         slopes = weighted.whitened(-np.concatenate(parts, axis=2))
-        return np.concatenate([slopes.real, slopes.imag]).reshape(-1, len(x))
+        return as_reals(slopes).reshape(-1, len(x))
 
     def asks_for(self, more: Array, less: Array, modes: int) -> bool:
         """Whether a fit is better by BIC, for noise of unknown size, and its modes lie apart and in the band.
@@ -233,7 +233,7 @@ class Problem:
         late, none = self.late(), np.zeros(len(self.driven))
         beside, left = np.append(x, none), self._left(x, modes).ravel()
         covariance = covariance_of(late._slopes(beside, modes))
-        step = -covariance @ late._slopes(beside, modes).T @ np.append(left.real, left.imag)
+        step = -covariance @ late._slopes(beside, modes).T @ as_reals(left)
         spread = np.sqrt(np.maximum(np.diag(covariance), POSITIVE[0]) * self.noise(self.misfit(x, modes)))
         return np.asarray((step / spread)[len(x) :])
 

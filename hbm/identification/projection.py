@@ -132,11 +132,11 @@ class Projection:
 
     def misfits(self, poles: Array, channel: int, delays: Array) -> Array:
         """What flexibilities leave of a channel that is read alone, at each of its delays (m,), which are turns."""
-        columns = _parts(self.motion[:, [channel]] * self.columns(poles))
+        columns = as_reals(self.motion[:, [channel]] * self.columns(poles))
         size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
         basis = np.linalg.qr(columns / size)[0]
         undone = np.exp(1j * np.outer(self.omega / self.middle, delays)) * self.measured[:, [channel]]
-        described = np.sum((basis.T @ _parts(undone)) ** 2, axis=0)
+        described = np.sum((basis.T @ as_reals(undone)) ** 2, axis=0)
         return np.asarray(np.sum(np.abs(self.measured[:, channel]) ** 2) - described)
 
     def fitted(self, start: Array, turns: Array, sought: npt.NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -156,13 +156,13 @@ class Projection:
             if not np.isfinite(self.columns(poles)).all():
                 return np.full(2 * self.measured.size, np.nan)  # SciPy tries a shorter step
             known[:] = [self._best(poles, tried)]
-            return _parts(self.whitened(known[0][1](self.measured[:, :, None]))).ravel()
+            return as_reals(self.whitened(known[0][1](self.measured[:, :, None]))).ravel()
 
         def slopes(x: Array) -> Array:
             flexibility, rest = known[0]
             moved = -self.slopes(*unpacked(x), flexibility)[:, :, moving]
             moved = rest(np.where(np.isfinite(moved), moved, 0.0))  # a pole that has run off stays where it is
-            return _parts(self.whitened(moved)).reshape(-1, len(x))
+            return as_reals(self.whitened(moved)).reshape(-1, len(x))
 
         x = np.concatenate([np.log(np.clip(start, *POSITIVE)).T.ravel(), turns[sought]])
         with np.errstate(all="ignore"):  # in SciPy's own step, where a pole has run off
@@ -178,7 +178,7 @@ class Projection:
         q = basis.shape[2]
         weight = 1.0 / (1.0 + self._force)
         felt = (self.by_force.conj().T[:, :, None] * basis).transpose(1, 0, 2).reshape(len(columns), c * q)
-        stacked = _parts(np.sqrt(weight) * felt)
+        stacked = as_reals(np.sqrt(weight) * felt)
         coupled = cho_factor(np.eye(c * q) - stacked.T @ stacked)
 
         def solved(z: Complex) -> Array:
@@ -201,7 +201,7 @@ class Projection:
 
 def _orthonormal(columns: Complex) -> tuple[Complex, Array, Array]:
     """Basis (n, q) of columns whose size is taken off, their coordinates (q, q) in it, and that size (q,)."""
-    stacked = _parts(columns)
+    stacked = as_reals(columns)
     size = np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(float).tiny)
     basis, upper = np.linalg.qr(stacked / size)
     return basis[: len(columns)] + 1j * basis[len(columns) :], upper, size
@@ -216,6 +216,6 @@ def _stiffness(omega: Array, poles: Array) -> Complex:
     return np.asarray(1.0 - x**2 + 2j * poles[:, 1] * x)
 
 
-def _parts(z: npt.NDArray[np.complex128]) -> Array:
+def as_reals(z: npt.NDArray[np.complex128]) -> Array:
     """Real parts above imaginary ones."""
     return np.concatenate([z.real, z.imag])

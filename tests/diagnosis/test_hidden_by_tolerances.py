@@ -10,8 +10,8 @@ from hbm.diagnosis.decide import DECISIVE, accepted, tied
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.judge import beside, lead
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.screen import starting
 from hbm.diagnosis.search import Search
+from hbm.diagnosis.signatures import starting
 from hbm.outputerror.fit import evaluate, fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
