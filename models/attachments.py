@@ -5,6 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from models.structure import Array
 
@@ -98,6 +99,16 @@ class Attachments:
             kind: tuple(entry._make(next(values) for _ in entry) for entry in getattr(self, kind)) for kind in LISTS
         }
         return Attachments(**ends, **lists)
+
+    def mode_numbers(self, omega_n: Array) -> npt.NDArray[np.intp]:
+        """Number of the bare beam's mode (n,) [rad/s] that each mode counts as: what has no mass changes nothing.
+
+        The mode that a resonator adds among them counts as the first.
+        """
+        swinging = 2 * np.pi * np.array([float(r.frequency_hz) for r in self.resonators])
+        added = swinging[swinging < omega_n[-1]]
+        numbers = np.concatenate([np.arange(1, len(omega_n) + 1), np.ones(len(added), dtype=int)])
+        return np.asarray(numbers[np.argsort(np.concatenate([omega_n, added]), kind="stable")])
 
 
 ENDS = tuple(f.name for f in fields(Attachments) if f.default is None)

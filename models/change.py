@@ -8,7 +8,7 @@ import numpy as np
 
 from models.assembly import Assembly, assembled_change
 from models.elements import ElementRows, Ports, element_rows_change
-from models.parts import Excitation, ModalBody
+from models.parts import Excitation
 from models.reduction import StructureChange
 from models.rig import DAMPING, Rig
 from models.structure import SpringPort
@@ -48,10 +48,10 @@ def tone_scalars(excitation: Excitation) -> dict[str, Scalar]:
 
 def elements_change(rig: Rig, keys: tuple[str, ...]) -> list[ElementRows]:
     """Derivatives of :attr:`Rig.element_rows` to numbers of the rig, p parameters first."""
-    if isinstance(rig.body, ModalBody) or not rig.acting:
+    if rig.beam is None or not rig.acting:
         return []
     change = structure_change(rig, keys)
-    ports = rig.reduction.ports(rig.body.length)._replace(support=rig.support, load=rig.contact.normal_load)
+    ports = rig.reduction.ports(rig.beam.length)._replace(support=rig.support, load=rig.contact.normal_load)
     length, load = (np.array([float(key == name) for key in keys]) for name in ("beam.length", LOAD))
     points = change.rows[:, change.rows.shape[1] - len(ports.rows) :]
     moved = Ports(
@@ -64,7 +64,7 @@ def elements_change(rig: Rig, keys: tuple[str, ...]) -> list[ElementRows]:
         support_change(rig, keys),
         load,
     )
-    return element_rows_change(rig.acting, ports, moved, rig.body.modes)
+    return element_rows_change(rig.acting, ports, moved, rig.beam.modes)
 
 
 def clamp_change(rig: Rig, keys: tuple[str, ...]) -> SpringPort | None:
@@ -123,7 +123,7 @@ def structure_change(rig: Rig, keys: tuple[str, ...]) -> StructureChange:
     """
     reduction = rig.reduction
     still = Assembly(*(np.zeros_like(part) for part in reduction.assembly))
-    places = {} if isinstance(rig.body, ModalBody) else dict(zip(rig.layout_keys, rig.layout.scalars(), strict=True))
+    places = {} if rig.beam is None else dict(zip(rig.layout_keys, rig.layout.scalars(), strict=True))
     nothing: list[StructureChange] = []  # the same for all that change nothing
 
     def change(key: str) -> StructureChange:

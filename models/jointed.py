@@ -122,6 +122,9 @@ class JointedRig(Numbered):
 
     limits: ClassVar[tuple[str, str]] = ("joined", "free")
     followed_modes: ClassVar[None] = None
+    beam: ClassVar[None] = None
+    modal: ClassVar[None] = None
+    """Its body is neither of those of a rig with one contact: its places are named, none is a number along it."""
     holds: ClassVar[float] = 0.0
     """Mean force of joints that stick and that a channel sees [N]: it leaves a linear body as it is."""
 

@@ -94,8 +94,8 @@ class Rig(Numbered):
     def __post_init__(self) -> None:
         """Refuse places beyond the beam, and names that are given twice or taken."""
         check_names("Rig", self.channels, self.computed)
-        if isinstance(self.body, Beam) and isinstance(self.body.length, float):
-            length = self.body.length
+        if self.beam is not None and isinstance(self.beam.length, float):
+            length = self.beam.length
             bounded("Excitation: position", self.excitation.position, 0.0, length, strict=True)
             held = self.attachments.support_stiffness is None and not self.contact.lift_off
             if held and self.excitation.position == length:
@@ -106,11 +106,11 @@ class Rig(Numbered):
 
     def __str__(self) -> str:
         """In words."""
-        body, contact, law = self.body, self.contact, self.contact.law
+        contact, law = self.contact, self.contact.law
         numbers = ", ".join(f"{name} {value:.6g}" for name, value in parameters(law).items())
-        where = f" at {self.excitation.position:g} m" if isinstance(body, Beam) else ""
+        where = "" if self.beam is None else f" at {self.excitation.position:g} m"
         lines = [
-            f"{self.name}: {body}",
+            f"{self.name}: {self.body}",
             f"contact: {law.name}{f' ({numbers})' if numbers else ''} under {contact.normal_load:g} N"
             + (", may lift off" if contact.lift_off else ""),
             f"excitation: {self.excitation.amplitude:g} N{where}",
@@ -123,10 +123,20 @@ class Rig(Numbered):
         return "\n  ".join(lines)
 
     @property
+    def beam(self) -> Beam | None:
+        """Its body where that is a beam, with places along it; None where it is given by its modes."""
+        return self.body if isinstance(self.body, Beam) else None
+
+    @property
+    def modal(self) -> ModalBody | None:
+        """Its body where that is given by its modes."""
+        return self.body if isinstance(self.body, ModalBody) else None
+
+    @property
     def quantities(self) -> Iterator[tuple[str, str, Any]]:
         """Numbers with a usual range: key of the rig file, quantity of :mod:`models.plausible`, value."""
-        if isinstance(self.body, Beam):
-            yield from self.body.quantities
+        if self.beam is not None:
+            yield from self.beam.quantities
         yield from self.damping.quantities
         yield from ((f"contact.{name}", name, getattr(self.contact, name)) for name in ("normal_load", "radius"))
         yield from quantities_of(self.contact.law, "contact.friction")
@@ -138,11 +148,11 @@ class Rig(Numbered):
         body, alpha = self.body, self.damping.mass_proportional
         critical = None if body.fundamental is None else 2 * body.fundamental
         yield Proportion("damping.mass_proportional", alpha, "1/s", critical, "critical damping of the first mode")
-        if isinstance(body, Beam):
-            yield from body.proportions
-            yield Proportion("contact.radius", self.contact.radius, "m", body.length, "beam.length")
+        if (beam := self.beam) is not None:
+            yield from beam.proportions
+            yield Proportion("contact.radius", self.contact.radius, "m", beam.length, "beam.length")
             slip = getattr(self.contact.law, "critical_slip", 0.0)
-            yield Proportion("contact.friction.critical_slip", slip, "m", body.thickness, "beam.thickness")
+            yield Proportion("contact.friction.critical_slip", slip, "m", beam.thickness, "beam.thickness")
 
     @property
     def law_name(self) -> str:
@@ -202,7 +212,7 @@ class Rig(Numbered):
     def structural(self) -> Described:
         """Numbers that decide the linear structure, as :attr:`numbers`."""
         values = {f"damping.{name}": getattr(self.damping, name) for name in DAMPING}
-        if isinstance(self.body, Beam):
+        if self.beam is not None:
             values |= dict(zip(self.layout_keys, self.layout.scalars().values(), strict=True))
             if self.attachments.support_stiffness is None:  # what stands in for a rigid one is no number of the rig
                 values.pop("attachments.support_stiffness", None)
@@ -243,11 +253,11 @@ class Rig(Numbered):
             If something is attached to a body given by its modes, linear or not.
         """
         contact, numbers = self.contact, self.mode_numbers
-        if isinstance(self.body, ModalBody):
+        if self.modal is not None:
             if self.attachments or self.acting:
                 found = "attachments" if self.attachments else "elements" if self.elements else "lift_off = true"
                 raise ValueError(f"{self.name}: has {found} and is given by its modes; must be a beam")
-            assembly = _of_modes(self, self.body)
+            assembly = _of_modes(self, self.modal)
         else:
             assembly = assembled(self.layout, residual=contact.residual_compliance)
         switches = Switches(contact.load_variation, contact.residual_compliance, contact.foreshortening)
@@ -256,9 +266,9 @@ class Rig(Numbered):
     @property
     def mode_numbers(self) -> Numbers:
         """Number of the mode of the bare structure that each mode counts as where damping goes by mode number."""
-        if isinstance(self.body, ModalBody):
-            return np.arange(1, len(self.body.frequencies_hz) + 1)
-        return _numbers(self.body, self.attachments)
+        if self.modal is not None:
+            return np.arange(1, len(self.modal.frequencies_hz) + 1)
+        return self.attachments.mode_numbers(beam_of(self).natural_frequencies())
 
     @cached_property
     def layout(self) -> Layout:
@@ -269,15 +279,14 @@ class Rig(Numbered):
         ValueError
             If the rig is given by its modes.
         """
-        if isinstance(self.body, ModalBody):
-            raise ValueError(f"{self.name}: is given by its modes; must be a beam")
-        attachments = self._attached(self.body)
+        own = beam_of(self)
+        attachments = self._attached(own)
         more = MORE_MODES if attachments else 0
         positions = tuple(c.position for c in self.response_channels)
-        beam = replace(self.body, modes=self.body.modes + more)
+        beam = replace(own, modes=own.modes + more)
         points = tuple(e.position for e in self.elements if e.reads is Reading.POINT)  # type: ignore[attr-defined]
         spans = any(e.reads is Reading.SPAN for e in self.elements)
-        fractions = tuple(gauss_points(self.body.modes)[0].tolist()) if spans else ()
+        fractions = tuple(gauss_points(own.modes)[0].tolist()) if spans else ()
         radius, excitation = self.contact.radius, self.excitation.position
         return Layout(beam, radius, excitation, positions, points, fractions, attachments)
 
@@ -290,15 +299,15 @@ class Rig(Numbered):
     @property
     def followed_modes(self) -> Array | None:
         """Modes on the shapes they are reduced from, which tell their signs; None where these are the same always."""
-        return self.reduction.kept if self.attachments and isinstance(self.body, Beam) else None
+        return self.reduction.kept if self.attachments and self.beam is not None else None
 
     @cached_property
     def element_rows(self) -> list[ElementRows]:
         """Modal shapes at the place where each element touches the beam."""
-        if isinstance(self.body, ModalBody) or not self.acting:
+        if self.beam is None or not self.acting:
             return []
-        ports = self.reduction.ports(self.body.length)._replace(support=self.support, load=self.contact.normal_load)
-        return element_rows(self.acting, ports, self.body.modes)
+        ports = self.reduction.ports(self.beam.length)._replace(support=self.support, load=self.contact.normal_load)
+        return element_rows(self.acting, ports, self.beam.modes)
 
     @property
     def acting(self) -> tuple[Element, ...]:
@@ -347,27 +356,28 @@ class Rig(Numbered):
 
     def with_modes(self, modes: int) -> "Rig":
         """Return the same beam rig on another number of modes; a modal rig is returned as it is."""
-        if not isinstance(self.body, Beam):
+        if self.beam is None:
             return self
-        return replace(self, body=replace(self.body, modes=modes), damping=self.damping.on_modes(modes))
+        return replace(self, body=replace(self.beam, modes=modes), damping=self.damping.on_modes(modes))
+
+
+def beam_of(rig: Rig) -> Beam:
+    """The beam of a rig.
+
+    Raises
+    ------
+    ValueError
+        If it is given by its modes.
+    """
+    if rig.beam is None:
+        raise ValueError(f"{rig.name}: is given by its modes; must be a beam")
+    return rig.beam
 
 
 def _described(law: object, table: str) -> Described:
     """Parameters of a friction law or an element, with their bounds."""
     known = describe(type(law))
     return {f"{table}.{name}": (value, known[name]) for name, value in parameters(law).items()}
-
-
-def _numbers(beam: Beam, attachments: Attachments) -> Numbers:
-    """Number of the bare beam's mode that each mode counts as, so that a resonator of no mass changes nothing.
-
-    The mode that a resonator adds among them counts as the first.
-    """
-    omega_n = beam.natural_frequencies()
-    swinging = 2 * np.pi * np.array([float(r.frequency_hz) for r in attachments.resonators])
-    added = swinging[swinging < omega_n[-1]]
-    numbers = np.concatenate([np.arange(1, beam.modes + 1), np.ones(len(added), dtype=int)])
-    return np.asarray(numbers[np.argsort(np.concatenate([omega_n, added]), kind="stable")])
 
 
 def _of_modes(rig: Rig, body: ModalBody) -> Assembly:

@@ -7,7 +7,6 @@ from hbm.balance.equations import Balance
 from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
 from hbm.fourier import Array
-from models.beam import Beam
 
 
 def pad(problem: Balance | JointBalance, state: State) -> Array:
@@ -34,10 +33,10 @@ def _lift_on_others(problem: Balance, Q: Array, Omega: float, F: float) -> Array
     m, rig = Q.shape[1], problem.rig
     others = problem.structure.n - m
     lifting, lifts = problem.elements, rig.contact.lift_off and m > 0
-    if lifting is None or not lifts or not isinstance(rig.body, Beam):
+    if lifting is None or not lifts or rig.beam is None:
         return np.zeros((len(Q), others))
-    if others >= rig.body.modes:  # the state is of another rig
+    if others >= rig.beam.modes:  # the state is of another rig
         return np.zeros((len(Q), others))
-    fewer = ElementsOverPeriod(rig.with_modes(rig.body.modes - others), problem.basis)
+    fewer = ElementsOverPeriod(rig.with_modes(rig.beam.modes - others), problem.basis)
     force = fewer.along_rows(Q, Omega, F * problem.force_shape)[:, -1]
     return np.outer(force, lifting.rows[-1, m:])

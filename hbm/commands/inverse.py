@@ -306,9 +306,7 @@ def _made_of_joints(
 
 def with_length(rig: "Rig", tolerances: Mapping[str, float] | None) -> Mapping[str, float]:
     """Tolerances of a rig's numbers, and that of the length of its beam where none is stated."""
-    from models.beam import Beam
-
-    return ({LENGTH: LENGTH_TOLERANCE} if isinstance(rig.body, Beam) else {}) | dict(tolerances or {})
+    return ({LENGTH: LENGTH_TOLERANCE} if rig.beam is not None else {}) | dict(tolerances or {})
 
 
 def _errors(found: "Reconstructed", tolerances: Mapping[str, float] | None) -> "ContactErrors":

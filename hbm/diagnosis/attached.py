@@ -19,7 +19,6 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.sensitivity.derivatives import disturbed
 from models.attachments import LISTS, PointMass, PointSpring, Resonator
-from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.jointed import JointedRig
 from models.rig import Rig
@@ -70,7 +69,7 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
         Values of their unknowns by the labels of causes. Empty where there are too few sensors to tell a force.
     """
     rig = campaign.numerics.working.rig(base.model.rig(base.x))
-    if isinstance(rig, JointedRig) or not isinstance(rig.body, Beam):
+    if isinstance(rig, JointedRig) or rig.beam is None:
         return {}
     numbers = [r.number for r in campaign.data.records if r.number in base.found]
     few = campaign.of(numbers)
@@ -79,14 +78,14 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
     found = {label: attached for label, attached in each.items() if attached is not None}
     if not found or few.points <= 2 * few.data.H * len(numbers):
         return {}
-    along = rig.body.length * np.arange(1, PLACES + 1) / (PLACES + 1)
+    along = rig.beam.length * np.arange(1, PLACES + 1) / (PLACES + 1)
     beside = few.points > (1.0 + LEFT_OVER) * 4 * few.data.H * len(numbers)
-    records = _records(base, few, *points_of(rig, rig.body, along))
+    records = _records(base, few, *points_of(rig, rig.beam, along))
     scans = [_Scan(base, records, free) for free in ((False, True) if beside else (False,))]
     gains = {label: [scan.gains(a.stiffness) for scan in scans] for label, a in found.items()}
     best = max((gain for *_, (gain, _) in gains.values()), key=np.max)
     near = along[int(best.max(axis=1).argmax())] + along[0] * np.arange(-CLOSE, CLOSE + 1) / (CLOSE + 1)
-    closer = _Scan(base, _records(base, few, *points_of(rig, rig.body, near)), beside)
+    closer = _Scan(base, _records(base, few, *points_of(rig, rig.beam, near)), beside)
     return {
         label: (
             *(start for gain, size in gains[label] for start in _best(a, gain, size, along)),

@@ -131,11 +131,11 @@ def all_at_once(places: Sequence[Place], solution: PeriodicSolution, H: int) -> 
 
 def places_of(rig: Rig) -> list[Place]:
     """Where a rig may lack a force or a motion; sensors are not among them."""
-    if not isinstance(rig.body, Beam):
+    if rig.beam is None:
         return [contact_of(rig), _drive(rig)]
-    held = [] if rig.attachments else [_clamp(rig, rig.body), _support(rig, rig.body)]
-    along = rig.body.length * np.arange(1, POINTS + 1) / (POINTS + 1)
-    return [contact_of(rig), _drive(rig), *held, *points_of(rig, rig.body, along)[1]]
+    held = [] if rig.attachments else [_clamp(rig, rig.beam), _support(rig, rig.beam)]
+    along = rig.beam.length * np.arange(1, POINTS + 1) / (POINTS + 1)
+    return [contact_of(rig), _drive(rig), *held, *points_of(rig, rig.beam, along)[1]]
 
 
 def contact_of(rig: Rig) -> Place:

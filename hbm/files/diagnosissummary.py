@@ -14,7 +14,6 @@ from hbm.diagnosis.remainder import first_of, nearly_all, percent
 from hbm.diagnosis.verdict import NOTHING_TELLS, Diagnosis, Estimate
 from hbm.files.identifiedlaw import Value, value_text
 from hbm.outputerror.fit import Evaluation
-from models.beam import Beam
 from models.causes.cause import Cause
 
 VERDICTS = {
@@ -201,10 +200,10 @@ def _added(d: Diagnosis) -> str:
 
 def _more_modes(d: Diagnosis) -> str:
     """What a beam needs to be simulated as the records were, where its rig file keeps fewer modes."""
-    if d.extended is None or d.campaign is None or not isinstance(d.extended.body, Beam):
+    if d.extended is None or d.campaign is None or d.extended.beam is None:
         return ""
     taken = d.campaign.numerics.working.modes
-    if taken <= d.extended.body.modes:
+    if taken <= d.extended.beam.modes:
         return ""
     return f" The records took {taken} modes: set modes = {taken} in its [beam] for the same accuracy."
 

@@ -11,7 +11,6 @@ from hbm.files.outputs import Columns, columns_of, columns_text
 from hbm.fourier import Array
 from hbm.identification.contacterrors import ContactErrors
 from hbm.identification.known import Known
-from models.beam import Beam
 
 ERROR_FILE, NUMBER_FILE, CALIBRATED_FILE = "rig_errors.csv", "rig_numbers.csv", "calibrated.toml"
 FILES = (ERROR_FILE, NUMBER_FILE, CALIBRATED_FILE)
@@ -67,7 +66,7 @@ def number_columns(known: Known) -> Columns:
 def calibrated_rig(errors: ContactErrors, nominal: Path) -> Contents:
     """The rig file with its numbers as sensors ask for them."""
     values, rig = errors.known.calibrated, errors.reconstruction.rig
-    length = rig.body.length if isinstance(rig.body, Beam) else np.inf  # a place asked for beyond a beam is its end
+    length = np.inf if rig.beam is None else rig.beam.length  # a place asked for beyond a beam is its end
     kept = {key: min(value, length) if key.endswith(".position") else value for key, value in values.items()}
     return rig_file(CALIBRATED_FILE, nominal, corrections(rig, kept))
 

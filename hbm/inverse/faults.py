@@ -9,7 +9,6 @@ from hbm.fourier import Array, coefficients_of
 from hbm.inverse.readings import Others, Readings
 from hbm.inverse.sensing import Complex
 from hbm.measurement.spectra import MeasuredSpectra
-from models.beam import Beam
 from models.rig import Rig
 
 LARGEST_GAIN = 20.0
@@ -145,9 +144,9 @@ def _parameters(
     late = period * np.linspace(-0.5, 0.5, GRID)
     k_Omega = readings.k_Omega[..., None]
     yield "sensor-delay", lambda tau: misfit(_turned(k_Omega * tau[:, None, None, None])), late
-    body = readings.seen.rig.body
-    if isinstance(body, Beam) and channel in readings.seen.channels:
-        along = np.linspace(0.0, body.length, GRID)
+    beam = readings.seen.rig.beam
+    if beam is not None and channel in readings.seen.channels:
+        along = np.linspace(0.0, beam.length, GRID)
         yield "sensor-position", lambda x: readings.innovation(channel, readings.rows_at(channel, x), others), along
 
 

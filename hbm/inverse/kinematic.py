@@ -83,12 +83,12 @@ def nnm_spline(sensing: Sensing, mean: Array) -> ForceEstimate:
 
 
 def _by_forms(sensing: Sensing, mean: Array, name: str, family: Callable[[Beam], Functions]) -> ForceEstimate:
-    body = sensing.rig.body
-    if not isinstance(body, Beam):
+    beam = sensing.rig.beam
+    if beam is None:
         raise InputError(
             f'reconstruct: formulation = "{name}", but the rig is given by [modal]; must be regularised or modal there'
         )
-    shapes = fitted_shapes(sensing, body, family(body))
+    shapes = fitted_shapes(sensing, beam, family(beam))
     fit = fit_of(sensing, shapes, likely_sizes(sensing, shapes))
     first = fit.coefficients(np.stack([np.zeros_like(sensing.force), sensing.force], axis=2))
 

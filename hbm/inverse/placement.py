@@ -9,9 +9,8 @@ from hbm.channels import DERIVATIVES
 from hbm.errors import InputError, expect_rig
 from hbm.fourier import Array
 from hbm.inverse.sensing import MOST_MODES, STATIC_FROM, UNKNOWN_FORCE, Complex, dynamic_stiffness
-from models.beam import Beam
 from models.parts import UNITS, Channel
-from models.rig import Rig
+from models.rig import Rig, beam_of
 
 Indices = npt.NDArray[np.intp]
 
@@ -133,11 +132,11 @@ def place_sensors(
         If the rig has no beam, or so many sensors do not fit.
     """
     expect_rig(rig, "place_sensors")
-    if not isinstance(rig.body, Beam):
+    if rig.beam is None:
         raise InputError(f"{rig.name}: positions of sensors need a [beam]; this rig is given by its modes")
     if quantity not in DERIVATIVES:
         raise InputError(f'place_sensors: quantity = "{quantity}"; must be one of {", ".join(DERIVATIVES)}')
-    length = rig.body.length
+    length = rig.beam.length
     fit = int((length - 2 * tip) / spacing + 1e-9) + 1 if length > 2 * tip else 0
     if not 1 <= count <= fit:
         raise InputError(
@@ -170,8 +169,7 @@ class _Expected:
 
     def rows(self, positions: Array) -> Complex:
         """Readings per friction and per force in units of the noise, (f, H, c, 2)."""
-        body = self.rig.body
-        assert isinstance(body, Beam)
+        body = beam_of(self.rig)
         dynamic = (
             replace(body, modes=MOST_MODES).natural_frequencies() < STATIC_FROM * 2 * np.pi * max(self.hz) * self.H
         )

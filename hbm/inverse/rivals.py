@@ -7,9 +7,8 @@ import numpy as np
 from hbm.fourier import Array
 from hbm.inverse.readings import Readings, readings
 from hbm.inverse.sensing import Complex, sensing
-from models.beam import Beam
 from models.change import structure_change
-from models.rig import Rig
+from models.rig import Rig, beam_of
 
 WITHIN = 0.1
 """Properties of the rig file are off by this share at most."""
@@ -47,7 +46,7 @@ def structure_score(rig: Rig, base: Readings) -> float:
     """
     from scipy.optimize import least_squares
 
-    if not isinstance(rig.body, Beam):
+    if rig.beam is None:
         return float("inf")
 
     def at(off: Array) -> Readings:
@@ -101,8 +100,7 @@ def _residual_change(at: Readings) -> Complex:
 
 def _changed(rig: Rig, off: Array) -> Rig:
     """The rig with its properties off by these shares; sensors stay where they are."""
-    body = rig.body
-    assert isinstance(body, Beam)
+    body = beam_of(rig)
     E, density, longer, thickness, place, alpha = (1.0 + off).tolist()
     length = max(longer * body.length, *(c.position for c in rig.channels))
     return replace(

@@ -15,7 +15,6 @@ from hbm.channels import factor
 from hbm.errors import InputError
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
-from models.beam import Beam
 from models.jointed import AnyRig
 from models.rig import Rig
 from models.structure import ModalStructure
@@ -190,11 +189,11 @@ def dynamic_stiffness(structure: ModalStructure, i_omega: Complex) -> Complex:
 
 def _fine(rig: Rig, spectra: MeasuredSpectra) -> Rig:
     """The rig on as many modes as move dynamically at the highest harmonic measured, at least its own."""
-    if not isinstance(rig.body, Beam):
+    if rig.beam is None:
         return rig
     highest = 2 * np.pi * spectra.hz.max() * spectra.H
-    dynamic = int(np.sum(replace(rig.body, modes=MOST_MODES).natural_frequencies() < STATIC_FROM * highest))
-    return rig.with_modes(max(rig.body.modes, dynamic))
+    dynamic = int(np.sum(replace(rig.beam, modes=MOST_MODES).natural_frequencies() < STATIC_FROM * highest))
+    return rig.with_modes(max(rig.beam.modes, dynamic))
 
 
 def _force(spectra: MeasuredSpectra, channel: str | None) -> tuple[Complex, Array]:

@@ -318,9 +318,9 @@ def _significance(base: Readings, channel: str) -> float:
     error, variance = base.against(channel, base.others((channel,)))
     fitted = np.einsum("rks,rks->rk", base.rows[:, :, j], state)
     changes = [fitted, -1j * base.k_Omega * fitted]
-    body = base.seen.rig.body
-    if isinstance(body, Beam) and channel in base.seen.channels:
-        changes.append(_by_position(base, j, state[..., :2], body))
+    beam = base.seen.rig.beam
+    if beam is not None and channel in base.seen.channels:
+        changes.append(_by_position(base, j, state[..., :2], beam))
     projected = [float(np.sum((c.conj() * error).real / variance)) ** 2 for c in changes]
     power = [float(np.sum(np.abs(c) ** 2 / variance)) for c in changes]
     return max(a / b if b > 0.0 else 0.0 for a, b in zip(projected, power, strict=True))

@@ -9,7 +9,6 @@ import numpy as np
 
 from hbm.fourier import Array
 from hbm.outputerror.nominal import SHAPES, nominal_scalars, tolerances
-from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.jointed import AnyRig
 
@@ -114,8 +113,8 @@ def calibrated_of(rig: AnyRig, key: str, value: float, std: float) -> Free:
     unit = accepted.unit
     least = float(np.nextafter(accepted.lower, np.inf)) if accepted.strict else accepted.lower
     most = accepted.upper
-    if key.endswith(".position") and isinstance(rig.body, Beam):
-        most = min(most, float(rig.body.length))
+    if key.endswith(".position") and rig.beam is not None:
+        most = min(most, float(rig.beam.length))
     if value == 0.0:
         lower, upper = max(-FAR * std, least), min(FAR * std, most)
         return Free(key, unit, lower, upper, 0.0, "linear", std, std=1.0)

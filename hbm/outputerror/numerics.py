@@ -17,7 +17,6 @@ from hbm.balance.tones import holding
 from hbm.fourier import Array, FourierBasis, sampled
 from hbm.outputerror.records import Measurement, Record, parts, solve_record
 from hbm.parallel import each
-from models.beam import Beam
 from models.jointed import AnyRig
 
 RESOLVED = 8.0
@@ -49,7 +48,7 @@ class Grid:
 
     def rig(self, rig: AnyRig) -> AnyRig:
         """The rig on so many modes; one with joints keeps its own, beside which it has the others at rest."""
-        if not isinstance(rig.body, Beam) or rig.body.modes == self.modes:
+        if rig.beam is None or rig.beam.modes == self.modes:
             return rig
         return rig.with_modes(self.modes)
 
@@ -96,7 +95,7 @@ def choose(rig: AnyRig, data: Measurement, executor: Executor | None = None) -> 
     executor : concurrent.futures.Executor, optional
         Does the records side by side.
     """
-    n, extends = rig.structure.n, isinstance(rig.body, Beam)  # a body of another kind has no more modes to offer
+    n, extends = rig.structure.n, rig.beam is not None  # a body of another kind has no more modes to offer
     held = max(data.H + 6, holding(rig, 1))
     *rungs, fine = [Grid(sampled(max(H, held), N_t), n + more * extends) for H, N_t, more in (*LADDER, FINE)]
     probed = [data.records[i] for i in np.argsort(-data.speed)[:: max(1, len(data.records) // 8)][:PROBED]]

@@ -12,7 +12,6 @@ from hbm.fourier import Array, FourierBasis
 from hbm.integration.handover import state_at_phase_zero
 from hbm.integration.march import march
 from hbm.integration.timestep import Stepper
-from models.beam import Beam
 
 HELD = 1e6
 """Multiple of the load under which no tip lifts off."""
@@ -59,12 +58,12 @@ def solve_lifting(problem: AnyBalance, start: State, lam: float, settings: Newto
 
 def _by_modes(problem: HarmonicBalance, state: State, lam: float, settings: NewtonSettings) -> Correction | None:
     """Solution by adding modes that a state does not have, one after the other."""
-    body, more = problem.rig.body, problem.structure.n - state.Q.shape[1]
-    if not isinstance(body, Beam) or not state.Q.shape[1] or more >= body.modes:
+    beam, more = problem.rig.beam, problem.structure.n - state.Q.shape[1]
+    if beam is None or not state.Q.shape[1] or more >= beam.modes:
         return None
     result = None
     for missing in range(more - 1, -1, -1):
-        rig = problem.rig.with_modes(body.modes - missing)
+        rig = problem.rig.with_modes(beam.modes - missing)
         fewer = HarmonicBalance(
             rig,
             problem.basis,

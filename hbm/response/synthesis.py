@@ -23,10 +23,8 @@ from hbm.response.accuracy import frequency_response
 from hbm.response.bifurcations import stability_of
 from hbm.response.curve import ResponseCurve
 from hbm.response.trace import steady_state
-from models.beam import Beam
 from models.jointed import AnyRig
 from models.parts import UNITS
-from models.rig import Rig
 
 HARMONICS, SAMPLES, MORE_MODES = 60, 1024, 15
 """Of the records: harmonics and samples per period, at least, and modes of a beam beyond those of its rig file."""
@@ -168,9 +166,9 @@ def _settled(curve: ResponseCurve, frequencies: Sequence[float]) -> list[Periodi
 def _first_stable(curve: ResponseCurve, hz: float) -> PeriodicSolution | None:
     """The first stable steady state at a frequency along the curve."""
     past = curve.hz >= hz
-    body, rig = curve.rig.body, curve.rig
-    if isinstance(rig, Rig) and isinstance(body, Beam):
-        rig = rig.with_modes(body.modes + MORE_MODES)
+    rig = curve.rig
+    if rig.beam is not None:
+        rig = rig.with_modes(rig.beam.modes + MORE_MODES)
     H = holding(rig, HARMONICS)
     N_t = max(SAMPLES, default_samples(H))
     for i in np.flatnonzero(past[1:] != past[:-1]):

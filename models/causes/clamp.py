@@ -9,7 +9,7 @@ import numpy as np
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.causes.structure import RIGID
-from models.rig import Rig
+from models.rig import Rig, beam_of
 
 NEVER = 1e6
 LIMITS = (NEVER, *np.geomspace(100.0, 0.5, 24).tolist())
@@ -38,13 +38,13 @@ class ClampFriction(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ClampFriction"]:
         """Offer it for a beam whose clamp is rigid; where the tip can lift off it is not known."""
-        if isinstance(rig.body, Beam) and rig.attachments.clamp_stiffness is None and not rig.contact.lift_off:
+        if rig.beam is not None and rig.attachments.clamp_stiffness is None and not rig.contact.lift_off:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness of the clamp, and the moment at which it slips; both infinite where the clamp is rigid."""
-        assert isinstance(rig.body, Beam)
-        own, moment, infinite = rig.body.bending_stiffness / rig.body.length, _moment(rig, rig.body), float("inf")
+        beam = beam_of(rig)
+        own, moment, infinite = beam.bending_stiffness / beam.length, _moment(rig, beam), float("inf")
         stiffness, limits = (tuple(k * own for k in RIGID), tuple(k * moment for k in LIMITS))
         return (
             Unknown("stiffness", "N m/rad", "attachments.clamp_stiffness", 1e-3 * own, infinite, infinite, stiffness),

@@ -7,11 +7,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.beam import Beam
 from models.causes.cause import Cause, Unknown
 from models.causes.structure import ALONG, SMALL
 from models.elements import Element, ImpactStop, MidplaneStretching, QuadraticDrag
-from models.rig import Rig
+from models.rig import Rig, beam_of
 
 AMPLIFIED = 10.0
 """Dynamic amplification of the first mode's static deflection at which the scales of strengths and gaps are set."""
@@ -38,12 +37,12 @@ class MidplaneStretchingCause(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["MidplaneStretchingCause"]:
         """Offer it for a beam that is free to shorten."""
-        if isinstance(rig.body, Beam) and not _has(rig, MidplaneStretching):
+        if rig.beam is not None and not _has(rig, MidplaneStretching):
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness of the restraint, beside that of the beam, E A / L."""
-        beam = _beam(rig)
+        beam = beam_of(rig)
         k = float(beam.youngs_modulus * beam.area / beam.length)
         starts = tuple(share * 10 * k for share in SHARES)
         return (Unknown("axial_stiffness", "N/m", _key(rig, "axial_stiffness"), 0.0, 1e4 * k, 0.0, starts),)
@@ -68,12 +67,12 @@ class QuadraticDragCause(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["QuadraticDragCause"]:
         """Offer it for a beam that has none yet."""
-        if isinstance(rig.body, Beam) and not _has(rig, QuadraticDrag):
+        if rig.beam is not None and not _has(rig, QuadraticDrag):
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Drag, in units of what takes the whole excitation at the velocity of the amplified deflection."""
-        beam = _beam(rig)
+        beam = beam_of(rig)
         velocity = float(beam.natural_frequencies()[0]) * deflection(rig)
         c = rig.excitation.amplitude / (beam.length * velocity**2)
         starts = tuple(share * c for share in SHARES)
@@ -102,12 +101,12 @@ class ImpactStopCause(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ImpactStopCause"]:
         """On a beam."""
-        if isinstance(rig.body, Beam):
+        if rig.beam is not None:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness, gap and place; a stop may press at rest, with a gap below zero."""
-        beam, reach = _beam(rig), deflection(rig)
+        beam, reach = beam_of(rig), deflection(rig)
         k = float(3 * beam.bending_stiffness / beam.length**3)
         gaps, places = tuple(share * reach for share in GAPS), tuple(share * beam.length for share in ALONG)
         widest = 0.1 * beam.length
@@ -129,16 +128,11 @@ def deflection(rig: Rig) -> float:
     >>> round(1e3 * deflection(paper_rig()), 2)
     0.58
     """
-    beam = _beam(rig)
+    beam = beam_of(rig)
     along = np.append(np.linspace(0.0, beam.length, 101), rig.excitation.position)
     first = np.abs(beam.shapes(along)[:, 0])
     drive = max(first[-1], 0.01 * first.max())
     return float(AMPLIFIED * first.max() * drive * rig.excitation.amplitude / beam.natural_frequencies()[0] ** 2)
-
-
-def _beam(rig: Rig) -> Beam:
-    assert isinstance(rig.body, Beam)
-    return rig.body
 
 
 def _has(rig: Rig, kind: type) -> bool:

@@ -16,7 +16,6 @@ from models.friction.extended import (
     asymmetric,
     beside_dashpot,
 )
-from models.parts import ModalBody
 from models.rig import Rig
 
 LAW = "contact.friction."
@@ -206,7 +205,7 @@ class VariableNormalLoad(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["VariableNormalLoad"]:
         """Offer it for a beam on dry friction."""
-        if not isinstance(rig.body, ModalBody) and not isinstance(rig.contact.law, Frictionless | Viscous):
+        if rig.beam is not None and not isinstance(rig.contact.law, Frictionless | Viscous):
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from math import inf
 from typing import ClassVar
 
-from models.beam import Beam
 from models.bodies.finite import FiniteBeam
 from models.bodies.matrix import MatrixBody
 from models.causes.cause import EITHER, Cause, Unknown
@@ -66,7 +65,7 @@ class WrongParameter(Cause):
         if isinstance(rig, JointedRig):
             yield from (cls(key) for key in _of_joints(rig))
             return
-        beam = isinstance(rig.body, Beam)
+        beam = rig.beam is not None
         keys = [*(OF_BEAM if beam else ()), LOAD, *(() if rig.damping.modal_ratios else (ALPHA,))]
         keys += [POSITION] if beam else []
         keys += [LAW + name for name in parameters(rig.contact.law)]

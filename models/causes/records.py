@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
 from models.friction import parameters
 from models.jointed import AnyRig, JointedRig
@@ -110,7 +109,7 @@ class ParameterDrift(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ParameterDrift"]:
         """Offer stiffness, damping, load and friction, where they are positive and do not drift yet."""
-        keys = [*([STIFFNESS] if isinstance(rig.body, Beam) else []), *([] if rig.damping.modal_ratios else [ALPHA])]
+        keys = [*([STIFFNESS] if rig.beam is not None else []), *([] if rig.damping.modal_ratios else [ALPHA])]
         keys += [LOAD, *(LAW + name for name in parameters(rig.contact.law))]
         drifting = {drift.parameter for drift in rig.drift}
         yield from (cls(key) for key in keys if key not in drifting and rig.number(key) > 0.0)

@@ -5,10 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import ClassVar, Self
 
-from models.beam import Beam
 from models.causes.cause import EITHER, Cause, Unknown
 from models.jointed import AnyRig, JointedRig
-from models.parts import ModalBody
 
 
 @dataclass(frozen=True)
@@ -102,13 +100,13 @@ class SensorPosition(OfChannel):
     @classmethod
     def candidates(cls, rig: AnyRig) -> Iterator[Self]:
         """Offer one for each channel of motion of a beam."""
-        if isinstance(rig.body, Beam):
+        if rig.beam is not None:
             yield from super().candidates(rig)
 
     def unknowns(self, rig: AnyRig) -> tuple[Unknown, ...]:
         """The position; starts where it should be, and along the beam."""
-        assert isinstance(rig.body, Beam)
-        now, L = rig.number(self.key), float(rig.body.length)
+        assert rig.beam is not None
+        now, L = rig.number(self.key), float(rig.beam.length)
         elsewhere = (share * L for share in (0.15, 0.35, 0.55, 0.75, 0.95) if abs(share * L - now) > 0.05 * L)
         return (Unknown("position", "m", self.key, 1e-6 * L, L, now, (now, *elsewhere)),)
 
@@ -157,8 +155,8 @@ class SwappedChannels(Cause):
         channels = list(rig.channels)
         channels[i], channels[j] = replace(channels[j], name=names[i]), replace(channels[i], name=names[j])
         exchanged = replace(rig, channels=tuple(channels))
-        if isinstance(exchanged, JointedRig) or not isinstance(rig.body, ModalBody):
+        if isinstance(exchanged, JointedRig) or exchanged.modal is None:
             return exchanged
-        shapes = list(rig.body.shapes)
+        shapes = list(exchanged.modal.shapes)
         shapes[i], shapes[j] = shapes[j], shapes[i]
-        return replace(exchanged, body=replace(rig.body, shapes=tuple(shapes)))
+        return replace(exchanged, body=replace(exchanged.modal, shapes=tuple(shapes)))

@@ -10,7 +10,7 @@ import numpy as np
 from models.attachments import PointMass, PointSpring, Resonator
 from models.beam import Beam
 from models.causes.cause import Cause, Unknown
-from models.rig import Rig
+from models.rig import Rig, beam_of
 
 TUNED = (1.2, 0.6, 0.8, 0.95, 1.1, 1.35, 1.6, 2.0, 3.2)
 """Starts of the frequency of a resonator, in units of the beam's own: dense where it is driven, for its effect changes
@@ -43,12 +43,12 @@ class ClampRotation(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["ClampRotation"]:
         """Offer it for a beam whose clamp is rigid."""
-        if isinstance(rig.body, Beam) and rig.attachments.clamp_stiffness is None:
+        if rig.beam is not None and rig.attachments.clamp_stiffness is None:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness of the clamp."""
-        return (_rigid("N m/rad", "attachments.clamp_stiffness", _turning(_beam(rig))),)
+        return (_rigid("N m/rad", "attachments.clamp_stiffness", _turning(beam_of(rig))),)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Let the clamp turn."""
@@ -71,12 +71,12 @@ class SupportRotationSpring(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SupportRotationSpring"]:
         """Offer it for a beam whose tip turns freely."""
-        if isinstance(rig.body, Beam) and rig.attachments.tip_stiffness is None:
+        if rig.beam is not None and rig.attachments.tip_stiffness is None:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness of the spring."""
-        k = _turning(_beam(rig))
+        k = _turning(beam_of(rig))
         starts = (0.0, 0.01 * k, k)
         return (Unknown("stiffness", "N m/rad", "attachments.tip_stiffness", 0.0, 1e6 * k, 0.0, starts),)
 
@@ -98,12 +98,12 @@ class SupportFlexibility(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["SupportFlexibility"]:
         """Offer it for a beam whose support is rigid."""
-        if isinstance(rig.body, Beam) and rig.attachments.support_stiffness is None:
+        if rig.beam is not None and rig.attachments.support_stiffness is None:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness of the support."""
-        return (_rigid("N/m", "attachments.support_stiffness", _bending(_beam(rig))),)
+        return (_rigid("N/m", "attachments.support_stiffness", _bending(beam_of(rig))),)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Let the support yield."""
@@ -128,7 +128,7 @@ class ContactLoss(Cause):
         """Offer it for a beam whose reaction varies; with a clamp that slips, or transients, it is not known."""
         contact = rig.contact
         known = contact.residual_compliance and rig.attachments.clamp_limit is None and rig.excitation.settled
-        if isinstance(rig.body, Beam) and known and contact.load_variation > 0.0 and not contact.lift_off:
+        if rig.beam is not None and known and contact.load_variation > 0.0 and not contact.lift_off:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
@@ -184,14 +184,14 @@ class AddedMass(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["AddedMass"]:
         """On a beam."""
-        if isinstance(rig.body, Beam):
+        if rig.beam is not None:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Mass and place."""
-        key, m = f"attachments.masses[{len(rig.attachments.masses)}].", _mass(_beam(rig))
+        key, m = f"attachments.masses[{len(rig.attachments.masses)}].", _mass(beam_of(rig))
         mass = Unknown("mass", "kg", key + "mass", 0.0, 10 * m, 0.0, (SMALL * m, 0.01 * m))
-        return mass, _place(_beam(rig), key)
+        return mass, _place(beam_of(rig), key)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Put the mass on the beam."""
@@ -213,14 +213,14 @@ class AddedSpring(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["AddedSpring"]:
         """On a beam."""
-        if isinstance(rig.body, Beam):
+        if rig.beam is not None:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness and place."""
-        key, k = f"attachments.springs[{len(rig.attachments.springs)}].", _bending(_beam(rig))
+        key, k = f"attachments.springs[{len(rig.attachments.springs)}].", _bending(beam_of(rig))
         stiffness = Unknown("stiffness", "N/m", key + "stiffness", 0.0, 1e6 * k, 0.0, (SMALL * k, 0.1 * k, k))
-        return stiffness, _place(_beam(rig), key)
+        return stiffness, _place(beam_of(rig), key)
 
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Attach the spring."""
@@ -244,12 +244,12 @@ class AttachedResonator(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["AttachedResonator"]:
         """On a beam."""
-        if isinstance(rig.body, Beam):
+        if rig.beam is not None:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Mass, frequency when held at its foot, and place."""
-        beam = _beam(rig)
+        beam = beam_of(rig)
         key, m = f"attachments.resonators[{len(rig.attachments.resonators)}].", _mass(beam)
         hz = float(beam.natural_frequencies()[0] / (2 * np.pi))
         starts = tuple(share * hz for share in TUNED)
@@ -262,11 +262,6 @@ class AttachedResonator(Cause):
     def extend(self, rig: Rig, values: Mapping[str, float]) -> Rig:
         """Attach the oscillator."""
         return _attached(rig, resonators=(*rig.attachments.resonators, Resonator(**values)))
-
-
-def _beam(rig: Rig) -> Beam:
-    assert isinstance(rig.body, Beam)
-    return rig.body
 
 
 def _mass(beam: Beam) -> float:
