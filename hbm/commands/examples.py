@@ -36,9 +36,10 @@ def examples(
         rows = [[name, _about(path)] for name, path in found.items()]
         print_table(console(), "hbm examples NAME copies one here", ["example", "about"], rows)
         return
-    if name not in found:
+    path = next((path for known, path in found.items() if name in (known, path.stem)), None)
+    if path is None:
         raise InputError(f"{COMMAND}: {quoted(name)}; must be one of {', '.join(found)}")
-    print_written([_copy(found[name], out or Path(name))])
+    print_written([_copy(path, out or Path(path.name))])
 
 
 def _examples() -> dict[str, Path]:

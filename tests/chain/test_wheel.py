@@ -154,6 +154,9 @@ def test_an_example_never_overwrites(tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.chdir(tmp_path)
     run = CliRunner()
     assert run.invoke(app, ["examples", "one_mode.toml"]).stdout == "wrote one_mode.toml\n"
+    assert (
+        run.invoke(app, ["examples", "jointed_beam"]).stdout == "wrote jointed_beam.toml\n"
+    )  # its ending may be left off
     again = run.invoke(app, ["examples", "one_mode.toml"])
     assert (again.exit_code, again.stderr) == (2, "examples: one_mode.toml is there already; must be new, try --out\n")
     assert run.invoke(app, ["examples", "none.toml"]).stderr.startswith('examples: "none.toml"; must be one of ')
