@@ -23,20 +23,19 @@ Noise that moves a refined frequency leaves the phases in the middle of the reco
 zero of time, of all channels together. Seen there a coefficient is less certain than seen beside the others.
 """
 
-from collections.abc import Callable, Iterator
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import minimize_scalar
 
 from hbm.errors import InputError, expect_frequency, expect_whole
 from hbm.fourier import Array
+from hbm.measurement.blockscatter import of_blocks, of_residual, trends
 from hbm.measurement.clipping import clipped
 from hbm.measurement.clock import UNEVEN, unevenness
 from hbm.measurement.harmonicestimate import ChannelQuality, HarmonicEstimate
 from hbm.measurement.jump import jump
+from hbm.measurement.periods import Periods, fitted, transformed
 from hbm.measurement.recording import Recording, constant
 from hbm.measurement.steadiness import leftover, steadiness
 from hbm.measurement.waves import MOST_FITTED, Overtones, design, overtones
@@ -168,45 +167,23 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
     starts = np.arange(1, max(blocks, 1)) * length
     beyond = Overtones(np.arange(0), np.empty((Y.shape[1], 0)), np.zeros_like(Y))
     if samples:
-        coefficients, by_block, residual, leak = _transformed(Y, hz * t[0], H, samples, starts)
+        found = transformed(Y, hz * t[0], H, samples, starts)
     else:
         edges = t[0] + starts / hz - 0.5 * measured.step
-        coefficients, by_block, residual, leak = _fitted(t, Y, hz, H, edges)
+        found = fitted(t, Y, hz, H, edges)
         if blocks:
-            beyond = overtones(t, Y, hz, H, _even(t, residual), periods)
+            beyond = overtones(t, Y, hz, H, _even(t, found.residual), periods)
         if len(beyond.numbers):
-            coefficients, by_block, residual, leak = _fitted(t, Y - beyond.values, hz, H, edges)
+            found = fitted(t, Y - beyond.values, hz, H, edges)
+    coefficients = found.coefficients
     if blocks:
-        std, rho = _of_blocks(by_block, periods / length)
-        coefficients = coefficients - leak(_trends(by_block))
+        std, rho = of_blocks(found.by_block, periods / length)
+        coefficients = coefficients - found.leak(trends(found.by_block))
         std = std * np.sqrt(1.0 + 1.0 / (periods**2 * (1.0 - 1.0 / blocks**2)))  # white noise in trends leaks so much
     else:
-        std, rho = _of_residual(residual, periods, H), np.zeros((Y.shape[1], H + 1))
+        std, rho = of_residual(found.residual, periods, H), np.zeros((Y.shape[1], H + 1))
     std = np.maximum(std, np.finfo(float).eps * np.std(Y, axis=0)[:, None])  # what the arithmetic can resolve
-    size = np.hypot(coefficients[:, 1 : H + 1], coefficients[:, H + 1 :])
-    lead = np.where(size[:, 0] < LEADS * size.max(axis=1), 1 + size.argmax(axis=1), 1).tolist()
-    followed = [by_block[:blocks, j, k] - 1j * by_block[:blocks, j, H + k] for j, k in enumerate(lead)]
-    even = _even(t, residual)
-    middles = t[0] + (np.arange(blocks) + 0.5) * length / hz
-    quality = tuple(
-        ChannelQuality(
-            name=name,
-            harmonic=lead[j],
-            amplitude=float(size[j, lead[j] - 1]),
-            std=float(std[j, lead[j]]),
-            correlation=float(rho[j, lead[j]]),
-            steadiness=steadiness(
-                middles,
-                followed[j],
-                2.0 * np.pi * lead[j] * float(np.nan_to_num(hz_std)),
-            ),
-            leftover=leftover(even[:, j], float(np.std(Y[:, j])), periods, hz),
-            clipped=clipped(Y[:, j]),
-            jump=jump(middles, followed[j]),
-        )
-        for j, name in enumerate(measured.channels)
-    )
-    return HarmonicEstimate(
+    estimate = HarmonicEstimate(
         source=measured.source,
         hz=hz,
         hz_std=hz_std,
@@ -218,144 +195,38 @@ def _estimate(measured: Recording, hz: float, hz_std: float, H: int, periods: in
         own_std=std,
         turn_std=0.0,
         units=measured.units,
-        quality=quality,
+        quality=(),
         dead=(),
         beyond=dict(zip(beyond.numbers.tolist(), beyond.amplitude.T, strict=True)),
     )
+    middles = t[0] + (np.arange(blocks) + 0.5) * length / hz
+    return replace(estimate, quality=_quality(estimate, measured, found, rho, middles))
 
 
-Leak = Callable[[Array], Array]
-"""What a trend of all coefficients (c, 2H+1), by their change over the record, adds to each of them."""
-
-
-def _fitted(t: Array, Y: Array, hz: float, H: int, edges: Array) -> tuple[Array, Array, Array, Leak]:
-    """Coefficients by least squares, (c, 2H+1), those of each block, (B, c, 2H+1), what is left, (N, c), and leaks."""
-    sums = list(_normal_equations(t, Y, hz, H, edges))
-    whole, middle, length = sum(G for G, _ in sums), 0.5 * (t[0] + t[-1]), t[-1] - t[0]
-    coefficients = np.asarray(np.linalg.solve(whole, sum(r for _, r in sums)).T, dtype=float)
-    residual = np.concatenate([y - design(x, hz, H) @ coefficients.T for x, y in _chunks(t, Y, edges)])
-
-    def leak(trend: Array) -> Array:
-        seen = np.zeros_like(trend.T)
-        for x, _ in _chunks(t, Y, edges):
-            A = design(x, hz, H)
-            seen += A.T @ (((x - middle) / length)[:, None] * (A @ trend.T))
-        return np.asarray(np.linalg.solve(whole, seen).T)
-
-    return coefficients, np.stack([np.linalg.solve(G, r).T for G, r in sums]), residual, leak
-
-
-def _transformed(
-    Y: Array, turns: float, H: int, samples: int, starts: npt.NDArray[np.int_]
-) -> tuple[Array, Array, Array, Leak]:
-    """The same by an FFT of each period; `starts` are the first periods of all blocks but the first.
-
-    `turns` is the time of the first sample in periods.
-    """
-    turn = np.exp(-2j * np.pi * turns * np.arange(H + 1))
-
-    def of_periods(values: Array) -> Array:
-        kept = np.fft.rfft(values, axis=-1)[..., : H + 1] / samples * turn
-        return np.concatenate([kept[..., :1].real, 2.0 * kept[..., 1:].real, -2.0 * kept[..., 1:].imag], axis=-1)
-
-    def periodic(coefficients: Array) -> Array:
-        a, b = coefficients[:, : H + 1], np.pad(coefficients[:, H + 1 :], ((0, 0), (1, 0)))
-        halved = (a - 1j * b) * np.where(np.arange(H + 1), 0.5, 1.0)
-        return np.asarray(np.fft.irfft(halved / turn, samples, axis=1) * samples)
-
-    periods = Y.reshape(-1, samples, Y.shape[1])
-    each = of_periods(np.moveaxis(periods, 2, 1))
-    coefficients = each.mean(axis=0)
-    residual = periods - periodic(coefficients).T
-    first = np.concatenate([[0], starts])
-    count = np.diff(np.append(first, len(each)))
-    within = (np.arange(samples) - 0.5 * (samples - 1)) / len(Y)  # from one period to the next it adds up to nothing
-
-    def leak(trend: Array) -> Array:
-        return np.asarray(of_periods(within * periodic(trend)))
-
-    return coefficients, np.add.reduceat(each, first) / count[:, None, None], residual.reshape(Y.shape), leak
-
-
-def _trends(by_block: Array) -> Array:
-    """Change over the record of each coefficient of blocks (B, c, 2H+1), by a straight line through them."""
-    x = (np.arange(len(by_block)) - 0.5 * (len(by_block) - 1)) / len(by_block)
-    return np.asarray(np.tensordot(x, by_block, axes=1) / (x @ x))
-
-
-def _chunks(t: Array, Y: Array, edges: Array) -> Iterator[tuple[Array, Array]]:
-    at = [0, *np.searchsorted(t, edges).tolist(), len(t)]
-    for first, last in pairwise(at):
-        yield t[first:last], Y[first:last]
-
-
-def _normal_equations(t: Array, Y: Array, hz: float, H: int, edges: Array) -> Iterator[tuple[Array, Array]]:
-    """Normal matrix and right-hand side of each block; their sums are those of the whole record."""
-    for x, y in _chunks(t, Y, edges):
-        A = design(x, hz, H)
-        yield A.T @ A, A.T @ y
-
-
-# ------------------------------------------------------------------------------------------------ standard deviations
-
-
-def _of_blocks(by_block: Array, blocks: float) -> tuple[Array, Array]:
-    """Standard deviation of the mean from the scatter of blocks, (c, H+1), and the correlation it was raised for.
-
-    Parameters
-    ----------
-    by_block : (B, c, 2H+1) array
-    blocks : float
-        Length of the record in blocks, B or up to one more.
-    """
-    B, H = len(by_block), by_block.shape[2] // 2
-    deviation = by_block - by_block.mean(axis=0)
-    square = _pooled(np.sum(deviation**2, axis=0), H)
-    product = _pooled(np.sum(deviation[1:] * deviation[:-1], axis=0), H)
-    pairs = np.where(np.arange(H + 1), 2, 1)
-    rho = _significant_correlation(square, product, B, pairs)
-    variance = square / (pairs * (B - 1) - 2) / blocks * (1.0 + rho) / (1.0 - rho)
-    return np.sqrt(variance), rho
-
-
-def _pooled(of_coefficients: Array, H: int) -> Array:
-    """Sum over cos and sin, (c, 2H+1) to (c, H+1)."""
-    out = of_coefficients[:, : H + 1].copy()
-    out[:, 1:] += of_coefficients[:, H + 1 :]
-    return out
-
-
-def _significant_correlation(square: Array, product: Array, B: int, pairs: npt.NDArray[np.int_]) -> Array:
-    """Correlation of neighbouring blocks, (c, H+1), 0 where it may be chance.
-
-    Own correlation of a harmonic above three standard deviations of chance, or that of all harmonics of the channel
-    together, which shows less, above two. A mean taken off biases a correlation by -1/B.
-    """
-    tiny = np.finfo(float).tiny
-    own = product / np.maximum(square, tiny) + 1.0 / B
-    shared = np.mean(own[:, 1:], axis=1, keepdims=True) if own.shape[1] > 1 else np.zeros((len(own), 1))
-    values = B * int(pairs[1:].sum())
-    shared = np.where(shared > 2.0 / np.sqrt(max(values, 1)), shared, 0.0)
-    own = np.where(own > 3.0 / np.sqrt(B * pairs), own, 0.0)
-    return np.minimum(np.maximum(own, shared), 0.98)
-
-
-def _of_residual(residual: Array, periods: int, H: int) -> Array:
-    """Standard deviation from the power that the fit leaves around each harmonic, (c, H+1)."""
-    N = len(residual)
-    if periods == 1:  # nothing lies between the harmonics: noise is taken for white
-        freedom = max(N - 2 * H - 1, 3)
-        white = np.sum(residual**2, axis=0) / (freedom - 2)
-        return np.asarray(np.sqrt(white[:, None] * np.where(np.arange(H + 1), 2.0, 1.0) / N))
-    power = np.abs(np.fft.rfft(residual, axis=0)) ** 2
-    out = np.empty((residual.shape[1], H + 1))
-    for k in range(H + 1):
-        near = np.arange(max(k - 1, 0) * periods + 1, (k + 1) * periods)
-        near = near[(near % periods != 0) & (near < len(power))]
-        freedom = 2 * len(near)
-        variance = power[near].mean(axis=0) / N**2 * (2.0 if k else 1.0)
-        out[:, k] = np.sqrt(variance * (freedom / (freedom - 2) if freedom > 2 else 3.0))
-    return out
+def _quality(
+    e: HarmonicEstimate, measured: Recording, found: Periods, rho: Array, middles: Array
+) -> tuple[ChannelQuality, ...]:
+    """What is to be said of each channel; `middles` are the times (B,) of the blocks."""
+    t, Y, H = measured.time, np.column_stack(list(measured.channels.values())), e.coefficients.shape[1] // 2
+    size = np.hypot(e.coefficients[:, 1 : H + 1], e.coefficients[:, H + 1 :])
+    lead = np.where(size[:, 0] < LEADS * size.max(axis=1), 1 + size.argmax(axis=1), 1).tolist()
+    by_block = found.by_block[: e.blocks]
+    followed = [by_block[:, j, k] - 1j * by_block[:, j, H + k] for j, k in enumerate(lead)]
+    even, turning = _even(t, found.residual), 2.0 * np.pi * float(np.nan_to_num(e.hz_std))
+    return tuple(
+        ChannelQuality(
+            name=name,
+            harmonic=lead[j],
+            amplitude=float(size[j, lead[j] - 1]),
+            std=float(e.own_std[j, lead[j]]),
+            correlation=float(rho[j, lead[j]]),
+            steadiness=steadiness(middles, followed[j], turning * lead[j]),
+            leftover=leftover(even[:, j], float(np.std(Y[:, j])), e.periods, e.hz),
+            clipped=clipped(Y[:, j]),
+            jump=jump(middles, followed[j]),
+        )
+        for j, name in enumerate(e.channels)
+    )
 
 
 def _even(t: Array, values: Array) -> Array:
