@@ -78,5 +78,6 @@ class Work(_Shown):
         self.task = self.bar.add_task("preparing", total=1.0, now="")
 
     def show(self, doing: str, done: float) -> None:
-        """Show what is being done, and the fraction of the work done."""
-        self.bar.update(self.task, description=doing, completed=done)
+        """Show what is being done, and the fraction of the work done; a search that begins anew does not go back."""
+        furthest = max(done, self.bar.tasks[self.task].completed)
+        self.bar.update(self.task, description=doing, completed=furthest)

@@ -27,6 +27,14 @@ def test_the_bar_keeps_its_width_beside_many_words(width: int) -> None:
     assert len(line) <= width
 
 
+def test_a_bar_does_not_go_back_where_a_search_begins_anew() -> None:
+    work = Work()
+    for doing, done in (("screening", 0.5), ("screening again", 0.3)):
+        work.show(doing, done)
+    (task,) = work.bar.tasks
+    assert (task.description, task.completed) == ("screening again", 0.5)
+
+
 def test_a_title_is_one_line_above_a_narrow_table() -> None:
     console, text = printed(100)
     title = "record 1: recordings/run_48.5Hz_2N.csv, 2 N at 48.5 Hz"
