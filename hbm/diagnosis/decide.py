@@ -11,6 +11,7 @@ import numpy as np
 from scipy import special
 
 from hbm.diagnosis.projection import Span
+from hbm.diagnosis.remainder import explained
 from hbm.diagnosis.screen import Screening
 from hbm.outputerror.fit import Evaluation
 from models.causes.cause import Cause
@@ -34,6 +35,9 @@ Where none was accepted alone, beside so many at most."""
 
 SEVERAL, SEEN = 2, 20.0
 """Transients must be seen in so many records, each of which they make likelier by so much of chi2."""
+
+PAYS = 0.7
+"""Share of what one cause leaves that a second one must take."""
 
 DRAWS = 400
 """Repetitions of the measurement that the confidence is counted from."""
@@ -88,6 +92,12 @@ def leading(base: Evaluation, first: Evaluation | None, raced: Sequence[Evaluati
     labels = list(dict.fromkeys(e.model.label for e in steady))[:TOGETHER]
     firsts = [next(e for e in steady if e.model.label == label) for label in labels] if first is None else [first]
     return [e for e in firsts if e.chi2 <= STRONGER * base.chi2]
+
+
+def pays(pair: Evaluation, fits: Sequence[Evaluation]) -> bool:
+    """Whether a second cause takes a large share of what the first leaves, believed alone or not."""
+    first = [e for e in fits if e.model.causes == pair.model.causes[:1] and not e.missing]
+    return all(explained(e.white, pair.white) >= PAYS for e in first)
 
 
 def nearest(fits: Sequence[Evaluation]) -> list[Evaluation]:

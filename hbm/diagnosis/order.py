@@ -5,16 +5,19 @@ dynamic stiffness, which whatever belongs to the rig leaves alike at neighbourin
 of a transient is of another phase in every record.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
+from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
 from hbm.outputerror.groups import near_each_other
 from hbm.outputerror.records import Record, force_columns
 from hbm.outputerror.simulated import Simulated
+from models.causes.records import ParameterDrift
 
 CLEAR, CLEAREST = 3.0, 10.0
 """Records count that miss a force of so many standard deviations, the more so the clearer that is up to the second."""
@@ -87,3 +90,47 @@ def disordered(base: Evaluation, nominal: Evaluation, campaign: Campaign) -> boo
     left, before = (e.white.chi2 - len(e.white) for e in (base, nominal))
     models = {base} if left < TOLERANCES_LEAVE * before else {base, nominal}
     return not any(ordered(e, campaign) for e in models)
+
+
+def drifts_within_levels(e: Evaluation, campaign: Campaign) -> bool:
+    """Whether no more is explained where what drifts is free at each level, but by chance; true where nothing drifts.
+
+    Where levels were measured one after the other, all that depends on the amplitude looks like a drift.
+
+    Parameters
+    ----------
+    e : Evaluation
+        A model beside the records.
+    campaign : Campaign
+        As it was evaluated.
+    """
+    causes = [e.model.causes[f.cause] if f.cause >= 0 else None for f in e.model.free]
+    rates = [i for i, cause in enumerate(causes) if isinstance(cause, ParameterDrift)]
+    return all(_evenly(e, rate, replace(campaign, corrections=e.corrections)) for rate in rates)
+
+
+def _evenly(e: Evaluation, rate: int, campaign: Campaign) -> bool:
+    """The same of what has this rate of drift."""
+    there = [r for r in campaign.data.records if r.number in e.found]
+    levels = [[r.number for r in level] for level in near_each_other(there, lambda r: r.force, LEVEL)]
+    known = np.vstack([np.column_stack([e.white.jacobian, e.white.residual]), np.column_stack([e.expected, -e.pulls])])
+    own = np.vstack([_offsets(e, rate, campaign, levels), np.zeros((len(e.x), len(levels)))])
+    # what is off in all records alike is the number itself, within its tolerance
+    alike, each = (_left(np.column_stack([known[:, :-1], more]), known[:, -1]) for more in (own.sum(axis=1), own))
+    return bool(alike - each <= (len(levels) - 1) * np.log(len(e.white)))
+
+
+def _offsets(e: Evaluation, rate: int, campaign: Campaign, levels: Sequence[Sequence[int]]) -> Array:
+    """Derivatives (m, levels) of the records to what drifts, off in one level alone; not of the first record."""
+    columns = []
+    for level in levels:
+        after = {number: 1.0 / (number - 1) if number in level and number > 1 else 0.0 for number in e.found}
+        off = {number: replace(s, by_keys=s.by_keys * after[number]) for number, s in e.found.items()}
+        columns.append(campaign.whiten(off, e.by_x[:, [rate]]).jacobian[:, 0])
+    return np.stack(columns, axis=1)
+
+
+def _left(columns: Array, residual: Array) -> float:
+    """Sum of squares that the best combination of columns leaves."""
+    best = np.linalg.lstsq(columns, residual, rcond=None)[0]
+    return float(np.sum((residual - columns @ best) ** 2))

@@ -22,6 +22,7 @@ from hbm.diagnosis.decide import (
     nearest,
     one_of_each,
     others_of,
+    pays,
     plainest,
     simpler,
     suspicious,
@@ -31,7 +32,7 @@ from hbm.diagnosis.foremost import foremost
 from hbm.diagnosis.fullfits import lifted_off, measurable, suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.order import disordered
+from hbm.diagnosis.order import disordered, drifts_within_levels
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.restart import alone, apart, led_to, less_moved, started
 from hbm.diagnosis.screen import Screening, screen, small
@@ -53,9 +54,6 @@ NEARLY = 0.9
 
 TOLERATED = 0.015
 """Misfit of the rig file as it is, relative to the response, in which no cause is looked for that tolerances do for."""
-
-PAYS = 0.7
-"""Share of what one cause leaves that a second one must take."""
 
 CLOSEST, LAST = 1, 4
 """Causes found over the rig file as it is that are calibrated too; steps of the last fit."""
@@ -275,13 +273,13 @@ class Search:
         self.tell("beside a background", 0.8)
         whole = [e for e in (*self.fitted, *self._calibrated_too()) if not e.missing]
         within = [*filter(self.tolerable, whole), *self._less_moved(whole)]
-        models = [e for e in within if len(e.model.causes) == 1 or self._pays(e, within)]
+        models = [e for e in within if len(e.model.causes) == 1 or pays(e, (*self.fitted, *within))]
         leaves = leaves or min((self.nominal, self.calibrated, *models), key=evidence)
         self.campaign = replace(self.campaign, background=background_of(leaves, self.campaign))
         nominal, calibrated, *others = (beside(e, self.campaign) for e in (self.nominal, self.calibrated, *models))
         ranked = sorted(others, key=evidence)
         bases = [(e, calibrated if e.model.calibrated else nominal) for e in ranked]
-        best = next((e for e, base in bases if accepted(base, e, self.tried)), None)
+        best = next((e for e, base in bases if self._accepted(base, e, self.tried)), None)
         if best is None or (self.tolerable(calibrated) and not simpler(best, calibrated, self.tried)):
             near = [] if ranked else nearest(self.fitted)[:MOST_RANKED]  # none is within tolerances
             return Decision(calibrated, None, (*ranked, *(beside(e, self.campaign) for e in near)))
@@ -304,15 +302,10 @@ class Search:
             return fit_model(start.model, campaign, start.x, start.solutions, LAST)
         return best
 
-    def _pays(self, pair: Evaluation, models: Sequence[Evaluation]) -> bool:
-        """Whether a second cause takes a large share of what the first leaves, believed alone or not."""
-        first = [e for e in (*self.fitted, *models) if e.model.causes == pair.model.causes[:1] and not e.missing]
-        return all(explained(e.white, pair.white) >= PAYS for e in first)
-
     def without_second(self, found: Decision, pair: Evaluation) -> Decision:
         """The same with the first cause of a pair alone, where that is accepted so; else without a cause."""
         alone = [e for e in found.fits if e.model.causes == pair.model.causes[:1]]
-        return replace(found, best=next((e for e in alone if accepted(found.base, e, self.tried)), None))
+        return replace(found, best=next((e for e in alone if self._accepted(found.base, e, self.tried)), None))
 
     def _calibrated_too(self) -> list[Evaluation]:
         """The best causes found over the rig file as it is, over the calibrated one where they are not known there."""
@@ -328,8 +321,12 @@ class Search:
         What leaves the tolerances of the rig file beside its causes is none of them.
         """
         ranked = one_of_each(best_of([e for e in fits if self.tolerable(e)]))
-        best = next((e for e in ranked[:1] if accepted(base, e, tried)), None)
+        best = next((e for e in ranked[:1] if self._accepted(base, e, tried)), None)
         return Decision(base, best, tuple(ranked))
+
+    def _accepted(self, base: Evaluation, e: Evaluation, tried: int) -> bool:
+        """As :func:`hbm.diagnosis.decide.accepted`; no drift that each level has a size of its own of."""
+        return accepted(base, e, tried) and drifts_within_levels(e, self.campaign)
 
     def _explains(self, decision: Decision) -> bool:
         return decision.best is not None and self._fits(decision.best)

@@ -16,6 +16,7 @@ from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import evidence
+from hbm.diagnosis.order import drifts_within_levels
 from hbm.diagnosis.restart import led_to
 from hbm.diagnosis.screen import screen, small
 from hbm.fourier import FourierBasis
@@ -104,6 +105,20 @@ def test_rate_of_the_drift_is_found(measured):
     found = fit_model(model, data, model.start, {})
     assert model.values(found.x, 1)["rate"] == pytest.approx(RATE, abs=3 * found.std[0])
     assert found.std[0] < 0.1 * abs(RATE)
+
+
+def test_a_drift_goes_on_within_levels(measured, tmp_path):
+    """Friction that falls from record to record, and one that is another at each of two levels measured in turn."""
+    rig, data = measured
+    found = fit_model(model := Model(rig, {}, (DISTORTION, DRIFT)), data, model.start, {})
+    assert drifts_within_levels(found, data)
+    records = scattered([(3.0, 49.0), (3.0, 50.0), (3.0, 51.5), *POINTS[3:], (6.5, 49.0)], np.random.default_rng(5))
+    by_level = [changed(PLAIN, MU, 1.0 if r.level < 4.0 else 0.95) for r in records]
+    truth = simulate_records(by_level, records, 512, Settings(ramp=15, hold=5, coarse=128, tolerance=1e-7, chord=True))
+    rig, data = campaign(tmp_path, measure(truth, 50.0, np.random.default_rng(1), 60.0, harmonics=H))
+    found = fit_model(model := Model(rig, {}, (DRIFT,)), data, model.start, {})
+    assert found.chi2 < 0.2 * evaluate(Model(rig, {}), data, np.zeros(0), {}).chi2  # it looks like a drift
+    assert not drifts_within_levels(found, data)
 
 
 def test_phases_of_the_harmonics_are_those_of_the_file(measured):
