@@ -91,9 +91,13 @@ class Projection:
         """Squared size of what the force does at each frequency, (n, 1)."""
         return np.asarray(np.sum(np.abs(self.by_force) ** 2, axis=1, keepdims=True))
 
+    def of_modes(self, poles: Array) -> Complex:
+        """Responses of modes with a flexibility of 1 each, (n, r)."""
+        return np.asarray(1.0 / _stiffness(self.omega, poles))
+
     def columns(self, poles: Array) -> Complex:
         """Responses of modes with a flexibility of 1 each, and of the residuals, (n, q)."""
-        columns = np.column_stack([1.0 / _stiffness(self.omega, poles), self._residuals])
+        columns = np.hstack([self.of_modes(poles), self._residuals])
         return np.hstack([columns, 1j * columns]) if self.free else columns
 
     def turned(self, turns: Array) -> Complex:
@@ -128,16 +132,21 @@ class Projection:
 
     def flexibilities(self, poles: Array, turns: Array) -> Array:
         """Those (c, q) that fit best beside poles and turns."""
-        return self._best(poles, turns)[0]
+        return self._best(self.columns(poles), self.turned(turns))[0]
 
-    def misfits(self, poles: Array, channel: int, delays: Array) -> Array:
-        """What flexibilities leave of a channel that is read alone, at each of its delays (m,), which are turns."""
+    def misfits(self, poles: Array, channel: int, delays: Array, beside: Array) -> Array:
+        """What flexibilities leave of a channel that is read alone, (m, k).
+
+        Its delays, which are turns, are (m,) plus (k,): so many exponentials are enough.
+        """
         columns = as_reals(self.motion[:, [channel]] * self.columns(poles))
         size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
         basis = np.linalg.qr(columns / size)[0]
-        undone = np.exp(1j * np.outer(self.omega / self.middle, delays)) * self.measured[:, [channel]]
-        described = np.sum((basis.T @ as_reals(undone)) ** 2, axis=0)
-        return np.asarray(np.sum(np.abs(self.measured[:, channel]) ** 2) - described)
+        turns, further = (np.exp(1j * np.outer(part, self.omega / self.middle)) for part in (delays, beside))
+        measured, n = self.measured[:, channel], len(self.omega)
+        across = turns[:, None, :] * ((basis[:n] - 1j * basis[n:]).T * measured)  # (m, q, n)
+        described = np.sum((across @ further.T).real ** 2, axis=1)
+        return np.asarray(np.sum(np.abs(measured) ** 2) - described)
 
     def fitted(self, start: Array, turns: Array, sought: npt.NDArray[np.bool_]) -> tuple[Array, Array]:
         """Poles that fit best from where they start, and those of the turns (1 + c,) that are sought."""
@@ -153,9 +162,10 @@ class Projection:
 
         def left(x: Array) -> Array:
             poles, tried = unpacked(x)
-            if not np.isfinite(self.columns(poles)).all():
+            columns = self.columns(poles)
+            if not np.isfinite(columns).all():
                 return np.full(2 * self.measured.size, np.nan)  # SciPy tries a shorter step
-            known[:] = [self._best(poles, tried)]
+            known[:] = [self._best(columns, self.turned(tried))]
             return as_reals(self.whitened(known[0][1](self.measured[:, :, None]))).ravel()
 
         def slopes(x: Array) -> Array:
@@ -169,10 +179,9 @@ class Projection:
             fit = least_squares(left, x, jac=slopes, x_scale="jac", max_nfev=STEPS)
             return unpacked(fit.x)
 
-    def _best(self, poles: Array, turns: Array) -> tuple[Array, Rest]:
-        """Best flexibilities (c, q), and what these leave of others."""
-        columns, c = self.columns(poles), self.measured.shape[1]
-        turned = self.turned(turns)
+    def _best(self, columns: Complex, turned: Complex) -> tuple[Array, Rest]:
+        """Best flexibilities (c, q) of columns with a motion that is turned, and what these leave of others."""
+        c = self.measured.shape[1]
         bases, uppers, sizes = zip(*(_orthonormal(turned[:, j, None] * columns) for j in range(c)), strict=True)
         basis = np.stack(bases)  # (c, n, q), orthonormal by their real and imaginary parts
         q = basis.shape[2]
@@ -213,7 +222,9 @@ def _ratios(omega: Array, poles: Array) -> Array:
 
 def _stiffness(omega: Array, poles: Array) -> Complex:
     x = _ratios(omega, poles)
-    return np.asarray(1.0 - x**2 + 2j * poles[:, 1] * x)
+    out = np.empty(x.shape, dtype=complex)
+    out.real, out.imag = 1.0 - x**2, 2.0 * poles[:, 1] * x
+    return out
 
 
 def as_reals(z: npt.NDArray[np.complex128]) -> Array:
