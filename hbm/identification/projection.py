@@ -91,6 +91,11 @@ class Projection:
         """Squared size of what the force does at each frequency, (n, 1)."""
         return np.asarray(np.sum(np.abs(self.by_force) ** 2, axis=1, keepdims=True))
 
+    @cached_property
+    def _exact(self) -> bool:
+        """Whether the force errs nowhere, so that every channel is fitted alone."""
+        return not self.by_force.any()
+
     def of_modes(self, poles: Array) -> Complex:
         """Responses of modes with a flexibility of 1 each, (n, r)."""
         return np.asarray(1.0 / _stiffness(self.omega, poles))
@@ -111,6 +116,8 @@ class Projection:
 
     def whitened(self, z: Complex) -> Complex:
         """Weighted (n, c, ...) beside an error of the force, which adds b b^H to their covariance 1."""
+        if self._exact:
+            return z
         more = (1,) * (z.ndim - 2)
         b, size = (part.reshape(*part.shape, *more) for part in (self.by_force, self._force))
         taken = np.divide(1.0 - 1.0 / np.sqrt(1.0 + size), size, out=np.zeros_like(size), where=size > 0.0)
@@ -181,39 +188,51 @@ class Projection:
 
     def _best(self, columns: Complex, turned: Complex) -> tuple[Array, Rest]:
         """Best flexibilities (c, q) of columns with a motion that is turned, and what these leave of others."""
-        c = self.measured.shape[1]
-        bases, uppers, sizes = zip(*(_orthonormal(turned[:, j, None] * columns) for j in range(c)), strict=True)
-        basis = np.stack(bases)  # (c, n, q), orthonormal by their real and imaginary parts
-        q = basis.shape[2]
-        weight = 1.0 / (1.0 + self._force)
-        felt = (self.by_force.conj().T[:, :, None] * basis).transpose(1, 0, 2).reshape(len(columns), c * q)
-        stacked = as_reals(np.sqrt(weight) * felt)
-        coupled = cho_factor(np.eye(c * q) - stacked.T @ stacked)
-
-        def solved(z: Complex) -> Array:
-            seen = z - self.by_force[:, :, None] * np.sum(
-                weight[:, :, None] * self.by_force.conj()[:, :, None] * z, axis=1, keepdims=True
-            )
-            across = (basis.conj().transpose(0, 2, 1) @ seen.transpose(1, 0, 2)).real
-            return np.asarray(cho_solve(coupled, across.reshape(c * q, -1)).reshape(c, q, -1))
+        basis, uppers, sizes = _orthonormal(turned.T[:, :, None] * columns)
+        coordinates = self._coordinates(basis)
 
         def rest(z: Complex) -> Complex:
-            return np.asarray(z - (basis @ solved(z)).transpose(1, 0, 2))
+            return np.asarray(z - (basis @ coordinates(z)).transpose(1, 0, 2))
 
-        of_basis = solved(self.measured[:, :, None])[:, :, 0]
+        of_basis = coordinates(self.measured[:, :, None])[:, :, 0]
         best = [
             np.linalg.lstsq(upper, own, rcond=APART)[0] / size
             for upper, own, size in zip(uppers, of_basis, sizes, strict=True)
         ]
         return np.array(best), rest
 
+    def _coordinates(self, basis: Complex) -> Callable[[Complex], Array]:
+        """What takes from (n, c, p) the coordinates (c, q, p), in orthonormal bases (c, n, q), of what is nearest."""
+        (c, n, q), across = basis.shape, basis.conj().transpose(0, 2, 1)
+
+        def alone(z: Complex) -> Array:
+            return np.asarray((across @ z.transpose(1, 0, 2)).real)
+
+        if self._exact:
+            return alone
+        weight = 1.0 / (1.0 + self._force)
+        felt = (self.by_force.conj().T[:, :, None] * basis).transpose(1, 0, 2).reshape(n, c * q)
+        stacked = as_reals(np.sqrt(weight) * felt)
+        coupled = cho_factor(np.eye(c * q) - stacked.T @ stacked)
+
+        def together(z: Complex) -> Array:
+            seen = z - self.by_force[:, :, None] * np.sum(
+                weight[:, :, None] * self.by_force.conj()[:, :, None] * z, axis=1, keepdims=True
+            )
+            return np.asarray(cho_solve(coupled, alone(seen).reshape(c * q, -1)).reshape(c, q, -1))
+
+        return together
+
 
 def _orthonormal(columns: Complex) -> tuple[Complex, Array, Array]:
-    """Basis (n, q) of columns whose size is taken off, their coordinates (q, q) in it, and that size (q,)."""
-    stacked = as_reals(columns)
-    size = np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(float).tiny)
-    basis, upper = np.linalg.qr(stacked / size)
-    return basis[: len(columns)] + 1j * basis[len(columns) :], upper, size
+    """Bases (c, n, q) of columns whose size is taken off, orthonormal by their real and imaginary parts.
+
+    Beside them the coordinates (c, q, q) of the columns, and their size (c, q).
+    """
+    stacked, n = np.concatenate([columns.real, columns.imag], axis=1), columns.shape[1]
+    size = np.maximum(np.linalg.norm(stacked, axis=1), np.finfo(float).tiny)
+    basis, upper = np.linalg.qr(stacked / size[:, None])
+    return basis[:, :n] + 1j * basis[:, n:], upper, size
 
 
 def _ratios(omega: Array, poles: Array) -> Array:
