@@ -96,10 +96,10 @@ class Problem:
         tried, taken = [], []
         for ratio in RATIOS:  # in turn: their columns are the largest arrays here
             poles_tried = np.column_stack([hz, np.full(GRID, ratio)])
-            columns = self.alone.columns(poles_tried)[:, :GRID]
+            columns = self.alone.of_modes(poles_tried)
             across = columns.conj().T @ left
             taken_by = np.abs(across) ** 2 if self.wanders else across.real**2
-            shares = taken_by / (np.abs(columns.T) ** 2 @ np.abs(motion) ** 2)
+            shares = taken_by / ((columns.real**2 + columns.imag**2).T @ np.abs(motion) ** 2)
             tried.append(poles_tried)
             taken.append(shares.sum(axis=1))
         return np.concatenate(tried)[[np.argmax(np.concatenate(taken))]]
@@ -111,15 +111,17 @@ class Problem:
 
     def _delay(self, poles: Array, channel: int) -> float:
         period = 2 * np.pi * self.alone.middle / self.alone.omega[-1]
-        tried, step = period * np.arange(-LATEST, LATEST + STEP, STEP), period * STEP
-        misfits = self.alone.misfits(poles, channel, tried)
+        periods, parts = np.arange(-LATEST, LATEST + 1.0), np.arange(0.0, 1.0, STEP)
+        within = slice(int(2 * LATEST / STEP) + 1)
+        tried, step = (period * np.add.outer(periods, parts)).ravel()[within], period * STEP
+        misfits = self.alone.misfits(poles, channel, period * periods, period * parts).ravel()[within]
         dips = np.flatnonzero((misfits[1:-1] <= misfits[:-2]) & (misfits[1:-1] <= misfits[2:])) + 1
         best = tried[dips[np.argsort(misfits[dips])][:LOWEST]]
         if not len(best):
             return 0.0
         for _ in range(FINER):
-            around = best[:, None] + step * np.linspace(-1.0, 1.0, 9)
-            misfits = self.alone.misfits(poles, channel, around.ravel()).reshape(around.shape)
+            beside = step * np.linspace(-1.0, 1.0, 9)
+            around, misfits = np.add.outer(best, beside), self.alone.misfits(poles, channel, best, beside)
             best, step = around[np.arange(len(best)), misfits.argmin(axis=1)], step / 4.0
         return float(best[misfits.min(axis=1).argmin()])
 

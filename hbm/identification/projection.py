@@ -91,9 +91,18 @@ class Projection:
         """Squared size of what the force does at each frequency, (n, 1)."""
         return np.asarray(np.sum(np.abs(self.by_force) ** 2, axis=1, keepdims=True))
 
+    @cached_property
+    def _exact(self) -> bool:
+        """Whether the force errs nowhere, so that every channel is fitted alone."""
+        return not self.by_force.any()
+
+    def of_modes(self, poles: Array) -> Complex:
+        """Responses of modes with a flexibility of 1 each, (n, r)."""
+        return np.asarray(1.0 / _stiffness(self.omega, poles))
+
     def columns(self, poles: Array) -> Complex:
         """Responses of modes with a flexibility of 1 each, and of the residuals, (n, q)."""
-        columns = np.column_stack([1.0 / _stiffness(self.omega, poles), self._residuals])
+        columns = np.hstack([self.of_modes(poles), self._residuals])
         return np.hstack([columns, 1j * columns]) if self.free else columns
 
     def turned(self, turns: Array) -> Complex:
@@ -107,6 +116,8 @@ class Projection:
 
     def whitened(self, z: Complex) -> Complex:
         """Weighted (n, c, ...) beside an error of the force, which adds b b^H to their covariance 1."""
+        if self._exact:
+            return z
         more = (1,) * (z.ndim - 2)
         b, size = (part.reshape(*part.shape, *more) for part in (self.by_force, self._force))
         taken = np.divide(1.0 - 1.0 / np.sqrt(1.0 + size), size, out=np.zeros_like(size), where=size > 0.0)
@@ -128,16 +139,21 @@ class Projection:
 
     def flexibilities(self, poles: Array, turns: Array) -> Array:
         """Those (c, q) that fit best beside poles and turns."""
-        return self._best(poles, turns)[0]
+        return self._best(self.columns(poles), self.turned(turns))[0]
 
-    def misfits(self, poles: Array, channel: int, delays: Array) -> Array:
-        """What flexibilities leave of a channel that is read alone, at each of its delays (m,), which are turns."""
+    def misfits(self, poles: Array, channel: int, delays: Array, beside: Array) -> Array:
+        """What flexibilities leave of a channel that is read alone, (m, k).
+
+        Its delays, which are turns, are (m,) plus (k,): so many exponentials are enough.
+        """
         columns = as_reals(self.motion[:, [channel]] * self.columns(poles))
         size = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
         basis = np.linalg.qr(columns / size)[0]
-        undone = np.exp(1j * np.outer(self.omega / self.middle, delays)) * self.measured[:, [channel]]
-        described = np.sum((basis.T @ as_reals(undone)) ** 2, axis=0)
-        return np.asarray(np.sum(np.abs(self.measured[:, channel]) ** 2) - described)
+        turns, further = (np.exp(1j * np.outer(part, self.omega / self.middle)) for part in (delays, beside))
+        measured, n = self.measured[:, channel], len(self.omega)
+        across = turns[:, None, :] * ((basis[:n] - 1j * basis[n:]).T * measured)  # (m, q, n)
+        described = np.sum((across @ further.T).real ** 2, axis=1)
+        return np.asarray(np.sum(np.abs(measured) ** 2) - described)
 
     def fitted(self, start: Array, turns: Array, sought: npt.NDArray[np.bool_]) -> tuple[Array, Array]:
         """Poles that fit best from where they start, and those of the turns (1 + c,) that are sought."""
@@ -153,9 +169,10 @@ class Projection:
 
         def left(x: Array) -> Array:
             poles, tried = unpacked(x)
-            if not np.isfinite(self.columns(poles)).all():
+            columns = self.columns(poles)
+            if not np.isfinite(columns).all():
                 return np.full(2 * self.measured.size, np.nan)  # SciPy tries a shorter step
-            known[:] = [self._best(poles, tried)]
+            known[:] = [self._best(columns, self.turned(tried))]
             return as_reals(self.whitened(known[0][1](self.measured[:, :, None]))).ravel()
 
         def slopes(x: Array) -> Array:
@@ -169,42 +186,53 @@ class Projection:
             fit = least_squares(left, x, jac=slopes, x_scale="jac", max_nfev=STEPS)
             return unpacked(fit.x)
 
-    def _best(self, poles: Array, turns: Array) -> tuple[Array, Rest]:
-        """Best flexibilities (c, q), and what these leave of others."""
-        columns, c = self.columns(poles), self.measured.shape[1]
-        turned = self.turned(turns)
-        bases, uppers, sizes = zip(*(_orthonormal(turned[:, j, None] * columns) for j in range(c)), strict=True)
-        basis = np.stack(bases)  # (c, n, q), orthonormal by their real and imaginary parts
-        q = basis.shape[2]
-        weight = 1.0 / (1.0 + self._force)
-        felt = (self.by_force.conj().T[:, :, None] * basis).transpose(1, 0, 2).reshape(len(columns), c * q)
-        stacked = as_reals(np.sqrt(weight) * felt)
-        coupled = cho_factor(np.eye(c * q) - stacked.T @ stacked)
-
-        def solved(z: Complex) -> Array:
-            seen = z - self.by_force[:, :, None] * np.sum(
-                weight[:, :, None] * self.by_force.conj()[:, :, None] * z, axis=1, keepdims=True
-            )
-            across = (basis.conj().transpose(0, 2, 1) @ seen.transpose(1, 0, 2)).real
-            return np.asarray(cho_solve(coupled, across.reshape(c * q, -1)).reshape(c, q, -1))
+    def _best(self, columns: Complex, turned: Complex) -> tuple[Array, Rest]:
+        """Best flexibilities (c, q) of columns with a motion that is turned, and what these leave of others."""
+        basis, uppers, sizes = _orthonormal(turned.T[:, :, None] * columns)
+        coordinates = self._coordinates(basis)
 
         def rest(z: Complex) -> Complex:
-            return np.asarray(z - (basis @ solved(z)).transpose(1, 0, 2))
+            return np.asarray(z - (basis @ coordinates(z)).transpose(1, 0, 2))
 
-        of_basis = solved(self.measured[:, :, None])[:, :, 0]
+        of_basis = coordinates(self.measured[:, :, None])[:, :, 0]
         best = [
             np.linalg.lstsq(upper, own, rcond=APART)[0] / size
             for upper, own, size in zip(uppers, of_basis, sizes, strict=True)
         ]
         return np.array(best), rest
 
+    def _coordinates(self, basis: Complex) -> Callable[[Complex], Array]:
+        """What takes from (n, c, p) the coordinates (c, q, p), in orthonormal bases (c, n, q), of what is nearest."""
+        (c, n, q), across = basis.shape, basis.conj().transpose(0, 2, 1)
+
+        def alone(z: Complex) -> Array:
+            return np.asarray((across @ z.transpose(1, 0, 2)).real)
+
+        if self._exact:
+            return alone
+        weight = 1.0 / (1.0 + self._force)
+        felt = (self.by_force.conj().T[:, :, None] * basis).transpose(1, 0, 2).reshape(n, c * q)
+        stacked = as_reals(np.sqrt(weight) * felt)
+        coupled = cho_factor(np.eye(c * q) - stacked.T @ stacked)
+
+        def together(z: Complex) -> Array:
+            seen = z - self.by_force[:, :, None] * np.sum(
+                weight[:, :, None] * self.by_force.conj()[:, :, None] * z, axis=1, keepdims=True
+            )
+            return np.asarray(cho_solve(coupled, alone(seen).reshape(c * q, -1)).reshape(c, q, -1))
+
+        return together
+
 
 def _orthonormal(columns: Complex) -> tuple[Complex, Array, Array]:
-    """Basis (n, q) of columns whose size is taken off, their coordinates (q, q) in it, and that size (q,)."""
-    stacked = as_reals(columns)
-    size = np.maximum(np.linalg.norm(stacked, axis=0), np.finfo(float).tiny)
-    basis, upper = np.linalg.qr(stacked / size)
-    return basis[: len(columns)] + 1j * basis[len(columns) :], upper, size
+    """Bases (c, n, q) of columns whose size is taken off, orthonormal by their real and imaginary parts.
+
+    Beside them the coordinates (c, q, q) of the columns, and their size (c, q).
+    """
+    stacked, n = np.concatenate([columns.real, columns.imag], axis=1), columns.shape[1]
+    size = np.maximum(np.linalg.norm(stacked, axis=1), np.finfo(float).tiny)
+    basis, upper = np.linalg.qr(stacked / size[:, None])
+    return basis[:, :n] + 1j * basis[:, n:], upper, size
 
 
 def _ratios(omega: Array, poles: Array) -> Array:
@@ -213,7 +241,9 @@ def _ratios(omega: Array, poles: Array) -> Array:
 
 def _stiffness(omega: Array, poles: Array) -> Complex:
     x = _ratios(omega, poles)
-    return np.asarray(1.0 - x**2 + 2j * poles[:, 1] * x)
+    out = np.empty(x.shape, dtype=complex)
+    out.real, out.imag = 1.0 - x**2, 2.0 * poles[:, 1] * x
+    return out
 
 
 def as_reals(z: npt.NDArray[np.complex128]) -> Array:

@@ -106,11 +106,13 @@ def _at_joints(rig: JointedRig, solution: PeriodicSolution) -> tuple[Complex, Co
     along = along_solution(JointBalance(rig, solution.basis, level=solution.level), solution.state)
     steps = along.steps
     exponents, starts = _excited(monodromy(steps), -along.start, along.undying, solution.state.Omega)
-    s, layout, y = rig.structure, along.layout, starts
-    seen = np.empty((len(steps), len(s.channels), len(exponents)), dtype=complex)
-    for k, step in enumerate(steps):
-        seen[k] = s.channels @ y[: s.n] + s.channels_by_joints @ y[layout.f]
-        y = step @ y
+    s, layout, m = rig.structure, along.layout, len(exponents)
+    y = np.empty((len(steps), len(starts), 2 * m))
+    y[0] = np.hstack([starts.real, starts.imag])  # a product of a real matrix with a complex one copies it first
+    for k, step in enumerate(steps[:-1]):
+        np.matmul(step, y[k], out=y[k + 1])
+    parts = s.channels @ y[:, : s.n] + s.channels_by_joints @ y[:, layout.f]
+    seen = parts[..., :m] + 1j * parts[..., m:]
     since = 2 * np.pi / solution.state.Omega * np.arange(len(steps)) / len(steps)
     return exponents, seen * np.exp(-np.outer(since, exponents))[:, None]
 

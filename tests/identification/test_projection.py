@@ -88,7 +88,7 @@ def test_the_misfit_over_delays_is_that_of_each(weighted: Projection) -> None:
     alone = Projection(weighted.omega, weighted.motion, weighted.measured, 0.0 * weighted.motion, free=weighted.free)
     delays = np.linspace(-3.0, 3.0, 5)
     for j in range(2):
-        found = alone.misfits(POLES, j, delays)
+        found = alone.misfits(POLES, j, delays - 0.3, np.array([0.1, 0.3]))[:, 1]
         for delay, misfit in zip(delays, found, strict=True):
             turns = np.append(0.0, np.full(2, delay))
             left = alone.measured - alone.answer(POLES, turns, alone.flexibilities(POLES, turns))

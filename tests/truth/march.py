@@ -197,7 +197,8 @@ class Batch:
         if not self.hidden:
             return 0.0, 0.0, 0.0, start
         n, rows = q.shape[-1], self.m["rows"]
-        Gq, (y, y_rate) = self.contact[..., :n] - seen[..., :n], np.split(seen[..., n + COLUMNS :], 2, axis=-1)
+        middle = n + COLUMNS + sum(self.row_count)
+        Gq, y, y_rate = self.contact[..., :n] - seen[..., :n], seen[..., n + COLUMNS : middle], seen[..., middle:]
         phase = phase - self.lag[:, None]
         forces, memory, tension, r, s = [], [], 0.0, 0, 0
         for effect, count in zip(self.hidden, self.row_count, strict=True):
@@ -208,7 +209,7 @@ class Batch:
             memory.append(kept[..., : effect.states])
             tension = tension + effect.tension(at)
             r, s = r + count, s + effect.states
-        force = np.concatenate(forces, axis=-1)
+        force = forces[0] if len(forces) == 1 else np.concatenate(forces, axis=-1)
         at_tip = -(force @ self.m["tip_loads"][..., None])[..., 0]
         return force @ rows, tension, at_tip, np.concatenate(memory, axis=-1)
 
