@@ -25,9 +25,10 @@ from hbm.fourier import Array
 from hbm.integration.propagation import propagators, weights
 
 Complex = npt.NDArray[np.complex128]
-Samples = npt.NDArray[np.intp]
+Modes = tuple[Array, Array, Array]
+"""Propagator (2n, 2n) of the motion, and what it follows the force at both ends of a step by, (2n, 1) each."""
 
-HELD = 100_000
+HELD = 200_000
 """Numbers in the steps that are held at once: what stays in a processor's cache."""
 
 
@@ -108,8 +109,8 @@ class Disturbance:
             by_T[:, 2] = direction @ r.inertia
         return seen, by_T
 
-    def _modes(self, stride: int) -> tuple[Array, Array, Array]:
-        """Propagator (2n, 2n), and weights (2n, 1) of the force before and after, over so many samples."""
+    def _modes(self, stride: int) -> Modes:
+        """Over so many samples."""
         problem, n = self.problem, self.problem.structure.n
         dt = 2 * np.pi / (self.state.Omega * problem.basis.N_t) * stride
         E = propagators(problem.structure, self.state.Omega, dt)
@@ -121,55 +122,72 @@ class Disturbance:
         old, new = (np.concatenate([w[f"q_{name}"], w[f"v_{name}"]])[:, None] for name in ("old", "new"))
         return free, old, new
 
-    def _driven(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples, J: Array) -> Array:
-        """Fill `J` (N, size, size) with (q, q') at samples from (q, q', T) at those before; return it per T there."""
-        n, direction = self.problem.structure.n, self._slip[0]
-        free, old, new = modes
-        motion = slice(0, 2 * n)
-        per_T, per_T_before = np.tile(direction[now], 2) * new[:, 0], np.tile(direction[before], 2) * old[:, 0]
+    def _per_force(self, modes: Modes, now: slice) -> tuple[Array, Array]:
+        """(q, q') at samples per T there, and per T at those before, (N, 2n) each; elements answer later."""
+        n, direction, (_, old, new) = self.problem.structure.n, self._slip[0][now], modes
         if self.problem.elements is not None:
-            J[:] = 0.0
-            J[:, motion, motion], J[:, motion, 2 * n] = free, per_T_before
-            lost = self._tangent[0]
-            return _implicit(J[:, motion, : 2 * n + 1], per_T, lost[now], lost[before], old, new)
-        G, T, T_before = self.problem.structure.shortening, self.law.T[now], self.law.T[before]
-        # what T shortens at the end of a step is taken of the motion without it: dt^2 T G is small beside 1
-        parts = np.zeros((3, *J.shape[1:]))
-        parts[0, motion, motion] = free
-        parts[1, motion, :n] = old * np.tile(G, (2, 1))
-        parts[2, motion, motion] = new * np.tile(G @ free[:n], (2, 1))
-        np.matmul(np.column_stack([np.ones_like(T), -T_before, -T]), parts.reshape(3, -1), out=J.reshape(len(J), -1))
-        for column in (per_T_before, per_T):
-            column -= T[:, None] * new[:, 0] * np.tile(column[:, :n] @ G, 2)
-        J[:, motion, 2 * n] = per_T_before
-        return per_T
+            return np.tile(direction, 2) * new[:, 0], np.tile(_before(direction), 2) * old[:, 0]
+        # of the force at each end, in one product: what it moves, and what T at the end takes of that
+        pushes, i = np.zeros((n, 2, 2, 2 * n)), np.arange(n)
+        taken = np.tile(self.problem.structure.shortening, 2) * new[:, 0]
+        for k, weight in enumerate((new[:, 0], old[:, 0])):
+            pushes[i, k, 0, i], pushes[i, k, 0, n + i] = weight[:n], weight[n:]
+            pushes[:, k, 1] = weight[:n, None] * taken
+        moved = (direction @ pushes.reshape(n, -1)).reshape(-1, 2, 2, 2 * n)
+        T, before = self.law.T[now, None], _before(moved[:, 1])
+        return moved[:, 0, 0] - T * moved[:, 0, 1], before[:, 0] - T * before[:, 1]
 
-    def steps(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples) -> Array:
-        """Derivative of the state at samples to that at those before, (N, size, size)."""
-        n, n_z = self.problem.structure.n, self.law.by_states.shape[2]
-        by_signals, by_signals_before = self.law.by_signals[now], self.law.by_signals_before[now]
-        seen, seen_T = self._signals
-        J = np.empty((len(now), 2 * n + 1 + n_z, 2 * n + 1 + n_z))
-        per_T = self._driven(modes, now, before, J)  # motion without T of the sample itself
-        by_motion = by_signals @ seen[now]  # (N, 1 + n_z, 2n)
-        known = by_motion @ J[:, : 2 * n]
-        known[:, :, : 2 * n] += by_signals_before @ seen[before]
-        known[:, :, 2 * n] += _times(by_signals_before, seen_T[before])
-        known[:, :, 2 * n + 1 :] += self.law.by_states[now]
-        # T = known + by_T T
-        by_T = _times(by_motion, per_T) + _times(by_signals, seen_T[now])
-        T = known[:, 0] / (1.0 - by_T[:, :1])
-        J[:, 2 * n + 1 :] = known[:, 1:]
-        J += np.einsum("ki,kj->kij", np.hstack([per_T, np.ones((len(now), 1)), by_T[:, 1:]]), T)
-        return J
+    def _driven(self, modes: Modes, now: slice) -> tuple[Array, Array]:
+        """(q, q') at samples from (q, q', T) at those before, in (N, size, size), and per T there, (N, 2n)."""
+        n, size = self.problem.structure.n, 2 * self.problem.structure.n + 1 + self.law.by_states.shape[2]
+        motion, (free, old, new) = slice(0, 2 * n), modes
+        per_T, per_T_before = self._per_force(modes, now)
+        if self.problem.elements is not None:
+            J, lost = np.zeros((len(per_T), size, size)), self._tangent[0][now]
+            J[:, motion, motion], J[:, motion, 2 * n] = free, per_T_before
+            return J, _implicit(J[:, motion, : 2 * n + 1], per_T, lost, _before(lost), old, new)
+        G, T = self.problem.structure.shortening, self.law.T[now]
+        # what T shortens at the end of a step is taken of the motion without it: dt^2 T G is small beside 1
+        parts = np.zeros((3, size, size))
+        parts[0, motion, motion] = free
+        parts[1, motion, :n] = -old * np.tile(G, (2, 1))
+        parts[2, motion, motion] = -new * np.tile(G @ free[:n], (2, 1))
+        J = (np.column_stack([np.ones_like(T), _before(T), T]) @ parts.reshape(3, -1)).reshape(-1, size, size)
+        J[:, motion, 2 * n] = per_T_before
+        return J, per_T
+
+    def _told(self, now: slice) -> Array:
+        """What the law makes of the state at the samples before, their motion since left out, (N, 1 + n_z, size)."""
+        n, by_states = self.problem.structure.n, self.law.by_states[now]
+        told = np.zeros((*by_states.shape[:2], 2 * n + 1 + by_states.shape[2]))
+        told[:, :, 2 * n + 1 :] = by_states
+        if self.law.by_signals_before.any():
+            by_signals, (seen, seen_T) = self.law.by_signals_before[now], self._signals
+            told[:, :, : 2 * n] = by_signals @ _before(seen[now])
+            told[:, :, 2 * n] = _times(by_signals, _before(seen_T[now]))
+        return told
 
     def _blocks(self, stride: int) -> list[Array]:
-        """Steps of so many samples over a period, in blocks (N, size, size) that stay in the processor's cache."""
-        modes = self._modes(stride)
-        samples = np.arange(stride - 1, self.problem.basis.N_t, stride)
-        size = 2 * self.problem.structure.n + 1 + self.law.by_states.shape[2]
-        parts = np.array_split(samples, -(-len(samples) * size**2 // HELD))
-        return [self.steps(modes, now, now - stride) for now in parts]
+        """Derivative of the state at every so many samples to that at those before, in blocks (N, size, size).
+
+        A block stays in the processor's cache.
+        """
+        n, now = self.problem.structure.n, slice(stride - 1, None, stride)
+        by_signals, (seen, seen_T) = self.law.by_signals[now], self._signals
+        J, per_T = self._driven(self._modes(stride), now)  # motion without T of the sample itself
+        by_motion, told = by_signals @ seen[now], self._told(now)
+        # T = known + by_T T
+        by_T = _times(by_motion, per_T) + _times(by_signals, seen_T[now])
+        per_known = 1.0 / (1.0 - by_T[:, :1])
+        per_T = np.hstack([per_T, np.ones_like(per_known), by_T[:, 1:]])
+        length = -(-len(J) // -(-J.size // HELD))
+        parts = [slice(k, k + length) for k in range(0, len(J), length)]
+        for k in parts:
+            known = by_motion[k] @ J[k, : 2 * n]  # (N, 1 + n_z, size)
+            known += told[k]
+            J[k, 2 * n + 1 :] = known[:, 1:]
+            J[k] += np.einsum("ki,kj->kij", per_T[k], known[:, 0] * per_known[k])
+        return [J[k] for k in parts]
 
     @cached_property
     def _by_sample(self) -> list[Array]:
@@ -242,6 +260,11 @@ class Disturbance:
 def _product(blocks: list[Array]) -> Array:
     """Product of the steps of a period, (size, size)."""
     return monodromy(np.stack([monodromy(block) for block in blocks]))
+
+
+def _before(along: Array) -> Array:
+    """What was at the sample before, (N, ...), of what is at the samples of a period."""
+    return np.concatenate([along[-1:], along[:-1]])
 
 
 def _times(matrices: Array, vectors: Array) -> Array:
