@@ -106,7 +106,7 @@ def _growths(found: Sequence[Stability], ranks: int) -> Array:
     for row, stability in zip(grown, found, strict=True):
         largest = stability.growths[:ranks]
         row[1 : 1 + len(largest)] = largest
-    return np.clip(grown, -FAR, FAR)
+    return np.asarray(np.clip(grown, -FAR, FAR))
 
 
 def _next_to(slope: Array) -> Array:
