@@ -11,6 +11,7 @@ although a disturbance that grows or fades does not return to where it started. 
 folds are; :mod:`hbm.stability.hill` does better.
 """
 
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from itertools import chain
 
@@ -28,8 +29,9 @@ Complex = npt.NDArray[np.complex128]
 Modes = tuple[Array, Array, Array]
 """Propagator (2n, 2n) of the motion, and what it follows the force at both ends of a step by, (2n, 1) each."""
 
-HELD = 200_000
-"""Numbers in the steps that are held at once: what stays in a processor's cache."""
+HELD = 50_000
+"""Numbers in the steps that are held at once: what stays in a processor's cache, and what memory is not asked for again
+and again."""
 
 
 def _check(problem: Balance) -> None:
@@ -109,6 +111,11 @@ class Disturbance:
             by_T[:, 2] = direction @ r.inertia
         return seen, by_T
 
+    @property
+    def _size(self) -> int:
+        """Of the state."""
+        return int(2 * self.problem.structure.n + 1 + self.law.by_states.shape[2])
+
     def _modes(self, stride: int) -> Modes:
         """Over so many samples."""
         problem, n = self.problem, self.problem.structure.n
@@ -137,29 +144,40 @@ class Disturbance:
         T, before = self.law.T[now, None], _before(moved[:, 1])
         return moved[:, 0, 0] - T * moved[:, 0, 1], before[:, 0] - T * before[:, 1]
 
-    def _driven(self, modes: Modes, now: slice) -> tuple[Array, Array]:
-        """(q, q') at samples from (q, q', T) at those before, in (N, size, size), and per T there, (N, 2n)."""
-        n, size = self.problem.structure.n, 2 * self.problem.structure.n + 1 + self.law.by_states.shape[2]
+    def _driven(self, modes: Modes, now: slice) -> Callable[[slice], tuple[Array, Array]]:
+        """Of some samples: (q, q') from (q, q', T) at those before, in (N, size, size), and per T there, (N, 2n)."""
+        n, size = self.problem.structure.n, self._size
         motion, (free, old, new) = slice(0, 2 * n), modes
         per_T, per_T_before = self._per_force(modes, now)
         if self.problem.elements is not None:
-            J, lost = np.zeros((len(per_T), size, size)), self._tangent[0][now]
-            J[:, motion, motion], J[:, motion, 2 * n] = free, per_T_before
-            return J, _implicit(J[:, motion, : 2 * n + 1], per_T, lost, _before(lost), old, new)
+            lost = self._tangent[0][now]
+            lost_before = _before(lost)
+
+            def answering(k: slice) -> tuple[Array, Array]:
+                J = np.zeros((len(per_T[k]), size, size))
+                J[:, motion, motion], J[:, motion, 2 * n] = free, per_T_before[k]
+                return J, _implicit(J[:, motion, : 2 * n + 1], per_T[k], lost[k], lost_before[k], old, new)
+
+            return answering
         G, T = self.problem.structure.shortening, self.law.T[now]
         # what T shortens at the end of a step is taken of the motion without it: dt^2 T G is small beside 1
         parts = np.zeros((3, size, size))
         parts[0, motion, motion] = free
         parts[1, motion, :n] = -old * np.tile(G, (2, 1))
         parts[2, motion, motion] = -new * np.tile(G @ free[:n], (2, 1))
-        J = (np.column_stack([np.ones_like(T), _before(T), T]) @ parts.reshape(3, -1)).reshape(-1, size, size)
-        J[:, motion, 2 * n] = per_T_before
-        return J, per_T
+        shares = np.column_stack([np.ones_like(T), _before(T), T])
+
+        def shortened(k: slice) -> tuple[Array, Array]:
+            J = (shares[k] @ parts.reshape(3, -1)).reshape(-1, size, size)
+            J[:, motion, 2 * n] = per_T_before[k]
+            return J, per_T[k]
+
+        return shortened
 
     def _told(self, now: slice) -> Array:
         """What the law makes of the state at the samples before, their motion since left out, (N, 1 + n_z, size)."""
         n, by_states = self.problem.structure.n, self.law.by_states[now]
-        told = np.zeros((*by_states.shape[:2], 2 * n + 1 + by_states.shape[2]))
+        told = np.zeros((*by_states.shape[:2], self._size))
         told[:, :, 2 * n + 1 :] = by_states
         if self.law.by_signals_before.any():
             by_signals, (seen, seen_T) = self.law.by_signals_before[now], self._signals
@@ -167,31 +185,29 @@ class Disturbance:
             told[:, :, 2 * n] = _times(by_signals, _before(seen_T[now]))
         return told
 
-    def _blocks(self, stride: int) -> list[Array]:
-        """Derivative of the state at every so many samples to that at those before, in blocks (N, size, size).
-
-        A block stays in the processor's cache.
-        """
+    def _blocks(self, stride: int) -> Iterator[Array]:
+        """Derivative of the state at every so many samples to that at those before, in blocks (N, size, size)."""
         n, now = self.problem.structure.n, slice(stride - 1, None, stride)
         by_signals, (seen, seen_T) = self.law.by_signals[now], self._signals
-        J, per_T = self._driven(self._modes(stride), now)  # motion without T of the sample itself
-        by_motion, told = by_signals @ seen[now], self._told(now)
-        # T = known + by_T T
-        by_T = _times(by_motion, per_T) + _times(by_signals, seen_T[now])
-        per_known = 1.0 / (1.0 - by_T[:, :1])
-        per_T = np.hstack([per_T, np.ones_like(per_known), by_T[:, 1:]])
-        length = -(-len(J) // -(-J.size // HELD))
-        parts = [slice(k, k + length) for k in range(0, len(J), length)]
-        for k in parts:
-            known = by_motion[k] @ J[k, : 2 * n]  # (N, 1 + n_z, size)
+        driven, told = self._driven(self._modes(stride), now), self._told(now)
+        by_motion = by_signals @ seen[now]  # (N, 1 + n_z, 2n)
+        by_T_alone = _times(by_signals, seen_T[now])
+        N = len(told)
+        length = -(-N // -(-N * self._size**2 // HELD))
+        for k in (slice(start, start + length) for start in range(0, N, length)):
+            J, per_T = driven(k)  # motion without T of the sample itself
+            known = by_motion[k] @ J[:, : 2 * n]  # (N, 1 + n_z, size)
             known += told[k]
-            J[k, 2 * n + 1 :] = known[:, 1:]
-            J[k] += np.einsum("ki,kj->kij", per_T[k], known[:, 0] * per_known[k])
-        return [J[k] for k in parts]
+            # T = known + by_T T
+            by_T = _times(by_motion[k], per_T) + by_T_alone[k]
+            T = known[:, 0] / (1.0 - by_T[:, :1])
+            J[:, 2 * n + 1 :] = known[:, 1:]
+            J += np.einsum("ki,kj->kij", np.hstack([per_T, np.ones((len(J), 1)), by_T[:, 1:]]), T)
+            yield J
 
     @cached_property
     def _by_sample(self) -> list[Array]:
-        return self._blocks(1)
+        return list(self._blocks(1))
 
     @property
     def monodromy(self) -> Array:
@@ -200,7 +216,8 @@ class Disturbance:
         The product of the steps is accurate to second order. Where the law remembers nothing, it is extrapolated to
         fourth from steps of two samples (Richardson).
         """
-        fine = _product(self._by_sample)
+        few = self.problem.basis.N_t * self._size**2 <= HELD  # they are kept, for motions
+        fine = _product(self._by_sample if few else self._blocks(1))
         if self.law.remembers or self.problem.basis.N_t % 2:
             return fine
         return np.asarray((4.0 * fine - _product(self._blocks(2))) / 3.0)
@@ -257,7 +274,7 @@ class Disturbance:
         return np.asarray(self._slip[0][:, :, None] * T - self._tangent[0] @ y)
 
 
-def _product(blocks: list[Array]) -> Array:
+def _product(blocks: Iterable[Array]) -> Array:
     """Product of the steps of a period, (size, size)."""
     return monodromy(np.stack([monodromy(_paired(block)) for block in blocks]))
 
