@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy import fft, sparse
+from scipy import sparse
 
 Array = npt.NDArray[np.float64]
 
@@ -133,6 +133,8 @@ class FourierBasis:
         if not self.many:
             flat = self.synthesis @ coefficients.reshape(self.size, -1)
             return np.asarray(flat.reshape(self.N_t, *coefficients.shape[1:]))
+        from scipy import fft  # it takes long, and few harmonics need none
+
         lines = self.complex(coefficients) * (self.N_t / 2.0)
         lines[0] *= 2.0
         return np.asarray(fft.irfft(lines, self.N_t, axis=0))
@@ -142,6 +144,8 @@ class FourierBasis:
         if not self.many:
             flat = self.analysis @ samples.reshape(self.N_t, -1)
             return np.asarray(flat.reshape(self.size, *samples.shape[1:]))
+        from scipy import fft  # it takes long, and few harmonics need none
+
         lines = fft.rfft(samples, axis=0)[: self.H + 1] * (2.0 / self.N_t)
         lines[0] /= 2.0
         return self.real(lines)

@@ -29,13 +29,23 @@ def _libraries() -> ThreadpoolController:
     return ThreadpoolController()
 
 
+_here = threading.local()
+"""Whether this thread runs a function that has one BLAS thread already."""
+
+
 def one_thread(function: Callable[Inputs, Result]) -> Callable[Inputs, Result]:
     """Run a function with one BLAS thread."""
 
     @wraps(function)
     def limited(*args: Inputs.args, **kwargs: Inputs.kwargs) -> Result:
-        with _libraries().limit(limits=1, user_api="blas"):
+        if getattr(_here, "limited", False):  # to ask the libraries takes as long as some of what is run so
             return function(*args, **kwargs)
+        with _libraries().limit(limits=1, user_api="blas"):
+            _here.limited = True
+            try:
+                return function(*args, **kwargs)
+            finally:
+                _here.limited = False
 
     return limited
 

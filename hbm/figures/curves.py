@@ -233,7 +233,9 @@ def _mark_static_load(ax: Axes, curves: Sequence[ResponseCurve], scale: float) -
         return
     P = scale * rig.contact.normal_load
     ax.axhline(P, color=FAINT, linewidth=0.8, zorder=0)
-    ax.annotate("$P$", (1.0, P), (3, 0), ax.get_yaxis_transform(), "offset points", va="center", fontsize=SMALL)
+    end, beside = ax.get_yaxis_transform(), "offset points"
+    # as in a formula, whose own machinery takes long to set up
+    ax.annotate("P", (1.0, P), (3, 0), end, beside, va="center", fontsize=SMALL, style="italic")
     if min(scale * float(least_reaction(c).min()) for c in curves) < 0.25 * P:
         ax.axhline(0.0, color="0.35", linewidth=0.8, linestyle=(0, (1, 1.5)), zorder=0)
         ax.text(

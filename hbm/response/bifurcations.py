@@ -121,9 +121,14 @@ def with_stability(curve: Curve, judge: Judge = by_monodromy) -> Curve:
     """
     finely = lru_cache(maxsize=1)(_finely)  # of the balance of the curve, or along a parameter of that of each point
 
+    known: dict[tuple[float, bytes], Stability] = {}
+
     def judged(point: Point | SpecialPoint) -> Stability:
-        problem, state = curve.balance_at(point.x, point.lam)
-        return judge(finely(problem), state)
+        at = point.lam, point.x.tobytes()
+        if at not in known:  # a crossing is asked for as it is found, and where it is told
+            problem, state = curve.balance_at(point.x, point.lam)
+            known[at] = judge(finely(problem), state)
+        return known[at]
 
     branch, followed = curve.branch, _Followed.of(curve, judged)
     turns = sum(p.fold or p.branch_point for p in branch.points)

@@ -283,6 +283,11 @@ class ResponseCurve(Displayed):
         They lie on the cubics between its points (:meth:`continuation.Branch.dense`): whoever reads the curve between
         its points reads it here. Their stability is that of the point before, beyond a bifurcation of that behind.
         """
+        found = self._with_motions_between()
+        vars(found)["dense"] = found  # it is, and a figure asks each curve for it once more in each panel
+        return found
+
+    def _with_motions_between(self) -> Self:
         branch = self.branch.dense()
         own = {id(point): solution for point, solution in zip(self.branch.points, self.points, strict=True)}
         points = tuple(own.get(id(p)) or self.solution_at(p.x, p.lam) for p in branch.points)

@@ -11,7 +11,6 @@ from pydantic import AfterValidator, Field, create_model
 from pydantic_core import PydanticCustomError
 
 from hbm.errors import InputError, visible
-from hbm.rigfiles.extensions import rig_of_tables
 from hbm.rigfiles.laws import Consent, accepted_laws, find_law
 from hbm.rigfiles.matrixbody import MatrixTable, Shown, matrix_body
 from hbm.rigfiles.quantities import Force, NonNegative, Positive, Shape, possible
@@ -193,6 +192,10 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
         )
         if file.modal is not None and file.modal.tolerances is not None:
             rig = replace(rig, tolerances=_tolerances(rig, file.modal.ports, file.modal.tolerances))
+        if not file.extensions:
+            return rig
+        from hbm.rigfiles.extensions import rig_of_tables  # with the catalogue of causes, which few files need
+
         return rig_of_tables(rig, file.extensions, folder, consent)
     except ValueError as refused:
         raise InputError(f"{source}: {refused}") from None

@@ -6,7 +6,6 @@ the error; :func:`hiding` says which steps are too long to rule such a bubble ou
 certain and which points belong to lower bubbles.
 """
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -51,10 +50,9 @@ the step, and below this [rad]."""
 
 def growth(stability: Stability, rank: int) -> float:
     """Logarithm of the magnitude of the multiplier of a rank, the largest first; at most FAR in magnitude."""
-    if not 0 <= rank < len(stability.magnitudes):
+    if not 0 <= rank < len(stability.growths):
         return FAR if rank < 0 else -FAR
-    magnitude = float(stability.magnitudes[rank])
-    return min(max(math.log(magnitude), -FAR), FAR) if magnitude > 0.0 else -FAR
+    return min(max(float(stability.growths[rank]), -FAR), FAR)
 
 
 def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags:
@@ -73,7 +71,7 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
     """
     count, error = np.array([s.unstable for s in found]), np.array([s.error for s in found])
     ranks = np.arange(-1, count.max() + 1)
-    grown = np.array([[growth(s, rank) for rank in ranks] for s in found])  # (points, ranks)
+    grown = _growths(found, ranks.size - 1)
     error = np.maximum(error[1:], error[:-1])[:, None]
     length = np.maximum(np.diff(arclength), np.finfo(float).tiny)[:, None]
     slope = np.maximum(np.abs(np.diff(grown, axis=0)) - 2.0 * error, 0.0) / length
@@ -99,6 +97,16 @@ def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags
             if side[i] != side[j] and not at_one_place(found, values, rank, i, j):
                 out[[i, j - 1]] |= wide[[i, j - 1], 0] > FINE
     return out
+
+
+def _growths(found: Sequence[Stability], ranks: int) -> Array:
+    """Growth of rank -1 and of so many more, (points, 1 + ranks)."""
+    grown = np.full((len(found), 1 + ranks), -FAR)
+    grown[:, 0] = FAR
+    for row, stability in zip(grown, found, strict=True):
+        largest = stability.growths[:ranks]
+        row[1 : 1 + len(largest)] = largest
+    return np.asarray(np.clip(grown, -FAR, FAR))
 
 
 def _next_to(slope: Array) -> Array:

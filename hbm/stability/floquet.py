@@ -11,6 +11,7 @@ although a disturbance that grows or fades does not return to where it started. 
 folds are; :mod:`hbm.stability.hill` does better.
 """
 
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from itertools import chain
 
@@ -25,10 +26,12 @@ from hbm.fourier import Array
 from hbm.integration.propagation import propagators, weights
 
 Complex = npt.NDArray[np.complex128]
-Samples = npt.NDArray[np.intp]
+Modes = tuple[Array, Array, Array]
+"""Propagator (2n, 2n) of the motion, and what it follows the force at both ends of a step by, (2n, 1) each."""
 
-HELD = 100_000
-"""Numbers in the steps that are held at once: what stays in a processor's cache."""
+HELD = 50_000
+"""Numbers in the steps that are held at once: what stays in a processor's cache, and what memory is not asked for again
+and again."""
 
 
 def _check(problem: Balance) -> None:
@@ -108,8 +111,13 @@ class Disturbance:
             by_T[:, 2] = direction @ r.inertia
         return seen, by_T
 
-    def _modes(self, stride: int) -> tuple[Array, Array, Array]:
-        """Propagator (2n, 2n), and weights (2n, 1) of the force before and after, over so many samples."""
+    @property
+    def _size(self) -> int:
+        """Of the state."""
+        return int(2 * self.problem.structure.n + 1 + self.law.by_states.shape[2])
+
+    def _modes(self, stride: int) -> Modes:
+        """Over so many samples."""
         problem, n = self.problem, self.problem.structure.n
         dt = 2 * np.pi / (self.state.Omega * problem.basis.N_t) * stride
         E = propagators(problem.structure, self.state.Omega, dt)
@@ -121,59 +129,85 @@ class Disturbance:
         old, new = (np.concatenate([w[f"q_{name}"], w[f"v_{name}"]])[:, None] for name in ("old", "new"))
         return free, old, new
 
-    def _driven(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples, J: Array) -> Array:
-        """Fill `J` (N, size, size) with (q, q') at samples from (q, q', T) at those before; return it per T there."""
-        n, direction = self.problem.structure.n, self._slip[0]
-        free, old, new = modes
-        motion = slice(0, 2 * n)
-        per_T, per_T_before = np.tile(direction[now], 2) * new[:, 0], np.tile(direction[before], 2) * old[:, 0]
+    def _per_force(self, modes: Modes, now: slice) -> tuple[Array, Array]:
+        """(q, q') at samples per T there, and per T at those before, (N, 2n) each; elements answer later."""
+        n, direction, (_, old, new) = self.problem.structure.n, self._slip[0][now], modes
         if self.problem.elements is not None:
-            J[:] = 0.0
-            J[:, motion, motion], J[:, motion, 2 * n] = free, per_T_before
-            lost = self._tangent[0]
-            return _implicit(J[:, motion, : 2 * n + 1], per_T, lost[now], lost[before], old, new)
-        G, T, T_before = self.problem.structure.shortening, self.law.T[now], self.law.T[before]
+            return np.tile(direction, 2) * new[:, 0], np.tile(_before(direction), 2) * old[:, 0]
+        # of the force at each end, in one product: what it moves, and what T at the end takes of that
+        pushes, i = np.zeros((n, 2, 2, 2 * n)), np.arange(n)
+        taken = np.tile(self.problem.structure.shortening, 2) * new[:, 0]
+        for k, weight in enumerate((new[:, 0], old[:, 0])):
+            pushes[i, k, 0, i], pushes[i, k, 0, n + i] = weight[:n], weight[n:]
+            pushes[:, k, 1] = weight[:n, None] * taken
+        moved = (direction @ pushes.reshape(n, -1)).reshape(-1, 2, 2, 2 * n)
+        T, before = self.law.T[now, None], _before(moved[:, 1])
+        return moved[:, 0, 0] - T * moved[:, 0, 1], before[:, 0] - T * before[:, 1]
+
+    def _driven(self, modes: Modes, now: slice) -> Callable[[slice], tuple[Array, Array]]:
+        """Of some samples: (q, q') from (q, q', T) at those before, in (N, size, size), and per T there, (N, 2n)."""
+        n, size = self.problem.structure.n, self._size
+        motion, (free, old, new) = slice(0, 2 * n), modes
+        per_T, per_T_before = self._per_force(modes, now)
+        if self.problem.elements is not None:
+            lost = self._tangent[0][now]
+            lost_before = _before(lost)
+
+            def answering(k: slice) -> tuple[Array, Array]:
+                J = np.zeros((len(per_T[k]), size, size))
+                J[:, motion, motion], J[:, motion, 2 * n] = free, per_T_before[k]
+                return J, _implicit(J[:, motion, : 2 * n + 1], per_T[k], lost[k], lost_before[k], old, new)
+
+            return answering
+        G, T = self.problem.structure.shortening, self.law.T[now]
         # what T shortens at the end of a step is taken of the motion without it: dt^2 T G is small beside 1
-        parts = np.zeros((3, *J.shape[1:]))
+        parts = np.zeros((3, size, size))
         parts[0, motion, motion] = free
-        parts[1, motion, :n] = old * np.tile(G, (2, 1))
-        parts[2, motion, motion] = new * np.tile(G @ free[:n], (2, 1))
-        np.matmul(np.column_stack([np.ones_like(T), -T_before, -T]), parts.reshape(3, -1), out=J.reshape(len(J), -1))
-        for column in (per_T_before, per_T):
-            column -= T[:, None] * new[:, 0] * np.tile(column[:, :n] @ G, 2)
-        J[:, motion, 2 * n] = per_T_before
-        return per_T
+        parts[1, motion, :n] = -old * np.tile(G, (2, 1))
+        parts[2, motion, motion] = -new * np.tile(G @ free[:n], (2, 1))
+        shares = np.column_stack([np.ones_like(T), _before(T), T])
 
-    def steps(self, modes: tuple[Array, Array, Array], now: Samples, before: Samples) -> Array:
-        """Derivative of the state at samples to that at those before, (N, size, size)."""
-        n, n_z = self.problem.structure.n, self.law.by_states.shape[2]
-        by_signals, by_signals_before = self.law.by_signals[now], self.law.by_signals_before[now]
-        seen, seen_T = self._signals
-        J = np.empty((len(now), 2 * n + 1 + n_z, 2 * n + 1 + n_z))
-        per_T = self._driven(modes, now, before, J)  # motion without T of the sample itself
+        def shortened(k: slice) -> tuple[Array, Array]:
+            J = (shares[k] @ parts.reshape(3, -1)).reshape(-1, size, size)
+            J[:, motion, 2 * n] = per_T_before[k]
+            return J, per_T[k]
+
+        return shortened
+
+    def _told(self, now: slice) -> Array:
+        """What the law makes of the state at the samples before, their motion since left out, (N, 1 + n_z, size)."""
+        n, by_states = self.problem.structure.n, self.law.by_states[now]
+        told = np.zeros((*by_states.shape[:2], self._size))
+        told[:, :, 2 * n + 1 :] = by_states
+        if self.law.by_signals_before.any():
+            by_signals, (seen, seen_T) = self.law.by_signals_before[now], self._signals
+            told[:, :, : 2 * n] = by_signals @ _before(seen[now])
+            told[:, :, 2 * n] = _times(by_signals, _before(seen_T[now]))
+        return told
+
+    def _blocks(self, stride: int) -> Iterator[Array]:
+        """Derivative of the state at every so many samples to that at those before, in blocks (N, size, size)."""
+        n, now = self.problem.structure.n, slice(stride - 1, None, stride)
+        by_signals, (seen, seen_T) = self.law.by_signals[now], self._signals
+        driven, told = self._driven(self._modes(stride), now), self._told(now)
         by_motion = by_signals @ seen[now]  # (N, 1 + n_z, 2n)
-        known = by_motion @ J[:, : 2 * n]
-        known[:, :, : 2 * n] += by_signals_before @ seen[before]
-        known[:, :, 2 * n] += _times(by_signals_before, seen_T[before])
-        known[:, :, 2 * n + 1 :] += self.law.by_states[now]
-        # T = known + by_T T
-        by_T = _times(by_motion, per_T) + _times(by_signals, seen_T[now])
-        T = known[:, 0] / (1.0 - by_T[:, :1])
-        J[:, 2 * n + 1 :] = known[:, 1:]
-        J += np.einsum("ki,kj->kij", np.hstack([per_T, np.ones((len(now), 1)), by_T[:, 1:]]), T)
-        return J
-
-    def _blocks(self, stride: int) -> list[Array]:
-        """Steps of so many samples over a period, in blocks (N, size, size) that stay in the processor's cache."""
-        modes = self._modes(stride)
-        samples = np.arange(stride - 1, self.problem.basis.N_t, stride)
-        size = 2 * self.problem.structure.n + 1 + self.law.by_states.shape[2]
-        parts = np.array_split(samples, -(-len(samples) * size**2 // HELD))
-        return [self.steps(modes, now, now - stride) for now in parts]
+        by_T_alone = _times(by_signals, seen_T[now])
+        N = len(told)
+        length = -(-N // -(-N * self._size**2 // HELD))
+        for k in (slice(start, start + length) for start in range(0, N, length)):
+            J, per_T = driven(k)  # motion without T of the sample itself
+            known = by_motion[k] @ J[:, : 2 * n]  # (N, 1 + n_z, size)
+            known += told[k]
+            # T = known + by_T T
+            by_T = _times(by_motion[k], per_T) + by_T_alone[k]
+            T = known[:, 0] / (1.0 - by_T[:, :1])
+            J[:, 2 * n + 1 :] = known[:, 1:]
+            J += np.einsum("ki,kj->kij", np.hstack([per_T, np.ones((len(J), 1)), by_T[:, 1:]]), T)
+            yield J
 
     @cached_property
     def _by_sample(self) -> list[Array]:
-        return self._blocks(1)
+        return list(self._blocks(1))
 
     @property
     def monodromy(self) -> Array:
@@ -182,7 +216,8 @@ class Disturbance:
         The product of the steps is accurate to second order. Where the law remembers nothing, it is extrapolated to
         fourth from steps of two samples (Richardson).
         """
-        fine = _product(self._by_sample)
+        few = self.problem.basis.N_t * self._size**2 <= HELD  # they are kept, for motions
+        fine = _product(self._by_sample if few else self._blocks(1))
         if self.law.remembers or self.problem.basis.N_t % 2:
             return fine
         return np.asarray((4.0 * fine - _product(self._blocks(2))) / 3.0)
@@ -239,9 +274,21 @@ class Disturbance:
         return np.asarray(self._slip[0][:, :, None] * T - self._tangent[0] @ y)
 
 
-def _product(blocks: list[Array]) -> Array:
+def _product(blocks: Iterable[Array]) -> Array:
     """Product of the steps of a period, (size, size)."""
-    return monodromy(np.stack([monodromy(block) for block in blocks]))
+    return monodromy(np.stack([monodromy(_paired(block)) for block in blocks]))
+
+
+def _paired(steps: Array) -> Array:
+    """Products of neighbouring steps, as long as none is left over."""
+    while len(steps) % 2 == 0:
+        steps = steps[1::2] @ steps[::2]
+    return steps
+
+
+def _before(along: Array) -> Array:
+    """What was at the sample before, (N, ...), of what is at the samples of a period."""
+    return np.concatenate([along[-1:], along[:-1]])
 
 
 def _times(matrices: Array, vectors: Array) -> Array:

@@ -58,6 +58,12 @@ class Stability(Displayed):
         """Magnitudes of the multipliers, (size,)."""
         return np.abs(self.multipliers)
 
+    @cached_property
+    def growths(self) -> Array:
+        """Logarithms of the magnitudes, (size,); minus infinity of a multiplier that is zero."""
+        with np.errstate(divide="ignore"):
+            return np.asarray(np.log(self.magnitudes))
+
     @property
     def largest(self) -> float:
         """Largest magnitude of a multiplier."""

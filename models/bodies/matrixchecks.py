@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
-from scipy.sparse.linalg import ArpackError, eigsh
 
 from models.bodies.pencil import DENSE, part
 from models.plausible import plausible
@@ -129,6 +128,8 @@ def _lowest_eigenvalue(matrix: Matrix) -> float:
     size = matrix.shape[0]
     if size <= DENSE:
         return float(np.linalg.eigvalsh(matrix.toarray())[0])
+    from scipy.sparse.linalg import ArpackError, eigsh  # a beam needs none of it
+
     shifted = matrix + sparse.eye_array(size)  # what is found is then not close to 0, to which it would be relative
     try:
         start = np.random.default_rng(0).standard_normal(size)

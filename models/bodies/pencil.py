@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import eigh
-from scipy.sparse.linalg import LinearOperator, eigsh, splu
 
 from models.structure import Array
 
@@ -85,6 +84,8 @@ class Pencil:
         return np.asarray(modes.shapes @ ((modes.shapes.T @ load) / modes.squares[:, None]) + self.rest(modes, load))
 
     def _lanczos(self, n: int) -> Array:
+        from scipy.sparse.linalg import LinearOperator, eigsh  # a beam needs none of it
+
         start = np.random.default_rng(0).standard_normal(self.mass.shape[0])  # the same modes whenever asked
         inverse = LinearOperator(self.mass.shape, self._factors.solve, dtype=float)
         return np.asarray(eigsh(self.stiffness, n, self.mass, sigma=-self.shift, OPinv=inverse, v0=start)[1])
@@ -156,6 +157,8 @@ def _single(entries: Array) -> bool:
 
 def factors(matrix: Matrix, pivoting: float) -> Any:
     """Factors of a symmetric matrix; pivots stay on the diagonal unless below that share of their column."""
+    from scipy.sparse.linalg import splu  # a beam needs none of it
+
     try:
         options = {"SymmetricMode": True}
         return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivoting, options=options)
