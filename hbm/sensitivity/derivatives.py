@@ -34,7 +34,7 @@ from hbm.sensitivity.jointed import (
     joint_sensitivities,
     joint_sensitivities_at,
 )
-from hbm.sensitivity.moving import FOR_FITS, REFINED, Disturbance, LinearBalance, refined
+from hbm.sensitivity.moving import Disturbance, LinearBalance, refined
 from hbm.sensitivity.scalars import ALPHA, FORCE, HZ, LOAD, law_keys
 from models.jointed import AnyRig, JointedRig
 from models.rig import Rig
@@ -142,7 +142,6 @@ def _sensitivities(
     keys: Sequence[str] | None,
     beside: Disturbance | None,
     near: Newton | None = None,
-    enough: float = REFINED,
 ) -> Sensitivities:
     """As :func:`sensitivities`, of a balance that is linearised; with a matrix from nearby, where one is known."""
     problem, rig = here.problem, here.problem.rig
@@ -152,7 +151,7 @@ def _sensitivities(
     law = problem.basis.analysis @ friction_change(here, held.inputs)
     right = balance.scaled(-held.modal, law)
     also = np.zeros((len(right), 0)) if beside is None else balance.disturbed(beside)
-    x, refinements = refined(here, balance, np.hstack([right, also]), near, enough)
+    x, refinements = refined(here, balance, np.hstack([right, also]), near)
     d_Q, d_T = balance.unpack(x[:, : len(keys)])
     slid = held.slid + balance.slid(d_Q, d_T)
     signals = held.inputs.signals + balance.signals(d_Q, d_T)
@@ -166,7 +165,7 @@ def _sensitivities(
 def changes_where_solved(
     solved: Correction, solution: PeriodicSolution, keys: Sequence[str] | None, beside: "Disturbance | None" = None
 ) -> Sensitivities | JointSensitivities:
-    """As :func:`sensitivities`, of a solution just found, for a rig with one contact or with joints, good to 1e-7.
+    """As :func:`sensitivities`, of a solution just found, for a rig with one contact or with joints.
 
     Parameters
     ----------
@@ -180,7 +179,7 @@ def changes_where_solved(
         return joint_sensitivities_at(here, solution, keys)
     if not isinstance(here, Linearization) or not isinstance(last, Linearization):
         raise TypeError(f"changes: {type(here).__name__} is not of a harmonic balance; must be one")
-    return _sensitivities(here, solution, keys, beside, last.newton, FOR_FITS)
+    return _sensitivities(here, solution, keys, beside, last.newton)
 
 
 @one_thread

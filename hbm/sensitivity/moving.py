@@ -9,9 +9,8 @@ from hbm.balance.jacobian import law_by_modes
 from hbm.balance.problem import Linearization, Newton
 from hbm.fourier import Array
 
-REFINED, FOR_FITS = 1e-12, 1e-7
-"""Refinement ends when one more would change the derivatives by less than the first fraction; than the second where
-least squares takes a step with them, which is as long as it is nonlinear."""
+REFINED = 1e-12
+"""Refinement ends when one more would change the derivatives by less than this fraction."""
 
 MOST_REFINEMENTS = 50
 
@@ -140,9 +139,7 @@ class LinearBalance:
 
 
 @np.errstate(all="ignore")  # what diverges ends in the message
-def refined(
-    here: Linearization, balance: LinearBalance, right: Array, near: Newton | None = None, enough: float = REFINED
-) -> tuple[Array, int]:
+def refined(here: Linearization, balance: LinearBalance, right: Array, near: Newton | None = None) -> tuple[Array, int]:
     """Solve the complete balance with a matrix of Newton's method; and count the refinements.
 
     Parameters
@@ -153,8 +150,6 @@ def refined(
     right : (size, p) array
     near : Newton, optional
         A matrix that is known, of a state close by.
-    enough : float
-        Fraction of the derivatives that a further refinement would change, at most.
 
     Raises
     ------
@@ -173,7 +168,7 @@ def refined(
         x += step
         size = np.abs(step).max(axis=0)
         following = size * np.minimum(size / before, 1.0)  # steps shrink in proportion
-        if np.all(following <= enough * np.abs(x).max(axis=0)):
+        if np.all(following <= REFINED * np.abs(x).max(axis=0)):
             whole[:, acting] = x
             return whole, count
         if count and not np.all(size <= SLOW * before):
