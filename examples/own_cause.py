@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from math import nan
 from typing import ClassVar
 
-from hbm.models import Beam, Rig
+from hbm.models import Rig
 from hbm.models.causes import Cause, Unknown
 from hbm.models.elements import Reading
 from hbm.models.friction import Value, parameter
@@ -38,12 +38,12 @@ class Magnet(Cause):
     @classmethod
     def candidates(cls, rig: Rig) -> Iterator["Magnet"]:
         """Beside a beam."""
-        if isinstance(rig.body, Beam):
+        if rig.beam is not None:
             yield cls()
 
     def unknowns(self, rig: Rig) -> tuple[Unknown, ...]:
         """Stiffness, nothing nominally; and place, which only shapes the effect."""
-        key, L = f"elements[{len(rig.elements)}].", float(rig.body.length)
+        key, L = f"elements[{len(rig.elements)}].", float(rig.beam.length)
         places = tuple(share * L for share in (0.5, 0.25, 0.75))
         return (
             Unknown("stiffness", "N/m3", key + "stiffness", 0.0, 1e14, 0.0, (1e3, 1e9, 1e10)),

@@ -42,14 +42,17 @@ def matrix_body(matrix: MatrixTable, folder: Path) -> MatrixBody:
         names = _names(matrix.dofs, folder, mass.shape[0])
     names = names or tuple(str(i + 1) for i in range(mass.shape[0]))
     # a node stands for all its degrees of freedom
-    fixed = [name for given in matrix.fixed for name in ([n for n in names if _at(n, given)] or [given])]
+    fixed = dict.fromkeys(name for given in matrix.fixed for name in ([n for n in names if _at(n, given)] or [given]))
+    modes = matrix.modes
+    if "modes" not in matrix.model_fields_set:  # what nobody asked for is no reason to refuse a small model
+        modes = max(min(modes, len(names) - len(fixed)), 1)
     return MatrixBody(
         mass,
         stiffness,
         names,
-        modes=matrix.modes,
+        modes=modes,
         damping_matrix=damping,
-        fixed=tuple(dict.fromkeys(fixed)),
+        fixed=tuple(fixed),
         reduction=matrix.reduction,
         stiffness_factor=matrix.stiffness_factor,
     )

@@ -116,7 +116,7 @@ def test_more_places_than_can_be_listed_are_counted() -> None:
 @pytest.mark.parametrize(("taken", "said"), [(PAPER_BEAM.modes, False), (PAPER_BEAM.modes + 10, True)])
 def test_modes_that_records_took_are_said_where_the_rig_file_keeps_fewer(taken: int, said: bool) -> None:
     campaign = SimpleNamespace(numerics=SimpleNamespace(working=SimpleNamespace(modes=taken)))
-    told = _more_modes(SimpleNamespace(extended=SimpleNamespace(body=PAPER_BEAM), campaign=campaign))
+    told = _more_modes(SimpleNamespace(extended=SimpleNamespace(beam=PAPER_BEAM), campaign=campaign))
     assert told == (
         f" The records took {taken} modes: set modes = {taken} in its [beam] for the same accuracy." if said else ""
     )
