@@ -165,7 +165,7 @@ def draw(kind: str, seed: int) -> Case:
     without = steady(true, nothing, row, "p1", hz, force, PERIODS, STEPS, H)
     moved = float(np.abs(np.hypot(without[:, 1], without[:, H + 1]) @ np.abs(row)).max()) if row.any() else 1.0
     effect = hidden(kind, rng, true, row, moved) if at else nothing
-    by_period = last_periods(true, effect, row, "p1", hz, force, PERIODS, STEPS, H, MEASURED)
+    by_period = last_periods(true, effect, row, "p1", hz, force, [(PERIODS, STEPS)], H, MEASURED)
     by_file = steady(nominal, nothing, row, "p1", hz, force, PERIODS, STEPS, H)
 
     def seen(motion: Array, modes: Modes) -> dict[str, Array]:

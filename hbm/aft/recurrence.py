@@ -30,8 +30,8 @@ def monodromy(A: Array) -> Array:
     if A.shape[1] == 1:
         return np.asarray(np.multiply.reduce(A[:, 0, 0])).reshape(1, 1)
     while len(A) > 1:  # pairwise, so that the products are batched
-        last = A[-1:] if len(A) % 2 else A[:0]
-        A = np.concatenate([A[1::2] @ A[: len(A) - 1 : 2], last])
+        pairs = A[1::2] @ A[: len(A) - 1 : 2]
+        A = np.concatenate([pairs, A[-1:]]) if len(A) % 2 else pairs
     return np.asarray(A[0])
 
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from hbm.diagnosis.projection import Span
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation
@@ -116,7 +117,8 @@ def _evenly(e: Evaluation, rate: int, campaign: Campaign) -> bool:
     known = np.vstack([np.column_stack([e.white.jacobian, e.white.residual]), np.column_stack([e.expected, -e.pulls])])
     own = np.vstack([_offsets(e, rate, campaign, levels), np.zeros((len(e.x), len(levels)))])
     # what is off in all records alike is the number itself, within its tolerance
-    alike, each = (_left(np.column_stack([known[:, :-1], more]), known[:, -1]) for more in (own.sum(axis=1), own))
+    spans = (Span(np.column_stack([known[:, :-1], more])) for more in (own.sum(axis=1), own))
+    alike, each = (np.sum(span.across(known[:, -1]) ** 2) for span in spans)
     return bool(alike - each <= (len(levels) - 1) * np.log(len(e.white)))
 
 
@@ -128,9 +130,3 @@ def _offsets(e: Evaluation, rate: int, campaign: Campaign, levels: Sequence[Sequ
         off = {number: replace(s, by_keys=s.by_keys * after[number]) for number, s in e.found.items()}
         columns.append(campaign.whiten(off, e.by_x[:, [rate]]).jacobian[:, 0])
     return np.stack(columns, axis=1)
-
-
-def _left(columns: Array, residual: Array) -> float:
-    """Sum of squares that the best combination of columns leaves."""
-    best = np.linalg.lstsq(columns, residual, rcond=None)[0]
-    return float(np.sum((residual - columns @ best) ** 2))

@@ -207,12 +207,12 @@ def _quality(
     e: HarmonicEstimate, measured: Recording, found: Periods, rho: Array, middles: Array
 ) -> tuple[ChannelQuality, ...]:
     """What is to be said of each channel; `middles` are the times (B,) of the blocks."""
-    t, Y, H = measured.time, np.column_stack(list(measured.channels.values())), e.coefficients.shape[1] // 2
+    H = e.coefficients.shape[1] // 2
     size = np.hypot(e.coefficients[:, 1 : H + 1], e.coefficients[:, H + 1 :])
     lead = np.where(size[:, 0] < LEADS * size.max(axis=1), 1 + size.argmax(axis=1), 1).tolist()
     by_block = found.by_block[: e.blocks]
     followed = [by_block[:, j, k] - 1j * by_block[:, j, H + k] for j, k in enumerate(lead)]
-    even, turning = _even(t, found.residual), 2.0 * np.pi * float(np.nan_to_num(e.hz_std))
+    even, turning = _even(measured.time, found.residual), 2.0 * np.pi * float(np.nan_to_num(e.hz_std))
     return tuple(
         ChannelQuality(
             name=name,
@@ -221,11 +221,11 @@ def _quality(
             std=float(e.own_std[j, lead[j]]),
             correlation=float(rho[j, lead[j]]),
             steadiness=steadiness(middles, followed[j], turning * lead[j]),
-            leftover=leftover(even[:, j], float(np.std(Y[:, j])), e.periods, e.hz),
-            clipped=clipped(Y[:, j]),
+            leftover=leftover(even[:, j], float(np.std(own)), e.periods, e.hz),
+            clipped=clipped(own),
             jump=jump(middles, followed[j]),
         )
-        for j, name in enumerate(e.channels)
+        for j, (name, own) in enumerate(measured.channels.items())
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, Field, create_model
 from pydantic_core import PydanticCustomError
@@ -34,9 +34,11 @@ from models import LAWS, Beam, Channel, Damping, Excitation
 from models.bodies.finite import End, FiniteBeam
 from models.bodies.modal import ModalModel
 from models.bodies.ported import Body
-from models.jointed import JointedRig
+from models.jointed import AnyRig, JointedRig
 from models.joints import JOINT_LAWS, Friction, Joint
 from models.parts import Quantity
+
+AnyKind = TypeVar("AnyKind", bound=AnyRig)
 
 BODIES = ("beam", "modal", "matrix")
 """Tables that say what vibrates."""
@@ -155,6 +157,15 @@ def is_jointed(table: Mapping[str, Any]) -> bool:
     return "joints" in table or "matrix" in table or ("modal" in table and not {"contact", "beam"} & table.keys())
 
 
+def with_extensions(rig: AnyKind, tables: Sequence[Mapping[str, Any]], folder: Path, consent: Consent) -> AnyKind:
+    """As :func:`hbm.rigfiles.extensions.rig_of_tables`, whose catalogue of causes few files need."""
+    if not tables:
+        return rig
+    from hbm.rigfiles.extensions import rig_of_tables
+
+    return rig_of_tables(rig, tables, folder, consent)
+
+
 def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consent.NONE) -> JointedRig:
     """Make a rig with joints of the tables of a rig file.
 
@@ -192,11 +203,7 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
         )
         if file.modal is not None and file.modal.tolerances is not None:
             rig = replace(rig, tolerances=_tolerances(rig, file.modal.ports, file.modal.tolerances))
-        if not file.extensions:
-            return rig
-        from hbm.rigfiles.extensions import rig_of_tables  # with the catalogue of causes, which few files need
-
-        return rig_of_tables(rig, file.extensions, folder, consent)
+        return with_extensions(rig, file.extensions, folder, consent)
     except ValueError as refused:
         raise InputError(f"{source}: {refused}") from None
 

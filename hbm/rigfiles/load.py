@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from hbm.errors import InputError, visible
-from hbm.rigfiles.joints import descents, is_jointed, jointed_rig
+from hbm.rigfiles.joints import descents, is_jointed, jointed_rig, with_extensions
 from hbm.rigfiles.laws import Consent, find_law
 from hbm.rigfiles.schema import (
     BeamContactTable,
@@ -125,12 +125,7 @@ def rig_from_dict(table: Mapping[str, Any], source: str, consent: Consent = Cons
     for complaint in _contradictions(file, kind, law):
         raise InputError(f"{source}: {complaint}")
     try:
-        rig = _rig(file, _law(kind, law))
-        if not file.extensions:
-            return rig
-        from hbm.rigfiles.extensions import rig_of_tables  # with the catalogue of causes, which few files need
-
-        return rig_of_tables(rig, file.extensions, folder, consent)
+        return with_extensions(_rig(file, _law(kind, law)), file.extensions, folder, consent)
     except InputError as refused:
         raise InputError(f"{source}: {refused}") from None
 

@@ -50,9 +50,7 @@ the step, and below this [rad]."""
 
 def growth(stability: Stability, rank: int) -> float:
     """Logarithm of the magnitude of the multiplier of a rank, the largest first; at most FAR in magnitude."""
-    if not 0 <= rank < len(stability.growths):
-        return FAR if rank < 0 else -FAR
-    return min(max(float(stability.growths[rank]), -FAR), FAR)
+    return float(_growths([stability], rank + 1)[0, -1])
 
 
 def hiding(found: Sequence[Stability], arclength: Array, values: Array) -> Flags:
@@ -199,4 +197,4 @@ def at_one_place(found: Sequence[Stability], values: Array, rank: int, i: int, j
 
 def _grown(found: Sequence[Stability], rank: int) -> tuple[Array, Array]:
     """Growth of a rank, and its error, (points,) each."""
-    return np.array([growth(s, rank) for s in found]), np.array([s.error for s in found])
+    return _growths(found, rank + 1)[:, -1], np.array([s.error for s in found])

@@ -276,14 +276,7 @@ class Disturbance:
 
 def _product(blocks: Iterable[Array]) -> Array:
     """Product of the steps of a period, (size, size)."""
-    return monodromy(np.stack([monodromy(_paired(block)) for block in blocks]))
-
-
-def _paired(steps: Array) -> Array:
-    """Products of neighbouring steps, as long as none is left over."""
-    while len(steps) % 2 == 0:
-        steps = steps[1::2] @ steps[::2]
-    return steps
+    return monodromy(np.stack([monodromy(block) for block in blocks]))
 
 
 def _before(along: Array) -> Array:

@@ -64,7 +64,9 @@ def measured(hidden: Hidden, wait: int, *, exact: bool = True) -> MeasuredSpectr
     """Harmonics of records of whole periods, each after a start from rest: those of their mean period."""
     rng = np.random.default_rng(1)
     modes = MODES if exact else MODES.disturbed(rng, **OFF)
-    q = last_periods(modes, hidden, modes.rows["c"], "drive", HZ, FORCE, wait + RECORDED, 512, H, RECORDED).mean(axis=0)
+    q = last_periods(modes, hidden, modes.rows["c"], "drive", HZ, FORCE, [(wait + RECORDED, 512)], H, RECORDED).mean(
+        axis=0
+    )
     size = (len(HZ), 2 * H + 1)
     clean = {"force": np.zeros(size), **{name: q @ modes.rows[name] for name in SENSORS}}
     clean["force"][:, 1] = FORCE

@@ -4,7 +4,7 @@ All records are marched at once. The modes are linear: over a step each moves ex
 straight line; the hidden force at the end of the step follows from the motion there by a few fixed-point iterations.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,7 +103,7 @@ def steady(
     """
     coarse, finer = periods // 2, periods // 5
     parts = ((coarse, max(steps // 8, 32)), (finer, max(steps // 4, 32)), (periods - coarse - finer, steps))
-    return _marched(modes, hidden, at, drive, hz, force, parts, H, 1, tones)[0]
+    return last_periods(modes, hidden, at, drive, hz, force, parts, H, 1, tones)[0]
 
 
 def last_periods(
@@ -113,29 +113,15 @@ def last_periods(
     drive: str,
     hz: Array,
     force: Array,
-    periods: int,
-    steps: int,
+    parts: Sequence[tuple[int, int]],
     H: int,
     kept: int,
     tones: Tones = (),
 ) -> Array:
-    """As :func:`steady`, of each of the last periods, (kept, r, 2H+1, n): not every motion repeats."""
-    return _marched(modes, hidden, at, drive, hz, force, ((periods, steps),), H, kept, tones)
+    """As :func:`steady`, of each of the last periods, (kept, r, 2H+1, n): not every motion repeats.
 
-
-def _marched(
-    modes: Modes,
-    hidden: Hidden,
-    at: Array,
-    drive: str,
-    hz: Array,
-    force: Array,
-    parts: tuple[tuple[int, int], ...],
-    H: int,
-    kept: int,
-    tones: Tones,
-) -> Array:
-    """Harmonics of the last periods of a march from rest in parts of so many periods with so many steps each."""
+    The march from rest has parts of so many periods with so many steps each; those kept are of the last part.
+    """
     r, n = len(hz), len(modes.hz)
     x, z, f = np.zeros((2, n, r)), np.zeros(r), np.zeros(r)
     row = at[None, None, :]
