@@ -324,7 +324,7 @@ class JointedRig(Numbered):
         """Return the same rig with other values of some of its numbers, such as ``joints.tip.mu``."""
         return with_scalars(self, values)
 
-    @property
+    @cached_property
     def units(self) -> list[tuple[str, str]]:
         """Units of motion and force at every port: rotations and moments where both its ends are rotations."""
         ends = [[term for end in pair for term in terms(end)] for j in self.joints for pair in j.ends]

@@ -92,6 +92,8 @@ class JointEquations(Scaled[JointedRig]):
 
         What slides both ways does not know where it is. Where it sticks it does: there the stiffness is weak beside it.
         """
+        if not self.rigid.size:
+            return np.zeros((0, 0))
         sees = self.structure.joints[:, self.rigid]
         laws = [j.law for j in self.rig.joints]
         returns = np.array([port >= law.drifting for law in laws for port in range(law.ports)], dtype=bool)

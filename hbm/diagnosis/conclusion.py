@@ -97,14 +97,16 @@ class Conclusion:
     def untold(self) -> bool:
         """Whether the records fitted are explained, but for a background, and do not tell of those held out.
 
-        Or name a main cause where another one foretells these much better.
+        Or name a main cause where another one foretells these much better. Transients, free in each record, never tell
+        of others, however many are fitted.
         """
-        if self.hidden is None:
+        story = self.decision.story
+        if self.hidden is None or not story.settled:
             return False
         if self.verdict == "main-cause":
             own, *others = self._nrmse_held_out
             return own is not None and any(other < BETTER * own for other in others if other is not None)
-        story = self._noise(self.decision.story)
+        story = self._noise(story)
         told = misfit(story, self.campaign).fits or beyond_noise(story.white) <= LARGEST
         return self.verdict == "unexplained" and told and nrmse(story.white) <= SAYS_NOTHING
 
@@ -154,7 +156,7 @@ class Conclusion:
         """How the numbers of the cause change between levels or bands, which those of a look-alike do."""
         assert self.best is not None
         _, wide = rig_freed(self.best[0], self.search.trust, replace(self._beside, reach=CHANGING))
-        if not wide.model.rig(wide.x).excitation.settled:
+        if not wide.settled:
             return None
         own = [i for i, f in enumerate(self.best[0].model.free) if f.cause == 0]
         return varying(wide, self.campaign, float(self._std[own[0]]) if own else 0.0)
@@ -252,7 +254,7 @@ class Conclusion:
         best, scored = self.best
         if self._lead <= DECISIVE:
             return self._without_cause(self.search.calibrated)
-        settled, least = best.model.rig(best.x).excitation.settled, min(self._shares.values())
+        settled, least = best.settled, min(self._shares.values())
         noise = misfit(self._noise(best), self.campaign).fits and self._holds(scored)
         if noise and (settled or (least >= MAIN and foretells(scored, self.calibrated))):
             return "main-cause" if self._varying else "cause-found"

@@ -70,7 +70,7 @@ def accepted(base: Evaluation, e: Evaluation, tried: int) -> bool:
 
 def _in_several(base: Evaluation, e: Evaluation) -> bool:
     """Whether transients, which are free in each record, are seen in several: in one they explain whatever it is."""
-    if e.model.rig(e.x).excitation.settled:
+    if e.settled:
         return True
     both = set(base.white.spreads) & set(e.white.spreads)
     gained = [base.white.deviance(number) - e.white.deviance(number) for number in both]
@@ -86,12 +86,12 @@ def leading(base: Evaluation, first: Evaluation | None, raced: Sequence[Evaluati
     """Causes over a base beside which a second one is looked for: the one accepted, or else the first of those raced.
 
     Of two that hide each other, as one that softens and one that hardens, none may be believed alone, nor leave the
-    rig file within its tolerances. Transients never lead where they were not accepted: they take most of anything.
+    rig file within its tolerances. Transients never lead: they take most of anything.
     """
-    steady = [e for e in raced if not e.missing and e.model.rig(e.x).excitation.settled]
-    labels = list(dict.fromkeys(e.model.label for e in steady))[:TOGETHER]
-    firsts = [next(e for e in steady if e.model.label == label) for label in labels] if first is None else [first]
-    return [e for e in firsts if e.chi2 <= STRONGER * base.chi2]
+    whole = [e for e in raced if not e.missing and e.settled]
+    labels = list(dict.fromkeys(e.model.label for e in whole))[:TOGETHER]
+    firsts = [next(e for e in whole if e.model.label == label) for label in labels] if first is None else [first]
+    return [e for e in firsts if e.settled and e.chi2 <= STRONGER * base.chi2]
 
 
 def pays(pair: Evaluation, fits: Sequence[Evaluation]) -> bool:

@@ -137,7 +137,7 @@ class Evidence:
         yield from _clock(best)
         if self.within:
             yield "Without it numbers within their tolerances leave noise alone too, but are further from the rig file."
-        if not best.model.rig(best.x).excitation.settled:
+        if not best.settled:
             yield (
                 "Size and phase of the transients are free in each record, those held out too; what the records miss "
                 "has no order from one to the next. Hold each frequency longer, measure some again: they then agree."

@@ -11,7 +11,7 @@ from hbm.diagnosis.screen import small
 from hbm.diagnosis.signatures import starting
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import STEPS, Evaluation, fit_model, refine
+from hbm.outputerror.fit import STEPS, Evaluation, fit_from, fit_model, found_again, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause, candidates_of
@@ -97,11 +97,16 @@ def suits(cause: Cause, rig: AnyRig) -> bool:
 def _fits(
     model: Model, campaign: Campaign, x: Array, last: Solutions, needed: Collection[int], reach: float
 ) -> list[Evaluation]:
-    """From a start, limits lowered too; none where it has no steady states, or lacks one that is needed."""
+    """From a start, records that it lacks looked for where it ends, limits lowered too.
+
+    None where it has no steady states, or lacks one that is needed.
+    """
     fits: list[Evaluation] = []
     with suppress(*FAILURES):
-        fits.append(fit_model(model, campaign, x, last, needed=needed, reach=reach))
-        fits += with_limits(fits[0], campaign, STEPS)
+        fit = fit_model(model, campaign, x, last, needed=needed, reach=reach)
+        if fit.missing and fit.chi2 <= reach:
+            fit = fit_from(found_again(fit, campaign), campaign, last, reach=reach)
+        fits += [fit, *with_limits(fit, campaign, STEPS)]
     return fits
 
 

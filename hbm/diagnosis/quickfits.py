@@ -233,8 +233,9 @@ def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Soluti
 
 
 def _apart(best: Evaluation, others: Sequence[Evaluation]) -> list[Evaluation]:
-    """Those nearly as good as the best, in other valleys."""
-    near = [e for e in others if e.chi2 < best.chi2 + CLOSE and len(e.missing) == len(best.missing)]
+    """Those nearly as good as the best, or that leave no more than noise either, in other valleys."""
+    close = max(best.chi2 + CLOSE, len(best.white))
+    near = [e for e in others if e.chi2 < close and len(e.missing) == len(best.missing)]
     return [e for e in near if elsewhere(best, e.x)][:VALLEYS]
 
 

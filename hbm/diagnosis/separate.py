@@ -102,7 +102,7 @@ def experiments(best: Evaluation, campaign: Campaign) -> Iterator[Experiment]:
 
 def _predicted(best: Evaluation, rival: Evaluation, campaign: Campaign, experiment: Experiment) -> float | None:
     rows, slopes = [], []
-    keys, by_x = rival.model.by_x(rival.x)
+    keys, by_x = rival.model.by_x(rival.x, rival.model.rig(rival.x))
     std = {
         name: float(np.nanmedian([r.std[i] for r in campaign.data.records]))
         for i, name in enumerate(campaign.data.channels)

@@ -108,6 +108,11 @@ class Campaign:
         task = partial(steady, self.numerics.working.rig(rig), self.numerics.working.basis)
         return self._each(task, states(last))
 
+    def reconstructed(self, rig: AnyRig) -> dict[int, PeriodicSolution]:
+        """Steady states alone, from what was measured."""
+        task = partial(steady, self.numerics.working.rig(rig), self.numerics.working.basis)
+        return self._each(task, {r.number: r.start for r in self.data.records})
+
     def _each(
         self, task: Callable[[Record, State | None], Result | None], starts: States, needed: Collection[int] = ()
     ) -> dict[int, Result]:

@@ -89,6 +89,11 @@ class Evaluation:
         """Steady states by record."""
         return {number: s.solution for number, s in self.found.items()}
 
+    @property
+    def settled(self) -> bool:
+        """Whether its records have no transients, which are free in each."""
+        return self.model.rig(self.x).excitation.settled
+
     def states(self, x: Array) -> dict[int, State]:
         """Unknowns of the balance at other coordinates, to first order, by record."""
         change = self.by_x @ (x - self.x)
@@ -160,11 +165,12 @@ def evaluate(
     ConvergenceError
         If the steady state of no record is found, or one found `near` or needed is not.
     """
-    keys, by_x = model.by_x(x)
+    rig = model.rig(x)
+    keys, by_x = model.by_x(x, rig)
     starts = states(last)
     if near is not None:
         starts, needed = starts | near.states(x), {*needed, *near.found}
-    found = campaign.simulate(model.rig(x), keys, starts, needed)
+    found = campaign.simulate(rig, keys, starts, needed)
     missing = tuple(number for number in campaign.numbers if number not in found)
     return Evaluation(model, x, found, campaign.whiten(found, by_x), missing, by_x, campaign.corrections)
 
@@ -221,7 +227,11 @@ def fit_model(
     ConvergenceError
         If the steady state of no record is found at `x`, or that of one that is needed is not.
     """
-    here = evaluate(model, campaign, np.clip(x, *model.bounds()), last, needed=needed)
+    here = evaluate(model, campaign, np.clip(x, *model.bounds()), last)
+    if not set(needed).isdisjoint(here.missing):
+        here = found_again(here, campaign)
+    if lost := [r.name for r in campaign.data.records if r.number in here.missing and r.number in needed]:
+        raise ConvergenceError(f"diagnose: record {lost[0]} has lost its steady state")
     return fit_from(_on_branches_measured(here, campaign), campaign, last, steps, settled, part, reach)
 
 
@@ -234,9 +244,21 @@ def _on_branches_measured(here: Evaluation, campaign: Campaign) -> Evaluation:
     ]
     if not far:
         return here
-    others = campaign.of(far).solve(here.model.rig(here.x), {})
+    others = campaign.of(far).reconstructed(here.model.rig(here.x))
     nearer = {n: others[n] for n, c in campaign.chi2(others).items() if c < NEARER * chi2[n]}
-    return evaluate(here.model, campaign, here.x, {**here.solutions, **nearer}, needed=here.found) if nearer else here
+    return _with(here, campaign, nearer)
+
+
+def found_again(here: Evaluation, campaign: Campaign) -> Evaluation:
+    """The same with those records that have a steady state far from where they started."""
+    return _with(here, campaign, campaign.of(here.missing).solve(here.model.rig(here.x), {}))
+
+
+def _with(here: Evaluation, campaign: Campaign, others: Solutions) -> Evaluation:
+    """The same with other steady states of some records."""
+    if not others:
+        return here
+    return evaluate(here.model, campaign, here.x, {**here.solutions, **others}, needed=here.found)
 
 
 def fit_from(

@@ -219,9 +219,9 @@ class Model:
         pairs = [(key, f"{key.rpartition('.')[0]}.{other}") for key, other in known.items() if other]
         return tuple(pair for pair in pairs if not set(pair).isdisjoint(self.calibrated))
 
-    def by_x(self, x: Array) -> tuple[tuple[str, ...], Array]:
-        """Numbers of the rig that move with the coordinates, and their derivatives (p, n)."""
-        here = nominal_scalars(self.rig(x))
+    def by_x(self, x: Array, rig: AnyRig) -> tuple[tuple[str, ...], Array]:
+        """Numbers of the rig at coordinates that move with these, and their derivatives (p, n)."""
+        here = nominal_scalars(rig)
         _, high = self.bounds()
         apart = self._apart and self.calibrated_at(x) == self.values(x, -1)
         columns = []

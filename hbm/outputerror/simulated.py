@@ -105,7 +105,7 @@ def _starts(rig: AnyRig, last: State, reconstructed: State) -> list[State]:
     """
     if rig.lift_off:  # which is marched to where Newton's method does not get
         return [last]
-    given = [last, reconstructed]
+    given = [last] if last is reconstructed else [last, reconstructed]
     forced = [replace(state, Q=state.Q[:, :0]) for state in given]
     return [*given, *forced] if last.Q.shape[1] == rig.structure.n else [*forced, *given]
 

@@ -1,21 +1,24 @@
 """Derivatives of the channels of a solution, each worked out when it is asked for."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from hbm.balance.problem import Linearization
-from hbm.balance.solution import PeriodicSolution
+from hbm.balance.solution import PeriodicSolution, Signal
 from hbm.channels import DERIVATIVES, DISPLACEMENT, VELOCITY, read
 from hbm.errors import channel_named
-from hbm.fourier import Array
+from hbm.fourier import Array, FourierBasis
 from hbm.sensitivity.held import HeldBalance, friction_change
 from hbm.sensitivity.scalars import solution_numbers
 from models.display import Displayed
 from models.jointed import AnyRig
 from models.parts import Channel
+
+Peak = Callable[[Array, Array], Array]
+"""Derivatives (p,) of the peak of a sampled signal, from its samples and theirs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +39,27 @@ class ChannelSensitivity:
     coefficients: Array
     samples: Array
     peak: Array
+
+
+class SeriesSensitivity(ChannelSensitivity):
+    """Derivatives of a series, told whole by those of its coefficients; the others follow when they are asked for."""
+
+    _basis: FourierBasis
+    _signal: Signal
+    _peak: Peak
+
+    def __init__(self, coefficients: Array, basis: FourierBasis, signal: Signal, peak: Peak) -> None:
+        self.__dict__.update(coefficients=coefficients, _basis=basis, _signal=signal, _peak=peak)
+
+    @cached_property
+    def samples(self) -> Array:
+        """Derivatives of its values at the phases of the basis, (N_t, p)."""
+        return np.asarray(self._basis.samples(self.coefficients))
+
+    @cached_property
+    def peak(self) -> Array:
+        """Derivative of its peak, (p,)."""
+        return self._peak(self._signal.samples, self.samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +211,7 @@ class Channels(Mapping[str, ChannelSensitivity]):
         if name in held.gain:
             later = held.delay[name] * Omega + sensor.delay * 2 * np.pi * held.hz
             coefficients += np.outer(seen / sensor.gain, held.gain[name]) - np.outer(basis.derivative(seen), later)
-        samples = basis.synthesis @ coefficients
-        return ChannelSensitivity(coefficients, samples, smooth_peak(self.solution[name].samples, samples))
+        return SeriesSensitivity(coefficients, basis, self.solution[name], smooth_peak)
 
     def _moved(self, place: int, row: Array, by_force: float, by_friction: float) -> Array:
         held, d = self.held, self.held.structure

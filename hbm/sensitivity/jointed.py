@@ -18,14 +18,19 @@ from hbm.channels import DERIVATIVES, read
 from hbm.errors import expect_joints
 from hbm.fourier import Array
 from hbm.parallel import one_thread
-from hbm.sensitivity.channels import ChannelSensitivity, Derivatives, described, largest, smooth_peak
+from hbm.sensitivity.channels import (
+    ChannelSensitivity,
+    Derivatives,
+    Peak,
+    SeriesSensitivity,
+    described,
+    largest,
+    smooth_peak,
+)
 from hbm.sensitivity.scalars import FORCE, HZ, solution_numbers
 from models.change import tone_scalars
 from models.jointed import JointedRig, JointedStructure
 from models.joints.law import numbers
-
-Peak = Callable[[Array, Array], Array]
-"""Derivatives (p,) of the peak of a sampled signal, from its samples and theirs."""
 
 
 def joint_balance_change(here: JointLinearization, keys: Sequence[str]) -> Array:
@@ -235,5 +240,4 @@ class JointChannels(Mapping[str, ChannelSensitivity]):
         return moved
 
     def _sampled(self, name: str, coefficients: Array, peak: Peak = smooth_peak) -> ChannelSensitivity:
-        samples = self._problem.basis.samples(coefficients)
-        return ChannelSensitivity(coefficients, samples, peak(self._solution[name].samples, samples))
+        return SeriesSensitivity(coefficients, self._problem.basis, self._solution[name], peak)

@@ -7,8 +7,8 @@ import numpy as np
 from hbm.balance.lines import EXACT, LinesHere
 from hbm.balance.scaled import State
 from hbm.fourier import Array
-from hbm.sensitivity.channels import ChannelSensitivity, smooth_peak
-from hbm.sensitivity.jointed import JointChannels, Peak
+from hbm.sensitivity.channels import ChannelSensitivity, Peak, smooth_peak
+from hbm.sensitivity.jointed import JointChannels
 from hbm.sensitivity.scalars import FORCE
 from models.joints.law import numbers
 

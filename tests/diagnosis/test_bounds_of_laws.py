@@ -69,7 +69,7 @@ def test_models_stay_within_the_bounds_of_a_law(name: str) -> None:
     for model in (trust, profiled(trust)):
         for x in ends(model):
             model.rig(x)
-        keys, by_x = model.by_x(model.start)
+        keys, by_x = model.by_x(model.start, model.rig(model.start))
         assert all(by_x[keys.index(f.name), i] != 0.0 for i, f in enumerate(model.free))
     for cause in WrongParameter.candidates(rig):
         (unknown,) = cause.unknowns(rig)
@@ -96,7 +96,7 @@ def test_a_limit_at_rest_is_calibrated_with_the_one_in_motion() -> None:
     at = model.start + 0.01 * np.array([name == "joints.j.mu" for name in names])
     law = model.rig(at).joints[0].law.law
     assert law.mu_static == law.mu == pytest.approx(0.3 * np.exp(0.01))
-    keys, by_x = model.by_x(at)
+    keys, by_x = model.by_x(at, model.rig(at))
     both = [by_x[keys.index(f"joints.j.{name}"), names.index("joints.j.mu")] for name in ("mu", "mu_static")]
     assert both == pytest.approx([law.mu, law.mu], rel=1e-5)
     values = model.calibrated_at(at)
