@@ -1,5 +1,6 @@
 """``[[extensions]]`` tables of rig files: read, refused in one line, written after the nominal text, read back."""
 
+import shutil
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,13 @@ import pytest
 from hbm import reconstruct
 from hbm.channels import turned
 from hbm.errors import InputError
+from hbm.files.extendedrig import write_extended_rig
 from hbm.fourier import FourierBasis
 from hbm.inverse.sensing import sensing
 from hbm.measurement.spectra import spectra_of
 from hbm.rigfiles.extensions import Extension, extended
 from hbm.rigfiles.load import load_rig
-from hbm.rigfiles.write import extended_rig_text, write_extended_rig
+from hbm.rigfiles.write import extended_rig_text
 from models import Rig
 from models.attachments import PointMass
 from models.causes import CAUSES, all_candidates
@@ -341,6 +343,48 @@ at = "m3"
         read, made = load_rig(tmp_path / "extended.toml"), extended(load_rig(modal), [dahl, friction])
         assert read.numbers == made.numbers
         assert [(j.at, j.to) for j in read.joints] == [(j.at, j.to) for j in made.joints]
+
+
+def test_matrices_go_along_with_the_rig_that_names_them(tmp_path):
+    """From a folder beside the rig file, by the key of an archive; what has the same name is told apart."""
+    model, one, other = tmp_path / "model", tmp_path / "model" / "one", tmp_path / "model" / "other"
+    for folder in (one, other):
+        folder.mkdir(parents=True)
+    np.savez(one / "chain.npz", m=np.diag([1.0, 2.0]))
+    np.savez(other / "chain.npz", k=np.array([[2e4, -1e4], [-1e4, 1e4]]))
+    (model / "rig.toml").write_text(
+        """
+name = "two masses"
+[matrix]
+mass = "one/chain.npz:m"
+stiffness = 'other/chain.npz:k'
+[damping]
+modal_ratios = [0.01]
+[excitation]
+amplitude = 1.0
+at = "2"
+[[channels]]
+name = "force"
+quantity = "force"
+at = "2"
+[[channels]]
+name = "a1"
+quantity = "acceleration"
+at = "1"
+"""
+    )
+    extension = Extension.of(WrongParameter("damping.modal_ratios[1]"), {"value": 0.02})
+    (tmp_path / "found").mkdir()
+    path = write_extended_rig(tmp_path / "found" / "extended.toml", model / "rig.toml", [extension])
+    shutil.rmtree(model)
+    rig = load_rig(path)
+    assert sorted(file.name for file in path.parent.iterdir()) == [
+        "another_chain.npz",
+        "chain.npz",
+        "extended.toml",
+    ]
+    assert rig.number("damping.modal_ratios[1]") == 0.02
+    assert rig.structure.omega_n**2 == pytest.approx(1e4 * np.array([1.25 - 17**0.5 / 4, 1.25 + 17**0.5 / 4]))
 
 
 def test_what_could_not_be_read_is_not_written(tmp_path):

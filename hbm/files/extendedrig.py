@@ -3,11 +3,13 @@
 Each is the nominal file as it is, with an extension for each number that was calibrated and for each cause.
 """
 
+import json
 import re
 import tomllib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.remainder import percent
@@ -17,8 +19,9 @@ from hbm.outputerror.fit import Evaluation
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.load import rig_of_table
-from hbm.rigfiles.write import extended_rig_text, write_extended_rig
-from hbm.textfiles import StrPath, why
+from hbm.rigfiles.matrixbody import FILES, file_of
+from hbm.rigfiles.write import extended_rig_text
+from hbm.textfiles import StrPath, why, write_together
 from models.causes.parameter import WrongParameter
 from models.causes.sensors import SensorDelay, SensorGain, SensorPosition
 from models.jointed import AnyRig
@@ -40,7 +43,7 @@ def write_extended(path: StrPath, nominal: StrPath, diagnosis: Diagnosis) -> Pat
     Parameters
     ----------
     path : str or path
-        Rig file to write; :func:`hbm.load_rig` reads it back.
+        Rig file to write; :func:`hbm.load_rig` reads it back. Files that it names are copied beside it.
     nominal : str or path
         Rig file that was diagnosed. Its text is kept, and extensions are added beneath it.
     diagnosis : Diagnosis
@@ -62,6 +65,22 @@ def write_extended(path: StrPath, nominal: StrPath, diagnosis: Diagnosis) -> Pat
         return write_extended_rig(path, nominal, extensions_of(diagnosis.extended_fit, {}))
     except OSError as refused:
         raise InputError(f"write_extended: {refused.filename}: {why(refused)}; must be a rig file") from None
+
+
+def write_extended_rig(path: StrPath, nominal: StrPath, extensions: Sequence[Extension]) -> Path:
+    """Write a rig file with extensions, and copies of the files it names beside it.
+
+    Raises
+    ------
+    InputError
+        If a reader would not accept it; nothing is written.
+    ValueError
+        As :func:`hbm.rigfiles.write.extended_rig_text`.
+    """
+    target = Path(path)
+    contents = rig_file(target.name, Path(nominal), extensions)
+    write_together({target.parent / name: content for name, content in contents.items()})
+    return target
 
 
 def extensions_of(e: Evaluation | None, named: Mapping[type, str]) -> list[Extension]:
@@ -157,22 +176,33 @@ def _not_believed(diagnosis: Diagnosis, ranked: Ranked, e: Evaluation) -> str:
 
 
 def rig_file(name: str, nominal: Path, extensions: Sequence[Extension], heading: str = "") -> Contents:
-    """A rig file, read back as a check, and copies of the Python files it names, which must be beside it."""
+    """A rig file, read back as a check, and copies of the files it names, which must be beside it."""
     text = heading + extended_rig_text(nominal.read_text(encoding="utf-8-sig"), extensions)
     table = tomllib.loads(text)
-    rig_of_table(table, str(nominal), Consent.NAMED)
-    folder, contents = name[: name.rfind("/") + 1], Contents()
-    laws = [joint["law"] for joint in table.get("joints", ())]
-    if "contact" in table:
-        laws.append(table["contact"]["friction"]["law"])
-    for code in dict.fromkeys([*laws, *(e["cause"] for e in table.get("extensions", ()))]):
-        file, _, kind = code.rpartition(":")
-        if file.endswith(".py"):
-            copy = _free(Path(file).name, {other.removeprefix(folder) for other in contents})
-            contents[folder + copy] = (nominal.parent / file).read_bytes()
-            text = text.replace(code, f"{copy}:{kind}")
+    file_name = name.rpartition("/")[2]
+    rig_of_table(table, str(nominal.parent / file_name), Consent.NAMED)
+    contents = Contents()
+    copies: dict[str, str] = {}
+    for named, file in files_named(table):
+        if file not in copies:
+            copies[file] = _free(Path(file).name, copies.values())
+            contents[name.removesuffix(file_name) + copies[file]] = (nominal.parent / file).read_bytes()
+        there = json.dumps(copies[file] + named.removeprefix(file), ensure_ascii=False)
+        for quoted in (json.dumps(named, ensure_ascii=False), f"'{named}'"):
+            text = text.replace(quoted, there)
     contents[name] = text
     return contents
+
+
+def files_named(table: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What a rig file names files by, ``file``, ``file:key`` or ``file.py:Class``, and the files."""
+    code = [joint["law"] for joint in table.get("joints", ())]
+    if "contact" in table:
+        code.append(table["contact"]["friction"]["law"])
+    code += [e["cause"] for e in table.get("extensions", ())]
+    yield from ((named, file) for named in dict.fromkeys(code) if (file := named.rpartition(":")[0]).endswith(".py"))
+    matrices = [named for key, named in table.get("matrix", {}).items() if key in FILES]
+    yield from ((named, file_of(named)) for named in dict.fromkeys(matrices))
 
 
 def _free(name: str, taken: Collection[str]) -> str:

@@ -14,6 +14,10 @@ from models.bodies.matrix import MatrixBody, Method
 Shown = Annotated[str, Field(pattern=PRINTABLE)]
 
 
+FILES = ("mass", "stiffness", "damping", "dofs")
+"""Keys that name files."""
+
+
 class MatrixTable(Table):
     """``[matrix]``: files of matrices, each as ``file`` or ``file:key``."""
 
@@ -79,8 +83,12 @@ def _at(name: str, given: str) -> bool:
 
 def _read(named: str, folder: Path, names: tuple[str, ...] | None) -> tuple[Any, tuple[str, ...] | None]:
     """A matrix, and the names of its degrees of freedom where its file says them."""
-    path, colon, key = named.rpartition(":")
-    file = folder / (path if colon else named)
+    file = folder / file_of(named)
     if file.suffix.lower() not in ENDINGS or (file.suffix.lower() == ".mtx" and not is_matrix_market(file)):
         return read_abaqus(file, names)
-    return read_matrix(file, key if colon else None), names
+    return read_matrix(file, named.rpartition(":")[2] if ":" in named else None), names
+
+
+def file_of(named: str) -> str:
+    """The file of a matrix that is named as ``file`` or ``file:key``."""
+    return named.rpartition(":")[0] or named

@@ -8,9 +8,9 @@ import pytest
 
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.diagnose import diagnose
+from hbm.files.extendedrig import write_extended_rig
 from hbm.response.trace import steady_state
 from hbm.rigfiles.extensions import Extension
-from hbm.rigfiles.write import write_extended_rig
 from models import Attachments
 from models.causes.structure import ContactLoss as Cause
 from tests.truth import (
