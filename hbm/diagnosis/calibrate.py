@@ -6,7 +6,7 @@ tolerances; `profiled` lets those of friction, material and damping go free, so 
 on anything else. The load stays: friction sees only its product with mu.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 
 import numpy as np
@@ -18,7 +18,6 @@ from hbm.outputerror.fit import Evaluation, best_start, evaluate, fall, fit_from
 from hbm.outputerror.model import FAR, SENSORS, Model
 from hbm.outputerror.nominal import SHAPES, tolerances
 from hbm.outputerror.simulated import FAILURES, Solutions
-from hbm.sensitivity.scalars import LOAD
 from models.causes.parameter import WrongParameter
 from models.jointed import AnyRig
 
@@ -45,9 +44,12 @@ def trusted(rig: AnyRig, channels: Collection[str] = (), stated: Mapping[str, fl
 
 
 def profiled(model: Model) -> Model:
-    """The same with its calibrated numbers free, those of the load and the places and sensors excepted."""
-    held = (LOAD, SENSORS, SHAPES, "excitation.")
-    return Model(model.nominal, {key: std if key.startswith(held) else np.inf for key, std in model.calibrated.items()})
+    """The same with its calibrated numbers free, those of loads and of places and sensors excepted."""
+
+    def held(key: str) -> bool:
+        return key.startswith((SENSORS, SHAPES, "excitation.")) or key.endswith(".normal_load")
+
+    return Model(model.nominal, {key: std if held(key) else np.inf for key, std in model.calibrated.items()})
 
 
 def lighter(e: Evaluation) -> Model:
@@ -134,8 +136,23 @@ def off_beside_sensors(trust: Model, e: Evaluation) -> list[str]:
     return [key for key in off(trust, e) if not key.startswith(SENSORS)]
 
 
-def blamed(trust: Model, freed: Evaluation, wrong: Sequence[str], campaign: Campaign) -> Evaluation:
-    """Fit of a model in which each of some numbers of the rig file is a cause, from where they are in one of none."""
+def told(trust: Model, e: Evaluation) -> list[str]:
+    """As :func:`off_beside_sensors`, of the numbers that the records tell to be off: the others may be anything."""
+    expected = {t.name: t.expected for t in trust.free}
+    std = np.sqrt(np.diag(e.covariance))
+    known = {f.name: abs(x - expected[f.name]) > FAR * s for f, x, s in zip(e.model.free, e.x, std, strict=True)}
+    return [key for key in off_beside_sensors(trust, e) if known[key]]
+
+
+def blamed(trust: Model, freed: Evaluation, calibrated: Evaluation, campaign: Campaign) -> Evaluation | None:
+    """Fit of a model in which each wrong number of the rig file is a cause, from where they are in one of none.
+
+    Wrong are those that a model `freed` of tolerances tells to be off, else those that are calibrated to their bounds;
+    None where none is.
+    """
+    wrong = told(trust, freed) or off_beside_sensors(trust, calibrated)
+    if not wrong:
+        return None
     model = Model(trust.nominal, trust.calibrated, tuple(WrongParameter(key) for key in wrong))
     values = {f.name: f.value(v) for f, v in zip(freed.model.free, freed.x, strict=True)}
     names = [f.name if f.cause < 0 else wrong[f.cause] for f in model.free]

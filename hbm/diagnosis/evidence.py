@@ -127,7 +127,8 @@ class Evidence:
             yield f"Looks like {first}: " + ", ".join(f"{name} (cosine {c:.3f})" for name, c in alike.items()) + "."
 
     def _found(self, best: Evaluation) -> Iterator[str]:
-        base = self.plain["calibrated" if best.model.calibrated else "nominal"][0]
+        within = best.model.calibrated and self.search.tolerable(self.search.calibrated)  # at its bounds it is no rig
+        base = self.plain["calibrated" if within else "nominal"][0]
         plain, scored = beside_noise(best, self.search.campaign), self.scored
         hidden = "" if scored is None else f"; on records held out {scored.errors.chi2_reduced:.4g} noise variances"
         yield (

@@ -376,12 +376,12 @@ class Search:
         """Only numbers of the rig file are wrong, several of them: each of those becomes a cause."""
         self.tell("free calibration", 0.65)
         base = calibrate(profiled(self.trust), self.campaign, self.calibrated.solutions)
-        wrong = off_beside_sensors(self.trust, base) or off_beside_sensors(self.trust, self.calibrated)
-        if not self._nearly(base) or not wrong:
+        best = blamed(self.trust, base, self.calibrated, self.campaign) if self._nearly(base) else None
+        if best is None:
             return None
-        best = blamed(self.trust, base, wrong, self.campaign)
         self.fitted.append(best)
-        return Decision(self.calibrated, best, (best,))
+        found = self._decided(self.calibrated, [best], self.tried)
+        return None if found.best is None else found
 
     def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
         """Two causes: one more beside one; not transients, which are free and would take what is left of any."""
