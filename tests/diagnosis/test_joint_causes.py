@@ -43,8 +43,9 @@ from models.causes.addedjoint import AddedJoint, ends_of
 from models.causes.joints import JOINT_CAUSES, CubicStiffness, LocalFriction, OneSidedStop, QuadraticDamping
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion
+from models.friction import Jenkins
 from models.jointed import JointedRig
-from models.joints import CubicSpring, Joint
+from models.joints import CubicSpring, Friction, Joint
 from models.joints.law import numbers
 from models.parts import Channel, Damping, Excitation
 from tests.truth.modal import Hidden, Modes, accelerations, cubic, gap, jenkins, nothing, quadratic, slack, steady
@@ -523,6 +524,22 @@ def test_a_cause_is_named_though_the_tolerances_of_a_modal_test_are_too_tight_fo
     assert (found.cause, found.parameters["at"].value) == ("quadratic-damping", "b")
     assert found.parameters["coefficient"].value == pytest.approx(drag, rel=0.01)
     assert found.errors["extended"]["held_out"].nrmse < 0.1 * found.errors["calibrated"]["held_out"].nrmse
+
+
+def test_wrong_numbers_of_a_joint_are_named_and_none_that_no_record_tells() -> None:
+    """Both of an element a quarter too large; the frequency of the third mode, above all records, may be anything."""
+    load = 10.0
+    law = Jenkins(mu=1.25 * LIMIT / load, critical_slip=1.25 * LIMIT / STIFFNESS)
+    rig = replace(rig_of(NOMINAL), joints=(Joint("rub", Friction(law, normal_load=load), ("b",)),))
+    d = diagnose(rig, records("jenkins"), causes=[CubicStiffness("c")])
+    assert d.verdict == "cause-found"
+    assert {name for e in d.tried[:1] for name in e.model.label.split(" + ")} == {
+        "parameter:joints.rub.mu",
+        "parameter:joints.rub.critical_slip",
+    }
+    assert d.extended is not None
+    assert d.extended.number("joints.rub.mu") * load == pytest.approx(LIMIT, rel=0.03)
+    assert d.extended.number("joints.rub.critical_slip") == pytest.approx(LIMIT / STIFFNESS, rel=0.03)
 
 
 def test_a_wrong_number_of_a_joint_that_is_known_is_named() -> None:
