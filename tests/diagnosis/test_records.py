@@ -20,7 +20,7 @@ from hbm.diagnosis.order import drifts_within_levels
 from hbm.diagnosis.restart import led_to
 from hbm.diagnosis.screen import screen, small
 from hbm.fourier import FourierBasis
-from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.fit import evaluate, fit_model, found_again
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics
@@ -381,6 +381,23 @@ def test_a_record_that_is_needed_must_be_found(measured, monkeypatch):
     assert evaluate(bare, data, bare.start, {}).missing == (lost,)
     with pytest.raises(ConvergenceError, match=f"record {lost} has lost its steady state"):
         fit_model(bare, data, bare.start, {}, needed={lost})
+
+
+def test_a_record_that_was_lost_is_looked_for_from_nothing(measured, monkeypatch):
+    rig, data = measured
+    bare, lost = Model(rig, {}), data.numbers[2]
+    solve = records.simulated
+
+    def nowhere_near(rig, basis, measurement, keys, record, last):
+        astray = record.number == lost and last is None
+        return None if astray else solve(rig, basis, measurement, keys, record, last)
+
+    monkeypatch.setattr(records, "simulated", nowhere_near)
+    without = evaluate(bare, data, bare.start, {})
+    again = found_again(without, data)
+    assert without.missing == (lost,) and again.missing == ()
+    assert again.white.deviance(data.numbers[0]) == pytest.approx(without.white.deviance(data.numbers[0]))
+    assert not fit_model(bare, data, bare.start, {}, needed={lost}).missing
 
 
 # ---- quick fits

@@ -9,7 +9,7 @@ import pytest
 import hbm.diagnosis.fullfits
 from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen
 from hbm.diagnosis.fullfits import HELPS, full_fits
-from hbm.diagnosis.quickfits import CHANCE
+from hbm.diagnosis.quickfits import CHANCE, _apart
 from hbm.diagnosis.restart import apart, started
 from hbm.diagnosis.search import Search
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
@@ -71,13 +71,13 @@ def test_a_record_that_is_missed_by_little_of_its_size_is_on_its_branch(
     """However many standard deviations that is: it is not solved for from what was measured."""
     found = branches()[0]
     campaign, _ = campaign_of(RIG, spectra_at(found, larger, noise=1e-5))
-    again, solve = [], Campaign.solve
+    again, solve = [], Campaign.reconstructed
 
-    def counted(self: Campaign, rig: Any, last: Any) -> Any:
+    def counted(self: Campaign, rig: Any) -> Any:
         again.append(rig)
-        return solve(self, rig, last)
+        return solve(self, rig)
 
-    monkeypatch.setattr(Campaign, "solve", counted)
+    monkeypatch.setattr(Campaign, "reconstructed", counted)
     model = Model(RIG, {})
     fit = fit_model(model, campaign, model.start, {1: found})
     assert fit.chi2 > 1e4 * len(fit.white) and len(again) == times
@@ -145,6 +145,20 @@ def test_another_is_fitted_where_the_first_does_not_take_its_share_of_all(
     base = SimpleNamespace(chi2=1e4, model=model, solutions={})
     two = [SimpleNamespace(cause=SimpleNamespace(label=name), x=None, others=()) for name in "ab"]
     assert len(full_fits(two, base, None, lambda said: None, one=True)) == fitted
+
+
+def test_a_valley_that_leaves_noise_alone_too_is_fitted_to_all_records() -> None:
+    """Few records cannot tell it from the best, however much less that leaves."""
+
+    def fit(chi2: float, x: float, missing: tuple[int, ...] = ()) -> Any:
+        return SimpleNamespace(
+            chi2=chi2, x=np.array([x]), white=np.zeros(600), missing=missing, covariance=np.array([[1e-4]])
+        )
+
+    best, noise, same, worse, lost = fit(400, 1), fit(590, 2), fit(410, 1.001), fit(610, 3), fit(420, 4, (2,))
+    assert _apart(best, [same, lost, noise, worse]) == [noise]
+    near = fit(1025, 2)
+    assert _apart(fit(1000, 1), [near, fit(1035, 3)]) == [near]
 
 
 def test_each_of_a_pair_is_fitted_alone_from_where_both_were_found() -> None:
