@@ -22,7 +22,7 @@ MOVED = 3
 """So many numbers that calibration moves far are named."""
 
 MOST_TOLD = 8
-"""So many are listed that it moves within their tolerances."""
+"""So many are listed that it moves within their tolerances, or that look alike."""
 
 TIMED = {"beam.youngs_modulus": 0.5, "beam.density": -0.5}
 """Power of a number that all natural frequencies are proportional to."""
@@ -122,9 +122,9 @@ class Evidence:
             f"{sidak(self.search.tried):.3g} in {ALARM:.1%} of the searches over {self.search.tried} candidates."
         )
         first = screening.scores[0].cause.label
-        alike = screening.look_alikes(first)
+        alike = [f"{name} (cosine {c:.3f})" for name, c in screening.look_alikes(first).items()]
         if alike:
-            yield f"Looks like {first}: " + ", ".join(f"{name} (cosine {c:.3f})" for name, c in alike.items()) + "."
+            yield f"Looks like {first}: {first_of(alike, MOST_TOLD)}."
 
     def _found(self, best: Evaluation) -> Iterator[str]:
         within = best.model.calibrated and self.search.tolerable(self.search.calibrated)  # at its bounds it is no rig

@@ -249,10 +249,12 @@ def _named(records: Sequence[str]) -> str:
 
 def _checks(causes: Sequence[Cause]) -> Iterator[str]:
     """Experiments that would confirm causes; a user's own cause may name none."""
+    checks: dict[str, list[str]] = {}
     for cause in causes:
-        check = getattr(cause, "check", "")
+        checks.setdefault(getattr(cause, "check", ""), []).append(cause.label)
+    for check, labels in checks.items():
         if check:
-            yield f"To confirm {cause.label}: {check}."
+            yield f"To confirm {' and '.join(labels)}: {check}."
 
 
 def _where_to_look(d: Diagnosis, force: Discrepancy | None) -> Iterator[str]:
