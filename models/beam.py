@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -107,6 +107,8 @@ class Beam:
     youngs_modulus: float
     density: float
     modes: int = 5
+
+    MODES: ClassVar[str] = "beam.modes"
 
     def __post_init__(self) -> None:
         """Refuse numbers that no beam has."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
 from numbers import Integral
-from typing import Any, Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -47,6 +47,13 @@ class ModalBody:
     shapes: tuple[tuple[float, ...], ...]
     contact_shape: tuple[float, ...]
     excitation_shape: tuple[float, ...]
+
+    MODES: ClassVar[str] = ""
+
+    @property
+    def modes(self) -> int:
+        """How many are kept."""
+        return len(self.frequencies_hz)
 
     def __post_init__(self) -> None:
         """Refuse frequencies that are none, and shapes of other numbers of modes."""

@@ -18,9 +18,7 @@ from hbm.fourier import Array, FourierBasis, default_samples
 from hbm.response.budget import Budget, OnPoint
 from hbm.response.curve import Assessment, NumericalError, Probe, ResponseCurve
 from hbm.response.trace import scout_frequency, solve_near, sweep_of, trace_frequency
-from models.bodies.matrix import MatrixBody
 from models.jointed import AnyRig, JointedRig, JointedStructure
-from models.parts import ModalBody
 from models.rig import Rig
 
 TOLERANCE = 5e-3
@@ -295,8 +293,8 @@ def _warnings(curve: ResponseCurve, error: NumericalError, tolerance: float) -> 
     lifted = ", where the tip would lift off" if curve.peak.lift_off else ""
     if error.at_peak.modes > tolerance:
         more = curve.rig.with_modes(2 * curve.rig.structure.n)
-        table = "matrix" if isinstance(more.body, MatrixBody) else "beam"
-        advice = "" if lifted or isinstance(more.body, ModalBody) else f": set {table}.modes = {more.body.modes}"
+        key = more.body.MODES
+        advice = "" if lifted or not key else f": set {key} = {more.body.modes}"
         share = f"{error.at_peak.modes:.2%} of its largest"
         yield f"at the peak {more.structure.n} modes change {what} by {share}{lifted}{advice}"
     if error.at_peak.harmonics > tolerance:

@@ -51,6 +51,7 @@ class FiniteBeam(Elastic):
     """
 
     STIFFNESS: ClassVar[str] = "beam.youngs_modulus"
+    MODES: ClassVar[str] = "beam.modes"
 
     beam: Beam
     root: End = "clamped"

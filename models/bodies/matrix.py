@@ -70,6 +70,7 @@ class MatrixBody(Elastic):
     """
 
     STIFFNESS: ClassVar[str] = "matrix.stiffness_factor"
+    MODES: ClassVar[str] = "matrix.modes"
 
     mass: Matrix
     stiffness: Matrix

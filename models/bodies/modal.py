@@ -4,6 +4,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import ClassVar
 
 import numpy as np
 
@@ -45,6 +46,8 @@ class ModalModel:
     damping_matrix: tuple[tuple[float, ...], ...] | None = None
     reactions: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     shares: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    MODES: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         """Refuse frequencies that are none, and rows or matrices of another size."""

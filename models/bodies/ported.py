@@ -77,7 +77,11 @@ class Body(Protocol):
     ----------
     modes : int
         How many are kept.
+    MODES : str
+        Key of the rig file that asks for more; empty where there are none.
     """
+
+    MODES: ClassVar[str]
 
     @property
     def modes(self) -> int:
