@@ -196,7 +196,10 @@ class History:
 
     @cached_property
     def steadiness(self) -> float:
-        """Change of the drive displacement over the last two periods, relative to its largest value; NaN if shorter."""
+        """Change of the drive displacement over the last two periods, relative to its largest value.
+
+        nan where the history holds fewer than two, as with ``last_periods=1``.
+        """
         return steadiness(self.channels["drive"].values, self.samples_per_period)
 
 
