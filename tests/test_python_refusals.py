@@ -65,8 +65,8 @@ NO_JOINTS = f"{RIG.name} has [contact]; must be a rig with [[joints]]"
         ),
         (
             lambda: diagnose(RIG, "spectra.csv"),  # type: ignore[arg-type]
-            'diagnose: spectra = "spectra.csv"; must be MeasuredSpectra, as load_spectra(file, rig) returns; a decay is '
-            "for diagnose_backbone",
+            'diagnose: spectra = "spectra.csv"; must be MeasuredSpectra, as load_spectra(file, rig) returns; '
+            "a decay is for diagnose_backbone",
         ),
         (lambda: write_curves("x.csv", []), "write_curves: curves is empty; must have one at least"),
         (lambda: plot_curves([]), "plot_curves: curves is empty; must have one at least"),

@@ -32,7 +32,8 @@ class Probe:
     harmonics, samples, modes, total : float
         Largest change over the period of drive displacement or friction force, relative to the peak of that channel
         on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where the finer
-        problem was not solved, and of modes where the body has no more (the single sources are told apart at the peak and where the total is largest).
+        problem was not solved, and of modes where the body has no more (the single sources are told apart at the peak
+        and where the total is largest).
     """
 
     hz: float
