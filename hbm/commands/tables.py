@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 NAMES = ("cause", "record", "channel", "law", "example")
 """Headings of columns of names, which are shortened where a line has no room for them."""
 
-TEXTS = (*NAMES, "unit", "values", "about", "most by (tolerance)")
+TEXTS = (*NAMES, "verdict", "unit", "values", "about", "most by (tolerance)")
 """Headings of columns that hold no numbers."""
 
 SHORTEST = 12
