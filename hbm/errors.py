@@ -34,6 +34,26 @@ def readable(text: str) -> str:
     return LONGEST.sub(lambda word: f"{word[0][:100]}...{word[0][-20:]}", text)
 
 
+def shortened(name: str, most: int) -> str:
+    """A name of at most so many characters: of a longer one the middle is left out, of a sum its middle terms.
+
+    >>> shortened("rig file calibrated", 36)
+    'rig file calibrated'
+    >>> shortened("mass at tip + gap of stop + friction at root", 34)
+    'mass at tip + … + friction at root'
+    >>> shortened("parameter:joints.ground12.critical_slip", 24)
+    'parameter:jo…itical_slip'
+    """
+    if len(name) <= most:
+        return name
+    first, *between, last = name.split(" + ") if " + " in name else (name, name)
+    ends = f"{first} + … + {last}"
+    if between and len(ends) <= most:
+        return ends
+    tail = (most - 1) // 2
+    return f"{name[: most - 1 - tail]}…{name[len(name) - tail :]}"
+
+
 class InputError(ValueError):
     """A file, key or option that cannot be accepted; exit status 2.
 

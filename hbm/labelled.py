@@ -14,6 +14,8 @@ Array = npt.NDArray[np.float64]
 Variables = Mapping[str, tuple[Sequence[str], Any, str]]
 """Dimensions, values and unit by name; no unit where it is empty."""
 
+EACH = "each channel in its own unit, which the coordinate unit gives"
+
 
 def extra(package: str, where: str) -> Any:
     """Import a package that the core does without.
@@ -37,18 +39,31 @@ def extra(package: str, where: str) -> Any:
 
 
 def dataset(where: str, variables: Variables, coordinates: Variables, **attributes: Any) -> Any:
-    """Make an xarray.Dataset whose variables know their units.
+    """Make an xarray.Dataset whose variables know their units; where each channel has its own, a comment says so.
 
     Raises
     ------
     InputError
         If xarray is not installed.
     """
+    own = {"comment": EACH} if "unit" in coordinates else {}
 
     def named(entries: Variables) -> dict[str, Any]:
-        return {name: (dims, values, {"units": unit} if unit else {}) for name, (dims, values, unit) in entries.items()}
+        return {
+            name: (dims, values, {"units": unit} if unit else own if "channel" in dims and name in variables else {})
+            for name, (dims, values, unit) in entries.items()
+        }
 
     return extra("xarray", where).Dataset(named(variables), named(coordinates), attributes)
+
+
+def common(units: Sequence[str]) -> str:
+    """The unit that all channels have; empty where they differ.
+
+    >>> common(["m", "m"]), common(["m", "N"])
+    ('m', '')
+    """
+    return units[0] if len(set(units)) == 1 else ""
 
 
 def frame(where: str, columns: Mapping[str, Any]) -> Any:

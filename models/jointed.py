@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from models.bodies.ported import Body, PortedModes
+from models.bodies.ported import Body, PlaceError, PortedModes
 from models.jointednumbers import modes_change, scalars, with_scalars
 from models.joints.joint import Joint, is_sum, terms
 from models.joints.law import numbers
@@ -146,8 +146,10 @@ class JointedRig(Numbered):
         check_names(self.name, self.channels, self.computed)
         try:
             self.ported  # noqa: B018  # a place that is none is refused here
+        except PlaceError as refused:
+            raise ValueError(f"{self.name}: {self._sum_of_places or self._misplaced(refused)}") from None
         except ValueError as refused:
-            raise ValueError(f"{self.name}: {self._sum_of_places or refused}") from None
+            raise ValueError(f"{self.name}: {refused}") from None
         if not self.body.damped_by_modes and self.damping != Damping():
             raise ValueError(f"{self.name}: damping and a damping matrix of its body; must have one of them")
         self._refuse_still()
@@ -161,6 +163,23 @@ class JointedRig(Numbered):
             if is_sum(what.at):
                 return f'{key}.at = "{what.at}"; must be one place, sums and multiples of places are for joints'
         return ""
+
+    def _misplaced(self, refused: PlaceError) -> str:
+        """What the body refuses of a place, with what first asks for it."""
+        asking = [
+            (f'joint {j.name}: {key} = "{end}"', end, [place for _, place in terms(end)])
+            for j in self.joints
+            for key, end in (*(("at", at) for at in j.at), *(("to", to) for to in j.to), ("loaded_by", j.loaded_by))
+        ]
+        placed = {"excitation": self.excitation} | {f"channels[{i}]": c for i, c in enumerate(self.channels, 1)}
+        for key, what in placed.items():
+            at = f'at = "{what.at}"' if what.at else f"position = {what.position!r}"
+            asking.append((f"{key}.{at}", place_of(what), [place_of(what)]))
+        for said, end, places in asking:
+            if refused.place in places:
+                part = "" if end == refused.place else f' has "{refused.place}"'
+                return f"{said}{part}; {refused.accepted}"
+        return str(refused)
 
     def _refuse_still(self) -> None:
         """Refuse a force and joints that can never act: one port that moves is enough for a joint of several."""

@@ -1,6 +1,6 @@
 """Parts of a rig: given modes, damping, contact, excitation, drift and channels."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
 from numbers import Integral
@@ -108,10 +108,15 @@ class Damping:
     high_mode_from: int = 6
 
     def __post_init__(self) -> None:
-        """Refuse damping that is negative."""
+        """Refuse damping that is negative, and one number in place of a sequence of ratios."""
         for name in ("mass_proportional", "stiffness_proportional", "high_mode_ratio"):
             bounded(f"Damping: {name}", getattr(self, name), 0.0)
             plausible(f"Damping: {name}", getattr(self, name), "damping_ratio" if name == "high_mode_ratio" else name)
+        if self.modal_ratios is not None:
+            if isinstance(self.modal_ratios, str) or not isinstance(self.modal_ratios, Iterable):
+                accepted = "must be a sequence, of one ratio for all modes or one for each, such as (0.005,)"
+                raise ValueError(f"Damping: modal_ratios = {self.modal_ratios!r}; {accepted}")
+            object.__setattr__(self, "modal_ratios", tuple(self.modal_ratios))
         for i, ratio in enumerate(self.modal_ratios or ()):
             bounded(f"Damping: modal_ratios[{i}]", ratio, 0.0)
             plausible(f"Damping: modal_ratios[{i}]", ratio, "damping_ratio")

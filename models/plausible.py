@@ -116,7 +116,7 @@ RANGES: dict[str, Range] = {
     "inertia": Range("kg or kg m2", (1e-50, 1e30), ANY, "an electron has 1e-30 kg, an atom is 1e-10 m wide"),
     "mass_proportional": Range("1/s", (0.0, 1e13), (0.0, 1e6), "nothing decays faster than a lattice vibrates"),
     "stiffness_proportional": Range("s", (0.0, 1e6), (0.0, 10.0), "a relaxation of days is a creep, not a vibration"),
-    "damping_ratio": Range("1", (0.0, 1e3), (0.0, 1.0), "a ratio of 1 is critical", (("%", 1e-2),)),
+    "damping_ratio": Range("1", (0.0, 1e3), (0.0, 0.2), "a ratio of 1 is critical", (("%", 1e-2),)),
     # forces
     "normal_load": Range("N", (1e-18, 1e12), (0.0, 1e8), "single bonds carry 1e-12 N, the largest presses 1e9", ()),
     "amplitude": Range("N", (1e-18, 1e12), (0.0, 1e8), "single bonds carry 1e-12 N, the largest presses 1e9", ()),
@@ -256,6 +256,11 @@ def warn_of(numbers: Iterable[tuple[str, str, Any]], proportions: Iterable[Doubt
         if key not in _said:
             _said.add(key)
             warnings.warn(said, PlausibilityWarning, stacklevel=1)  # no line of a caller is to blame for a number
+
+
+def told(keys: Iterable[str]) -> None:
+    """Take numbers, by their keys, for those that have been warned of: with the name of a file, say."""
+    _said.update(keys)
 
 
 @contextmanager

@@ -129,6 +129,18 @@ def missing_forces(*shares: float) -> AxesArray:
     return axes
 
 
+def test_long_names_leave_room_for_the_bars_of_a_ranking() -> None:
+    long = " + ".join(f"parameter:damping.modal_ratios[{i}]" for i in range(9, 13))
+    left, right = plot_ranking([long, "rig file"], np.array([0.0, 7e6]), np.array([0.007, 0.9]), clear=30.0)
+    left.figure.draw_without_rendering()  # a layout that has no room warns, which fails here
+    names = [label.get_text() for label in left.get_yticklabels()]
+    assert names[1] == "rig file" and len(names[0]) == 36
+    assert names[0].startswith("parameter:") and names[0].endswith("[12]")
+    assert min(ax.get_position().width for ax in (left, right)) > 0.2
+    assert all(t.get_window_extent().x0 >= 0.0 for t in left.get_yticklabels())
+    plt.close(left.figure)
+
+
 def test_colours_of_the_growth_are_those_of_the_levels() -> None:
     _, _, growth = missing_forces(0.99)
     handles = growth.get_legend().legend_handles

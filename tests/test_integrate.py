@@ -446,7 +446,10 @@ def test_progress_reports_time_reached() -> None:
         ),
         ({"hz": 52.0, "steps_per_period": -4}, "simulate: steps_per_period = -4; must be a whole number >= 8"),
         ({"hz": 52.0, "last_periods": 51}, "simulate: last_periods = 51; must be a whole number 1 to 50"),
-        ({"hz": 52.0, "start": "rest"}, "simulate: start = 'rest'; must be a State of a rig with [contact]"),
+        (
+            {"hz": 52.0, "start": "rest"},
+            "simulate: start = 'rest'; must be a State of a rig with [contact], or a PeriodicSolution",
+        ),
         (
             {"hz": 52.0, "start": State(np.zeros(3), np.zeros(3), 0.0, np.zeros(1))},
             "simulate: start has 8 values; this rig and its friction law need 12",

@@ -1,5 +1,7 @@
 """Curves, spectra and reconstructions as labelled arrays and tables: the same numbers, with names and units."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,9 @@ def test_a_curve_has_its_names_and_units(curve):
     third = found.coefficients.sel(channel="slip", coefficient="b3")
     np.testing.assert_array_equal(third, curve["slip"].coefficients[:, 6])
     assert str(found.unit.sel(channel="slip").item()) == "m" and found.hz.attrs["units"] == "Hz"
+    assert found.peak.attrs == found.rms.attrs == {"comment": hbm.labelled.EACH} and "comment" not in found.hz.attrs
+    alone = replace(curve, points=tuple(replace(p, channels={"slip": p["slip"]}) for p in curve.points)).to_xarray()
+    assert alone.peak.attrs == alone.rms.attrs == alone.coefficients.attrs == {"units": "m"}
     table = curve.to_dataframe()
     own = table[table.channel == "a1"]
     np.testing.assert_array_equal(own.hz, curve.hz)

@@ -10,11 +10,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from hbm import diagnose, synthesize
 from hbm.cli import app
 from hbm.rigfiles.causes import causes_in_file
 from hbm.rigfiles.load import load_rig
+from models.bodies import MatrixBody
 from models.causes import CAUSES
 from models.friction import parameters
+from models.jointed import JointedRig
+from models.joints import Joint, PolynomialSpring
+from models.parts import Channel, Damping, Excitation
 from tests.truth import (
     Coulomb,
     PointForce,
@@ -48,6 +53,27 @@ def test_the_page_lists_the_catalogue_in_its_own_words() -> None:
 
 def test_the_file_holds_one_cause() -> None:
     assert [cause.name for cause in causes_in_file(FILE)] == ["magnet"]
+
+
+def frame(*joints: Joint) -> JointedRig:
+    """Three masses in a row that a force drives at the end."""
+    stiffness = 1e5 * np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    channels = tuple(Channel(f"a{i}", "acceleration", at=str(i)) for i in (1, 2, 3))
+    body = MatrixBody(np.eye(3), stiffness, dofs=("1", "2", "3"), modes=3)
+    return JointedRig("frame", body, Damping(modal_ratios=(0.01,)), joints, Excitation(4.0, at="3"), channels)
+
+
+def test_the_cause_of_the_page_for_rigs_with_joints_is_found(tmp_path: Path) -> None:
+    (shown,) = re.findall(r"```python\n(from dataclasses.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "cable.py").write_text(shown, encoding="utf-8")
+    assert [cause.name for cause in causes_in_file(tmp_path / "cable.py")] == ["cable"]
+    true = 2e12
+    built = frame(Joint("cable", PolynomialSpring(quintic=true), at=("2",)))
+    spectra = synthesize(built, [4.0, 12.0], [21.0, 21.8, 22.4, 23.2], harmonics=5, seed=1).spectra
+    found = diagnose(frame(), spectra, causes=[f"{tmp_path / 'cable.py'}:Cable"], held_out=[2])
+    assert (found.verdict, found.cause) == ("cause-found", "cable")
+    value = found.parameters["quintic"]
+    assert abs(value.value - true) < 3 * value.std < 0.1 * true
 
 
 def magnet(y: Any, _rate: Any, _phase: float) -> Any:

@@ -22,6 +22,8 @@ from hbm import (
     synthesize,
 )
 from hbm.diagnosis.diagnose import candidates_among
+from hbm.figures import plot_curves, plot_phase, plot_sensors
+from hbm.files.curves import write_curves
 from hbm.rigfiles.lawchoice import choose_law
 from models import Jenkins
 from models.bodies.matrix import MatrixBody
@@ -29,7 +31,7 @@ from models.causes import CAUSES
 from models.causes.parameter import WrongParameter
 from models.jointed import JointedRig
 from models.joints import Friction, Joint
-from models.parts import Damping, Excitation
+from models.parts import Channel, Damping, Excitation
 from models.published import paper_rig
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -57,6 +59,19 @@ NO_JOINTS = f"{RIG.name} has [contact]; must be a rig with [[joints]]"
             lambda: diagnose(RIG, SPECTRA, causes=["bristle-memory"]),
             'diagnose: causes has "bristle-memory"; there is nothing in this rig it can act on',
         ),
+        (
+            lambda: load_spectra(EXAMPLES / "diagnosed_beam" / "spectra.csv", "rig.toml"),  # type: ignore[arg-type]
+            "load_spectra: rig = 'rig.toml'; must be a Rig, as load_rig(path) returns",
+        ),
+        (
+            lambda: diagnose(RIG, "spectra.csv"),  # type: ignore[arg-type]
+            'diagnose: spectra = "spectra.csv"; must be MeasuredSpectra, as load_spectra(file, rig) returns; '
+            "a decay is for diagnose_backbone",
+        ),
+        (lambda: write_curves("x.csv", []), "write_curves: curves is empty; must have one at least"),
+        (lambda: plot_curves([]), "plot_curves: curves is empty; must have one at least"),
+        (lambda: plot_phase([]), "plot_phase: curves is empty; must have one at least"),
+        (lambda: plot_sensors([]), "plot_sensors: curves is empty; must have one at least"),
     ],
 )
 def test_what_no_rig_has_and_numbers_that_are_none_are_refused(call: Callable[[], object], said: str) -> None:
@@ -107,12 +122,54 @@ def jointed(**changed: Any) -> JointedRig:
             lambda: Joint("j", RUB, "left"),  # type: ignore[arg-type]
             'joint j: at = "left"; must be a tuple of names, ("left",)',
         ),
+        (
+            lambda: Joint("j", Jenkins(0.3, 1e-5), ("a",)),  # type: ignore[arg-type]
+            "joint j: law is Jenkins, a friction law that nothing presses; must be Friction(Jenkins(...), "
+            "normal_load=...), of hbm.models.joints",
+        ),
+        (
+            lambda: Joint("j", "cubic-spring", ("a",)),  # type: ignore[arg-type]
+            "joint j: law = 'cubic-spring'; must be a law of hbm.models.joints, such as CubicSpring(cubic=1e9)",
+        ),
+        *(
+            (
+                lambda given=given: Damping(modal_ratios=given),
+                f"Damping: modal_ratios = {given!r}; must be a sequence, of one ratio for all modes or one for each, "
+                "such as (0.005,)",
+            )
+            for given in (0.005, "0.005")
+        ),
+        (
+            lambda: jointed(joints=(Joint("j", RUB, ("a",), ("d",)),)),
+            'three: joint j: to = "d"; must be of dofs, a, b, c',
+        ),
+        (
+            lambda: jointed(joints=(Joint("j", RUB, ("0.5*a - 2*d",)),)),
+            'three: joint j: at = "0.5*a - 2*d" has "d"; must be of dofs, a, b, c',
+        ),
+        (
+            lambda: jointed(joints=(Joint("j", RUB, ("a",), loaded_by="c"),)),
+            'three: joint j: loaded_by = "c"; must be of fixed, which is empty',
+        ),
+        (
+            lambda: jointed(excitation=Excitation(1.0, position=0.3)),
+            "three: excitation.position = 0.3; must be of dofs, a, b, c",
+        ),
+        (
+            lambda: jointed(body=masses(fixed=("c",), modes=2), channels=(Channel("v", "velocity", at="c"),)),
+            'three: channels[1].at = "c"; must be free to move, it is fixed',
+        ),
     ],
 )
 def test_what_no_rig_is_made_of_is_refused_where_it_is_made_or_used(call: Callable[[], object], said: str) -> None:
     with pytest.raises(ValueError) as refused:  # the message is compared
         call()
     assert str(refused.value) == said
+
+
+def test_ratios_of_damping_may_be_any_sequence() -> None:
+    assert Damping(modal_ratios=np.array([0.01, 0.02])).modal_ratios == (0.01, 0.02)  # type: ignore[arg-type]
+    assert Damping(modal_ratios=[0.01]) == Damping(modal_ratios=(0.01,))  # type: ignore[arg-type]
 
 
 def test_a_body_with_a_damping_matrix_has_no_other_damping() -> None:

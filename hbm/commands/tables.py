@@ -13,7 +13,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from hbm.errors import visible
+from hbm.errors import shortened, visible
 from hbm.rigfiles.lawchoice import KnownLaw, known_law, plain
 from hbm.rigfiles.schema import accepted_setting
 from models.friction import describe
@@ -28,14 +28,23 @@ if TYPE_CHECKING:
     from hbm.response.curve import Assessment, ResponseCurve
     from hbm.response.loop import FrictionLoop
 
-TEXTS = ("record", "channel", "unit", "law", "values", "example", "about", "most by (tolerance)")
+NAMES = ("cause", "record", "channel", "law", "example")
+"""Headings of columns of names, which are shortened where a line has no room for them."""
+
+TEXTS = (*NAMES, "verdict", "unit", "values", "about", "most by (tolerance)")
 """Headings of columns that hold no numbers."""
+
+SHORTEST = 12
+"""Characters that are left of a name."""
 
 PROSE = ("about", "most by (tolerance)")
 """Heading of the column that may take several lines."""
 
 LISTED = 20
 """Up to so many bifurcations of a curve are listed, more are counted."""
+
+UNBOUNDED = 100_000
+"""Characters of a line that has room for everything."""
 
 EVERYWHERE = slice(None)
 
@@ -280,14 +289,30 @@ def print_rows(console: Console, title: str, rows: Iterable[Mapping[str, str]]) 
 
 
 def print_table(console: Console, title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table without lines between its columns, numbers to the right; names in it are shown as they are."""
+    """Print a table without lines between its columns, numbers to the right; names in it are shown as they are.
+
+    Where a line has no room for all, the longest names are shortened, so that no number is.
+    """
     console.print(Text(visible(title), "bold"), soft_wrap=True)  # a title of the table would be wrapped to its width
+    cells = [[visible(cell) for cell in row] for row in rows]
+    table = _table(headings, cells)
+    excess = console.measure(table, options=console.options.update(width=UNBOUNDED)).maximum - console.width
+    named = [i for i, heading in enumerate(headings) if heading in NAMES]
+    if excess > 0 and named and not set(PROSE) & set(headings):
+        widths = {i: max(len(row[i]) for row in cells) for i in named}
+        longest = max(named, key=lambda i: widths[i])
+        most = max(widths[longest] - excess, SHORTEST)
+        table = _table(headings, [[shortened(c, most) if i == longest else c for i, c in enumerate(r)] for r in cells])
+    console.print(table)
+
+
+def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in headings:
         table.add_column(Text(heading), justify="left" if heading in TEXTS else "right", no_wrap=heading not in PROSE)
     for row in rows:
-        table.add_row(*(Text(visible(cell)) for cell in row))
-    console.print(table)
+        table.add_row(*map(Text, row))
+    return table
 
 
 def dashed(value: float, form: str) -> str:

@@ -84,8 +84,10 @@ def diagnose(
     """
     expect_rig(rig, "diagnose", joints=True)
     if not isinstance(spectra, MeasuredSpectra):
+        given = f'"{spectra}"' if isinstance(spectra, str) else type(spectra).__name__
         raise InputError(
-            f"diagnose: {type(spectra).__name__}; must be MeasuredSpectra; a decay is for diagnose_backbone"
+            f"diagnose: spectra = {given}; must be MeasuredSpectra, as load_spectra(file, rig) returns; "
+            "a decay is for diagnose_backbone"
         )
     _expect_levels(rig, spectra)
     numbered = [level for level, _ in rig.excitation.force_gain]

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
+from hbm.errors import InputError
 from hbm.figures.joints import draw_joints
 from hbm.figures.scales import phases
 from hbm.figures.stretches import DASHES, draw_line
@@ -56,7 +57,7 @@ def plot_curves(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     -------
     (5,) array of Axes; (4,) of a rig with joints: amplitude, phase, joint forces, joint motions
     """
-    curves = listed(curves)
+    curves = listed(curves, "plot_curves")
     rig = curves[0].rig
     jointed = isinstance(rig, JointedRig)
     height, ratios = (7.6, (2.4, 1, 1.6, 1.6)) if jointed else (8.6, (2.4, 1, 1.2, 1.2, 1.4))
@@ -89,7 +90,7 @@ def plot_frequency_response(curves: Curves, ax: Axes | None = None, *, label: bo
         Add a legend of the levels, of unstable stretches (dashed) and of the markers: folds and other bifurcations,
         corners, the end of a partial curve.
     """
-    curves, ax = listed(curves), new_axes(ax)
+    curves, ax = listed(curves, "plot_frequency_response"), new_axes(ax)
     scale = draw_peaks(ax, curves, "drive", "Drive displacement,\npeak")
     for curve, color in zip(curves, level_colors(curves), strict=True):
         mark(ax, curve, scale, color)
@@ -108,7 +109,7 @@ def plot_phase(curves: Curves, ax: Axes | None = None) -> Axes:
     curves : ResponseCurve or sequence of them
     ax : Axes, optional
     """
-    curves, ax = listed(curves), new_axes(ax)
+    curves, ax = listed(curves, "plot_phase"), new_axes(ax)
     for curve, color in zip(curves, level_colors(curves), strict=True):
         draw_line(ax, curve, phase_degrees(curve), color)
     phases(ax.yaxis)
@@ -136,7 +137,7 @@ def plot_contact(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     (3,) array of Axes
         Slip, friction, reaction.
     """
-    curves = listed(curves)
+    curves = listed(curves, "plot_contact")
     rows = panels(axes, 3, 1, 5.0, sharex=True).ravel()
     slip, friction, normal = rows
     draw_peaks(slip, curves, "slip", "Slip,\npeak")
@@ -165,9 +166,18 @@ def least_reaction(curve: ResponseCurve) -> Array:
     return np.array([p.channels["normal"].samples.min() for p in curve.points])
 
 
-def listed(curves: Curves) -> list[ResponseCurve]:
-    """One curve or several as a list, to be drawn: with what lies between their points."""
-    return [c.dense for c in ([curves] if isinstance(curves, ResponseCurve) else curves)]
+def listed(curves: Curves, where: str = "") -> list[ResponseCurve]:
+    """One curve or several as a list, to be drawn: with what lies between their points.
+
+    Raises
+    ------
+    InputError
+        If there is none, and somebody is named who needs one.
+    """
+    found = [curves] if isinstance(curves, ResponseCurve) else list(curves)
+    if where and not found:
+        raise InputError(f"{where}: curves is empty; must have one at least")
+    return [c.dense for c in found]
 
 
 def over(curves: Sequence[ResponseCurve]) -> str:

@@ -21,6 +21,7 @@ from hbm.figures.style import (
     INK,
     SMALL,
     AxesArray,
+    as_written,
     closed,
     dressed,
     label_all,
@@ -316,7 +317,7 @@ def plot_ranking(
         found[0].xaxis.set_major_formatter(OneStyle())
     dressed(found[0], f"BIC above the best; line: {clear:g}", "")
     found[0].axvline(clear, color=FAINT, linewidth=0.8, zorder=0)
-    found[0].set_yticks(y, [laws[i] for i in order])
+    found[0].set_yticks(y, [as_written(laws[i]) for i in order])
     found[0].invert_yaxis()
     if error is not None:
         _bars(found[1], y, 100.0 * error[order], ".3g")

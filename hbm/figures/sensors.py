@@ -81,7 +81,7 @@ def plot_channel(
     InputError
         If the curves have no such channel or harmonic.
     """
-    curves, ax = listed(curves), new_axes(ax)
+    curves, ax = listed(curves, "plot_channel"), new_axes(ax)
     _check(curves, [channel], harmonic)
     unit = _draw(ax, curves, channel, measured, harmonic, per_force)
     _scaled(ax, log)
@@ -123,7 +123,7 @@ def plot_sensors(
     InputError
         If the curves have no such channel or harmonic.
     """
-    curves = listed(curves)
+    curves = listed(curves, "plot_sensors")
     names = list(channels) if channels is not None else _sensors(curves[0], measured)
     _check(curves, names, harmonic)
     columns = 1 if len(names) <= ONE_COLUMN else 2

@@ -14,7 +14,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.legend import Legend
 from matplotlib.ticker import ScalarFormatter
 
-from hbm.errors import InputError
+from hbm.errors import InputError, shortened
 from hbm.fourier import Array
 
 Color = tuple[float, ...]
@@ -25,6 +25,7 @@ AxesArray = npt.NDArray[Any]
 WIDTH = 6.3  # inches: the text width of a page
 CHARACTERS = 64
 """Of a title, in a line of that width."""
+NAME = 36  # characters of a name beside panels
 SMALL = 8
 ENTRY, LETTER = 4.2, 0.6
 """Widths of an entry of a legend beside its name, and of a letter of it, in the size of its letters."""
@@ -171,18 +172,22 @@ def align_labels(axes: AxesArray) -> AxesArray:
 
 
 def as_written(name: str) -> str:
-    r"""A name for a figure, which would take what is between two $ for a formula.
+    r"""A name for a figure, which has no room for a long one and would take what is between two $ for a formula.
 
     >>> as_written("a $ b $")
     'a \\$ b \\$'
     """
-    return name.replace("$", r"\$")
+    return _plain(shortened(name, NAME))
+
+
+def _plain(text: str) -> str:
+    return text.replace("$", r"\$")
 
 
 def in_lines(title: str) -> str:
     """A title, in as many lines as the width of a figure asks for."""
     lines = wrap(title, CHARACTERS, break_on_hyphens=False) or [""]
-    return "\n".join(map(as_written, lines))
+    return "\n".join(map(_plain, lines))
 
 
 def headed(ax: Axes, title: str) -> None:

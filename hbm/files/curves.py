@@ -30,14 +30,14 @@ KEYS = ("point", "level", "frequency_hz", "stable", "channel", "peak", "rms")
 # ----------------------------------------------------------------------------------------------------- writing
 
 
-def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> list[Path]:
+def write_curves(path: StrPath, curves: ResponseCurve | Sequence[ResponseCurve]) -> list[Path]:
     """Write curves and, beside them, their companion.
 
     Parameters
     ----------
     path : str or path
         CSV file; the companion is :func:`companion` of it.
-    curves : sequence of ResponseCurve
+    curves : ResponseCurve or sequence of them
         One per level, of one rig. Columns go up to the largest H, blank where a curve has fewer.
 
     Returns
@@ -51,9 +51,10 @@ def write_curves(path: StrPath, curves: Sequence[ResponseCurve]) -> list[Path]:
         If there are no curves, or the files cannot be written; then neither is.
     """
     check_ending(path, (".csv",), "write_curves: path")
-    if not curves:
+    listed = [curves] if isinstance(curves, ResponseCurve) else list(curves)
+    if not listed:
         raise InputError("write_curves: curves is empty; must have one at least")
-    return write_together(curve_contents(path, curves))
+    return write_together(curve_contents(path, listed))
 
 
 def curve_contents(path: StrPath, curves: Sequence[ResponseCurve]) -> Contents:

@@ -12,6 +12,7 @@ import numpy as np
 
 from hbm.aft.step import law_step
 from hbm.balance.elements import ForcesInTime, forces_in_time
+from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, Rates, late, turn
 from hbm.errors import InputError, expect_whole
 from models import Channel, Rig
@@ -77,6 +78,22 @@ def expect_divisor(every: int, steps_per_period: int) -> None:
     expect_whole(every, "every", "simulate")
     if steps_per_period % every:
         raise InputError(f"simulate: every = {every}; must divide {steps_per_period} steps per period")
+
+
+def expect_motion_of(rig: AnyRig, motion: PeriodicSolution, where: str) -> None:
+    """Refuse to begin with a motion of another rig, or of another number of modes of this one.
+
+    Raises
+    ------
+    InputError
+        With both numbers of modes.
+    """
+    if missing := [name for name in rig.computed if name not in motion.channels]:
+        raise InputError(f"{where}: start has no {missing[0]}; must be a motion of {rig.name}")
+    modes = motion.state.Q.shape[1]
+    if modes != rig.structure.n:
+        accepted = f"must have {rig.structure.n} as {rig.name}; simulate the rig of its curve, curve.rig"
+        raise InputError(f"{where}: start has {modes} modes; {accepted}")
 
 
 def differences(T: Array, dt: float) -> tuple[Array, Array]:
@@ -196,7 +213,10 @@ class History:
 
     @cached_property
     def steadiness(self) -> float:
-        """Change of the drive displacement over the last two periods, relative to its largest value; NaN if shorter."""
+        """Change of the drive displacement over the last two periods, relative to its largest value.
+
+        nan where the history holds fewer than two, as with ``last_periods=1``.
+        """
         return steadiness(self.channels["drive"].values, self.samples_per_period)
 
 

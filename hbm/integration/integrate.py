@@ -14,8 +14,10 @@ from typing import overload
 import numpy as np
 
 from hbm.aft.recurrence import monodromy
+from hbm.balance.solution import PeriodicSolution
 from hbm.errors import InputError, expect_frequency, expect_positive, expect_rig, expect_whole
-from hbm.integration.history import State, TimeHistory, differences, expect_divisor
+from hbm.integration.handover import state_at_phase_zero
+from hbm.integration.history import State, TimeHistory, differences, expect_divisor, expect_motion_of
 from hbm.integration.jointed import JointHistory, simulate_joints
 from hbm.integration.jointmarch import FEWEST_STEPS, LEAST_STEPS
 from hbm.integration.march import Recorder, march
@@ -42,7 +44,7 @@ def simulate(
     duration: float | None = None,
     level: float | None = None,
     steps_per_period: int | None = None,
-    start: State | None = None,
+    start: State | PeriodicSolution | None = None,
     last_periods: int | None = None,
     every: int = 1,
     progress: Callable[[float], None] | None = None,
@@ -57,7 +59,7 @@ def simulate(
     duration: float | None = None,
     level: float | None = None,
     steps_per_period: int | None = None,
-    start: Array | None = None,
+    start: Array | PeriodicSolution | None = None,
     last_periods: int | None = None,
     every: int = 1,
     progress: Callable[[float], None] | None = None,
@@ -72,7 +74,7 @@ def simulate(
     duration: float | None = None,
     level: float | None = None,
     steps_per_period: int | None = None,
-    start: State | Array | None = None,
+    start: State | Array | PeriodicSolution | None = None,
     last_periods: int | None = None,
     every: int = 1,
     progress: Callable[[float], None] | None = None,
@@ -92,8 +94,9 @@ def simulate(
     steps_per_period : int, optional
         The error falls with its square, or in proportion where friction jumps (set-valued laws without compliance). 512
         unless given, and more where they cannot be solved; with joints as many as resolve the highest mode.
-    start : State, optional
-        Initial state; at rest unless given. A rig with joints takes (size,) numbers, see
+    start : State or PeriodicSolution, optional
+        Initial state, at rest unless given; or a motion, such as a point of a curve or of a nonlinear mode, whose state
+        at the crest of the force it is. A rig with joints takes (size,) numbers in place of a State, see
         :func:`hbm.integration.jointed.simulate_joints`.
     last_periods : int, optional
         Number of periods at the end to keep; everything unless given.
@@ -126,11 +129,17 @@ def simulate(
         expect_whole(last_periods, "last_periods", "simulate", most=periods)
     if isinstance(rig, JointedRig):
         if isinstance(start, State):
-            raise ValueError("simulate: start is a state of a rig with [contact]; must be (size,) numbers")
+            accepted = "must be (size,) numbers, or a PeriodicSolution"
+            raise ValueError(f"simulate: start is a state of a rig with [contact]; {accepted}")
         over = partial(simulate_joints, periods=periods, steps_per_period=steps_per_period, progress=progress)
         return over(rig, hz, level=level, start=start, last_periods=last_periods, every=every)
+    if isinstance(start, PeriodicSolution):
+        expect_motion_of(rig, start, "simulate")
+        start = state_at_phase_zero(start)
     if start is not None and not isinstance(start, State):
-        raise InputError(f"simulate: start = {start!r:.80}; must be a State of a rig with [contact]")
+        raise InputError(
+            f"simulate: start = {start!r:.80}; must be a State of a rig with [contact], or a PeriodicSolution"
+        )
     state = State.at_rest(rig) if start is None else start
     level = rig.excitation.amplitude if level is None else level
     _check(rig, STEPS[0] if steps_per_period is None else steps_per_period, state, every)

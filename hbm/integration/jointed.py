@@ -12,9 +12,10 @@ import numpy as np
 
 from hbm.balance.jointed import JointBalance
 from hbm.balance.scaled import State
+from hbm.balance.solution import PeriodicSolution
 from hbm.channels import DERIVATIVES, Rates, late
 from hbm.errors import InputError, expect_frequency, expect_joints, expect_whole
-from hbm.integration.history import History, Signal, differences, expect_divisor
+from hbm.integration.history import History, Signal, differences, expect_divisor, expect_motion_of
 from hbm.integration.jointmarch import FEWEST_STEPS, LEAST_STEPS, JointMarcher, resolving_steps
 from hbm.integration.jointstep import Layout
 from models.jointed import JointedRig
@@ -129,7 +130,7 @@ def simulate_joints(
     periods: int,
     level: float | None = None,
     steps_per_period: int | None = None,
-    start: Array | None = None,
+    start: Array | PeriodicSolution | None = None,
     last_periods: int | None = None,
     every: int = 1,
     progress: Callable[[float], None] | None = None,
@@ -147,8 +148,9 @@ def simulate_joints(
         Force amplitude [N]; the rig's unless given.
     steps_per_period : int, optional
         The error falls with its square; 512, or as many more as resolve the highest mode, unless given.
-    start : (size,) array, optional
-        A state at phase 0 of the force; from rest unless given.
+    start : (size,) array or PeriodicSolution, optional
+        A state at phase 0 of the force, such as a row of :attr:`JointHistory.states`, or a motion of this rig whose
+        state there it is; from rest unless given.
     last_periods : int, optional
         Keep these only; everything unless given.
     every : int
@@ -193,10 +195,13 @@ def _rates(forces: Array, dt: float) -> Array:
     return rates
 
 
-def _begun(marcher: JointMarcher, start: Array | None, where: str) -> Array:
+def _begun(marcher: JointMarcher, start: Array | PeriodicSolution | None, where: str) -> Array:
     """State that a march begins with: at rest unless given."""
     if start is None:
         return np.zeros(marcher.size)
+    if isinstance(start, PeriodicSolution):
+        expect_motion_of(marcher.rig, start, where)
+        return state_at_phase_zero(JointBalance(marcher.rig, start.basis), start.state)
     if np.shape(start) != (marcher.size,):
         raise InputError(f"{where}: start has {np.size(start)} values; this rig and its joints need {marcher.size}")
     return start
@@ -276,7 +281,7 @@ def joint_steady_state(
     *,
     level: float | None = None,
     steps_per_period: int | None = None,
-    start: Array | None = None,
+    start: Array | PeriodicSolution | None = None,
     tolerance: float = 1e-9,
     max_iterations: int = 30,
 ) -> JointPeriod:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hbm.errors import InputError
+from hbm.errors import InputError, expect_rig
 from hbm.measurement.exchange import (
     mat_bytes,
     mat_rows,
@@ -98,6 +98,8 @@ def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: flo
     models.plausible.PlausibilityWarning
         Of frequencies that look as if in kHz.
     """
+    if rig is not None:
+        expect_rig(rig, "load_spectra", joints=True)
     source, ending = str(path), Path(path).suffix.lower()
     if ending not in READ:
         raise InputError(f"{source}: not a spectra file; must end in {' or '.join(READ)}")

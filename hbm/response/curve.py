@@ -13,7 +13,7 @@ from hbm.balance.problem import AnyBalance, State
 from hbm.balance.solution import PeriodicSolution, amplitudes, describe, phases
 from hbm.errors import channel_named
 from hbm.fourier import Array, FourierBasis
-from hbm.labelled import coefficient_columns, coefficient_names, dataset, frame, repeated
+from hbm.labelled import coefficient_columns, coefficient_names, common, dataset, frame, repeated
 from hbm.response.bifurcation import Bifurcation
 from hbm.response.kinks import kinks
 from hbm.stability.multipliers import Stability
@@ -31,8 +31,9 @@ class Probe:
         Its frequency [Hz].
     harmonics, samples, modes, total : float
         Largest change over the period of drive displacement or friction force, relative to the peak of that channel
-        on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where
-        the finer problem was not solved (the single sources are told apart at the peak and where the total is largest).
+        on the curve, when only the harmonics, the samples, the modes, or everything is refined; nan where the finer
+        problem was not solved, and of modes where the body has no more (the single sources are told apart at the peak
+        and where the total is largest).
     """
 
     hz: float
@@ -40,6 +41,10 @@ class Probe:
     samples: float
     modes: float
     total: float
+
+
+def _share(error: float) -> str:
+    return "not estimated" if np.isnan(error) else f"{error:.2%}"
 
 
 @dataclass(frozen=True)
@@ -74,8 +79,8 @@ class NumericalError:
         """Say the estimate and where it comes from."""
         p, w = self.at_peak, self.worst
         return (
-            f"{p.total:.2%} at the peak (harmonics {p.harmonics:.2%}, samples {p.samples:.2%}, modes {p.modes:.2%}), "
-            f"at most {w.total:.2%} near {w.hz:.5g} Hz; loop closure {self.closure:.0e}"
+            f"{_share(p.total)} at the peak (harmonics {_share(p.harmonics)}, samples {_share(p.samples)}, "
+            f"modes {_share(p.modes)}), at most {_share(w.total)} near {w.hz:.5g} Hz; loop closure {self.closure:.0e}"
         )
 
 
@@ -323,18 +328,20 @@ class ResponseCurve(Displayed):
             If xarray is not installed.
         """
         names, curves = list(self.channels), list(self.channels.values())
+        units = [c.unit for c in curves]
+        unit = common(units)
         variables = {
             "coefficients": (
                 ("channel", "point", "coefficient"),
                 np.stack([c.coefficients for c in curves]),
-                "",
+                unit,
             ),
-            "peak": (("channel", "point"), np.stack([c.peak for c in curves]), ""),
-            "rms": (("channel", "point"), np.stack([c.rms for c in curves]), ""),
+            "peak": (("channel", "point"), np.stack([c.peak for c in curves]), unit),
+            "rms": (("channel", "point"), np.stack([c.rms for c in curves]), unit),
         }
         coordinates = {
             "channel": (("channel",), names, ""),
-            "unit": (("channel",), [self.points[0][name].unit for name in names], ""),
+            "unit": (("channel",), units, ""),
             "coefficient": (("coefficient",), coefficient_names(self.basis.H), ""),
             "hz": (("point",), self.hz, "Hz"),
             **({} if self.stable is None else {"stable": (("point",), self.stable, "")}),

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 
 from hbm.errors import InputError, visible
 from hbm.rigfiles.laws import Consent, accepted_laws, find_law
-from hbm.rigfiles.matrixbody import MatrixTable, Shown, matrix_body
+from hbm.rigfiles.matrixbody import MatrixTable, Shown, in_its_file, matrix_body
 from hbm.rigfiles.quantities import Force, NonNegative, Positive, Shape, possible
 from hbm.rigfiles.schema import (
     MOST_CHANNELS,
@@ -205,7 +205,7 @@ def jointed_rig(table: Mapping[str, Any], source: str, consent: Consent = Consen
             rig = replace(rig, tolerances=_tolerances(rig, file.modal.ports, file.modal.tolerances))
         return with_extensions(rig, file.extensions, folder, consent)
     except ValueError as refused:
-        raise InputError(f"{source}: {refused}") from None
+        raise InputError(f"{source}: {in_its_file(str(refused), file.matrix)}") from None
 
 
 def _at_ports(file: JointedRigTable) -> JointedRigTable:

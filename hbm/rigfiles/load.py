@@ -34,7 +34,7 @@ from hbm.rigfiles.schema import (
 from models import Beam, Channel, Contact, Damping, Excitation, FrictionLaw, ModalBody, Rig, describe
 from models.friction import settings
 from models.jointed import AnyRig
-from models.plausible import PlausibilityWarning, doubts, quiet
+from models.plausible import PlausibilityWarning, doubts, quiet, told
 
 MOST_BYTES = 4_000_000
 """Of a rig file; one of this size has shapes of some hundred modes at some hundred places."""
@@ -71,7 +71,9 @@ def load_rig(path: str | PathLike[str], *, allow_code: bool | None = None) -> An
     table = _parse(_read(Path(path), source), source)
     with quiet():
         rig = rig_of_table(table, source, Consent.of_data(allow_code))
-    for said in doubts(rig.quantities, rig.proportions).values():
+    doubtful = doubts(rig.quantities, rig.proportions)
+    told(doubtful)
+    for said in doubtful.values():
         warnings.warn(f"{source}: {said}", PlausibilityWarning, stacklevel=2)
     return rig
 

@@ -1,17 +1,24 @@
 """``[matrix]``: a body of matrices in files beside the rig file."""
 
+import re
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field
 
-from hbm.errors import InputError
+from hbm.errors import InputError, visible
 from hbm.rigfiles.matrices import ENDINGS, is_matrix_market, read_abaqus, read_matrix
 from hbm.rigfiles.schema import PRINTABLE, Table
 from hbm.textfiles import refuse_endless, why
 from models.bodies.matrix import MatrixBody, Method
 
 Shown = Annotated[str, Field(pattern=PRINTABLE)]
+
+FAULT = re.compile(
+    r"(?:.*: )?MatrixBody: (?P<of>the largest entry of )?"
+    r"(?P<name>mass|stiffness|damping_matrix|dofs|fixed|modes)\b (?P<found>.*)"
+)
+"""What a body says of an argument of its own."""
 
 
 FILES = ("mass", "stiffness", "damping", "dofs")
@@ -60,6 +67,27 @@ def matrix_body(matrix: MatrixTable, folder: Path) -> MatrixBody:
         reduction=matrix.reduction,
         stiffness_factor=matrix.stiffness_factor,
     )
+
+
+def in_its_file(refused: str, matrix: MatrixTable | None) -> str:
+    """What a body says of its matrices, with the key of the rig file and the file that they are from.
+
+    >>> table = MatrixTable(mass="M.npz", stiffness="K.npz")
+    >>> in_its_file("chain: MatrixBody: stiffness is 3 x 2; must be square", table)
+    'matrix.stiffness = "K.npz": is 3 x 2; must be square'
+    >>> in_its_file("MatrixBody: modes = 20; must be <= 12", table)
+    'matrix.modes = 20; must be <= 12'
+    """
+    fault = FAULT.fullmatch(refused)
+    if fault is None or matrix is None:
+        return refused
+    key = fault["name"].removesuffix("_matrix")
+    file = getattr(matrix, key)
+    if key in ("fixed", "modes"):
+        return f"matrix.{key} {fault['found']}"
+    if file is None:  # names that are counted, or of the file of the stiffness
+        return refused
+    return f'matrix.{key} = "{visible(file)}": {"its largest entry " if fault["of"] else ""}{fault["found"]}'
 
 
 def _names(file: str, folder: Path, rows: int) -> tuple[str, ...]:

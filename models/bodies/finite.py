@@ -11,7 +11,7 @@ from scipy import sparse
 
 from models.beam import Beam
 from models.bodies.matrix import MatrixBody
-from models.bodies.ported import Elastic, PortedModes
+from models.bodies.ported import Elastic, PlaceError, PortedModes
 from models.friction.law import Parameter
 from models.parts import Damping
 from models.plausible import Proportion
@@ -122,7 +122,8 @@ class FiniteBeam(Elastic):
         known = {_support(name): name for name in matrices.fixed}
         missing = next((name for name in supports if name not in known), None)
         if missing is not None:
-            raise ValueError(f'no support "{missing}"; there are {", ".join(known) or "none"}')
+            named = ", ".join(known) or "none"
+            raise PlaceError(f'no support "{missing}"; there are {named}', missing, f"supports are {named}")
         found = matrices.ported(
             [f"{motion}@{float(x)!r}" for motion, x in at], damping, [known[name] for name in supports]
         )
@@ -155,9 +156,8 @@ class FiniteBeam(Elastic):
         except ValueError:
             x = -1.0
         if match is None or not 0.0 <= x <= length:
-            raise ValueError(
-                f'no place "{place}" on the beam; must be y(x), slope(x) or axial(x) with x 0 to {length:g}'
-            )
+            accepted = f"must be y(x), slope(x) or axial(x) with x 0 to {length:g}"
+            raise PlaceError(f'no place "{place}" on the beam; {accepted}', place, accepted)
         return match[1], x
 
     def matrices(self, positions: Sequence[float] = ()) -> MatrixBody:

@@ -23,7 +23,7 @@ from models.bodies.matrixchecks import (
     square,
 )
 from models.bodies.pencil import Matrix, Modes, Pencil, factors, part, ritz, unit_loads
-from models.bodies.ported import Elastic, PortedModes
+from models.bodies.ported import Elastic, PlaceError, PortedModes
 from models.bounds import bounded, whole
 from models.friction.law import Parameter
 from models.parts import Damping
@@ -227,18 +227,19 @@ class MatrixBody(Elastic):
         """Numbers of places among the free degrees of freedom."""
         for name in places:
             if name not in self._numbers:
-                raise ValueError(f'MatrixBody: place "{name}"; must be of dofs, {some(self.dofs)}')
+                accepted = f"must be of dofs, {some(self.dofs)}"
+                raise PlaceError(f'MatrixBody: place "{name}"; {accepted}', name, accepted)
             if name in self.fixed:
-                raise ValueError(f'MatrixBody: place "{name}" is fixed; must be free to move')
+                accepted = "must be free to move, it is fixed"
+                raise PlaceError(f'MatrixBody: place "{name}"; {accepted}', name, accepted)
         return np.searchsorted(self._free, [self._numbers[name] for name in places]).astype(np.intp)
 
     def _supports(self, supports: Sequence[str]) -> npt.NDArray[np.intp]:
         """Numbers of supports among all degrees of freedom."""
         for name in supports:
             if name not in self.fixed:
-                raise ValueError(
-                    f'MatrixBody: support "{name}"; must be of fixed, {some(self.fixed) or "which is empty"}'
-                )
+                accepted = f"must be of fixed, {some(self.fixed) or 'which is empty'}"
+                raise PlaceError(f'MatrixBody: support "{name}"; {accepted}', name, accepted)
         return np.array([self._numbers[name] for name in supports], dtype=np.intp)
 
     # ---- reduction

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from models.bodies.ported import PortedModes
+from models.bodies.ported import PlaceError, PortedModes
 from models.bounds import bounded
 from models.friction.law import Parameter
 from models.parts import Damping
@@ -184,7 +184,8 @@ class ModalModel:
         for what, asked, there in (("port", places, known), ("support", supports, list(self.reactions))):
             missing = next((name for name in asked if name not in there), None)
             if missing is not None:
-                raise ValueError(f'no {what} "{missing}"; there are {", ".join(there) or "none"}')
+                named = ", ".join(there) or "none"
+                raise PlaceError(f'no {what} "{missing}"; there are {named}', missing, f"{what}s are {named}")
         at = [known.index(name) for name in places]
         n, p = self.modes, len(known)
         flexibility = np.zeros((p, p)) if self.flexibility is None else np.array(self.flexibility)

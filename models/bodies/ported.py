@@ -70,6 +70,26 @@ class PortedModes:
         return np.asarray(self.rows @ np.linalg.solve(dynamic, self.rows.T) + self.flexibility)
 
 
+class PlaceError(ValueError):
+    """A place or a support that a body does not have.
+
+    Attributes
+    ----------
+    place : str
+        Its name.
+    accepted : str
+        What the body has in its stead.
+    """
+
+    def __init__(self, message: str, place: str, accepted: str) -> None:
+        super().__init__(message, place, accepted)
+        self.place, self.accepted = place, accepted
+
+    def __str__(self) -> str:
+        """Say it without knowing who asked for the place."""
+        return str(self.args[0])
+
+
 class Body(Protocol):
     """A linear structure, whichever way it is given.
 

@@ -51,6 +51,15 @@ def is_sum(end: str) -> bool:
     return "*" in end or end.startswith("-") or BETWEEN.search(end) is not None
 
 
+def _no_law(given: object) -> str:
+    """What is wrong with something in the place of a joint's law: most often a friction law that nothing presses."""
+    if hasattr(given, "set_valued") and not hasattr(given, "ports"):
+        name = given.__name__ if isinstance(given, type) else type(given).__name__
+        needed = f"Friction({name}(...), normal_load=...), of hbm.models.joints"
+        return f"law is {name}, a friction law that nothing presses; must be {needed}"
+    return f"law = {given!r:.80}; must be a law of hbm.models.joints, such as CubicSpring(cubic=1e9)"
+
+
 @dataclass(frozen=True, eq=False)
 class Joint:
     """A law between places of a body, or between the body and the ground.
@@ -75,7 +84,9 @@ class Joint:
     loaded_by: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse another number of places than the law has ports, and places joined to themselves."""
+        """Refuse what is no law, another number of places than it has ports, and places joined to themselves."""
+        if isinstance(self.law, type) or not hasattr(self.law, "ports"):
+            raise ValueError(f"joint {self.name}: {_no_law(self.law)}")
         for what, places in (("at", self.at), ("to", self.to)):
             if isinstance(places, str) and places:
                 raise ValueError(f'joint {self.name}: {what} = "{places}"; must be a tuple of names, ("{places}",)')

@@ -42,6 +42,24 @@ def test_a_title_is_one_line_above_a_narrow_table() -> None:
     assert text.getvalue().splitlines()[0] == title
 
 
+NUMBERS = ["0", "299.6", "5.41e+04"]
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_long_names_are_shortened_and_numbers_are_not(width: int) -> None:
+    console, text = printed(width)
+    causes = [" + ".join(f"parameter:damping.modal_ratios[{i}]" for i in range(n, 13)) for n in (1, 12, 8)]
+    rows = [[cause, number, "3.14"] for cause, number in zip(causes, NUMBERS, strict=True)]
+    print_table(console, "causes", ["cause", "BIC above best", "held-out error\n%"], rows)
+    lines = text.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    assert "BIC above best" in text.getvalue() and "held-out error" in text.getvalue()
+    shown = [line.split() for line in lines if line.lstrip().startswith("parameter:")]
+    assert [row[-2:] for row in shown] == [[number, "3.14"] for number in NUMBERS]
+    assert all(line.count("…") <= 1 for line in lines)
+    assert (causes[1] in text.getvalue()) == (width > 60)  # what has room is not shortened
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [

@@ -224,7 +224,8 @@ def test_where_the_nonlinear_mode_is_not_found_the_amplitudes_are_said(
 
 
 def test_spectra_are_for_one_function_and_decays_for_another(rig: JointedRig) -> None:
-    with pytest.raises(InputError, match="Decay; must be MeasuredSpectra; a decay is for diagnose_backbone"):
+    said = r"= Decay; must be MeasuredSpectra, as load_spectra\(file, rig\) returns; a decay is for diagnose_backbone"
+    with pytest.raises(InputError, match=said):
         diagnose(rig, decayed(rig, 1))  # type: ignore[arg-type]
 
 

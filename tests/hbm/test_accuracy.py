@@ -6,7 +6,7 @@ from rigs import HZ, beam, oscillator
 
 from hbm.fourier import default_samples
 from hbm.response.accuracy import choose_harmonics, difference, estimate_error, frequency_response
-from hbm.response.curve import ResponseCurve
+from hbm.response.curve import NumericalError, Probe, ResponseCurve
 from hbm.response.trace import steady_state, trace_frequency
 from models import Frictionless, Viscous
 
@@ -51,6 +51,13 @@ def test_too_few_samples_are_said():
     assert any(
         w.startswith(f"{2 * coarse_samples} samples change drive displacement or friction force by up to") for w in said
     )
+
+
+def test_what_was_not_estimated_is_said_in_words(coarse):
+    at = Probe(50.0, harmonics=2e-3, samples=1e-4, modes=np.nan, total=np.nan)
+    said = "not estimated at the peak (harmonics 0.20%, samples 0.01%, modes not estimated), at most not estimated near"
+    assert repr(NumericalError((at,), at, 0.0)).startswith(said)
+    assert "nan" not in repr(estimate_error(coarse))
 
 
 def test_a_linear_rig_needs_no_more_than_the_first_rung():

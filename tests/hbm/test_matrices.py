@@ -153,6 +153,13 @@ at = "2.x"
         assert load_rig(path).body.dofs == ("1.x", "2.x", "3.x")
     (tmp_path / "two.txt").write_text("end A\nend B\n")
     np.save(tmp_path / "K.npy", K.toarray())
+    off = K.toarray()
+    off[0, 1] -= 0.5
+    wrong_files = {"wrong_K": off, "wrong_M": np.diag([1.0, -1.0, 1.0]), "nan": np.diag([1.0, np.nan, 1.0])}
+    wrong_files |= {"two": np.eye(2), "below": K.toarray() - 3.0 * np.eye(3), "huge": 1e40 * K.toarray()}
+    for name, entries in wrong_files.items():
+        sparse.save_npz(tmp_path / f"{name}.npz", sparse.csr_array(entries))
+    (tmp_path / "wrong_dofs.txt").write_text("1.x 2.x 1.x\n")
     for wrong, said in (
         (
             text.replace("dofs.txt", "two.txt"),
@@ -166,7 +173,28 @@ at = "2.x"
             text.replace("modes = 2", 'modes = 2\ndamping = "M.npz"'),
             "damping and matrix.damping are both present; must have one of them",
         ),
-        (text.replace('at = "2.x"\nto', 'at = "9.x"\nto'), "place"),
+        *(
+            (text.replace(f'"{file}"', f'"wrong_{file}"'), f'{key} = "wrong_{file}": {found}')
+            for key, file, found in (
+                ("matrix.stiffness", "K.npz", r"differs from its transpose by 0.5 at 2.x, 1.x; must be symmetric"),
+                ("matrix.mass", "M.npz", r"is -1 on its diagonal at 2.x; must be > 0, or nothing in that row"),
+                ("matrix.dofs", "dofs.txt", 'has "1.x" twice; names must differ'),
+            )
+        ),
+        (text.replace('"M.npz"', '"nan.npz"'), 'mass = "nan.npz": has 1 entries that are nan or infinite; must be'),
+        (text.replace('"K.npz"', '"two.npz"'), 'stiffness = "two.npz": is 2 x 2; must be 3 x 3, as the mass is'),
+        (text.replace('"K.npz"', '"below.npz"'), 'stiffness = "below.npz": is indefinite; must have no negative'),
+        (text.replace('"K.npz"', '"huge.npz"'), r'"huge.npz": its largest entry = 2e\+40; must be of magnitude'),
+        (text.replace("modes = 2", "modes = 3"), "rig.toml: matrix.modes = 3; must be <= 2, the degrees of freedom"),
+        (text.replace('["1"]', '["9"]'), 'rig.toml: matrix.fixed has "9"; must be of dofs, 1.x, 2.x, 3.x'),
+        (
+            text.replace('at = "2.x"\nto', 'at = "9.x"\nto'),
+            'rig.toml: Chain: joint rub: at = "9.x"; must be of dofs, 1.x, 2.x, 3.x',
+        ),
+        (
+            text.replace('"acceleration"\nat = "2.x"', '"acceleration"\nat = "9.x"'),
+            r'rig.toml: Chain: channels\[1\].at = "9.x"; must be of dofs, 1.x, 2.x, 3.x',
+        ),
         (text.replace('law = "coulomb-penalty"', 'law = "glue"'), "joints\\[1\\].law"),
         (text.replace("mu = 0.3", "mu = -0.3"), "joints\\[1\\].mu = -0.3; must be > 0"),
         (text.replace("mu = 0.3", "nu = 0.3"), "joints\\[1\\].*is missing|nu"),

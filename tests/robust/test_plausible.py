@@ -113,6 +113,19 @@ def test_what_looks_like_another_unit_is_warned_of_in_one_line(old, new, said, t
     assert (result.exit_code, result.stderr) == (0, f"warning: {path}: {said}\n")
 
 
+@pytest.mark.parametrize(("ratio", "meant"), [("0.5", "0.005"), ("5.0", "0.05")])
+def test_a_damping_ratio_in_percent_is_warned_of_once(
+    ratio: str, meant: str, tmp_path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where other rigs are made of the one that was read."""
+    monkeypatch.setattr("models.plausible._said", set())
+    path = rig_file(tmp_path, "mass_proportional = 0.06", f"modal_ratios = [{ratio}]")
+    with pytest.warns(PlausibilityWarning) as caught:
+        load_rig(path).with_modes(8)
+    said = f"{path}: damping.modal_ratios[1] = {float(ratio):g}; usual are <= 0.2; is it meant in % ({meant})?"
+    assert [str(w.message) for w in caught] == [said]
+
+
 def test_rigs_made_in_python_are_held_against_the_same_table(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("models.plausible._said", set())
     rig = paper_rig()
