@@ -97,16 +97,14 @@ class Conclusion:
     def untold(self) -> bool:
         """Whether the records fitted are explained, but for a background, and do not tell of those held out.
 
-        Or name a main cause where another one foretells these much better. Transients, free in each record, never tell
-        of others, however many are fitted.
+        Or name a main cause where another one foretells these much better.
         """
-        story = self.decision.story
-        if self.hidden is None or not story.settled:
+        if self.hidden is None:
             return False
         if self.verdict == "main-cause":
             own, *others = self._nrmse_held_out
             return own is not None and any(other < BETTER * own for other in others if other is not None)
-        story = self._noise(story)
+        story = self._noise(self.decision.story)
         told = misfit(story, self.campaign).fits or beyond_noise(story.white) <= LARGEST
         return self.verdict == "unexplained" and told and nrmse(story.white) <= SAYS_NOTHING
 

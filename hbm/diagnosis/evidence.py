@@ -127,13 +127,14 @@ class Evidence:
             yield f"Looks like {first}: {first_of(alike, MOST_TOLD)}."
 
     def _found(self, best: Evaluation) -> Iterator[str]:
-        within = best.model.calibrated and self.search.tolerable(self.search.calibrated)  # at its bounds it is no rig
-        base = self.plain["calibrated" if within else "nominal"][0]
+        base = self.plain["calibrated" if best.model.calibrated else "nominal"][0]
+        bounded = best.model.calibrated and not self.search.tolerable(self.search.calibrated)
+        whole = self.search.nominal if bounded else base  # calibration at its bounds is no rig to compare with
         plain, scored = beside_noise(best, self.search.campaign), self.scored
         hidden = "" if scored is None else f"; on records held out {scored.errors.chi2_reduced:.4g} noise variances"
         yield (
-            f"{best.model.label} lowers chi2 from {base.chi2:.5g} to {plain.chi2:.5g} "
-            f"(BIC by {base.bic - plain.bic:.4g}){hidden}."
+            f"{best.model.label} lowers chi2 from {whole.chi2:.5g} to {plain.chi2:.5g} "
+            f"(BIC by {whole.bic - plain.bic:.4g}){hidden}."
         )
         yield from _clock(best)
         if self.within:

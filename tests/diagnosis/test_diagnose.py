@@ -345,15 +345,13 @@ def test_where_only_records_held_out_disagree_half_of_them_are_fitted():
 @pytest.mark.parametrize(("left", "again"), [(0.9 * LARGEST, True), (1.1 * LARGEST, False)])
 def test_records_fitted_but_for_a_background_are_explained_too(monkeypatch, left, again):
     """Where they are no more than that from noise, and those held out disagree, half of these are fitted as well."""
-    story = SimpleNamespace(white=None, settled=True)
+    story = SimpleNamespace(white=None)
     found = SimpleNamespace(
         hidden=story, verdict="unexplained", campaign=None, decision=SimpleNamespace(story=story), _noise=lambda e: e
     )
     for name, value in {"misfit": SimpleNamespace(fits=False), "beyond_noise": left, "nrmse": left}.items():
         monkeypatch.setattr(f"hbm.diagnosis.conclusion.{name}", lambda *_, value=value: value)
     assert Conclusion.untold.fget(found) is again
-    story.settled = False  # transients would explain any others as well
-    assert not Conclusion.untold.fget(found)
 
 
 def test_chance_grows_with_the_number_of_candidates():

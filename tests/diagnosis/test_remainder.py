@@ -205,8 +205,7 @@ def judged(
     stands=True,
 ):
     """The verdict on a cause, from what is known of it."""
-    rig = SimpleNamespace(excitation=SimpleNamespace(settled=settled))
-    best = SimpleNamespace(model=SimpleNamespace(rig=lambda x: rig), x=None, white=left)
+    best = SimpleNamespace(settled=settled, white=left)
     monkeypatch.setattr("hbm.diagnosis.conclusion.misfit", lambda e, campaign: SimpleNamespace(fits=noise))
     monkeypatch.setattr("hbm.diagnosis.conclusion.beyond_noise", lambda white: white)
     monkeypatch.setattr("hbm.diagnosis.conclusion.foretells", lambda scored, calibrated: foretells)

@@ -94,9 +94,8 @@ def test_no_pair_is_named_where_one_of_the_two_is_not_in_the_catalogue() -> None
 
 def fit(label: str, chi2: float, *causes: str, missing: tuple[int, ...] = (), settled: bool = True) -> Evaluation:
     """A fit of some causes."""
-    loaded = SimpleNamespace(excitation=SimpleNamespace(settled=settled))
-    model = SimpleNamespace(label=label, causes=causes, rig=lambda x: loaded)
-    return cast(Evaluation, SimpleNamespace(model=model, chi2=chi2, bic=chi2, missing=missing, x=None))
+    model = SimpleNamespace(label=label, causes=causes)
+    return cast(Evaluation, SimpleNamespace(model=model, chi2=chi2, bic=chi2, missing=missing, settled=settled))
 
 
 def test_first_causes_lead_that_take_a_large_share() -> None:
@@ -106,6 +105,7 @@ def test_first_causes_lead_that_take_a_large_share() -> None:
     raced = [transient, lost, second, first, again, fit("c", 100.0)]
     assert leading(base, None, raced) == [second, first]
     assert leading(base, second, raced) == [second]
+    assert leading(base, transient, raced) == []
     little = fit("d", 1001.0 * STRONGER)
     assert leading(base, little, raced) == leading(base, None, [little]) == []
 
