@@ -159,17 +159,18 @@ class Backbone(ABC):
 
     def at_force(self, forces: Sequence[float]) -> Self:
         """The motions at given forces [N], each where the branch first comes to it; errors as :meth:`at`."""
-        crossings = [self._crossing(self.force, F) for F in forces]
+        crossings = [self._crossing("force", "N", self.force, F) for F in forces]
         lams = [self._lam_of(F, i) for F, i in zip(forces, crossings, strict=True)]
         return self._solved([self._between(i, lam) for i, lam in zip(crossings, lams, strict=True)], lams)
 
-    def _crossing(self, values: Array, wanted: float) -> int:
+    def _crossing(self, what: str, unit: str, values: Array, wanted: float) -> int:
         """First point behind which a quantity passes a value."""
         beyond = values / wanted - 1.0
         beyond[np.abs(beyond) < 1e-12] = 0.0  # an end of the branch is on it
         passed = np.flatnonzero(beyond[:-1] * beyond[1:] <= 0.0)
         if not passed.size:
-            raise ValueError(f"backbone: {wanted:g}; must lie between {values.min():.4g} and {values.max():.4g}")
+            span = f"must lie between {values.min():.4g} and {values.max():.4g} {unit}"
+            raise ValueError(f"backbone: {what} = {wanted:g} {unit}; {span}")
         return int(passed[0])
 
     def _lam_of(self, force: float, i: int) -> float:
@@ -193,7 +194,9 @@ class Backbone(ABC):
 
     def near(self, amplitudes: Sequence[float] | Array) -> list[Array]:
         """Unknowns at given amplitudes [m] to first order, where :meth:`at` would begin; errors as there."""
-        return [self._between(self._crossing(self.amplitude, a), float(np.log10(a))) for a in amplitudes]
+        return [
+            self._between(self._crossing("amplitude", "m", self.amplitude, a), float(np.log10(a))) for a in amplitudes
+        ]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

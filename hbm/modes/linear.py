@@ -26,6 +26,10 @@ ROUNDS, SETTLED = 10, 1e-9
 """Times a mode is found anew with what touches as stiff as at its frequency, at most, and when that is settled."""
 
 
+STILL = 1e-7
+"""A root is zero, or real, to within this share of the first elastic frequency, or of itself."""
+
+
 @dataclass(frozen=True, eq=False)
 class LinearModes(Displayed):
     """Natural modes of a rig.
@@ -37,7 +41,8 @@ class LinearModes(Displayed):
         A rigidly held contact or joint takes a mode away: the last entries are nan then.
     damping_ratio, stuck_damping_ratio : (n,) array
         Damping ratios of the sliding modes, and of those that are held with what touches losing what it does under
-        small motions [-].
+        small motions [-]. Where that damps, they are complex modes of s: |s| is their natural frequency and -Re s / |s|
+        the ratio. Two real s, a ratio of 1 and more, are one mode that does not oscillate.
     stiffness : float
         Contact stiffness at rest, in series with the compliance [N/m]; inf where the contact is held rigidly, nan of
         several joints.
@@ -88,15 +93,13 @@ def linear_modes(rig: AnyRig) -> LinearModes:
     """
     expect_rig(rig, "linear_modes", joints=True)
     s, touching = rig.structure, Touching(rig)
-    omega, shapes = touching.modes()
-    moves = zip(omega, shapes.T, strict=True)
-    held = np.array([touching.damping(w, shape) if w > 0.0 else 0.0 for w, shape in moves])
+    omega, held = touching.damped()
     missing = np.full(s.n - len(omega), np.nan)
     return LinearModes(
         sliding_hz=s.omega_n / (2 * np.pi),
         stuck_hz=np.append(omega, missing) / (2 * np.pi),
         damping_ratio=np.array([s.damps(mode) for mode in np.eye(s.n)]) / (2 * _elastic(s.omega_n)),
-        stuck_damping_ratio=np.append(held / (2 * _elastic(omega)), missing),
+        stuck_damping_ratio=np.append(held, missing),
         stiffness=float("nan") if isinstance(rig, JointedRig) else touching.at_contact,
     )
 
@@ -211,6 +214,45 @@ class Touching:
         lost = float(moved @ K.imag @ moved) / omega
         return s.damps(shape) + (lost if lost < 2.0 * omega else 0.0)
 
+    def damped(self) -> tuple[Array, Array]:
+        """Natural frequencies (m,) [rad/s] and damping ratios (m,) with what touches, the lowest first.
+
+        Those of :meth:`modes` where nothing damps one mode through another; else of complex modes, each of which feels
+        stiffness and damping at its own natural frequency.
+        """
+        omega, shapes = self.modes()
+        forces = [self.stiffness(float(w)) for w in omega if w > 0.0]
+        lossless = all(np.abs(K.imag).max() <= SETTLED * np.abs(K).max() for K in forces if K.size)
+        if lossless and _diagonal(self.rig.structure.damping):
+            held = [self.rig.structure.damps(shape) for shape in shapes.T]
+            return omega, np.array(held) / (2 * _elastic(omega))
+        ratio = np.zeros(len(omega))
+        for i in range(len(omega)):
+            for _ in range(ROUNDS):
+                before = omega[i] or self._first_elastic
+                omegas, ratios = self._complex(float(before))
+                omega[i], ratio[i] = omegas[i], ratios[i]
+                if abs(omega[i] - before) <= SETTLED * before:
+                    break
+        ascending = np.argsort(omega, kind="stable")
+        return omega[ascending], ratio[ascending]
+
+    def _complex(self, omega: float) -> tuple[Array, Array]:
+        """Natural frequencies and damping ratios with stiffness and damping of what touches at one frequency."""
+        s, K, free = self.rig.structure, self.stiffness(omega), self._free
+        damping = s.damping if np.ndim(s.damping) == 2 else np.diag(s.damping)
+        stiffness = free.T @ (np.diag(s.omega_n**2) + s.joints.T @ K.real @ s.joints) @ free
+        damping = free.T @ (damping + s.joints.T @ (K.imag / omega) @ s.joints) @ free
+        m = len(stiffness)
+        roots = np.linalg.eigvals(np.block([[np.zeros((m, m)), np.eye(m)], [-stiffness, -damping]]))
+        return _natural(roots, self._first_elastic)
+
+    @property
+    def _free(self) -> Array:
+        """Motions (n, m) of the modes in which no port that is held rigidly moves."""
+        s = self.rig.structure
+        return np.asarray(null_space(s.joints[self.rigid]) if self.rigid else np.eye(s.n))
+
     @property
     def _first_elastic(self) -> float:
         """The lowest natural frequency without what touches that is none of a rigid motion [rad/s]."""
@@ -219,10 +261,39 @@ class Touching:
 
     def _held(self, K: Array) -> tuple[Array, Array]:
         """Modes with a stiffness between the ports, those that are held rigidly held."""
-        s = self.rig.structure
-        free = null_space(s.joints[self.rigid]) if self.rigid else np.eye(s.n)
+        s, free = self.rig.structure, self._free
         squares, shapes = np.linalg.eigh(free.T @ (np.diag(s.omega_n**2) + s.joints.T @ K @ s.joints) @ free)
         return np.sqrt(np.maximum(squares, 0.0)), np.asarray(free @ shapes)
+
+
+def _diagonal(damping: Array) -> bool:
+    """Whether damping, of each mode or between them, damps each mode alone."""
+    return np.ndim(damping) == 1 or not np.any(damping - np.diag(np.diag(damping)))
+
+
+def _natural(roots: Complex, unit: float) -> tuple[Array, Array]:
+    """Natural frequencies and damping ratios of roots in pairs, the lowest first.
+
+    Real ones make a pair with what is as far from the end of their row: of several modes that do not oscillate the
+    slowest root and the fastest are one.
+    """
+    still = np.abs(roots) <= STILL * unit
+    turning = roots[~still & (roots.imag > STILL * np.abs(roots))]
+    decaying = np.sort(-roots[~still & (np.abs(roots.imag) <= STILL * np.abs(roots))].real)
+    rigid, alone = divmod(int(np.count_nonzero(still)), 2)
+    slow, fast = decaying[alone:][: (len(decaying) - alone) // 2], decaying[::-1]
+    between = np.sqrt(np.abs(slow * fast[: len(slow)]))
+    omega = np.concatenate([np.zeros(rigid + alone), np.abs(turning), between])
+    ratio = np.concatenate(
+        [
+            np.zeros(rigid),
+            np.full(alone, np.inf),
+            -turning.real / np.abs(turning),
+            (slow + fast[: len(slow)]) / (2 * between),
+        ]
+    )
+    ascending = np.argsort(omega, kind="stable")
+    return omega[ascending], ratio[ascending]
 
 
 def _small(period: JointOverPeriod, omega: float, mean: Array) -> Complex:
