@@ -66,6 +66,10 @@ class LineCampaign(FlooredCampaign):
         """As of any campaign: each record on its own lines."""
         return {number: s.solution for number, s in self.simulate(rig, (), states(last)).items()}
 
+    def reconstructed(self, rig: AnyRig) -> dict[int, PeriodicSolution]:
+        """As of any campaign, from nothing: what was measured on their lines is no start on more of them."""
+        return self.solve(rig, {})
+
     def roughly(self) -> Self:
         """The same for a race, in which derivatives need not be exact."""
         return replace(self, accuracy=ROUGH)
