@@ -67,7 +67,8 @@ def print_modes(console: Console, rig: AnyRig, modes: "LinearModes") -> None:
         )
         gone = sum(map(math.isnan, modes.stuck_hz))
         rigid = [f"held rigidly when stuck: {gone} mode{'s' * (gone > 1)} fewer"] * bool(gone)
-        print_lines(console, [*map(str, rig.joints), *rigid])
+        slow = [f"mode {i} joined is damped beyond critical: it does not oscillate" for i in modes.overdamped]
+        print_lines(console, [*map(str, rig.joints), *rigid, *slow])
         return
     print_table(console, rig.name, ["mode", "sliding\nHz", "stuck\nHz", "damping\n%"], [row[:-1] for row in rows])
     s = rig.structure

@@ -54,6 +54,11 @@ class LinearModes(Displayed):
     stuck_damping_ratio: Array
     stiffness: float
 
+    @property
+    def overdamped(self) -> list[int]:
+        """Numbers of the modes, from 1, that do not oscillate once they are held: what touches damps them too much."""
+        return [i for i, ratio in enumerate(self.stuck_damping_ratio, start=1) if ratio >= 1.0]
+
     def __repr__(self) -> str:
         """Frequencies, sliding and stuck, and damping: with a contact sliding, with joints without and with them."""
         columns = self.sliding_hz, self.stuck_hz, self.damping_ratio, self.stuck_damping_ratio
