@@ -226,11 +226,16 @@ class Touching:
         stiffness and damping at its own natural frequency.
         """
         omega, shapes = self.modes()
-        forces = [self.stiffness(float(w)) for w in omega if w > 0.0]
-        lossless = all(np.abs(K.imag).max() <= SETTLED * np.abs(K).max() for K in forces if K.size)
-        if lossless and _diagonal(self.rig.structure.damping):
+        moving = omega[omega > 0.0]
+        forces = np.array([self.stiffness(float(w)) for w in moving]).reshape(len(moving), *self.yielding.shape)
+        small = SETTLED * np.abs(forces).max(initial=0.0)
+        if np.all(np.abs(forces.imag) <= small) and _diagonal(self.rig.structure.damping):
             held = [self.rig.structure.damps(shape) for shape in shapes.T]
             return omega, np.array(held) / (2 * _elastic(omega))
+        rates = forces.imag / moving[:, None, None]
+        off = [np.abs(values - values[:1]).max(initial=0.0) for values in (forces.real, rates)]
+        if moving.size and off[0] <= small and off[1] <= SETTLED * np.abs(rates).max(initial=0.0):  # at all frequencies
+            return self._complex(float(moving[0]))
         ratio = np.zeros(len(omega))
         for i in range(len(omega)):
             for _ in range(ROUNDS):

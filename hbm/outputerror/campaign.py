@@ -105,13 +105,15 @@ class Campaign:
 
     def solve(self, rig: AnyRig, last: Solutions) -> dict[int, PeriodicSolution]:
         """Steady states alone, from the last ones."""
-        task = partial(steady, self.numerics.working.rig(rig), self.numerics.working.basis)
-        return self._each(task, states(last))
+        return self._steady(rig, states(last))
 
     def reconstructed(self, rig: AnyRig) -> dict[int, PeriodicSolution]:
         """Steady states alone, from what was measured."""
+        return self._steady(rig, {r.number: r.start for r in self.data.records})
+
+    def _steady(self, rig: AnyRig, starts: States) -> dict[int, PeriodicSolution]:
         task = partial(steady, self.numerics.working.rig(rig), self.numerics.working.basis)
-        return self._each(task, {r.number: r.start for r in self.data.records})
+        return self._each(task, starts)
 
     def _each(
         self, task: Callable[[Record, State | None], Result | None], starts: States, needed: Collection[int] = ()
