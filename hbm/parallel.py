@@ -50,17 +50,21 @@ def one_thread(function: Callable[Inputs, Result]) -> Callable[Inputs, Result]:
     return limited
 
 
+def cores() -> int:
+    """Cores that this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 @contextmanager
 def all_cores(prepare: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
     """Executor with a process for each core this one may run on, each prepared first, at once.
 
     Where the work ends early, by an error or an interrupt, its processes are killed and nothing is waited for.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    executor = ProcessPoolExecutor(cores, get_context("spawn"), partial(_prepared, prepare))
+    executor = ProcessPoolExecutor(cores(), get_context("spawn"), partial(_prepared, prepare))
     try:
         with held():  # processes inherit it: a terminal signals them too, and ending is for this one to order
-            for _ in range(cores):  # a process starts with its first task, which may come late
+            for _ in range(cores()):  # a process starts with its first task, which may come late
                 executor.submit(int)
         yield executor
     except BaseException:

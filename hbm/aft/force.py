@@ -181,7 +181,7 @@ class LawOverPeriod(SteadyPeriod):
 
     def linearize(self, signals: Array, Omega: float, environment: Environment) -> ContactForce:
         """Friction force with the derivatives of its coefficients; arguments as :meth:`force`."""
-        self._show(signals, Omega, environment)
+        self.shown(signals, Omega, environment)
         T, basis = self._forces.copy(), self.basis
         by: dict[int, Array] = {}
         now, before, ever = shown(basis)
@@ -200,14 +200,15 @@ class LawOverPeriod(SteadyPeriod):
             by_Omega += by_v @ signals[:, 1] / Omega
         return ContactForce(T, basis.analysis @ T, by_u, by.get(2), by.get(3), by_Omega)
 
-    def _show(self, signals: Array, Omega: float, environment: Environment) -> None:
-        """Find the steady force, unless the buffers hold this period already."""
+    def shown(self, signals: Array, Omega: float, environment: Environment) -> tuple[Array, float]:
+        """As :meth:`force`, which is not worked out again where the buffers hold this period already."""
         if self._shown[0] is not signals or self._shown[1] != Omega:
-            self.force(signals, Omega, environment)
+            return self.force(signals, Omega, environment)
+        return self._forces, self.closure
 
     def steps(self, signals: Array, Omega: float, environment: Environment) -> "LawSteps":
         """Derivatives of every sample of the steady force; arguments as :meth:`force`."""
-        self._show(signals, Omega, environment)
+        self.shown(signals, Omega, environment)
         n_z, N_t = self.functions.states, self.basis.N_t
         local = self._local.copy()
         now, before = (np.zeros((N_t, 1 + n_z, len(SIGNALS))) for _ in range(2))
@@ -222,7 +223,7 @@ class LawOverPeriod(SteadyPeriod):
 
         Marches forwards, for few changes and all samples; :meth:`linearize` for few outputs and all signals.
         """
-        self._show(signals, Omega, environment)
+        self.shown(signals, Omega, environment)
         evaluate, (_, _, local, _) = buffered(self.functions.tangent(), self._inputs)
         evaluate()
         local = local.reshape(self.basis.N_t, 1 + self.functions.states, -1)

@@ -6,6 +6,7 @@ modes and harmonics beside it, foreshortening and nonlinear elements, matters in
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -68,7 +69,9 @@ class Elimination(BorderedCore):
             slip = basis.multiplication(p)  # (2H+1, 2H+1, m)
             self._law_by_coupled = law_by_modes(problem, state.Omega, contact, slope, slip)
             real, imaginary = problem.dynamic_stiffness(state.Omega)
-            self._factor(real[:, :m] + 1j * imaginary[:, :m], by_T)
+            stiffness = real[:, :m] + 1j * imaginary[:, :m]
+            self._coupled_receptance = 1.0 / stiffness
+            self._dense, self._lu, self._pivots = factored(problem, stiffness, by_T, slope)
             # what maps the modes to the slip takes T to the modes
             self._coupled_of = self._solve_coupled(np.ascontiguousarray(slip.transpose(0, 2, 1)))
             self._core -= self._law_of_coupled(self._coupled_of)
@@ -90,32 +93,6 @@ class Elimination(BorderedCore):
         return motion, core
 
     # ---- coupled modes
-
-    def _factor(self, stiffness: npt.NDArray[np.complex128], by_T: Array | None) -> None:
-        """Receptance of the coupled modes, and LU with what couples them where that matters.
-
-        It matters in the low harmonics, which T couples most, and wherever a mode resonates or an element is stiff;
-        elsewhere the coupled modes are diagonal to the accuracy that Newton needs.
-        """
-        problem, m, slope = self.problem, self._m, self.slope
-        self._coupled_receptance = 1.0 / stiffness
-        coupling = problem.coupling[:m] * (by_T is not None) + (0.0 if slope is None else slope.strength())
-        strong = coupling > RESONANT * np.abs(stiffness)
-        strong[: LOW_HARMONICS + 1] = True
-        block = problem.dense_block(strong)
-        self._dense = block.coefficients
-        K = np.zeros(block.G.shape) if by_T is None else by_T.ravel()[block.products] * block.G
-        if slope is not None:
-            harmonic, mode = np.divmod(block.coefficients, m)
-            K -= slope.by_Q[harmonic[:, None], mode[:, None], harmonic, mode]
-        values, c = stiffness.ravel()[block.cosines], np.arange(len(block.cosines))
-        K[c, c] += values.real
-        values, turning = values[m:], c[m:]  # harmonic 0 does not turn
-        turned = turning - m + len(c)
-        K[turned, turned] += values.real
-        K[turning, turned] += values.imag
-        K[turned, turning] -= values.imag
-        self._lu, self._pivots, _ = lapack.dgetrf(K.T, overwrite_a=1)  # transposed, as LAPACK stores it: no copy
 
     def _solve_coupled(self, forces: Array) -> Array:
         """Motion (2H+1, m, r) of the coupled modes under modal forces."""
@@ -248,3 +225,41 @@ class Elimination(BorderedCore):
         """Sign of the determinant of the bordered matrix; uncoupled modes contribute positive blocks."""
         sign = self._factor_with(row, row_lam).factors.sign
         return sign * determinant_sign(self._lu, self._pivots) if self._m else sign
+
+
+def factored(
+    problem: Balance, stiffness: npt.NDArray[np.complex128], by_T: Array | None, slope: ElementSlope | None = None
+) -> tuple[npt.NDArray[np.intp], Array, npt.NDArray[Any]]:
+    """Those coefficients of the lowest m modes for which it matters what couples them, and its LU factors, transposed.
+
+    It matters in the low harmonics, which T couples most, and wherever a mode resonates or an element is stiff;
+    elsewhere the coupled modes are diagonal to the accuracy that Newton needs.
+
+    Parameters
+    ----------
+    problem : Balance
+    stiffness : (H+1, m) array of complex
+        Dynamic stiffness of these modes.
+    by_T : (2H+1, 2H+1) array or None
+        Matrix that multiplies a series by T; None where the structure is not drawn in.
+    slope : ElementSlope or None
+        That of the elements, None where none acts.
+    """
+    m = stiffness.shape[1]
+    coupling = problem.coupling[:m] * (by_T is not None) + (0.0 if slope is None else slope.strength())
+    strong = coupling > RESONANT * np.abs(stiffness)
+    strong[: LOW_HARMONICS + 1] = True
+    block = problem.dense_block(strong)
+    K = np.zeros(block.G.shape) if by_T is None else by_T.ravel()[block.products] * block.G
+    if slope is not None:
+        harmonic, mode = np.divmod(block.coefficients, m)
+        K -= slope.by_Q[harmonic[:, None], mode[:, None], harmonic, mode]
+    values, c = stiffness.ravel()[block.cosines], np.arange(len(block.cosines))
+    K[c, c] += values.real
+    values, turning = values[m:], c[m:]  # harmonic 0 does not turn
+    turned = turning - m + len(c)
+    K[turned, turned] += values.real
+    K[turning, turned] += values.imag
+    K[turned, turning] -= values.imag
+    lu, pivots, _ = lapack.dgetrf(K.T, overwrite_a=1)  # transposed, as LAPACK stores it: no copy
+    return block.coefficients, lu, pivots

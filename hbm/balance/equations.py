@@ -88,6 +88,13 @@ class Balance(Scaled[Rig]):
         other.rig, other.environment = rig, replace(self.environment, parameters=values)
         return other
 
+    def at_level(self, level: float) -> Self:
+        """Return the same balance with another force amplitude [N], in its units."""
+        other = copy(self)
+        other.level, other.law = level, LawOverPeriod(self.rig.contact.law, self.basis)
+        other._in_units(other._units())
+        return other
+
     def with_load_on_lift(self, load: float) -> Self:
         """Return the same balance with a multiple of the load that holds a tip that lifts off on its support."""
         other = copy(self)
@@ -253,10 +260,13 @@ class Balance(Scaled[Rig]):
         law = law if contact.by_rho is None else law - contact.by_rho @ d_rho
         return np.concatenate([modal.ravel() / self.modal_force_ref, law / self.F_ref]) * self.lam_ref
 
-    def contact_state(self, state: State) -> tuple[Kinematics, Array, Array, float]:
-        """Kinematics, friction force at the samples [N], internal state before the first, and closure of the loops."""
-        kin = self.kinematics(state)
-        T, closure = self.law.force(kin.signals, state.Omega, self.environment)
+    def contact_state(self, state: State, kin: Kinematics | None = None) -> tuple[Kinematics, Array, Array, float]:
+        """Kinematics, friction force at the samples [N], internal state before the first, and closure of the loops.
+
+        Kinematics that are known and were marched last are not worked out again.
+        """
+        kin = self.kinematics(state) if kin is None else kin
+        T, closure = self.law.shown(kin.signals, state.Omega, self.environment)
         if kin.clamp is not None:
             closure = max(closure, kin.clamp.closure)
         return kin, T.copy(), self.law.memory, closure

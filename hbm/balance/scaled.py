@@ -88,6 +88,12 @@ class Scaled(ABC, Generic[AnyRigKind]):
 
     rig: AnyRigKind
     structure: Any
+    basis: FourierBasis
+    parameter: Parameter
+    level: float
+    fixed_hz: float
+    periods: int
+    omega_1: float
 
     def __init__(
         self,
@@ -108,12 +114,16 @@ class Scaled(ABC, Generic[AnyRigKind]):
         self.fixed_hz, self.periods = hz, periods
         elastic = s.omega_n[s.omega_n > 0.0]
         self.omega_1 = float(elastic[0]) if elastic.size else 2 * np.pi
-        self.units: Units = self._units() if like is None else like.units
-        self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref, self.f_ref = self.units
-        self.Omega_ref = 2 * np.pi * self.hz_ref / periods
-        self.lam_ref = self.Omega_ref if parameter == "frequency" else self.F_ref
+        self._in_units(self._units() if like is None else like.units)
         self.force_shape = force_shape(rig.excitation, basis, periods)
         self._set_up(like)
+
+    def _in_units(self, units: Units) -> None:
+        """Take these units."""
+        self.units = units
+        self.hz_ref, self.F_ref, self.modal_force_ref, self.q_ref, self.f_ref = units
+        self.Omega_ref = 2 * np.pi * self.hz_ref / self.periods
+        self.lam_ref = self.Omega_ref if self.parameter == "frequency" else self.F_ref
 
     def _units(self) -> Units:
         modal_force = self.level * float(np.abs(self.structure.excitation).max())

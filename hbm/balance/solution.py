@@ -254,10 +254,13 @@ def describe(problem: AnyBalance, x: Array, lam: float) -> PeriodicSolution:
     -------
     PeriodicSolution
     """
-    if isinstance(problem, JointBalance):
-        return describe_joints(problem, problem.unpack(x, lam), problem.hz_at(lam))
-    state = problem.unpack(x, lam)
-    kin, T, memory, closure = problem.contact_state(state)
+    state, hz = problem.unpack(x, lam), problem.hz_at(lam)
+    return describe_joints(problem, state, hz) if isinstance(problem, JointBalance) else described(problem, state, hz)
+
+
+def described(problem: HarmonicBalance, state: State, hz: float, kin: Kinematics | None = None) -> PeriodicSolution:
+    """Channels of a state of a rig with one contact; with its kinematics where these are known."""
+    kin, T, memory, closure = problem.contact_state(state, kin)
     rig, s, basis, Omega = problem.rig, problem.structure, problem.basis, state.Omega
     friction = Signal("N", basis.analysis @ T, T, float(np.abs(T).max()))
     modal_slip = kin.signals[:, 0] + problem.dynamic_lagrangian * state.T
@@ -296,7 +299,7 @@ def describe(problem: AnyBalance, x: Array, lam: float) -> PeriodicSolution:
         "normal": Signal("N", basis.analysis @ normal, normal, float(normal.max())),
     }
     energy = _energy_error(problem, state, kin, channels)
-    return PeriodicSolution(problem.hz_at(lam), state.F, basis, state, channels, memory, closure, energy)
+    return PeriodicSolution(hz, state.F, basis, state, channels, memory, closure, energy)
 
 
 def _unborne(problem: HarmonicBalance, state: State) -> Array:

@@ -10,10 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from hbm.diagnosis.decide import evidence, simpler
-from hbm.fourier import Array
 from hbm.outputerror.background import Linear, expected_sizes, likeliest_sizes
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.fit import Evaluation, bounded_step, evaluate
 from hbm.outputerror.model import Model
 
 CLEAR = 100.0
@@ -65,7 +64,7 @@ def beside_noise(e: Evaluation, campaign: Campaign) -> Evaluation:
 def beside(e: Evaluation, campaign: Campaign) -> Evaluation:
     """A model where it is likeliest beside the background of a campaign, to first order."""
     there = widened(e, campaign)
-    white, step = there.white, _step(there)
+    white, step = there.white, bounded_step(there)[0] if len(e.x) else e.x
     return replace(there, x=e.x + step, white=replace(white, residual=white.residual - white.jacobian @ step))
 
 
@@ -84,15 +83,6 @@ def lead(best: Evaluation, base: Evaluation, rival: Evaluation | None, tried: in
 
 def _beside_its_own(e: Evaluation, campaign: Campaign) -> Evaluation:
     return beside(e, replace(campaign, background=background_of(e, campaign)))
-
-
-def _step(e: Evaluation) -> Array:
-    if not len(e.x):
-        return e.x
-    low, high = e.model.bounds()
-    std = np.array([f.std for f in e.model.free])
-    gradient = e.white.jacobian.T @ e.white.residual - e.pulls / std
-    return np.asarray(np.clip(e.x + e.covariance @ gradient, low, high) - e.x)
 
 
 def rig_freed(e: Evaluation, trust: Model, campaign: Campaign) -> tuple[Evaluation, Evaluation]:

@@ -3,7 +3,7 @@
 Uncertain are the responses, force and frequency (through the model), and what the discretisation leaves.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,9 +20,10 @@ from hbm.fourier import Array, sampled
 from hbm.outputerror.background import ALIKE_OVER, Basis, Reach, basis_of
 from hbm.outputerror.numerics import Correction, Grid, Numerics, amplitudes_of, corrections
 from hbm.outputerror.records import Measurement, Record, force_columns
-from hbm.outputerror.simulated import Simulated, Solutions, States, simulated, states, steady
+from hbm.outputerror.simulated import Simulated, Solutions, States, states
+from hbm.outputerror.together import simulated_together, steady_together
 from hbm.outputerror.whitened import Whitened, log_determinant, uncorrelated, uncorrelated_many
-from hbm.parallel import each
+from hbm.parallel import cores, each
 from models.jointed import AnyRig
 
 Result = TypeVar("Result")
@@ -100,8 +101,10 @@ class Campaign:
         ConvergenceError
             If the steady state of a record that is needed is not found.
         """
-        task = partial(simulated, self.numerics.working.rig(rig), self.numerics.working.basis, self.data, tuple(keys))
-        return self._each(task, starts, needed)
+        task = partial(
+            simulated_together, self.numerics.working.rig(rig), self.numerics.working.basis, self.data, tuple(keys)
+        )
+        return self._found(task, starts, needed)
 
     def solve(self, rig: AnyRig, last: Solutions) -> dict[int, PeriodicSolution]:
         """Steady states alone, from the last ones."""
@@ -112,23 +115,36 @@ class Campaign:
         return self._steady(rig, {r.number: r.start for r in self.data.records})
 
     def _steady(self, rig: AnyRig, starts: States) -> dict[int, PeriodicSolution]:
-        task = partial(steady, self.numerics.working.rig(rig), self.numerics.working.basis)
-        return self._each(task, starts)
+        task = partial(steady_together, self.numerics.working.rig(rig), self.numerics.working.basis)
+        return self._found(task, starts)
 
-    def _each(
-        self, task: Callable[[Record, State | None], Result | None], starts: States, needed: Collection[int] = ()
+    def _found(
+        self,
+        task: Callable[[Sequence[Record], Sequence[State | None]], Iterable[Result | None]],
+        starts: States,
+        needed: Collection[int] = (),
     ) -> dict[int, Result]:
-        """Result of a task for each record, without those that have none; it ends where one that is needed has none."""
+        """Results of a task for records, without those that have none; it ends with one that is needed and has none.
+
+        Raises
+        ------
+        ConvergenceError
+            If one that is needed has none.
+        """
         records = self.data.records
         given = [starts.get(r.number) for r in records]
+        parts = 1 if self.executor is None else max(1, min(cores(), len(records)))
+        of, starting = [records[i::parts] for i in range(parts)], [given[i::parts] for i in range(parts)]
+        alone = self.executor is None
+        done = [task(records, given)] if alone else each(self.executor, partial(_listed, task), of, starting)
         found = {}
-        results = map(task, records, given) if self.executor is None else each(self.executor, task, records, given)
-        for record, result in zip(records, results, strict=True):
-            if result is not None:
-                found[record.number] = result
-            elif record.number in needed:
-                raise ConvergenceError(f"diagnose: record {record.name} has lost its steady state")
-        return found
+        for part, results in zip(of, done, strict=True):
+            for record, result in zip(part, results, strict=True):
+                if result is not None:
+                    found[record.number] = result
+                elif record.number in needed:
+                    raise ConvergenceError(f"diagnose: record {record.name} has lost its steady state")
+        return {number: found[number] for number in self.numbers if number in found}
 
     def amplitudes(self, number: int, solution: PeriodicSolution) -> Array:
         """Amplitudes of the channels in a record, corrected, (2, c, H)."""
@@ -257,3 +273,8 @@ class Campaign:
             for r in self.data.records
             if r.number in solutions
         }
+
+
+def _listed(task: Callable[..., Iterable[Result]], *parts: Sequence[Any]) -> list[Result]:
+    """Results of a task that yields them, as another process returns them."""
+    return list(task(*parts))

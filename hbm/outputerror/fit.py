@@ -275,7 +275,7 @@ def fit_from(
     damping, length = DAMPED, 1.0
     for left in reversed(range(steps if len(here.x) else 0)):
         strictness = _strictness(here)
-        step, promised = _step(here, damping, low, high, strictness)
+        step, promised = bounded_step(here, damping, strictness)
         if abs(promised) < max(settled, part * (here.chi2 - len(here.white))):
             break
         if promised < 0.0:  # at a corner of the bounds
@@ -333,8 +333,18 @@ def _strictness(here: Evaluation) -> float:
     return max(here.white.chi2 / max(len(here.white), 1), 1.0) if joint else 1.0
 
 
-def _step(here: Evaluation, damping: float, low: Array, high: Array, strictness: float) -> tuple[Array, float]:
-    """Step within the bounds, and the fall of chi2 it promises."""
+def bounded_step(here: Evaluation, damping: float = 0.0, strictness: float = 1.0) -> tuple[Array, float]:
+    """Step of least squares within the bounds, and the fall of chi2 it promises.
+
+    Parameters
+    ----------
+    here : Evaluation
+    damping : float
+        Of each coordinate, as a share of what the records know of it.
+    strictness : float
+        How many times what is expected of calibrated numbers counts.
+    """
+    low, high = here.model.bounds()
     std = np.array([f.std for f in here.model.free])
     gradient = here.white.jacobian.T @ here.white.residual - strictness * here.pulls / std
     A = here.information + (strictness - 1.0) * here.expected**2
@@ -344,11 +354,11 @@ def _step(here: Evaluation, damping: float, low: Array, high: Array, strictness:
         size = np.sqrt(np.maximum(np.diag(B), 1e-300))
         B = B / np.outer(size, size) + max(damping, ROUNDING) * np.eye(len(B))
         step[moving] = np.linalg.solve(B, left / size) / size
-        inside = np.clip(here.x + step, low, high) - here.x
-        leaving = moving & (inside != step)
+        there = here.x + step
+        leaving = moving & ((there < low) | (there > high))
         if not leaving.any():
             break
-        step, moving = inside, moving & ~leaving
+        step[leaving], moving = (np.clip(there, low, high) - here.x)[leaving], moving & ~leaving
         if not moving.any():
             break
     return step, float(2.0 * gradient @ step - step @ A @ step)

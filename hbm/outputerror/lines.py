@@ -60,7 +60,7 @@ class LineCampaign(FlooredCampaign):
     ) -> dict[int, Simulated]:
         """As of any campaign; what the force is uncertain by is in the standard deviations of the channels."""
         task = partial(_simulated, rig, self.finer, self.data.channels, self.forces, tuple(keys), self.accuracy)
-        return self._each(task, starts, needed)
+        return self._found(partial(map, task), starts, needed)
 
     def solve(self, rig: AnyRig, last: Solutions) -> dict[int, PeriodicSolution]:
         """As of any campaign: each record on its own lines."""

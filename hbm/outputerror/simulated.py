@@ -90,7 +90,7 @@ def _steady(
             return rig, *solve_record(rig, basis, record, None)
     except FAILURES:
         return None
-    for start in _starts(rig, last, record.start):
+    for start in starts_of(rig, last, record.start):
         try:
             return rig, *solve_from(rig, basis, record, start, NEWTON)
         except FAILURES:
@@ -98,7 +98,7 @@ def _steady(
     return None
 
 
-def _starts(rig: AnyRig, last: State, reconstructed: State) -> list[State]:
+def starts_of(rig: AnyRig, last: State, reconstructed: State) -> list[State]:
     """States to start from, whole and by their friction alone; that first where something was attached that swings.
 
     Its modes share a resonance with others; what the friction is there is nearer than how they move.

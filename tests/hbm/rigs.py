@@ -5,10 +5,53 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from models import Channel, Contact, ContactSample, Damping, Excitation, FrictionLaw, ModalBody, Rig
-from models.published import PAPER_PENALTY, paper_rig
+from models import (
+    Channel,
+    Contact,
+    ContactSample,
+    Damping,
+    Excitation,
+    ForceBalance,
+    FrictionLaw,
+    Frictionless,
+    Karnopp,
+    ModalBody,
+    Rig,
+    Stribeck,
+    Viscous,
+)
+from models.published import (
+    ASSUMED_HYBRID,
+    ASSUMED_IWAN,
+    ASSUMED_SDFM,
+    ASSUMED_VLFM,
+    PAPER_COULOMB,
+    PAPER_DAHL,
+    PAPER_LUGRE,
+    PAPER_PENALTY,
+    paper_rig,
+)
 
 HZ = 1.0 / (2.0 * np.pi)  # one radian per second
+
+ON_THE_BEAM: list[FrictionLaw] = [
+    Frictionless(),
+    Viscous(300.0),
+    PAPER_COULOMB,
+    PAPER_PENALTY,
+    ASSUMED_VLFM,
+    # with a larger fall at the edge of the band curves cannot be traced
+    Karnopp(0.495, 0.49, 6.101e-4),
+    ForceBalance(0.495, 0.49, 6.101e-4),
+    ASSUMED_SDFM,
+    # as the paper's, but falling from 0.52 to 0.49: from 0.48 to 0.16 the upper modes are excited
+    Stribeck(0.52, 0.49, 2e-3, critical_slip=4.146e-6),
+    PAPER_DAHL,
+    PAPER_LUGRE,
+    ASSUMED_HYBRID,
+    ASSUMED_IWAN,
+]
+"""Every law, with parameters whose curves can be traced."""
 
 
 def oscillator(law: FrictionLaw, *, damping: float, amplitude: float, load: float = 1.0) -> Rig:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from equations import fine, steady_force
-from rigs import beam
+from rigs import ON_THE_BEAM, beam
 
 from hbm.aft.force import Environment, LawOverPeriod
 from hbm.fourier import FourierBasis
@@ -16,7 +16,6 @@ from models import (
     Dahl,
     ForceBalance,
     FrictionLaw,
-    Frictionless,
     Hybrid,
     Iwan,
     Jenkins,
@@ -27,16 +26,6 @@ from models import (
     VelocityLimited,
     Viscous,
     parameters,
-)
-from models.published import (
-    ASSUMED_HYBRID,
-    ASSUMED_IWAN,
-    ASSUMED_SDFM,
-    ASSUMED_VLFM,
-    PAPER_COULOMB,
-    PAPER_DAHL,
-    PAPER_LUGRE,
-    PAPER_PENALTY,
 )
 
 P, OMEGA, COMPLIANCE, H = 83.0, 2 * np.pi * 50.0, 3e-8, 5
@@ -135,24 +124,6 @@ def test_every_law_has_its_loop_checked() -> None:
 
 
 # --------------------------------------------------------------------------------------------- two paths on the beam
-
-ON_THE_BEAM: list[FrictionLaw] = [
-    Frictionless(),
-    Viscous(300.0),
-    PAPER_COULOMB,
-    PAPER_PENALTY,
-    ASSUMED_VLFM,
-    # with a larger fall at the edge of the band curves cannot be traced
-    Karnopp(0.495, 0.49, 6.101e-4),
-    ForceBalance(0.495, 0.49, 6.101e-4),
-    ASSUMED_SDFM,
-    # as the paper's, but falling from 0.52 to 0.49: from 0.48 to 0.16 the upper modes are excited
-    Stribeck(0.52, 0.49, 2e-3, critical_slip=4.146e-6),
-    PAPER_DAHL,
-    PAPER_LUGRE,
-    ASSUMED_HYBRID,
-    ASSUMED_IWAN,
-]
 
 
 def test_every_law_is_on_the_beam() -> None:

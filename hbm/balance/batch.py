@@ -1,0 +1,243 @@
+"""Balances of one rig with one contact at several frequencies and forces, solved together.
+
+What is worked out for each of them alone takes some hundred small operations; here records stand on a leading axis, and
+the same operations serve all. The equations are those of :class:`hbm.balance.equations.Balance`. Rigs whose elements
+act, whose clamp slips or whose tip lifts off are solved one by one.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeGuard
+
+import numpy as np
+import numpy.typing as npt
+
+from hbm.aft.force import ContactForce, InputChange
+from hbm.balance.problem import HarmonicBalance, Kinematics
+from hbm.channels import factor
+from hbm.fourier import Array
+from models.jointed import AnyRig
+from models.parts import Channel
+from models.rig import Rig
+
+Which = npt.NDArray[np.intp]
+
+
+def is_batched(rig: AnyRig) -> TypeGuard[Rig]:
+    """Whether records of a rig can be solved together: its contact alone is nonlinear, and it is the same in all."""
+    same = not (rig.drift or rig.excitation.measured_harmonics)
+    return same and isinstance(rig, Rig) and not rig.acting and rig.attachments.clamp_limit is None
+
+
+class Motions(NamedTuple):
+    """States of some balances: Q (R, 2H+1, n) and T (R, 2H+1)."""
+
+    Q: Array
+    T: Array
+
+    def of(self, which: Any) -> "Motions":
+        """Some of them."""
+        return Motions(self.Q[which], self.T[which])
+
+    def take(self, which: Which, others: "Motions") -> None:
+        """Put others in the place of some."""
+        self.Q[which], self.T[which] = others
+
+
+class Seen(NamedTuple):
+    """What states do at the contact, and what they leave of their balances.
+
+    Attributes
+    ----------
+    Gq, pull : (R, 2H+1, n) array
+        As of :class:`hbm.balance.equations.Kinematics`; None where the structure is not drawn in.
+    signals : (R, 2H+1, 4) array
+        Coefficients of u, v, rho, eta.
+    modal, contact : (R, 2H+1, n) and (R, 2H+1) array
+        Balance of forces on each mode, and on the contact [N].
+    norm : (R,) array
+        The largest of these in the units of the residual.
+    """
+
+    Gq: Array | None
+    pull: Array | None
+    signals: Array
+    modal: Array
+    contact: Array
+    norm: Array
+
+    def of(self, which: Any) -> "Seen":
+        """What some of them do."""
+        Gq, pull = (None if a is None else a[which] for a in self[:2])
+        return Seen(Gq, pull, self.signals[which], self.modal[which], self.contact[which], self.norm[which])
+
+    def take(self, which: Which, others: "Seen") -> None:
+        """Put others in the place of some."""
+        for mine, theirs in zip(self, others, strict=True):
+            if mine is not None and theirs is not None:
+                mine[which] = theirs
+
+
+class Slopes(NamedTuple):
+    """Derivatives (R, 2H+1, 2H+1) of the law's force coefficients to those of u, rho, eta; None where there is none."""
+
+    by_u: Array | None
+    by_rho: Array | None
+    by_eta: Array | None
+
+    def at(self, which: Any) -> "Slopes":
+        """Those of some records."""
+        return Slopes(*(None if slope is None else slope[which] for slope in self))
+
+    def take(self, which: Which, others: "Slopes") -> None:
+        """Put others in the place of some."""
+        for mine, theirs in zip(self, others, strict=True):
+            if mine is not None and theirs is not None:
+                mine[which] = theirs
+
+    def of(self, u: Array, rho: Array, eta: Array) -> Array:
+        """Change (R, 2H+1, p) of the force coefficients with those of the three."""
+        out = np.zeros_like(u)
+        for slope, signal in zip(self, (u, rho, eta), strict=True):
+            if slope is not None:
+                out += slope @ signal
+        return out
+
+
+class Batch:
+    """Balances of one rig, as many as there are records.
+
+    Parameters
+    ----------
+    problems : sequence of HarmonicBalance
+        Of one rig; they differ in their level alone.
+    hz : (R,) array
+        Frequency of each.
+    """
+
+    def __init__(self, problems: Sequence[HarmonicBalance], hz: Array) -> None:
+        first = problems[0]
+        self.problems, self.first, self.hz = problems, first, hz
+        self.structure, self.basis = first.structure, first.basis
+        s, basis = self.structure, self.basis
+        self.Omega = 2 * np.pi * hz[:, None]
+        self.force = np.array([p.level for p in problems])[:, None] * first.force_shape
+        self.modal_unit = np.array([p.modal_force_ref for p in problems])
+        self.stiffness_unit = first.modal_force_ref / first.q_ref
+        self.contact_unit = np.array([p.F_ref for p in problems])
+        rate = self.Omega[:, :, None]
+        self.direct = s.omega_n**2 - (rate * basis.k[:, None]) ** 2
+        self._marched: list[Array] = [np.empty(0)] * len(problems)
+        self.crossed = rate * (basis.signed_k[:, None] * s.damping)
+
+    def of(self, which: Which) -> "Batch":
+        """Those of some records."""
+        others = Batch([self.problems[i] for i in which], self.hz[which])
+        others._marched = [self._marched[i] for i in which]
+        return others
+
+    # ---- the equations
+
+    def turning(self, series: Array) -> Array:
+        """Derivatives to the phase of series (R, 2H+1) or (R, 2H+1, n)."""
+        factor = self.basis.signed_k if series.ndim == 2 else self.basis.signed_k[:, None]
+        return np.asarray(factor * series[:, self.basis.swapped])
+
+    def read(self, sensor: Channel, displacement: Array) -> Array:
+        """What a sensor reads of displacements (R, 2H+1) or (R, 2H+1, p) at its place."""
+        H = self.basis.H
+        factors = factor(sensor, 1j * self.Omega * np.arange(H + 1))
+        c = displacement[:, : H + 1].astype(complex)
+        c[:, 1:] -= 1j * displacement[:, H + 1 :]
+        c *= factors if displacement.ndim == 2 else factors[..., None]
+        return np.concatenate([c.real, -c.imag[:, 1:]], axis=1)
+
+    def along(self, i: int, change: InputChange) -> Array:
+        """Change of the friction of record `i`, where it was marched last, at the samples (N_t, p)."""
+        problem = self.problems[i]
+        return problem.law.along(self._marched[i], float(self.Omega[i, 0]), problem.environment, change)
+
+    def turned(self, Q: Array, which: Which | slice = slice(None)) -> Array:
+        """Dynamic stiffness times motions (R, 2H+1, n) or (R, 2H+1, n, p)."""
+        other = Q[:, self.basis.swapped]
+        direct, crossed = self.direct[which], self.crossed[which]
+        if Q.ndim == 3:
+            return np.asarray(direct * Q + crossed * other)
+        return np.asarray(direct[..., None] * Q + crossed[..., None] * other)
+
+    def reaction_of(self, rows: Array, which: Which | slice = slice(None)) -> Array:
+        """Coefficients (R, 2H+1, ...) of the reaction's part from the modes, of rows (R, 2H+1, 3, ...) times these."""
+        basis, trailing = self.basis, (1,) * (rows.ndim - 3)
+        Omega = self.Omega[which]
+        inertia, damping, stiffness = rows[:, :, 0], rows[:, :, 1], rows[:, :, 2]
+        turning = (Omega * basis.signed_k).reshape(len(Omega), -1, *trailing)
+        squared = ((Omega * basis.k) ** 2).reshape(len(Omega), -1, *trailing)
+        return np.asarray(turning * damping[:, basis.swapped] - squared * inertia + stiffness)
+
+    def seen(self, motions: Motions, which: Which) -> Seen:
+        """What motions of some of the records do, and leave."""
+        first, s, basis, (Q, T) = self.first, self.structure, self.basis, motions
+        force, Omega = self.force[which], self.Omega[which]
+        rows = Q @ first.rows
+        signals = np.zeros((*T.shape, 4))
+        u = signals[..., 0]
+        u[:] = rows[..., 0]
+        Gq = pull = None
+        if first.coupled:
+            Gq = Q @ s.shortening
+            shorter, pull = self._drawn_in(Q, Gq, T)
+            u -= shorter
+        if first.dynamic_lagrangian:
+            u -= first.dynamic_lagrangian * T
+        u += s.residual.slip_by_force * force
+        signals[..., 1] = Omega * basis.signed_k * u[:, basis.swapped]
+        if first.varies:
+            signals[..., 2] = self.reaction_of(rows[..., 1:4], which) - s.reaction.force_share * force
+            signals[..., 3] = rows[..., 4]
+            signals[:, 0, 3] -= s.reaction.friction_lever
+        signals[:, 0, 2] += first.rig.contact.normal_load
+        modal = self.turned(Q, which) - T[..., None] * s.slip_row - force[..., None] * s.excitation
+        if pull is not None:
+            modal += pull
+        marched = [self.law(i, signals[at]) for at, i in enumerate(which)]
+        contact = T - np.stack(marched) @ basis.analysis.T
+        norm = np.maximum(
+            np.abs(modal).max(axis=(1, 2)) / self.modal_unit[which],
+            np.abs(contact).max(axis=1) / self.contact_unit[which],
+        )
+        return Seen(Gq, pull, signals, modal, contact, norm)
+
+    def law(self, i: int, signals: Array) -> Array:
+        """Friction of record `i` at the samples (N_t,), for signals (2H+1, 4)."""
+        problem, self._marched[i] = self.problems[i], signals
+        return problem.law.force(signals, float(self.Omega[i, 0]), problem.environment)[0]
+
+    def kinematics(self, i: int, seen: Seen) -> Kinematics:
+        """Of record `i`, whose law was marched there last."""
+        Gq = np.zeros((self.basis.size, self.structure.n)) if seen.Gq is None else seen.Gq[i]
+        return Kinematics(Gq, None if seen.pull is None else seen.pull[i], self._marched[i])
+
+    def slopes(self, signals: Array, which: Which) -> Slopes:
+        """Derivatives of the friction of some records, for signals (R, 2H+1, 4)."""
+        found = [self.linearized(i, signals[at]) for at, i in enumerate(which)]
+        return Slopes(
+            *(
+                None if (values := [getattr(c, name) for c in found])[0] is None else np.stack(values)
+                for name in ("by_u", "by_rho", "by_eta")
+            )
+        )
+
+    def linearized(self, i: int, signals: Array) -> ContactForce:
+        """Friction of record `i` with its derivatives."""
+        problem, marched = self.problems[i], self._marched[i]
+        if np.array_equal(signals, marched):  # the law knows its last period by the array it was shown
+            signals = marched
+        return problem.law.linearize(signals, float(self.Omega[i, 0]), problem.environment)
+
+    def _drawn_in(self, Q: Array, Gq: Array, T: Array) -> tuple[Array, Array]:
+        """By how much motions shorten the structure, q' G q / 2 (R, 2H+1), and T G q (R, 2H+1, n)."""
+        fine, n = self.basis.exact_products, self.structure.n
+        samples = fine.synthesis @ np.concatenate([T[..., None], Q, Gq], axis=2)
+        drawn = samples[..., 1 + n :]
+        shorter = np.einsum("rti,rti->rt", drawn, samples[..., 1 : 1 + n])
+        products = fine.analysis @ np.concatenate([shorter[..., None], samples[..., :1] * drawn], axis=2)
+        return 0.5 * products[..., 0], products[..., 1:]

@@ -1,0 +1,205 @@
+"""Newton's method on the balances of a batch, all records at once, each with its own matrix and its own end.
+
+The elimination is that of :class:`hbm.balance.elimination.Elimination`, for a frequency that is held.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import lapack
+
+from hbm.balance.batch import Batch, Motions, Seen, Slopes, Which
+from hbm.balance.elimination import factored
+from hbm.balance.problem import TOLERANCE
+from hbm.fourier import Array
+
+FAST, FORGIVEN_GROWTH = 0.01, 10.0
+"""As of :mod:`continuation.newton`."""
+
+
+class Matrices:
+    """Newton's matrices of the records of a batch, each of the state where it was worked out last.
+
+    The lowest modes, which friction along the structure couples, are eliminated with a dense factorisation, the others
+    harmonic by harmonic; what is left has the size of the friction force.
+
+    Attributes
+    ----------
+    known : (R,) array of bool
+        Whose were worked out.
+    """
+
+    def __init__(self, batch: Batch) -> None:
+        self.batch = batch
+        R, c, s = len(batch.problems), batch.basis.size, batch.structure
+        self.m = m = batch.first.coupled
+        self.slip_row = s.slip_row
+        direct, crossed = batch.direct[..., m:], batch.crossed[..., m:]
+        squares = direct**2 + crossed**2
+        self._direct, self._crossed = direct / squares, -crossed / squares  # receptance of the others
+        H = batch.basis.H
+        stiffness = batch.direct[:, : H + 1, :m] + 1j * batch.crossed[:, : H + 1, :m]
+        self._stiffness, self._receptance = stiffness, 1.0 / stiffness
+        self._law_by_coupled, self._coupled_of = np.empty((R, c, c * m)), np.empty((R, c * m, c))
+        self._core = np.empty((R, c, c))
+        self._factored: list[tuple[Which, Array, npt.NDArray[Any]]] = [(np.empty(0, dtype=int),) * 3] * R
+        self._slopes: Slopes | None = None
+        self.known = np.zeros(R, dtype=bool)
+
+    def of(self, which: Which) -> "Matrices":
+        """Those of some records."""
+        others = Matrices(self.batch.of(which))
+        others._law_by_coupled, others._coupled_of = self._law_by_coupled[which], self._coupled_of[which]
+        others._core, others._factored = self._core[which], [self._factored[i] for i in which]
+        others.known = self.known[which]
+        others._slopes = None if self._slopes is None else self._slopes.at(which)
+        return others
+
+    def work_out(self, which: Which, seen: Seen, T: Array) -> None:
+        """Those of some records, at their states."""
+        batch, m, first = self.batch, self.m, self.batch.first
+        basis, size, k = batch.basis, batch.basis.size, len(which)
+        slopes = batch.slopes(seen.signals, which)
+        if self._slopes is None:
+            self._slopes = Slopes(*(None if slope is None else np.empty_like(self._core) for slope in slopes))
+        self._slopes.take(which, slopes)
+        core = np.eye(size) - self._law_of_others(which, slopes)
+        if first.dynamic_lagrangian and slopes.by_u is not None:
+            core += first.dynamic_lagrangian * slopes.by_u
+        if m:
+            p = -(np.zeros(seen.modal.shape) if seen.Gq is None else seen.Gq)[..., :m]
+            p[:, 0] += self.slip_row[:m]
+            slip = basis.multiplication(p.transpose(1, 0, 2).reshape(size, k * m)).reshape(size, size, k, m)
+            slip = np.ascontiguousarray(slip.transpose(2, 0, 1, 3))
+            law = np.zeros((k, size, size * m)) if slopes.by_u is None else slopes.by_u @ slip.reshape(k, size, -1)
+            if first.varies:
+                law += self._law_by_rows(which, slopes)
+            self._law_by_coupled[which] = law
+            by_T = basis.multiplication(np.ascontiguousarray(T.T))
+            for at, i in enumerate(which):
+                self._factored[i] = factored(first, self._stiffness[i], by_T[..., at])
+            of = self._solve_coupled(which, slip.transpose(0, 1, 3, 2)).reshape(k, size * m, size)
+            self._coupled_of[which] = of
+            core -= law @ of
+        self._core[which], self.known[which] = core, True
+
+    def _law_by_rows(self, which: Which, slopes: Slopes) -> Array:
+        """Change of the law's force coefficients with the coupled modes through the reaction, (R, 2H+1, (2H+1) m)."""
+        batch, basis = self.batch, self.batch.basis
+        size, Omega = basis.size, batch.Omega[which]
+        by_rows = np.zeros((len(which), size, size, 4))
+        if slopes.by_rho is not None:
+            by_rows[..., 0] = -slopes.by_rho * ((basis.k * Omega) ** 2)[:, None]
+            by_rows[..., 1] = -(Omega * basis.signed_k)[:, None] * slopes.by_rho[:, :, basis.swapped]
+            by_rows[..., 2] = slopes.by_rho
+        if slopes.by_eta is not None:
+            by_rows[..., 3] = slopes.by_eta
+        return np.asarray((by_rows @ batch.first.rows[: self.m, 1:].T).reshape(len(which), size, -1))
+
+    def _solve_coupled(self, which: Which, forces: Array) -> Array:
+        """Motion (R, 2H+1, m, p) of the coupled modes under modal forces."""
+        H = self.batch.basis.H
+        c = forces[:, : H + 1].astype(complex)
+        c[:, 1:] -= 1j * forces[:, H + 1 :]
+        c *= self._receptance[which][..., None]
+        motion, p = np.empty(forces.shape), forces.shape[3]
+        motion[:, : H + 1], motion[:, H + 1 :] = c.real, -c.imag[:, 1:]
+        for at, i in enumerate(which):
+            dense, lu, pivots = self._factored[i]
+            flat = forces[at].reshape(-1, p)
+            motion[at].reshape(-1, p)[dense] = lapack.dgetrs(lu, pivots, flat[dense], trans=1)[0]
+        return motion
+
+    def _others(self, which: Which, forces: Array) -> Array:
+        """Motion (R, 2H+1, n - m, p) of the other modes under modal forces."""
+        swapped = forces[:, self.batch.basis.swapped]
+        return np.asarray(self._direct[which][..., None] * forces + self._crossed[which][..., None] * swapped)
+
+    def _law_of_others(self, which: Which, slopes: Slopes) -> Array:
+        """Change (R, 2H+1, 2H+1) of the law's force coefficients with those of T, through the other modes."""
+        batch, basis, first = self.batch, self.batch.basis, self.batch.first
+        weights = first.rows[self.m :] * self.slip_row[self.m :, None]
+        direct, crossed = self._direct[which] @ weights, self._crossed[which] @ weights  # (R, 2H+1, 5)
+        rate = batch.Omega[which] * basis.signed_k
+        squared = (batch.Omega[which] * basis.k) ** 2
+        rho = (
+            direct[..., 3] - squared * direct[..., 1] - rate * crossed[..., 2],
+            crossed[..., 3] - squared * crossed[..., 1] + rate * direct[..., 2],
+        )
+        signals = (direct[..., 0], crossed[..., 0]), rho, (direct[..., 4], crossed[..., 4])
+        out = np.zeros((len(which), basis.size, basis.size))
+        for slope, (straight, across) in zip(slopes, signals, strict=True):
+            if slope is not None:
+                out += slope * straight[:, None]
+                out += slope[:, :, basis.swapped] * across[:, None, basis.swapped]
+        return out
+
+    def solve(self, which: Which, modal: Array, contact: Array) -> tuple[Array, Array]:
+        """Motion (R, 2H+1, n, p) and friction (R, 2H+1, p) whose balances are these, of the same shapes."""
+        m, batch, k = self.m, self.batch, len(which)
+        motion, core = np.empty(modal.shape), contact.copy()
+        if m:
+            motion[:, :, :m] = self._solve_coupled(which, modal[:, :, :m])
+            core += self._law_by_coupled[which] @ motion[:, :, :m].reshape(k, -1, modal.shape[3])
+        if batch.structure.n > m:
+            motion[:, :, m:] = others = self._others(which, modal[:, :, m:])
+            seen = np.einsum("ij,rkip->rkjp", batch.first.rows[m:], others)
+            rho = batch.reaction_of(seen[:, :, 1:4], which) if batch.first.varies else seen[:, :, 1]
+            core += self._slopes.at(which).of(seen[:, :, 0], rho, seen[:, :, 4]) if self._slopes else 0.0
+        dT = np.linalg.solve(self._core[which], core)
+        if m:
+            motion[:, :, :m] += (self._coupled_of[which] @ dT).reshape(k, batch.basis.size, m, -1)
+        if batch.structure.n > m:
+            motion[:, :, m:] += self._others(which, self.slip_row[m:, None] * dT[:, :, None])
+        return motion, np.asarray(dT)
+
+
+class Solved(NamedTuple):
+    """Where Newton's method took the records of a batch: `converged` (R,) tells which got there."""
+
+    motions: Motions
+    seen: Seen
+    converged: npt.NDArray[np.bool_]
+    matrices: Matrices
+
+    def of(self, which: Which) -> "Solved":
+        """Some of the records."""
+        return Solved(self.motions.of(which), self.seen.of(which), self.converged[which], self.matrices.of(which))
+
+
+@np.errstate(all="ignore")  # a record that diverges is left to others
+def solve(batch: Batch, start: Motions, steps: int) -> Solved:
+    """Steady states from nearby; those that no full step of Newton's method brings nearer are given up.
+
+    Parameters
+    ----------
+    batch : Batch
+    start : Motions
+    steps : int
+        Matrices of each record, at most.
+    """
+    every = np.arange(len(batch.problems))
+    motions, matrices = Motions(start.Q.copy(), start.T.copy()), Matrices(batch)
+    seen = batch.seen(motions, every)
+    best, left = seen.norm.copy(), np.full(len(every), steps)
+    stale, forgiven = np.ones(len(every), dtype=bool), np.zeros(len(every), dtype=bool)
+    going = seen.norm > TOLERANCE
+    while going.any():
+        which = np.flatnonzero(going)
+        new = stale[which]
+        if new.any():
+            matrices.work_out(which[new], seen.of(which[new]), motions.T[which[new]])
+            left[which[new]] -= 1
+        dQ, dT = matrices.solve(which, -seen.modal[which, ..., None], -seen.contact[which, ..., None])
+        trial = Motions(motions.Q[which] + dQ[..., 0], motions.T[which] + dT[..., 0])
+        there = batch.seen(trial, which)
+        better = there.norm < best[which]
+        raised = ~better & new & ~forgiven[which] & (there.norm < FORGIVEN_GROWTH * best[which])
+        stale[which] = ~(better & (there.norm <= FAST * seen.norm[which]))
+        taken = better | raised
+        motions.take(which[taken], trial.of(taken))
+        seen.take(which[taken], there.of(taken))
+        best[which], forgiven[which] = np.fmin(best[which], there.norm), forgiven[which] | raised
+        going[which] = (taken | ~new) & (left[which] > 0) & (seen.norm[which] > TOLERANCE)
+    return Solved(motions, seen, seen.norm <= TOLERANCE, matrices)

@@ -1,0 +1,263 @@
+"""Exact derivatives of steady states that were solved together, to the numbers of their rig.
+
+As :mod:`hbm.sensitivity.derivatives`, with records on a leading axis. Numbers of sensors change what is read alone: no
+balance is solved for them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hbm.aft.force import InputChange
+from hbm.balance.batch import Batch, Slopes, Which
+from hbm.balance.batchednewton import Solved
+from hbm.channels import DERIVATIVES
+from hbm.fourier import Array
+from hbm.sensitivity.held import mixing_of
+from hbm.sensitivity.moving import MOST_REFINEMENTS, REFINED, SLOW
+from hbm.sensitivity.scalars import FORCE, HZ, LOAD, law_keys
+from models.change import structure_change
+
+SENSORS = "channels."
+"""Beginning of the keys of numbers of sensors."""
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """Derivatives of R steady states to p numbers.
+
+    Attributes
+    ----------
+    reads, channels : (R, c, 2H+1) and (R, c, 2H+1, p) array
+        What each sensor reads, and its derivatives.
+    own_Q : (R, 2H+1, n, p) array
+        Of the motion, in the modes that the changed rig has.
+    T : (R, 2H+1, p) array
+        Of the friction force.
+    by_mean : dict of str to (R, 2H+1) array
+        What a constant force beside friction does to the sensors and to `friction`, per N.
+    solved : (R,) array of bool
+        Whether there are derivatives: not at a fold.
+    """
+
+    reads: Array
+    channels: Array
+    own_Q: Array
+    T: Array
+    by_mean: Mapping[str, Array]
+    solved: Array
+
+
+class _Held:
+    """Derivatives to q numbers, unknowns held: of modal forces (R, 2H+1, n, q), and of u, rho, eta (R, 2H+1, q)."""
+
+    def __init__(self, batch: Batch, found: Solved, keys: tuple[str, ...]) -> None:
+        self.batch, self.Q, self.T = batch, found.motions.Q, found.motions.T
+        self.d = structure_change(batch.first.rig, keys)
+        self.load, self.hz = (np.array([float(key == name) for key in keys]) for name in (LOAD, HZ))
+        rig = batch.first.rig
+        own = np.array([[key == name for key in keys] for name in law_keys(rig)], dtype=float).reshape(-1, len(keys))
+        self.law = np.vstack([own, self.load])
+        self.force = np.multiply.outer(batch.first.force_shape, [float(key == FORCE) for key in keys])
+        fine = batch.basis.exact_products
+        self._q = fine.synthesis @ self.Q
+        self._drawn = fine.analysis @ ((fine.synthesis @ self.T[..., None]) * self._q)  # T q
+        self.u, self.rho, self.eta = self._signals()
+        self.modal = self._modal()
+
+    def _signals(self) -> tuple[Array, Array, Array]:
+        batch, d, Q = self.batch, self.d, self.Q
+        s, basis, force = batch.structure, batch.basis, batch.force[..., None]
+        u = Q @ d.rows[:, 0].T + force * d.flexibility[:, 0, 1] + s.residual.slip_by_force * self.force
+        if batch.first.coupled:
+            for j in np.flatnonzero(d.shortening.any(axis=(1, 2))):
+                u[..., j] -= (
+                    0.5 * np.einsum("rti,rti->rt", self._q @ d.shortening[j], self._q) @ basis.exact_products.analysis.T
+                )
+        rows = np.stack([Q @ row.T for row in (d.inertia, d.reaction_damping, d.reaction_stiffness)], axis=2)
+        rho = batch.reaction_of(rows)
+        faster = batch.turning(Q @ s.reaction.damping) - 2 * batch.Omega * basis.k**2 * (Q @ s.reaction.inertia)
+        rho += faster[..., None] * (2 * np.pi * self.hz)
+        rho[:, 0] += self.load
+        rho -= s.reaction.force_share * self.force + force * d.force_share
+        eta = Q @ d.stretch.T
+        eta[:, 0] -= d.friction_lever
+        return u, rho, eta
+
+    def _modal(self) -> Array:
+        batch, d, Q = self.batch, self.d, self.Q
+        s, basis = batch.structure, batch.basis
+        turning, rate = batch.turning(Q), batch.Omega[..., None]
+        squared = (rate * basis.k[:, None]) ** 2 * Q
+        modal = -self.T[:, :, None, None] * d.rows[:, 0].T - batch.force[:, :, None, None] * d.rows[:, 1].T
+        modal -= s.excitation[:, None] * self.force[:, None]
+        modal += (s.damping * turning - 2 * rate * basis.k[:, None] ** 2 * Q)[..., None] * (2 * np.pi * self.hz)
+        for matrices, motion in (
+            (d.stiffness, Q),
+            (d.damping, rate * turning),
+            (d.mass, -squared),
+            (d.shortening if batch.first.coupled else np.zeros_like(d.shortening), self._drawn),
+        ):
+            for j in np.flatnonzero(matrices.any(axis=(1, 2))):
+                modal[..., j] += motion @ matrices[j].T
+        return np.asarray(modal)
+
+    def friction(self) -> Array:
+        """Derivatives of the law's force coefficients, (R, 2H+1, q)."""
+        analysis, compliance = self.batch.basis.analysis, self.d.flexibility[:, 0, 0]
+        changes = np.stack([self.u, self.rho, self.eta], axis=2)
+        return np.stack(
+            [
+                analysis @ self.batch.along(i, InputChange(change, 2 * np.pi * self.hz, self.law, compliance))
+                for i, change in enumerate(changes)
+            ]
+        )
+
+
+class _Balance:
+    """Complete linearised balances, for changes (R, 2H+1, n, q) and (R, 2H+1, q) of their unknowns."""
+
+    def __init__(self, batch: Batch, found: Solved, slopes: Slopes) -> None:
+        self.batch, self.slopes = batch, slopes
+        synthesis = batch.basis.exact_products.synthesis
+        self._T = (synthesis @ found.motions.T[..., None])[..., None]
+        self._Gq = None if found.seen.Gq is None else (synthesis @ found.seen.Gq)[..., None]
+
+    def of(self, which: Which, dQ: Array, dT: Array) -> tuple[Array, Array]:
+        """Change of those of some records."""
+        batch = self.batch
+        s, fine, (R, c, n, q) = batch.structure, batch.basis.exact_products, dQ.shape
+        modal = batch.turned(dQ, which) - s.slip_row[:, None] * dT[:, :, None]
+        rows = batch.first.rows.T @ dQ  # (R, 2H+1, 5, q)
+        u = rows[:, :, 0] - batch.first.dynamic_lagrangian * dT
+        if self._Gq is not None:
+            moved = (fine.synthesis @ dQ.reshape(R, c, n * q)).reshape(R, -1, n, q)
+            Gq = self._Gq[which]
+            pulled = self._T[which] * (s.shortening @ moved) + Gq * (fine.synthesis @ dT)[:, :, None]
+            modal += (fine.analysis @ pulled.reshape(R, -1, n * q)).reshape(dQ.shape)
+            u -= fine.analysis @ (Gq * moved).sum(axis=2)
+        rho = batch.reaction_of(rows[:, :, 1:4], which)
+        return modal, dT - self.slopes.at(which).of(u, rho, rows[:, :, 4])
+
+
+@np.errstate(all="ignore")  # what diverges is told by `solved`
+def _refined(
+    batch: Batch, found: Solved, balance: _Balance, modal: Array, contact: Array
+) -> tuple[Array, Array, Array]:
+    """Solve the complete balances with matrices from nearby, refined until nothing changes; and tell which were."""
+    if not found.matrices.known.all():  # of those that were solved where they started
+        new = np.flatnonzero(~found.matrices.known)
+        found.matrices.work_out(new, found.seen.of(new), found.motions.T[new])
+    Q, T = np.zeros_like(modal), np.zeros_like(contact)
+    units = batch.modal_unit / batch.stiffness_unit, batch.contact_unit
+    which, sizes = np.arange(len(modal)), np.full((len(modal), modal.shape[3]), np.finfo(float).tiny)
+    left, renewed = (modal, contact), np.zeros(len(modal), dtype=bool)
+    for count in range(MOST_REFINEMENTS + 1):
+        dQ, dT = found.matrices.solve(which, *left)
+        Q[which] += dQ
+        T[which] += dT
+        size, whole = (
+            np.maximum(
+                np.abs(a).max(axis=(1, 2)) / units[0][which, None], np.abs(b).max(axis=1) / units[1][which, None]
+            )
+            for a, b in ((dQ, dT), (Q[which], T[which]))
+        )
+        before, sizes[which] = sizes[which], np.maximum(size, np.finfo(float).tiny)
+        done = (size * np.minimum(size / before, 1.0) <= REFINED * whole).all(axis=1)
+        slow = which[~done & ~renewed[which] & ~(size <= SLOW * before).all(axis=1)]
+        if count and len(slow):
+            found.matrices.work_out(slow, found.seen.of(slow), found.motions.T[slow])
+            renewed[slow] = True
+        which = which[~done]
+        if not len(which):
+            break
+        there = balance.of(which, Q[which], T[which])
+        left = modal[which] - there[0], contact[which] - there[1]
+    solved = np.ones(len(modal), dtype=bool)
+    solved[which] = False
+    return Q, T, solved
+
+
+def changes_together(batch: Batch, found: Solved, keys: Sequence[str], sensors: Sequence[str]) -> Changes:
+    """Derivatives of steady states that were found together.
+
+    Parameters
+    ----------
+    batch : Batch
+    found : hbm.balance.batch.Solved
+        Of all its records.
+    keys : sequence of str
+        As for :func:`hbm.sensitivity.derivatives.sensitivities`.
+    sensors : sequence of str
+        Response channels.
+    """
+    acting = [j for j, key in enumerate(keys) if not key.startswith(SENSORS)]
+    held = _Held(batch, found, tuple(keys[j] for j in acting))
+    constant = np.zeros((*found.motions.T.shape, 1))
+    constant[:, 0] = 1.0
+    modal = np.concatenate([-held.modal, np.zeros((*found.motions.Q.shape, 1))], axis=3)
+    balance = _Balance(batch, found, batch.slopes(found.seen.signals, np.arange(len(modal))))
+    Q, T, solved = _refined(batch, found, balance, modal, np.concatenate([held.friction(), constant], axis=2))
+    by_mean, (Q, T) = (Q[..., -1], T[..., -1]), (Q[..., :-1], T[..., :-1])
+    own_Q, own_T = (np.zeros((*a.shape, len(keys))) for a in found.motions)
+    mixing = mixing_of(held.d, batch.structure.omega_n**2)
+    for at, j in enumerate(acting):
+        own_Q[..., j] = Q[..., at] - found.motions.Q @ mixing[at].T if mixing[at].any() else Q[..., at]
+    own_T[..., acting] = T
+    read = _Read(batch, found, tuple(keys))
+    moved = [read.changed(name, acting, held.force, Q, T) for name in sensors]
+    pushed = {name: read.pushed(name, *by_mean) for name in sensors}
+    return Changes(
+        np.stack([read.reads(name) for name in sensors], axis=1),
+        np.stack(moved, axis=1),
+        own_Q,
+        own_T,
+        {"friction": by_mean[1], **pushed},
+        solved,
+    )
+
+
+class _Read:
+    """What sensors read of some states, and how it changes with p numbers."""
+
+    def __init__(self, batch: Batch, found: Solved, keys: tuple[str, ...]) -> None:
+        rig = batch.first.rig
+        self.batch, self.keys, (self.Q, self.T) = batch, keys, found.motions
+        self.d = structure_change(rig, keys)
+        self.hz = self._is(HZ)
+        self.sensors = {c.name: c for c in rig.response_channels}
+        self.places = {name: place for place, name in enumerate(self.sensors, start=2)}
+
+    def _is(self, name: str) -> Array:
+        return np.array([float(key == name) for key in self.keys])
+
+    def _rows(self, name: str) -> tuple[Array, float, float]:
+        """Row of the modes; motion by the excitation and by friction beyond them."""
+        s = self.batch.structure
+        return s.channel_rows[name], *s.residual.channels.get(name, (0.0, 0.0))
+
+    def reads(self, name: str) -> Array:
+        """Coefficients (R, 2H+1)."""
+        row, by_force, by_friction = self._rows(name)
+        displacement = self.Q @ row + by_force * self.batch.force + by_friction * self.T
+        return self.batch.read(self.sensors[name], displacement)
+
+    def pushed(self, name: str, Q: Array, T: Array) -> Array:
+        """Change (R, 2H+1) with a change of the unknowns, (R, 2H+1, n) and (R, 2H+1)."""
+        row, _, by_friction = self._rows(name)
+        return self.batch.read(self.sensors[name], Q @ row + by_friction * T)
+
+    def changed(self, name: str, acting: list[int], force: Array, Q: Array, T: Array) -> Array:
+        """Change (R, 2H+1, p), of which numbers `acting` move force, Q and T, (2H+1, q) and (R, 2H+1, ..., q)."""
+        batch, d, place, sensor = self.batch, self.d, self.places[name], self.sensors[name]
+        row, by_force, by_friction = self._rows(name)
+        displacement = self.Q @ d.rows[:, place].T
+        displacement += self.T[..., None] * d.flexibility[:, place, 0]
+        displacement += batch.force[..., None] * d.flexibility[:, place, 1]
+        displacement[..., acting] += row @ Q + by_force * force + by_friction * T
+        change, reads = batch.read(sensor, displacement), self.reads(name)[..., None]
+        change += reads * (DERIVATIVES[sensor.quantity] / batch.hz)[:, None, None] * self.hz
+        gain, delay = (self._is(f"{SENSORS}{name}.{what}") for what in ("gain", "delay"))
+        later = delay * batch.Omega[..., None] + sensor.delay * 2 * np.pi * self.hz
+        return change + reads / sensor.gain * gain - batch.turning(reads) * later

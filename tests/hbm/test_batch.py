@@ -1,0 +1,74 @@
+"""Records solved together: the same steady states and derivatives as one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rigs import ON_THE_BEAM, beam
+
+from hbm import sensitivities, steady_state
+from hbm.balance.batch import Batch, Motions, is_batched
+from hbm.balance.batchednewton import Solved, solve
+from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.solution import PeriodicSolution, described
+from hbm.outputerror.simulated import held_beside
+from hbm.sensitivity.batch import changes_together
+from hbm.sensitivity.derivatives import disturbed
+from hbm.sensitivity.scalars import solution_numbers
+from models import Attachments, FrictionLaw, PointMass, Rig
+from models.parts import Drift
+
+AT = ((47.0, 6.5), (50.2, 6.5), (52.0, 2.0), (54.0, 0.3), (57.0, 6.5))
+"""Frequencies [Hz] and levels [N]: one where the contact sticks."""
+
+
+def together(rig: Rig, starts: list[PeriodicSolution], hz: list[float], levels: list[float]) -> tuple[Batch, Solved]:
+    first = HarmonicBalance(rig, starts[0].basis)
+    batch = Batch([first.at_level(level) for level in levels], np.array(hz))
+    return batch, solve(batch, Motions(*(np.stack([getattr(s.state, name) for s in starts]) for name in "QT")), 15)
+
+
+@pytest.mark.parametrize("law", ON_THE_BEAM, ids=lambda law: law.name)
+def test_steady_states_and_derivatives_are_those_of_each_alone(law: FrictionLaw) -> None:
+    rig = beam(law, modes=6, foreshortening=True)
+    rig = replace(rig, attachments=Attachments(masses=(PointMass(0.25, 0.02),), clamp_stiffness=2e5))
+    hz, levels = zip(*AT, strict=True)
+    alone = [steady_state(rig, f, level=F, harmonics=9, samples=128) for f, F in AT]
+    near = [steady_state(rig, 1.0005 * f, level=F, harmonics=9, samples=128) for f, F in AT]
+    batch, found = together(rig, near, list(hz), list(levels))
+    assert found.converged.all()
+    keys = [k for k in solution_numbers(rig, hz[0], levels[0])]
+    names = [c.name for c in rig.response_channels]
+    by = changes_together(batch, found, keys, names)
+    assert by.solved.all()
+    for i, solution in enumerate(alone):
+        assert np.abs(found.motions.Q[i] - solution.state.Q).max() < 1e-8 * np.abs(solution.state.Q).max()
+        state = State(found.motions.Q[i], found.motions.T[i], float(batch.Omega[i, 0]), levels[i])
+        here = described(batch.problems[i], state, hz[i], batch.kinematics(i, found.seen))
+        one = sensitivities(rig, here, keys)
+        for at, name in enumerate(names):
+            np.testing.assert_allclose(by.reads[i, at], here[name].coefficients, rtol=0, atol=1e-12 * here[name].peak)
+            there = one[name].coefficients
+            assert np.all(np.abs(by.channels[i, at] - there).max(axis=0) <= 1e-8 * np.abs(there).max(axis=0)), name
+        assert np.abs(by.own_Q[i] - one.own_Q).max() < 1e-9 * np.abs(one.own_Q).max()
+        assert np.abs(by.T[i] - one.T).max() <= 1e-9 * np.abs(one.T).max()
+        pushed = disturbed(rig, here, held_beside(here))
+        for name, series in by.by_mean.items():
+            # both are refined to a share of the friction itself, next to which it moves the sensors little
+            assert np.abs(series[i] - pushed[name][:, 0]).max() <= 1e-5 * np.abs(pushed[name]).max(), name
+
+
+def test_a_record_that_full_steps_do_not_bring_nearer_is_given_up_and_the_others_found() -> None:
+    rig = beam(modes=4)
+    near = [steady_state(rig, f, harmonics=7, samples=64) for f in (46.0, 48.0)]
+    far = replace(near[0], state=replace(near[0].state, Q=1e3 * near[0].state.Q, T=-near[0].state.T))
+    _, found = together(rig, [near[0], far, near[1]], [46.1, 46.1, 48.1], [6.5, 6.5, 6.5])
+    assert found.converged.tolist() == [True, False, True]
+
+
+def test_what_can_be_solved_together_has_its_contact_alone_nonlinear_and_the_same_in_all_records() -> None:
+    rig = beam()
+    assert is_batched(rig)
+    assert not is_batched(replace(rig, drift=(Drift("contact.normal_load", 1e-3),)))
+    assert not is_batched(replace(rig, excitation=replace(rig.excitation, measured_harmonics=True)))
+    assert not is_batched(replace(rig, attachments=Attachments(clamp_stiffness=2e5, clamp_limit=0.3)))
