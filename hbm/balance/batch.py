@@ -28,6 +28,11 @@ def is_batched(rig: AnyRig) -> TypeGuard[Rig]:
     return same and isinstance(rig, Rig) and not rig.acting and rig.attachments.clamp_limit is None
 
 
+def some(values: Array, which: Which | None) -> Array:
+    """Those of some records, of all where None; large ones are not copied where all are meant."""
+    return values if which is None or len(which) == len(values) else values[which]
+
+
 class Motions(NamedTuple):
     """States of some balances: Q (R, 2H+1, n) and T (R, 2H+1)."""
 
@@ -156,18 +161,18 @@ class Batch:
         problem = self.problems[i]
         return problem.law.along(self._marched[i], float(self.Omega[i, 0]), problem.environment, change)
 
-    def turned(self, Q: Array, which: Which | slice = slice(None)) -> Array:
+    def turned(self, Q: Array, which: Which | None = None) -> Array:
         """Dynamic stiffness times motions (R, 2H+1, n) or (R, 2H+1, n, p)."""
         other = Q[:, self.basis.swapped]
-        direct, crossed = self.direct[which], self.crossed[which]
+        direct, crossed = some(self.direct, which), some(self.crossed, which)
         if Q.ndim == 3:
             return np.asarray(direct * Q + crossed * other)
         return np.asarray(direct[..., None] * Q + crossed[..., None] * other)
 
-    def reaction_of(self, rows: Array, which: Which | slice = slice(None)) -> Array:
+    def reaction_of(self, rows: Array, which: Which | None = None) -> Array:
         """Coefficients (R, 2H+1, ...) of the reaction's part from the modes, of rows (R, 2H+1, 3, ...) times these."""
         basis, trailing = self.basis, (1,) * (rows.ndim - 3)
-        Omega = self.Omega[which]
+        Omega = some(self.Omega, which)
         inertia, damping, stiffness = rows[:, :, 0], rows[:, :, 1], rows[:, :, 2]
         turning = (Omega * basis.signed_k).reshape(len(Omega), -1, *trailing)
         squared = ((Omega * basis.k) ** 2).reshape(len(Omega), -1, *trailing)
@@ -176,7 +181,7 @@ class Batch:
     def seen(self, motions: Motions, which: Which) -> Seen:
         """What motions of some of the records do, and leave."""
         first, s, basis, (Q, T) = self.first, self.structure, self.basis, motions
-        force, Omega = self.force[which], self.Omega[which]
+        force, Omega = some(self.force, which), some(self.Omega, which)
         rows = Q @ first.rows
         signals = np.zeros((*T.shape, 4))
         u = signals[..., 0]
@@ -201,8 +206,8 @@ class Batch:
         marched = [self.law(i, signals[at]) for at, i in enumerate(which)]
         contact = T - np.stack(marched) @ basis.analysis.T
         norm = np.maximum(
-            np.abs(modal).max(axis=(1, 2)) / self.modal_unit[which],
-            np.abs(contact).max(axis=1) / self.contact_unit[which],
+            np.abs(modal).max(axis=(1, 2)) / some(self.modal_unit, which),
+            np.abs(contact).max(axis=1) / some(self.contact_unit, which),
         )
         return Seen(Gq, pull, signals, modal, contact, norm)
 
@@ -216,15 +221,12 @@ class Batch:
         Gq = np.zeros((self.basis.size, self.structure.n)) if seen.Gq is None else seen.Gq[i]
         return Kinematics(Gq, None if seen.pull is None else seen.pull[i], self._marched[i])
 
-    def slopes(self, signals: Array, which: Which) -> Slopes:
-        """Derivatives of the friction of some records, for signals (R, 2H+1, 4)."""
+    def slopes(self, signals: Array, which: Which) -> tuple[Slopes, Array]:
+        """Derivatives of the friction of some records to their signals (R, 2H+1, 4), and to Omega, (R, 2H+1)."""
         found = [self.linearized(i, signals[at]) for at, i in enumerate(which)]
-        return Slopes(
-            *(
-                None if (values := [getattr(c, name) for c in found])[0] is None else np.stack(values)
-                for name in ("by_u", "by_rho", "by_eta")
-            )
-        )
+        by_signals = ([getattr(c, name) for c in found] for name in ("by_u", "by_rho", "by_eta"))
+        slopes = Slopes(*(None if values[0] is None else np.stack(values) for values in by_signals))
+        return slopes, np.stack([c.by_Omega for c in found])
 
     def linearized(self, i: int, signals: Array) -> ContactForce:
         """Friction of record `i` with its derivatives."""

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
-from hbm.balance.batch import Batch, Motions, Seen, Slopes, Which
+from hbm.balance.batch import Batch, Motions, Seen, Slopes, Which, some
 from hbm.balance.elimination import factored
 from hbm.balance.problem import TOLERANCE
 from hbm.fourier import Array
@@ -60,7 +60,7 @@ class Matrices:
         """Those of some records, at their states."""
         batch, m, first = self.batch, self.m, self.batch.first
         basis, size, k = batch.basis, batch.basis.size, len(which)
-        slopes = batch.slopes(seen.signals, which)
+        slopes, _ = batch.slopes(seen.signals, which)
         if self._slopes is None:
             self._slopes = Slopes(*(None if slope is None else np.empty_like(self._core) for slope in slopes))
         self._slopes.take(which, slopes)
@@ -87,7 +87,7 @@ class Matrices:
     def _law_by_rows(self, which: Which, slopes: Slopes) -> Array:
         """Change of the law's force coefficients with the coupled modes through the reaction, (R, 2H+1, (2H+1) m)."""
         batch, basis = self.batch, self.batch.basis
-        size, Omega = basis.size, batch.Omega[which]
+        size, Omega = basis.size, some(batch.Omega, which)
         by_rows = np.zeros((len(which), size, size, 4))
         if slopes.by_rho is not None:
             by_rows[..., 0] = -slopes.by_rho * ((basis.k * Omega) ** 2)[:, None]
@@ -102,7 +102,7 @@ class Matrices:
         H = self.batch.basis.H
         c = forces[:, : H + 1].astype(complex)
         c[:, 1:] -= 1j * forces[:, H + 1 :]
-        c *= self._receptance[which][..., None]
+        c *= some(self._receptance, which)[..., None]
         motion, p = np.empty(forces.shape), forces.shape[3]
         motion[:, : H + 1], motion[:, H + 1 :] = c.real, -c.imag[:, 1:]
         for at, i in enumerate(which):
@@ -114,15 +114,17 @@ class Matrices:
     def _others(self, which: Which, forces: Array) -> Array:
         """Motion (R, 2H+1, n - m, p) of the other modes under modal forces."""
         swapped = forces[:, self.batch.basis.swapped]
-        return np.asarray(self._direct[which][..., None] * forces + self._crossed[which][..., None] * swapped)
+        return np.asarray(
+            some(self._direct, which)[..., None] * forces + some(self._crossed, which)[..., None] * swapped
+        )
 
     def _law_of_others(self, which: Which, slopes: Slopes) -> Array:
         """Change (R, 2H+1, 2H+1) of the law's force coefficients with those of T, through the other modes."""
         batch, basis, first = self.batch, self.batch.basis, self.batch.first
         weights = first.rows[self.m :] * self.slip_row[self.m :, None]
-        direct, crossed = self._direct[which] @ weights, self._crossed[which] @ weights  # (R, 2H+1, 5)
-        rate = batch.Omega[which] * basis.signed_k
-        squared = (batch.Omega[which] * basis.k) ** 2
+        direct, crossed = some(self._direct, which) @ weights, some(self._crossed, which) @ weights  # (R, 2H+1, 5)
+        rate = some(batch.Omega, which) * basis.signed_k
+        squared = (some(batch.Omega, which) * basis.k) ** 2
         rho = (
             direct[..., 3] - squared * direct[..., 1] - rate * crossed[..., 2],
             crossed[..., 3] - squared * crossed[..., 1] + rate * direct[..., 2],
@@ -141,15 +143,15 @@ class Matrices:
         motion, core = np.empty(modal.shape), contact.copy()
         if m:
             motion[:, :, :m] = self._solve_coupled(which, modal[:, :, :m])
-            core += self._law_by_coupled[which] @ motion[:, :, :m].reshape(k, -1, modal.shape[3])
+            core += some(self._law_by_coupled, which) @ motion[:, :, :m].reshape(k, -1, modal.shape[3])
         if batch.structure.n > m:
             motion[:, :, m:] = others = self._others(which, modal[:, :, m:])
-            seen = np.einsum("ij,rkip->rkjp", batch.first.rows[m:], others)
+            seen = batch.first.rows[m:].T @ others
             rho = batch.reaction_of(seen[:, :, 1:4], which) if batch.first.varies else seen[:, :, 1]
             core += self._slopes.at(which).of(seen[:, :, 0], rho, seen[:, :, 4]) if self._slopes else 0.0
         dT = np.linalg.solve(self._core[which], core)
         if m:
-            motion[:, :, :m] += (self._coupled_of[which] @ dT).reshape(k, batch.basis.size, m, -1)
+            motion[:, :, :m] += (some(self._coupled_of, which) @ dT).reshape(k, batch.basis.size, m, -1)
         if batch.structure.n > m:
             motion[:, :, m:] += self._others(which, self.slip_row[m:, None] * dT[:, :, None])
         return motion, np.asarray(dT)

@@ -18,6 +18,7 @@ from hbm.sensitivity.held import mixing_of
 from hbm.sensitivity.moving import MOST_REFINEMENTS, REFINED, SLOW
 from hbm.sensitivity.scalars import FORCE, HZ, LOAD, law_keys
 from models.change import structure_change
+from models.reduction import StructureChange
 
 SENSORS = "channels."
 """Beginning of the keys of numbers of sensors."""
@@ -52,9 +53,8 @@ class Changes:
 class _Held:
     """Derivatives to q numbers, unknowns held: of modal forces (R, 2H+1, n, q), and of u, rho, eta (R, 2H+1, q)."""
 
-    def __init__(self, batch: Batch, found: Solved, keys: tuple[str, ...]) -> None:
-        self.batch, self.Q, self.T = batch, found.motions.Q, found.motions.T
-        self.d = structure_change(batch.first.rig, keys)
+    def __init__(self, batch: Batch, found: Solved, keys: tuple[str, ...], change: StructureChange) -> None:
+        self.batch, self.Q, self.T, self.d = batch, found.motions.Q, found.motions.T, change
         self.load, self.hz = (np.array([float(key == name) for key in keys]) for name in (LOAD, HZ))
         rig = batch.first.rig
         own = np.array([[key == name for key in keys] for name in law_keys(rig)], dtype=float).reshape(-1, len(keys))
@@ -103,16 +103,15 @@ class _Held:
                 modal[..., j] += motion @ matrices[j].T
         return np.asarray(modal)
 
-    def friction(self) -> Array:
-        """Derivatives of the law's force coefficients, (R, 2H+1, q)."""
-        analysis, compliance = self.batch.basis.analysis, self.d.flexibility[:, 0, 0]
-        changes = np.stack([self.u, self.rho, self.eta], axis=2)
-        return np.stack(
-            [
-                analysis @ self.batch.along(i, InputChange(change, 2 * np.pi * self.hz, self.law, compliance))
-                for i, change in enumerate(changes)
-            ]
-        )
+    def friction(self, slopes: Slopes, by_Omega: Array) -> Array:
+        """Derivatives of the law's force coefficients, (R, 2H+1, q), by their slopes (R, 2H+1, ...) to its signals."""
+        numbers = np.vstack([self.law, self.d.flexibility[:, 0, 0]])
+        acting = np.flatnonzero(numbers.any(axis=1))
+        unit, size = np.eye(len(numbers))[:, acting], self.batch.basis.size
+        still = InputChange(np.zeros((size, 3, len(acting))), np.zeros(len(acting)), unit[:-1], unit[-1])
+        by_numbers = np.stack([self.batch.basis.analysis @ self.batch.along(i, still) for i in range(len(self.Q))])
+        change = slopes.of(self.u, self.rho, self.eta) + by_numbers @ numbers[acting]
+        return np.asarray(change + by_Omega[..., None] * (2 * np.pi * self.hz))
 
 
 class _Balance:
@@ -192,20 +191,23 @@ def changes_together(batch: Batch, found: Solved, keys: Sequence[str], sensors: 
     sensors : sequence of str
         Response channels.
     """
+    change = structure_change(batch.first.rig, tuple(keys))
     acting = [j for j, key in enumerate(keys) if not key.startswith(SENSORS)]
-    held = _Held(batch, found, tuple(keys[j] for j in acting))
+    own = StructureChange(*(part[acting] for part in change))
+    held = _Held(batch, found, tuple(keys[j] for j in acting), own)
     constant = np.zeros((*found.motions.T.shape, 1))
     constant[:, 0] = 1.0
     modal = np.concatenate([-held.modal, np.zeros((*found.motions.Q.shape, 1))], axis=3)
-    balance = _Balance(batch, found, batch.slopes(found.seen.signals, np.arange(len(modal))))
-    Q, T, solved = _refined(batch, found, balance, modal, np.concatenate([held.friction(), constant], axis=2))
+    slopes, by_Omega = batch.slopes(found.seen.signals, np.arange(len(modal)))
+    contact = np.concatenate([held.friction(slopes, by_Omega), constant], axis=2)
+    Q, T, solved = _refined(batch, found, _Balance(batch, found, slopes), modal, contact)
     by_mean, (Q, T) = (Q[..., -1], T[..., -1]), (Q[..., :-1], T[..., :-1])
     own_Q, own_T = (np.zeros((*a.shape, len(keys))) for a in found.motions)
     mixing = mixing_of(held.d, batch.structure.omega_n**2)
     for at, j in enumerate(acting):
         own_Q[..., j] = Q[..., at] - found.motions.Q @ mixing[at].T if mixing[at].any() else Q[..., at]
     own_T[..., acting] = T
-    read = _Read(batch, found, tuple(keys))
+    read = _Read(batch, found, tuple(keys), change)
     moved = [read.changed(name, acting, held.force, Q, T) for name in sensors]
     pushed = {name: read.pushed(name, *by_mean) for name in sensors}
     return Changes(
@@ -221,12 +223,10 @@ def changes_together(batch: Batch, found: Solved, keys: Sequence[str], sensors: 
 class _Read:
     """What sensors read of some states, and how it changes with p numbers."""
 
-    def __init__(self, batch: Batch, found: Solved, keys: tuple[str, ...]) -> None:
-        rig = batch.first.rig
-        self.batch, self.keys, (self.Q, self.T) = batch, keys, found.motions
-        self.d = structure_change(rig, keys)
+    def __init__(self, batch: Batch, found: Solved, keys: tuple[str, ...], change: StructureChange) -> None:
+        self.batch, self.keys, self.d, (self.Q, self.T) = batch, keys, change, found.motions
         self.hz = self._is(HZ)
-        self.sensors = {c.name: c for c in rig.response_channels}
+        self.sensors = {c.name: c for c in batch.first.rig.response_channels}
         self.places = {name: place for place, name in enumerate(self.sensors, start=2)}
 
     def _is(self, name: str) -> Array:
