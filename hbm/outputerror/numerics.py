@@ -25,7 +25,7 @@ RESOLVED = 8.0
 PROBED = 4
 """Records on which it is judged: those that slip fastest, spread over the levels."""
 
-LADDER = ((21, 512, 0), (25, 512, 4), (35, 1024, 6), (45, 1024, 8))
+LADDER = ((21, 256, 0), (21, 512, 0), (25, 512, 4), (35, 1024, 6), (45, 1024, 8))
 """Harmonics, samples, and modes beyond those the highest measured harmonic needs, of working discretisations;"""
 
 FINE = (60, 1024, 12)
