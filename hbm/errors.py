@@ -1,10 +1,10 @@
 """The error a user can cause."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import inf
 from numbers import Integral, Real
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 Found = TypeVar("Found")
 
@@ -194,6 +194,20 @@ def expect_range(ends: Any, where: str, what: str = "hz", unit: str = "Hz") -> N
     expect_positive(end, what, where, unit)
     if begin == end:
         raise InputError(f"{where}: {what} = ({begin:g}, {end:g}); must be two different numbers > 0 [{unit}]")
+
+
+def one_or_several(given: Found | Iterable[Found], kind: type[Found], where: str, what: str) -> list[Found]:
+    """One of a kind or several as a list.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    found = [given] if isinstance(given, kind) else list(cast(Iterable[Found], given))
+    if not found:
+        raise InputError(f"{where}: {what} is empty; must have one at least")
+    return found
 
 
 def expect_whole(value: Any, what: str, where: str, least: int = 1, most: int | None = None) -> None:

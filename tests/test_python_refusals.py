@@ -23,6 +23,7 @@ from hbm import (
 )
 from hbm.diagnosis.diagnose import candidates_among
 from hbm.figures import plot_curves, plot_phase, plot_sensors
+from hbm.figures.backbone import plot_backbones
 from hbm.files.curves import write_curves
 from hbm.rigfiles.lawchoice import choose_law
 from models import Jenkins
@@ -72,6 +73,7 @@ NO_JOINTS = f"{RIG.name} has [contact]; must be a rig with [[joints]]"
         (lambda: plot_curves([]), "plot_curves: curves is empty; must have one at least"),
         (lambda: plot_phase([]), "plot_phase: curves is empty; must have one at least"),
         (lambda: plot_sensors([]), "plot_sensors: curves is empty; must have one at least"),
+        (lambda: plot_backbones([]), "plot_backbones: backbones is empty; must have one at least"),
     ],
 )
 def test_what_no_rig_has_and_numbers_that_are_none_are_refused(call: Callable[[], object], said: str) -> None:

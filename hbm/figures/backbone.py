@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from matplotlib.axes import Axes
 
-from hbm.figures.curves import listed
+from hbm.errors import one_or_several
+from hbm.figures.curves import Curves, listed
 from hbm.figures.scales import logarithmic, wide_enough
 from hbm.figures.style import (
     FAINT,
@@ -22,15 +23,17 @@ from hbm.figures.units import prefixed
 from hbm.fourier import Array
 from hbm.modes.backbone import Backbone, NonlinearMode
 from hbm.modes.linear import linear_modes
-from hbm.response.curve import ResponseCurve
 
 MODE, RESONANCE = "#1f4e79", "#c8553d"
 """Inks of the nonlinear mode and of phase resonance; distinct in grey."""
 
 
+Backbones = Backbone | Sequence[Backbone]
+
+
 def plot_backbones(
-    backbones: Sequence[Backbone],
-    curves: Sequence[ResponseCurve] = (),
+    backbones: Backbones,
+    curves: Curves = (),
     axes: AxesArray | None = None,
     *,
     number: int = 1,
@@ -39,9 +42,9 @@ def plot_backbones(
 
     Parameters
     ----------
-    backbones : sequence of Backbone
+    backbones : Backbone or sequence of them
         Backbones of one mode of one rig.
-    curves : sequence of ResponseCurve
+    curves : ResponseCurve or sequence of them
         Levels to draw beneath them.
     axes : array of three Axes, optional
     number : int
@@ -51,6 +54,7 @@ def plot_backbones(
     -------
     (3,) array of Axes
     """
+    backbones = _listed(backbones, "plot_backbones")
     rows = panels(axes, 3, 1, 7.6, height_ratios=(1, 1, 1.5)).ravel()
     frequency, damping, response = rows
     plot_frequency(backbones, frequency, number=number)
@@ -64,9 +68,9 @@ def plot_backbones(
     return align_labels(rows)
 
 
-def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:
+def plot_frequency(backbones: Backbones, ax: Axes | None = None, *, number: int = 1) -> Axes:
     """Frequency over drive amplitude, with those of the contact stuck and sliding as thin lines."""
-    backbones = [b.dense for b in backbones]
+    backbones = [b.dense for b in _listed(backbones, "plot_frequency")]
     ax, linear = new_axes(ax), linear_modes(backbones[0].rig)
     _mark_limits(ax, backbones, linear.stuck_hz[number - 1], linear.sliding_hz[number - 1])
     scale, unit = prefixed("m", *(b.amplitude for b in backbones))
@@ -78,9 +82,9 @@ def plot_frequency(backbones: Sequence[Backbone], ax: Axes | None = None, *, num
     return dressed(ax, f"Drive displacement, fundamental [{unit}]", "Frequency [Hz]")
 
 
-def plot_damping(backbones: Sequence[Backbone], ax: Axes | None = None, *, number: int = 1) -> Axes:
+def plot_damping(backbones: Backbones, ax: Axes | None = None, *, number: int = 1) -> Axes:
     """Damping ratio over drive amplitude, with those of the contact stuck and sliding as thin lines."""
-    backbones = [b.dense for b in backbones]
+    backbones = [b.dense for b in _listed(backbones, "plot_damping")]
     ax, rig = new_axes(ax), backbones[0].rig
     linear = linear_modes(rig)
     held, free = linear.stuck_damping_ratio[number - 1], linear.damping_ratio[number - 1]
@@ -94,11 +98,10 @@ def plot_damping(backbones: Sequence[Backbone], ax: Axes | None = None, *, numbe
     return dressed(ax, f"Drive displacement, fundamental [{unit}]", "Damping ratio [%]")
 
 
-def plot_backbone_over_responses(
-    backbones: Sequence[Backbone], curves: Sequence[ResponseCurve] = (), ax: Axes | None = None
-) -> Axes:
+def plot_backbone_over_responses(backbones: Backbones, curves: Curves = (), ax: Axes | None = None) -> Axes:
     """Drive amplitude over frequency: backbones over frequency responses."""
-    backbones, curves, ax = [b.dense for b in backbones], listed(curves), new_axes(ax)
+    backbones = [b.dense for b in ([backbones] if isinstance(backbones, Backbone) else backbones)]
+    curves, ax = listed(curves, "plot_backbone_over_responses") if curves else [], new_axes(ax)
     responses = [curve["drive"].amplitude[:, 1] for curve in curves]
     scale, unit = prefixed("m", *(responses or (b.amplitude for b in backbones)))
     for curve, own, color in zip(curves, responses, level_colors(curves) if curves else [], strict=True):
@@ -112,6 +115,10 @@ def plot_backbone_over_responses(
         ax.legend(frameon=False, fontsize=SMALL, labelcolor=INK, loc="best")
     wide_enough(ax.xaxis)
     return dressed(ax, "Frequency [Hz]", f"Drive displacement,\nfundamental [{unit}]")
+
+
+def _listed(backbones: Backbones, where: str) -> list[Backbone]:
+    return one_or_several(backbones, Backbone, where, "backbones")  # type: ignore[type-abstract]
 
 
 def _draw(ax: Axes, lines: Sequence[tuple[Backbone, Array, Array]]) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 
-from hbm.errors import InputError
+from hbm.errors import one_or_several
 from hbm.figures.joints import draw_joints
 from hbm.figures.scales import phases
 from hbm.figures.stretches import DASHES, draw_line
@@ -166,18 +166,15 @@ def least_reaction(curve: ResponseCurve) -> Array:
     return np.array([p.channels["normal"].samples.min() for p in curve.points])
 
 
-def listed(curves: Curves, where: str = "") -> list[ResponseCurve]:
+def listed(curves: Curves, where: str) -> list[ResponseCurve]:
     """One curve or several as a list, to be drawn: with what lies between their points.
 
     Raises
     ------
     InputError
-        If there is none, and somebody is named who needs one.
+        If there is none.
     """
-    found = [curves] if isinstance(curves, ResponseCurve) else list(curves)
-    if where and not found:
-        raise InputError(f"{where}: curves is empty; must have one at least")
-    return [c.dense for c in found]
+    return [c.dense for c in one_or_several(curves, ResponseCurve, where, "curves")]
 
 
 def over(curves: Sequence[ResponseCurve]) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hbm.errors import InputError, channel_named
+from hbm.errors import InputError, channel_named, one_or_several
 from hbm.files.outputs import companion, with_companion
 from hbm.files.version import installed_version
 from hbm.fourier import Array
@@ -51,10 +51,7 @@ def write_curves(path: StrPath, curves: ResponseCurve | Sequence[ResponseCurve])
         If there are no curves, or the files cannot be written; then neither is.
     """
     check_ending(path, (".csv",), "write_curves: path")
-    listed = [curves] if isinstance(curves, ResponseCurve) else list(curves)
-    if not listed:
-        raise InputError("write_curves: curves is empty; must have one at least")
-    return write_together(curve_contents(path, listed))
+    return write_together(curve_contents(path, one_or_several(curves, ResponseCurve, "write_curves", "curves")))
 
 
 def curve_contents(path: StrPath, curves: Sequence[ResponseCurve]) -> Contents:
