@@ -9,12 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.aft.force import InputChange
 from hbm.balance.batch import Batch, Slopes, Which
 from hbm.balance.batchednewton import Solved
 from hbm.channels import DERIVATIVES
 from hbm.fourier import Array
-from hbm.sensitivity.held import mixing_of
+from hbm.sensitivity.held import mixing_of, still_of
 from hbm.sensitivity.moving import MOST_REFINEMENTS, REFINED, SLOW
 from hbm.sensitivity.scalars import FORCE, HZ, LOAD, law_keys
 from models.change import structure_change
@@ -105,12 +104,9 @@ class _Held:
 
     def friction(self, slopes: Slopes, by_Omega: Array) -> Array:
         """Derivatives of the law's force coefficients, (R, 2H+1, q), by their slopes (R, 2H+1, ...) to its signals."""
-        numbers = np.vstack([self.law, self.d.flexibility[:, 0, 0]])
-        acting = np.flatnonzero(numbers.any(axis=1))
-        unit, size = np.eye(len(numbers))[:, acting], self.batch.basis.size
-        still = InputChange(np.zeros((size, 3, len(acting))), np.zeros(len(acting)), unit[:-1], unit[-1])
+        still, numbers = still_of(np.vstack([self.law, self.d.flexibility[:, 0, 0]]), self.batch.basis.size)
         by_numbers = np.stack([self.batch.basis.analysis @ self.batch.along(i, still) for i in range(len(self.Q))])
-        change = slopes.of(self.u, self.rho, self.eta) + by_numbers @ numbers[acting]
+        change = slopes.of(self.u, self.rho, self.eta) + by_numbers @ numbers
         return np.asarray(change + by_Omega[..., None] * (2 * np.pi * self.hz))
 
 

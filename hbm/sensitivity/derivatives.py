@@ -27,7 +27,7 @@ from hbm.channels import read
 from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.sensitivity.channels import Change, Channels, Derivatives, described
-from hbm.sensitivity.held import HeldBalance, friction_change, mixed, mixing_of
+from hbm.sensitivity.held import HeldBalance, law_change, mixed, mixing_of
 from hbm.sensitivity.jointed import (
     JointSensitivities,
     joint_balance_change,
@@ -148,8 +148,7 @@ def _sensitivities(
     keys = (*law_keys(rig), LOAD, FORCE, HZ, ALPHA) if keys is None else tuple(keys)
     units, values = described(rig, solution, keys)
     held, balance = HeldBalance(here, keys), LinearBalance(here)
-    law = problem.basis.analysis @ friction_change(here, held.inputs)
-    right = balance.scaled(-held.modal, law)
+    right = balance.scaled(-held.modal, law_change(here, held.inputs))
     also = np.zeros((len(right), 0)) if beside is None else balance.disturbed(beside)
     x, refinements = refined(here, balance, np.hstack([right, also]), near)
     d_Q, d_T = balance.unpack(x[:, : len(keys)])
@@ -246,7 +245,7 @@ def balance_change(here: AnyLinearization, keys: Sequence[str]) -> Array:
     if isinstance(here, JointLinearization):
         return joint_balance_change(here, keys)
     held, balance = HeldBalance(here, tuple(keys)), LinearBalance(here)
-    change = balance.scaled(held.modal, -here.problem.basis.analysis @ friction_change(here, held.inputs))
+    change = balance.scaled(held.modal, -law_change(here, held.inputs))
     mixing = mixing_of(held.structure, here.problem.structure.omega_n**2)
     if mixing.any():
         split = here.problem.basis.size * here.problem.structure.n

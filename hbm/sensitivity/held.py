@@ -151,6 +151,35 @@ def friction_change(here: Linearization, inputs: InputChange) -> Array:
     return problem.law.along(here.kin.signals, here.state.Omega, problem.environment, inputs)
 
 
+def law_change(here: Linearization, inputs: InputChange) -> Array:
+    """Derivatives of the force coefficients of the law, (2H+1, p): through its signals by the slopes in Newton's matrix.
+
+    What is left are its own numbers, the load and the compliance, which are few.
+    """
+    contact, compliance = here.contact, np.zeros_like(inputs.Omega) if inputs.compliance is None else inputs.compliance
+    change = np.outer(contact.by_Omega, inputs.Omega)
+    for i, slope in enumerate((contact.by_u, contact.by_rho, contact.by_eta)):
+        if slope is not None:
+            change += slope @ inputs.signals[:, i]
+    still, numbers = still_of(np.vstack([inputs.law, compliance]), here.problem.basis.size)
+    return np.asarray(change + here.problem.basis.analysis @ friction_change(here, still) @ numbers)
+
+
+def still_of(numbers: Array, size: int) -> tuple[InputChange, Array]:
+    """Unit changes of what is shown to a law whose contact does not move, and how much (q, p) of each there is.
+
+    Parameters
+    ----------
+    numbers : (parameters + 2, p) array
+        Changes of its parameters, of the static load and of the compliance; those that are none are left out.
+    size : int
+        Of its coefficients.
+    """
+    acting = np.flatnonzero(numbers.any(axis=1))
+    unit, none = np.eye(len(numbers))[:, acting], np.zeros(len(acting))
+    return InputChange(np.zeros((size, 3, len(acting))), none, unit[:-1], unit[-1]), numbers[acting]
+
+
 def mixed(Q: Array, mixing: Array) -> Array:
     """Coefficients (2H+1, n) of the changed modes, as (2H+1, n, p) of those there are now, per unit of each change."""
     return np.asarray(np.einsum("kj,pij->kip", Q, mixing))

@@ -120,8 +120,14 @@ def test_elastic_clamp_is_found_with_its_stiffness():
     assert (found.verdict, found.cause) == ("cause-found", "clamp-rotation")
     stiffness = found.parameters["stiffness"]
     assert abs(stiffness.value - truth("clamp_rotation")["stiffness"]) < 3 * stiffness.std
-    assert found.gain["held_out_chi2_ratio"] < 0.9
-    assert found.errors["extended"]["held_out"].chi2_reduced < 1.2
+    # many numbers within their tolerances predict as well, far from the rig file: the clamp alone does it with one
+    assert found.gain["held_out_chi2_ratio"] <= 1.0
+    assert (
+        found.calibrated.chi2 - found.extended_fit.chi2 > 16.0
+        and found.extended_fit.pulls @ found.extended_fit.pulls == 0.0
+    )
+    extended, nominal = (found.errors[name]["held_out"].chi2_reduced for name in ("extended", "nominal"))
+    assert extended < 1.2 < 100.0 < nominal
     assert found.extended.attachments.clamp_stiffness == stiffness.value
 
 
