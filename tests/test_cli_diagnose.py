@@ -53,8 +53,9 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No figures, these are drawn once, and no processes, whose start would take longer than what they do."""
+    """No figures and curves, which are drawn and traced once, and no processes: they would take longer to start."""
     monkeypatch.setattr("hbm.files.diagnosisfiles.diagnosis_plates", lambda found: [])
+    monkeypatch.setattr("hbm.diagnosis.curves.traced_responses", lambda *_: ())
     monkeypatch.setattr("hbm.parallel.all_cores", lambda prepare: nullcontext())
 
 
@@ -397,6 +398,8 @@ def test_every_cause_says_how_to_check_it_and_the_page_says_the_same() -> None:
 
 def test_nothing_wrong_is_consistent_and_has_no_extended_rig(folder: Path, tmp_path: Path, plain: None) -> None:
     (tmp_path / "extended.toml").write_text("of an earlier run")
+    (tmp_path / "candidates").mkdir()
+    (tmp_path / "candidates" / "1-added-spring.toml").write_text("of an earlier run")
     (tmp_path / "notes.txt").write_text("mine")
     rig, spectra = str(folder / "rig.toml"), str(folder / "null.csv")
     result = run("diagnose", rig, spectra, "--cause", "added-mass", "--out", str(tmp_path))
@@ -405,6 +408,7 @@ def test_nothing_wrong_is_consistent_and_has_no_extended_rig(folder: Path, tmp_p
     assert (table["verdict"], table["cause"], table["parameters"]) == ("consistent", None, {})
     assert table["errors"]["extended"] == {}
     assert not (tmp_path / "extended.toml").exists()
+    assert not (tmp_path / "candidates").exists()
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
@@ -447,14 +451,6 @@ def test_unexplained_writes_the_nearest_candidates_and_says_not_to_believe_them(
         gain = {c.name: c.gain for c in rig.channels}[entry["parameters"]["channel"]["value"]]
         assert gain == entry["parameters"]["gain"]["value"]
         assert f'href="candidates/{name}"' in page and f"wrote {out / 'candidates' / name}" in result.stdout
-
-
-def test_candidates_of_an_earlier_run_are_removed(folder: Path, tmp_path: Path, plain: None) -> None:
-    (tmp_path / "candidates").mkdir()
-    (tmp_path / "candidates" / "1-added-spring.toml").write_text("old")
-    args = ("--cause", "added-mass", "--out", str(tmp_path))
-    assert run("diagnose", str(folder / "rig.toml"), str(folder / "null.csv"), *args).exit_code == 0
-    assert not (tmp_path / "candidates").exists()
 
 
 def test_a_folder_that_could_not_hold_candidates_is_refused_at_once(folder: Path, tmp_path: Path) -> None:

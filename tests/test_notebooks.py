@@ -2,8 +2,8 @@
 
 import json
 import os
-import subprocess
 import sys
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -21,28 +21,28 @@ def read(path: Path) -> Any:
     return jupytext.read(path)
 
 
-def executed(script: Path, folder: Path) -> Any:
-    """Run a script as a notebook, in processes of their own and on the interpreter of this test.
+def executed(script: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Run a script as a notebook, in a process of its own on the interpreter of this test.
 
     Whatever kernels are installed do not matter, nor what Jupyter warns about.
     """
+    import nbclient
+
     kernel = folder / "kernels" / "of-this-test" / "kernel.json"
     kernel.parent.mkdir(parents=True)
     argv = [sys.executable, "-m", "ipykernel_launcher", "-f", "{connection_file}"]
     kernel.write_text(json.dumps({"argv": argv, "display_name": "of this test", "language": "python"}))
+    monkeypatch.setenv("JUPYTER_PATH", str(folder))
     environment = os.environ | {
-        "JUPYTER_PATH": str(folder),
         "PYTHONPATH": os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])),
         "MPLBACKEND": "module://matplotlib_inline.backend_inline",  # figures belong in the notebook
         "OPENBLAS_NUM_THREADS": "1",  # more threads only wait for each other on matrices this small
     }
     environment.pop("PYTHONWARNINGS", None)
-    target = folder / f"{script.stem}.ipynb"
-    command = [sys.executable, "-m", "jupytext", str(script), "--to", "ipynb", "--output", str(target)]
-    command += ["--set-kernel", "of-this-test", "--execute", "--run-path", str(script.parent)]
-    run = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=900)
-    assert run.returncode == 0, run.stdout + run.stderr
-    return read(target)
+    where = {"metadata": {"path": str(script.parent)}}
+    with warnings.catch_warnings(action="ignore"):
+        run = nbclient.NotebookClient(read(script), kernel_name="of-this-test", timeout=900, resources=where)
+        return run.execute(env=environment)
 
 
 def figures(notebook: Any) -> int:
@@ -56,8 +56,8 @@ def test_there_are_notebooks():
 
 @pytest.mark.slow
 @BY_NAME
-def test_every_cell_runs_and_every_number_holds(script, tmp_path):
-    found = executed(script, tmp_path)
+def test_every_cell_runs_and_every_number_holds(script, tmp_path, monkeypatch):
+    found = executed(script, tmp_path, monkeypatch)
     assert figures(found) == figures(read(script.with_suffix(".ipynb"))) > 0
 
 

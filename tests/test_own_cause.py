@@ -83,6 +83,7 @@ def magnet(y: Any, _rate: Any, _phase: float) -> Any:
 @pytest.mark.slow
 def test_a_magnet_beside_finite_elements_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hbm.files.diagnosisfiles.diagnosis_plates", lambda found: [])
+    monkeypatch.setattr("hbm.diagnosis.curves.traced_responses", lambda *_: ())
     rig, rng = table_1(Coulomb(mu=0.52, critical_slip=4.15e-6), sensors=(0.15, 0.3, 0.5)), np.random.default_rng(4)
     built = replace(rig, effects=(PointForce(POSITION, magnet),))
     spectra = measure(simulate_records(built, scattered(RECORDS, rng), 512, QUICK), snr_db=50, rng=rng, harmonics=3)

@@ -8,7 +8,7 @@ for the state that a period maps on itself; both return a :class:`hbm.integratio
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import overload
 
 import numpy as np
@@ -291,7 +291,7 @@ class _Period:
         """The period from another state."""
         return _Period(self.stepper, x, self.scale)
 
-    @property
+    @cached_property
     def steps(self) -> Array:
         """Jacobian of each step, (steps, size, size)."""
         return self.stepper.linearised(self.x, self.X, self.T)

@@ -54,18 +54,19 @@ def jump(t: Array, c: Complex) -> Jump | None:
         return None
     x, phase = np.linspace(-1.0, 1.0, B), np.unwrap(np.angle(c))
     smooth = np.polynomial.Polynomial.fit(x, phase, SMOOTH)(x)
-    tried = [_at(x, phase, j) for j in range(2, B - 2)]
-    angle, std, left = tried[best := int(np.argmin([left for *_, left in tried]))]
-    if left > ABRUPT * float(np.sum((phase - smooth) ** 2)) or abs(angle) < CERTAIN * std:
+    angle, std, left = _tried(x, phase)
+    best = int(np.argmin(left))
+    if left[best] > ABRUPT * float(np.sum((phase - smooth) ** 2)) or abs(angle[best]) < CERTAIN * std[best]:
         return None
-    return Jump(angle, std, float(t[best + 2]))
+    return Jump(float(angle[best]), float(std[best]), float(t[best + 2]))
 
 
-def _at(x: Array, phase: Array, j: int) -> tuple[float, float, float]:
-    """Angle of a jump within block j, its standard deviation, and the square that is left."""
-    others = np.arange(len(x)) != j  # the block that it is in has some of both phases
-    A = np.column_stack([np.ones_like(x), x, np.arange(len(x)) > j])[others]
-    inverse = np.linalg.inv(A.T @ A)
-    found = inverse @ A.T @ phase[others]
-    left = float(np.sum((phase[others] - A @ found) ** 2))
-    return float(found[2]), float(np.sqrt(left / (len(A) - 3) * inverse[2, 2])), left
+def _tried(x: Array, phase: Array) -> tuple[Array, Array, Array]:
+    """Angle of a jump within each block but two at both ends, its standard deviation, and the square that is left."""
+    block, j = np.arange(len(x)), np.arange(2, len(x) - 2)[:, None]
+    others = block != j  # the block that it is in has some of both phases
+    A = np.stack([others, others * x, block > j], axis=2)
+    inverse = np.linalg.inv(A.swapaxes(1, 2) @ A)
+    found = (inverse @ (A.swapaxes(1, 2) @ phase)[:, :, None])[:, :, 0]
+    left = np.sum((others * phase - (A @ found[:, :, None])[:, :, 0]) ** 2, axis=1)
+    return found[:, 2], np.sqrt(left / (len(x) - 4) * inverse[:, 2, 2]), left

@@ -14,15 +14,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import solve_banded
+from scipy.linalg.blas import ztbsv
 from scipy.optimize import least_squares
 
 from hbm.fourier import Array
 
 Complex = npt.NDArray[np.complex128]
 
-INSTANTS = np.polynomial.legendre.leggauss(24)[0]
+INSTANTS, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 """Where a window is looked at, from -1 to 1."""
+
+_DEGREES = np.arange(len(INSTANTS))
+_OF_LEGENDRE = (_DEGREES + 0.5)[:, None] * np.polynomial.legendre.legvander(INSTANTS, _DEGREES[-1]).T * _WEIGHTS
+"""Legendre polynomials that make up the one that is 1 at an instant and 0 at all others, (degrees, instants): a rule of
+Gauss integrates their products exactly."""
 
 SHARPEST = 1e-4
 """Part that no response is known better than when modes are fitted, nor a lag by them."""
@@ -115,12 +120,8 @@ def shares(x: Array, wave: Complex, found: Complex) -> Complex:
     found : (n,) complex array
         Amplitude that the fit of the window finds, per value of each sample.
     """
-    others = ~np.eye(len(INSTANTS), dtype=bool)
-    between = [
-        np.prod((x[:, None] - INSTANTS[o]) / (at - INSTANTS[o]), axis=1) for at, o in zip(INSTANTS, others, strict=True)
-    ]
     both = 0.5 * np.array([found * wave, found * wave.conj()])
-    return np.asarray(both @ np.stack(between, axis=1))
+    return np.asarray(both @ np.polynomial.legendre.legvander(x, _DEGREES[-1]) @ _OF_LEGENDRE)
 
 
 def drive_of(time: Array, half: Array, phase: Array, force: Complex, seen: Complex) -> Drive:
@@ -169,12 +170,14 @@ def answers(drive: Drive, sigma: Complex) -> tuple[Seen, Complex]:
     """Answers of modes of exponents (r,) to the force per residue, as windows see them and steady, (w, r) each."""
     steady = drive.force[:, None] / (1j * drive.omega[:, None] - sigma)
     swept = Seen(np.empty_like(steady), np.empty_like(steady))
+    turned, passed = 1j * np.diff(drive.phase), np.diff(drive.time)
+    band = np.zeros((2, len(drive.time)), dtype=complex, order="F")  # E is kept in part from instant to instant
     for r, exponent in enumerate(sigma):
         Q = drive.forces / (1j * drive.pace - exponent)
-        turn = 1j * np.diff(drive.phase) - exponent * np.diff(drive.time)
+        turn = turned - exponent * passed
         kept, pulled = np.exp(-turn), -np.diff(Q) / turn
-        band = np.array([np.ones(len(Q)), np.append(-kept, 0.0)])
-        E = solve_banded((1, 0), band, np.append(pulled[0], pulled * (1.0 - kept)))
+        band[1, :-1] = -kept
+        E = ztbsv(1, band, np.append(pulled[0], pulled * (1.0 - kept)), lower=1, diag=1, overwrite_x=1)
         swept.direct[:, r], swept.mirrored[:, r] = _seen(drive, Q + E)
     return swept, steady
 

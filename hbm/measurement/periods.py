@@ -13,6 +13,9 @@ from hbm.measurement.waves import design
 Leak = Callable[[Array], Array]
 """What a trend of all coefficients (c, 2H+1), by their change over the record, adds to each of them."""
 
+KEPT = 2**20
+"""Numbers of the columns of a whole record that are kept; of longer ones those of a block are worked out as needed."""
+
 
 class Periods(NamedTuple):
     """Coefficients of whole periods.
@@ -37,15 +40,21 @@ class Periods(NamedTuple):
 
 def fitted(t: Array, Y: Array, hz: float, H: int, edges: Array) -> Periods:
     """Coefficients of samples Y (N, c) at times t (N,) by least squares; blocks begin at the `edges`."""
-    sums = list(_normal_equations(t, Y, hz, H, edges))
+    known = design(t, hz, H) if len(t) * (2 * H + 1) <= KEPT else None
+
+    def chunks() -> Iterator[tuple[Array, Array, Array]]:
+        """Times, samples and design of each block."""
+        for at in _blocks(t, edges):
+            yield t[at], Y[at], design(t[at], hz, H) if known is None else known[at]
+
+    sums = [(A.T @ A, A.T @ y) for _, y, A in chunks()]
     whole, middle, length = sum(G for G, _ in sums), 0.5 * (t[0] + t[-1]), t[-1] - t[0]
     coefficients = np.asarray(np.linalg.solve(whole, sum(r for _, r in sums)).T, dtype=float)
-    residual = np.concatenate([y - design(x, hz, H) @ coefficients.T for x, y in _chunks(t, Y, edges)])
+    residual = np.concatenate([y - A @ coefficients.T for _, y, A in chunks()])
 
     def leak(trend: Array) -> Array:
         seen = np.zeros_like(trend.T)
-        for x, _ in _chunks(t, Y, edges):
-            A = design(x, hz, H)
+        for x, _, A in chunks():
             seen += A.T @ (((x - middle) / length)[:, None] * (A @ trend.T))
         return np.asarray(np.linalg.solve(whole, seen).T)
 
@@ -83,14 +92,5 @@ def transformed(Y: Array, turns: float, H: int, samples: int, starts: npt.NDArra
     return Periods(coefficients, by_block, residual.reshape(Y.shape), leak)
 
 
-def _chunks(t: Array, Y: Array, edges: Array) -> Iterator[tuple[Array, Array]]:
-    at = [0, *np.searchsorted(t, edges).tolist(), len(t)]
-    for first, last in pairwise(at):
-        yield t[first:last], Y[first:last]
-
-
-def _normal_equations(t: Array, Y: Array, hz: float, H: int, edges: Array) -> Iterator[tuple[Array, Array]]:
-    """Normal matrix and right-hand side of each block; their sums are those of the whole record."""
-    for x, y in _chunks(t, Y, edges):
-        A = design(x, hz, H)
-        yield A.T @ A, A.T @ y
+def _blocks(t: Array, edges: Array) -> Iterator[slice]:
+    return (slice(*ends) for ends in pairwise([0, *np.searchsorted(t, edges).tolist(), len(t)]))

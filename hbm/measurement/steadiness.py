@@ -6,6 +6,7 @@ structure rings at its own frequency, delta / 2 pi beside the fundamental.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -137,7 +138,7 @@ def _probability(explained: float, parameters: int, left: float, freedom: int) -
 def _transient(t: Array, c: Complex, known: Steadiness) -> Steadiness:
     """Add a transient, where the amplitudes are explained by one; p is corrected for the search over the beat."""
     B, x = len(t), (t - t[0]) / (t[1] - t[0])  # time in blocks
-    whole, start = float(np.sum(np.abs(c - c.mean()) ** 2)), _start(x, c)
+    whole, start = float(np.sum(np.abs(c - c.mean()) ** 2)), _start(c)
 
     def probability(left: float) -> float:
         return min(1.0, B * _probability(whole - left, 4, left, 2 * B - 6))
@@ -163,15 +164,19 @@ def _transient(t: Array, c: Complex, known: Steadiness) -> Steadiness:
     )
 
 
-def _start(x: Array, c: Complex) -> Array:
+def _start(c: Complex) -> Array:
     """Best decay rate and beat of a grid, per block."""
-    B = len(x)
+    grid, shapes = _grid(len(c))
+    return np.asarray(grid[np.argmax(np.abs(shapes @ (c - c.mean())))])
+
+
+@lru_cache(maxsize=8)
+def _grid(B: int) -> tuple[Array, Complex]:
+    """Decay rates and beats per block, (g, 2); conjugates of transients in B blocks, of mean 0, size 1, (g, B)."""
     rates, beats = np.meshgrid(np.geomspace(0.2, 0.5 * B, 6) / B, np.linspace(-np.pi, np.pi, 2 * B, endpoint=False))
-    shapes = _shape(x, rates.reshape(-1, 1), beats.reshape(-1, 1))
+    shapes = _shape(np.arange(1.0 * B), rates.reshape(-1, 1), beats.reshape(-1, 1)).conj()
     shapes = shapes - shapes.mean(axis=1, keepdims=True)
-    explained = np.abs(shapes.conj() @ (c - c.mean())) ** 2 / np.sum(np.abs(shapes) ** 2, axis=1)
-    best = int(np.argmax(explained))
-    return np.array([rates.flat[best], beats.flat[best]])
+    return np.column_stack([rates.ravel(), beats.ravel()]), shapes / np.linalg.norm(shapes, axis=1, keepdims=True)
 
 
 def _shape(x: Array, rate: npt.ArrayLike, beat: npt.ArrayLike) -> Complex:

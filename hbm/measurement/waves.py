@@ -85,13 +85,25 @@ def _standing_out(residual: Array, H: int, periods: int) -> npt.NDArray[np.int_]
     """Numbers of harmonics above H that stand out in a channel, by lines of whole periods, ascending."""
     power = np.abs(np.fft.rfft(residual, axis=0)) ** 2
     numbers = np.arange(H + 1, (len(residual) - 1) // 2 // periods + 1)
+    out = power[numbers * periods] > _floor(power, numbers, periods) * (np.log(len(power)) + CHANCE)
+    return np.asarray(numbers[out.any(axis=1)])
+
+
+def _floor(power: Array, numbers: npt.NDArray[np.int_], periods: int) -> Array:
+    """Mean power (m, c) of the noise around harmonics, by the median of the lines between those around each."""
+    floor = np.empty((len(numbers), power.shape[1]))
+    inside = (numbers >= AROUND) & ((numbers + AROUND) * periods <= len(power))
+    whole = power[: len(power) // periods * periods].reshape(-1, periods, power.shape[1])[:, 1:]
+    each = max(CHUNK // periods, 1)
+    at = np.flatnonzero(inside)
+    for some in (at[first : first + each] for first in range(0, len(at), each)):
+        around = whole[numbers[some, None] + np.arange(-AROUND, AROUND)]  # (some, 2 AROUND, periods - 1, c)
+        floor[some] = np.median(around.reshape(len(some), -1, power.shape[1]), axis=1)
     between = np.arange(len(power)) % periods != 0
-    out = np.zeros(len(numbers), dtype=bool)
-    for i, k in enumerate(numbers.tolist()):
-        near = slice(max((k - AROUND) * periods, 0), (k + AROUND) * periods)
-        floor = np.median(power[near][between[near]], axis=0) / np.log(2.0)
-        out[i] = bool((power[k * periods] > floor * (np.log(len(power)) + CHANCE)).any())
-    return np.asarray(numbers[out])
+    for i in np.flatnonzero(~inside).tolist():
+        near = slice(max((numbers[i] - AROUND) * periods, 0), (numbers[i] + AROUND) * periods)
+        floor[i] = np.median(power[near][between[near]], axis=0)
+    return np.asarray(floor / np.log(2.0))
 
 
 def _parts(samples: int) -> Iterator[slice]:

@@ -72,14 +72,23 @@ def check_value(rig: AnyRig, key: Key, value: float) -> None:
     ValueError
         If it is out of its bounds, or of those that other parameters of the law set.
     """
+    _check_bounds(key, value)
+    if key.name in rig.numbers:
+        _check_others(key, value, rig.with_number(key.name, value))
+
+
+def _check_bounds(key: Key, value: float) -> None:
     p = key.accepted
     above = value > p.lower if p.strict else value >= p.lower
     if not (above and value <= p.upper and np.isfinite(value)):
         raise ValueError(f"{key.name} = {value:g}; must be {p.bound}")
-    if key.name in rig.numbers:
-        for low, other in rig.with_number(key.name, value).too_low:
-            name, least = (k.rpartition(".")[2] for k in (low, other))
-            raise ValueError(f"{key.name} = {value:g}; {name} must be >= {least}")
+
+
+def _check_others(key: Key, value: float, there: AnyRig) -> None:
+    """Refuse a rig with a value that other parameters of the law do not allow."""
+    for low, other in there.too_low:
+        name, least = (k.rpartition(".")[2] for k in (low, other))
+        raise ValueError(f"{key.name} = {value:g}; {name} must be >= {least}")
 
 
 class ParameterBalance:
@@ -104,6 +113,7 @@ class ParameterBalance:
     ) -> None:
         self.rig, self.key, self.values, self.basis = rig, key, values, basis
         self._hz, self._level = hz, level
+        self._last_rig = float("nan"), rig  # of no value yet
         self.first: AnyBalance = balance_of(self.rig_at(0.0), basis, level=self.level_at(0.0))
         self._last = 0.0, self.first
 
@@ -129,7 +139,9 @@ class ParameterBalance:
         """The rig with that value."""
         if self.key.name in (HZ, FORCE):
             return self.rig
-        return self.rig.with_number(self.key.name, self.value_at(lam))
+        if self._last_rig[0] != lam:
+            self._last_rig = lam, self.rig.with_number(self.key.name, self.value_at(lam))
+        return self._last_rig[1]
 
     def at(self, lam: float) -> AnyBalance:
         """The balance of the rig with that value, in the units of the first."""
@@ -141,7 +153,8 @@ class ParameterBalance:
         if self._last[0] == lam:
             return True
         try:
-            check_value(self.rig, self.key, self.value_at(lam))
+            _check_bounds(self.key, self.value_at(lam))
+            _check_others(self.key, self.value_at(lam), self.rig_at(lam))
         except ValueError:
             return False
         return True

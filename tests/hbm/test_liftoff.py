@@ -1,6 +1,7 @@
 """A tip that lifts off its support: two integrators, statics, and its own derivatives."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -35,6 +36,7 @@ def paper(modes: int = 5) -> Rig:
     return replace(beam(PAPER_PENALTY, alpha=20.0, modes=modes), channels=channels)
 
 
+@cache
 def lifted(modes: int = 5, level: float = LIFTS, **accuracy: int) -> tuple[Rig, PeriodicSolution, PeriodicSolution]:
     """Rig, its motion with the tip kept on the support, and that without."""
     rig = with_lift(paper(modes))

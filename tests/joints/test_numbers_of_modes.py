@@ -120,7 +120,7 @@ def test_a_curve_along_a_frequency_ends_where_a_single_solution_is(linear: Joint
     "command",
     [
         ("frf", "--from", "19", "--to", "21"),
-        ("continue", "--parameter", "modal.frequencies_hz[2]", "--from", "19", "--to", "21", "--frequency", "20"),
+        ("continue", "--parameter", "modal.frequencies_hz[2]", "--from", "19.9", "--to", "20.1", "--frequency", "20"),
         ("simulate", "--frequency", "20", "--duration", "0.2"),
     ],
     ids=lambda command: command[0],

@@ -20,7 +20,7 @@ from models.parts import Damping, Excitation
 from tests.joints.rigs import made_up
 from tests.slopes import check_plane
 
-HZ = 9.0, 16.0
+HZ = 10.0, 11.3
 BODY = ModalModel((10.0, 37.0), {"drive": (0.8, 0.5), "spring": (1.0, -0.4), "rub": (0.5, 0.9)}, ((1e-5,) * 3,) * 3)
 HARDENING = Joint("spring", CubicSpring(1e6), ("spring",))
 STICKING = Joint("rub", Friction(Jenkins(1.0, 1e-5), 1.0), ("rub",))

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +30,9 @@ def force_at(hz):
     return 1.0 - 0.3 * np.exp(-(((hz - HZ) / 3.0) ** 2))
 
 
-def run(speed: float, ratio: float = 0.01, cubic: float = 0.0, span=(42.0, 58.0), noise: float = 0.0) -> Recording:
-    """x'' + 2 zeta omega x' + omega^2 x + cubic x^3 = F cos phi, phi of a linear sweep."""
-    begin, end = span
+@cache
+def simulated(speed: float, ratio: float, cubic: float, begin: float, end: float):
+    """Times, force and motion of x'' + 2 zeta omega x' + omega^2 x + cubic x^3 = F cos phi, phi of a linear sweep."""
     t = np.arange(0.0, (end - begin) / speed, 1.0 / RATE)
 
     def force(t):
@@ -41,8 +42,13 @@ def run(speed: float, ratio: float = 0.01, cubic: float = 0.0, span=(42.0, 58.0)
         return [y[1], force(t) - 2 * ratio * OMEGA * y[1] - OMEGA**2 * y[0] - cubic * y[0] ** 3]
 
     x = SCALE * solve_ivp(motion, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-12, method="DOP853").y[0]
+    return t, force(t), x
+
+
+def run(speed: float, ratio: float = 0.01, cubic: float = 0.0, span=(42.0, 58.0), noise: float = 0.0) -> Recording:
+    t, force, x = simulated(speed, ratio, cubic, *span)
     rng = np.random.default_rng(4)
-    dirty = {"force": force(t) + noise * rng.standard_normal(len(t)), "x": x + noise * rng.standard_normal(len(t))}
+    dirty = {"force": force + noise * rng.standard_normal(len(t)), "x": x + noise * rng.standard_normal(len(t))}
     return recording("up.csv", t, dirty)
 
 
