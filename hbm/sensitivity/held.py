@@ -152,7 +152,7 @@ def friction_change(here: Linearization, inputs: InputChange) -> Array:
 
 
 def law_change(here: Linearization, inputs: InputChange) -> Array:
-    """Derivatives of the force coefficients of the law, (2H+1, p): through its signals by the slopes in Newton's matrix.
+    """Derivatives of the law's force coefficients, (2H+1, p): through its signals by the slopes of Newton's matrix.
 
     What is left are its own numbers, the load and the compliance, which are few.
     """
