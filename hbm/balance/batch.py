@@ -127,7 +127,7 @@ class Batch:
         self.Omega = 2 * np.pi * hz[:, None]
         self.force = np.array([p.level for p in problems])[:, None] * first.force_shape
         self.modal_unit = np.array([p.modal_force_ref for p in problems])
-        self.stiffness_unit = first.modal_force_ref / first.q_ref
+        self.q_unit = np.array([p.q_ref for p in problems])
         self.contact_unit = np.array([p.F_ref for p in problems])
         rate = self.Omega[:, :, None]
         self.direct = s.omega_n**2 - (rate * basis.k[:, None]) ** 2
@@ -203,8 +203,9 @@ class Batch:
         modal = self.turned(Q, which) - T[..., None] * s.slip_row - force[..., None] * s.excitation
         if pull is not None:
             modal += pull
-        marched = [self.law(i, signals[at]) for at, i in enumerate(which)]
-        contact = T - np.stack(marched) @ basis.analysis.T
+        # record by record, as all products here: what one is does not depend on the others, to the last bit
+        marched = [basis.analysis @ self.law(i, signals[at]) for at, i in enumerate(which)]
+        contact = T - np.stack(marched)
         norm = np.maximum(
             np.abs(modal).max(axis=(1, 2)) / some(self.modal_unit, which),
             np.abs(contact).max(axis=1) / some(self.contact_unit, which),

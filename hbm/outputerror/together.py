@@ -78,7 +78,8 @@ def _solved(
     try:
         first = HarmonicBalance(rig, basis, level=records[0].force_on(rig))
         batch = Batch([first.at_level(r.force_on(rig)) for r in records], np.array([r.hz for r in records]))
-        begin = [_on(first, _first_start(rig, r, start)) for r, start in zip(records, starts, strict=True)]
+        given = zip(batch.problems, records, starts, strict=True)
+        begin = [_on(problem, _first_start(rig, r, start)) for problem, r, start in given]
         Q, T = (np.stack(parts) for parts in zip(*begin, strict=True))
         solved = solve(batch, Motions(Q, T), NEWTON)
     except FAILURES:

@@ -71,9 +71,8 @@ class _Held:
         u = Q @ d.rows[:, 0].T + force * d.flexibility[:, 0, 1] + s.residual.slip_by_force * self.force
         if batch.first.coupled:
             for j in np.flatnonzero(d.shortening.any(axis=(1, 2))):
-                u[..., j] -= (
-                    0.5 * np.einsum("rti,rti->rt", self._q @ d.shortening[j], self._q) @ basis.exact_products.analysis.T
-                )
+                shorter = np.einsum("rti,rti->rt", self._q @ d.shortening[j], self._q)[..., None]
+                u[..., j] -= 0.5 * (basis.exact_products.analysis @ shorter)[..., 0]
         rows = np.stack([Q @ row.T for row in (d.inertia, d.reaction_damping, d.reaction_stiffness)], axis=2)
         rho = batch.reaction_of(rows)
         faster = batch.turning(Q @ s.reaction.damping) - 2 * batch.Omega * basis.k**2 * (Q @ s.reaction.inertia)
@@ -105,9 +104,10 @@ class _Held:
     def friction(self, slopes: Slopes, by_Omega: Array) -> Array:
         """Derivatives of the law's force coefficients, (R, 2H+1, q), by their slopes (R, 2H+1, ...) to its signals."""
         still, numbers = still_of(np.vstack([self.law, self.d.flexibility[:, 0, 0]]), self.batch.basis.size)
-        by_numbers = np.stack([self.batch.basis.analysis @ self.batch.along(i, still) for i in range(len(self.Q))])
-        change = slopes.of(self.u, self.rho, self.eta) + by_numbers @ numbers
-        return np.asarray(change + by_Omega[..., None] * (2 * np.pi * self.hz))
+        change = slopes.of(self.u, self.rho, self.eta) + by_Omega[..., None] * (2 * np.pi * self.hz)
+        for i in range(len(change) if len(numbers) else 0):
+            change[i] += self.batch.basis.analysis @ self.batch.along(i, still) @ numbers
+        return np.asarray(change)
 
 
 class _Balance:
@@ -145,7 +145,7 @@ def _refined(
         new = np.flatnonzero(~found.matrices.known)
         found.matrices.work_out(new, found.seen.of(new), found.motions.T[new])
     Q, T = np.zeros_like(modal), np.zeros_like(contact)
-    units = batch.modal_unit / batch.stiffness_unit, batch.contact_unit
+    units = batch.q_unit, batch.contact_unit
     which, sizes = np.arange(len(modal)), np.full((len(modal), modal.shape[3]), np.finfo(float).tiny)
     left, renewed = (modal, contact), np.zeros(len(modal), dtype=bool)
     for count in range(MOST_REFINEMENTS + 1):

@@ -162,7 +162,9 @@ def law_change(here: Linearization, inputs: InputChange) -> Array:
         if slope is not None:
             change += slope @ inputs.signals[:, i]
     still, numbers = still_of(np.vstack([inputs.law, compliance]), here.problem.basis.size)
-    return np.asarray(change + here.problem.basis.analysis @ friction_change(here, still) @ numbers)
+    if len(numbers):
+        change += here.problem.basis.analysis @ friction_change(here, still) @ numbers
+    return np.asarray(change)
 
 
 def still_of(numbers: Array, size: int) -> tuple[InputChange, Array]:

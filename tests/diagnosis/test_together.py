@@ -63,6 +63,17 @@ def test_records_are_what_each_is_alone(settled: bool) -> None:
         same(s, simulated(rig, BASIS, DATA, KEYS, r, None))
 
 
+def test_what_a_record_is_does_not_depend_on_the_others_to_the_last_bit() -> None:
+    """Records are shared among as many processes as there are cores: files are the same whatever their number."""
+    starts = [None] * len(AT)
+    whole = list(simulated_together(RIG, BASIS, DATA, KEYS, DATA.records, starts))
+    for first in (0, 1):
+        part = simulated_together(RIG, BASIS, DATA, KEYS, DATA.records[first::2], starts[first::2])
+        for mine, other in zip(part, whole[first::2], strict=True):
+            assert np.array_equal(mine.amplitudes, other.amplitudes) and np.array_equal(mine.by_keys, other.by_keys)
+            assert np.array_equal(mine.solution.state.Q, other.solution.state.Q)
+
+
 def test_a_record_that_is_not_found_together_is_found_alone() -> None:
     """Its start is nowhere near: full steps do not get there, those that are shortened, or the reconstruction, do."""
     last = DATA.records[0].start
