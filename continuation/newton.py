@@ -21,8 +21,8 @@ from .problem import Array, Linearization, Problem
 from .settings import NewtonSettings
 
 _DAMPING = (0.5, 0.25, 0.125, 0.0625)
-_FORGIVEN_GROWTH = 10.0
-_FAST = 0.01
+FORGIVEN_GROWTH = 10.0
+FAST = 0.01
 _SHARPER = 1e-4
 
 
@@ -166,14 +166,14 @@ def correct(problem: Problem, state: Array, border: Border, settings: NewtonSett
         if here is best:
             best_step = step
         trial = _iterate(problem, here.state + step, source)
-        if trial.norm < best.norm and trial.norm <= _FAST * here.norm:
+        if trial.norm < best.norm and trial.norm <= FAST * here.norm:
             here = best = trial
             continue
         if trial.norm < best.norm:
             here = best = trial
         elif source.linearization is not here.linearization:
             pass  # a chord step that fails does not settle whether Newton steps help
-        elif forgiving and here is best and trial.norm < _FORGIVEN_GROWTH * best.norm:
+        elif forgiving and here is best and trial.norm < FORGIVEN_GROWTH * best.norm:
             here, forgiving = trial, False
         else:
             damped = _line_search(problem, best, best_step)

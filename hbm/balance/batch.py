@@ -5,7 +5,7 @@ the same operations serve all. The equations are those of :class:`hbm.balance.eq
 act, whose clamp slips or whose tip lifts off are solved one by one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple, TypeGuard
 
 import numpy as np
@@ -33,6 +33,13 @@ def some(values: Array, which: Which | None) -> Array:
     return values if which is None or len(which) == len(values) else values[which]
 
 
+def put(values: Iterable[Array | None], which: Which, others: Iterable[Array | None]) -> None:
+    """Put others in the place of those of some records."""
+    for mine, theirs in zip(values, others, strict=True):
+        if mine is not None and theirs is not None:
+            mine[which] = theirs
+
+
 class Motions(NamedTuple):
     """States of some balances: Q (R, 2H+1, n) and T (R, 2H+1)."""
 
@@ -43,10 +50,6 @@ class Motions(NamedTuple):
         """Some of them."""
         return Motions(self.Q[which], self.T[which])
 
-    def take(self, which: Which, others: "Motions") -> None:
-        """Put others in the place of some."""
-        self.Q[which], self.T[which] = others
-
 
 class Seen(NamedTuple):
     """What states do at the contact, and what they leave of their balances.
@@ -54,7 +57,7 @@ class Seen(NamedTuple):
     Attributes
     ----------
     Gq, pull : (R, 2H+1, n) array
-        As of :class:`hbm.balance.equations.Kinematics`; None where the structure is not drawn in.
+        As of :class:`hbm.balance.equations.Kinematics`: zeros and None where the structure is not drawn in.
     signals : (R, 2H+1, 4) array
         Coefficients of u, v, rho, eta.
     modal, contact : (R, 2H+1, n) and (R, 2H+1) array
@@ -63,7 +66,7 @@ class Seen(NamedTuple):
         The largest of these in the units of the residual.
     """
 
-    Gq: Array | None
+    Gq: Array
     pull: Array | None
     signals: Array
     modal: Array
@@ -72,14 +75,8 @@ class Seen(NamedTuple):
 
     def of(self, which: Any) -> "Seen":
         """What some of them do."""
-        Gq, pull = (None if a is None else a[which] for a in self[:2])
-        return Seen(Gq, pull, self.signals[which], self.modal[which], self.contact[which], self.norm[which])
-
-    def take(self, which: Which, others: "Seen") -> None:
-        """Put others in the place of some."""
-        for mine, theirs in zip(self, others, strict=True):
-            if mine is not None and theirs is not None:
-                mine[which] = theirs
+        pull = None if self.pull is None else self.pull[which]
+        return Seen(self.Gq[which], pull, self.signals[which], self.modal[which], self.contact[which], self.norm[which])
 
 
 class Slopes(NamedTuple):
@@ -92,12 +89,6 @@ class Slopes(NamedTuple):
     def at(self, which: Any) -> "Slopes":
         """Those of some records."""
         return Slopes(*(None if slope is None else slope[which] for slope in self))
-
-    def take(self, which: Which, others: "Slopes") -> None:
-        """Put others in the place of some."""
-        for mine, theirs in zip(self, others, strict=True):
-            if mine is not None and theirs is not None:
-                mine[which] = theirs
 
     def of(self, u: Array, rho: Array, eta: Array) -> Array:
         """Change (R, 2H+1, p) of the force coefficients with those of the three."""
@@ -186,7 +177,7 @@ class Batch:
         signals = np.zeros((*T.shape, 4))
         u = signals[..., 0]
         u[:] = rows[..., 0]
-        Gq = pull = None
+        Gq, pull = np.zeros_like(Q), None
         if first.coupled:
             Gq = Q @ s.shortening
             shorter, pull = self._drawn_in(Q, Gq, T)
@@ -219,8 +210,7 @@ class Batch:
 
     def kinematics(self, i: int, seen: Seen) -> Kinematics:
         """Of record `i`, whose law was marched there last."""
-        Gq = np.zeros((self.basis.size, self.structure.n)) if seen.Gq is None else seen.Gq[i]
-        return Kinematics(Gq, None if seen.pull is None else seen.pull[i], self._marched[i])
+        return Kinematics(seen.Gq[i], None if seen.pull is None else seen.pull[i], self._marched[i])
 
     def slopes(self, signals: Array, which: Which) -> tuple[Slopes, Array]:
         """Derivatives of the friction of some records to their signals (R, 2H+1, 4), and to Omega, (R, 2H+1)."""

@@ -9,13 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy.linalg import lapack
 
-from hbm.balance.batch import Batch, Motions, Seen, Slopes, Which, some
+from continuation.newton import FAST, FORGIVEN_GROWTH
+from hbm.balance.batch import Batch, Motions, Seen, Slopes, Which, put, some
 from hbm.balance.elimination import factored
 from hbm.balance.problem import TOLERANCE
 from hbm.fourier import Array
-
-FAST, FORGIVEN_GROWTH = 0.01, 10.0
-"""As of :mod:`continuation.newton`."""
 
 
 class Matrices:
@@ -44,7 +42,7 @@ class Matrices:
         self._law_by_coupled, self._coupled_of = np.empty((R, c, c * m)), np.empty((R, c * m, c))
         self._core = np.empty((R, c, c))
         self._factored: list[tuple[Which, Array, npt.NDArray[Any]]] = [(np.empty(0, dtype=int),) * 3] * R
-        self._slopes: Slopes | None = None
+        self._slopes = Slopes(None, None, None)
         self.known = np.zeros(R, dtype=bool)
 
     def of(self, which: Which) -> "Matrices":
@@ -53,7 +51,7 @@ class Matrices:
         others._law_by_coupled, others._coupled_of = self._law_by_coupled[which], self._coupled_of[which]
         others._core, others._factored = self._core[which], [self._factored[i] for i in which]
         others.known = self.known[which]
-        others._slopes = None if self._slopes is None else self._slopes.at(which)
+        others._slopes = self._slopes.at(which)
         return others
 
     def work_out(self, which: Which, seen: Seen, T: Array) -> None:
@@ -61,14 +59,14 @@ class Matrices:
         batch, m, first = self.batch, self.m, self.batch.first
         basis, size, k = batch.basis, batch.basis.size, len(which)
         slopes, _ = batch.slopes(seen.signals, which)
-        if self._slopes is None:
+        if not self.known.any():
             self._slopes = Slopes(*(None if slope is None else np.empty_like(self._core) for slope in slopes))
-        self._slopes.take(which, slopes)
+        put(self._slopes, which, slopes)
         core = np.eye(size) - self._law_of_others(which, slopes)
         if first.dynamic_lagrangian and slopes.by_u is not None:
             core += first.dynamic_lagrangian * slopes.by_u
         if m:
-            p = -(np.zeros(seen.modal.shape) if seen.Gq is None else seen.Gq)[..., :m]
+            p = -seen.Gq[..., :m]
             p[:, 0] += self.slip_row[:m]
             slip = basis.multiplication(p.transpose(1, 0, 2).reshape(size, k * m)).reshape(size, size, k, m)
             slip = np.ascontiguousarray(slip.transpose(2, 0, 1, 3))
@@ -148,7 +146,7 @@ class Matrices:
             motion[:, :, m:] = others = self._others(which, modal[:, :, m:])
             seen = batch.first.rows[m:].T @ others
             rho = batch.reaction_of(seen[:, :, 1:4], which) if batch.first.varies else seen[:, :, 1]
-            core += self._slopes.at(which).of(seen[:, :, 0], rho, seen[:, :, 4]) if self._slopes else 0.0
+            core += self._slopes.at(which).of(seen[:, :, 0], rho, seen[:, :, 4])
         dT = np.linalg.solve(self._core[which], core)
         if m:
             motion[:, :, :m] += (some(self._coupled_of, which) @ dT).reshape(k, batch.basis.size, m, -1)
@@ -164,6 +162,11 @@ class Solved(NamedTuple):
     seen: Seen
     converged: npt.NDArray[np.bool_]
     matrices: Matrices
+
+    @property
+    def batch(self) -> Batch:
+        """The balances that they solve."""
+        return self.matrices.batch
 
     def of(self, which: Which) -> "Solved":
         """Some of the records."""
@@ -200,8 +203,8 @@ def solve(batch: Batch, start: Motions, steps: int) -> Solved:
         raised = ~better & new & ~forgiven[which] & (there.norm < FORGIVEN_GROWTH * best[which])
         stale[which] = ~(better & (there.norm <= FAST * seen.norm[which]))
         taken = better | raised
-        motions.take(which[taken], trial.of(taken))
-        seen.take(which[taken], there.of(taken))
+        put(motions, which[taken], trial.of(taken))
+        put(seen, which[taken], there.of(taken))
         best[which], forgiven[which] = np.fmin(best[which], there.norm), forgiven[which] | raised
         going[which] = (taken | ~new) & (left[which] > 0) & (seen.norm[which] > TOLERANCE)
     return Solved(motions, seen, seen.norm <= TOLERANCE, matrices)

@@ -15,9 +15,10 @@ from hbm.diagnosis.screen import coarse, spread
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, best_start, evaluate, fall, fit_from, fit_model
-from hbm.outputerror.model import FAR, SENSORS, Model
+from hbm.outputerror.model import FAR, Model
 from hbm.outputerror.nominal import SHAPES, tolerances
 from hbm.outputerror.simulated import FAILURES, Solutions
+from hbm.sensitivity.scalars import SENSORS
 from models.causes.parameter import WrongParameter
 from models.jointed import AnyRig
 

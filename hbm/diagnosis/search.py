@@ -41,8 +41,9 @@ from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import Evaluation, evaluate, fit_model
 from hbm.outputerror.measured import campaign_of
-from hbm.outputerror.model import SENSORS, Model
+from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
+from hbm.sensitivity.scalars import SENSORS
 from models.causes.cause import Cause
 from models.causes.parameter import WrongParameter
 from models.causes.records import NotSteady

@@ -133,10 +133,10 @@ class Campaign:
         """
         records = self.data.records
         given = [starts.get(r.number) for r in records]
-        parts = 1 if self.executor is None else max(1, min(cores(), len(records)))
+        parts = 1 if self.executor is None else cores()
         of, starting = [records[i::parts] for i in range(parts)], [given[i::parts] for i in range(parts)]
         alone = self.executor is None
-        done = [task(records, given)] if alone else each(self.executor, partial(_listed, task), of, starting)
+        done = map(task, of, starting) if alone else each(self.executor, partial(_listed, task), of, starting)
         found = {}
         for part, results in zip(of, done, strict=True):
             for record, result in zip(part, results, strict=True):

@@ -25,9 +25,6 @@ BOUND, FAR = 3.0, 3.5
 """Calibrated numbers stay within this factor of the nominal ones, and within so many standard deviations: what asks for
 more is missing physics, or a number that is wrong, which calibration must not hide."""
 
-SENSORS = "channels."
-"""Beginning of the keys of numbers of sensors."""
-
 FAINT = 1e-9
 """A number of a cause that starts above 0 and may come down to it ends at so much of that: laws refuse to be none."""
 

@@ -63,7 +63,6 @@ def simulated_together(
 class _Found(NamedTuple):
     """Records whose steady states were found together, `which` of those that were asked for."""
 
-    batch: Batch
     solved: Solved
     which: Which
 
@@ -77,7 +76,8 @@ def _solved(
         return None
     try:
         first = HarmonicBalance(rig, basis, level=records[0].force_on(rig))
-        batch = Batch([first.at_level(r.force_on(rig)) for r in records], np.array([r.hz for r in records]))
+        problems = [first, *(first.at_level(r.force_on(rig)) for r in records[1:])]
+        batch = Batch(problems, np.array([r.hz for r in records]))
         given = zip(batch.problems, records, starts, strict=True)
         begin = [_on(problem, _first_start(rig, r, start)) for problem, r, start in given]
         Q, T = (np.stack(parts) for parts in zip(*begin, strict=True))
@@ -87,9 +87,7 @@ def _solved(
     which = np.flatnonzero(solved.converged)
     if not len(which):
         return None
-    return (
-        _Found(batch.of(which), solved.of(which), which) if len(which) < len(records) else _Found(batch, solved, which)
-    )
+    return _Found(solved if len(which) == len(records) else solved.of(which), which)
 
 
 def _first_start(rig: Rig, record: Record, last: State | None) -> State:
@@ -105,7 +103,7 @@ def _on(problem: HarmonicBalance, state: State) -> Motions:
 
 
 def _described(found: _Found, i: int) -> PeriodicSolution:
-    batch, (Q, T) = found.batch, found.solved.motions
+    batch, (Q, T) = found.solved.batch, found.solved.motions
     problem = batch.problems[i]
     state = State(Q[i].copy(), T[i].copy(), float(batch.Omega[i, 0]), problem.level)
     return described(problem, state, float(batch.hz[i]), batch.kinematics(i, found.solved.seen))
@@ -116,11 +114,11 @@ def _differentiated(
     found: _Found, data: Measurement, keys: tuple[str, ...], records: Sequence[Record]
 ) -> dict[int, Simulated]:
     """Records found, with derivatives to keys; without those that have none."""
-    rig = found.batch.first.rig
+    rig = found.solved.batch.first.rig
     in_records = [in_record(rig, keys, record) for record in records]
     own = in_records[0][0]
     try:
-        by = changes_together(found.batch, found.solved, (*own, HZ), data.channels)
+        by = changes_together(found.solved, (*own, HZ), data.channels)
     except FAILURES:
         return {}
     amplitudes, slopes = _parts(by.reads, data.H), _parts(by.channels, data.H)

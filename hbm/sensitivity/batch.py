@@ -9,18 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.balance.batch import Batch, Slopes, Which
+from hbm.balance.batch import Slopes, Which
 from hbm.balance.batchednewton import Solved
 from hbm.channels import DERIVATIVES
 from hbm.fourier import Array
 from hbm.sensitivity.held import mixing_of, still_of
 from hbm.sensitivity.moving import MOST_REFINEMENTS, REFINED, SLOW
-from hbm.sensitivity.scalars import FORCE, HZ, LOAD, law_keys
+from hbm.sensitivity.scalars import FORCE, HZ, LOAD, SENSORS, law_keys
 from models.change import structure_change
 from models.reduction import StructureChange
-
-SENSORS = "channels."
-"""Beginning of the keys of numbers of sensors."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +49,9 @@ class Changes:
 class _Held:
     """Derivatives to q numbers, unknowns held: of modal forces (R, 2H+1, n, q), and of u, rho, eta (R, 2H+1, q)."""
 
-    def __init__(self, batch: Batch, found: Solved, keys: tuple[str, ...], change: StructureChange) -> None:
-        self.batch, self.Q, self.T, self.d = batch, found.motions.Q, found.motions.T, change
+    def __init__(self, found: Solved, keys: tuple[str, ...], change: StructureChange) -> None:
+        self.batch = batch = found.batch
+        self.Q, self.T, self.d = found.motions.Q, found.motions.T, change
         self.load, self.hz = (np.array([float(key == name) for key in keys]) for name in (LOAD, HZ))
         rig = batch.first.rig
         own = np.array([[key == name for key in keys] for name in law_keys(rig)], dtype=float).reshape(-1, len(keys))
@@ -113,11 +111,12 @@ class _Held:
 class _Balance:
     """Complete linearised balances, for changes (R, 2H+1, n, q) and (R, 2H+1, q) of their unknowns."""
 
-    def __init__(self, batch: Batch, found: Solved, slopes: Slopes) -> None:
-        self.batch, self.slopes = batch, slopes
+    def __init__(self, found: Solved, slopes: Slopes) -> None:
+        self.batch = batch = found.batch
+        self.slopes = slopes
         synthesis = batch.basis.exact_products.synthesis
         self._T = (synthesis @ found.motions.T[..., None])[..., None]
-        self._Gq = None if found.seen.Gq is None else (synthesis @ found.seen.Gq)[..., None]
+        self._Gq = (synthesis @ found.seen.Gq)[..., None]
 
     def of(self, which: Which, dQ: Array, dT: Array) -> tuple[Array, Array]:
         """Change of those of some records."""
@@ -126,7 +125,7 @@ class _Balance:
         modal = batch.turned(dQ, which) - s.slip_row[:, None] * dT[:, :, None]
         rows = batch.first.rows.T @ dQ  # (R, 2H+1, 5, q)
         u = rows[:, :, 0] - batch.first.dynamic_lagrangian * dT
-        if self._Gq is not None:
+        if batch.first.coupled:
             moved = (fine.synthesis @ dQ.reshape(R, c, n * q)).reshape(R, -1, n, q)
             Gq = self._Gq[which]
             pulled = self._T[which] * (s.shortening @ moved) + Gq * (fine.synthesis @ dT)[:, :, None]
@@ -137,15 +136,13 @@ class _Balance:
 
 
 @np.errstate(all="ignore")  # what diverges is told by `solved`
-def _refined(
-    batch: Batch, found: Solved, balance: _Balance, modal: Array, contact: Array
-) -> tuple[Array, Array, Array]:
+def _refined(found: Solved, balance: _Balance, modal: Array, contact: Array) -> tuple[Array, Array, Array]:
     """Solve the complete balances with matrices from nearby, refined until nothing changes; and tell which were."""
     if not found.matrices.known.all():  # of those that were solved where they started
         new = np.flatnonzero(~found.matrices.known)
         found.matrices.work_out(new, found.seen.of(new), found.motions.T[new])
     Q, T = np.zeros_like(modal), np.zeros_like(contact)
-    units = batch.q_unit, batch.contact_unit
+    units = found.batch.q_unit, found.batch.contact_unit
     which, sizes = np.arange(len(modal)), np.full((len(modal), modal.shape[3]), np.finfo(float).tiny)
     left, renewed = (modal, contact), np.zeros(len(modal), dtype=bool)
     for count in range(MOST_REFINEMENTS + 1):
@@ -174,40 +171,40 @@ def _refined(
     return Q, T, solved
 
 
-def changes_together(batch: Batch, found: Solved, keys: Sequence[str], sensors: Sequence[str]) -> Changes:
+def changes_together(found: Solved, keys: Sequence[str], sensors: Sequence[str]) -> Changes:
     """Derivatives of steady states that were found together.
 
     Parameters
     ----------
-    batch : Batch
-    found : hbm.balance.batch.Solved
-        Of all its records.
+    found : hbm.balance.batchednewton.Solved
     keys : sequence of str
         As for :func:`hbm.sensitivity.derivatives.sensitivities`.
     sensors : sequence of str
         Response channels.
     """
+    batch = found.batch
     change = structure_change(batch.first.rig, tuple(keys))
     acting = [j for j, key in enumerate(keys) if not key.startswith(SENSORS)]
     own = StructureChange(*(part[acting] for part in change))
-    held = _Held(batch, found, tuple(keys[j] for j in acting), own)
+    held = _Held(found, tuple(keys[j] for j in acting), own)
     constant = np.zeros((*found.motions.T.shape, 1))
     constant[:, 0] = 1.0
     modal = np.concatenate([-held.modal, np.zeros((*found.motions.Q.shape, 1))], axis=3)
     slopes, by_Omega = batch.slopes(found.seen.signals, np.arange(len(modal)))
     contact = np.concatenate([held.friction(slopes, by_Omega), constant], axis=2)
-    Q, T, solved = _refined(batch, found, _Balance(batch, found, slopes), modal, contact)
+    Q, T, solved = _refined(found, _Balance(found, slopes), modal, contact)
     by_mean, (Q, T) = (Q[..., -1], T[..., -1]), (Q[..., :-1], T[..., :-1])
     own_Q, own_T = (np.zeros((*a.shape, len(keys))) for a in found.motions)
     mixing = mixing_of(held.d, batch.structure.omega_n**2)
     for at, j in enumerate(acting):
         own_Q[..., j] = Q[..., at] - found.motions.Q @ mixing[at].T if mixing[at].any() else Q[..., at]
     own_T[..., acting] = T
-    read = _Read(batch, found, tuple(keys), change)
-    moved = [read.changed(name, acting, held.force, Q, T) for name in sensors]
+    read = _Read(found, tuple(keys), change)
+    reads = [read.reads(name) for name in sensors]
+    moved = [read.changed(name, r, acting, held.force, Q, T) for name, r in zip(sensors, reads, strict=True)]
     pushed = {name: read.pushed(name, *by_mean) for name in sensors}
     return Changes(
-        np.stack([read.reads(name) for name in sensors], axis=1),
+        np.stack(reads, axis=1),
         np.stack(moved, axis=1),
         own_Q,
         own_T,
@@ -219,10 +216,10 @@ def changes_together(batch: Batch, found: Solved, keys: Sequence[str], sensors: 
 class _Read:
     """What sensors read of some states, and how it changes with p numbers."""
 
-    def __init__(self, batch: Batch, found: Solved, keys: tuple[str, ...], change: StructureChange) -> None:
-        self.batch, self.keys, self.d, (self.Q, self.T) = batch, keys, change, found.motions
+    def __init__(self, found: Solved, keys: tuple[str, ...], change: StructureChange) -> None:
+        self.batch, self.keys, self.d, (self.Q, self.T) = found.batch, keys, change, found.motions
         self.hz = self._is(HZ)
-        self.sensors = {c.name: c for c in batch.first.rig.response_channels}
+        self.sensors = {c.name: c for c in self.batch.first.rig.response_channels}
         self.places = {name: place for place, name in enumerate(self.sensors, start=2)}
 
     def _is(self, name: str) -> Array:
@@ -244,16 +241,16 @@ class _Read:
         row, _, by_friction = self._rows(name)
         return self.batch.read(self.sensors[name], Q @ row + by_friction * T)
 
-    def changed(self, name: str, acting: list[int], force: Array, Q: Array, T: Array) -> Array:
-        """Change (R, 2H+1, p), of which numbers `acting` move force, Q and T, (2H+1, q) and (R, 2H+1, ..., q)."""
+    def changed(self, name: str, reads: Array, acting: list[int], force: Array, Q: Array, T: Array) -> Array:
+        """Change (R, 2H+1, p) of `reads`; numbers `acting` move force, Q and T, (2H+1, q) and (R, 2H+1, ..., q)."""
         batch, d, place, sensor = self.batch, self.d, self.places[name], self.sensors[name]
         row, by_force, by_friction = self._rows(name)
         displacement = self.Q @ d.rows[:, place].T
         displacement += self.T[..., None] * d.flexibility[:, place, 0]
         displacement += batch.force[..., None] * d.flexibility[:, place, 1]
         displacement[..., acting] += row @ Q + by_force * force + by_friction * T
-        change, reads = batch.read(sensor, displacement), self.reads(name)[..., None]
-        change += reads * (DERIVATIVES[sensor.quantity] / batch.hz)[:, None, None] * self.hz
+        change, seen = batch.read(sensor, displacement), reads[..., None]
+        change += seen * (DERIVATIVES[sensor.quantity] / batch.hz)[:, None, None] * self.hz
         gain, delay = (self._is(f"{SENSORS}{name}.{what}") for what in ("gain", "delay"))
         later = delay * batch.Omega[..., None] + sensor.delay * 2 * np.pi * self.hz
-        return change + reads / sensor.gain * gain - batch.turning(reads) * later
+        return change + seen / sensor.gain * gain - batch.turning(reads)[..., None] * later

@@ -8,6 +8,9 @@ from models.numbers import Described
 from models.rig import Rig
 
 FRICTION = "contact.friction."
+SENSORS = "channels."
+"""Beginning of the keys of numbers of sensors."""
+
 LIMIT = "attachments.clamp_limit"
 LOAD, FORCE, HZ, ALPHA = "contact.normal_load", "excitation.amplitude", "frequency_hz", "damping.mass_proportional"
 

@@ -39,7 +39,7 @@ def test_steady_states_and_derivatives_are_those_of_each_alone(law: FrictionLaw)
     assert found.converged.all()
     keys = [k for k in solution_numbers(rig, hz[0], levels[0])]
     names = [c.name for c in rig.response_channels]
-    by = changes_together(batch, found, keys, names)
+    by = changes_together(found, keys, names)
     assert by.solved.all()
     for i, solution in enumerate(alone):
         assert np.abs(found.motions.Q[i] - solution.state.Q).max() < 1e-8 * np.abs(solution.state.Q).max()
