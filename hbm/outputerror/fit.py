@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from continuation import ConvergenceError
 from hbm.balance.problem import State
@@ -275,15 +276,9 @@ def fit_from(
     damping, length = DAMPED, 1.0
     for left in reversed(range(steps if len(here.x) else 0)):
         strictness = _strictness(here)
-        step, promised = bounded_step(here, damping, strictness)
-        if abs(promised) < max(settled, part * (here.chi2 - len(here.white))):
+        step, promised = bounded_step(here, damping, strictness, MOST)
+        if promised < max(settled, part * (here.chi2 - len(here.white))):
             break
-        if promised < 0.0:  # at a corner of the bounds
-            damping = max(damping, DAMPED) * 100.0
-            if damping > MOST_DAMPED:
-                break
-            continue
-        length = min(length, MOST / max(float((np.abs(step) / _reach(here)).max()), 1e-300))
         try:
             there = evaluate(model, campaign, np.clip(here.x + length * step, low, high), last, here)
             pulled = float(here.pulls @ here.pulls - there.pulls @ there.pulls)
@@ -333,7 +328,9 @@ def _strictness(here: Evaluation) -> float:
     return max(here.white.chi2 / max(len(here.white), 1), 1.0) if joint else 1.0
 
 
-def bounded_step(here: Evaluation, damping: float = 0.0, strictness: float = 1.0) -> tuple[Array, float]:
+def bounded_step(
+    here: Evaluation, damping: float = 0.0, strictness: float = 1.0, most: float = np.inf
+) -> tuple[Array, float]:
     """Step of least squares within the bounds, and the fall of chi2 it promises.
 
     Parameters
@@ -343,24 +340,25 @@ def bounded_step(here: Evaluation, damping: float = 0.0, strictness: float = 1.0
         Of each coordinate, as a share of what the records know of it.
     strictness : float
         How many times what is expected of calibrated numbers counts.
+    most : float
+        Longest step of a coordinate: one that would go farther stops there, and holds no other back.
     """
     low, high = here.model.bounds()
+    reach = most * _reach(here)
+    low, high = np.maximum(low, here.x - reach), np.minimum(high, here.x + reach)
     std = np.array([f.std for f in here.model.free])
     gradient = here.white.jacobian.T @ here.white.residual - strictness * here.pulls / std
     A = here.information + (strictness - 1.0) * here.expected**2
-    step, moving = np.zeros(len(gradient)), np.ones(len(gradient), dtype=bool)
-    for _ in range(len(gradient)):  # coordinates that would leave the bounds stop there, the others make the best of it
-        B, left = A[np.ix_(moving, moving)], gradient[moving] - A[np.ix_(moving, ~moving)] @ step[~moving]
-        size = np.sqrt(np.maximum(np.diag(B), 1e-300))
-        B = B / np.outer(size, size) + max(damping, ROUNDING) * np.eye(len(B))
-        step[moving] = np.linalg.solve(B, left / size) / size
-        there = here.x + step
-        leaving = moving & ((there < low) | (there > high))
-        if not leaving.any():
-            break
-        step[leaving], moving = (np.clip(there, low, high) - here.x)[leaving], moving & ~leaving
-        if not moving.any():
-            break
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    values, vectors = np.linalg.eigh(A / np.outer(size, size))
+    root = np.sqrt(np.maximum(values, 0.0) + max(damping, ROUNDING))
+    least = lsq_linear(
+        root[:, None] * vectors.T,
+        vectors.T @ (gradient / size) / root,
+        bounds=((low - here.x) * size, (high - here.x) * size),
+        method="bvls",
+    )
+    step = least.x / size
     return step, float(2.0 * gradient @ step - step @ A @ step)
 
 
