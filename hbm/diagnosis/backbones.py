@@ -11,7 +11,7 @@ from hbm.diagnosis.backbonecampaign import backbone_campaign
 from hbm.diagnosis.backbonescan import backbone_scan
 from hbm.diagnosis.diagnose import candidates_among
 from hbm.diagnosis.flooredsearch import FlooredSearch
-from hbm.diagnosis.search import OnProgress
+from hbm.diagnosis.standing import OnProgress
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError, expect_rig
 from hbm.measurement.decay import Decay

@@ -9,26 +9,18 @@ import numpy as np
 
 from hbm.diagnosis.attached import attached_starts
 from hbm.diagnosis.fullfits import HELPS, REFINED, full_fits, refined
-from hbm.diagnosis.otherstarts import ALIKE, BEHIND, MORE_STARTS, MORE_STEPS, Tell, from_other_starts, is_joint, scanned
+from hbm.diagnosis.otherstarts import ALIKE, BEHIND, MORE_STARTS, MORE_STEPS, Tell, from_other_starts, scanned
 from hbm.diagnosis.quickfits import AT_ONCE, CLOSE, Candidate, QuickFits, elsewhere, needless, rank
 from hbm.diagnosis.screen import Screening, small, telling
 from hbm.diagnosis.signatures import Score, starting
+from hbm.diagnosis.turns import NEARLY, in_order, of_the_rig, simpler_joint, simpler_there, unseen
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, fit_model, refine
-from hbm.outputerror.nominal import STIFFNESSES
 from hbm.outputerror.simulated import FAILURES
-from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
-from models.causes.sensors import OfChannel
 
 SCANNED = 10
 """Records that are scanned for what may be attached."""
-
-RUNNING, HOPELESS = 20, 0.15
-"""So many candidates run first, at most, and none whose predicted fall of chi2 is less than this share of the best."""
-
-NEARLY = 0.3
-"""What is simpler runs first where it promises this share of the other's fall of chi2."""
 
 FAVOURED = 1 + AT_ONCE
 """After so many in the order of the score test, the first of them alone, the others run in that of what their best
@@ -53,12 +45,6 @@ EXPLAINED, LITTLE = 1.5, 0.03
 REST, HALF, LEAD = 0.1, 0.5, 3.0
 """A candidate is alone ahead that leaves at most the first share of what exceeds noise, and every other one so many
 times as much. Nor are more tried where it leaves the second, and those whose starts were next so many times as much."""
-
-OF_JOINTS = "parameter:joints."
-"""Beginning of the labels of numbers of the joints of a rig file."""
-
-OF_BODIES = tuple(f"parameter:{key}" for key in STIFFNESSES)
-"""Labels of the stiffness of a whole body."""
 
 ENTRY = re.compile(r"\[\d+\]")
 """Which entry of a list a label is of."""
@@ -98,18 +84,20 @@ def fit_candidates(
     screening, quick, reached = _started(screening, base, campaign), QuickFits(base, campaign), np.inf
     if small(base):
         done = refined(full_fits(_by_score(quick, screening), base, campaign, tell), base, campaign)
-        tried, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if _unseen(s)]
+        tried, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if unseen(s)]
     else:
         little = LITTLE if likely is None and not scanned(base) else 0.0
-        chosen, tried = _by_quick_fits(quick, screening, tell, little, likely=likely)
+        chosen, richer, tried = _by_quick_fits(quick, screening, tell, little, likely=likely)
         lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
         reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
         done = refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign)
-        rest = _in_order(screening, base)
+        if richer and not any(enough(e) for e in done):
+            done = sorted([*done, *refined(full_fits(richer, base, campaign, tell), base, campaign)], key=rank)
+        rest = in_order(screening, base)
         reached = chosen[0].chi2 if lost else np.inf
     rest = [s for s in rest if likely is None and s.cause.label not in tried]
     if rest and not any(enough(e) for e in done):
-        chosen, _ = _by_quick_fits(quick, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
+        chosen, _, _ = _by_quick_fits(quick, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
         more = sorted(full_fits(chosen, base, campaign, tell), key=rank)
         if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
             more = refined(more, base, campaign)
@@ -178,17 +166,18 @@ def _by_quick_fits(
     reached: float = np.inf,
     *,
     likely: Collection[str] | None = None,
-) -> tuple[list[Candidate], set[str]]:
+) -> tuple[list[Candidate], list[Candidate], set[str]]:
     """Candidates by quick fits, until one leaves but `little` of the misfit; and the labels of all that were tried.
 
-    Those that leave more than `reached` are out.
+    Those that leave more than `reached` are out. Between them, those that explain these records as well as what is
+    simpler does, which may not explain the others.
     """
     few = quick.few
     limit = max(EXPLAINED * few.points, little * quick.before)
     fitted, free, tried = _first_quick_fits(quick, screening, limit, tell, likely)
     fitted, free = [r for r in fitted if r.chi2 < BEHIND * reached], [r for r in free if r.chi2 < reached]
     if not fitted or (likely is not None and fitted[0].chi2 > limit):
-        return [*fitted[:1], *free], tried
+        return [*fitted[:1], *free], [], tried
     if not quick.base.model.causes:
         first = bool(np.isinf(reached)) and not quick.base.pulls.any()
         contested = 1 if _alone_ahead(fitted, quick) else len(fitted)
@@ -205,7 +194,8 @@ def _by_quick_fits(
     bare = quick.base.model.nominal
     order = (lambda r: float(len(r.cause.unknowns(bare)))) if scanned(quick.base) else (lambda r: r.chi2)
     chosen = _chosen(fitted, few, hopeless, len(quick.campaign.numbers) / len(few.numbers), order)
-    return [*(r for r in chosen if r.chi2 < reached), *free], tried
+    richer = [r for r in fitted if r.chi2 <= EXPLAINED * few.points and needless(r, fitted)]
+    return [*(r for r in chosen if r.chi2 < reached), *free], richer[:LEAST], tried
 
 
 def _free(cause: Cause) -> bool:
@@ -217,7 +207,7 @@ def _first_quick_fits(
     quick: QuickFits, screening: Screening, explained: float, tell: Tell, likely: Collection[str] | None
 ) -> tuple[list[Candidate], list[Candidate], set[str]]:
     """Quick fits of what may explain the records, and of what is free in each, the best first; and what was tried."""
-    listed = _in_order(screening, quick.base)
+    listed = in_order(screening, quick.base)
     if likely is not None:
         named = [s for s in screening.scores if s.cause.label in likely]
         listed = [*named, *[s for s in listed if s not in named][:FAVOURED]]
@@ -226,7 +216,7 @@ def _first_quick_fits(
     free: list[Candidate] = []
     tried: set[str] = set()
 
-    favoured = FAVOURED + sum(_of_the_rig(s.cause) for s in listed)
+    favoured = FAVOURED + sum(of_the_rig(s.cause) for s in listed)
 
     def explains() -> bool:
         return any(r.chi2 <= explained for r in fitted)
@@ -284,77 +274,15 @@ def _confused(
     words = " ".join(cause.confused_with for cause in told)
 
     def meant(cause: Cause) -> bool:
-        contained = any(_simpler_there(cause, other) and cause.name in other.confused_with for other in told)
+        contained = any(simpler_there(cause, other) and cause.name in other.confused_with for other in told)
         return contained or ENTRY.sub("[i]", cause.label) in words
 
     untried = [s for s in screening.scores if s.cause.label not in tried]
     named = [s for s in untried if meant(s.cause)]
     best = fitted[0].cause
     least = NEARLY * next((s.drop for s in screening.scores if s.cause.label == best.label), np.inf)
-    simpler = [s for s in untried if s.drop >= least and _simpler(s.cause, best) and s not in named]
-    return [*named, *simpler[:AT_ONCE]]
-
-
-def _simpler(cause: Cause, other: Cause) -> bool:
-    """Whether a joint has fewer numbers than another one."""
-    return isinstance(cause, AddedJoint) and isinstance(other, AddedJoint) and len(cause.numbers) < len(other.numbers)
-
-
-def _simpler_there(cause: Cause, other: Cause) -> bool:
-    """Whether it is at the same place too."""
-    if not (isinstance(cause, AddedJoint) and isinstance(other, AddedJoint)):
-        return False
-    return _simpler(cause, other) and other.way((cause.at, cause.to)) != 0.0
-
-
-def _in_order(screening: Screening, base: Evaluation) -> list[Score]:
-    """Candidates in the order of the score test: what it favours first, what takes long last.
-
-    A large misfit leaves that test no say over whether a force is missing: all of these run, but for a second cause,
-    and for joints, which were scanned at the size that they have, and promise a share of what calibration leaves: they
-    are compared with each other, after the stiffness of the whole body, which the smallest spring beside it stands in
-    for, and every number of the joints of the rig file, which many other joints do. Nor does that test foresee what
-    a sensor reads that sits far from its place: of a channel that it favours every number runs.
-    """
-    best: dict[bool, float] = {}
-    for s in screening.scores:
-        best[is_joint(s)] = max(best.get(is_joint(s), 0.0), s.drop)
-    first = _simplest_first([s for s in screening.scores if s.drop > HOPELESS * best[is_joint(s)]])[:RUNNING]
-    if scanned(base) and not (small(base) or base.model.causes):
-        ahead = [s for s in screening.scores if _of_the_rig(s.cause)]
-        first = [*ahead, *(s for s in first if s not in ahead)]
-    others = [s for s in screening.scores if s not in first]
-    if small(base) or base.model.causes or scanned(base):
-        tried = []
-    else:
-        forces = [s for s in others if not hasattr(s.cause, "channel") and s.cause.unknowns(base.model.nominal)]
-        tried = [*_of_channels(first, others), *(s for s in forces if not _unseen(s))]
-    return [*first, *tried, *(s for s in others if _unseen(s))]
-
-
-def _of_the_rig(cause: Cause) -> bool:
-    """Whether it is a number that many a joint stands in for: of a joint of the rig file, or of its whole body."""
-    return cause.label in OF_BODIES or cause.label.startswith(OF_JOINTS)
-
-
-def _simplest_first(scores: Sequence[Score]) -> list[Score]:
-    """The same, each joint after those of fewer numbers at its place that promise nearly as much.
-
-    Motion that is small there, beside what its error is, takes more from those that are in proportion to it.
-    """
-    ordered: list[Score] = []
-    for s in scores:
-        ordered += [
-            o for o in scores if o not in ordered and o.drop >= NEARLY * s.drop and _simpler_there(o.cause, s.cause)
-        ]
-        ordered += [s] if s not in ordered else []
-    return ordered
-
-
-def _of_channels(first: Sequence[Score], others: Sequence[Score]) -> list[Score]:
-    """Those of the others that are numbers of the same channels as the first."""
-    blamed = {s.cause.channel for s in first if isinstance(s.cause, OfChannel)}
-    return [s for s in others if isinstance(s.cause, OfChannel) and s.cause.channel in blamed]
+    fewer = [s for s in untried if s.drop >= least and simpler_joint(s.cause, best) and s not in named]
+    return [*named, *fewer[:AT_ONCE]]
 
 
 def _chosen(
@@ -377,14 +305,6 @@ def _chosen(
     close = [r for i, r in enumerate(near) if i < least or scale * (r.chi2 - best) < margin]
     first = min((r for r in close if r.chi2 <= (1.0 + TIED) * best), key=order) if lost else close[0]
     return [first, *sorted((r for r in close if r is not first), key=order)][:most]
-
-
-def _unseen(score: Score) -> bool:
-    """Whether the first small effect of a cause says little: it sets in at a threshold, or is seen by its force.
-
-    A joint was scored by that force, at the size that it has.
-    """
-    return not is_joint(score) and bool(getattr(score.cause, "abrupt", False) or score.starts)
 
 
 def _settled(fitted: Sequence[Candidate], explained: float, cause: Cause, screening: Screening) -> bool:

@@ -15,8 +15,9 @@ from hbm.diagnosis.misfit import misfit, nrmse
 from hbm.diagnosis.modesoff import by_modes
 from hbm.diagnosis.predict import Predicted, pays_unseen, predicted
 from hbm.diagnosis.remainder import MOST, Remainder, beyond_noise, explained, remainder, tells
-from hbm.diagnosis.search import NEARLY, Search
+from hbm.diagnosis.search import Search
 from hbm.diagnosis.separate import separate
+from hbm.diagnosis.standing import NEARLY
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra

@@ -14,7 +14,8 @@ from hbm.diagnosis.flooredsearch import FlooredSearch
 from hbm.diagnosis.heldout import choose_held_out
 from hbm.diagnosis.linescan import line_scan
 from hbm.diagnosis.remainder import percent
-from hbm.diagnosis.search import OnProgress, Search
+from hbm.diagnosis.search import Search
+from hbm.diagnosis.standing import OnProgress
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError, expect_rig
 from hbm.fourier import MANY

@@ -23,9 +23,9 @@ from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.predict import pays_unseen
 from hbm.diagnosis.remainder import LEFT, Remainder, beyond_noise, explained, negligible, within_noise
-from hbm.diagnosis.search import NEARLY, OnProgress
 from hbm.diagnosis.shortlist import alike, elsewhere, hopeful
 from hbm.diagnosis.signatures import starting
+from hbm.diagnosis.standing import NEARLY, OnProgress
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.fourier import Array
 from hbm.outputerror.background import LARGEST

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hbm.diagnosis.candidates import HOPELESS
 from hbm.diagnosis.decide import TIED, held_by
 from hbm.diagnosis.jointscan import Scanned
 from hbm.diagnosis.remainder import LEFT
+from hbm.diagnosis.turns import HOPELESS
 from models.causes.cause import Cause
 
 FITTED, PLACES = 5, 2

@@ -174,7 +174,7 @@ def test_no_cause_is_named_for_what_calibration_missed(monkeypatch):
     def stuck(model, campaign, last):
         return evaluate(model, campaign, model.start, last)
 
-    monkeypatch.setattr("hbm.diagnosis.search.calibrate", stuck)
+    monkeypatch.setattr("hbm.diagnosis.standing.calibrate", stuck)
     found = diagnose(stiffer, spectra, causes=(ViscousContact,))
     assert found.verdict == "consistent"
     assert found.errors["nominal"]["train"].chi2_reduced > 2.0

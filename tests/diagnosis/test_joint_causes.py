@@ -17,7 +17,7 @@ import pytest
 from typer.testing import CliRunner
 
 from hbm.cli import app
-from hbm.diagnosis.candidates import _confused, _in_order
+from hbm.diagnosis.candidates import _confused
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.discrepancy import discrepancy
 from hbm.diagnosis.foremost import foremost
@@ -27,6 +27,7 @@ from hbm.diagnosis.quickfits import Candidate, QuickFits
 from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.signatures import Score
+from hbm.diagnosis.turns import in_order
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
@@ -570,7 +571,7 @@ def test_numbers_of_joints_that_the_rig_file_has_run_before_those_that_it_may_la
     own, frequency = WrongParameter("joints.local-friction.mu"), WrongParameter("modal.frequencies_hz[1]")
     drops = {CubicStiffness("c"): 1e9, frequency: 1e6, own: 1.0}
     scores = tuple(Score(cause, drop, drop, np.zeros(1), {}, 1.0) for cause, drop in drops.items())
-    assert [s.cause for s in _in_order(Screening(scores, 1, len(scores)), base)] == [
+    assert [s.cause for s in in_order(Screening(scores, 1, len(scores)), base)] == [
         own,
         CubicStiffness("c"),
         frequency,

@@ -8,7 +8,6 @@ from scipy.optimize import lsq_linear
 
 from hbm.outputerror.fit import bounded_step
 
-
 STEP = 0.7
 """Longest step of a coordinate where steps are bounded."""
 

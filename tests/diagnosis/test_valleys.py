@@ -6,11 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+import hbm.diagnosis.candidates
 import hbm.diagnosis.fullfits
-from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen
+from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen, fit_candidates
+from hbm.diagnosis.decide import Decision
 from hbm.diagnosis.fullfits import HELPS, full_fits
 from hbm.diagnosis.quickfits import CHANCE, _apart
 from hbm.diagnosis.restart import apart, started
+from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.search import Search
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.campaign import Campaign
@@ -192,7 +195,7 @@ def test_a_cause_that_takes_nearly_all_is_calibrated_before_others_are_looked_fo
         again.append(e)
         return ["calibrated"]
 
-    monkeypatch.setattr("hbm.diagnosis.search.explained", lambda before, after: explained)
+    monkeypatch.setattr("hbm.diagnosis.standing.explained", lambda before, after: explained)
     e = SimpleNamespace(model=SimpleNamespace(calibrated={}), white=None)
     search = SimpleNamespace(
         _enough=lambda one: one == "calibrated" and calibrated,
@@ -201,3 +204,57 @@ def test_a_cause_that_takes_nearly_all_is_calibrated_before_others_are_looked_fo
         _over_tolerances=beside,
     )
     assert Search._settles(search, e) is settled and len(again) == asked
+
+
+@pytest.mark.parametrize(("enough", "fitted"), [(True, ["plain"]), (False, ["plain", "rich"])])
+def test_what_was_left_out_for_a_simpler_one_is_fitted_to_all_records_where_that_does_not_do(
+    monkeypatch: pytest.MonkeyPatch, enough: bool, fitted: list[str]
+) -> None:
+    plain, rich, done = quick("plain", 60.0, 1), quick("rich", 58.0, 3), list[str]()
+
+    def full(chosen: list[Any], *_: Any, **__: Any) -> list[Any]:
+        done.extend(c.cause.label for c in chosen)
+        return [SimpleNamespace(chi2=c.chi2, missing=(), model=None) for c in chosen]
+
+    base: Any = SimpleNamespace(white=np.zeros(50), x=np.zeros(0))
+    for name, stand_in in {
+        "_started": lambda screening, *_: screening,
+        "small": lambda _: False,
+        "scanned": lambda _: False,
+        "QuickFits": lambda *_: SimpleNamespace(few=SimpleNamespace(points=50)),
+        "_by_quick_fits": lambda *_, **__: ([plain], [rich], {"plain", "rich"}),
+        "full_fits": full,
+        "refined": lambda fits, *_: fits,
+        "in_order": lambda *_: [],
+        "followed": lambda fits, _: fits,
+    }.items():
+        monkeypatch.setattr(hbm.diagnosis.candidates, name, stand_in)
+    fit_candidates(base, None, None, lambda _: None, lambda _: enough)  # type: ignore[arg-type]
+    assert done == fitted
+
+
+@pytest.mark.parametrize(("fits", "raced"), [(False, ["second", "fourth", "fifth"]), (True, [])])
+def test_what_leads_over_the_calibrated_rig_file_is_tried_over_it_as_it_is(fits: bool, raced: list[str]) -> None:
+    """But for what was, or is a number within tolerances; not where calibration leaves noise."""
+
+    def scores(*labels: str) -> Any:
+        return SimpleNamespace(scores=tuple(SimpleNamespace(cause=SimpleNamespace(label=name)) for name in labels))
+
+    run = list[str]()
+
+    def race(base: str, screening: Any, done: float) -> Decision:
+        run.extend(s.cause.label for s in screening.scores)
+        return tried
+
+    fit: Any = SimpleNamespace(model=SimpleNamespace(label="third"), missing=(0,))
+    tried = Decision(fit, None, (fit,))
+    screenings = {
+        "calibrated": scores("number", "second", "third", "fourth", "fifth", "sixth"),
+        "as it is": Screening(scores("sixth", "fifth", "fourth", "third", "second", "number").scores, 1, 1),
+    }
+    search: Any = SimpleNamespace(
+        rig=None, calibrated="calibrated", first="as it is", over=screenings.__getitem__, _race=race,
+        _tolerated={"number": "number"}, _fits=lambda _: fits, _settles=lambda _: False,
+    )  # fmt: skip
+    Search._instead(search, tried)
+    assert sorted(run) == sorted(raced)

@@ -1,0 +1,160 @@
+"""What a rig file leaves of the records fitted, as it is and calibrated, and which models count as explaining it."""
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
+from functools import cache
+
+from hbm.diagnosis.calibrate import calibrate, tolerable, trusted
+from hbm.diagnosis.decide import Decision, accepted, best_of, one_of_each, suspicious
+from hbm.diagnosis.fullfits import measurable
+from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.order import disordered, drifts_within_levels
+from hbm.diagnosis.remainder import beyond_noise, explained
+from hbm.diagnosis.restart import started
+from hbm.diagnosis.screen import Screening, screen
+from hbm.errors import InputError
+from hbm.measurement.spectra import MeasuredSpectra
+from hbm.outputerror.background import LARGEST
+from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.measured import campaign_of
+from hbm.outputerror.model import Model
+from hbm.sensitivity.scalars import SENSORS
+from models.causes.cause import Cause
+from models.causes.parameter import WrongParameter
+from models.causes.records import NotSteady
+from models.causes.structure import ContactLoss
+from models.jointed import AnyRig, JointedRig
+
+NEARLY = 0.9
+"""Share of the misfit of the calibrated rig file of which a cause explains next to all."""
+
+OnProgress = Callable[[str, float], None]
+
+
+class Standing:
+    """A rig file beside the records fitted: as it is, calibrated, and what over either counts as an explanation."""
+
+    def __init__(
+        self,
+        rig: AnyRig,
+        spectra: MeasuredSpectra,
+        candidates: Sequence[Cause],
+        tolerances: Mapping[str, float] | None,
+        tell: OnProgress,
+        executor: Executor | None,
+    ) -> None:
+        self.rig, self.spectra, self.tell = rig, spectra, tell
+        tell("sensors and numerics", 0.0)
+        self.campaign, self.sensors = campaign_of(rig, spectra, executor=executor)
+        channels = self.campaign.data.channels
+        self.candidates = [c for c in candidates if measurable(c, self.campaign)]
+        self.trust = trusted(rig, channels, tolerances)
+        self._tolerated = {WrongParameter(key).label: key for key in self.trust.calibrated}
+        least = len([f for f in self.trust.free if not f.name.startswith(SENSORS)]) + 1
+        if self.campaign.points <= least:
+            raise InputError(
+                f"{spectra.source}: {self.campaign.points} coefficients; must be more than the {least} numbers to fit"
+            )
+        tell("nominal", 0.05)
+        bare = Model(rig, {})
+        rough = evaluate(bare, self.campaign, bare.start, {})
+        self.campaign = self.campaign.corrected(rig, rough.solutions)
+        self.nominal = evaluate(bare, self.campaign, bare.start, rough.solutions)
+        self.first = self.nominal
+        if isinstance(rig, JointedRig):  # what is identified of modes is never exact: it moves along from the beginning
+            self.first = evaluate(self.trust, self.campaign, self.trust.start, self.nominal.solutions)
+        tell("calibration", 0.1)
+        self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
+        self.fitted: list[Evaluation] = []
+        self.screenings: list[Screening] = []
+        self.over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
+
+    def _screened(self, base: Evaluation, candidates: Sequence[Cause] | None = None) -> Screening:
+        """Scores over a model of candidates, all unless given; of transients only where what is missed has no order."""
+        offered = self.candidates if candidates is None else candidates
+        if not disordered(base, self.nominal, self.campaign):
+            offered = [c for c in offered if not isinstance(c, NotSteady)]
+        offered = [c for c in offered if not isinstance(c, ContactLoss)]  # has no size: see _lifted
+        return screen(base, self.campaign, offered)
+
+    def _over_base(self, base: Evaluation) -> Screening:
+        """Scores over a model, which take as long as some fits."""
+        self.tell("screening" if base is self.first else "screening over the calibrated model", 0.3)
+        self.screenings.append(self._screened(base))
+        return self.screenings[-1]
+
+    @property
+    def tried(self) -> int:
+        """Candidates, each shape that was scanned counted."""
+        return max(self.screenings[0].tried, 1)
+
+    def _calibrated_beside(self, found: Evaluation) -> list[Evaluation]:
+        """A model with the same causes, its rig file within tolerances."""
+        self.tell(f"{found.model.label}, calibrated", 0.5)
+        self.fitted += (again := started(self.calibrated, found, found.model.causes, self.campaign))
+        return again
+
+    def _settles(self, e: Evaluation) -> bool:
+        """Whether a model leaves next to nothing that tolerances of the rig file do not."""
+        if self._enough(e):
+            return True
+        if e.model.calibrated:
+            return self._fits(e) and self._calibrates(e)
+        if explained(self.nominal.white, e.white) < NEARLY or not self.tolerable(e):
+            return False
+        return any(self._enough(again) for again in self._over_tolerances(e))
+
+    def _calibrates(self, e: Evaluation) -> bool:
+        """Whether calibration leaves noise from where a number within its tolerance does, as before it did not.
+
+        It stands there then.
+        """
+        if self._fits(self.calibrated) and self.tolerable(self.calibrated):
+            return False
+        again = started(self.calibrated, e, (), self.campaign)
+        further = next((a for a in again if self._fits(a) and self.tolerable(a)), None)
+        self.calibrated = further or self.calibrated
+        return further is not None
+
+    def _enough(self, e: Evaluation) -> bool:
+        """Whether a model within tolerances leaves noise, or so little that it may be a background."""
+        return self.tolerable(e) and self._nearly(e)
+
+    def _nearly(self, e: Evaluation) -> bool:
+        """Whether a model leaves noise, or so little of what the rig file does that it may be a background."""
+        if self._fits(e):
+            return True
+        before = self.calibrated if e.model.calibrated else self.nominal
+        return explained(before.white, e.white) >= NEARLY and beyond_noise(e.white) <= LARGEST
+
+    def tolerable(self, e: Evaluation) -> bool:
+        """As :func:`hbm.diagnosis.calibrate.tolerable`, by the tolerances of this search."""
+        return tolerable(self.trust, e)
+
+    def _decided(self, base: Evaluation, fits: Sequence[Evaluation], tried: int) -> Decision:
+        """The best of fits over a base, if it is better than that by more than chance in so many tries.
+
+        What leaves the tolerances of the rig file beside its causes is none of them.
+        """
+        ranked = one_of_each(best_of([e for e in fits if self.tolerable(e)]))
+        best = next((e for e in ranked[:1] if self._accepted(base, e, tried)), None)
+        return Decision(base, best, tuple(ranked))
+
+    def _accepted(self, base: Evaluation, e: Evaluation, tried: int) -> bool:
+        """As :func:`hbm.diagnosis.decide.accepted`; no drift that each level has a size of its own of."""
+        return accepted(base, e, tried) and drifts_within_levels(e, self.campaign)
+
+    def _explains(self, decision: Decision) -> bool:
+        return decision.best is not None and self._fits(decision.best)
+
+    def _fits(self, e: Evaluation) -> bool:
+        return misfit(e, self.campaign).fits
+
+    def _within(self) -> bool:
+        """Whether numbers of the rig file that move within their tolerances explain everything.
+
+        They may take all of an effect but a rest that noise hides in thousands of squares: a cause that has a name for
+        it tells it.
+        """
+        e = self.calibrated
+        return self._fits(e) and self.tolerable(e) and not suspicious(self.over(e), self.rig)
