@@ -7,14 +7,12 @@ on anything else. The load stays: friction sees only its product with mu.
 """
 
 from collections.abc import Collection, Mapping
-from contextlib import suppress
 
 import numpy as np
 
 from hbm.diagnosis.screen import coarse, spread
-from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, best_start, evaluate, fall, fit_from, fit_model
+from hbm.outputerror.fit import Evaluation, evaluate, fall, fit_from, fit_model
 from hbm.outputerror.model import FAR, Model
 from hbm.outputerror.nominal import SHAPES, tolerances
 from hbm.outputerror.simulated import FAILURES, Solutions
@@ -25,12 +23,6 @@ from models.jointed import AnyRig
 FEW = 8
 LAST_STEPS = 4
 """Records of the first fit; steps of the second."""
-
-LOST = 50.0
-"""Misfit of a calibrated rig file, in noise variances, from which on it may have gone astray."""
-
-ALONE = (-3.0, -1.5, 1.5, 3.0)
-"""Tolerances by which one number alone is off where another calibration starts."""
 
 COUNTS = 0.3
 """A calibrated number that moved by this share of its tolerance is worth a word."""
@@ -61,33 +53,7 @@ def lighter(e: Evaluation) -> Model:
 
 
 def calibrate(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
-    """Fit the calibrated numbers; it never ends worse than it started.
-
-    Where much is left, once more from one number off alone, which is believed where none ends at its bound. What one
-    number explains, all of them together take a little of each; where the response is not linear in them, that leads
-    astray.
-    """
-    found = _calibrated(model, campaign, last)
-    starts = _one_alone(model) if found.white.chi2 > LOST * len(found.white) else []
-    if starts:
-        with suppress(*FAILURES):
-            start = best_start(model, campaign, starts, last)[0][1]
-            again = fit_model(model, campaign, start, last, needed=found.found, reach=found.chi2)
-            within = not again.missing and not off(model, again)
-            return again if within and again.chi2 < found.chi2 else found
-    return found
-
-
-def _one_alone(model: Model) -> list[Array]:
-    """The rig file as it is but for one number, those of sensors aside."""
-    expected = np.array([f.expected for f in model.free])
-    free = [(i, f.std) for i, f in enumerate(model.free) if np.isfinite(f.std) and not f.name.startswith(SENSORS)]
-    moved = [expected + off * std * np.eye(1, len(expected), i)[0] for i, std in free for off in ALONE]
-    return [np.clip(x, *model.bounds()) for x in moved]
-
-
-def _calibrated(model: Model, campaign: Campaign, last: Solutions) -> Evaluation:
-    """Fit of the calibrated numbers, first on few records, coarsely.
+    """Fit the calibrated numbers, first on few records, coarsely; it never ends worse than it started.
 
     Where the few are missed by much, what lowers their misfit may raise that of the others, or lose a steady state:
     then the fit on all records starts where that on the few did.
