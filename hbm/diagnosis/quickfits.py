@@ -245,10 +245,18 @@ def elsewhere(e: Evaluation, x: Array) -> bool:
 
 
 def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
-    """Coordinates of a model where those of a lighter one were found, the others as in `base`."""
-    known = found.coordinates
+    """Coordinates of a model where the values of a lighter one were found, the others as in `base`.
+
+    The coordinate of a sensor's number is to the scale of where it was, which is another one in a lighter model.
+    """
+    known = {(f.cause, f.name): f.value(x) for f, x in zip(found.model.free, found.x, strict=True)}
     here = starting(model, base, {})
-    return np.array([known.get((f.cause, f.name), x) for f, x in zip(model.free, here, strict=True)])
+    return np.array(
+        [
+            f.of(known[f.cause, f.name]) if (f.cause, f.name) in known else x
+            for f, x in zip(model.free, here, strict=True)
+        ]
+    )
 
 
 def _starts(model: Model, x: Array, score: Score) -> list[Array]:

@@ -11,7 +11,7 @@ import hbm.diagnosis.fullfits
 from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen, fit_candidates
 from hbm.diagnosis.decide import Decision
 from hbm.diagnosis.fullfits import HELPS, full_fits
-from hbm.diagnosis.quickfits import CHANCE, _apart
+from hbm.diagnosis.quickfits import CHANCE, _apart, _carried
 from hbm.diagnosis.restart import apart, started
 from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.search import Search
@@ -24,6 +24,7 @@ from hbm.response.trace import trace_frequency
 from models.bodies import ModalModel
 from models.causes.clamp import ClampFriction
 from models.causes.joints import CubicStiffness, LocalDamper
+from models.causes.sensors import SensorDelay
 from models.causes.structure import ClampRotation
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
@@ -258,3 +259,15 @@ def test_what_leads_over_the_calibrated_rig_file_is_tried_over_it_as_it_is(fits:
     )  # fmt: skip
     Search._instead(search, tried)
     assert sorted(run) == sorted(raced)
+
+
+def test_a_delay_found_beside_held_sensors_is_the_same_delay_beside_free_ones() -> None:
+    """Its coordinate is not: a sensor that is held where calibration moved it gives it another scale."""
+    cause = SensorDelay("x")
+    own = Model(RIG, {}).extended_by(cause)
+    held = Model(RIG.with_numbers({"channels.x.delay": 7e-6}), {}).extended_by(cause)
+    found: Any = SimpleNamespace(model=held, x=np.array([f.of(3.1e-5) for f in held.free]))
+    base: Any = SimpleNamespace(model=Model(RIG, {}), coordinates={})
+    x = _carried(own, base, found)
+    assert own.values(x, 0)["delay_s"] == pytest.approx(3.1e-5, rel=1e-12)
+    assert not np.allclose(x[-1], found.x[-1])
