@@ -26,7 +26,8 @@ BOUND, FAR = 3.0, 3.5
 more is missing physics, or a number that is wrong, which calibration must not hide."""
 
 FAINT = 1e-9
-"""A number of a cause that starts above 0 and may come down to it ends at so much of that: laws refuse to be none."""
+"""A number of a cause that starts above 0 and may come down to it ends at so much of that: laws refuse to be none. The
+inverse of one whose effect vanishes where it is infinite does too: there it has no slope."""
 
 Form = Literal["linear", "logarithmic", "inverse"]
 
@@ -96,7 +97,8 @@ def free_of(unknown: Unknown, cause: int, tolerance: float = np.inf) -> Free:
     form: Form = "linear" if not positive else "inverse" if np.isinf(unknown.neutral) else "logarithmic"
     scale = unknown.starts[-1] if form == "inverse" else max(abs(s) for s in unknown.starts) or 1.0
     least = FAINT * scale if form == "linear" and unknown.starts[0] > 0.0 else 0.0
-    lower, upper = float(unknown.lower) or least, float(unknown.upper)
+    most = max(scale / FAINT, unknown.starts[0]) if form == "inverse" else np.inf
+    lower, upper = float(unknown.lower) or least, min(float(unknown.upper), most)
     free = Free(unknown.name, unknown.unit, lower, upper, unknown.starts[0], form, scale, cause=cause)
     if not np.isfinite(tolerance):
         return free

@@ -125,3 +125,15 @@ def test_a_joint_that_is_looked_for_may_come_down_to_next_to_nothing() -> None:
             x[i] = low[i]
             if f.lower >= 0.0:
                 assert len(model.rig(x).joints) > len(rig.joints)
+
+
+def test_every_number_of_a_cause_has_a_slope_at_its_bounds() -> None:
+    """A step of least squares may end there: an infinite stiffness would have none."""
+    rig = paper_rig()
+    checked = set()
+    for cause in all_candidates(rig):
+        for f in Model(rig, {}).extended_by(cause).free:
+            slopes = [f.slope(x) for x in (*f.bounds, f.of(f.start)) if np.isfinite(x)]
+            assert np.isfinite(slopes).all(), (cause.label, f.name)
+            checked.add(f.form)
+    assert checked == {"linear", "logarithmic", "inverse"}
