@@ -26,7 +26,7 @@ from hbm.diagnosis.decide import (
     tied,
 )
 from hbm.diagnosis.foremost import foremost
-from hbm.diagnosis.fullfits import lifted_off, suits
+from hbm.diagnosis.fullfits import suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.remainder import beyond_noise, explained
@@ -227,7 +227,7 @@ class Search(Standing):
     def _race(
         self, base: Evaluation, screening: Screening, done: float, likely: Collection[str] | None = None
     ) -> Decision:
-        self.fitted += (lifted := lifted_off(base, self.candidates, self.campaign, lambda what: self.tell(what, done)))
+        lifted = self._lifted(base)
         over = self.calibrated if base is self.first and base.model.calibrated else base
         if any(self._fits(e) for e in lifted):
             return self._decided(over, lifted, self.tried)

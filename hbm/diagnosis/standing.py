@@ -6,7 +6,7 @@ from functools import cache
 
 from hbm.diagnosis.calibrate import calibrate, tolerable, trusted
 from hbm.diagnosis.decide import Decision, accepted, best_of, one_of_each, suspicious
-from hbm.diagnosis.fullfits import measurable
+from hbm.diagnosis.fullfits import lifted_off, measurable
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import disordered, drifts_within_levels
 from hbm.diagnosis.remainder import beyond_noise, explained
@@ -68,13 +68,14 @@ class Standing:
         self.fitted: list[Evaluation] = []
         self.screenings: list[Screening] = []
         self.over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
+        self._lifted = cache(self._lifted_over)
 
     def _screened(self, base: Evaluation, candidates: Sequence[Cause] | None = None) -> Screening:
         """Scores over a model of candidates, all unless given; of transients only where what is missed has no order."""
         offered = self.candidates if candidates is None else candidates
         if not disordered(base, self.nominal, self.campaign):
             offered = [c for c in offered if not isinstance(c, NotSteady)]
-        offered = [c for c in offered if not isinstance(c, ContactLoss)]  # has no size: see _lifted
+        offered = [c for c in offered if not isinstance(c, ContactLoss)]  # has no size: see lifted_off
         return screen(base, self.campaign, offered)
 
     def _over_base(self, base: Evaluation) -> Screening:
@@ -82,6 +83,11 @@ class Standing:
         self.tell("screening" if base is self.first else "screening over the calibrated model", 0.3)
         self.screenings.append(self._screened(base))
         return self.screenings[-1]
+
+    def _lifted_over(self, base: Evaluation) -> list[Evaluation]:
+        """A model whose tip lifts off, where it would: the same for all races over a base."""
+        self.fitted += (lifted := lifted_off(base, self.candidates, self.campaign, lambda what: self.tell(what, 0.3)))
+        return lifted
 
     @property
     def tried(self) -> int:
