@@ -97,6 +97,5 @@ def rig_freed(e: Evaluation, trust: Model, campaign: Campaign) -> tuple[Evaluati
     if known.model.calibrated:
         return known, known
     model = Model(e.model.nominal, trust.calibrated, e.model.causes)
-    at = known.coordinates
-    x = np.array([at.get((f.cause, f.name), f.expected) for f in model.free])
+    x = model.at(known.values)
     return known, evaluate(model, replace(campaign, corrections=e.corrections), x, e.solutions)

@@ -216,7 +216,8 @@ def _candidate(base: Evaluation, spread: float, cause: Cause, fits: Sequence[Eva
     if not fits:
         return None
     best, *others = fits
-    carried = [_carried(base.model.extended_by(cause), base, e) for e in (best, *_apart(best, others))]
+    model = base.model.extended_by(cause)
+    carried = [model.at(base.values | e.values) for e in (best, *_apart(best, others))]
     return Candidate(cause, best.chi2 + best.white.spread - spread, carried[0], tuple(carried[1:]))
 
 
@@ -242,21 +243,6 @@ def _apart(best: Evaluation, others: Sequence[Evaluation]) -> list[Evaluation]:
 def elsewhere(e: Evaluation, x: Array) -> bool:
     """Whether other coordinates are further from those of a fit than noise explains."""
     return bool(np.any(np.abs(x - e.x) > APART * np.sqrt(np.diag(e.covariance))))
-
-
-def _carried(model: Model, base: Evaluation, found: Evaluation) -> Array:
-    """Coordinates of a model where the values of a lighter one were found, the others as in `base`.
-
-    The coordinate of a sensor's number is to the scale of where it was, which is another one in a lighter model.
-    """
-    known = {(f.cause, f.name): f.value(x) for f, x in zip(found.model.free, found.x, strict=True)}
-    here = starting(model, base, {})
-    return np.array(
-        [
-            f.of(known[f.cause, f.name]) if (f.cause, f.name) in known else x
-            for f, x in zip(model.free, here, strict=True)
-        ]
-    )
 
 
 def _starts(model: Model, x: Array, score: Score) -> list[Array]:

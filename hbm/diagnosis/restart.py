@@ -40,10 +40,10 @@ def started(base: Evaluation, found: Evaluation, causes: Sequence[Cause], campai
     for added in causes:
         model = model.extended_by(added)
     place = {i: model.causes.index(c) for i, c in enumerate(found.model.causes) if c in model.causes} | {-1: -1}
-    known = base.coordinates
-    known |= {(place[cause], name): x for (cause, name), x in found.coordinates.items() if cause in place}
+    known = base.values
+    known |= {(place[cause], name): value for (cause, name), value in found.values.items() if cause in place}
     known |= _blamed(model, found)
-    starts = [np.array([known[f.cause, f.name] for f in model.free])]
+    starts = [model.at(known)]
     if base.model.calibrated and not found.model.calibrated:
         # calibration without the causes may have gone far to do without them
         starts.append(np.array([f.expected if f.cause < 0 else x for f, x in zip(model.free, starts[0], strict=True)]))
@@ -75,11 +75,10 @@ def _fitted(model: Model, campaign: Campaign, x: Array, last: Solutions, reach: 
 
 
 def _blamed(model: Model, found: Evaluation) -> dict[tuple[int, str], float]:
-    """Coordinates of calibrated numbers, where a number is a cause of its own in another model."""
+    """Values of calibrated numbers, where a number is a cause of its own in another model."""
     causes = enumerate(found.model.causes)
     blamed = [(i, c.key) for i, c in causes if isinstance(c, WrongParameter) and c not in model.causes]
-    values = {key: found.model.values(found.x, i)["value"] for i, key in blamed}
-    return {(-1, f.name): f.of(values[f.name]) for f in model.free if f.cause < 0 and f.name in values}
+    return {(-1, key): found.values[i, "value"] for i, key in blamed}
 
 
 def apart(base: Evaluation, pair: Evaluation, campaign: Campaign) -> list[Evaluation]:

@@ -72,14 +72,8 @@ class Score:
 
 def starting(model: Model, base: Evaluation, start: dict[str, float]) -> Array:
     """Coordinates with the calibrated numbers (and earlier causes) of another model and the last cause at a start."""
-    known = base.coordinates
     last = len(model.causes) - 1
-    return np.array(
-        [
-            f.of(start[f.name]) if f.cause == last and f.name in start else known.get((f.cause, f.name), f.of(f.start))
-            for f in model.free
-        ]
-    )
+    return model.at(base.values | {(last, name): value for name, value in start.items()})
 
 
 def scores(base: Evaluation, few: Campaign, sized: Sequence[Cause]) -> list[Score]:

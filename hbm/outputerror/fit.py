@@ -101,9 +101,9 @@ class Evaluation:
         return {number: s.moved(change) for number, s in self.found.items()}
 
     @property
-    def coordinates(self) -> dict[tuple[int, str], float]:
-        """By cause and name of the number."""
-        return {(f.cause, f.name): float(x) for f, x in zip(self.model.free, self.x, strict=True)}
+    def values(self) -> dict[tuple[int, str], float]:
+        """Of the free numbers, by cause and name: a coordinate has the scale of one model alone."""
+        return {(f.cause, f.name): f.value(x) for f, x in zip(self.model.free, self.x, strict=True)}
 
     @property
     def expected(self) -> Array:

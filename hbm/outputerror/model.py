@@ -190,6 +190,10 @@ class Model:
         """Coordinates where the causes have next to no effect."""
         return np.array([f.of(f.start) for f in self.free])
 
+    def at(self, values: Mapping[tuple[int, str], float]) -> Array:
+        """Coordinates where the free numbers have these values, by cause and name, the others those of the start."""
+        return np.array([f.of(values.get((f.cause, f.name), f.start)) for f in self.free])
+
     def bounds(self) -> tuple[Array, Array]:
         """Bounds of the coordinates."""
         low, high = np.array([f.bounds for f in self.free]).reshape(-1, 2).T

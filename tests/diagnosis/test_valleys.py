@@ -11,13 +11,13 @@ import hbm.diagnosis.fullfits
 from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen, fit_candidates
 from hbm.diagnosis.decide import Decision
 from hbm.diagnosis.fullfits import HELPS, full_fits
-from hbm.diagnosis.quickfits import CHANCE, _apart, _carried
+from hbm.diagnosis.quickfits import CHANCE, _apart
 from hbm.diagnosis.restart import apart, started
 from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.search import Search
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.fit import Evaluation, evaluate, fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.response.trace import trace_frequency
@@ -266,8 +266,7 @@ def test_a_delay_found_beside_held_sensors_is_the_same_delay_beside_free_ones() 
     cause = SensorDelay("x")
     own = Model(RIG, {}).extended_by(cause)
     held = Model(RIG.with_numbers({"channels.x.delay": 7e-6}), {}).extended_by(cause)
-    found: Any = SimpleNamespace(model=held, x=np.array([f.of(3.1e-5) for f in held.free]))
-    base: Any = SimpleNamespace(model=Model(RIG, {}), coordinates={})
-    x = _carried(own, base, found)
+    found = held.at({(0, "delay_s"): 3.1e-5})
+    x = own.at(Evaluation(held, found, {}, None, (), np.zeros(0)).values)  # type: ignore[arg-type]
     assert own.values(x, 0)["delay_s"] == pytest.approx(3.1e-5, rel=1e-12)
-    assert not np.allclose(x[-1], found.x[-1])
+    assert not np.allclose(x[-1], found[-1])
