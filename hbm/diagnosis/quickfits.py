@@ -15,7 +15,7 @@ from hbm.diagnosis.screen import coarse, telling
 from hbm.diagnosis.signatures import Score, starting
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import MANY, Evaluation, best_start, fit_model
+from hbm.outputerror.fit import MANY, Evaluation, best_start, evaluate, fit_model
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from hbm.parallel import each
@@ -153,7 +153,7 @@ class QuickFits:
         task = partial(_stepped, self._quick, self.few, steps, reach)
         each_fit = iter(each(self.campaign.executor, task, causes, [x for starts in near for x in starts]))
         fits = [[e for e in islice(each_fit, len(starts)) if e is not None] for starts in near]
-        limited = each(self.campaign.executor, partial(_limited, self.few, steps, reach), fits)
+        limited = each(self.campaign.executor, partial(_limited, self._quick, self.few, steps, reach), fits)
         return [_candidate(self._quick, self.spread, s.cause, f) for s, f in zip(scores, limited, strict=True)]
 
     def _compare(self, scores: Sequence[Score]) -> None:
@@ -199,12 +199,19 @@ def _stepped(base: Evaluation, few: Campaign, steps: int, reach: float, cause: C
         return None
 
 
-def _limited(few: Campaign, steps: int, reach: float, fits: Sequence[Evaluation]) -> list[Evaluation]:
-    """Fits of a candidate, the best first, with those whose limits are lowered where that may be of use."""
+def _limited(base: Evaluation, few: Campaign, steps: int, reach: float, fits: Sequence[Evaluation]) -> list[Evaluation]:
+    """Fits of a candidate, the best first, with those whose limits are lowered where that may be of use.
+
+    From the best fit, and from no effect: what gives way beyond its limit alone is not near what yields throughout.
+    """
     found = sorted(fits, key=rank)
     if found and found[0].chi2 <= reach:
+        model = found[0].model
         with suppress(*FAILURES):
             found += with_limits(found[0], few, steps)
+        if _limits(model):
+            with suppress(*FAILURES):
+                found += with_limits(evaluate(model, few, starting(model, base, {}), base.solutions), few, steps)
     return sorted(found, key=rank)
 
 

@@ -100,6 +100,9 @@ class Search(Standing):
             return self._within_tolerances(exact)
         if self._explains(first):
             return self._plainest(exact, first)
+        exact = self._gone_far(exact)
+        if self._explains(exact):
+            return exact
         if not (exact.fits or first.fits or isinstance(self.rig, JointedRig)):  # of joints all have run
             exact = self._race(self.first, self.over(self.first), 0.6)
         single = best_first(exact, first)
@@ -176,6 +179,18 @@ class Search(Standing):
         scores = tuple(s for s in self.over(self.first).scores if s.cause.label in untried)
         found = self._race(self.first, replace(self.over(self.first), scores=scores), 0.5) if scores else exact
         return best_first(found, exact)
+
+    def _gone_far(self, exact: Decision) -> Decision:
+        """The same with the cause that takes nearly all over the calibrated rig file, over it as it is from there.
+
+        Where that has left its tolerances: they had gone far to do without the cause, and hold it where it does not
+        belong.
+        """
+        best = [e for e in best_of(self.fitted)[:1] if len(e.model.causes) == 1 and not self.tolerable(e)]
+        taken = [e for e in best if explained(self.calibrated.white, e.white) >= NEARLY]
+        again = [e for found in taken for e in started(self.nominal, found, found.model.causes, self.campaign)]
+        self.fitted += again
+        return self._decided(self.nominal, [*again, *exact.fits], self.tried) if again else exact
 
     def _beside_background(self, leaves: Evaluation | None = None) -> Decision:
         """The likeliest story, all models beside what one of them leaves: the likeliest, where none leaves noise."""

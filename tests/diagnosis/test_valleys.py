@@ -11,7 +11,7 @@ import hbm.diagnosis.fullfits
 from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen, fit_candidates
 from hbm.diagnosis.decide import Decision
 from hbm.diagnosis.fullfits import HELPS, full_fits
-from hbm.diagnosis.quickfits import CHANCE, _apart
+from hbm.diagnosis.quickfits import CHANCE, _apart, _limited
 from hbm.diagnosis.restart import apart, started
 from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.search import Search
@@ -29,6 +29,7 @@ from models.causes.structure import ClampRotation
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
 from models.parts import Channel, Damping, Excitation
+from models.published import paper_rig
 
 H, HZ, NOISE, K3 = 3, 21.0, 1e-3, 5e10
 BODY, DAMPING = ModalModel((20.0,), {"tip": (1.0,)}), Damping(modal_ratios=(0.005,))
@@ -259,6 +260,49 @@ def test_what_leads_over_the_calibrated_rig_file_is_tried_over_it_as_it_is(fits:
     )  # fmt: skip
     Search._instead(search, tried)
     assert sorted(run) == sorted(raced)
+
+
+@pytest.mark.parametrize(
+    ("explained", "tolerable", "again"), [(0.95, False, ["takes"]), (0.5, False, []), (0.95, True, [])]
+)
+def test_what_takes_nearly_all_over_a_rig_file_gone_too_far_is_fitted_over_it_as_it_is(
+    monkeypatch: pytest.MonkeyPatch, explained: float, tolerable: bool, again: list[str]
+) -> None:
+    """From where it was found: its own numbers are right there, those of the rig file are not."""
+    asked = list[tuple[str, str]]()
+
+    def from_there(base: str, found: Any, causes: Any, campaign: Any) -> list[Any]:
+        asked.append((base, found.model.causes[0]))
+        return [found]
+
+    monkeypatch.setattr("hbm.diagnosis.search.started", from_there)
+    monkeypatch.setattr("hbm.diagnosis.search.explained", lambda before, after: explained)
+    takes, other = (
+        SimpleNamespace(model=SimpleNamespace(causes=(name,)), missing=(), bic=bic, white=None)
+        for name, bic in (("takes", 10.0), ("other", 20.0))
+    )
+    search: Any = SimpleNamespace(
+        fitted=[other, takes], nominal="as it is", calibrated=SimpleNamespace(white=None), campaign=None, tried=1,
+        tolerable=lambda e: tolerable, _decided=lambda base, fits, tried: (base, fits),
+    )  # fmt: skip
+    before: Any = SimpleNamespace(fits=(other,))
+    found = Search._gone_far(search, before)
+    assert asked == [("as it is", name) for name in again]
+    assert found == (("as it is", [takes, other]) if again else before)
+
+
+def test_a_limit_is_lowered_from_where_the_cause_has_no_effect_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clamp that gives way beyond a moment, and is rigid below it, is not near one that yields throughout."""
+    rig = paper_rig()
+    model = Model(rig, {}).extended_by(ClampFriction())
+    elastic: Any = SimpleNamespace(model=model, chi2=50.0, missing=())
+    rigid: Any = SimpleNamespace(chi2=100.0, missing=())
+    slips = SimpleNamespace(chi2=1.0, missing=())
+    monkeypatch.setattr("hbm.diagnosis.quickfits.evaluate", lambda model, few, x, last: rigid)
+    monkeypatch.setattr("hbm.diagnosis.quickfits.with_limits", lambda e, few, steps: [slips] if e is rigid else [])
+    base: Any = SimpleNamespace(values={}, solutions={})
+    assert _limited(base, None, 7, np.inf, [elastic]) == [slips, elastic]  # type: ignore[arg-type]
+    assert _limited(base, None, 7, 10.0, [elastic]) == [elastic]  # type: ignore[arg-type]
 
 
 def test_a_delay_found_beside_held_sensors_is_the_same_delay_beside_free_ones() -> None:
