@@ -186,6 +186,8 @@ class Search(Standing):
         Where that has left its tolerances: they had gone far to do without the cause, and hold it where it does not
         belong.
         """
+        if isinstance(self.rig, JointedRig):  # its modes are identified, never exact
+            return exact
         best = [e for e in best_of(self.fitted)[:1] if len(e.model.causes) == 1 and not self.tolerable(e)]
         taken = [e for e in best if explained(self.calibrated.white, e.white) >= NEARLY]
         again = [e for found in taken for e in started(self.nominal, found, found.model.causes, self.campaign)]

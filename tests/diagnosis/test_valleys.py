@@ -282,8 +282,8 @@ def test_what_takes_nearly_all_over_a_rig_file_gone_too_far_is_fitted_over_it_as
         for name, bic in (("takes", 10.0), ("other", 20.0))
     )
     search: Any = SimpleNamespace(
-        fitted=[other, takes], nominal="as it is", calibrated=SimpleNamespace(white=None), campaign=None, tried=1,
-        tolerable=lambda e: tolerable, _decided=lambda base, fits, tried: (base, fits),
+        rig=None, fitted=[other, takes], nominal="as it is", calibrated=SimpleNamespace(white=None), campaign=None,
+        tried=1, tolerable=lambda e: tolerable, _decided=lambda base, fits, tried: (base, fits),
     )  # fmt: skip
     before: Any = SimpleNamespace(fits=(other,))
     found = Search._gone_far(search, before)
