@@ -14,6 +14,7 @@ from hbm.diagnosis.decide import (
     best_first,
     best_of,
     evidence,
+    held_by,
     inside,
     leading,
     nearest,
@@ -34,7 +35,7 @@ from hbm.diagnosis.restart import alone, apart, led_to, less_moved, started
 from hbm.diagnosis.screen import Screening, small
 from hbm.diagnosis.standing import NEARLY, Standing
 from hbm.outputerror.background import LARGEST
-from hbm.outputerror.fit import Evaluation, fit_model
+from hbm.outputerror.fit import Evaluation, fit_model, refine
 from hbm.outputerror.simulated import FAILURES
 from models.causes.parameter import WrongParameter
 from models.causes.records import NotSteady
@@ -58,7 +59,7 @@ class Search(Standing):
 
     def decide(self) -> Decision:
         """The simplest story that will do: see :mod:`hbm.diagnosis.decide`."""
-        found = self._plain()
+        found = self._contained(self._plain())
         if not self._fits(found.story) or not self.tolerable(found.story):
             return self._beside_background()
         plain = self.campaign
@@ -77,6 +78,21 @@ class Search(Standing):
         if found.best is None:
             return [] if self._fits(self.nominal) else [e for e in found.fits if self._enough(e)][:1]
         return inside(found.best, [e for e in self.fitted if self._enough(e)])
+
+    def _contained(self, found: Decision) -> Decision:
+        """The same beside causes that the one found contains and that were not tried, fitted from where it stands."""
+        best = found.best
+        if best is None or len(best.model.causes) > 1 or isinstance(self.rig, JointedRig):  # of joints all have run
+            return found
+        held, known = held_by(best.model.causes[0]), {e.model.label for e in found.fits}
+        again: list[Evaluation] = []
+        for cause in (c for c in self.candidates if c.label in held - known):
+            model = replace(best.model, causes=(cause,))
+            with suppress(*FAILURES):
+                fit = fit_model(model, self.campaign, model.at(best.values), best.solutions)
+                again.append(refine(fit, self.campaign))
+        self.fitted += again
+        return self._decided(found.base, [*again, *found.fits], self.tried) if again else found
 
     def _plain(self) -> Decision:
         """The simplest story that leaves noise alone; where there is none, the best of those that nearly do."""

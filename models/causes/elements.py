@@ -96,6 +96,7 @@ class ImpactStopCause(Cause):
         "look for what the beam can strike there and move it away, or measure just below and just above the level at "
         "which it sets in"
     )
+    contains: ClassVar[tuple[str, ...]] = ("added-spring",)  # pressed so hard that it never opens
     abrupt: ClassVar[bool] = True
 
     @classmethod

@@ -23,9 +23,10 @@ from hbm.outputerror.model import Model
 from hbm.response.trace import trace_frequency
 from models.bodies import ModalModel
 from models.causes.clamp import ClampFriction
+from models.causes.elements import ImpactStopCause
 from models.causes.joints import CubicStiffness, LocalDamper
 from models.causes.sensors import SensorDelay
-from models.causes.structure import ClampRotation
+from models.causes.structure import AddedSpring, ClampRotation
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
 from models.parts import Channel, Damping, Excitation
@@ -289,6 +290,36 @@ def test_what_takes_nearly_all_over_a_rig_file_gone_too_far_is_fitted_over_it_as
     found = Search._gone_far(search, before)
     assert asked == [("as it is", name) for name in again]
     assert found == (("as it is", [takes, other]) if again else before)
+
+
+@pytest.mark.parametrize(("tried", "fitted"), [((), ["added-spring"]), (("added-spring",), [])])
+def test_what_a_cause_contains_is_fitted_from_where_that_stands(
+    monkeypatch: pytest.MonkeyPatch, tried: tuple[str, ...], fitted: list[str]
+) -> None:
+    """A stop pressed so hard that it never opens is a spring."""
+    rig = paper_rig()
+    stop, spring = ImpactStopCause(), AddedSpring()
+    model = Model(rig, {}).extended_by(stop)
+    x = model.at({(0, "stiffness"): 1e4, (0, "gap"): -3e-4, (0, "position"): 0.2})
+    best: Any = Evaluation(model, x, {}, None, (), np.zeros(0))  # type: ignore[arg-type]
+    starts = list[tuple[str, dict[str, float]]]()
+
+    def fit(model: Model, campaign: Any, x: Any, last: Any) -> Any:
+        starts.append((model.label, model.values(x, 0)))
+        return SimpleNamespace(model=model)
+
+    monkeypatch.setattr("hbm.diagnosis.search.fit_model", fit)
+    monkeypatch.setattr("hbm.diagnosis.search.refine", lambda e, campaign: e)
+    fits = (best, *(SimpleNamespace(model=SimpleNamespace(label=label)) for label in tried))
+    search: Any = SimpleNamespace(
+        rig=rig, candidates=(stop, spring, ClampRotation()), campaign=None, fitted=[], tried=1,
+        _decided=lambda base, fits, tried: (base, fits),
+    )  # fmt: skip
+    found: Any = SimpleNamespace(best=best, base="as it is", fits=fits)
+    decided = Search._contained(search, found)
+    assert [label for label, _ in starts] == fitted
+    assert all(at == pytest.approx({"stiffness": 1e4, "position": 0.2}) for _, at in starts)
+    assert decided == (("as it is", [*search.fitted, *fits]) if fitted else found)
 
 
 def test_a_limit_is_lowered_from_where_the_cause_has_no_effect_too(monkeypatch: pytest.MonkeyPatch) -> None:
