@@ -17,6 +17,7 @@ from models.published import paper_rig
 
 RIG = {
     "beam": {"youngs_modulus": 200e9},
+    "excitation": {"position": 0.3},
     "channels": [{"name": "force", "position": 0.5}, {"name": "a3", "position": 0.2}],
 }
 NONE = Allowed({}, {})
@@ -123,6 +124,8 @@ def test_a_number_that_calibration_may_move_is_told_apart():
     assert tolerated("parameter:beam.youngs_modulus", 206e9)  # three tolerances of 1 %
     assert not tolerated("parameter:beam.youngs_modulus", 208e9)
     assert not tolerated("parameter:beam.length", 0.5)  # has none
+    assert tolerated("parameter:excitation.position", 0.3015)  # three tolerances of 0.5 mm
+    assert not tolerated("parameter:excitation.position", 0.302)
     assert not outcome("added-mass", true={"mass": 0.1}).tolerated
     assert not outcome(None).tolerated
 

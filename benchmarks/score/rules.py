@@ -51,7 +51,7 @@ TELLING = {"drift": "parameter"}
 """The parameter that is part of a cause's name, beside the channels."""
 
 NEUTRAL = {"gain": 1.0, "ratio": 1.0}
-CLOCK, YOUNG = "clock", "beam.youngs_modulus"
+CLOCK, YOUNG, DRIVE = "clock", "beam.youngs_modulus", "excitation.position"
 
 NAMING = ("cause-found", "main-cause")
 """Verdicts with a cause; the second leaves a rest unexplained."""
@@ -141,11 +141,11 @@ class Outcome:
         cause = str(self.answer["cause"])
         key = cause.removeprefix(PARAMETER)
         tolerance = TOLERANCES.get(key, TOLERANCES["friction"] if key.startswith("contact.friction.") else None)
-        if not is_parameter(cause) or tolerance is None:
+        if not is_parameter(cause) or (tolerance is None and key != DRIVE):
             return False
-        return bool(
-            abs(self.answer["parameters"]["value"] / nominal_number(self.nominal, key) - 1.0) <= FAR * tolerance
-        )
+        nominal = nominal_number(self.nominal, key)
+        allowed = TOLERANCES["position"] if tolerance is None else tolerance * nominal
+        return bool(abs(self.answer["parameters"]["value"] - nominal) <= FAR * allowed)
 
     @property
     def remainder(self) -> Mapping[str, Any]:

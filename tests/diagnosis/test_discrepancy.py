@@ -21,7 +21,8 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics
 from hbm.response.trace import steady_state
 from hbm.sensitivity.derivatives import disturbed, sensitivities
-from models import Attachments, Jenkins, PointMass, PointSpring, Resonator
+from models import Attachments, Jenkins, PointMass, PointSpring
+from models.causes.elements import ImpactStopCause
 from models.causes.friction import ViscousContact
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator
 
@@ -236,18 +237,17 @@ def test_too_few_sensors_are_said():
 
 
 @pytest.mark.parametrize(
-    ("cause", "attached"),
+    ("cause", "true"),
     [
-        (AddedMass(), Attachments(masses=(PointMass(mass=5e-3, position=0.4 * L),))),
-        (AddedSpring(), Attachments(springs=(PointSpring(stiffness=3e3, position=0.4 * L),))),
-        (AttachedResonator(), Attachments(resonators=(Resonator(mass=2e-4, frequency_hz=90.0, position=0.4 * L),))),
+        (AddedMass(), {"mass": 5e-3, "position": 0.4 * L}),
+        (AddedSpring(), {"stiffness": 3e3, "position": 0.4 * L}),
+        (AttachedResonator(), {"mass": 2e-4, "frequency_hz": 90.0, "position": 0.4 * L}),
     ],
 )
-def test_what_is_attached_is_found_from_its_force_however_large_the_misfit(cause, attached):
-    nominal, campaign = beside(measured(replace(RIG, attachments=attached)))
+def test_what_is_attached_is_found_from_its_force_however_large_the_misfit(cause, true):
+    nominal, campaign = beside(measured(cause.extend(RIG, true)))
     assert nominal.white.chi2 > 1e4 * len(nominal.white)
     starts = attached_starts(nominal, campaign, [cause])[cause.name]
-    true = next(iter(attached.masses + attached.springs + attached.resonators))._asdict()
     apart = {"position": L / PLACES / 4, "frequency_hz": 1.0}
     near = [
         all(abs(start[name] - value) < apart.get(name, 0.05 * value) for name, value in true.items())
@@ -256,7 +256,17 @@ def test_what_is_attached_is_found_from_its_force_however_large_the_misfit(cause
     assert any(near), starts
 
 
+def test_a_stop_is_found_from_its_force():
+    """The motion that strikes it is known but for what the sensors do not see: its numbers are near, not exact."""
+    true = {"stiffness": 3e3, "gap": 3e-5, "position": 0.4 * L}
+    nominal, campaign = beside(measured(ImpactStopCause().extend(RIG, true)))
+    assert nominal.white.chi2 > 1e3 * len(nominal.white)
+    starts = attached_starts(nominal, campaign, [ImpactStopCause()])["impact-stop"]
+    near = {"stiffness": 0.3 * true["stiffness"], "gap": 0.2 * true["gap"], "position": L / PLACES / 2}
+    assert any(all(abs(start[name] - true[name]) < apart for name, apart in near.items()) for start in starts), starts
+
+
 def test_what_is_not_attached_has_no_start():
     nominal, campaign = beside(measured(RIG))
-    causes = [AddedMass(), AddedSpring(), AttachedResonator(), ViscousContact()]
+    causes = [AddedMass(), AddedSpring(), AttachedResonator(), ImpactStopCause(), ViscousContact()]
     assert not any(attached_starts(nominal, campaign, causes).values())
