@@ -46,6 +46,9 @@ REST, HALF, LEAD = 0.1, 0.5, 3.0
 """A candidate is alone ahead that leaves at most the first share of what exceeds noise, and every other one so many
 times as much. Nor are more tried where it leaves the second, and those whose starts were next so many times as much."""
 
+FORESEEN = 1.5
+"""A quick fit, or the score test of a small misfit, may leave so many times what a fit to all records may leave."""
+
 ENTRY = re.compile(r"\[\d+\]")
 """Which entry of a list a label is of."""
 
@@ -59,6 +62,7 @@ def fit_candidates(
     tell: Tell,
     enough: Enough,
     likely: Collection[str] | None = None,
+    useful: float = np.inf,
 ) -> list[Evaluation]:
     """Fit the candidates that may explain a misfit, over a model that was calibrated or not.
 
@@ -75,34 +79,44 @@ def fit_candidates(
         Whether a fit leaves so little that no other candidates are looked at.
     likely : collection of str, optional
         Labels of candidates that are tried beside the first of the score test, and no others; all where omitted.
+    useful : float
+        Share of the misfit beyond noise that a fit may leave; one that will leave more is given up.
 
     Returns
     -------
     list of Evaluation
         Fits of the best candidates to all records, the least chi2 first.
     """
-    screening, quick, reached = _started(screening, base, campaign), QuickFits(base, campaign), np.inf
+    screening, quick = _started(screening, base, campaign), QuickFits(base, campaign)
+    of_use, foreseen = (_left(base.chi2, len(base.white), share) for share in (useful, FORESEEN * useful))
+    reached = of_few = _left(quick.before, quick.few.points, FORESEEN * useful)
     if small(base):
-        done = refined(full_fits(_by_score(quick, screening), base, campaign, tell), base, campaign)
+        promising = [c for c in _by_score(quick, screening) if c.chi2 <= foreseen]
+        done = refined(full_fits(promising, base, campaign, tell, of_use), base, campaign)
         tried, rest = {e.model.causes[-1].label for e in done}, [s for s in screening.scores if unseen(s)]
     else:
         little = LITTLE if likely is None and not scanned(base) else 0.0
-        chosen, richer, tried = _by_quick_fits(quick, screening, tell, little, likely=likely)
+        chosen, richer, tried = _by_quick_fits(quick, screening, tell, little, of_few, likely=likely)
         lost = min((r.chi2 for r in chosen), default=0.0) > HOPE * quick.few.points
-        reach = EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf
+        reach = min(EXPLAINED * len(base.white) if lost and not len(base.x) else np.inf, of_use)
         done = refined(full_fits(chosen, base, campaign, tell, reach, one=lost), base, campaign)
         if richer and not any(enough(e) for e in done):
-            done = sorted([*done, *refined(full_fits(richer, base, campaign, tell), base, campaign)], key=rank)
+            done = sorted([*done, *refined(full_fits(richer, base, campaign, tell, of_use), base, campaign)], key=rank)
         rest = in_order(screening, base)
-        reached = chosen[0].chi2 if lost else np.inf
+        reached = min(of_few, chosen[0].chi2 if lost else np.inf)
     rest = [s for s in rest if likely is None and s.cause.label not in tried]
     if rest and not any(enough(e) for e in done):
         chosen, _, _ = _by_quick_fits(quick, replace(screening, scores=tuple(rest)), tell, 0.0, reached)
-        more = sorted(full_fits(chosen, base, campaign, tell), key=rank)
+        more = sorted(full_fits(chosen, base, campaign, tell, of_use), key=rank)
         if more and more[0].chi2 < min((e.chi2 for e in done), default=np.inf) + REFINED:
             more = refined(more, base, campaign)
         done = sorted([*done, *more], key=rank)
     return followed(done, campaign) if any(enough(e) for e in done[:1]) else done
+
+
+def _left(chi2: float, points: int, share: float) -> float:
+    """Chi2 of a fit that leaves a share of what exceeds noise."""
+    return points + share * max(chi2 - points, 1.0)
 
 
 def followed(done: Sequence[Evaluation], campaign: Campaign) -> list[Evaluation]:
@@ -174,7 +188,7 @@ def _by_quick_fits(
     """
     few = quick.few
     limit = max(EXPLAINED * few.points, little * quick.before)
-    fitted, free, tried = _first_quick_fits(quick, screening, limit, tell, likely)
+    fitted, free, tried = _first_quick_fits(quick, screening, limit, tell, likely, reached)
     fitted, free = [r for r in fitted if r.chi2 < BEHIND * reached], [r for r in free if r.chi2 < reached]
     if not fitted or (likely is not None and fitted[0].chi2 > limit):
         return [*fitted[:1], *free], [], tried
@@ -204,7 +218,12 @@ def _free(cause: Cause) -> bool:
 
 
 def _first_quick_fits(
-    quick: QuickFits, screening: Screening, explained: float, tell: Tell, likely: Collection[str] | None
+    quick: QuickFits,
+    screening: Screening,
+    explained: float,
+    tell: Tell,
+    likely: Collection[str] | None,
+    of_use: float,
 ) -> tuple[list[Candidate], list[Candidate], set[str]]:
     """Quick fits of what may explain the records, and of what is free in each, the best first; and what was tried."""
     listed = in_order(screening, quick.base)
@@ -231,7 +250,7 @@ def _first_quick_fits(
         batch, waiting = waiting[:count], waiting[count:]
         started += len(batch)
         tell(", ".join(s.cause.label for s in batch) + f" ({started} of {len(listed)})")
-        found = [r for r in quick.run(batch, reach=_reach(fitted, explained)) if r is not None]
+        found = [r for r in quick.run(batch, reach=min(_reach(fitted, explained), of_use)) if r is not None]
         tried |= {s.cause.label for s in batch}
         free += [r for r in found if _free(r.cause)]
         fitted += (forces := [r for r in found if not _free(r.cause)])

@@ -10,6 +10,7 @@ from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import (
     DECISIVE,
     MOST_RANKED,
+    PAYS,
     Decision,
     best_first,
     best_of,
@@ -298,13 +299,20 @@ class Search(Standing):
         return None if found.best is None else found
 
     def _pair(self, earlier: Decision, single: Evaluation) -> Decision:
-        """Two causes: one more beside one; not transients, which are free and would take what is left of any."""
+        """Two causes: one more beside one, if it pays; not transients, which are free and would take what is left."""
         base = earlier.base if earlier.best is single else self.calibrated if single.model.calibrated else self.nominal
         others = [c for c in self.candidates if c not in single.model.causes and not isinstance(c, NotSteady)]
         rest = [c for c in others if suits(c, single.model.rig(single.x))]
         name, scores = single.model.label, self._screened(single, rest)
         scores = foremost(scores, single, single, self.campaign, alone=True)
-        fits = fit_candidates(single, self.campaign, scores, lambda d: self.tell(f"{name} and {d}", 0.7), self._enough)
+        fits = fit_candidates(
+            single,
+            self.campaign,
+            scores,
+            lambda doing: self.tell(f"{name} and {doing}", 0.7),
+            self._enough,
+            useful=1.0 - PAYS,
+        )
         parted = [e for pair in fits[:1] for e in apart(base, pair, self.campaign)]
         self.fitted += [*fits, *parted]
         found = self._decided(base, [*fits, *parted, *earlier.fits], self.tried**2)

@@ -219,12 +219,12 @@ def test_what_was_left_out_for_a_simpler_one_is_fitted_to_all_records_where_that
         done.extend(c.cause.label for c in chosen)
         return [SimpleNamespace(chi2=c.chi2, missing=(), model=None) for c in chosen]
 
-    base: Any = SimpleNamespace(white=np.zeros(50), x=np.zeros(0))
+    base: Any = SimpleNamespace(white=np.zeros(50), x=np.zeros(0), chi2=9e3)
     for name, stand_in in {
         "_started": lambda screening, *_: screening,
         "small": lambda _: False,
         "scanned": lambda _: False,
-        "QuickFits": lambda *_: SimpleNamespace(few=SimpleNamespace(points=50)),
+        "QuickFits": lambda *_: SimpleNamespace(few=SimpleNamespace(points=50), before=9e3),
         "_by_quick_fits": lambda *_, **__: ([plain], [rich], {"plain", "rich"}),
         "full_fits": full,
         "refined": lambda fits, *_: fits,
@@ -234,6 +234,34 @@ def test_what_was_left_out_for_a_simpler_one_is_fitted_to_all_records_where_that
         monkeypatch.setattr(hbm.diagnosis.candidates, name, stand_in)
     fit_candidates(base, None, None, lambda _: None, lambda _: enough)  # type: ignore[arg-type]
     assert done == fitted
+
+
+@pytest.mark.parametrize(("useful", "fitted"), [(np.inf, ["poor", "fair", "good"]), (0.3, ["good"])])
+def test_a_second_cause_that_will_not_pay_is_not_fitted_to_all_records(
+    monkeypatch: pytest.MonkeyPatch, useful: float, fitted: list[str]
+) -> None:
+    """Of a small misfit the score test foresees what a fit leaves: 0.3 of 1000 beyond noise, and half as much again."""
+    chosen, done, limits = [quick("poor", 901.0, 1), quick("fair", 501.0, 1), quick("good", 499.0, 1)], list[str](), []
+
+    def full(candidates: list[Any], *arguments: Any) -> list[Any]:
+        done.extend(c.cause.label for c in candidates)
+        limits.append(arguments[-1])
+        return []
+
+    base: Any = SimpleNamespace(white=np.zeros(50), x=np.zeros(0), chi2=1050.0)
+    for name, stand_in in {
+        "_started": lambda screening, *_: screening,
+        "small": lambda _: True,
+        "QuickFits": lambda *_: SimpleNamespace(few=SimpleNamespace(points=50), before=9e3),
+        "_by_score": lambda *_: chosen,
+        "full_fits": full,
+        "refined": lambda fits, *_: fits,
+    }.items():
+        monkeypatch.setattr(hbm.diagnosis.candidates, name, stand_in)
+    screening: Any = SimpleNamespace(scores=())
+    fit_candidates(base, None, screening, lambda _: None, lambda _: False, useful=useful)  # type: ignore[arg-type]
+    assert done == fitted
+    assert limits == [50.0 + useful * 1000.0]
 
 
 @pytest.mark.parametrize(("fits", "raced"), [(False, ["second", "fourth", "fifth"]), (True, [])])
