@@ -40,7 +40,6 @@ from hbm.outputerror.fit import Evaluation, fit_model, refine
 from hbm.outputerror.simulated import FAILURES
 from models.causes.parameter import WrongParameter
 from models.causes.records import NotSteady
-from models.jointed import JointedRig
 
 TOLERATED = 0.015
 """Misfit of the rig file as it is, relative to the response, in which no cause is looked for that tolerances do for."""
@@ -83,7 +82,7 @@ class Search(Standing):
     def _contained(self, found: Decision) -> Decision:
         """The same beside causes that the one found contains and that were not tried, fitted from where it stands."""
         best = found.best
-        if best is None or len(best.model.causes) > 1 or isinstance(self.rig, JointedRig):  # of joints all have run
+        if best is None or len(best.model.causes) > 1 or self.identified:
             return found
         held, known = held_by(best.model.causes[0]), {e.model.label for e in found.fits}
         again: list[Evaluation] = []
@@ -120,7 +119,7 @@ class Search(Standing):
         exact = self._gone_far(exact)
         if self._explains(exact):
             return exact
-        if not (exact.fits or first.fits or isinstance(self.rig, JointedRig)):  # of joints all have run
+        if not (exact.fits or first.fits or self.identified):
             exact = self._race(self.first, self.over(self.first), 0.6)
         single = best_first(exact, first)
         if single.best is not None and self._enough(single.best):
@@ -137,7 +136,7 @@ class Search(Standing):
 
         Nothing is tried where tolerances take next to all and not enough, all where joints moved along from the start.
         """
-        if isinstance(self.rig, JointedRig):
+        if self.identified:
             return self._race(self.first, self.over(self.first), 0.3)
         wrong = {WrongParameter(key).label for key in off_beside_sensors(self.trust, self.calibrated)}
         if not wrong and not self._within() and explained(self.nominal.white, self.calibrated.white) >= NEARLY:
@@ -151,7 +150,7 @@ class Search(Standing):
         """
         screening, known = self.over(self.calibrated), {e.model.label for e in exact.fits}
         causes = [s for s in screening.instead if s.cause.label not in known and s.cause.label not in self._tolerated]
-        if isinstance(self.rig, JointedRig) or small(self.nominal) or not causes:
+        if self.identified or small(self.nominal) or not causes:
             return Decision(self.calibrated, None, exact.fits)
         found = self._race(self.nominal, replace(screening, scores=tuple(causes[:COMPARED])), 0.5)
         fits = tuple(one_of_each(best_of([*found.fits, *exact.fits])))
@@ -189,7 +188,7 @@ class Search(Standing):
         There its effect may be too large for the score test, which is of the first small one; and the numbers of the
         calibrated one have gone far to do without it.
         """
-        if isinstance(self.rig, JointedRig) or self._fits(self.calibrated) or any(map(self._settles, exact.fits)):
+        if self.identified or self._fits(self.calibrated) or any(map(self._settles, exact.fits)):
             return exact
         ahead = [s.cause.label for s in self.over(self.calibrated).scores if s.cause.label not in self._tolerated]
         untried = set(ahead[:AHEAD]) - {e.model.label for e in exact.fits}
@@ -203,7 +202,7 @@ class Search(Standing):
         Where that has left its tolerances: they had gone far to do without the cause, and hold it where it does not
         belong.
         """
-        if isinstance(self.rig, JointedRig):  # its modes are identified, never exact
+        if self.identified:
             return exact
         best = [e for e in best_of(self.fitted)[:1] if len(e.model.causes) == 1 and not self.tolerable(e)]
         taken = [e for e in best if explained(self.calibrated.white, e.white) >= NEARLY]

@@ -61,7 +61,7 @@ class Standing:
         self.campaign = self.campaign.corrected(rig, rough.solutions)
         self.nominal = evaluate(bare, self.campaign, bare.start, rough.solutions)
         self.first = self.nominal
-        if isinstance(rig, JointedRig):  # what is identified of modes is never exact: it moves along from the beginning
+        if self.identified:
             self.first = evaluate(self.trust, self.campaign, self.trust.start, self.nominal.solutions)
         tell("calibration", 0.1)
         self.calibrated = calibrate(self.trust, self.campaign, self.nominal.solutions)
@@ -69,6 +69,14 @@ class Standing:
         self.screenings: list[Screening] = []
         self.over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
         self._lifted = cache(self._lifted_over)
+
+    @property
+    def identified(self) -> bool:
+        """Whether joints act on modes that were identified.
+
+        These are never exact: they move along from the beginning, and all candidates run at once.
+        """
+        return isinstance(self.rig, JointedRig)
 
     def _screened(self, base: Evaluation, candidates: Sequence[Cause] | None = None) -> Screening:
         """Scores over a model of candidates, all unless given; of transients only where what is missed has no order."""

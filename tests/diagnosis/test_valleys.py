@@ -284,7 +284,7 @@ def test_what_leads_over_the_calibrated_rig_file_is_tried_over_it_as_it_is(fits:
         "as it is": Screening(scores("sixth", "fifth", "fourth", "third", "second", "number").scores, 1, 1),
     }
     search: Any = SimpleNamespace(
-        rig=None, calibrated="calibrated", first="as it is", over=screenings.__getitem__, _race=race,
+        identified=False, calibrated="calibrated", first="as it is", over=screenings.__getitem__, _race=race,
         _tolerated={"number": "number"}, _fits=lambda _: fits, _settles=lambda _: False,
     )  # fmt: skip
     Search._instead(search, tried)
@@ -311,8 +311,8 @@ def test_what_takes_nearly_all_over_a_rig_file_gone_too_far_is_fitted_over_it_as
         for name, bic in (("takes", 10.0), ("other", 20.0))
     )
     search: Any = SimpleNamespace(
-        rig=None, fitted=[other, takes], nominal="as it is", calibrated=SimpleNamespace(white=None), campaign=None,
-        tried=1, tolerable=lambda e: tolerable, _decided=lambda base, fits, tried: (base, fits),
+        identified=False, fitted=[other, takes], nominal="as it is", calibrated=SimpleNamespace(white=None),
+        campaign=None, tried=1, tolerable=lambda e: tolerable, _decided=lambda base, fits, tried: (base, fits),
     )  # fmt: skip
     before: Any = SimpleNamespace(fits=(other,))
     found = Search._gone_far(search, before)
@@ -340,7 +340,7 @@ def test_what_a_cause_contains_is_fitted_from_where_that_stands(
     monkeypatch.setattr("hbm.diagnosis.search.refine", lambda e, campaign: e)
     fits = (best, *(SimpleNamespace(model=SimpleNamespace(label=label)) for label in tried))
     search: Any = SimpleNamespace(
-        rig=rig, candidates=(stop, spring, ClampRotation()), campaign=None, fitted=[], tried=1,
+        identified=False, candidates=(stop, spring, ClampRotation()), campaign=None, fitted=[], tried=1,
         _decided=lambda base, fits, tried: (base, fits),
     )  # fmt: skip
     found: Any = SimpleNamespace(best=best, base="as it is", fits=fits)
