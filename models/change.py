@@ -67,11 +67,13 @@ def elements_change(rig: Rig, keys: tuple[str, ...]) -> list[ElementRows]:
     return element_rows_change(rig.acting, ports, moved, rig.beam.modes)
 
 
+@lru_cache(maxsize=64)  # the same in all records of a fit
 def clamp_change(rig: Rig, keys: tuple[str, ...]) -> SpringPort | None:
     """Derivatives of :attr:`Rig.clamp` to numbers of the rig, p parameters first."""
     return None if rig.clamp is None else _port_change(rig, keys, rig.layout.at_clamp, CLAMP_STIFFNESS)
 
 
+@lru_cache(maxsize=64)
 def support_change(rig: Rig, keys: tuple[str, ...]) -> SpringPort | None:
     """Derivatives of :attr:`Rig.support` to numbers of the rig, p parameters first."""
     return None if rig.support is None else _port_change(rig, keys, rig.layout.at_support, SUPPORT_STIFFNESS)
