@@ -103,6 +103,27 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
     }
 
 
+def same_force(found: Evaluation, cause: Cause, campaign: Campaign) -> Start:
+    """Size at which a cause attaches what pushes as what the only cause of a model attaches does, by name.
+
+    At the frequencies of the records: a resonator far above its own frequency pushes as a spring. Nothing where either
+    attaches nothing, or is shaped by what the other has not.
+    """
+    rig, values = found.model.nominal, found.model.values(found.x, 0)
+    if isinstance(rig, JointedRig) or not (unknowns := cause.unknowns(rig)):
+        return {}
+    size, *shapes = unknowns
+    if any(u.name not in values for u in shapes):
+        return {}
+    there = _added(found.model.causes[0], rig, values)
+    one = _added(cause, rig, {size.name: 1.0, **{u.name: values[u.name] for u in shapes}})
+    if len(there) != 1 or len(one) != 1:
+        return {}
+    omega = 2 * np.pi * np.array([r.hz for r in campaign.data.records])
+    whole, unit = (attached[0].force(omega).real for attached in (there, one))
+    return {size.name: float(unit @ whole / (unit @ unit))}
+
+
 def _records(base: Evaluation, campaign: Campaign, probed: Rig, points: Sequence[Place]) -> list["_Record"]:
     places, H, records = [contact_of(probed), *points], campaign.data.H, []
     for record in campaign.data.records:

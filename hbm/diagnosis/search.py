@@ -5,6 +5,7 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import islice
 
+from hbm.diagnosis.attached import same_force
 from hbm.diagnosis.calibrate import blamed, calibrate, off, off_beside_sensors, profiled
 from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import (
@@ -88,8 +89,9 @@ class Search(Standing):
         again: list[Evaluation] = []
         for cause in (c for c in self.candidates if c.label in held - known):
             model = replace(best.model, causes=(cause,))
+            start = {(0, name): value for name, value in same_force(best, cause, self.campaign).items()}
             with suppress(*FAILURES):
-                fit = fit_model(model, self.campaign, model.at(best.values), best.solutions)
+                fit = fit_model(model, self.campaign, model.at(best.values | start), best.solutions)
                 again.append(refine(fit, self.campaign))
         self.fitted += again
         return self._decided(found.base, [*again, *found.fits], self.tried) if again else found
@@ -134,12 +136,14 @@ class Search(Standing):
     def _exact(self) -> Decision:
         """What explains the rig file as it is, if it is likely, as what calibration takes to its bounds is.
 
-        Nothing is tried where tolerances take next to all and not enough, all where joints moved along from the start.
+        Nothing is tried where tolerances take next to all and leave more than noise, all where joints moved along from
+        the start.
         """
         if self.identified:
             return self._race(self.first, self.over(self.first), 0.3)
         wrong = {WrongParameter(key).label for key in off_beside_sensors(self.trust, self.calibrated)}
-        if not wrong and not self._within() and explained(self.nominal.white, self.calibrated.white) >= NEARLY:
+        taken = explained(self.nominal.white, self.calibrated.white) >= NEARLY
+        if not wrong and taken and not self._fits(self.calibrated):
             return Decision(self.nominal, None, ())
         return self._race(self.first, self.over(self.first), 0.3, wrong)
 

@@ -8,6 +8,7 @@ import pytest
 
 import hbm.diagnosis.candidates
 import hbm.diagnosis.fullfits
+from hbm.diagnosis.attached import same_force
 from hbm.diagnosis.candidates import HALF, TIED, _ahead, _alone_ahead, _chosen, fit_candidates
 from hbm.diagnosis.decide import Decision
 from hbm.diagnosis.fullfits import HELPS, full_fits
@@ -26,7 +27,7 @@ from models.causes.clamp import ClampFriction
 from models.causes.elements import ImpactStopCause
 from models.causes.joints import CubicStiffness, LocalDamper
 from models.causes.sensors import SensorDelay
-from models.causes.structure import AddedSpring, ClampRotation
+from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation
 from models.jointed import JointedRig
 from models.joints import CubicSpring, Joint
 from models.parts import Channel, Damping, Excitation
@@ -236,6 +237,21 @@ def test_what_was_left_out_for_a_simpler_one_is_fitted_to_all_records_where_that
     assert done == fitted
 
 
+@pytest.mark.parametrize(("fits", "raced"), [(False, False), (True, True)])
+def test_where_tolerances_leave_noise_alone_single_causes_are_tried_in_their_place(
+    monkeypatch: pytest.MonkeyPatch, fits: bool, raced: bool
+) -> None:
+    """Also where that noise looks suspicious; where they take next to all but leave more, they have a start there."""
+    monkeypatch.setattr("hbm.diagnosis.search.off_beside_sensors", lambda *_: ())
+    monkeypatch.setattr("hbm.diagnosis.search.explained", lambda *_: 0.99)
+    model: Any = SimpleNamespace(white=None)
+    search: Any = SimpleNamespace(
+        identified=False, trust=None, nominal=model, calibrated=model, first="as it is", over=lambda base: base,
+        _fits=lambda _: fits, _within=lambda: False, _race=lambda *_: "raced",
+    )  # fmt: skip
+    assert (Search._exact(search) == "raced") is raced
+
+
 @pytest.mark.parametrize(("useful", "fitted"), [(np.inf, ["poor", "fair", "good"]), (0.3, ["good"])])
 def test_a_second_cause_that_will_not_pay_is_not_fitted_to_all_records(
     monkeypatch: pytest.MonkeyPatch, useful: float, fitted: list[str]
@@ -318,6 +334,21 @@ def test_what_takes_nearly_all_over_a_rig_file_gone_too_far_is_fitted_over_it_as
     found = Search._gone_far(search, before)
     assert asked == [("as it is", name) for name in again]
     assert found == (("as it is", [takes, other]) if again else before)
+
+
+def test_a_contained_cause_starts_where_it_pushes_alike() -> None:
+    """A resonator far above its own frequency is a spring of its own stiffness, far below it its mass."""
+    rig, records = paper_rig(), [SimpleNamespace(hz=hz) for hz in (90.0, 100.0, 110.0)]
+    campaign: Any = SimpleNamespace(data=SimpleNamespace(records=records))
+
+    def size(frequency_hz: float, cause: Any) -> dict[str, float]:
+        model = Model(rig, {}).extended_by(AttachedResonator())
+        x = model.at({(0, "mass"): 0.02, (0, "frequency_hz"): frequency_hz, (0, "position"): 0.2})
+        return same_force(Evaluation(model, x, {}, None, (), np.zeros(0)), cause, campaign)  # type: ignore[arg-type]
+
+    assert size(5.0, AddedSpring())["stiffness"] == pytest.approx(0.02 * (10.0 * np.pi) ** 2, rel=5e-3)
+    assert size(2000.0, AddedMass())["mass"] == pytest.approx(0.02, rel=5e-3)
+    assert size(5.0, ImpactStopCause()) == {}
 
 
 @pytest.mark.parametrize(("tried", "fitted"), [((), ["added-spring"]), (("added-spring",), [])])
