@@ -190,12 +190,16 @@ class Search(Standing):
         """The same with what promises most over the calibrated rig file, over it as it is if it was not tried there.
 
         There its effect may be too large for the score test, which is of the first small one; and the numbers of the
-        calibrated one have gone far to do without it.
+        calibrated one have gone far to do without it: what does as they did may be in their place.
         """
         if self.identified or self._fits(self.calibrated) or any(map(self._settles, exact.fits)):
             return exact
-        ahead = [s.cause.label for s in self.over(self.calibrated).scores if s.cause.label not in self._tolerated]
-        untried = set(ahead[:AHEAD]) - {e.model.label for e in exact.fits}
+        there = self.over(self.calibrated)
+        ahead = [
+            [s.cause.label for s in part if s.cause.label not in self._tolerated]
+            for part in (there.scores, there.instead)
+        ]
+        untried = {label for part in ahead for label in part[:AHEAD]} - {e.model.label for e in exact.fits}
         scores = tuple(s for s in self.over(self.first).scores if s.cause.label in untried)
         found = self._race(self.first, replace(self.over(self.first), scores=scores), 0.5) if scores else exact
         return best_first(found, exact)

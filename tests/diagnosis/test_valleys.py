@@ -280,12 +280,16 @@ def test_a_second_cause_that_will_not_pay_is_not_fitted_to_all_records(
     assert limits == [50.0 + useful * 1000.0]
 
 
-@pytest.mark.parametrize(("fits", "raced"), [(False, ["second", "fourth", "fifth"]), (True, [])])
+@pytest.mark.parametrize(("fits", "raced"), [(False, ["second", "fourth", "fifth", "seventh"]), (True, [])])
 def test_what_leads_over_the_calibrated_rig_file_is_tried_over_it_as_it_is(fits: bool, raced: list[str]) -> None:
-    """But for what was, or is a number within tolerances; not where calibration leaves noise."""
+    """Four of them, and what does as calibration did; but for what was tried, or is a number within tolerances.
+
+    Not where calibration leaves noise.
+    """
 
     def scores(*labels: str) -> Any:
-        return SimpleNamespace(scores=tuple(SimpleNamespace(cause=SimpleNamespace(label=name)) for name in labels))
+        each = tuple(SimpleNamespace(cause=SimpleNamespace(label=name)) for name in labels)
+        return SimpleNamespace(scores=each, instead=[s for s in each if s.cause.label in ("number", "seventh")])
 
     run = list[str]()
 
@@ -296,8 +300,10 @@ def test_what_leads_over_the_calibrated_rig_file_is_tried_over_it_as_it_is(fits:
     fit: Any = SimpleNamespace(model=SimpleNamespace(label="third"), missing=(0,))
     tried = Decision(fit, None, (fit,))
     screenings = {
-        "calibrated": scores("number", "second", "third", "fourth", "fifth", "sixth"),
-        "as it is": Screening(scores("sixth", "fifth", "fourth", "third", "second", "number").scores, 1, 1),
+        "calibrated": scores("number", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth"),
+        "as it is": Screening(
+            scores("eighth", "seventh", "sixth", "fifth", "fourth", "third", "second", "number").scores, 1, 1
+        ),
     }
     search: Any = SimpleNamespace(
         identified=False, calibrated="calibrated", first="as it is", over=screenings.__getitem__, _race=race,
