@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hbm.diagnosis.discrepancy import LEFT_OVER, WhiteRecord, read_by
+from hbm.diagnosis.jointscan import SAMPLES
 from hbm.diagnosis.places import Complex, Place, all_at_once, contact_of, points_of
 from hbm.diagnosis.projection import Span
 from hbm.fourier import Array, sampled
@@ -30,8 +31,8 @@ PLACES, CLOSE = 12, 3
 STEP, BEYOND = 0.003, 1.5
 """Relative step of what shapes a stiffness, and how far it is scanned beyond its least and its largest start."""
 
-GAPS, SAMPLES = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95), 128
-"""Gaps that are scanned, in units of the largest deflection at a place; samples of a period on which they act."""
+GAPS = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""Gaps that are scanned, in units of the largest deflection at a place."""
 
 MOST, HELPS = 4, 0.3
 """Starts of a cause by each scan, at most; and the least fall of chi2 of one beside that of the best."""
@@ -82,7 +83,7 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
     numbers = [r.number for r in campaign.data.records if r.number in base.found]
     few = campaign.of(numbers)
     omega = 2 * np.pi * np.array([[r.hz] for r in few.data.records]) * np.arange(1, few.data.H + 1)
-    each = {c.label: _attached(c, rig, omega) or _beside(c, rig) for c in causes}
+    each = {c.label: _attached(c, rig, omega) or _with_gap(c, rig) for c in causes}
     found = {label: attached for label, attached in each.items() if attached is not None}
     if not found or few.points <= 2 * few.data.H * len(numbers):
         return {}
@@ -91,7 +92,7 @@ def attached_starts(base: Evaluation, campaign: Campaign, causes: Sequence[Cause
     records = _records(base, few, *points_of(rig, rig.beam, along))
     scans = [_Scan(base, records, free) for free in ((False, True) if beside else (False,))]
     gains = {label: [scan.gains(a) for scan in scans] for label, a in found.items()}
-    best = max((each[-1].fall for each in gains.values()), key=np.max)
+    best = max((by_scan[-1].fall for by_scan in gains.values()), key=np.max)
     near = along[int(best.max(axis=1).argmax())] + along[0] * np.arange(-CLOSE, CLOSE + 1) / (CLOSE + 1)
     closer = _Scan(base, _records(base, few, *points_of(rig, rig.beam, near)), beside)
     return {
@@ -151,7 +152,7 @@ def _attached(cause: Cause, rig: Rig, omega: Array) -> _Attached | None:
     return _Attached(size, lambda moved: (scanned, stiffness * moved[:, 1:]), bool(others))
 
 
-def _beside(cause: Cause, rig: Rig) -> _Attached | None:
+def _with_gap(cause: Cause, rig: Rig) -> _Attached | None:
     """The one element that a cause puts beside the beam at a place, with a gap; None if it does anything else."""
     size, *shapes = cause.unknowns(rig) or (None,)
     gaps = [u for u in shapes if u.name != "position" and u.unit == "m"]
@@ -201,7 +202,7 @@ class _Record:
     moved : (1+p, p, H, 2H) complex array
         Amplitudes at the points by cosines, then sines of the force at the contact and at each point.
     mean : sequence of float, (p,)
-        Deflection at the points at rest [m].
+        Mean deflection at the points [m].
     """
 
     white: WhiteRecord

@@ -20,8 +20,8 @@ RELIABLE = {
 }
 """How often verdicts are right: a cause that leaves noise alone and foretells the records held out, one that leaves
 noise alone, one that leaves a background, a main cause, and so on; `within` where numbers within their tolerances
-explain what is missed. Right ones and one more, of all and two more, in 371 blind cases; docs/theory/diagnosis.md says
-which were counted."""
+explain what is missed. Right ones and one more, of all and two more, in 371 cases; docs/theory/diagnosis.md says which
+were counted."""
 
 
 def nothing_missing(search: Search, decision: Decision) -> float:
