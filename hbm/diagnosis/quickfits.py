@@ -19,7 +19,7 @@ from hbm.outputerror.fit import MANY, Evaluation, best_start, evaluate, fit_mode
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from hbm.parallel import each
-from models.causes.cause import Cause
+from models.causes.cause import Cause, Unknown
 
 RECORDS = 6
 """Records that a quick fit sees."""
@@ -50,8 +50,12 @@ PROMISING = 0.3
 """Steps are taken from next to no effect too where the score test sees this share of the misfit fall, or where every
 start does harm."""
 
-DENSE, ROUNDING = 10.0**0.5, 1e-9
-"""Starts of how strong an effect is that nothing else shapes are at most this factor apart."""
+DENSE, DENSER, ROUNDING = 10.0**0.5, 10.0**0.125, 1e-9
+"""Starts of how strong an effect is that nothing else shapes are at most this factor apart; of a stiffness that the rig
+file takes for rigid the second one: by less a resonance may move by its width."""
+
+SEEN = 0.5
+"""An effect is seen at once whose best start leaves at most this share of the misfit."""
 
 SECOND, WORSE = 3.0, 10.0
 """The second start is tried where its chi2 is within this factor of the best, and none where it is so many times what
@@ -136,6 +140,12 @@ class QuickFits:
         """Candidates by what their best start leaves."""
         self._compare(scores)
         return sorted(scores, key=lambda s: min((chi2 for chi2, _ in self.compared[s.cause.label]), default=np.inf))
+
+    def giving_way(self, scores: Sequence[Score]) -> list[Score]:
+        """Of candidates that let give way what the rig file takes for rigid, those seen at once."""
+        rigid = [s for s in scores if _rigid(s.cause.unknowns(self.base.model.nominal))]
+        best = {s.cause.label: chi2 for s in self.ordered(rigid) for chi2, _ in self.compared[s.cause.label][:1]}
+        return [s for s in rigid if best.get(s.cause.label, np.inf) <= SEEN * self.before]
 
     @cached_property
     def spread(self) -> float:
@@ -262,17 +272,22 @@ def _starts(model: Model, x: Array, score: Score) -> list[Array]:
     else:
         grids = [u.starts[1:] or u.starts if i == 0 else u.starts for i, u in enumerate(unknowns)]
         if grids and not any(u.shapes for u in unknowns):
-            grids[0] = _dense(grids[0])
+            grids[0] = _dense(grids[0], DENSER if _rigid(unknowns) else DENSE)
         given = list(product(*(g[:1] if rest + i in _limits(model) else g for i, g in enumerate(grids))))
     return [np.concatenate([x[:rest], [f.of(v) for f, v in zip(own, values, strict=True)]]) for values in given]
 
 
-def _dense(starts: Sequence[float]) -> tuple[float, ...]:
-    """Starts in ascending order with more of them between, none of one sign more than a factor :data:`DENSE` apart."""
+def _rigid(unknowns: Sequence[Unknown]) -> bool:
+    """Whether a cause is one stiffness, of what is rigid without it."""
+    return len(unknowns) == 1 and unknowns[0].neutral == np.inf
+
+
+def _dense(starts: Sequence[float], apart: float) -> tuple[float, ...]:
+    """Starts in ascending order with more of them between, none of one sign more than a factor apart."""
     values, between = sorted(starts), list[float]()
     for low, high in pairwise(values):
         if low * high > 0.0:
-            parts = int(np.ceil(abs(np.log(high / low)) / np.log(DENSE) - ROUNDING))
+            parts = int(np.ceil(abs(np.log(high / low)) / np.log(apart) - ROUNDING))
             between += np.geomspace(low, high, parts + 1)[1:-1].tolist()
     return tuple(sorted([*values, *between]))
 

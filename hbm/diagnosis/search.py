@@ -32,6 +32,7 @@ from hbm.diagnosis.foremost import foremost
 from hbm.diagnosis.fullfits import suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
+from hbm.diagnosis.quickfits import QuickFits
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.restart import alone, apart, led_to, less_moved, started
 from hbm.diagnosis.screen import Screening, small
@@ -189,19 +190,23 @@ class Search(Standing):
     def _instead(self, exact: Decision) -> Decision:
         """The same with what promises most over the calibrated rig file, over it as it is if it was not tried there.
 
-        There its effect may be too large for the score test, which is of the first small one; and the numbers of the
-        calibrated one have gone far to do without it: what does as they did may be in their place.
+        There its effect may be too large for the score test, which is of the first small one; what gives way by any
+        factor is looked for beside it. And the numbers of the calibrated one have gone far to do without it: what does
+        as they did may be in their place.
         """
         if self.identified or self._fits(self.calibrated) or any(map(self._settles, exact.fits)):
             return exact
-        there = self.over(self.calibrated)
+        here, there = self.over(self.first), self.over(self.calibrated)
+        known = self._tolerated.keys() | {e.model.label for e in exact.fits}
         ahead = [
-            [s.cause.label for s in part if s.cause.label not in self._tolerated]
+            [s.cause.label for s in part if s.cause.label not in self._tolerated][:AHEAD]
             for part in (there.scores, there.instead)
         ]
-        untried = {label for part in ahead for label in part[:AHEAD]} - {e.model.label for e in exact.fits}
-        scores = tuple(s for s in self.over(self.first).scores if s.cause.label in untried)
-        found = self._race(self.first, replace(self.over(self.first), scores=scores), 0.5) if scores else exact
+        untried = [s for s in here.scores if s.cause.label not in known]
+        large = [] if small(self.first) else QuickFits(self.first, self.campaign).giving_way(untried)
+        chosen = {s.cause.label for s in large}.union(*ahead)
+        scores = tuple(s for s in untried if s.cause.label in chosen)
+        found = self._race(self.first, replace(here, scores=scores), 0.5) if scores else exact
         return best_first(found, exact)
 
     def _gone_far(self, exact: Decision) -> Decision:
