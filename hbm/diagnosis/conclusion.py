@@ -4,6 +4,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache, cached_property, partial
 
+import numpy as np
+
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
 from hbm.diagnosis.decide import DECISIVE, TIED, Decision, inclusion, tied
@@ -27,6 +29,7 @@ from hbm.outputerror.fit import Evaluation, evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import Whitened
+from models.causes.cause import Cause
 
 MAIN, NOTABLE = 0.5, 0.005
 """Share of the misfit of the rig file, on records held out too, that a main cause explains; and how large that misfit
@@ -37,6 +40,9 @@ WORSE = 1.05
 
 BETTER = 0.5
 """Another cause foretells records held out much better where it leaves less than this share of the error."""
+
+LEADING = 3
+"""Best models whose causes are looked at again with more records."""
 
 SAYS_NOTHING = 0.3
 """Records that a model misses by this share of the response agree with nothing, whatever their noise."""
@@ -108,6 +114,16 @@ class Conclusion:
         story = self._noise(self.decision.story)
         told = misfit(story, self.campaign).fits or beyond_noise(story.white) <= LARGEST
         return self.verdict == "unexplained" and told and nrmse(story.white) <= SAYS_NOTHING
+
+    @property
+    def leading(self) -> list[Cause]:
+        """Causes of the best models, and of those that foretell better: what more records are to decide between."""
+        fits = self.decision.fits
+        foretold = [np.inf if error is None else error for error in self._nrmse_held_out]
+        chosen = [
+            e for e, error in zip(fits, foretold, strict=True) if e in fits[:LEADING] or error < BETTER * foretold[0]
+        ]
+        return list(dict.fromkeys(cause for e in chosen for cause in e.model.causes))
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""

@@ -3,7 +3,7 @@
 :func:`diagnose` is the entry. Only the records to fit reach a fit; those held out are opened once, at the end.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 
@@ -55,7 +55,7 @@ def diagnose(
     spectra : MeasuredSpectra
     held_out : iterable of int or str, optional
         Records that no fit sees; where omitted a level and a frequency band, see :mod:`hbm.diagnosis.heldout`. Where
-        what explains the others does not hold for these, every second of them is fitted too.
+        what explains the others does not hold for these, every second of them is fitted too, by the best causes alone.
     causes : iterable of str, Cause or class, optional
         Candidates, classes of them, or names as of docs/reference/causes.md, ``parameter:<key>`` and ``file.py:Class``
         among them; a file that is named is run. The whole catalogue and every nominal value where omitted.
@@ -98,9 +98,9 @@ def diagnose(
     shares = repeatability_of(rig, spectra, repeatability)
     spectra = unrepeatable(spectra, shares)
 
-    def conclude(held: tuple[int, ...]) -> Conclusion:
+    def conclude(held: tuple[int, ...], among: Sequence[Cause], before: int = 0) -> Conclusion:
         train, unseen = spectra.split(held) if held else (spectra, None)
-        search = Search(rig, train, candidates, tolerances, tell, executor)
+        search = Search(rig, train, among, tolerances, tell, executor, before)
         return Conclusion(search, search.decide(), unseen, held)
 
     beside = (*_unrepeatable(shares), *spectra.warnings)
@@ -110,10 +110,10 @@ def diagnose(
         hidden = None if unseen is None else line_campaign(rig, unseen, executor)
         diagnosis = FlooredSearch(rig, campaign, hidden, line_scan, candidates, tolerances, tell).diagnosis()
     else:
-        found = conclude(held)
+        found = conclude(held, candidates)
         if held_out is None and found.untold:
             tell("half as many records held out", 0.0)
-            found, beside = conclude(held[1::2]), (HALF, *beside)
+            found, beside = conclude(held[1::2], found.leading, found.search.tried), (HALF, *beside)
         diagnosis = found.diagnosis()
     records = tuple(spectra.labels_of(np.array(diagnosis.held_out_records, dtype=int)).tolist())
     return replace(diagnosis, held_out_records=records, evidence=(*beside, *diagnosis.evidence))

@@ -42,8 +42,9 @@ class Standing:
         tolerances: Mapping[str, float] | None,
         tell: OnProgress,
         executor: Executor | None,
+        before: int = 0,
     ) -> None:
-        self.rig, self.spectra, self.tell = rig, spectra, tell
+        self.rig, self.spectra, self.tell, self._before = rig, spectra, tell, before
         tell("sensors and numerics", 0.0)
         self.campaign, self.sensors = campaign_of(rig, spectra, executor=executor)
         channels = self.campaign.data.channels
@@ -99,8 +100,8 @@ class Standing:
 
     @property
     def tried(self) -> int:
-        """Candidates, each shape that was scanned counted."""
-        return max(self.screenings[0].tried, 1)
+        """Candidates, each shape that was scanned counted, here or before."""
+        return max(self.screenings[0].tried, self._before, 1)
 
     def _calibrated_beside(self, found: Evaluation) -> list[Evaluation]:
         """A model with the same causes, its rig file within tolerances."""

@@ -252,3 +252,14 @@ def test_transients_are_only_named_where_they_pay_and_calibration_foretells_no_b
     assert judged(monkeypatch, settled=False, noise=True, shares=(0.43, 0.39)) == "none"
     assert judged(monkeypatch, settled=False, noise=True, shares=(0.9, 0.9), foretells=False, left=0.02) == "none"
     assert judged(monkeypatch, settled=False, noise=False, shares=(0.9, 0.8), left=0.13) == "none"
+
+
+@pytest.mark.parametrize(
+    ("foretold", "causes"),
+    [((0.1, 0.1, 0.1, 0.1, 0.1), "abc"), ((0.1, 0.2, 0.3, 0.06, 0.04), "abce"), ((0.1, None, 0.3, None, 0.2), "abc")],
+)
+def test_the_best_and_those_that_foretell_better_are_looked_at_again(foretold, causes):
+    """With more records; a second cause beside the first, which was there already."""
+    fits = [SimpleNamespace(model=SimpleNamespace(causes=tuple(label))) for label in ("a", "b", "ac", "d", "ae")]
+    found = SimpleNamespace(decision=SimpleNamespace(fits=fits), _nrmse_held_out=list(foretold))
+    assert "".join(Conclusion.leading.fget(found)) == causes
