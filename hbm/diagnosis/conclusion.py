@@ -10,7 +10,7 @@ from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
 from hbm.diagnosis.decide import DECISIVE, TIED, Decision, inclusion, tied
 from hbm.diagnosis.deviations import deviations, matters
-from hbm.diagnosis.estimates import estimates, name_of, told_of
+from hbm.diagnosis.estimates import estimates, name_of, ranked, told_of
 from hbm.diagnosis.evidence import Evidence
 from hbm.diagnosis.judge import CLEAR, beside, beside_noise, lead, possible_background_of, rig_freed
 from hbm.diagnosis.misfit import misfit, nrmse
@@ -20,7 +20,7 @@ from hbm.diagnosis.remainder import MOST, Remainder, beyond_noise, explained, re
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.separate import separate
 from hbm.diagnosis.standing import NEARLY
-from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
+from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Verdict
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import CHANGING, LARGEST
@@ -118,11 +118,9 @@ class Conclusion:
     @property
     def leading(self) -> list[Cause]:
         """Causes of the best models, and of those that foretell better: what more records are to decide between."""
-        fits = self.decision.fits
         foretold = [np.inf if error is None else error for error in self._nrmse_held_out]
-        chosen = [
-            e for e, error in zip(fits, foretold, strict=True) if e in fits[:LEADING] or error < BETTER * foretold[0]
-        ]
+        better = [error < BETTER * foretold[0] for error in foretold]
+        chosen = [e for i, e in enumerate(self.decision.fits) if i < LEADING or better[i]]
         return list(dict.fromkeys(cause for e in chosen for cause in e.model.causes))
 
     def diagnosis(self) -> Diagnosis:
@@ -140,7 +138,7 @@ class Conclusion:
             remainder=self._remainder(best),
             errors=self._errors(best),
             held_out_records=self.held,
-            ranking=tuple(map(self._ranked, self.decision.fits, self._nrmse_held_out)),
+            ranking=tuple(map(ranked, self.decision.fits, self._nrmse_held_out)),
             evidence=(*self._evidence.lines(verdict, best), *(self._to_hold_out(best) if best else ())),
             extended=None if best is None else best.model.rig(best.x),
             nominal=self.search.nominal,
@@ -257,9 +255,13 @@ class Conclusion:
     def verdict(self) -> Verdict:
         """Verdict that follows from the decision, on the records fitted and those held out."""
         claimed = self._claimed
-        if claimed not in NAMED or self.best is None or self._lead > CLEAR or matters(self.best[0], self._std):
+        if claimed not in NAMED or self.best is None or self._lead > CLEAR or self._sure(self.best[0]):
             return claimed
         return self._without_cause(self.search.calibrated)
+
+    def _sure(self, best: Evaluation) -> bool:
+        """Whether the size of the best cause is surely not none."""
+        return matters(best, self._std)
 
     @cached_property
     def _claimed(self) -> Verdict:
@@ -349,8 +351,7 @@ class Conclusion:
             kind: str = verdict
             if verdict == "cause-found" and misfit(self._noise(best), self.campaign).fits:
                 foretold = self._shares.get("held_out", 0.0) >= FORETOLD and not self._untested
-                foretold = foretold and not self._within_too(best)
-                kind = "foretold" if foretold else "noise"
+                kind = "foretold" if foretold and not self._within_too(best) and self._sure(best) else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":
             story, scored = self.decision.story, self._scored(self.decision.story)
@@ -369,10 +370,6 @@ class Conclusion:
             out[name] = {"train": Errors(nrmse(e.white), e.white.charged / len(e.white))}
             out[name] |= {} if scored is None else {"held_out": scored.errors}
         return out
-
-    @staticmethod
-    def _ranked(e: Evaluation, held_out: float | None) -> Ranked:
-        return Ranked(e.model.label, name_of(e), estimates(e), e.bic, e.chi2, held_out)
 
     @cached_property
     def _nrmse_held_out(self) -> list[float | None]:

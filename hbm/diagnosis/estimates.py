@@ -5,7 +5,7 @@ from dataclasses import fields, is_dataclass
 
 import numpy as np
 
-from hbm.diagnosis.verdict import Estimate
+from hbm.diagnosis.verdict import Estimate, Ranked
 from hbm.fourier import Array
 from hbm.outputerror.fit import Evaluation
 from models.causes.addedjoint import AddedJoint
@@ -40,6 +40,11 @@ def estimates(e: Evaluation, std: Array | None = None) -> dict[str, Estimate]:
         for f, x, s in zip(e.model.free, e.x, std, strict=True)
         if f.cause == 0
     }
+
+
+def ranked(e: Evaluation, held_out: float | None) -> Ranked:
+    """A fitted model in the ranking, with its error on the records held out."""
+    return Ranked(e.model.label, name_of(e), estimates(e), e.bic, e.chi2, held_out)
 
 
 def off_support(base: Evaluation) -> Iterator[str]:

@@ -84,13 +84,17 @@ def concluded(before, after, share):
         _noise=lambda e: e,
         _shares={"train": 1.0, "held_out": share},
         _within_too=lambda best: False,
+        _sure=lambda best: True,
     )
     found._untested = Conclusion._untested.func(found)
     return found
 
 
 def test_records_held_out_that_fit_as_well_without_a_cause_do_not_test_it(monkeypatch, noise, campaign):
-    """Whatever share it takes of next to nothing, it is no cause that was foretold, and no share is told."""
+    """Whatever share it takes of next to nothing, it is no cause that was foretold, and no share is told.
+
+    Nor is one whose size may be none.
+    """
     monkeypatch.setattr("hbm.diagnosis.conclusion.inclusion", lambda fits, best: 1.0)
     monkeypatch.setattr("hbm.diagnosis.conclusion.misfit", lambda e, campaign: SimpleNamespace(fits=True))
     scatter = np.sqrt(2 * len(noise))
@@ -100,6 +104,8 @@ def test_records_held_out_that_fit_as_well_without_a_cause_do_not_test_it(monkey
         found = concluded(before, noise, 1.0)
         confidence = Conclusion._confidence(found, "cause-found", found.best[0])
         assert confidence == RELIABLE["foretold" if tested else "noise"]
+        found._sure = lambda best: False
+        assert Conclusion._confidence(found, "cause-found", found.best[0]) == RELIABLE["noise"]
     left = replace(remainder(noise, campaign, False, {"train": 0.986}), untested=True)
     assert left.sentence == (
         "Explained: 98.6 % of the misfit on the records fitted. The records held out do not test the cause: noise "
