@@ -52,6 +52,9 @@ CLOSEST, LAST = 1, 4
 AHEAD = 4
 """Causes that promise most over the calibrated rig file, and are tried over it as it is."""
 
+BARE = 2.0
+"""Difference of BIC not worth more than a bare mention (Kass and Raftery 1995): what tolerances do comes first."""
+
 COMPARED = 5
 """Causes, and numbers, that are compared in place of all that calibration has moved."""
 
@@ -75,10 +78,12 @@ class Search(Standing):
     def _simpler_than(self, found: Decision) -> list[Evaluation]:
         """Fits that may do in place of what leaves noise alone, if what they leave is a background.
 
-        Those that a cause contains; and in place of many small errors of the rig file the best single cause over it.
+        Those that a cause contains; and in place of many small errors of the rig file the best single cause over it,
+        if no single one of them does as well.
         """
         if found.best is None:
-            return [] if self._fits(self.nominal) else [e for e in found.fits if self._enough(e)][:1]
+            instead = [] if self._fits(self.nominal) else [e for e in found.fits if self._enough(e)][:1]
+            return [e for e in instead if not self._alone_does(e, BARE)]
         return inside(found.best, [e for e in self.fitted if self._enough(e)])
 
     def _contained(self, found: Decision) -> Decision:
@@ -164,12 +169,20 @@ class Search(Standing):
 
     def _likelier(self, found: Decision) -> bool:
         """Whether the cause found is likelier than many small errors of the rig file, and than one of these alone."""
-        best, known = found.best, self._tolerated
+        best = found.best
         if best is None or not simpler(best, self.calibrated, self.tried):
             return False
+        return not self._alone_does(best, DECISIVE)
+
+    def _alone_does(self, best: Evaluation, margin: float) -> bool:
+        """Whether one number within its tolerance, of those that calibration may have moved for it, does as a cause.
+
+        Its BIC is larger by no more than a margin.
+        """
+        known = self._tolerated
         moved = [known[s.cause.label] for s in self.over(self.calibrated).instead if s.cause.label in known]
         single = alone(self.nominal, self.calibrated, moved[:COMPARED], self.campaign)
-        return all(e.bic > best.bic + DECISIVE for e in single)
+        return any(e.bic <= best.bic + margin for e in single)
 
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""

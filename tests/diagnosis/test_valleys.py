@@ -15,7 +15,7 @@ from hbm.diagnosis.fullfits import HELPS, full_fits
 from hbm.diagnosis.quickfits import CHANCE, SEEN, QuickFits, _apart, _limited
 from hbm.diagnosis.restart import apart, started
 from hbm.diagnosis.screen import Screening
-from hbm.diagnosis.search import Search
+from hbm.diagnosis.search import BARE, Search
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.fit import Evaluation, evaluate, fit_model
@@ -446,3 +446,19 @@ def test_a_delay_found_beside_held_sensors_is_the_same_delay_beside_free_ones() 
     x = own.at(Evaluation(held, found, {}, None, (), np.zeros(0)).values)  # type: ignore[arg-type]
     assert own.values(x, 0)["delay_s"] == pytest.approx(3.1e-5, rel=1e-12)
     assert not np.allclose(x[-1], found[-1])
+
+
+@pytest.mark.parametrize(("above", "named"), [(0.9 * BARE, False), (1.1 * BARE, True)])
+def test_in_place_of_many_small_errors_no_cause_is_taken_that_one_of_them_alone_does_for(
+    monkeypatch: pytest.MonkeyPatch, above: float, named: bool
+) -> None:
+    """A thickness does nearly what Young's modulus does, and is a large error where that is a small one."""
+    monkeypatch.setattr("hbm.diagnosis.search.alone", lambda *_: [SimpleNamespace(bic=100.0 + above)])
+    cause: Any = SimpleNamespace(bic=100.0)
+    search: Any = SimpleNamespace(
+        nominal=None, calibrated="calibrated", campaign=None, over=lambda _: SimpleNamespace(instead=[]),
+        _tolerated={}, _fits=lambda _: False, _enough=lambda _: True,
+    )  # fmt: skip
+    search._alone_does = lambda best, margin: Search._alone_does(search, best, margin)
+    found: Any = Decision("calibrated", None, (cause,))  # type: ignore[arg-type]
+    assert Search._simpler_than(search, found) == ([cause] if named else [])
