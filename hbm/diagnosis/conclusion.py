@@ -8,7 +8,7 @@ import numpy as np
 
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
-from hbm.diagnosis.decide import DECISIVE, TIED, Decision, inclusion, tied
+from hbm.diagnosis.decide import BETTER, DECISIVE, TIED, Decision, contenders, inclusion, tied
 from hbm.diagnosis.deviations import deviations, matters
 from hbm.diagnosis.estimates import estimates, name_of, ranked, told_of
 from hbm.diagnosis.evidence import Evidence
@@ -37,12 +37,6 @@ is, relative to the response, where a cause is named that leaves more than noise
 
 WORSE = 1.05
 """So many times what calibration leaves of the records held out a cause that leaves more than noise may leave."""
-
-BETTER = 0.5
-"""Another cause foretells records held out much better where it leaves less than this share of the error."""
-
-LEADING = 3
-"""Best models whose causes are looked at again with more records."""
 
 SAYS_NOTHING = 0.3
 """Records that a model misses by this share of the response agree with nothing, whatever their noise."""
@@ -116,12 +110,10 @@ class Conclusion:
         return self.verdict == "unexplained" and told and nrmse(story.white) <= SAYS_NOTHING
 
     @property
-    def leading(self) -> list[Cause]:
-        """Causes of the best models, and of those that foretell better: what more records are to decide between."""
+    def contenders(self) -> list[Cause]:
+        """Causes that more records are to decide between."""
         foretold = [np.inf if error is None else error for error in self._nrmse_held_out]
-        better = [error < BETTER * foretold[0] for error in foretold]
-        chosen = [e for i, e in enumerate(self.decision.fits) if i < LEADING or better[i]]
-        return list(dict.fromkeys(cause for e in chosen for cause in e.model.causes))
+        return contenders(self.decision.fits, foretold, self.search.candidates)
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""

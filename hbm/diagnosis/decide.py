@@ -14,11 +14,16 @@ from hbm.diagnosis.projection import Span
 from hbm.diagnosis.remainder import explained
 from hbm.diagnosis.screen import Screening
 from hbm.outputerror.fit import Evaluation
+from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.jointed import AnyRig
 
 ALARM = 0.003
 """Probability of a false alarm by chance over all that was tried."""
+
+CONTENDING, BETTER = 3, 0.5
+"""So many of the best models are judged anew with more records, and those that foretell much better: with less than
+this share of the error on the records held out."""
 
 MOST_RANKED = 10
 """Fits that are kept for the ranking."""
@@ -142,6 +147,14 @@ def inside(rich: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
 def held_by(cause: Cause) -> set[str]:
     """Labels of a cause and of the simpler ones that it is at some values: of a joint, at the same place."""
     return {cause.label, *(name + cause.label.removeprefix(cause.name) for name in getattr(cause, "contains", ()))}
+
+
+def contenders(fits: Sequence[Evaluation], foretold: Sequence[float], candidates: Sequence[Cause]) -> list[Cause]:
+    """Causes of the best models, and of those that foretell the records held out better; of joints at all places."""
+    better = [error < BETTER * foretold[0] for error in foretold]
+    chosen = [c for i, e in enumerate(fits) if i < CONTENDING or better[i] for c in e.model.causes]
+    laws = {c.name for c in chosen if isinstance(c, AddedJoint)}
+    return [c for c in candidates if c in chosen or c.name in laws]
 
 
 def undetermined(e: Evaluation) -> bool:

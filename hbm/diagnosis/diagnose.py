@@ -113,7 +113,7 @@ def diagnose(
         found = conclude(held, candidates)
         if held_out is None and found.untold:
             tell("half as many records held out", 0.0)
-            found, beside = conclude(held[1::2], found.leading, found.search.tried), (HALF, *beside)
+            found, beside = conclude(held[1::2], found.contenders, found.search.tried), (HALF, *beside)
         diagnosis = found.diagnosis()
     records = tuple(spectra.labels_of(np.array(diagnosis.held_out_records, dtype=int)).tolist())
     return replace(diagnosis, held_out_records=records, evidence=(*beside, *diagnosis.evidence))

@@ -8,10 +8,12 @@ import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.confidence import RELIABLE
-from hbm.diagnosis.decide import DECISIVE, plainest
+from hbm.diagnosis.decide import DECISIVE, contenders, plainest
 from hbm.diagnosis.remainder import beyond_noise, explained, remainder, tells
 from hbm.outputerror.whitened import Whitened
 from models.causes.clamp import ClampFriction
+from models.causes.joints import CubicStiffness, QuinticStiffness
+from models.causes.sensors import SensorGain
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation
 
 HZ, FORCES, CHANNELS, H = np.array([50.0, 52.0, 54.0, 150.0, 155.0]), (2.0, 6.0), 3, 4
@@ -261,11 +263,13 @@ def test_transients_are_only_named_where_they_pay_and_calibration_foretells_no_b
 
 
 @pytest.mark.parametrize(
-    ("foretold", "causes"),
-    [((0.1, 0.1, 0.1, 0.1, 0.1), "abc"), ((0.1, 0.2, 0.3, 0.06, 0.04), "abce"), ((0.1, None, 0.3, None, 0.2), "abc")],
+    ("foretold", "too"),
+    [((0.1, 0.1, 0.1, 0.1), False), ((0.1, 0.3, 0.06, 0.04), True), ((0.1, np.inf, np.inf, 0.2), False)],
 )
-def test_the_best_and_those_that_foretell_better_are_looked_at_again(foretold, causes):
-    """With more records; a second cause beside the first, which was there already."""
-    fits = [SimpleNamespace(model=SimpleNamespace(causes=tuple(label))) for label in ("a", "b", "ac", "d", "ae")]
-    found = SimpleNamespace(decision=SimpleNamespace(fits=fits), _nrmse_held_out=list(foretold))
-    assert "".join(Conclusion.leading.fget(found)) == causes
+def test_the_best_and_those_that_foretell_better_are_looked_at_again(foretold, too):
+    """With more records; a second cause beside the first, which was there already; a joint at all places."""
+    a, b, c, d = SensorGain("a1"), SensorGain("a2"), CubicStiffness("drive"), CubicStiffness("c")
+    quintic = QuinticStiffness("c")
+    fits = [SimpleNamespace(model=SimpleNamespace(causes=causes)) for causes in ((a,), (b,), (a, c), (a, quintic))]
+    candidates = [a, b, SensorGain("a3"), c, d, quintic]
+    assert contenders(fits, foretold, candidates) == [a, b, c, d, *([quintic] if too else [])]
