@@ -101,7 +101,7 @@ class Standing:
     @property
     def tried(self) -> int:
         """Candidates, each shape that was scanned counted, here or before."""
-        return max(self.screenings[0].tried, self._before, 1)
+        return max(*(s.tried for s in self.screenings[:1]), self._before, 1)
 
     def _calibrated_beside(self, found: Evaluation) -> list[Evaluation]:
         """A model with the same causes, its rig file within tolerances."""

@@ -10,6 +10,7 @@ from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.confidence import RELIABLE
 from hbm.diagnosis.decide import DECISIVE, contenders, plainest
 from hbm.diagnosis.remainder import beyond_noise, explained, remainder, tells
+from hbm.diagnosis.search import Search
 from hbm.outputerror.whitened import Whitened
 from models.causes.clamp import ClampFriction
 from models.causes.joints import CubicStiffness, QuinticStiffness
@@ -273,3 +274,10 @@ def test_the_best_and_those_that_foretell_better_are_looked_at_again(foretold, t
     fits = [SimpleNamespace(model=SimpleNamespace(causes=causes)) for causes in ((a,), (b,), (a, c), (a, quintic))]
     candidates = [a, b, SensorGain("a3"), c, d, quintic]
     assert contenders(fits, foretold, candidates) == [a, b, c, d, *([quintic] if too else [])]
+
+
+@pytest.mark.parametrize(("screened", "before", "tried"), [([], 0, 1), ([], 123, 123), ([5, 7], 123, 123), ([9], 0, 9)])
+def test_candidates_count_that_were_tried_before_too(screened, before, tried):
+    """What numbers within tolerances do for may be decided without a candidate."""
+    search = SimpleNamespace(screenings=[SimpleNamespace(tried=n) for n in screened], _before=before)
+    assert Search.tried.fget(search) == tried
