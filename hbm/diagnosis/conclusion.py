@@ -255,6 +255,11 @@ class Conclusion:
         """Whether the size of the best cause is surely not none."""
         return matters(best, self._std)
 
+    def _foretells(self, best: Evaluation) -> bool:
+        """Whether a cause that leaves noise foretells the records held out, and is needed; transients have no size."""
+        foretold = self._shares.get("held_out", 0.0) >= FORETOLD and not self._untested
+        return foretold and not self._within_too(best) and (not best.settled or self._sure(best))
+
     @cached_property
     def _claimed(self) -> Verdict:
         """The verdict by how much is explained, however uncertain the numbers of the cause are."""
@@ -342,8 +347,7 @@ class Conclusion:
         if best is not None:
             kind: str = verdict
             if verdict == "cause-found" and misfit(self._noise(best), self.campaign).fits:
-                foretold = self._shares.get("held_out", 0.0) >= FORETOLD and not self._untested
-                kind = "foretold" if foretold and not self._within_too(best) and self._sure(best) else "noise"
+                kind = "foretold" if self._foretells(best) else "noise"
             return RELIABLE[kind] * inclusion((self.decision.base, *self.decision.fits), best)
         if verdict == "unexplained":
             story, scored = self.decision.story, self._scored(self.decision.story)

@@ -76,7 +76,7 @@ def scattered(white, chi2):
 
 def concluded(before, after, share):
     """A cause that leaves noise alone of records fitted, and of those held out what is given, with and without it."""
-    best = SimpleNamespace(model=SimpleNamespace(calibrated=True, causes=(AddedMass(),)))
+    best = SimpleNamespace(model=SimpleNamespace(calibrated=True, causes=(AddedMass(),)), settled=True)
     fits = SimpleNamespace(misfit=SimpleNamespace(fits=True), evaluation=SimpleNamespace(white=after))
     found = SimpleNamespace(
         best=(best, fits),
@@ -90,6 +90,7 @@ def concluded(before, after, share):
         _sure=lambda best: True,
     )
     found._untested = Conclusion._untested.func(found)
+    found._foretells = lambda best: Conclusion._foretells(found, best)
     return found
 
 
@@ -109,6 +110,10 @@ def test_records_held_out_that_fit_as_well_without_a_cause_do_not_test_it(monkey
         assert confidence == RELIABLE["foretold" if tested else "noise"]
         found._sure = lambda best: False
         assert Conclusion._confidence(found, "cause-found", found.best[0]) == RELIABLE["noise"]
+        found.best[0].settled = False  # transients are free in each record, and have no size
+        assert (
+            Conclusion._confidence(found, "cause-found", found.best[0]) == RELIABLE["foretold" if tested else "noise"]
+        )
     left = replace(remainder(noise, campaign, False, {"train": 0.986}), untested=True)
     assert left.sentence == (
         "Explained: 98.6 % of the misfit on the records fitted. The records held out do not test the cause: noise "
