@@ -8,7 +8,7 @@ import numpy as np
 
 from hbm.diagnosis.confidence import FORETOLD, RELIABLE, nothing_missing
 from hbm.diagnosis.constancy import Varying, varying
-from hbm.diagnosis.decide import BETTER, DECISIVE, TIED, Decision, contenders, inclusion, tied
+from hbm.diagnosis.decide import DECISIVE, TIED, Decision, contenders, inclusion, tied
 from hbm.diagnosis.deviations import deviations, matters
 from hbm.diagnosis.estimates import estimates, name_of, ranked, told_of
 from hbm.diagnosis.evidence import Evidence
@@ -37,6 +37,9 @@ is, relative to the response, where a cause is named that leaves more than noise
 
 WORSE = 1.05
 """So many times what calibration leaves of the records held out a cause that leaves more than noise may leave."""
+
+BETTER = 0.5
+"""Another cause foretells records held out much better where it leaves less than this share of the error."""
 
 SAYS_NOTHING = 0.3
 """Records that a model misses by this share of the response agree with nothing, whatever their noise."""
@@ -103,8 +106,7 @@ class Conclusion:
         if self.hidden is None:
             return False
         if self.verdict == "main-cause":
-            own, *others = self._nrmse_held_out
-            return own is not None and any(other < BETTER * own for other in others if other is not None)
+            return self._nrmse_held_out[0] is not None and any(self._better)
         story = self._noise(self.decision.story)
         told = misfit(story, self.campaign).fits or beyond_noise(story.white) <= LARGEST
         return self.verdict == "unexplained" and told and nrmse(story.white) <= SAYS_NOTHING
@@ -112,8 +114,13 @@ class Conclusion:
     @property
     def contenders(self) -> list[Cause]:
         """Causes that more records are to decide between."""
+        return contenders(self.decision.fits, self._better, self.search.candidates)
+
+    @property
+    def _better(self) -> list[bool]:
+        """Of the fits, which foretell the records held out much better than the first does."""
         foretold = [np.inf if error is None else error for error in self._nrmse_held_out]
-        return contenders(self.decision.fits, foretold, self.search.candidates)
+        return [error < BETTER * foretold[0] for error in foretold]
 
     def diagnosis(self) -> Diagnosis:
         """Verdict, and all that supports it."""
@@ -247,18 +254,14 @@ class Conclusion:
     def verdict(self) -> Verdict:
         """Verdict that follows from the decision, on the records fitted and those held out."""
         claimed = self._claimed
-        if claimed not in NAMED or self.best is None or self._lead > CLEAR or self._sure(self.best[0]):
+        if claimed not in NAMED or self.best is None or self._lead > CLEAR or matters(self.best[0], self._std):
             return claimed
         return self._without_cause(self.search.calibrated)
-
-    def _sure(self, best: Evaluation) -> bool:
-        """Whether the size of the best cause is surely not none."""
-        return matters(best, self._std)
 
     def _foretells(self, best: Evaluation) -> bool:
         """Whether a cause that leaves noise foretells the records held out, and is needed; transients have no size."""
         foretold = self._shares.get("held_out", 0.0) >= FORETOLD and not self._untested
-        return foretold and not self._within_too(best) and (not best.settled or self._sure(best))
+        return foretold and not self._within_too(best) and (not best.settled or matters(best, self._std))
 
     @cached_property
     def _claimed(self) -> Verdict:

@@ -21,9 +21,8 @@ from models.jointed import AnyRig
 ALARM = 0.003
 """Probability of a false alarm by chance over all that was tried."""
 
-CONTENDING, BETTER = 3, 0.5
-"""So many of the best models are judged anew with more records, and those that foretell much better: with less than
-this share of the error on the records held out."""
+CONTENDING = 3
+"""So many of the best models are judged anew with more records."""
 
 MOST_RANKED = 10
 """Fits that are kept for the ranking."""
@@ -149,9 +148,8 @@ def held_by(cause: Cause) -> set[str]:
     return {cause.label, *(name + cause.label.removeprefix(cause.name) for name in getattr(cause, "contains", ()))}
 
 
-def contenders(fits: Sequence[Evaluation], foretold: Sequence[float], candidates: Sequence[Cause]) -> list[Cause]:
+def contenders(fits: Sequence[Evaluation], better: Sequence[bool], candidates: Sequence[Cause]) -> list[Cause]:
     """Causes of the best models, and of those that foretell the records held out better; of joints at all places."""
-    better = [error < BETTER * foretold[0] for error in foretold]
     chosen = [c for i, e in enumerate(fits) if i < CONTENDING or better[i] for c in e.model.causes]
     laws = {c.name for c in chosen if isinstance(c, AddedJoint)}
     return [c for c in candidates if c in chosen or c.name in laws]

@@ -139,13 +139,17 @@ class QuickFits:
     def ordered(self, scores: Sequence[Score]) -> list[Score]:
         """Candidates by what their best start leaves."""
         self._compare(scores)
-        return sorted(scores, key=lambda s: min((chi2 for chi2, _ in self.compared[s.cause.label]), default=np.inf))
+        return sorted(scores, key=self._least)
 
     def giving_way(self, scores: Sequence[Score]) -> list[Score]:
         """Of candidates that let give way what the rig file takes for rigid, those seen at once."""
         rigid = [s for s in scores if _rigid(s.cause.unknowns(self.base.model.nominal))]
-        best = {s.cause.label: chi2 for s in self.ordered(rigid) for chi2, _ in self.compared[s.cause.label][:1]}
-        return [s for s in rigid if best.get(s.cause.label, np.inf) <= SEEN * self.before]
+        self._compare(rigid)
+        return [s for s in rigid if self._least(s) <= SEEN * self.before]
+
+    def _least(self, score: Score) -> float:
+        """Chi2 that the best start of a candidate leaves."""
+        return min((chi2 for chi2, _ in self.compared[score.cause.label]), default=np.inf)
 
     @cached_property
     def spread(self) -> float:

@@ -34,9 +34,9 @@ from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.quickfits import QuickFits
 from hbm.diagnosis.remainder import beyond_noise, explained
-from hbm.diagnosis.restart import alone, apart, led_to, less_moved, started
+from hbm.diagnosis.restart import apart, led_to, less_moved, started
 from hbm.diagnosis.screen import Screening, small
-from hbm.diagnosis.standing import NEARLY, Standing
+from hbm.diagnosis.standing import COMPARED, NEARLY, Standing
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import Evaluation, fit_model, refine
 from hbm.outputerror.simulated import FAILURES
@@ -54,9 +54,6 @@ AHEAD = 4
 
 BARE = 2.0
 """Difference of BIC not worth more than a bare mention (Kass and Raftery 1995): what tolerances do comes first."""
-
-COMPARED = 5
-"""Causes, and numbers, that are compared in place of all that calibration has moved."""
 
 
 class Search(Standing):
@@ -179,10 +176,7 @@ class Search(Standing):
 
         Its BIC is larger by no more than a margin.
         """
-        known = self._tolerated
-        moved = [known[s.cause.label] for s in self.over(self.calibrated).instead if s.cause.label in known]
-        single = alone(self.nominal, self.calibrated, moved[:COMPARED], self.campaign)
-        return any(e.bic <= best.bic + margin for e in single)
+        return any(e.bic <= best.bic + margin for e in self._alone(self.calibrated))
 
     def _over_calibrated(self, exact: Decision) -> Decision:
         """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""

@@ -10,7 +10,7 @@ from hbm.diagnosis.fullfits import lifted_off, measurable
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import disordered, drifts_within_levels
 from hbm.diagnosis.remainder import beyond_noise, explained
-from hbm.diagnosis.restart import started
+from hbm.diagnosis.restart import alone, started
 from hbm.diagnosis.screen import Screening, screen
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
@@ -27,6 +27,9 @@ from models.jointed import AnyRig, JointedRig
 
 NEARLY = 0.9
 """Share of the misfit of the calibrated rig file of which a cause explains next to all."""
+
+COMPARED = 5
+"""Causes, and numbers, that are compared in place of all that calibration has moved."""
 
 OnProgress = Callable[[str, float], None]
 
@@ -69,6 +72,7 @@ class Standing:
         self.fitted: list[Evaluation] = []
         self.screenings: list[Screening] = []
         self.over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
+        self._alone = cache(self._alone_within)
         self._lifted = cache(self._lifted_over)
 
     @property
@@ -92,6 +96,12 @@ class Standing:
         self.tell("screening" if base is self.first else "screening over the calibrated model", 0.3)
         self.screenings.append(self._screened(base))
         return self.screenings[-1]
+
+    def _alone_within(self, calibrated: Evaluation) -> list[Evaluation]:
+        """Over the rig file as it is single numbers within their tolerances, of those that calibration has moved."""
+        known = self._tolerated
+        moved = [known[s.cause.label] for s in self.over(calibrated).instead if s.cause.label in known]
+        return list(alone(self.nominal, calibrated, moved[:COMPARED], self.campaign))
 
     def _lifted_over(self, base: Evaluation) -> list[Evaluation]:
         """A model whose tip lifts off, where it would: the same for all races over a base."""

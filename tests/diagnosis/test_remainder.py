@@ -87,7 +87,7 @@ def concluded(before, after, share):
         _noise=lambda e: e,
         _shares={"train": 1.0, "held_out": share},
         _within_too=lambda best: False,
-        _sure=lambda best: True,
+        _std=None,
     )
     found._untested = Conclusion._untested.func(found)
     found._foretells = lambda best: Conclusion._foretells(found, best)
@@ -106,9 +106,10 @@ def test_records_held_out_that_fit_as_well_without_a_cause_do_not_test_it(monkey
         before = scattered(noise, effect)
         assert explained(before, noise) == pytest.approx(1.0) and tells(before, noise) is tested
         found = concluded(before, noise, 1.0)
+        monkeypatch.setattr("hbm.diagnosis.conclusion.matters", lambda best, std: True)
         confidence = Conclusion._confidence(found, "cause-found", found.best[0])
         assert confidence == RELIABLE["foretold" if tested else "noise"]
-        found._sure = lambda best: False
+        monkeypatch.setattr("hbm.diagnosis.conclusion.matters", lambda best, std: False)
         assert Conclusion._confidence(found, "cause-found", found.best[0]) == RELIABLE["noise"]
         found.best[0].settled = False  # transients are free in each record, and have no size
         assert (
@@ -270,7 +271,7 @@ def test_transients_are_only_named_where_they_pay_and_calibration_foretells_no_b
 
 @pytest.mark.parametrize(
     ("foretold", "too"),
-    [((0.1, 0.1, 0.1, 0.1), False), ((0.1, 0.3, 0.06, 0.04), True), ((0.1, np.inf, np.inf, 0.2), False)],
+    [((0.1, 0.1, 0.1, 0.1), False), ((0.1, 0.3, 0.06, 0.04), True), ((0.1, None, None, 0.2), False)],
 )
 def test_the_best_and_those_that_foretell_better_are_looked_at_again(foretold, too):
     """With more records; a second cause beside the first, which was there already; a joint at all places."""
@@ -278,7 +279,8 @@ def test_the_best_and_those_that_foretell_better_are_looked_at_again(foretold, t
     quintic = QuinticStiffness("c")
     fits = [SimpleNamespace(model=SimpleNamespace(causes=causes)) for causes in ((a,), (b,), (a, c), (a, quintic))]
     candidates = [a, b, SensorGain("a3"), c, d, quintic]
-    assert contenders(fits, foretold, candidates) == [a, b, c, d, *([quintic] if too else [])]
+    better = Conclusion._better.fget(SimpleNamespace(_nrmse_held_out=foretold))
+    assert contenders(fits, better, candidates) == [a, b, c, d, *([quintic] if too else [])]
 
 
 @pytest.mark.parametrize(("screened", "before", "tried"), [([], 0, 1), ([], 123, 123), ([5, 7], 123, 123), ([9], 0, 9)])
@@ -286,3 +288,14 @@ def test_candidates_count_that_were_tried_before_too(screened, before, tried):
     """What numbers within tolerances do for may be decided without a candidate."""
     search = SimpleNamespace(screenings=[SimpleNamespace(tried=n) for n in screened], _before=before)
     assert Search.tried.fget(search) == tried
+
+
+@pytest.mark.parametrize(
+    ("foretold", "untold"),
+    [((0.1, 0.06, 0.04), True), ((0.1, 0.06), False), ((0.1, None), False), ((None, 0.04), False)],
+)
+def test_a_main_cause_is_judged_anew_where_another_foretells_much_better(foretold, untold):
+    """Not where the first foretells nothing to compare with."""
+    found = SimpleNamespace(hidden=(), verdict="main-cause", _nrmse_held_out=list(foretold))
+    found._better = Conclusion._better.fget(found)
+    assert Conclusion.untold.fget(found) is untold

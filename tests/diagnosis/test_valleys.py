@@ -450,14 +450,13 @@ def test_a_delay_found_beside_held_sensors_is_the_same_delay_beside_free_ones() 
 
 @pytest.mark.parametrize(("above", "named"), [(0.9 * BARE, False), (1.1 * BARE, True)])
 def test_in_place_of_many_small_errors_no_cause_is_taken_that_one_of_them_alone_does_for(
-    monkeypatch: pytest.MonkeyPatch, above: float, named: bool
+    above: float, named: bool
 ) -> None:
     """A thickness does nearly what Young's modulus does, and is a large error where that is a small one."""
-    monkeypatch.setattr("hbm.diagnosis.search.alone", lambda *_: [SimpleNamespace(bic=100.0 + above)])
     cause: Any = SimpleNamespace(bic=100.0)
     search: Any = SimpleNamespace(
-        nominal=None, calibrated="calibrated", campaign=None, over=lambda _: SimpleNamespace(instead=[]),
-        _tolerated={}, _fits=lambda _: False, _enough=lambda _: True,
+        nominal=None, calibrated="calibrated", _fits=lambda _: False, _enough=lambda _: True,
+        _alone=lambda calibrated: [SimpleNamespace(bic=100.0 + above)],
     )  # fmt: skip
     search._alone_does = lambda best, margin: Search._alone_does(search, best, margin)
     found: Any = Decision("calibrated", None, (cause,))  # type: ignore[arg-type]
