@@ -16,7 +16,7 @@ TUNED = (1.2, 0.6, 0.8, 0.95, 1.1, 1.35, 1.6, 2.0, 3.2)
 """Starts of the frequency of a resonator, in units of the beam's own: dense where it is driven, for its effect changes
 sign there."""
 
-RIGID = (1e8, 1e4, 1e3, 1e2, 1e1)
+RIGID = (1e8, 1e5, 1e4, 1e3, 1e2, 1e1)
 """Starts of a stiffness that is infinite nominally, in units of the beam's own; the first changes hardly anything."""
 
 ALONG = (0.5, 0.25, 0.75, 0.95)
