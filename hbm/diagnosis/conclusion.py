@@ -19,7 +19,7 @@ from hbm.diagnosis.predict import Predicted, pays_unseen, predicted
 from hbm.diagnosis.remainder import MOST, Remainder, beyond_noise, explained, remainder, tells
 from hbm.diagnosis.search import Search
 from hbm.diagnosis.separate import separate
-from hbm.diagnosis.standing import NEARLY
+from hbm.diagnosis.standing import NEARLY, NEXT_TO_ALL
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Verdict
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
@@ -279,12 +279,8 @@ class Conclusion:
         before = beyond_noise(self._before(best).white)
         if least < MAIN or before <= NOTABLE or left > SAYS_NOTHING or not self._predicts(scored):
             return self._without_cause(self.search.calibrated)
-        if (
-            least >= NEARLY
-            and left <= LARGEST
-            and (settled or foretells(scored, self.calibrated))
-            and not self._varying
-        ):
+        nearly = least >= (NEARLY if left <= LARGEST else NEXT_TO_ALL)
+        if nearly and (settled or foretells(scored, self.calibrated)) and not self._varying:
             return "cause-found"
         # what is free in each record takes most of anything
         return "main-cause" if settled else self._without_cause(self.search.calibrated)

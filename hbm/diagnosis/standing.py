@@ -25,8 +25,9 @@ from models.causes.records import NotSteady
 from models.causes.structure import ContactLoss
 from models.jointed import AnyRig, JointedRig
 
-NEARLY = 0.9
-"""Share of the misfit of the calibrated rig file of which a cause explains next to all."""
+NEARLY, NEXT_TO_ALL = 0.9, 0.999
+"""Share of the misfit of the calibrated rig file that a cause explains which leaves a background; and one that leaves
+more than that, of an effect far larger than the response's last percent."""
 
 COMPARED = 5
 """Causes, and numbers, that are compared in place of all that calibration has moved."""

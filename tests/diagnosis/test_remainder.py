@@ -242,11 +242,13 @@ def judged(
 
 
 def test_a_verdict_has_a_name_and_a_remainder(monkeypatch):
-    """Noise left; a background; more; the response missed; most left; less than half explained; too little at first."""
+    """Noise left; a background; more, and of a far larger effect; the response missed; most left; and so on."""
     for noise, shares, left, before, said in (
         (True, (0.3, 0.3), 0.0, 0.002, "cause-found"),
         (False, (0.99, 0.97), 0.004, 0.1, "cause-found"),
         (False, (0.99, 0.97), 0.02, 0.1, "main-cause"),
+        (False, (0.9999, 0.9995), 0.0107, 1.6, "cause-found"),
+        (False, (0.9999, 0.998), 0.0107, 1.6, "main-cause"),
         (False, (0.95, 0.97), 0.87, 1.93, "none"),
         (False, (0.8, 0.6), 0.004, 0.01, "main-cause"),
         (False, (0.8, 0.4), 0.004, 0.01, "none"),
