@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
+from hbm.diagnosis.confidence import RELIABLE
 from hbm.diagnosis.decide import DECISIVE, accepted, tied
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.judge import beside, lead
@@ -44,7 +45,7 @@ def test_a_dashpot_that_damping_within_its_tolerance_hides_is_named():
     coefficient = found.parameters["coefficient"]
     assert abs(coefficient.value - 120.0) < 3.0 * coefficient.std
     assert calibrated.chi2 - found.extended_fit.chi2 > 38.0  # BIC falls by 30
-    assert found.confidence < 0.6
+    assert found.confidence <= RELIABLE["noise"]
     assert found.remainder.explained["train"] == pytest.approx(1.0, abs=0.01)  # of the rig file as it is
 
 
