@@ -38,6 +38,7 @@ STEPS, FEW_STEPS = {50: 1024, 60: 2048}, 512
 CLOSE = 0.05  # of P: with less normal force than that the tip nearly lifts off
 JUMPED = 1.5  # times the largest background that is asked for: that is none
 LEAST = 0.8  # of the records, that must be fit to keep
+SEEN = 3.0  # noise units of a threshold that is passed: less is as if it never were
 DRAWS, MISSES = 3, 10.0  # on a background: a cause this many times weaker than asked is drawn again, so many times
 TARGETS = ((1.25, 1.5), (2.0, 3.0), (5.0, 7.0))  # slip amplitude over the critical slip, by level
 UPPER_TARGETS = ((1.3, 1.7), (3.5, 5.0))
@@ -260,13 +261,16 @@ def length_of(bench: Bench, truth: Truth, picked: Array, std: Array | None = Non
 
     `std` per response channel; unless given, what `measure` would make of the bench without a cause.
     """
-    keep = bench.fit(truth) & bench.fit(bench.truth)[picked]
-    _, mine = read(truth, bench.harmonics)
-    _, plain = read(bench.truth, bench.harmonics)
     std = noise_of(bench, bench.truth) if std is None else std
-    square = np.abs((mine - plain[picked])[:, 1:, 1:] / std[:, None]) ** 2
-    each = np.where(keep, square.sum(axis=(1, 2)), 0.0)
+    each = apart(bench, truth, bench.truth.where(np.isin(np.arange(len(bench.records)), picked)), std)
     return float(np.sqrt(each.sum())), float(each.max() / max(each.sum(), 1e-300))
+
+
+def apart(bench: Bench, one: Truth, other: Truth, std: Array) -> Array:
+    """Chi2 by which two truths differ, record by record, where both can be used."""
+    change = read(one, bench.harmonics)[1] - read(other, bench.harmonics)[1]
+    square = np.abs(change[:, 1:, 1:] / std[:, None]) ** 2
+    return np.where(bench.fit(one) & bench.fit(other), square.sum(axis=(1, 2)), 0.0)
 
 
 def run(bench: Bench, hidden: Hidden, strength: float, picked: Array, steps: int) -> Truth:
@@ -328,6 +332,14 @@ def strong_enough(bench: Bench, hidden: Hidden, strength: float) -> tuple[float,
     return strength, truth
 
 
+def seen_of(bench: Bench, hidden: Hidden, strength: float, truth: Truth) -> Hidden:
+    """What records show of a cause: the simpler one that it is, where what sets in at a threshold never does."""
+    if hidden.mild is None:
+        return hidden
+    mild = run(bench, hidden.mild, strength, np.arange(len(bench.records)), bench.steps)
+    return hidden if np.sqrt(apart(bench, truth, mild, noise_of(bench, truth)).sum()) >= SEEN else hidden.mild
+
+
 def kind_of(cause: str | None) -> str:
     """The nominal law a cause needs."""
     return {"bristle-memory": "dahl", "variable-normal-load": "constant-load"}.get(str(cause), "coulomb")
@@ -367,6 +379,7 @@ def draw(
         else:
             if background is not None:
                 raise Unfit(f"seed {seed}: the cause is hardly seen, or where it is no record can be used")
+        hidden = seen_of(bench, hidden, strength, truth)
     keep = bench.fit(truth)
     if keep.mean() < LEAST:
         raise Unfit(f"seed {seed}: {keep.mean():.0%} of the records can be used")

@@ -47,6 +47,7 @@ class Hidden:
     `typical` is a guess of the strength whose residual is 100 long; `lower`, `upper` bound the strength, and equal
     bounds fix it. `rigs(strength)` is what to simulate, `records` under what (None: those asked for), `afterwards`
     what happens to the truth on its way to the file. `cause` is None outside the catalogue; `what` says it in words.
+    `mild` is the simpler cause that it is where what sets in at a threshold never does.
     """
 
     cause: str | None
@@ -60,6 +61,7 @@ class Hidden:
     afterwards: Callable[[Truth, float], Truth] = lambda truth, _: truth
     simulated: bool = True  # False: the rig moves as without the cause, only the instruments err
     marched: bool = False  # what happens afterwards takes as long as a simulation
+    mild: "Hidden | None" = None
 
 
 @dataclass(frozen=True)
@@ -262,7 +264,8 @@ def clamp_friction(scene: Scene) -> Hidden:
     # on a background, where every record has a rig of its own, 64 would take three minutes
     scene = replace(scene, rig=replace(scene.rig, modes=32 if scene.rig.newmark else 64))
     here, typical = scene.compliance(ClampRotation), scene.work / moment**2
-    return scene.effect("clamp-friction", typical, lambda s: ClampFriction(limit, 1 / (here + s)), whole=ClampRotation)
+    slips = scene.effect("clamp-friction", typical, lambda s: ClampFriction(limit, 1 / (here + s)), whole=ClampRotation)
+    return replace(slips, mild=clamp_rotation(scene))
 
 
 def support_rotation(scene: Scene) -> Hidden:

@@ -20,6 +20,8 @@ from tests.truth.blind import (
     draw_rig,
     kind_of,
     measured_again,
+    run,
+    seen_of,
     set_up,
     truth_beside,
     write_case,
@@ -143,6 +145,22 @@ def test_every_cause_can_be_made(name: str) -> None:
         or hidden.lower == hidden.upper
         or name == "impact-stop"
     )
+
+
+@pytest.mark.parametrize(("times", "cause"), [(1e-3, "clamp-friction"), (1e3, "clamp-rotation")])
+def test_a_clamp_that_never_slips_is_an_elastic_one(times: float, cause: str) -> None:
+    """In the answer: what no record can show was not hidden."""
+    bench = set_up(RIG, "E", "coulomb", False, True, None)
+    slips = MAKERS["clamp-friction"](Scene(bench.built, bench.records, bench.truth, np.random.default_rng(1)))
+
+    def rigs(strength: float) -> TrueRig:
+        (clamp,) = (rig := slips.rigs(strength)).effects
+        return replace(rig, effects=(replace(clamp, limit=times * clamp.limit),))
+
+    hidden, everyone = replace(slips, rigs=rigs), np.arange(len(bench.records))
+    seen = seen_of(bench, hidden, slips.typical, run(bench, hidden, slips.typical, everyone, bench.steps))
+    assert seen.cause == cause
+    assert set(seen.parameters(slips.typical)) == {"stiffness"} | ({"limit"} if cause == "clamp-friction" else set())
 
 
 def test_a_null_is_measured_again(tmp_path: Path, null: Case, case: Case) -> None:
