@@ -179,7 +179,19 @@ class Search(Standing):
         return any(e.bic <= best.bic + margin for e in self._alone(self.calibrated))
 
     def _over_calibrated(self, exact: Decision) -> Decision:
-        """What explains a calibrated rig file; where next to all is explained over it as it is, the best ones alone."""
+        """What explains a calibrated rig file; where calibration gets further from there, what explains it then."""
+        first = self._first_over_calibrated(exact)
+        further = self._calibrated_from(first)
+        if further is None:
+            return first
+        self.calibrated = further
+        return self._decided(self.calibrated, first.fits, self.tried)
+
+    def _first_over_calibrated(self, exact: Decision) -> Decision:
+        """The same as far as calibration got; where next to all is explained over the rig file as it is, of the best.
+
+        That is tried over it alone.
+        """
         near = [e for e in exact.fits if self._settles(e)][:CLOSEST]
         if near and not self._fits(self.calibrated):
             again = [e for found in near for e in self._over_tolerances(found)]
@@ -187,12 +199,7 @@ class Search(Standing):
         best = exact.best if self.first.model.calibrated else None
         # where the rig file moved along from the beginning, another race would but start elsewhere
         told = best is not None and explained(self.calibrated.white, best.white) >= NEARLY
-        first = exact if told else self._race(self.calibrated, self.over(self.calibrated), 0.55)
-        further = self._calibrated_from(first)
-        if further is None:
-            return first
-        self.calibrated = further
-        return self._decided(self.calibrated, first.fits, self.tried)
+        return exact if told else self._race(self.calibrated, self.over(self.calibrated), 0.55)
 
     def _instead(self, exact: Decision) -> Decision:
         """The same with what promises most over the calibrated rig file, over it as it is if it was not tried there.

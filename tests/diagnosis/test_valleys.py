@@ -384,6 +384,26 @@ def test_a_support_that_gives_way_is_seen_though_its_first_small_effect_is_not_t
     assert abs(np.log10(at / stiffness)) <= near + 1e-9
 
 
+@pytest.mark.parametrize("further", [None, "further"])
+@pytest.mark.parametrize("near", [True, False])
+def test_calibration_goes_on_from_where_a_cause_is_found(further: Any, near: bool) -> None:
+    """It may have ended in a wrong valley, and a cause of no size have led out of it: whatever found that cause."""
+    cause, raced = SimpleNamespace(name="over it as it is"), SimpleNamespace(name="raced")
+    search: Any = SimpleNamespace(
+        calibrated="stuck", first=SimpleNamespace(model=SimpleNamespace(calibrated={})), tried=9,
+        over=lambda base: None, _settles=lambda e: near, _fits=lambda e: False, _over_tolerances=lambda e: [e],
+        _race=lambda base, scores, done: Decision(base, raced, (raced,)), _calibrated_from=lambda found: further,
+        _decided=lambda base, fits, tried: Decision(base, fits[0] if base == "stuck" else None, tuple(fits)),
+    )  # fmt: skip
+    search._first_over_calibrated = lambda exact: Search._first_over_calibrated(search, exact)
+    found = Search._over_calibrated(search, Decision(Any, None, (cause,)))  # type: ignore[arg-type]
+    told = cause if near else raced
+    assert found.fits == (told,)
+    assert (found.best, found.base, search.calibrated) == (
+        (None, "further", "further") if further else (told, "stuck", "stuck")
+    )
+
+
 def test_a_contained_cause_starts_where_it_pushes_alike() -> None:
     """A resonator far above its own frequency is a spring of its own stiffness, far below it its mass."""
     rig, records = paper_rig(), [SimpleNamespace(hz=hz) for hz in (90.0, 100.0, 110.0)]
