@@ -114,7 +114,8 @@ class Conclusion:
     @property
     def contenders(self) -> list[Cause]:
         """Causes that more records are to decide between."""
-        return contenders(self.decision.fits, self._better, self.search.candidates)
+        scores = self.search.over(self.search.calibrated).scores
+        return contenders(self.decision.fits, self._better, scores, self.search.candidates)
 
     @property
     def _better(self) -> list[bool]:

@@ -13,6 +13,7 @@ from scipy import special
 from hbm.diagnosis.projection import Span
 from hbm.diagnosis.remainder import explained
 from hbm.diagnosis.screen import Screening
+from hbm.diagnosis.signatures import Score
 from hbm.outputerror.fit import Evaluation
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
@@ -148,9 +149,15 @@ def held_by(cause: Cause) -> set[str]:
     return {cause.label, *(name + cause.label.removeprefix(cause.name) for name in getattr(cause, "contains", ()))}
 
 
-def contenders(fits: Sequence[Evaluation], better: Sequence[bool], candidates: Sequence[Cause]) -> list[Cause]:
-    """Causes of the best models, and of those that foretell the records held out better; of joints at all places."""
+def contenders(
+    fits: Sequence[Evaluation], better: Sequence[bool], scores: Sequence[Score], candidates: Sequence[Cause]
+) -> list[Cause]:
+    """Causes of the best models, and of those that foretell the records held out better; of joints at all places.
+
+    And those that the score test over the calibrated rig file favours, which may be weak on the records fitted.
+    """
     chosen = [c for i, e in enumerate(fits) if i < CONTENDING or better[i] for c in e.model.causes]
+    chosen += [s.cause for s in scores[:CONTENDING] if s.gain > 0.0]
     laws = {c.name for c in chosen if isinstance(c, AddedJoint)}
     return [c for c in candidates if c in chosen or c.name in laws]
 
