@@ -286,7 +286,7 @@ def test_the_best_and_those_that_foretell_better_are_looked_at_again(foretold, t
 
 
 def test_what_is_weak_on_the_records_fitted_is_looked_at_again_where_the_score_test_favours_it():
-    """Over the calibrated rig file, which leaves noise of them: the first three that promise more than their numbers cost."""
+    """Over the calibrated rig file, which leaves noise of them: of the first three those worth their numbers."""
     causes = [SensorGain(f"a{i}") for i in range(1, 6)]
     scores = [SimpleNamespace(cause=c, gain=gain) for c, gain in zip(causes, (19.0, 5.0, -7.0, 3.0), strict=False)]
     assert contenders((), (), scores, causes) == causes[:2]
