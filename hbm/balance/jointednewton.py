@@ -198,19 +198,13 @@ class JointLinearization:
         # it holds this object weakly: matrices in a circle of references stay in memory long after their use
         return JointNewton(weakref.proxy(self), self.by_parameter)
 
-    @cached_property
-    def held(self) -> "JointNewton":
-        """The derivative where the problem's parameter is held: nothing is differentiated to it."""
-        return JointNewton(weakref.proxy(self), np.zeros(self.problem.size))
-
     def bordered(self, column: Array) -> "JointNewton":
         """The derivative, with another column (size,) in place of that of the problem's parameter."""
         return JointNewton(self, column)
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
         """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
-        newton = self.newton if rhs_row or row.any() else self.held
-        return newton.solve_bordered(row, row_lam, rhs, rhs_row)
+        return self.newton.solve_bordered(row, row_lam, rhs, rhs_row)
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix."""

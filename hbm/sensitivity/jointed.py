@@ -176,7 +176,7 @@ def followed(here: JointLinearization, change: Array) -> tuple[Array, Array]:
         At a fold.
     """
     problem = here.problem
-    x, _ = here.held.solve_columns(np.zeros(problem.size), 1.0, -change, 0.0)
+    x, _ = here.newton.solve_columns(np.zeros(problem.size), 1.0, -change, 0.0)  # the parameter itself is held
     if not np.isfinite(x).all():
         hz = here.state.Omega * problem.periods / (2 * np.pi)
         raise ArithmeticError(f"sensitivities: no derivative at {hz:.6g} Hz, a fold of the curve")
