@@ -23,7 +23,7 @@ ALARM = 0.003
 """Probability of a false alarm by chance over all that was tried."""
 
 CONTENDING = 3
-"""So many of the best models are judged anew with more records."""
+"""So many of the best models, and of the causes that the score test favours, are judged anew with more records."""
 
 MOST_RANKED = 10
 """Fits that are kept for the ranking."""

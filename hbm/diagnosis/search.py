@@ -179,7 +179,7 @@ class Search(Standing):
         return any(e.bic <= best.bic + margin for e in self._alone(self.calibrated))
 
     def _over_calibrated(self, exact: Decision) -> Decision:
-        """What explains a calibrated rig file; where calibration gets further from there, what explains it then."""
+        """What explains the calibrated rig file, calibrated further from where that was found if it gets further."""
         first = self._first_over_calibrated(exact)
         further = self._calibrated_from(first)
         if further is None:
@@ -188,10 +188,7 @@ class Search(Standing):
         return self._decided(self.calibrated, first.fits, self.tried)
 
     def _first_over_calibrated(self, exact: Decision) -> Decision:
-        """The same as far as calibration got; where next to all is explained over the rig file as it is, of the best.
-
-        That is tried over it alone.
-        """
+        """What explains the calibrated rig file as it is; of what explains next to all of the other, the best alone."""
         near = [e for e in exact.fits if self._settles(e)][:CLOSEST]
         if near and not self._fits(self.calibrated):
             again = [e for found in near for e in self._over_tolerances(found)]

@@ -26,8 +26,8 @@ from models.causes.structure import ContactLoss
 from models.jointed import AnyRig, JointedRig
 
 NEARLY, NEXT_TO_ALL = 0.9, 0.999
-"""Share of the misfit of the calibrated rig file that a cause explains which leaves a background; and one that leaves
-more than that, of an effect far larger than the response's last percent."""
+"""Share of the misfit that a cause explains next to all of; and the one from which on it may leave more than a
+background: a thousandth of a large effect is that."""
 
 COMPARED = 5
 """Causes, and numbers, that are compared in place of all that calibration has moved."""

@@ -362,7 +362,7 @@ def test_a_support_that_gives_way_is_seen_though_its_first_small_effect_is_not_t
 ) -> None:
     """Its resonance has moved by more than its width; half a decade of stiffness misses that, an eighth does not.
 
-    So little that it takes a start stiffer than ten thousand times the beam to see it, from the nearest or next to it.
+    Of the stiffer one only a start beyond ten thousand times the beam's own stiffness sees it, one beside the nearest.
     """
     rig, levels = paper_rig(), np.full(4, 6.5)
     hz = np.array([38.0, 42.0, 46.0, 50.0])

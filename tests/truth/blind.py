@@ -67,6 +67,10 @@ class Bench:
         rigs = drifting(rigs, self.path) if self.path else rigs
         return rigs if isinstance(rigs, TrueRig) else [rigs[i] for i in picked]
 
+    def without(self, picked: Array) -> Truth:
+        """How it moves without a hidden cause, in the records of these numbers."""
+        return self.truth.where(np.isin(np.arange(len(self.records)), picked))
+
     def fit(self, truth: Truth) -> Array:
         """Records that somebody would have kept."""
         if self.quick:
@@ -262,7 +266,7 @@ def length_of(bench: Bench, truth: Truth, picked: Array, std: Array | None = Non
     `std` per response channel; unless given, what `measure` would make of the bench without a cause.
     """
     std = noise_of(bench, bench.truth) if std is None else std
-    each = apart(bench, truth, bench.truth.where(np.isin(np.arange(len(bench.records)), picked)), std)
+    each = apart(bench, truth, bench.without(picked), std)
     return float(np.sqrt(each.sum())), float(each.max() / max(each.sum(), 1e-300))
 
 
@@ -277,8 +281,7 @@ def run(bench: Bench, hidden: Hidden, strength: float, picked: Array, steps: int
     """The truth with the cause, for the records of these numbers."""
     rigs = hidden.rigs(strength)
     if not hidden.simulated:
-        chosen = np.isin(np.arange(len(bench.records)), picked)
-        return hidden.afterwards(replace(bench.truth, rig=rigs).where(chosen), strength)
+        return hidden.afterwards(replace(bench.without(picked), rig=rigs), strength)
     asked = bench.records if hidden.records is None else hidden.records(strength)
     truth = simulate_records(bench.each(rigs, picked), [asked[i] for i in picked], steps, bench.settings)
     return hidden.afterwards(truth, strength)
