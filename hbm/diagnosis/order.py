@@ -34,6 +34,10 @@ deviations of that mean where there is none."""
 TOLERANCES_LEAVE = 0.01
 """Share of the excess of chi2 that is left, at most, where numbers within tolerances were most of what was wrong."""
 
+ROOM = 2e-3
+"""What drifts by no more than this over the records, relative, does what a room of changing temperature does: steel
+loses about 3e-4 of its stiffness per kelvin."""
+
 
 @dataclass(frozen=True)
 class _Missing:
@@ -108,6 +112,13 @@ def drifts_within_levels(e: Evaluation, campaign: Campaign) -> bool:
     causes = [e.model.causes[f.cause] if f.cause >= 0 else None for f in e.model.free]
     rates = [i for i, cause in enumerate(causes) if isinstance(cause, ParameterDrift)]
     return all(_evenly(e, rate, replace(campaign, corrections=e.corrections)) for rate in rates)
+
+
+def drifts_beyond_rooms(e: Evaluation) -> bool:
+    """Whether what drifts does so by more than a room makes it; true where nothing drifts."""
+    over = max(e.found) - min(e.found)
+    rates = [i for i, cause in enumerate(e.model.causes) if isinstance(cause, ParameterDrift)]
+    return all(abs(e.values[i, "rate"]) * over > ROOM for i in rates)
 
 
 def _evenly(e: Evaluation, rate: int, campaign: Campaign) -> bool:

@@ -205,7 +205,7 @@ class Search(Standing):
         factor is looked for beside it. And the numbers of the calibrated one have gone far to do without it: what does
         as they did may be in their place.
         """
-        if self.identified or self._fits(self.calibrated) or any(map(self._settles, exact.fits)):
+        if self.identified or any(map(self._settles, exact.fits)):
             return exact
         here, there = self.over(self.first), self.over(self.calibrated)
         known = self._tolerated.keys() | {e.model.label for e in exact.fits}

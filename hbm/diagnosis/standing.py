@@ -5,10 +5,10 @@ from concurrent.futures import Executor
 from functools import cache
 
 from hbm.diagnosis.calibrate import calibrate, tolerable, trusted
-from hbm.diagnosis.decide import Decision, accepted, best_of, one_of_each, suspicious
+from hbm.diagnosis.decide import DECISIVE, Decision, accepted, best_of, one_of_each, suspicious
 from hbm.diagnosis.fullfits import lifted_off, measurable
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.order import disordered, drifts_within_levels
+from hbm.diagnosis.order import disordered, drifts_beyond_rooms, drifts_within_levels
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.restart import alone, started
 from hbm.diagnosis.screen import Screening, screen
@@ -123,12 +123,16 @@ class Standing:
     def _settles(self, e: Evaluation) -> bool:
         """Whether a model leaves next to nothing that tolerances of the rig file do not."""
         if self._enough(e):
-            return True
+            return not e.model.calibrated or self._adds(e)
         if e.model.calibrated:
             return self._fits(e) and self._calibrates(e)
         if explained(self.nominal.white, e.white) < NEARLY or not self.tolerable(e):
             return False
-        return any(self._enough(again) for again in self._over_tolerances(e))
+        return any(self._enough(again) and self._adds(again) for again in self._over_tolerances(e))
+
+    def _adds(self, e: Evaluation) -> bool:
+        """Whether a cause over the calibrated rig file is worth its numbers there, where that leaves noise alone."""
+        return not self._fits(self.calibrated) or e.bic < self.calibrated.bic - DECISIVE
 
     def _calibrates(self, e: Evaluation) -> bool:
         """Whether calibration leaves noise from where a number within its tolerance does, as before it did not.
@@ -167,8 +171,8 @@ class Standing:
         return Decision(base, best, tuple(ranked))
 
     def _accepted(self, base: Evaluation, e: Evaluation, tried: int) -> bool:
-        """As :func:`hbm.diagnosis.decide.accepted`; no drift that each level has a size of its own of."""
-        return accepted(base, e, tried) and drifts_within_levels(e, self.campaign)
+        """As :func:`hbm.diagnosis.decide.accepted`; no drift of what a room does, or of another size at each level."""
+        return accepted(base, e, tried) and drifts_beyond_rooms(e) and drifts_within_levels(e, self.campaign)
 
     def _explains(self, decision: Decision) -> bool:
         return decision.best is not None and self._fits(decision.best)

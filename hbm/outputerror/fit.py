@@ -4,7 +4,7 @@ The force noise of each record is profiled out: the covariance follows the model
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -259,7 +259,9 @@ def _with(here: Evaluation, campaign: Campaign, others: Solutions) -> Evaluation
     """The same with other steady states of some records."""
     if not others:
         return here
-    return evaluate(here.model, campaign, here.x, {**here.solutions, **others}, needed=here.found)
+    known = {**here.solutions, **others}
+    there = evaluate(here.model, campaign.of([*known]), here.x, known, needed=here.found)
+    return replace(there, missing=tuple(n for n in campaign.numbers if n not in there.solutions))
 
 
 def fit_from(

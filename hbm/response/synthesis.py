@@ -83,7 +83,7 @@ def synthesize(
     harmonics: int = 9,
     on_progress: Told | None = None,
 ) -> Synthesis:
-    """Simulate a test with stepped frequencies, every frequency at every level.
+    """Simulate a test with stepped frequencies, every frequency at every level; what drifts does so in this order.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def synthesize(
     for i, level in enumerate(levels):
         tell(f"{level:g} N", i / len(levels))
         curve = frequency_response(rig, ((1 - BEYOND) * min(frequencies), (1 + BEYOND) * max(frequencies)), level=level)
-        states += _settled(curve, frequencies)
+        states += _settled(curve, frequencies, 1 + len(states))
         curves.append(curve)
     recordings = _recorded(rig, states, snr, np.random.default_rng(seed), harmonics)
     estimates = tuple(harmonic_spectra(r, s.hz, harmonics) for r, s in zip(recordings, states, strict=True))
@@ -145,28 +145,28 @@ def _check(rig: AnyRig, levels: Sequence[float], frequencies: Sequence[float]) -
         expect_frequency(hz, "synthesize")
 
 
-def _settled(curve: ResponseCurve, frequencies: Sequence[float]) -> list[PeriodicSolution]:
-    """The steady states to which a slow sweep along the curve comes.
+def _settled(curve: ResponseCurve, frequencies: Sequence[float], first: int) -> list[PeriodicSolution]:
+    """The steady states to which a slow sweep along the curve comes, records from number `first` on.
 
     Raises
     ------
     ConvergenceError
         If the curve has none at a frequency; all such frequencies are named.
     """
-    found = {hz: _first_stable(curve, hz) for hz in frequencies}
-    missing = ", ".join(f"{hz:g}" for hz, state in found.items() if state is None)
+    found = [_first_stable(curve, hz, number) for number, hz in enumerate(frequencies, start=first)]
+    missing = ", ".join(f"{hz:g}" for hz, state in zip(frequencies, found, strict=True) if state is None)
     if missing:
         raise ConvergenceError(
             f"synthesize: no stable steady state at {missing} Hz and {curve.level:g} N; a test would show another "
             "motion there; choose other frequencies or levels"
         )
-    return [state for state in found.values() if state is not None]
+    return [state for state in found if state is not None]
 
 
-def _first_stable(curve: ResponseCurve, hz: float) -> PeriodicSolution | None:
-    """The first stable steady state at a frequency along the curve."""
+def _first_stable(curve: ResponseCurve, hz: float, record: int) -> PeriodicSolution | None:
+    """The first stable steady state at a frequency along the curve, of the rig as it is in the record."""
     past = curve.hz >= hz
-    rig = curve.rig
+    rig = _in_record(curve.rig, record)
     if rig.beam is not None:
         rig = rig.with_modes(rig.beam.modes + MORE_MODES)
     H = holding(rig, HARMONICS)
@@ -180,6 +180,13 @@ def _first_stable(curve: ResponseCurve, hz: float) -> PeriodicSolution | None:
         except ConvergenceError:
             continue
     return None
+
+
+def _in_record(rig: AnyRig, record: int) -> AnyRig:
+    try:
+        return rig.at_record(record)
+    except ValueError as why:
+        raise InputError(f"synthesize: {why}") from None
 
 
 def _of_states(states: Sequence[PeriodicSolution]) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """Synthetic measurements: the truth within its standard deviations, and no trace of how it was made."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,8 @@ from typer.testing import CliRunner, Result
 
 from hbm import load_rig, load_spectra, steady_state, synthesize
 from hbm.cli import app
+from hbm.errors import InputError
+from models.parts import Drift
 
 RIG = str(Path(__file__).parents[2] / "examples" / "one_mode.toml")  # channels force and a1
 FREQUENCIES = [45.0, 48.0]
@@ -104,3 +107,18 @@ def test_where_no_steady_state_is_stable_nothing_is_made_up(monkeypatch: pytest.
         ConvergenceError, match="no stable steady state at 45, 48 Hz and 2 N; a test would show another"
     ):
         synthesize(load_rig(RIG), [2.0], FREQUENCIES)
+
+
+def test_what_drifts_does_so_from_record_to_record() -> None:
+    """A first record repeated at the end shows it."""
+    rig = replace(load_rig(RIG), drift=(Drift("channels.a1.gain", -0.05),))
+    spectra = synthesize(rig, [2.0], [*FREQUENCIES, FREQUENCIES[0]], snr=100.0).spectra
+    a1 = spectra.complex("a1")[:, 1]
+    true = [
+        float(steady_state(rig.at_record(number), hz, level=2.0, harmonics=21)["a1"].amplitude[1])
+        for number, hz in enumerate(spectra.hz, start=1)
+    ]
+    assert np.abs(a1) == pytest.approx(true, rel=1e-3)
+    assert abs(true[2] / true[0] - 1.0) > 0.02
+    with pytest.raises(InputError, match=r"^synthesize: drift of channels.a1.gain: 0 times its value in record 21"):
+        synthesize(rig, [2.0], [45.0] * 21)

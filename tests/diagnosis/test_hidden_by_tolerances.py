@@ -21,7 +21,7 @@ from hbm.response.synthesis import synthesize
 from models.causes.cause import candidates_of
 from models.causes.friction import ViscousContact
 from models.causes.parameter import WrongParameter
-from models.causes.structure import AddedMass
+from models.causes.structure import AddedMass, ClampRotation
 from tests.hbm.rigs import beam
 
 E, STIFFER = "beam.youngs_modulus", 1.005
@@ -47,6 +47,23 @@ def test_a_dashpot_that_damping_within_its_tolerance_hides_is_named():
     assert calibrated.chi2 - found.extended_fit.chi2 > 38.0  # BIC falls by 30
     assert found.confidence <= RELIABLE["noise"]
     assert found.remainder.explained["train"] == pytest.approx(1.0, abs=0.01)  # of the rig file as it is
+
+
+def test_a_cause_that_adds_nothing_to_tolerances_does_not_end_the_search():
+    """They hide an elastic clamp, but not from the score test: beside them any mass leaves noise too."""
+    rig = beam(alpha=2.0)
+    built = ClampRotation().extend(rig, {"stiffness": 3e4})
+    spectra = synthesize(built, LEVELS, HZ, snr=50.0, seed=1, harmonics=5).spectra
+    search = Search(rig, spectra, (AddedMass(), ClampRotation()), None, lambda doing, done: None, None)
+    assert misfit(search.calibrated, search.campaign).fits
+    fits = {}
+    for cause in search.candidates:
+        model = search.nominal.model.extended_by(cause)
+        fits[cause.label] = fit_model(model, search.campaign, starting(model, search.nominal, {}), {})
+    (mass,) = search._over_tolerances(fits["added-mass"])
+    assert search._enough(mass)
+    assert not search._settles(mass)
+    assert search._settles(fits["clamp-rotation"])
 
 
 def measured_of(off, snr):

@@ -16,7 +16,7 @@ from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import evidence
-from hbm.diagnosis.order import drifts_within_levels
+from hbm.diagnosis.order import ROOM, drifts_beyond_rooms, drifts_within_levels
 from hbm.diagnosis.restart import led_to
 from hbm.diagnosis.screen import screen, small
 from hbm.fourier import FourierBasis
@@ -119,6 +119,16 @@ def test_a_drift_goes_on_within_levels(measured, tmp_path):
     found = fit_model(model := Model(rig, {}, (DRIFT,)), data, model.start, {})
     assert found.chi2 < 0.2 * evaluate(Model(rig, {}), data, np.zeros(0), {}).chi2  # it looks like a drift
     assert not drifts_within_levels(found, data)
+
+
+@pytest.mark.parametrize(("times", "beyond"), [(-0.9, False), (1.1, True)])
+def test_a_drift_of_what_a_room_does_is_no_cause(measured, times, beyond):
+    rig, data = measured
+    rate = times * ROOM / (max(data.numbers) - min(data.numbers))
+    model = Model(rig, {}, (ParameterDrift(E),))
+    found = evaluate(model, data, np.array([f.of(rate) for f in model.free]), {})
+    assert drifts_beyond_rooms(found) is beyond
+    assert drifts_beyond_rooms(evaluate(Model(rig, {}), data, np.zeros(0), {}))
 
 
 def test_phases_of_the_harmonics_are_those_of_the_file(measured):
@@ -400,6 +410,30 @@ def test_a_record_that_was_lost_is_looked_for_from_nothing(measured, monkeypatch
     assert without.missing == (lost,) and again.missing == ()
     assert again.white.deviance(data.numbers[0]) == pytest.approx(without.white.deviance(data.numbers[0]))
     assert not fit_model(bare, data, bare.start, {}, needed={lost}).missing
+
+
+def test_a_record_without_a_steady_state_is_looked_for_once(measured, monkeypatch):
+    """From nothing, which may take as long as all else."""
+    rig, data = measured
+    bare, (lost, hopeless) = Model(rig, {}), data.numbers[2:4]
+    simulate, solve, asked = records.simulated_together, records.steady_together, []
+
+    def nowhere_near(rig, basis, measurement, keys, those, starts):
+        asked.append([r.number for r in those])
+        found = simulate(rig, basis, measurement, keys, those, starts)
+        gone = [r.number in (lost, hopeless) and start is None for r, start in zip(those, starts, strict=True)]
+        return [None if away else s for away, s in zip(gone, found, strict=True)]
+
+    def but_one(rig, basis, those, starts):
+        return [
+            None if r.number == hopeless else s for r, s in zip(those, solve(rig, basis, those, starts), strict=True)
+        ]
+
+    monkeypatch.setattr(records, "simulated_together", nowhere_near)
+    monkeypatch.setattr(records, "steady_together", but_one)
+    again = found_again(evaluate(bare, data, bare.start, {}), data)
+    assert again.missing == (hopeless,)
+    assert [hopeless in numbers for numbers in asked] == [True, False]
 
 
 # ---- quick fits
