@@ -118,7 +118,7 @@ def synthesize(
     if not LEAST_SNR <= snr <= MOST_SNR:
         raise InputError(f"synthesize: snr = {snr:g}; must be {LEAST_SNR:g} to {MOST_SNR:g} [dB]")
     tell = on_progress or (lambda doing, done: None)
-    curves, states = [], []
+    curves, states = list[ResponseCurve](), list[PeriodicSolution]()
     for i, level in enumerate(levels):
         tell(f"{level:g} N", i / len(levels))
         curve = frequency_response(rig, ((1 - BEYOND) * min(frequencies), (1 + BEYOND) * max(frequencies)), level=level)
