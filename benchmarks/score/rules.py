@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from hbm.diagnosis.order import ROOM
 from hbm.outputerror.model import FAR
 from hbm.outputerror.nominal import TOLERANCES
 
@@ -51,7 +52,7 @@ TELLING = {"drift": "parameter"}
 """The parameter that is part of a cause's name, beside the channels."""
 
 NEUTRAL = {"gain": 1.0, "ratio": 1.0}
-CLOCK, YOUNG, DRIVE = "clock", "beam.youngs_modulus", "excitation.position"
+CLOCK, YOUNG, DRIVE, DRIFT = "clock", "beam.youngs_modulus", "excitation.position", "drift"
 
 NAMING = ("cause-found", "main-cause")
 """Verdicts with a cause; the second leaves a rest unexplained."""
@@ -134,8 +135,10 @@ class Outcome:
         """Whether the truth is a number of the rig file that is off by what calibration may move it: it is not wrong.
 
         By the usual tolerances: blind rig files state none. Nor is a clock, where Young's modulus, which moves all
-        natural frequencies by its root, may do the same.
+        natural frequencies by its root, may do the same; nor what drifts by no more than a room makes it.
         """
+        if self.answer["cause"] == DRIFT:
+            return bool(abs(self.answer["parameters"]["rate"]) * (self.answer["records"] - 1) <= ROOM)
         if self.answer.get("drawn") == CLOCK:
             return bool(abs(self.answer["parameters"]["ratio"] ** 2 - 1.0) <= FAR * TOLERANCES[YOUNG])
         cause = str(self.answer["cause"])
