@@ -186,18 +186,17 @@ def simpler(single: Evaluation, calibrated: Evaluation, tried: int) -> bool:
 def inclusion(fits: Sequence[Evaluation], best: Evaluation, draws: int = DRAWS) -> float:
     """Share of repeated measurements in which the best of some models would be chosen again, if it were true.
 
-    Every model is linear near its fit: noise drawn anew, each is refitted by projection and judged by BIC.
+    Every model is linear near its fit: noise drawn anew, each is refitted by projection and judged by its evidence.
     """
     rng = np.random.default_rng(len(best.white))
     noise = rng.standard_normal((len(best.white), draws))
-    size = float(np.log(len(best.white)))
-    bics = []
+    found = []
     for e in (best, *(e for e in fits if e is not best and len(e.white) == len(best.white))):
         shift = e.white.residual - best.white.residual
         r = np.vstack([shift[:, None] + noise, np.tile(-e.pulls[:, None], draws)])
         left = Span(np.vstack([e.white.jacobian, e.expected])).across(r)
-        bics.append(np.sum(left**2, axis=0) + e.white.spread + e.model.counted * size)
-    return float(np.mean(np.argmin(bics, axis=0) == 0))
+        found.append(np.sum(left**2, axis=0) + evidence(e) - e.chi2)
+    return float(np.mean(np.argmin(found, axis=0) == 0))
 
 
 @dataclass(frozen=True, eq=False)

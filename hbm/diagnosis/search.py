@@ -67,7 +67,7 @@ class Search(Standing):
         plain = self.campaign
         for e in self._simpler_than(found):
             beside_it = self._beside_background(e)
-            if beside_it.story.model.causes == e.model.causes:
+            if _same_or_held(beside_it.story, e):
                 return beside_it
             self.campaign = plain
         return found
@@ -84,20 +84,24 @@ class Search(Standing):
         return inside(found.best, [e for e in self.fitted if self._enough(e)])
 
     def _contained(self, found: Decision) -> Decision:
-        """The same beside causes that the one found contains and that were not tried, fitted from where it stands."""
-        best = found.best
-        if best is None or len(best.model.causes) > 1 or self.identified:
-            return found
-        held, known = held_by(best.model.causes[0]), {e.model.label for e in found.fits}
-        again: list[Evaluation] = []
+        """The same beside causes that the one found contains and that were not tried."""
+        again = [] if found.best is None else self._held_in(found.best, found.fits)
+        return self._decided(found.base, [*again, *found.fits], self.tried) if again else found
+
+    def _held_in(self, best: Evaluation, fits: Sequence[Evaluation]) -> list[Evaluation]:
+        """Causes that a single one contains and that are not among the fits, fitted from where it stands."""
+        if len(best.model.causes) > 1 or self.identified:
+            return []
+        held, known = held_by(best.model.causes[0]), {e.model.label for e in fits}
+        noise, again = replace(self.campaign, background={}), list[Evaluation]()
         for cause in (c for c in self.candidates if c.label in held - known):
             model = replace(best.model, causes=(cause,))
-            start = {(0, name): value for name, value in same_force(best, cause, self.campaign).items()}
+            start = {(0, name): value for name, value in same_force(best, cause, noise).items()}
             with suppress(*FAILURES):
-                fit = fit_model(model, self.campaign, model.at(best.values | start), best.solutions)
-                again.append(refine(fit, self.campaign))
+                fit = fit_model(model, noise, model.at(best.values | start), best.solutions)
+                again.append(refine(fit, noise))
         self.fitted += again
-        return self._decided(found.base, [*again, *found.fits], self.tried) if again else found
+        return again
 
     def _plain(self) -> Decision:
         """The simplest story that leaves noise alone; where there is none, the best of those that nearly do."""
@@ -249,6 +253,8 @@ class Search(Standing):
         if best is None or (self.tolerable(calibrated) and not simpler(best, calibrated, self.tried)):
             near = [] if ranked else nearest(self.fitted)[:MOST_RANKED]  # none is within tolerances
             return Decision(calibrated, None, (*ranked, *(beside(e, self.campaign) for e in near)))
+        if self._held_in(best, ranked):
+            return self._beside_background(leaves)
         best = self._fitted_beside(plainest(best, ranked), models)
         base = calibrated if best.model.calibrated else nominal
         best = min([best, *led_to(base, best, self.campaign)], key=evidence)
@@ -340,3 +346,10 @@ class Search(Standing):
         self.fitted += [*fits, *parted]
         found = self._decided(base, [*fits, *parted, *earlier.fits], self.tried**2)
         return replace(found, fits=found.fits[:MOST_RANKED])
+
+
+def _same_or_held(e: Evaluation, by: Evaluation) -> bool:
+    """Whether a model has the causes of another one, or one that the only one of these contains."""
+    if e.model.causes == by.model.causes:
+        return True
+    return len(e.model.causes) == len(by.model.causes) == 1 and e.model.label in held_by(by.model.causes[0])

@@ -7,11 +7,11 @@ import pytest
 
 from hbm.diagnosis.conclusion import Conclusion
 from hbm.diagnosis.confidence import RELIABLE
-from hbm.diagnosis.decide import DECISIVE, accepted, tied
+from hbm.diagnosis.decide import DECISIVE, accepted, evidence, inclusion, tied
 from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.judge import beside, lead
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.search import Search
+from hbm.diagnosis.search import Search, _same_or_held
 from hbm.diagnosis.signatures import starting
 from hbm.outputerror.fit import evaluate, fit_model
 from hbm.outputerror.measured import campaign_of
@@ -19,6 +19,7 @@ from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.response.synthesis import synthesize
 from models.causes.cause import candidates_of
+from models.causes.clamp import ClampFriction
 from models.causes.friction import ViscousContact
 from models.causes.parameter import WrongParameter
 from models.causes.structure import AddedMass, ClampRotation
@@ -49,21 +50,50 @@ def test_a_dashpot_that_damping_within_its_tolerance_hides_is_named():
     assert found.remainder.explained["train"] == pytest.approx(1.0, abs=0.01)  # of the rig file as it is
 
 
-def test_a_cause_that_adds_nothing_to_tolerances_does_not_end_the_search():
-    """They hide an elastic clamp, but not from the score test: beside them any mass leaves noise too."""
+@pytest.fixture(scope="module")
+def elastic_clamp():
+    """A search for an elastic clamp that tolerances hide, though not from the score test; each cause over the rig."""
     rig = beam(alpha=2.0)
     built = ClampRotation().extend(rig, {"stiffness": 3e4})
     spectra = synthesize(built, LEVELS, HZ, snr=50.0, seed=1, harmonics=5).spectra
-    search = Search(rig, spectra, (AddedMass(), ClampRotation()), None, lambda doing, done: None, None)
+    causes = (AddedMass(), ClampRotation(), ClampFriction())
+    search = Search(rig, spectra, causes, None, lambda doing, done: None, None)
     assert misfit(search.calibrated, search.campaign).fits
     fits = {}
-    for cause in search.candidates:
+    for cause in (AddedMass(), ClampRotation()):
         model = search.nominal.model.extended_by(cause)
         fits[cause.label] = fit_model(model, search.campaign, starting(model, search.nominal, {}), {})
+    return search, fits
+
+
+def test_a_cause_that_adds_nothing_to_tolerances_does_not_end_the_search(elastic_clamp):
+    search, fits = elastic_clamp
     (mass,) = search._over_tolerances(fits["added-mass"])
     assert search._enough(mass)
     assert not search._settles(mass)
     assert search._settles(fits["clamp-rotation"])
+
+
+def test_many_small_errors_are_chosen_again_no_more_often_than_they_are_likely(elastic_clamp):
+    """In BIC they cost nothing, though they have as many numbers as there are tolerances."""
+    search, fits = elastic_clamp
+    clamp, calibrated = fits["clamp-rotation"], search.calibrated
+    assert calibrated.bic < clamp.bic
+    assert evidence(calibrated) > evidence(clamp) + DECISIVE
+    assert inclusion((calibrated,), clamp) > 0.99
+
+
+def test_a_clamp_that_never_slips_is_tried_as_the_elastic_one_that_it_contains(elastic_clamp):
+    search, fits = elastic_clamp
+    clamp = fits["clamp-rotation"]
+    model = search.nominal.model.extended_by(ClampFriction())
+    values = clamp.values | {(0, "limit"): 1e5}
+    slipping = evaluate(model, search.campaign, model.at(values), clamp.solutions)
+    (elastic,) = search._held_in(slipping, (slipping,))
+    assert _same_or_held(elastic, slipping) and not _same_or_held(slipping, elastic)
+    assert elastic.model.label == "clamp-rotation"
+    assert elastic.values[0, "stiffness"] == pytest.approx(3e4, rel=0.05)
+    assert search._held_in(slipping, (slipping, clamp)) == []
 
 
 def measured_of(off, snr):
