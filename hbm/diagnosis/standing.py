@@ -85,9 +85,12 @@ class Standing:
         return isinstance(self.rig, JointedRig)
 
     def _screened(self, base: Evaluation, candidates: Sequence[Cause] | None = None) -> Screening:
-        """Scores over a model of candidates, all unless given; of transients only where what is missed has no order."""
+        """Scores over a model of candidates, all unless given; of transients only where what is missed has no order.
+
+        Numbers that leave their tolerances bring one of their own.
+        """
         offered = self.candidates if candidates is None else candidates
-        if not disordered(base, self.nominal, self.campaign):
+        if not disordered(base if self.tolerable(base) else self.nominal, self.nominal, self.campaign):
             offered = [c for c in offered if not isinstance(c, NotSteady)]
         offered = [c for c in offered if not isinstance(c, ContactLoss)]  # has no size: see lifted_off
         return screen(base, self.campaign, offered)

@@ -26,6 +26,7 @@ from models.bodies import ModalModel
 from models.causes.clamp import ClampFriction
 from models.causes.elements import ImpactStopCause
 from models.causes.joints import CubicStiffness, LocalDamper
+from models.causes.records import NotSteady
 from models.causes.sensors import SensorDelay
 from models.causes.structure import AddedMass, AddedSpring, AttachedResonator, ClampRotation, SupportFlexibility
 from models.jointed import JointedRig
@@ -487,3 +488,19 @@ def test_in_place_of_many_small_errors_no_cause_is_taken_that_one_of_them_alone_
     search._alone_does = lambda best, margin: Search._alone_does(search, best, margin)
     found: Any = Decision("calibrated", None, (cause,))  # type: ignore[arg-type]
     assert Search._simpler_than(search, found) == ([cause] if named else [])
+
+
+@pytest.mark.parametrize(("tolerable", "judged"), [(True, "calibrated"), (False, "as it is")])
+def test_transients_are_offered_by_the_order_of_a_rig_file_within_its_tolerances(
+    monkeypatch: pytest.MonkeyPatch, tolerable: bool, judged: str
+) -> None:
+    """Numbers gone astray bring an order of their own into what is missed."""
+    mass, late = AddedMass(), NotSteady()
+    monkeypatch.setattr("hbm.diagnosis.standing.disordered", lambda base, nominal, _: base == judged)
+    monkeypatch.setattr("hbm.diagnosis.standing.screen", lambda base, _, offered: offered)
+    search: Any = SimpleNamespace(
+        candidates=[mass, late], nominal="as it is", campaign=None, tolerable=lambda _: tolerable
+    )
+    assert Search._screened(search, "calibrated") == [mass, late]  # type: ignore[arg-type]
+    monkeypatch.setattr("hbm.diagnosis.standing.disordered", lambda base, nominal, _: base != judged)
+    assert Search._screened(search, "calibrated") == [mass]  # type: ignore[arg-type]
