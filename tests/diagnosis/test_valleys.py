@@ -1,5 +1,6 @@
 """Fits that begin on another branch or in another valley than the one that was measured, and get out of it."""
 
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -440,9 +441,10 @@ def test_what_a_cause_contains_is_fitted_from_where_that_stands(
     monkeypatch.setattr("hbm.diagnosis.search.refine", lambda e, campaign: e)
     fits = (best, *(SimpleNamespace(model=SimpleNamespace(label=label)) for label in tried))
     search: Any = SimpleNamespace(
-        identified=False, candidates=(stop, spring, ClampRotation()), campaign=None, fitted=[], tried=1,
-        _decided=lambda base, fits, tried: (base, fits),
+        identified=False, candidates=(stop, spring, ClampRotation()), campaign=Campaign(None, None),  # type: ignore[arg-type]
+        fitted=[], tried=1, _decided=lambda base, fits, tried: (base, fits),
     )  # fmt: skip
+    search._held_in = partial(Search._held_in, search)
     found: Any = SimpleNamespace(best=best, base="as it is", fits=fits)
     decided = Search._contained(search, found)
     assert [label for label, _ in starts] == fitted
