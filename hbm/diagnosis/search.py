@@ -39,6 +39,7 @@ from hbm.diagnosis.screen import Screening, small
 from hbm.diagnosis.standing import COMPARED, NEARLY, Standing
 from hbm.outputerror.background import LARGEST
 from hbm.outputerror.fit import Evaluation, fit_model, refine
+from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
 from models.causes.parameter import WrongParameter
 from models.causes.records import NotSteady
@@ -102,6 +103,10 @@ class Search(Standing):
                 again.append(refine(fit, noise))
         self.fitted += again
         return again
+
+    def _fitted_over(self, model: Model) -> list[Evaluation]:
+        """What was fitted over the same rig file as a model: as it is, or calibrated."""
+        return [e for e in self.fitted if bool(e.model.calibrated) == bool(model.calibrated)]
 
     def _plain(self) -> Decision:
         """The simplest story that leaves noise alone; where there is none, the best of those that nearly do."""
@@ -253,7 +258,8 @@ class Search(Standing):
         if best is None or (self.tolerable(calibrated) and not simpler(best, calibrated, self.tried)):
             near = [] if ranked else nearest(self.fitted)[:MOST_RANKED]  # none is within tolerances
             return Decision(calibrated, None, (*ranked, *(beside(e, self.campaign) for e in near)))
-        if self._held_in(best, ranked):
+        # not only those ranked: a fit that none of these is would be made again without end
+        if self._held_in(best, (best, *self._fitted_over(best.model))):
             return self._beside_background(leaves)
         best = self._fitted_beside(plainest(best, ranked), models)
         base = calibrated if best.model.calibrated else nominal
@@ -350,6 +356,4 @@ class Search(Standing):
 
 def _same_or_held(e: Evaluation, by: Evaluation) -> bool:
     """Whether a model has the causes of another one, or one that the only one of these contains."""
-    if e.model.causes == by.model.causes:
-        return True
-    return len(e.model.causes) == len(by.model.causes) == 1 and e.model.label in held_by(by.model.causes[0])
+    return e.model.causes == by.model.causes or (len(by.model.causes) == 1 and bool(inside(by, [e])))

@@ -94,6 +94,9 @@ def test_a_clamp_that_never_slips_is_tried_as_the_elastic_one_that_it_contains(e
     assert elastic.model.label == "clamp-rotation"
     assert elastic.values[0, "stiffness"] == pytest.approx(3e4, rel=0.05)
     assert search._held_in(slipping, (slipping, clamp)) == []
+    assert (
+        search._held_in(slipping, (slipping, *search._fitted_over(slipping.model))) == []
+    )  # ranked or not, it was fitted
 
 
 def measured_of(off, snr):
