@@ -14,7 +14,7 @@ from rich.table import Table
 
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.calibrate import trusted
-from hbm.outputerror.fit import evaluate
+from hbm.outputerror.evaluation import evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.simulated import Simulated, simulated
 from hbm.outputerror.together import simulated_together

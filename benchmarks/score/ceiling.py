@@ -21,7 +21,7 @@ from hbm.diagnosis.screen import coarse
 from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import evaluate
+from hbm.outputerror.evaluation import evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Free, Model
 from hbm.outputerror.simulated import FAILURES, Solutions

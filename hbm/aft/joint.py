@@ -61,7 +61,7 @@ class JointOverPeriod(SteadyPeriod):
     def __init__(self, law: JointLaw, basis: FourierBasis, compliance: float = 0.0, *, loaded: bool = True) -> None:
         self.law, self.basis, self.compliance, self.ports = law, basis, compliance, law.ports
         self._sampled = np.zeros((basis.N_t, signals_of(law.ports)))
-        self._shown: tuple[Array | None, float] = (None, 0.0)
+        self._shown: tuple[Array | None, float, float] = (None, 0.0, 0.0)
         self._loop: Loop | None = None
         self._fades, self._loaded = False, loaded
         self._environment = np.zeros(len(ENVIRONMENT))
@@ -88,13 +88,20 @@ class JointOverPeriod(SteadyPeriod):
         m, basis = self.ports, self.basis
         shown = signals.copy()
         shown[:, m : 2 * m] = Omega * basis.derivative(signals[:, m : 2 * m])
-        found = self.forces_of_samples(basis.samples(shown), Omega)
-        self._shown = signals, Omega
-        return found
+        found, closure = self.forces_of_samples(basis.samples(shown), Omega)
+        self._shown = signals, Omega, closure
+        return found, closure
+
+    def shown(self, signals: Array, Omega: float) -> tuple[Array, float]:
+        """As :meth:`forces`, which are known where these are the signals and the frequency of the last time."""
+        known, at, closure = self._shown
+        if known is None or at != Omega or not (known is signals or np.array_equal(known, signals)):
+            return self.forces(signals, Omega)
+        return self._forces.reshape(self.basis.N_t, self.ports), closure
 
     def forces_of_samples(self, shown: Array, Omega: float) -> tuple[Array, float]:
         """As :meth:`forces`, of displacements, velocities and load at the samples, (N_t, 2 m + 1)."""
-        self._shown, self._loop = (None, Omega), None
+        self._shown, self._loop = (None, Omega, 0.0), None
         self._sampled[:] = shown
         self._environment[:] = 2 * np.pi / (Omega * self.basis.N_t), self.compliance
         closure = self._steady()
@@ -120,15 +127,10 @@ class JointOverPeriod(SteadyPeriod):
 
     # ---- derivatives
 
-    def _show(self, signals: Array, Omega: float) -> None:
-        if self._shown[0] is not signals or self._shown[1] != Omega:
-            self.forces(signals, Omega)
-
     def linearize(self, signals: Array, Omega: float) -> JointForces:
         """Steady forces with the derivatives of their coefficients; arguments as :meth:`forces`."""
-        self._show(signals, Omega)
         basis, m, all_signals = self.basis, self.ports, signals_of(self.ports)
-        f = self._forces.reshape(-1, m).copy()
+        f = self.shown(signals, Omega)[0].copy()
         (now, before, ever), reads, timed = shown(basis), self.functions.reads, self.functions.timed
         inputs = [*(now if i < all_signals else before for i in reads), *([ever] if timed else [])]
         by_inputs = projected(self._local, m, basis, inputs, self._first_period)
@@ -158,7 +160,7 @@ class JointOverPeriod(SteadyPeriod):
         numbers : (p, c) array
             Changes of the law's parameters.
         """
-        self._show(signals, Omega)
+        self.shown(signals, Omega)
         m, n, basis = self.ports, self.functions.memory, self.basis
         held = self._slopes.shape[2]
         evaluate, (_, _, local, _) = buffered(self.functions.by_numbers, self._inputs)
@@ -185,7 +187,7 @@ class JointOverPeriod(SteadyPeriod):
         """
         if self.functions.memory or self.functions.timed:
             return None
-        self._show(signals, Omega)
+        self.shown(signals, Omega)
         if np.any(self._local != self._local[0]):
             return None
         found = np.zeros((self.ports, signals_of(self.ports)))
@@ -202,7 +204,7 @@ class JointOverPeriod(SteadyPeriod):
         change : (2H+1, 2 m + 1, c) array
             Of the signals.
         """
-        self._show(signals, Omega)
+        self.shown(signals, Omega)
         m, basis, all_signals = self.ports, self.basis, signals_of(self.ports)
         now: dict[int, Array] = {}
         for i in {i % all_signals for i in self.functions.reads}:

@@ -28,6 +28,8 @@ class Factors(NamedTuple):
     @classmethod
     def of(cls, matrix: Array) -> "Factors":
         """Factor a matrix, which is overwritten where it is stored by columns."""
+        if not matrix.size:
+            return cls(matrix, np.empty(0, dtype=int), singular=False)
         lu, pivots, info = lapack.dgetrf(matrix, overwrite_a=1)
         return cls(lu, pivots, info != 0)
 
@@ -35,7 +37,7 @@ class Factors(NamedTuple):
         """Solutions (c, r); nan where there is none."""
         if self.singular:
             return np.full_like(right, np.nan)
-        return np.asarray(lapack.dgetrs(self.lu, self.pivots, right)[0])
+        return np.asarray(lapack.dgetrs(self.lu, self.pivots, right)[0]) if self.lu.size else right
 
     @property
     def sign(self) -> int:

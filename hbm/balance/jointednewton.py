@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from hbm.aft.joint import JointForces
-from hbm.balance.factors import BorderedCore
+from hbm.balance.factors import BorderedCore, Factors
 from hbm.balance.jointequations import Complex, JointEquations
 from hbm.balance.scaled import Parameter, State
 from hbm.fourier import Array
@@ -196,7 +196,7 @@ class JointLinearization:
     def newton(self) -> "JointNewton":
         """The derivative, bordered by that to the problem's parameter."""
         # it holds this object weakly: matrices in a circle of references stay in memory long after their use
-        return JointNewton(weakref.proxy(self), self.by_parameter)
+        return JointNewton(weakref.proxy(self))
 
     def bordered(self, column: Array) -> "JointNewton":
         """The derivative, with another column (size,) in place of that of the problem's parameter."""
@@ -225,11 +225,10 @@ class JointLinearization:
 
 
 class JointNewton(BorderedCore):
-    """Newton's system reduced to the joint forces, bordered by a column (size,)."""
+    """Newton's system reduced to the joint forces, bordered by a column (size,): of the problem's parameter if none."""
 
-    def __init__(self, here: JointLinearization, column: Array) -> None:
-        self.here, self.problem, self.modes = here, here.problem, here.modes
-        self.by_column, self._column = self._reduced(column[:, None])
+    def __init__(self, here: JointLinearization, column: Array | None = None) -> None:
+        self.here, self.problem, self.modes, self._column = here, here.problem, here.modes, column
 
     @cached_property
     def core(self) -> Array:
@@ -249,6 +248,11 @@ class JointNewton(BorderedCore):
             ]
         )
 
+    @cached_property
+    def _border(self) -> tuple[Array, Array]:
+        """What the border column reduces to."""
+        return self._reduced((self.here.by_parameter if self._column is None else self._column)[:, None])
+
     def _reduced(self, rhs: Array) -> tuple[Array, Array]:
         """Motion (2H+1, n, r) under scaled right sides (size, r), the core held, and what it asks of the core."""
         problem, r = self.problem, rhs.shape[1]
@@ -265,10 +269,11 @@ class JointNewton(BorderedCore):
         modes = row[: size * n].reshape(size, n) / problem.q_ref
         by_joints = self.modes.pulled(modes) @ problem.structure.joints.T
         by_joints += row[size * n :].reshape(size, m) / problem.f_ref
-        matrix = np.empty((len(self._column) + 1, len(self._column) + 1), order="F")
-        matrix[:-1, :-1], matrix[:-1, -1] = self.core, self._column[:, 0]
+        motion, column = self._border
+        matrix = np.empty((len(column) + 1, len(column) + 1), order="F")
+        matrix[:-1, :-1], matrix[:-1, -1] = self.core, column[:, 0]
         matrix[-1, :-1] = np.append(by_joints, modes[0, problem.rigid])
-        matrix[-1, -1] = row_lam - np.vdot(modes, self.by_column[:, :, 0])
+        matrix[-1, -1] = row_lam - np.vdot(modes, motion[:, :, 0])
         return matrix, modes
 
     def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
@@ -278,18 +283,29 @@ class JointNewton(BorderedCore):
 
     def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
         """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
-        problem, r = self.problem, rhs.shape[1]
-        size, n, m = problem.basis.size, problem.structure.n, len(problem.own)
-        factored = self._factor_with(row, row_lam)
         d_Q, core = self._reduced(rhs)
-        right = np.vstack([core, rhs_row - factored.modes @ d_Q.reshape(size * n, r)])
+        if row_lam and rhs_row == 0.0 and not row.any():  # the parameter is held: no border is needed
+            return self._moved(d_Q, self._alone.solve(core)), np.zeros(rhs.shape[1])
+        factored = self._factor_with(row, row_lam)
+        right = np.vstack([core, rhs_row - factored.modes @ d_Q.reshape(-1, rhs.shape[1])])
         solution = factored.factors.solve(right)
-        d_f, d_mean, d_lam = solution[: size * m].reshape(size, m, r), solution[size * m : -1], solution[-1]
+        d_Q -= self._border[0] * solution[-1]
+        return self._moved(d_Q, solution[:-1]), solution[-1]
+
+    @cached_property
+    def _alone(self) -> Factors:
+        """Factors of the core without a border."""
+        return Factors.of(self.core.copy(order="F"))
+
+    def _moved(self, d_Q: Array, d_core: Array) -> Array:
+        """Scaled unknowns (size, r) of the motion (2H+1, n, r) with the core held, which its unknowns move further."""
+        problem, (size, n, r) = self.problem, d_Q.shape
+        m = len(problem.own)
+        d_f, d_mean = d_core[: size * m].reshape(size, m, r), d_core[size * m :]
         d_Q += self.modes.moved(problem.structure.joints.T @ d_f)
         d_Q[0, problem.rigid] += d_mean
-        d_Q -= self.by_column * d_lam
         x = [(d_Q / problem.q_ref).reshape(size * n, r), (d_f / problem.f_ref[:, None]).reshape(size * m, r)]
-        return np.concatenate(x), d_lam
+        return np.concatenate(x)
 
     def determinant_sign(self, row: Array, row_lam: float) -> int:
         """Sign of the determinant of the bordered matrix; the modes that are eliminated contribute positive blocks."""

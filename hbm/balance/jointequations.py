@@ -146,8 +146,11 @@ class JointEquations(Scaled[JointedRig]):
         return np.asarray(moved - np.tensordot(state.T, s.joints, (1, 0)) - np.multiply.outer(F, s.excitation))
 
     def forces(self, state: State) -> tuple[Array, Array, float]:
-        """Forces at the ports at the samples (N_t, m) [N], memory before the first, closure of the loops."""
-        found = [j.forces(s, state.Omega) for j, s in zip(self.joints, self.signals(state), strict=True)]
+        """Forces at the ports at the samples (N_t, m) [N], memory before the first, closure of the loops.
+
+        Those of the state that was looked at last are known.
+        """
+        found = [j.shown(s, state.Omega) for j, s in zip(self.joints, self.signals(state), strict=True)]
         memory = np.concatenate([[], *(j.memory for j in self.joints)])
         none = np.zeros((self.basis.N_t, 0))
         return np.hstack([none, *(f for f, _ in found)]), memory, max((closure for _, closure in found), default=0.0)

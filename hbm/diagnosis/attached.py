@@ -17,7 +17,7 @@ from hbm.diagnosis.places import Complex, Place, all_at_once, contact_of, points
 from hbm.diagnosis.projection import Span
 from hbm.fourier import Array, sampled
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.sensitivity.derivatives import disturbed
 from models.attachments import LISTS, PointMass, PointSpring, Resonator
 from models.causes.cause import Cause, Unknown

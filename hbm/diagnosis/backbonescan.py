@@ -10,7 +10,7 @@ import numpy as np
 from hbm.diagnosis.backbonecampaign import BackboneCampaign
 from hbm.diagnosis.jointscan import PushedRecord, Scanned, scanned, tried_ends
 from hbm.fourier import Array
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.records import Record
 from hbm.sensitivity.jointforces import Ends, motion_between
 from models.causes.addedjoint import AddedJoint

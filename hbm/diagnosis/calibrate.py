@@ -12,7 +12,8 @@ import numpy as np
 
 from hbm.diagnosis.screen import coarse, spread
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate, fall, fit_from, fit_model
+from hbm.outputerror.evaluation import Evaluation, evaluate
+from hbm.outputerror.fit import fall, fit_from, fit_model
 from hbm.outputerror.model import FAR, Model
 from hbm.outputerror.nominal import SHAPES, tolerances
 from hbm.outputerror.simulated import FAILURES, Solutions

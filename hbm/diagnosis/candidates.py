@@ -15,7 +15,8 @@ from hbm.diagnosis.screen import Screening, small, telling
 from hbm.diagnosis.signatures import Score, starting
 from hbm.diagnosis.turns import NEARLY, in_order, of_the_rig, simpler_joint, simpler_there, unseen
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, fit_model, refine
+from hbm.outputerror.evaluation import Evaluation
+from hbm.outputerror.fit import fit_model, refine
 from hbm.outputerror.simulated import FAILURES
 from models.causes.cause import Cause
 
@@ -56,8 +57,7 @@ Enough = Callable[[Evaluation], bool]
 
 
 def fit_candidates(
-    base: Evaluation,
-    campaign: Campaign,
+    quick: QuickFits,
     screening: Screening,
     tell: Tell,
     enough: Enough,
@@ -68,9 +68,8 @@ def fit_candidates(
 
     Parameters
     ----------
-    base : Evaluation
-        The model on the records.
-    campaign : Campaign
+    quick : QuickFits
+        Over the model on the records; those made before are known.
     screening : Screening
         Score tests of the candidates over the same base.
     tell : callable
@@ -87,7 +86,8 @@ def fit_candidates(
     list of Evaluation
         Fits of the best candidates to all records, the least chi2 first.
     """
-    screening, quick = _started(screening, base, campaign), QuickFits(base, campaign)
+    base, campaign = quick.base, quick.campaign
+    screening = _started(screening, base, campaign)
     of_use, foreseen = (_left(base.chi2, len(base.white), share) for share in (useful, FORESEEN * useful))
     reached = of_few = _left(quick.before, quick.few.points, FORESEEN * useful)
     if small(base):

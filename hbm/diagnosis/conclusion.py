@@ -25,7 +25,7 @@ from hbm.fourier import Array
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import CHANGING, LARGEST
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import Whitened

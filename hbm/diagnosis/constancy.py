@@ -16,7 +16,7 @@ from hbm.diagnosis.decide import ALARM, DECISIVE
 from hbm.diagnosis.projection import Span
 from hbm.diagnosis.remainder import BAND, LEVEL
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.groups import near_each_other
 from hbm.outputerror.model import Free
 from hbm.outputerror.records import Record

@@ -14,7 +14,7 @@ from hbm.diagnosis.projection import Span
 from hbm.diagnosis.remainder import explained
 from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.signatures import Score
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.jointed import AnyRig

@@ -15,7 +15,7 @@ from hbm.diagnosis.judge import FREE
 from hbm.fourier import Array
 from hbm.outputerror.background import weights
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.simulated import FAILURES
 
 Ints = npt.NDArray[np.int64]

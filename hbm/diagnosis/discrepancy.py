@@ -22,7 +22,7 @@ from hbm.diagnosis.projection import Span
 from hbm.diagnosis.remainder import LEFT, NEARLY_ALL
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.records import Measurement, Record, parts
 from hbm.outputerror.whitened import uncorrelated
 from hbm.parallel import each

@@ -7,7 +7,7 @@ import numpy as np
 
 from hbm.diagnosis.verdict import Estimate, Ranked
 from hbm.fourier import Array
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from models.causes.addedjoint import AddedJoint
 from models.causes.parameter import WrongParameter
 

@@ -14,7 +14,7 @@ from hbm.diagnosis.predict import Predicted
 from hbm.diagnosis.remainder import explained, first_of, nearly_all, percent
 from hbm.diagnosis.search import Search
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.whitened import Whitened
 from models.causes.parameter import WrongParameter
 

@@ -9,7 +9,7 @@ from hbm.diagnosis.evidence import shares_of_two
 from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.remainder import LEFT, percent
 from hbm.outputerror.background import LARGEST
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.floored import FlooredCampaign
 from hbm.outputerror.whitened import Whitened
 

@@ -29,8 +29,9 @@ from hbm.diagnosis.standing import NEARLY, OnProgress
 from hbm.diagnosis.verdict import NAMED, Diagnosis, Errors, Ranked, Verdict
 from hbm.fourier import Array
 from hbm.outputerror.background import LARGEST
+from hbm.outputerror.evaluation import Evaluation, evaluate, start_from
 from hbm.outputerror.fit import SETTLED as LEAST
-from hbm.outputerror.fit import Evaluation, evaluate, fit_from, fit_model, start_from
+from hbm.outputerror.fit import fit_from, fit_model
 from hbm.outputerror.floored import FlooredCampaign, likeliest_floor
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions

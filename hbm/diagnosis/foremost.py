@@ -9,7 +9,7 @@ from hbm.diagnosis.otherstarts import is_joint, scanned
 from hbm.diagnosis.screen import Screening, small
 from hbm.diagnosis.signatures import Score
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.sensitivity.jointforces import Ends
 from models.causes.addedjoint import AddedJoint
 

@@ -11,7 +11,8 @@ from hbm.diagnosis.screen import small
 from hbm.diagnosis.signatures import starting
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import STEPS, Evaluation, fit_from, fit_model, found_again, refine
+from hbm.outputerror.evaluation import Evaluation
+from hbm.outputerror.fit import STEPS, fit_from, fit_model, found_again, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause, candidates_of

@@ -20,7 +20,7 @@ from hbm.diagnosis.places import Complex
 from hbm.diagnosis.projection import Span
 from hbm.fourier import Array, sampled
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.records import Record
 from hbm.sensitivity.jointforces import Ends, pushed
 from models.causes.addedjoint import AddedJoint, ends_of

@@ -12,7 +12,8 @@ import numpy as np
 from hbm.diagnosis.decide import evidence, simpler
 from hbm.outputerror.background import Linear, expected_sizes, likeliest_sizes
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, bounded_step, evaluate
+from hbm.outputerror.evaluation import Evaluation, evaluate
+from hbm.outputerror.fit import bounded_step
 from hbm.outputerror.model import Model
 
 CLEAR = 100.0

@@ -14,7 +14,7 @@ from hbm.balance.lines import LinesHere
 from hbm.diagnosis.jointscan import PushedRecord, Scanned, scanned, tried_ends
 from hbm.diagnosis.places import Complex
 from hbm.fourier import Array
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.lines import LineCampaign, receptances
 from hbm.outputerror.records import Record
 from hbm.sensitivity.jointforces import Ends

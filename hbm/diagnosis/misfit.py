@@ -13,7 +13,7 @@ from scipy import special
 from hbm.diagnosis.coherent import alike
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.whitened import Whitened, uncorrelated
 
 NOISE_KNOWN = 0.03

@@ -13,7 +13,7 @@ from hbm.balance.solution import PeriodicSolution
 from hbm.diagnosis.discrepancy import read_by
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.nominal import FREQUENCY, RATIO
 from hbm.sensitivity.derivatives import disturbed
 from hbm.sensitivity.moving import Disturbance

@@ -8,7 +8,7 @@ import numpy as np
 from hbm.diagnosis.judge import widened
 from hbm.diagnosis.misfit import misfit
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 
 TOO_SMALL = 1.3
 """A misfit of so many noise variances on, everywhere alike, is put down to the standard deviations."""

@@ -14,7 +14,7 @@ import numpy as np
 from hbm.diagnosis.projection import Span
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.groups import near_each_other
 from hbm.outputerror.records import Record, force_columns
 from hbm.outputerror.simulated import Simulated

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from hbm.diagnosis.quickfits import Candidate, QuickFits
 from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.signatures import Score
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause
 from models.jointed import AnyRig, JointedRig

@@ -9,7 +9,7 @@ from hbm.diagnosis.misfit import Misfit, likeliest, misfit_of_new, nrmse
 from hbm.diagnosis.remainder import LEFT, explained
 from hbm.diagnosis.verdict import Errors
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import Whitened
 

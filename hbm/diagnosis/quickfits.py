@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import islice, pairwise, product
+from itertools import pairwise, product
 
 import numpy as np
 from scipy.optimize import minimize_scalar
@@ -15,7 +15,8 @@ from hbm.diagnosis.screen import coarse, telling
 from hbm.diagnosis.signatures import Score, starting
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import MANY, Evaluation, best_start, evaluate, fit_model
+from hbm.outputerror.evaluation import Evaluation, evaluate
+from hbm.outputerror.fit import MANY, Descent, begun_at, best_start, descended, fit_model
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from hbm.parallel import each
@@ -87,14 +88,32 @@ def needless(rich: Candidate, others: Sequence[Candidate]) -> bool:
 Starts = list[tuple[float, Array]]
 """Chi2 and where, the one to try first at the beginning."""
 
+Begun = tuple[str, bytes]
+"""A candidate, and where steps began."""
+
 
 @dataclass(frozen=True, eq=False)
 class QuickFits:
-    """Quick fits of candidates, each on one core; `compared` are the starts of those that were looked at."""
+    """Quick fits of candidates, each on one core; none is made again.
+
+    Attributes
+    ----------
+    base : Evaluation
+        What they are fitted over.
+    campaign : Campaign
+    compared : dict of str to Starts
+        Starts of the candidates that were looked at.
+    given : dict of str to tuple of dict
+        What their scores had them start from.
+    descents : dict of Begun to Descent or None
+        Steps taken so far; None where there is no steady state.
+    """
 
     base: Evaluation
     campaign: Campaign
     compared: dict[str, Starts] = field(default_factory=dict)
+    given: dict[str, tuple[dict[str, float], ...]] = field(default_factory=dict)
+    descents: dict[Begun, Descent | None] = field(default_factory=dict)
 
     @cached_property
     def few(self) -> Campaign:
@@ -163,17 +182,37 @@ class QuickFits:
         self._compare(scores)
         before = self.before
         near = [_near(self._quick, before, s, self.compared[s.cause.label], most) for s in scores]
-        causes = [score.cause for score, starts in zip(scores, near, strict=True) for _ in starts]
-        task = partial(_stepped, self._quick, self.few, steps, reach)
-        each_fit = iter(each(self.campaign.executor, task, causes, [x for starts in near for x in starts]))
-        fits = [[e for e in islice(each_fit, len(starts)) if e is not None] for starts in near]
+        begun = [[(score.cause, x) for x in starts] for score, starts in zip(scores, near, strict=True)]
+        self._step([pair for pairs in begun for pair in pairs], steps, reach)
+        found = [[self.descents[_key(cause, x)] for cause, x in pairs] for pairs in begun]
+        fits = [[descent.here for descent in descents if descent is not None] for descents in found]
         limited = each(self.campaign.executor, partial(_limited, self._quick, self.few, steps, reach), fits)
         return [_candidate(self._quick, self.spread, s.cause, f) for s, f in zip(scores, limited, strict=True)]
 
     def _compare(self, scores: Sequence[Score]) -> None:
-        new = [s for s in scores if s.cause.label not in self.compared]
+        new = [s for s in scores if self.given.get(s.cause.label) != s.starts]
         found = each(self.campaign.executor, partial(_compared, self._quick, self.few), new)
         self.compared.update((s.cause.label, starts) for s, starts in zip(new, found, strict=True))
+        self.given.update((s.cause.label, s.starts) for s in new)
+
+    def _step(self, begun: Sequence[tuple[Cause, Array]], steps: int, reach: float) -> None:
+        """Go on with steps of candidates until there are so many."""
+        going = {_key(cause, x): (cause, x) for cause, x in begun if self._goes_on(_key(cause, x), steps)}
+        if going:
+            causes, where = zip(*going.values(), strict=True)
+            task = partial(_stepped, self._quick, self.few, steps, reach)
+            found = each(self.campaign.executor, task, causes, where, [self.descents.get(key) for key in going])
+            self.descents.update(zip(going, found, strict=True))
+
+    def _goes_on(self, key: Begun, steps: int) -> bool:
+        if key not in self.descents:
+            return True
+        known = self.descents[key]
+        return known is not None and not known.ended and known.taken < steps
+
+
+def _key(cause: Cause, x: Array) -> Begun:
+    return cause.label, x.tobytes()
 
 
 def rank(e: Evaluation) -> tuple[int, float]:
@@ -204,11 +243,13 @@ def _near(base: Evaluation, before: float, score: Score, starts: Starts, most: i
     return near
 
 
-def _stepped(base: Evaluation, few: Campaign, steps: int, reach: float, cause: Cause, x: Array) -> Evaluation | None:
-    """Quick fit of a candidate from one start; None where that has no steady state."""
-    model = lighter(base).extended_by(cause)
+def _stepped(
+    base: Evaluation, few: Campaign, steps: int, reach: float, cause: Cause, x: Array, known: Descent | None
+) -> Descent | None:
+    """Quick fit of a candidate from one start, or from where it is known to; None where that has no steady state."""
     try:
-        return fit_model(model, few, x, base.solutions, steps, SETTLED, PART, reach=reach)
+        begun = known or Descent(begun_at(lighter(base).extended_by(cause), few, x, base.solutions))
+        return descended(begun, few, base.solutions, steps, SETTLED, PART, reach)
     except FAILURES:
         return None
 

@@ -11,7 +11,8 @@ from hbm.diagnosis.fullfits import refinable
 from hbm.diagnosis.judge import background_of, beside_noise
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, best_start, fit_model, refine
+from hbm.outputerror.evaluation import Evaluation
+from hbm.outputerror.fit import best_start, fit_model, refine
 from hbm.outputerror.model import FAR, Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.cause import Cause

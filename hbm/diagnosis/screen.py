@@ -12,7 +12,7 @@ import numpy as np
 from hbm.diagnosis.jointscan import scan
 from hbm.diagnosis.signatures import Mask, Score, scores
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.numerics import LEFT, Correction, size
 from hbm.outputerror.simulated import FAILURES
 from models.causes.addedjoint import AddedJoint

@@ -32,13 +32,13 @@ from hbm.diagnosis.foremost import foremost
 from hbm.diagnosis.fullfits import suits
 from hbm.diagnosis.judge import background_of, beside
 from hbm.diagnosis.misfit import misfit
-from hbm.diagnosis.quickfits import QuickFits
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.restart import apart, led_to, less_moved, started
 from hbm.diagnosis.screen import Screening, small
 from hbm.diagnosis.standing import COMPARED, NEARLY, Standing
 from hbm.outputerror.background import LARGEST
-from hbm.outputerror.fit import Evaluation, fit_model, refine
+from hbm.outputerror.evaluation import Evaluation
+from hbm.outputerror.fit import fit_model, refine
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES
 from models.causes.parameter import WrongParameter
@@ -223,7 +223,7 @@ class Search(Standing):
             for part in (there.scores, there.instead)
         ]
         untried = [s for s in here.scores if s.cause.label not in known]
-        large = [] if small(self.first) else QuickFits(self.first, self.campaign).giving_way(untried)
+        large = [] if small(self.first) else self._quick(self.first, self.campaign).giving_way(untried)
         chosen = {s.cause.label for s in large}.union(*ahead)
         scores = tuple(s for s in untried if s.cause.label in chosen)
         found = self._race(self.first, replace(here, scores=scores), 0.5) if scores else exact
@@ -301,9 +301,8 @@ class Search(Standing):
         if any(self._fits(e) for e in lifted):
             return self._decided(over, lifted, self.tried)
         screening = foremost(screening, base, self.calibrated, self.campaign, alone=base is self.calibrated)
-        fits = fit_candidates(
-            base, self.campaign, screening, lambda doing: self.tell(doing, done), self._settles, likely
-        )
+        quick = self._quick(base, self.campaign)
+        fits = fit_candidates(quick, screening, lambda doing: self.tell(doing, done), self._settles, likely)
         self.fitted += fits
         return self._decided(over, [*lifted, *fits], self.tried)
 
@@ -341,8 +340,7 @@ class Search(Standing):
         name, scores = single.model.label, self._screened(single, rest)
         scores = foremost(scores, single, single, self.campaign, alone=True)
         fits = fit_candidates(
-            single,
-            self.campaign,
+            self._quick(single, self.campaign),
             scores,
             lambda doing: self.tell(f"{name} and {doing}", 0.7),
             self._enough,

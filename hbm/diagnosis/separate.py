@@ -13,7 +13,7 @@ from hbm.balance.problem import balance_of
 from hbm.balance.solution import PeriodicSolution, describe
 from hbm.fourier import sampled
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import uncorrelated
 from hbm.response.trace import first_solution

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from hbm.diagnosis.projection import Span
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.model import Free, Model
 from hbm.outputerror.nominal import nominal_scalars
 from hbm.outputerror.simulated import FAILURES

@@ -9,13 +9,14 @@ from hbm.diagnosis.decide import DECISIVE, Decision, accepted, best_of, one_of_e
 from hbm.diagnosis.fullfits import lifted_off, measurable
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.order import disordered, drifts_beyond_rooms, drifts_within_levels
+from hbm.diagnosis.quickfits import QuickFits
 from hbm.diagnosis.remainder import beyond_noise, explained
 from hbm.diagnosis.restart import alone, started
 from hbm.diagnosis.screen import Screening, screen
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra
 from hbm.outputerror.background import LARGEST
-from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.sensitivity.scalars import SENSORS
@@ -75,6 +76,7 @@ class Standing:
         self.over, self._over_tolerances = cache(self._over_base), cache(self._calibrated_beside)
         self._alone = cache(self._alone_within)
         self._lifted = cache(self._lifted_over)
+        self._quick = cache(QuickFits)
 
     @property
     def identified(self) -> bool:

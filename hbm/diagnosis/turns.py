@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from hbm.diagnosis.otherstarts import is_joint, scanned
 from hbm.diagnosis.screen import Screening, small
 from hbm.diagnosis.signatures import Score
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.nominal import STIFFNESSES
 from models.causes.addedjoint import AddedJoint
 from models.causes.cause import Cause

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from hbm.diagnosis.remainder import Remainder, percent
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.floored import FlooredCampaign
 from models.display import Displayed
 from models.jointed import AnyRig

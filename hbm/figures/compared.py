@@ -13,7 +13,7 @@ from hbm.measurement.groups import frequency_bands, levels
 if TYPE_CHECKING:
     from hbm.diagnosis.verdict import Diagnosis
     from hbm.outputerror.campaign import Campaign
-    from hbm.outputerror.fit import Evaluation
+    from hbm.outputerror.evaluation import Evaluation
 
 MODELS = ("nominal", "calibrated", "extended")
 

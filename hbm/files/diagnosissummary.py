@@ -13,7 +13,7 @@ from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.remainder import first_of, nearly_all, percent
 from hbm.diagnosis.verdict import NOTHING_TELLS, Diagnosis, Estimate
 from hbm.files.identifiedlaw import Value, value_text
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from models.causes.cause import Cause
 
 VERDICTS = {

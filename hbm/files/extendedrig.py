@@ -15,7 +15,7 @@ from hbm.diagnosis.misfit import nrmse
 from hbm.diagnosis.remainder import percent
 from hbm.diagnosis.verdict import Diagnosis, Ranked
 from hbm.errors import InputError
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.rigfiles.extensions import Extension
 from hbm.rigfiles.laws import Consent
 from hbm.rigfiles.load import rig_of_table

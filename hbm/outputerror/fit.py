@@ -4,19 +4,17 @@ The force noise of each record is profiled out: the covariance follows the model
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
 from continuation import ConvergenceError
-from hbm.balance.problem import State
 from hbm.fourier import Array
 from hbm.outputerror.campaign import Campaign
+from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.model import Model
-from hbm.outputerror.numerics import Correction
-from hbm.outputerror.simulated import FAILURES, Simulated, Solutions, states
-from hbm.outputerror.whitened import Whitened
+from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.addedjoint import AddedJoint
 
 STEPS = 15
@@ -45,150 +43,6 @@ MOST = 0.7
 
 LONGER, SHORTER, SHORTEST = 2.0, 0.25, 0.01
 """Factors of the length of a step where the last one helped and where it did not; from the last on it is damped."""
-
-
-@dataclass(frozen=True, eq=False)
-class Evaluation:
-    """A model at coordinates beside the records.
-
-    Attributes
-    ----------
-    model : Model
-    x : (n,) array
-    found : dict of int to Simulated
-        By record.
-    white : Whitened
-        Its Jacobian is to the coordinates.
-    missing : tuple of int
-        Records without a steady state.
-    by_x : (p, n) array
-        Derivatives of the numbers of the rig that the records are differentiated to.
-    corrections : dict of int to Correction
-        Corrections of the discretisation, by record.
-    """
-
-    model: Model
-    x: Array
-    found: dict[int, Simulated]
-    white: Whitened
-    missing: tuple[int, ...]
-    by_x: Array
-    corrections: Mapping[int, Correction] = field(default_factory=dict)
-
-    @property
-    def pulls(self) -> Array:
-        """Calibrated numbers less expected, in standard deviations, (n,); 0 where nothing is expected."""
-        return np.array([(v - f.expected) / f.std for f, v in zip(self.model.free, self.x, strict=True)])
-
-    @property
-    def chi2(self) -> float:
-        """Misfit of the records, and of the calibrated numbers from what is expected of them."""
-        return self.white.chi2 + float(self.pulls @ self.pulls)
-
-    @property
-    def solutions(self) -> Solutions:
-        """Steady states by record."""
-        return {number: s.solution for number, s in self.found.items()}
-
-    @property
-    def settled(self) -> bool:
-        """Whether its records have no transients, which are free in each."""
-        return self.model.rig(self.x).excitation.settled
-
-    def states(self, x: Array) -> dict[int, State]:
-        """Unknowns of the balance at other coordinates, to first order, by record."""
-        change = self.by_x @ (x - self.x)
-        return {number: s.moved(change) for number, s in self.found.items()}
-
-    @property
-    def values(self) -> dict[tuple[int, str], float]:
-        """Of the free numbers, by cause and name: a coordinate has the scale of one model alone."""
-        return {(f.cause, f.name): f.value(x) for f, x in zip(self.model.free, self.x, strict=True)}
-
-    @property
-    def expected(self) -> Array:
-        """Expectations of the coordinates, as rows beside those of the records: (n, n), in standard deviations."""
-        return np.diag([1.0 / f.std for f in self.model.free])
-
-    @property
-    def information(self) -> Array:
-        """Inverse covariance of the coordinates by records and expectation, (n, n)."""
-        J = self.white.jacobian
-        return np.asarray(J.T @ J + self.expected**2)
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the coordinates, (n, n); what no record sees is known to within its bounds."""
-        low, high = self.model.bounds()
-        width = np.where(np.isfinite(high - low), high - low, 1e6)
-        return np.asarray(np.linalg.inv(self.information + np.diag(1.0 / width**2)))
-
-    @property
-    def scales(self) -> Array:
-        """Standard deviations of the values by those of the coordinates, (n,)."""
-        return np.abs([f.slope(v) for f, v in zip(self.model.free, self.x, strict=True)])
-
-    @property
-    def std(self) -> Array:
-        """Standard deviations of the values, (n,)."""
-        return np.asarray(self.scales * np.sqrt(np.diag(self.covariance)))
-
-    @property
-    def bic(self) -> float:
-        """Bayesian information criterion."""
-        return self.chi2 + self.white.spread + self.model.counted * float(np.log(len(self.white)))
-
-
-def evaluate(
-    model: Model,
-    campaign: Campaign,
-    x: Array,
-    last: Solutions,
-    near: Evaluation | None = None,
-    needed: Collection[int] = (),
-) -> Evaluation:
-    """A model at coordinates.
-
-    Parameters
-    ----------
-    model : Model
-    campaign : Campaign
-    x : (n,) array
-    last : mapping of int to PeriodicSolution
-        Where steady states start.
-    near : Evaluation, optional
-        A fit of the same model. Its records start from there, extrapolated, and must all be found again.
-    needed : collection of int
-        Other records that must be found.
-
-    Raises
-    ------
-    ConvergenceError
-        If the steady state of no record is found, or one found `near` or needed is not.
-    """
-    rig = model.rig(x)
-    keys, by_x = model.by_x(x, rig)
-    starts = states(last)
-    if near is not None:
-        starts, needed = starts | near.states(x), {*needed, *near.found}
-    found = campaign.simulate(rig, keys, starts, needed)
-    missing = tuple(number for number in campaign.numbers if number not in found)
-    return Evaluation(model, x, found, campaign.whiten(found, by_x), missing, by_x, campaign.corrections)
-
-
-def start_from(
-    model: Model, campaign: Campaign, x: Array, last: Solutions, needed: Collection[int] = ()
-) -> tuple[float, Solutions]:
-    """Chi2 of the records at coordinates, and their steady states: no derivatives are worked out.
-
-    Raises
-    ------
-    ConvergenceError
-        As :func:`evaluate`.
-    """
-    found = campaign.simulate(model.rig(x), (), states(last), needed)
-    chi2 = campaign.whiten(found, np.zeros((0, len(x)))).chi2
-    return chi2, {number: s.solution for number, s in found.items()}
 
 
 def fit_model(
@@ -228,12 +82,18 @@ def fit_model(
     ConvergenceError
         If the steady state of no record is found at `x`, or that of one that is needed is not.
     """
+    begun = begun_at(model, campaign, x, last, needed)
+    return fit_from(begun, campaign, last, steps, settled, part, reach)
+
+
+def begun_at(model: Model, campaign: Campaign, x: Array, last: Solutions, needed: Collection[int] = ()) -> Evaluation:
+    """A model evaluated where a fit of it begins; arguments as :func:`fit_model`."""
     here = evaluate(model, campaign, np.clip(x, *model.bounds()), last)
     if not set(needed).isdisjoint(here.missing):
         here = found_again(here, campaign)
     if lost := [r.name for r in campaign.data.records if r.number in here.missing and r.number in needed]:
         raise ConvergenceError(f"diagnose: record {lost[0]} has lost its steady state")
-    return fit_from(_on_branches_measured(here, campaign), campaign, last, steps, settled, part, reach)
+    return _on_branches_measured(here, campaign)
 
 
 def _on_branches_measured(here: Evaluation, campaign: Campaign) -> Evaluation:
@@ -274,32 +134,76 @@ def fit_from(
     reach: float = np.inf,
 ) -> Evaluation:
     """As :func:`fit_model`, from a model that is evaluated where it starts."""
-    model, (low, high) = here.model, here.model.bounds()
-    damping, length = DAMPED, 1.0
-    for left in reversed(range(steps if len(here.x) else 0)):
-        strictness = _strictness(here)
-        step, promised = bounded_step(here, damping, strictness, MOST)
-        if promised < max(settled, part * (here.chi2 - len(here.white))):
+    return descended(Descent(here), campaign, last, steps, settled, part, reach).here
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """How far steps of least squares have come; they can be gone on with.
+
+    Attributes
+    ----------
+    here : Evaluation
+        The best so far.
+    taken : int
+        Steps so far.
+    damping, length : float
+        Of the next one.
+    ended : bool
+        Whether no step promises anything more.
+    """
+
+    here: Evaluation
+    taken: int = 0
+    damping: float = DAMPED
+    length: float = 1.0
+    ended: bool = False
+
+
+def descended(
+    descent: Descent,
+    campaign: Campaign,
+    last: Solutions,
+    steps: int,
+    settled: float = SETTLED,
+    part: float = PART,
+    reach: float = np.inf,
+) -> Descent:
+    """Steps of least squares gone on with until there are so many; arguments as :func:`fit_model`."""
+    if not len(descent.here.x):
+        return replace(descent, ended=True)
+    while descent.taken < steps and not descent.ended:
+        length = descent.length
+        descent, gained = _stepped(descent, campaign, last, settled, part)
+        if gained > 0.0 and descent.here.chi2 - (steps - descent.taken) * gained / length > reach:
             break
-        try:
-            there = evaluate(model, campaign, np.clip(here.x + length * step, low, high), last, here)
-            pulled = float(here.pulls @ here.pulls - there.pulls @ there.pulls)
-            gained = fall(here, there) + (strictness - 1.0) * pulled
-        except FAILURES:
-            gained = -1.0
-        if gained > 0.0:
-            # valleys are narrow and bent: the direction is kept, and followed further while it pays
-            here, damping = there, max(damping / 10.0, LEAST_DAMPED)
-            if here.chi2 - left * gained / length > reach:
-                break
-            length = min(1.0, length * LONGER)
-        else:
-            length *= SHORTER
-            if length < SHORTEST:
-                damping, length = damping * 1e3, 1.0
-        if damping > MOST_DAMPED:
-            break
-    return here
+    return descent
+
+
+def _stepped(
+    descent: Descent, campaign: Campaign, last: Solutions, settled: float, part: float
+) -> tuple[Descent, float]:
+    """One step more, and what it gained; or the end."""
+    here, damping, length = descent.here, descent.damping, descent.length
+    strictness = _strictness(here)
+    step, promised = bounded_step(here, damping, strictness, MOST)
+    if promised < max(settled, part * (here.chi2 - len(here.white))):
+        return replace(descent, ended=True), 0.0
+    low, high = here.model.bounds()
+    try:
+        there = evaluate(here.model, campaign, np.clip(here.x + length * step, low, high), last, here)
+        pulled = float(here.pulls @ here.pulls - there.pulls @ there.pulls)
+        gained = fall(here, there) + (strictness - 1.0) * pulled
+    except FAILURES:
+        gained = -1.0
+    if gained > 0.0:
+        # valleys are narrow and bent: the direction is kept, and followed further while it pays
+        here, damping, length = there, max(damping / 10.0, LEAST_DAMPED), min(1.0, length * LONGER)
+    else:
+        length *= SHORTER
+        if length < SHORTEST:
+            damping, length = damping * 1e3, 1.0
+    return Descent(here, descent.taken + 1, damping, length, damping > MOST_DAMPED), gained
 
 
 def refine(e: Evaluation, campaign: Campaign, steps: int = REFINED) -> Evaluation:

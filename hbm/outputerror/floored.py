@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from hbm.fourier import Array, FourierBasis
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.numerics import Grid
 from hbm.outputerror.records import Record
 from hbm.outputerror.simulated import Simulated, Solutions

@@ -19,7 +19,7 @@ from hbm.fourier import Array, FourierBasis
 from hbm.measurement.decay import Decay
 from hbm.measurement.decayfile import is_decay, load_decay
 from hbm.modes.decaying import at_channel, over_channel
-from hbm.outputerror.fit import start_from
+from hbm.outputerror.evaluation import start_from
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import Solutions
 from hbm.response.budget import Budget

@@ -15,7 +15,8 @@ from hbm.files.diagnosed import Diagnosed
 from hbm.files.diagnosisplates import diagnosis_plates
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate, fall
+from hbm.outputerror.evaluation import Evaluation, evaluate
+from hbm.outputerror.fit import fall
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances

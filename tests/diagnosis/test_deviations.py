@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hbm.diagnosis.deviations import matters, std_at_kinks
-from hbm.outputerror.fit import evaluate
+from hbm.outputerror.evaluation import evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.response.synthesis import synthesize

@@ -25,7 +25,8 @@ from hbm.diagnosis.screen import INSTEAD, screen
 from hbm.diagnosis.search import Search
 from hbm.errors import InputError
 from hbm.outputerror.background import LARGEST
-from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.evaluation import evaluate
+from hbm.outputerror.fit import fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model, free_of
 from hbm.outputerror.whitened import uncorrelated

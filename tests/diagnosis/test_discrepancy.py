@@ -15,7 +15,7 @@ from hbm.fourier import FourierBasis
 from hbm.measurement.spectra import spectra_of
 from hbm.outputerror import campaign as records
 from hbm.outputerror import simulated
-from hbm.outputerror.fit import evaluate
+from hbm.outputerror.evaluation import evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics

@@ -13,7 +13,8 @@ from hbm.diagnosis.judge import beside, lead
 from hbm.diagnosis.misfit import misfit
 from hbm.diagnosis.search import Search, _same_or_held
 from hbm.diagnosis.signatures import starting
-from hbm.outputerror.fit import evaluate, fit_model
+from hbm.outputerror.evaluation import evaluate
+from hbm.outputerror.fit import fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import nominal_scalars

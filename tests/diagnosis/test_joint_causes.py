@@ -32,7 +32,8 @@ from hbm.diagnosis.verdict import Diagnosis
 from hbm.errors import InputError
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.measurement.spectrafile import write_spectra
-from hbm.outputerror.fit import Evaluation, evaluate, fit_model
+from hbm.outputerror.evaluation import Evaluation, evaluate
+from hbm.outputerror.fit import fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.nominal import tolerances

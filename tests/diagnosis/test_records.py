@@ -20,7 +20,8 @@ from hbm.diagnosis.order import ROOM, drifts_beyond_rooms, drifts_within_levels
 from hbm.diagnosis.restart import led_to
 from hbm.diagnosis.screen import screen, small
 from hbm.fourier import FourierBasis
-from hbm.outputerror.fit import evaluate, fit_model, found_again
+from hbm.outputerror.evaluation import evaluate
+from hbm.outputerror.fit import fit_model, found_again
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics
@@ -320,9 +321,10 @@ def test_candidates_are_fitted_alike_side_by_side(measured):
     base = evaluate(bare, data, bare.start, {})
     candidates = [WrongParameter(MU), WrongParameter(E), WrongParameter(LOAD), ParameterDrift(MU), ParameterDrift(LOAD)]
     screening = screen(base, data, candidates)
-    alone = fit_candidates(base, data, screening, lambda doing: None, lambda e: False)
+    alone = fit_candidates(quickfits.QuickFits(base, data), screening, lambda doing: None, lambda e: False)
     with ThreadPoolExecutor(2) as pool:
-        together = fit_candidates(base, replace(data, executor=pool), screening, lambda doing: None, lambda e: False)
+        shared = quickfits.QuickFits(base, replace(data, executor=pool))
+        together = fit_candidates(shared, screening, lambda doing: None, lambda e: False)
     assert not small(base)
     assert [e.model.label for e in together] == [e.model.label for e in alone]
     for one, other in zip(together, alone, strict=True):
@@ -471,7 +473,7 @@ def test_what_is_free_in_each_record_crowds_no_cause_out(measured, monkeypatch):
     monkeypatch.setattr(quickfits.QuickFits, "run", run)
     monkeypatch.setattr(quickfits.QuickFits, "ordered", lambda quick, scores: list(scores))
     screening = screen(base, data, [DRIFT, NotSteady()])
-    done = fit_candidates(base, data, screening, lambda doing: None, lambda e: True)
+    done = fit_candidates(quickfits.QuickFits(base, data), screening, lambda doing: None, lambda e: True)
     assert {e.model.causes[0].label for e in done} == set(left)
 
 

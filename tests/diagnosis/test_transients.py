@@ -17,7 +17,7 @@ from hbm.diagnosis.predict import predicted
 from hbm.diagnosis.verdict import Errors
 from hbm.fourier import FourierBasis
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics

@@ -12,7 +12,7 @@ from hbm.diagnosis.order import ordered
 from hbm.diagnosis.predict import predicted
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate
+from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from models.bodies import ModalModel

@@ -14,7 +14,7 @@ from hbm.diagnosis.diagnose import diagnose
 from hbm.diagnosis.predict import pays_unseen
 from hbm.diagnosis.verdict import Diagnosis
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
-from hbm.outputerror.fit import Evaluation
+from hbm.outputerror.evaluation import Evaluation
 from models.bodies import ModalModel
 from models.causes import WrongParameter
 from models.causes.cause import Cause

@@ -19,7 +19,8 @@ from hbm.diagnosis.screen import Screening
 from hbm.diagnosis.search import BARE, Search
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
 from hbm.outputerror.campaign import Campaign
-from hbm.outputerror.fit import Evaluation, evaluate, fit_model
+from hbm.outputerror.evaluation import Evaluation, evaluate
+from hbm.outputerror.fit import fit_model
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.response.trace import steady_state, trace_frequency
@@ -228,7 +229,6 @@ def test_what_was_left_out_for_a_simpler_one_is_fitted_to_all_records_where_that
         "_started": lambda screening, *_: screening,
         "small": lambda _: False,
         "scanned": lambda _: False,
-        "QuickFits": lambda *_: SimpleNamespace(few=SimpleNamespace(points=50), before=9e3),
         "_by_quick_fits": lambda *_, **__: ([plain], [rich], {"plain", "rich"}),
         "full_fits": full,
         "refined": lambda fits, *_: fits,
@@ -236,7 +236,8 @@ def test_what_was_left_out_for_a_simpler_one_is_fitted_to_all_records_where_that
         "followed": lambda fits, _: fits,
     }.items():
         monkeypatch.setattr(hbm.diagnosis.candidates, name, stand_in)
-    fit_candidates(base, None, None, lambda _: None, lambda _: enough)  # type: ignore[arg-type]
+    over: Any = SimpleNamespace(base=base, campaign=None, few=SimpleNamespace(points=50), before=9e3)
+    fit_candidates(over, None, lambda _: None, lambda _: enough)  # type: ignore[arg-type]
     assert done == fitted
 
 
@@ -271,14 +272,14 @@ def test_a_second_cause_that_will_not_pay_is_not_fitted_to_all_records(
     for name, stand_in in {
         "_started": lambda screening, *_: screening,
         "small": lambda _: True,
-        "QuickFits": lambda *_: SimpleNamespace(few=SimpleNamespace(points=50), before=9e3),
         "_by_score": lambda *_: chosen,
         "full_fits": full,
         "refined": lambda fits, *_: fits,
     }.items():
         monkeypatch.setattr(hbm.diagnosis.candidates, name, stand_in)
     screening: Any = SimpleNamespace(scores=())
-    fit_candidates(base, None, screening, lambda _: None, lambda _: False, useful=useful)  # type: ignore[arg-type]
+    over: Any = SimpleNamespace(base=base, campaign=None, few=SimpleNamespace(points=50), before=9e3)
+    fit_candidates(over, screening, lambda _: None, lambda _: False, useful=useful)
     assert done == fitted
     assert limits == [50.0 + useful * 1000.0]
 
@@ -298,10 +299,7 @@ def test_what_leads_over_the_calibrated_rig_file_is_tried_over_it_as_it_is(
     Of a large misfit what is rigid and would take much by giving way too.
     """
     monkeypatch.setattr("hbm.diagnosis.search.small", lambda base: not large)
-    monkeypatch.setattr(
-        "hbm.diagnosis.search.QuickFits",
-        lambda *_: SimpleNamespace(giving_way=lambda scores: [s for s in scores if s.cause.label == "eighth"]),
-    )
+    quick = SimpleNamespace(giving_way=lambda scores: [s for s in scores if s.cause.label == "eighth"])
 
     def scores(*labels: str) -> Any:
         each = tuple(SimpleNamespace(cause=SimpleNamespace(label=name)) for name in labels)
@@ -323,6 +321,7 @@ def test_what_leads_over_the_calibrated_rig_file_is_tried_over_it_as_it_is(
     }
     search: Any = SimpleNamespace(
         identified=False, calibrated="calibrated", first="as it is", over=screenings.__getitem__, _race=race,
+        _quick=lambda *_: quick,
         _tolerated={"number": "number"}, _settles=lambda _: False, campaign=None,
     )  # fmt: skip
     Search._instead(search, tried)

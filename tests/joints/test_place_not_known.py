@@ -11,7 +11,8 @@ from hbm.diagnosis.calibrate import trusted
 from hbm.errors import InputError
 from hbm.fourier import MANY, Array, FourierBasis
 from hbm.measurement.spectra import MeasuredSpectra, spectra_of
-from hbm.outputerror.fit import Evaluation, fit_model
+from hbm.outputerror.evaluation import Evaluation
+from hbm.outputerror.fit import fit_model
 from hbm.outputerror.lines import line_campaign
 from hbm.outputerror.nominal import tolerances
 from hbm.rigfiles.extensions import rig_of_tables
