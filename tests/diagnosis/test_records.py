@@ -21,7 +21,7 @@ from hbm.diagnosis.restart import led_to
 from hbm.diagnosis.screen import screen, small
 from hbm.fourier import FourierBasis
 from hbm.outputerror.evaluation import evaluate
-from hbm.outputerror.fit import fit_model, found_again
+from hbm.outputerror.fit import Descent, begun_at, descended, fit_model, found_again
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics
@@ -356,6 +356,54 @@ def test_a_fit_that_cannot_reach_what_is_of_use_ends(measured):
     ended = fit_model(model, data, model.start, {}, reach=-1e12)
     np.testing.assert_array_equal(kept.x, whole.x)
     assert whole.chi2 < ended.chi2 < evaluate(model, data, model.start, {}).chi2
+
+
+def test_steps_that_are_gone_on_with_are_those_taken_at_once(measured):
+    """Also where the first of them end because they would not get to what is of use."""
+    rig, data = measured
+    model = Model(rig, {}, (DISTORTION, DRIFT))
+    begun = Descent(begun_at(model, data, model.start, {}))
+    whole = descended(begun, data, {}, 8)
+    early = descended(begun, data, {}, 8, reach=-1e12)
+    assert 0 < early.taken < whole.taken
+    for first in (early, descended(begun, data, {}, 2)):
+        further = descended(first, data, {}, 8)
+        assert (further.taken, further.ended) == (whole.taken, whole.ended)
+        np.testing.assert_array_equal(further.here.x, whole.here.x)
+
+
+def test_no_quick_fit_is_made_again(measured, monkeypatch):
+    """More steps go on from where the last ones ended; starts are compared anew where others are given."""
+    rig, every = measured
+    data, bare = every.of(every.numbers[::2]), Model(rig, {})
+    base = evaluate(bare, data, bare.start, {})
+    scores = screen(base, data, [DRIFT, WrongParameter(E)]).scores
+    quick, asked = quickfits.QuickFits(base, data), list[str]()
+
+    def counted(name):
+        made = getattr(quickfits, name)
+
+        def noted(*arguments):
+            asked.append(name)
+            return made(*arguments)
+
+        monkeypatch.setattr(quickfits, name, noted)
+
+    for name in ("begun_at", "_stepped", "_compared"):
+        counted(name)
+    first = quick.run(scores, steps=2)
+    begun = asked.count("begun_at")
+    assert begun == asked.count("_stepped") > 0 and asked.count("_compared") == 2
+    again = quick.run(scores, steps=2)
+    assert asked.count("_stepped") == begun
+    assert [r.chi2 for r in again] == [r.chi2 for r in first]
+    further = quick.run(scores, steps=5)
+    assert asked.count("_stepped") > begun == asked.count("begun_at")
+    at_once = quickfits.QuickFits(base, data).run(scores, steps=5)
+    assert [r.chi2 for r in further] == [r.chi2 for r in at_once]
+    before = asked.count("_compared")
+    quick.run([replace(scores[0], starts=(scores[0].start,))], steps=2)
+    assert asked.count("_compared") == before + 1
 
 
 @pytest.mark.parametrize("share", [0.9, 0.5, 0.1])
