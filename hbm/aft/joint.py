@@ -54,6 +54,11 @@ class JointOverPeriod(SteadyPeriod):
     (the same, or without what the modes leave out), and last what the load differs by from that at rest.
 
     One object serves one thread: it owns the buffers that CasADi reads and fills.
+
+    Attributes
+    ----------
+    closure : float
+        Of the last forces, see :meth:`forces`.
     """
 
     choices = (3, 9)
@@ -61,9 +66,9 @@ class JointOverPeriod(SteadyPeriod):
     def __init__(self, law: JointLaw, basis: FourierBasis, compliance: float = 0.0, *, loaded: bool = True) -> None:
         self.law, self.basis, self.compliance, self.ports = law, basis, compliance, law.ports
         self._sampled = np.zeros((basis.N_t, signals_of(law.ports)))
-        self._shown: tuple[Array | None, float, float] = (None, 0.0, 0.0)
+        self._shown: tuple[Array | None, float] = (None, 0.0)
         self._loop: Loop | None = None
-        self._fades, self._loaded = False, loaded
+        self._fades, self._loaded, self.closure = False, loaded, 0.0
         self._environment = np.zeros(len(ENVIRONMENT))
         self._bind(self.choices[0])
 
@@ -88,24 +93,24 @@ class JointOverPeriod(SteadyPeriod):
         m, basis = self.ports, self.basis
         shown = signals.copy()
         shown[:, m : 2 * m] = Omega * basis.derivative(signals[:, m : 2 * m])
-        found, closure = self.forces_of_samples(basis.samples(shown), Omega)
-        self._shown = signals, Omega, closure
-        return found, closure
+        found = self.forces_of_samples(basis.samples(shown), Omega)
+        self._shown = signals, Omega
+        return found
 
     def shown(self, signals: Array, Omega: float) -> tuple[Array, float]:
         """As :meth:`forces`, which are known where these are the signals and the frequency of the last time."""
-        known, at, closure = self._shown
+        known, at = self._shown
         if known is None or at != Omega or not (known is signals or np.array_equal(known, signals)):
             return self.forces(signals, Omega)
-        return self._forces.reshape(self.basis.N_t, self.ports), closure
+        return self._forces.reshape(self.basis.N_t, self.ports), self.closure
 
     def forces_of_samples(self, shown: Array, Omega: float) -> tuple[Array, float]:
         """As :meth:`forces`, of displacements, velocities and load at the samples, (N_t, 2 m + 1)."""
-        self._shown, self._loop = (None, Omega, 0.0), None
+        self._shown, self._loop = (None, Omega), None
         self._sampled[:] = shown
         self._environment[:] = 2 * np.pi / (Omega * self.basis.N_t), self.compliance
-        closure = self._steady()
-        return self._forces.reshape(self.basis.N_t, self.ports), closure
+        self.closure = self._steady()
+        return self._forces.reshape(self.basis.N_t, self.ports), self.closure
 
     @property
     def memory(self) -> Array:

@@ -5,7 +5,6 @@ modes and harmonics beside it, foreshortening and nonlinear elements, matters in
 """
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from scipy.linalg import lapack
 from hbm.aft.force import ContactForce
 from hbm.balance.elements import ElementSlope
 from hbm.balance.equations import Balance, Kinematics
-from hbm.balance.factors import BorderedCore, Factors, determinant_sign
+from hbm.balance.factors import BorderedCore, determinant_sign, holds_parameter
 from hbm.balance.jacobian import law_by_modes
 from hbm.balance.scaled import State
 from hbm.fourier import Array
@@ -186,14 +185,9 @@ class Elimination(BorderedCore):
         self._by_column = np.ascontiguousarray(motion[:, :, 0]), core[:, 0]
         return motion[:, :, 1:], core[:, 1:]
 
-    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
-        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
-        x, lam = self.solve_columns(row, row_lam, rhs[:, None], rhs_row)
-        return x[:, 0], float(lam[0])
-
     def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
         """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
-        if row_lam and rhs_row == 0.0 and not row.any():  # the parameter is held: no border is needed
+        if holds_parameter(row, row_lam, rhs_row):
             d_Q, core = self._reduced(rhs)
             return self._moved(d_Q, self._alone.solve(core)), np.zeros(rhs.shape[1])
         size, r = self.problem.basis.size, rhs.shape[1]
@@ -206,11 +200,6 @@ class Elimination(BorderedCore):
         d_T, d_lam = solution[:size], solution[size]
         d_Q -= self._border()[0][:, :, None] * d_lam
         return self._moved(d_Q, d_T), d_lam
-
-    @cached_property
-    def _alone(self) -> Factors:
-        """Factors of the core without a border."""
-        return Factors.of(self._core.copy(order="F"))
 
     def _moved(self, d_Q: Array, d_T: Array) -> Array:
         """Scaled unknowns (size, r) of the motion (2H+1, n, r) with T held, which T (2H+1, r) moves further."""

@@ -1,6 +1,7 @@
 """Factors of a dense core with a border row, kept for the chords and the sign that come with the same row."""
 
 from abc import ABC, abstractmethod
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,7 +77,22 @@ class Bordered(NamedTuple):
 class BorderedCore(ABC):
     """What reduces a Newton system to a dense core with a border row, which it factors once for each row."""
 
+    _core: Array
     _factored: Bordered | None = None
+
+    @abstractmethod
+    def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
+        """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
+
+    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
+        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
+        x, lam = self.solve_columns(row, row_lam, rhs[:, None], rhs_row)
+        return x[:, 0], float(lam[0])
+
+    @cached_property
+    def _alone(self) -> Factors:
+        """Factors of the core without a border, which is not needed where the parameter is held."""
+        return Factors.of(self._core.copy(order="F"))
 
     @abstractmethod
     def _bordered(self, row: Array, row_lam: float) -> tuple[Array, Array]:
@@ -89,6 +105,11 @@ class BorderedCore(ABC):
             matrix, modes = self._bordered(row, row_lam)
             known = self._factored = Bordered(Border(row.copy(), row_lam), modes.ravel(), Factors.of(matrix))
         return known
+
+
+def holds_parameter(row: Array, row_lam: float, rhs_row: float) -> bool:
+    """Whether a border row keeps the parameter where it is, and does nothing else."""
+    return bool(row_lam) and rhs_row == 0.0 and not row.any()
 
 
 def determinant_sign(lu: Array, pivots: npt.NDArray[Any]) -> int:

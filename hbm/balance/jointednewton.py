@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from hbm.aft.joint import JointForces
-from hbm.balance.factors import BorderedCore, Factors
+from hbm.balance.factors import BorderedCore, holds_parameter
 from hbm.balance.jointequations import Complex, JointEquations
 from hbm.balance.scaled import Parameter, State
 from hbm.fourier import Array
@@ -229,9 +229,9 @@ class JointNewton(BorderedCore):
 
     def __init__(self, here: JointLinearization, column: Array | None = None) -> None:
         self.here, self.problem, self.modes, self._column = here, here.problem, here.modes, column
+        self._core = self._with_means()
 
-    @cached_property
-    def core(self) -> Array:
+    def _with_means(self) -> Array:
         """The core with the means of rigid motions beside the joint forces, (2H+1 m + rigid, 2H+1 m + rigid)."""
         problem, rigid = self.problem, self.problem.rigid
         if not len(rigid):
@@ -271,31 +271,21 @@ class JointNewton(BorderedCore):
         by_joints += row[size * n :].reshape(size, m) / problem.f_ref
         motion, column = self._border
         matrix = np.empty((len(column) + 1, len(column) + 1), order="F")
-        matrix[:-1, :-1], matrix[:-1, -1] = self.core, column[:, 0]
+        matrix[:-1, :-1], matrix[:-1, -1] = self._core, column[:, 0]
         matrix[-1, :-1] = np.append(by_joints, modes[0, problem.rigid])
         matrix[-1, -1] = row_lam - np.vdot(modes, motion[:, :, 0])
         return matrix, modes
 
-    def solve_bordered(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, float]:
-        """Solve the bordered Newton system, see :class:`continuation.Linearization`."""
-        x, lam = self.solve_columns(row, row_lam, rhs[:, None], rhs_row)
-        return x[:, 0], float(lam[0])
-
     def solve_columns(self, row: Array, row_lam: float, rhs: Array, rhs_row: float) -> tuple[Array, Array]:
         """Solve the bordered Newton system for right sides (size, r) with the same last entry, (size, r) and (r,)."""
         d_Q, core = self._reduced(rhs)
-        if row_lam and rhs_row == 0.0 and not row.any():  # the parameter is held: no border is needed
+        if holds_parameter(row, row_lam, rhs_row):
             return self._moved(d_Q, self._alone.solve(core)), np.zeros(rhs.shape[1])
         factored = self._factor_with(row, row_lam)
         right = np.vstack([core, rhs_row - factored.modes @ d_Q.reshape(-1, rhs.shape[1])])
         solution = factored.factors.solve(right)
         d_Q -= self._border[0] * solution[-1]
         return self._moved(d_Q, solution[:-1]), solution[-1]
-
-    @cached_property
-    def _alone(self) -> Factors:
-        """Factors of the core without a border."""
-        return Factors.of(self.core.copy(order="F"))
 
     def _moved(self, d_Q: Array, d_core: Array) -> Array:
         """Scaled unknowns (size, r) of the motion (2H+1, n, r) with the core held, which its unknowns move further."""

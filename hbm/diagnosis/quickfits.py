@@ -1,6 +1,6 @@
 """Quick fits of candidates: on few records, a coarse discretisation, some steps from the best of many starts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -182,10 +182,10 @@ class QuickFits:
         self._compare(scores)
         before = self.before
         near = [_near(self._quick, before, s, self.compared[s.cause.label], most) for s in scores]
-        begun = [[(score.cause, x) for x in starts] for score, starts in zip(scores, near, strict=True)]
-        self._step([pair for pairs in begun for pair in pairs], steps, reach)
-        found = [[self.descents[_key(cause, x)] for cause, x in pairs] for pairs in begun]
-        fits = [[descent.here for descent in descents if descent is not None] for descents in found]
+        begun = [{(s.cause.label, x.tobytes()): (s.cause, x) for x in xs} for s, xs in zip(scores, near, strict=True)]
+        self._step({key: start for starts in begun for key, start in starts.items()}, steps, reach)
+        descents = [[self.descents[key] for key in starts] for starts in begun]
+        fits = [[descent.here for descent in each_of if descent is not None] for each_of in descents]
         limited = each(self.campaign.executor, partial(_limited, self._quick, self.few, steps, reach), fits)
         return [_candidate(self._quick, self.spread, s.cause, f) for s, f in zip(scores, limited, strict=True)]
 
@@ -195,24 +195,14 @@ class QuickFits:
         self.compared.update((s.cause.label, starts) for s, starts in zip(new, found, strict=True))
         self.given.update((s.cause.label, s.starts) for s in new)
 
-    def _step(self, begun: Sequence[tuple[Cause, Array]], steps: int, reach: float) -> None:
-        """Go on with steps of candidates until there are so many."""
-        going = {_key(cause, x): (cause, x) for cause, x in begun if self._goes_on(_key(cause, x), steps)}
-        if going:
-            causes, where = zip(*going.values(), strict=True)
-            task = partial(_stepped, self._quick, self.few, steps, reach)
-            found = each(self.campaign.executor, task, causes, where, [self.descents.get(key) for key in going])
-            self.descents.update(zip(going, found, strict=True))
-
-    def _goes_on(self, key: Begun, steps: int) -> bool:
-        if key not in self.descents:
-            return True
-        known = self.descents[key]
-        return known is not None and not known.ended and known.taken < steps
-
-
-def _key(cause: Cause, x: Array) -> Begun:
-    return cause.label, x.tobytes()
+    def _step(self, begun: Mapping[Begun, tuple[Cause, Array]], steps: int, reach: float) -> None:
+        """Go on with steps of candidates from where they began until there are so many."""
+        known = self.descents
+        going = [key for key in begun if key not in known or ((d := known[key]) is not None and d.goes_on(steps))]
+        causes, where = [begun[key][0] for key in going], [begun[key][1] for key in going]
+        task = partial(_stepped, self._quick, self.few, steps, reach)
+        found = each(self.campaign.executor, task, causes, where, [known.get(key) for key in going])
+        known.update(zip(going, found, strict=True))
 
 
 def rank(e: Evaluation) -> tuple[int, float]:

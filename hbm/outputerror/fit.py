@@ -82,8 +82,8 @@ def fit_model(
     ConvergenceError
         If the steady state of no record is found at `x`, or that of one that is needed is not.
     """
-    begun = begun_at(model, campaign, x, last, needed)
-    return fit_from(begun, campaign, last, steps, settled, part, reach)
+    begun = Descent(begun_at(model, campaign, x, last, needed))
+    return descended(begun, campaign, last, steps, settled, part, reach).here
 
 
 def begun_at(model: Model, campaign: Campaign, x: Array, last: Solutions, needed: Collection[int] = ()) -> Evaluation:
@@ -130,11 +130,10 @@ def fit_from(
     last: Solutions,
     steps: int = STEPS,
     settled: float = SETTLED,
-    part: float = PART,
     reach: float = np.inf,
 ) -> Evaluation:
     """As :func:`fit_model`, from a model that is evaluated where it starts."""
-    return descended(Descent(here), campaign, last, steps, settled, part, reach).here
+    return descended(Descent(here), campaign, last, steps, settled, reach=reach).here
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +158,10 @@ class Descent:
     length: float = 1.0
     ended: bool = False
 
+    def goes_on(self, steps: int) -> bool:
+        """Whether a further step is of use before there are so many."""
+        return self.taken < steps and not self.ended
+
 
 def descended(
     descent: Descent,
@@ -172,7 +175,7 @@ def descended(
     """Steps of least squares gone on with until there are so many; arguments as :func:`fit_model`."""
     if not len(descent.here.x):
         return replace(descent, ended=True)
-    while descent.taken < steps and not descent.ended:
+    while descent.goes_on(steps):
         length = descent.length
         descent, gained = _stepped(descent, campaign, last, settled, part)
         if gained > 0.0 and descent.here.chi2 - (steps - descent.taken) * gained / length > reach:
