@@ -6,7 +6,7 @@ Matrices here have some hundred rows: a second BLAS thread costs time, most of a
 import os
 import pickle
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, InvalidStateError, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import cache, lru_cache, partial, wraps
@@ -55,17 +55,47 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-@contextmanager
-def all_cores(prepare: Callable[[], None] | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Executor with a process for each core this one may run on, each prepared first, at once.
+class Helped(ProcessPoolExecutor):
+    """Processes beside this one, which takes its part in what is mapped, and does all of it until they have started.
 
-    Where the work ends early, by an error or an interrupt, its processes are killed and nothing is waited for.
+    Parameters
+    ----------
+    processes : int
+    prepare : callable or None
+        Done first by each of them.
     """
-    executor = ProcessPoolExecutor(cores(), get_context("spawn"), partial(_prepared, prepare))
-    try:
+
+    def __init__(self, processes: int, prepare: Callable[[], None] | None = None) -> None:
+        super().__init__(processes, get_context("spawn"), partial(_prepared, prepare))
         with held():  # processes inherit it: a terminal signals them too, and ending is for this one to order
-            for _ in range(cores()):  # a process starts with its first task, which may come late
-                executor.submit(int)
+            # a process starts with its first task, which may come late
+            self._started = [self.submit(int) for _ in range(processes)]
+
+    def map(
+        self, fn: Callable[..., Result], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1
+    ) -> Iterator[Result]:
+        """As the executor's; the last item is done here, and of the others those that no process has taken by then."""
+        if not all(start.done() for start in self._started):
+            return map(fn, *iterables)
+        items = list(zip(*iterables, strict=True))
+        there = [self.submit(fn, *item) for item in items[:-1]]
+        here = {len(items) - 1: fn(*items[-1])} if items else {}
+        here |= {i: fn(*items[i]) for i in reversed(range(len(there))) if there[i].cancel()}
+        return (here[i] if i in here else there[i].result(timeout) for i in range(len(items)))
+
+
+@contextmanager
+def all_cores(prepare: Callable[[], None] | None = None) -> Iterator[Helped | None]:
+    """Executor for all cores this process may run on, itself among them; None where that is one.
+
+    Its other processes are prepared first, at once. Where the work ends early, by an error or an interrupt, they are
+    killed and nothing is waited for.
+    """
+    if cores() == 1:
+        yield None
+        return
+    executor = Helped(cores() - 1, prepare)
+    try:
         yield executor
     except BaseException:
         with _unconcerned():

@@ -14,12 +14,15 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+import numpy.typing as npt
 
 from models.attachments import LISTS, Attachments, Value
 from models.beam import Beam, lift_shape, rotation_shape, shapes_of_waves, unit_shapes, wavenumbers
 from models.structure import Array
 
 Matrix = Any
+Entries = tuple[tuple[int, int], npt.NDArray[np.intp], npt.NDArray[np.intp]]
+"""Shape of a matrix, and of the entries of its derivatives that are not zero: which of its own, and to which scalar."""
 
 MORE_MODES = 20
 """Modes of the bare beam beyond those kept, to build the modes of a beam with attachments from."""
@@ -142,12 +145,23 @@ def assembled(layout: Layout, *, residual: bool = True) -> Assembly:
     return Assembly(*(part.full() for part in function(list(layout.scalars().values()))))
 
 
-def assembled_change(layout: Layout, key: str, *, residual: bool = True) -> Assembly:
-    """Exact derivative of :func:`assembled` to one of the layout's scalars, by its name in :meth:`Layout.scalars`."""
-    change = _change_function(layout.form, residual)
+@lru_cache(maxsize=8)  # the ends of a beam ask for the same
+def assembled_changes(layout: Layout, *, residual: bool = True) -> dict[str, Assembly]:
+    """Exact derivatives of :func:`assembled` to each of the layout's scalars, by their names in `Layout.scalars`."""
+    function, entries = _jacobian(layout.form, residual)
     scalars = layout.scalars()
-    direction = [float(name == key) for name in scalars]
-    return Assembly(*(part.full() for part in change(list(scalars.values()), direction)))
+    given, slopes = np.array([float(value) for value in scalars.values()]), [np.empty(len(at)) for _, at, _ in entries]
+    buffer, evaluate = function.buffer()
+    buffer.set_arg(0, given.data)
+    for i, slope in enumerate(slopes):
+        buffer.set_res(i, slope.data)
+    evaluate()
+    parts = []
+    for slope, ((rows, columns), at, of) in zip(slopes, entries, strict=True):
+        part = np.zeros((len(scalars), columns, rows))
+        part.reshape(len(scalars), columns * rows)[of, at] = slope
+        parts.append(part.transpose(0, 2, 1))
+    return {key: Assembly(*changes) for key, changes in zip(scalars, zip(*parts, strict=True), strict=True)}
 
 
 @lru_cache(maxsize=64)
@@ -159,11 +173,16 @@ def _function(form: Layout, residual: bool) -> ca.Function:
 
 
 @lru_cache(maxsize=64)
-def _change_function(form: Layout, residual: bool) -> ca.Function:
-    """(scalars, direction) -> derivative of the assembly along the direction."""
-    p, direction = (ca.MX.sym(name, len(form.scalars())) for name in ("p", "direction"))
+def _jacobian(form: Layout, residual: bool) -> tuple[ca.Function, list[Entries]]:
+    """(scalars) -> derivatives of the parts of the assembly that are not zero; and where these are."""
+    p = ca.MX.sym("p", len(form.scalars()))
     parts = _function(form, residual).call([p], True, False)
-    return ca.Function("change", [p, direction], [ca.densify(ca.jtimes(part, p, direction)) for part in parts])
+    slopes = [ca.jacobian(ca.vec(part), p) for part in parts]
+    entries = [
+        (part.shape, np.array(slope.sparsity().row(), dtype=int), np.array(slope.sparsity().get_col(), dtype=int))
+        for part, slope in zip(parts, slopes, strict=True)
+    ]
+    return ca.Function("changes", [p], slopes), entries
 
 
 STATIC = (rotation_shape, lift_shape)

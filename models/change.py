@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from models.assembly import Assembly, assembled_change
+from models.assembly import Assembly, assembled_changes
 from models.elements import ElementRows, Ports, element_rows_change
 from models.parts import Excitation
 from models.reduction import StructureChange
@@ -95,7 +95,7 @@ def _assembly_change(rig: Rig, key: str) -> Assembly:
     """Derivative of the assembly of a beam to a number of the rig, zero to those that it does not depend on."""
     places = dict(zip(rig.layout_keys, rig.layout.scalars(), strict=True))
     if key in places:
-        return assembled_change(rig.layout, places[key], residual=rig.contact.residual_compliance)
+        return assembled_changes(rig.layout, residual=rig.contact.residual_compliance)[places[key]]
     return Assembly(*(np.zeros_like(part) for part in rig.reduction.assembly))
 
 
@@ -131,7 +131,8 @@ def structure_change(rig: Rig, keys: tuple[str, ...]) -> StructureChange:
     def change(key: str) -> StructureChange:
         table, _, name = key.partition(".")
         if key in places:
-            return reduction.change(assembled_change(rig.layout, places[key], residual=rig.contact.residual_compliance))
+            changes = assembled_changes(rig.layout, residual=rig.contact.residual_compliance)
+            return reduction.change(changes[places[key]])
         if key == VARIATION:
             return reduction.change_of_load_variation(still)
         if table == "damping" and name in DAMPING:

@@ -245,6 +245,11 @@ class JointedRig(Numbered):
         return sum(j.law.ports for j in self.joints)
 
     @property
+    def resonators(self) -> int:
+        """None are attached to such a body."""
+        return 0
+
+    @property
     def places(self) -> tuple[str, ...]:
         """Places of the body that anything touches, each once."""
         ends = [place for j in self.joints for pair in j.ends for end in pair for _, place in terms(end)]

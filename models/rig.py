@@ -190,6 +190,11 @@ class Rig(Numbered):
         """Where a force follows a law: the contact."""
         return 1
 
+    @property
+    def resonators(self) -> int:
+        """How many are attached; each is a coordinate more."""
+        return len(self.attachments.resonators)
+
     @cached_property
     def numbers(self) -> Described:
         """All its numbers by the keys of its rig file, with unit and bounds."""

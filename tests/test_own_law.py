@@ -16,7 +16,7 @@ from hbm.cli import app
 from hbm.errors import InputError
 from hbm.integration.handover import state_at_phase_zero
 from hbm.integration.integrate import steady_state as shoot
-from hbm.parallel import all_cores, each
+from hbm.parallel import Helped
 from hbm.response.loop import friction_loop
 from hbm.response.trace import steady_state
 from hbm.rigfiles.lawchoice import choose_law
@@ -184,8 +184,9 @@ def test_its_parameters_are_checked_like_any_others(tmp_path: Path) -> None:
 def test_a_law_is_sent_to_another_process_that_ran_its_file() -> None:
     law = load_rig(RIG, allow_code=True).contact.law
     damped = beside_dashpot(type(law))(**parameters(law), coefficient=0.1)
-    with all_cores(partial(run_files, [FILE])) as cores:
-        assert each(cores, parameters, [law, damped]) == [parameters(law), parameters(damped)]
+    with Helped(1, partial(run_files, [FILE])) as process:
+        for one in (law, damped):
+            assert process.submit(parameters, one).result() == parameters(one)
 
 
 # -------------------------------------------------------------------------------------------------- found or refused

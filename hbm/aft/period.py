@@ -50,7 +50,7 @@ class LawFunctions:
     tangent: Callable[[], ca.Function]
 
 
-BLOCK = 128
+BLOCK = 32
 """Most samples that are unrolled at once."""
 
 

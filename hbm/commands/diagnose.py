@@ -204,7 +204,7 @@ def _sensors(rig: "AnyRig", measured: "MeasuredSpectra | Decay") -> list[str]:
 
 
 def _search(
-    measured: "MeasuredSpectra | Decay", repeatability: float, executor: "Executor"
+    measured: "MeasuredSpectra | Decay", repeatability: float, executor: "Executor | None"
 ) -> "Callable[..., Diagnosis]":
     """The diagnosis of such measurements."""
     from hbm.diagnosis.backbones import diagnose_backbone
@@ -231,7 +231,7 @@ def _failing(source: str) -> Iterator[None]:
         raise ArithmeticError(f"{COMMAND}: {source}: {failed}; nothing written") from None
 
 
-def _missing_force(found: "Diagnosis", executor: "Executor") -> tuple["Discrepancy | None", str]:
+def _missing_force(found: "Diagnosis", executor: "Executor | None") -> tuple["Discrepancy | None", str]:
     """What the calibrated model lacks, or why that could not be worked out."""
     from hbm.diagnosis.discrepancy import discrepancy
     from hbm.outputerror.simulated import FAILURES

@@ -27,8 +27,9 @@ from models.jointed import AnyRig
 
 Mask = npt.NDArray[np.bool_]
 
-MOST_PORTS = 8
-"""Joints of candidates that are put into one rig have so many ports, at most: its system grows with them."""
+MOST_PORTS, MOST_RESONATORS = 8, 6
+"""Joints of candidates that are put into one rig have so many ports, and these so many resonators, at most: its system
+grows with them."""
 
 VISIBLE = 0.05
 """Beside the first number of a cause those count whose range moves the records by this share of what its range does."""
@@ -117,7 +118,7 @@ def _grouped(base: Model, candidates: Sequence[Cause]) -> list[tuple[Model, list
             if _meets(rig, more, keys & taken):
                 alone.append((base.extended_by(cause), [_Entry(cause, start, 0)]))
                 continue
-            if more.ports > MOST_PORTS:
+            if more.ports > MOST_PORTS or more.resonators > MOST_RESONATORS:
                 alone.append((together, entries))
                 together, taken, entries = base, set(), []
                 keys, more = {u.key for u in cause.unknowns(bare)}, cause.extend(bare, start)

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import qmc
 
 from hbm.errors import InputError
 from hbm.fourier import Array
@@ -119,6 +118,8 @@ class Candidate:
         free = self.coordinates.free
         if all(_spread(self.coordinates.parameters[name], c) <= max(RELIABLE.values()) for name, c in free.items()):
             return np.zeros((0, len(self.x)))
+        from scipy.stats import qmc  # it takes long, and few starts are drawn
+
         low, high = self.coordinates.bounds
         spread = np.array([_spread(self.coordinates.parameters[name], c) for name, c in free.items()])
         draws = qmc.LatinHypercube(len(self.x), rng=np.random.default_rng(SEED)).random(MOST_STARTS)

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import firwin, oaconvolve
 
 from hbm.errors import InputError
 from hbm.fourier import Array
@@ -283,6 +282,8 @@ def _demodulated(
             f"{recorded.source}: {len(y) * step:.3g} s; must be more than {taps * step:.3g} s for a band of "
             f"{high - low:g} Hz"
         )
+    from scipy.signal import firwin, oaconvolve  # it takes long, and a decay that is read needs none
+
     t = recorded.time[0] + step * np.arange(len(y))
     hz = _strongest(y, step, band)
     turned = 2.0 * y * np.exp(-2j * np.pi * hz * t)

@@ -190,7 +190,12 @@ class ResponseCurve(Displayed):
     @cached_property
     def channels(self) -> dict[str, ChannelCurve]:
         """Channels by name: the rig's, and drive, slip, slip_velocity, friction, normal."""
-        return {name: self._channel(name) for name in self.points[0].channels}
+        return {name: self[name] for name in self.points[0].channels}
+
+    @cached_property
+    def _known(self) -> dict[str, ChannelCurve]:
+        """Channels that were asked for."""
+        return {}
 
     def _channel(self, name: str) -> ChannelCurve:
         signals = [p.channels[name] for p in self.points]
@@ -203,7 +208,10 @@ class ResponseCurve(Displayed):
 
     def __getitem__(self, name: str) -> ChannelCurve:
         """Channel by name."""
-        return channel_named(self.channels, name)
+        if name not in self._known:
+            channel_named(self.points[0].channels, name)
+            self._known[name] = self._channel(name)
+        return self._known[name]
 
     @property
     def peak(self) -> PeriodicSolution:

@@ -26,11 +26,11 @@ for args in (["examples"], *copies, ["modes", "paper_beam_bouc_wen.toml", "--all
 
 WORKER = """
 from hbm import load_rig
-from hbm.parallel import all_cores, each
+from hbm.parallel import Helped
 
 if __name__ == "__main__":
-    with all_cores() as executor:
-        print(each(executor, load_rig, ["rig.toml"])[0].name)
+    with Helped(1) as executor:
+        print(executor.submit(load_rig, "rig.toml").result().name)
 """
 
 

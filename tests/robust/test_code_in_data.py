@@ -121,8 +121,8 @@ def test_the_command_and_its_workers_import_nothing_from_the_working_folder(tmp_
         "if __name__ == '__main__':\n"
         "    hbm.cli.app = lambda **_: None\n"
         "    hbm.cli.main()\n"
-        "    with hbm.parallel.all_cores() as cores:\n"
-        "        print(cores.submit(abs, -3).result())\n"
+        "    with hbm.parallel.Helped(1) as process:\n"
+        "        print(process.submit(abs, -3).result())\n"
     )
     script = tmp_path / "bin" / "command.py"  # as a console script: its own folder is searched, the working one is not
     script.parent.mkdir()

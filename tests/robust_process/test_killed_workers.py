@@ -6,7 +6,7 @@ from pathlib import Path
 
 HALF = '''
 import os, struct, sys, time
-from hbm.parallel import all_cores
+from hbm import parallel
 
 def say_half() -> None:
     """Begin a message of 1000 bytes to the parent, and never send them."""
@@ -18,8 +18,9 @@ def say_half() -> None:
     time.sleep(60.0)
 
 if __name__ == "__main__":
+    parallel.cores = lambda: 2
     try:
-        with all_cores() as executor:
+        with parallel.all_cores() as executor:
             executor.submit(say_half)
             while not os.path.exists(sys.argv[1]):
                 time.sleep(0.01)
