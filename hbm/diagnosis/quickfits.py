@@ -191,7 +191,8 @@ class QuickFits:
 
     def _compare(self, scores: Sequence[Score]) -> None:
         new = [s for s in scores if self.given.get(s.cause.label) != s.starts]
-        found = each(self.campaign.executor, partial(_compared, self._quick, self.few), new)
+        task = partial(_compared, self._quick, self.few, WORSE * self.before)
+        found = each(self.campaign.executor, task, new)
         self.compared.update((s.cause.label, starts) for s, starts in zip(new, found, strict=True))
         self.given.update((s.cause.label, s.starts) for s in new)
 
@@ -210,14 +211,14 @@ def rank(e: Evaluation) -> tuple[int, float]:
     return len(e.missing), e.chi2
 
 
-def _compared(base: Evaluation, few: Campaign, score: Score) -> Starts:
-    """Starts of a candidate; empty where none has steady states."""
+def _compared(base: Evaluation, few: Campaign, limit: float, score: Score) -> Starts:
+    """Starts of a candidate, of no use beyond the limit of chi2; empty where none has steady states."""
     model = lighter(base).extended_by(score.cause)
     try:
         starts = _starts(model, starting(model, base, {}), score)
         if not base.model.causes and len(base.x):  # calibration may have gone far to make up for the cause
             starts += [x for x in _starts(model, model.start, score) if not any(np.array_equal(x, y) for y in starts)]
-        return _by_place(model, few, starts, base.solutions)
+        return _by_place(model, few, starts, base.solutions, limit)
     except FAILURES:
         return []
 
@@ -273,14 +274,15 @@ def _candidate(base: Evaluation, spread: float, cause: Cause, fits: Sequence[Eva
     return Candidate(cause, best.chi2 + best.white.spread - spread, carried[0], tuple(carried[1:]))
 
 
-def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions) -> Starts:
+def _by_place(model: Model, few: Campaign, starts: Sequence[Array], last: Solutions, limit: float) -> Starts:
     """The best start at each place, or of each value of whatever shapes the cause, then the others."""
     unknowns = model.unknowns[-1]
     shapes = [i - len(unknowns) for i, u in enumerate(unknowns) if u.shapes]
     places: dict[float, list[Array]] = {}
     for x in starts:
         places.setdefault(float(x[shapes[-1]]) if shapes else 0.0, []).append(x)
-    ordered = [best_start(model, few, there, last, max(1, MANY // len(places))) for there in places.values()]
+    most = max(1, MANY // len(places))
+    ordered = [best_start(model, few, there, last, most, limit) for there in places.values()]
     firsts, others = [o[0] for o in ordered], [pair for o in ordered for pair in o[1:]]
     return [*sorted(firsts, key=lambda p: p[0]), *sorted(others, key=lambda p: p[0])]
 

@@ -3,7 +3,7 @@
 Uncertain are the responses, force and frequency (through the model), and what the discretisation leaves.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -21,7 +21,7 @@ from hbm.outputerror.background import ALIKE_OVER, Basis, Reach, basis_of
 from hbm.outputerror.numerics import Correction, Grid, Numerics, amplitudes_of, corrections
 from hbm.outputerror.records import Measurement, Record, force_columns
 from hbm.outputerror.simulated import Simulated, Solutions, States, states
-from hbm.outputerror.together import simulated_together, steady_together
+from hbm.outputerror.together import simulated_together, steady_in_turn, steady_together
 from hbm.outputerror.whitened import Whitened, log_determinant, uncorrelated, uncorrelated_many
 from hbm.parallel import cores, each
 from models.jointed import AnyRig
@@ -109,6 +109,17 @@ class Campaign:
     def solve(self, rig: AnyRig, last: Solutions) -> dict[int, PeriodicSolution]:
         """Steady states alone, from the last ones."""
         return self._steady(rig, states(last))
+
+    def solved_in_turn(self, rig: AnyRig, last: Solutions) -> Iterator[tuple[int, PeriodicSolution]]:
+        """The same one after the other, by number; those that are found soonest come first."""
+        if self.executor is not None:
+            yield from self.solve(rig, last).items()
+            return
+        records, starts, grid = self.data.records, states(last), self.numerics.working
+        given = [starts.get(r.number) for r in records]
+        for i, solution in steady_in_turn(grid.rig(rig), grid.basis, records, given):
+            if solution is not None:
+                yield records[i].number, solution
 
     def reconstructed(self, rig: AnyRig) -> dict[int, PeriodicSolution]:
         """Steady states alone, from what was measured."""

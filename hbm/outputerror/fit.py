@@ -16,6 +16,7 @@ from hbm.outputerror.evaluation import Evaluation, evaluate
 from hbm.outputerror.model import Model
 from hbm.outputerror.simulated import FAILURES, Solutions
 from models.causes.addedjoint import AddedJoint
+from models.jointed import AnyRig
 
 STEPS = 15
 """Steps of least squares, at most."""
@@ -272,31 +273,55 @@ def bounded_step(
 
 
 def best_start(
-    model: Model, campaign: Campaign, starts: list[Array], last: Solutions, most: int = MANY
+    model: Model,
+    campaign: Campaign,
+    starts: list[Array],
+    last: Solutions,
+    most: int = MANY,
+    limit: float = np.inf,
 ) -> list[tuple[float, Array]]:
     """Starts by their chi2 on a few records, the least first; a record without a steady state counts as in `last`.
 
-    More than `most` are compared on the records that `last` misses most, and the best of them on all.
+    More than `most` are compared on the records that `last` misses most, and the best of them on all. Of a start whose
+    chi2 exceeds the limit no more is known than that.
     """
     before = campaign.chi2(last)
     worst = sorted(before, key=lambda number: -before[number])[:MISSED]
     if len(starts) > most:
-        starts = [x for _, x in _ordered(model, campaign.of(worst), starts, last, before)][:most]
-    return _ordered(model, campaign, starts, last, before)
+        starts = [x for _, x in _ordered(model, campaign.of(worst), starts, last, before, limit)][:most]
+    return _ordered(model, campaign, starts, last, before, limit)
 
 
 def _ordered(
-    model: Model, campaign: Campaign, starts: list[Array], last: Solutions, before: Mapping[int, float]
+    model: Model,
+    campaign: Campaign,
+    starts: list[Array],
+    last: Solutions,
+    before: Mapping[int, float],
+    limit: float,
 ) -> list[tuple[float, Array]]:
     known = {number: before[number] for number in campaign.numbers if number in before}
     found = []
     for x in starts:
         try:
-            solutions = campaign.solve(model.rig(x), last)
+            chi2 = _chi2_up_to(limit, campaign, model.rig(x), last, known)
         except FAILURES:
             continue
-        if solutions:
-            found.append((float(sum((known | campaign.chi2(solutions)).values())), x))
+        if chi2 is not None:
+            found.append((chi2, x))
     if not found:
         raise ConvergenceError(f"{model.label}: no start has steady states")
     return sorted(found, key=lambda pair: pair[0])
+
+
+def _chi2_up_to(
+    limit: float, campaign: Campaign, rig: AnyRig, last: Solutions, before: Mapping[int, float]
+) -> float | None:
+    """Chi2 of records at a rig, those not found as before; None where none is. Beyond the limit no more are sought."""
+    chi2, total = dict(before), None
+    for number, solution in campaign.solved_in_turn(rig, last):
+        chi2 |= campaign.chi2({number: solution})
+        total = float(sum(chi2.values()))
+        if total > limit:
+            break
+    return total

@@ -35,12 +35,20 @@ def steady_together(
     rig: AnyRig, basis: FourierBasis, records: Sequence[Record], starts: Sequence[State | None]
 ) -> Iterator[PeriodicSolution | None]:
     """Steady states of records, as :func:`hbm.outputerror.simulated.steady`."""
-    solutions: dict[int, PeriodicSolution] = {}
+    found = dict(steady_in_turn(rig, basis, records, starts))
+    return (found[i] for i in range(len(records)))
+
+
+def steady_in_turn(
+    rig: AnyRig, basis: FourierBasis, records: Sequence[Record], starts: Sequence[State | None]
+) -> Iterator[tuple[int, PeriodicSolution | None]]:
+    """The same with the place of each record: first those found together, then the others, which take longer."""
     found = _solved(rig, basis, records, starts)
+    which = [] if found is None else found.which.tolist()
     if found is not None:
-        solutions = {int(i): _described(found, at) for at, i in enumerate(found.which)}
-    for i, (record, start) in enumerate(zip(records, starts, strict=True)):
-        yield solutions[i] if i in solutions else steady(rig, basis, record, start)
+        yield from ((i, _described(found, at)) for at, i in enumerate(which))
+    for i in sorted(set(range(len(records))).difference(which)):
+        yield i, steady(rig, basis, records[i], starts[i])
 
 
 def simulated_together(
