@@ -10,18 +10,21 @@ import numpy as np
 import pytest
 
 import hbm.diagnosis.quickfits as quickfits
+import hbm.diagnosis.signatures as signatures
 import hbm.outputerror.campaign as records
 import hbm.outputerror.records as records_of_spectra
+import hbm.outputerror.together as together
 from continuation import ConvergenceError
 from hbm import load_rig, load_spectra
 from hbm.diagnosis.candidates import fit_candidates
 from hbm.diagnosis.decide import evidence
 from hbm.diagnosis.order import ROOM, drifts_beyond_rooms, drifts_within_levels
 from hbm.diagnosis.restart import led_to
-from hbm.diagnosis.screen import screen, small
+from hbm.diagnosis.screen import coarse, screen, small
+from hbm.diagnosis.signatures import scores
 from hbm.fourier import FourierBasis
 from hbm.outputerror.evaluation import evaluate
-from hbm.outputerror.fit import Descent, begun_at, descended, fit_model, found_again
+from hbm.outputerror.fit import Descent, begun_at, best_start, descended, fit_model, found_again
 from hbm.outputerror.measured import campaign_of
 from hbm.outputerror.model import Model
 from hbm.outputerror.numerics import Grid, Numerics
@@ -32,6 +35,7 @@ from hbm.sensitivity.scalars import FORCE
 from models.causes.clamp import ClampFriction
 from models.causes.parameter import WrongParameter
 from models.causes.records import ForceDistortion, NotSteady, ParameterDrift
+from models.causes.structure import AttachedResonator
 from models.parts import Drift
 from models.published import paper_rig
 from tests.truth import Coulomb, Settings, Tone, measure, scattered, simulate_records, table_1, write_rig, write_spectra
@@ -370,6 +374,45 @@ def test_steps_that_are_gone_on_with_are_those_taken_at_once(measured):
         further = descended(first, data, {}, 8)
         assert (further.taken, further.ended) == (whole.taken, whole.ended)
         np.testing.assert_array_equal(further.here.x, whole.here.x)
+
+
+def test_of_a_start_beyond_use_not_all_records_are_solved(measured, monkeypatch):
+    """The others are told to the last digit, and one that is of no use is behind them."""
+    rig, data = measured
+    last = evaluate(Model(rig, {}), data, Model(rig, {}).start, {}).solutions
+    model = Model(rig, {}, (DRIFT,))
+    _, high = model.bounds()
+    starts, asked = [model.start, 0.5 * (model.start + high)], list[int]()
+    solve = together.steady
+
+    def counted(rig, basis, record, start):
+        asked.append(record.number)
+        return solve(rig, basis, record, start)
+
+    monkeypatch.setattr(together, "steady", counted)
+    whole = best_start(model, data, starts, last)
+    assert len(asked) == 2 * len(data.numbers) and whole[1][0] > 3.0 * whole[0][0]
+    asked.clear()
+    limit = 1.1 * whole[0][0]
+    limited = best_start(model, data, starts, last, limit=limit)
+    assert limited[0][0] == whole[0][0] and limit < limited[1][0] <= whole[1][0]
+    assert [x is y for (_, x), (_, y) in zip(limited, whole, strict=True)] == [True, True]
+    assert len(data.numbers) < len(asked) < 2 * len(data.numbers)
+
+
+def test_resonators_without_mass_are_scored_as_each_alone(measured, monkeypatch):
+    """Whatever others are in the same rig."""
+    rig, data = measured
+    base = evaluate(Model(rig, {}), data, Model(rig, {}).start, {})
+    few, resonator = coarse(data, data.numbers), AttachedResonator()
+    beside = scores(base, few, [resonator])
+    monkeypatch.setattr(signatures, "MOST_RESONATORS", 1)
+    alone = scores(base, few, [resonator])
+    assert len(beside) == len(alone) > 2 * 6
+    strong = max(s.drop for s in alone)
+    for one, other in zip(alone, beside, strict=True):
+        assert other.drop == pytest.approx(one.drop, rel=1e-2, abs=1e-3 * strong)
+        assert float(one.signature @ other.signature) == pytest.approx(1.0, abs=1e-4)
 
 
 def test_no_quick_fit_is_made_again(measured, monkeypatch):

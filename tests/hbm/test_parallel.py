@@ -1,0 +1,65 @@
+"""Work that this process shares with others: each item is done once, here or there, and results keep their order."""
+
+import os
+import time
+
+import pytest
+
+from hbm.parallel import Helped, all_cores, each
+
+
+def where(item: int) -> tuple[int, int]:
+    """The item, and the process that does it, which takes some time."""
+    time.sleep(0.02)
+    return item, os.getpid()
+
+
+def inverse(x: float) -> float:
+    time.sleep(0.02)
+    return 1.0 / x
+
+
+def slow_to_start() -> None:
+    time.sleep(1.0)
+
+
+def started(executor: Helped) -> int:
+    """The other process, once it runs."""
+    return executor.submit(os.getpid).result()
+
+
+def test_items_are_done_here_and_there_and_stay_in_order() -> None:
+    with Helped(1) as executor:
+        other = started(executor)
+        found = list(executor.map(where, range(12)))
+    assert [item for item, _ in found] == list(range(12))
+    assert {process for _, process in found} == {os.getpid(), other}
+
+
+def test_one_item_is_done_here() -> None:
+    with Helped(1) as executor:
+        started(executor)
+        assert list(executor.map(where, [5])) == [(5, os.getpid())]
+        assert list(executor.map(where, [])) == []
+
+
+def test_nothing_waits_for_a_process_to_start() -> None:
+    with Helped(1, slow_to_start) as executor:
+        assert each(executor, where, range(3)) == [(i, os.getpid()) for i in range(3)]
+
+
+@pytest.mark.parametrize("at", [0, 3])
+def test_an_error_is_raised_wherever_it_is(at: int) -> None:
+    values = [1.0] * 4
+    values[at] = 0.0
+    with Helped(1) as executor:
+        started(executor)
+        with pytest.raises(ZeroDivisionError):
+            list(executor.map(inverse, values))
+
+
+def test_one_core_needs_no_other_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hbm.parallel.cores", lambda: 1)
+    with all_cores() as executor:
+        assert executor is None
+    assert each(None, inverse, [2.0]) == [0.5]
