@@ -7,8 +7,9 @@ import os
 import pickle
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, InvalidStateError, ProcessPoolExecutor
-from contextlib import contextmanager
+from concurrent.futures import Executor, Future, InvalidStateError, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from functools import cache, lru_cache, partial, wraps
 from multiprocessing import get_context, parent_process
 from typing import Any, ParamSpec, TypeVar, cast
@@ -74,14 +75,24 @@ class Helped(ProcessPoolExecutor):
     def map(
         self, fn: Callable[..., Result], *iterables: Iterable[Any], timeout: float | None = None, chunksize: int = 1
     ) -> Iterator[Result]:
-        """As the executor's; the last item is done here, and of the others those that no process has taken by then."""
-        if not all(start.done() for start in self._started):
-            return map(fn, *iterables)
+        """As the executor's; the last item is done here, and of the others those that no process has taken by then.
+
+        What a process had taken that was killed, as a system does that is short of memory, is done here too.
+        """
         items = list(zip(*iterables, strict=True))
-        there = [self.submit(fn, *item) for item in items[:-1]]
-        here = {len(items) - 1: fn(*items[-1])} if items else {}
+        there: list[Future[Result]] = []
+        if all(start.done() for start in self._started):
+            with suppress(BrokenProcessPool):
+                there += [self.submit(fn, *item) for item in items[:-1]]
+        here = {i: fn(*items[i]) for i in range(len(there), len(items))}
         here |= {i: fn(*items[i]) for i in reversed(range(len(there))) if there[i].cancel()}
-        return (here[i] if i in here else there[i].result(timeout) for i in range(len(items)))
+        for i, future in enumerate(there):
+            if i not in here:
+                try:
+                    here[i] = future.result(timeout)
+                except BrokenProcessPool:
+                    here[i] = fn(*items[i])
+        return iter([here[i] for i in range(len(items))])
 
 
 @contextmanager

@@ -58,6 +58,20 @@ def test_an_error_is_raised_wherever_it_is(at: int) -> None:
             list(executor.map(inverse, values))
 
 
+def ends_elsewhere(item: int, process: int) -> int:
+    """The item; in any other process than this one no more than its end."""
+    if os.getpid() != process:
+        os._exit(1)
+    return item
+
+
+def test_what_a_process_had_taken_that_was_killed_is_done_here() -> None:
+    with Helped(1) as executor:
+        started(executor)
+        for _ in range(2):  # the second time there is none any more
+            assert list(executor.map(ends_elsewhere, range(6), [os.getpid()] * 6)) == list(range(6))
+
+
 def test_one_core_needs_no_other_process(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hbm.parallel.cores", lambda: 1)
     with all_cores() as executor:
