@@ -82,20 +82,24 @@ def support_change(rig: Rig, keys: tuple[str, ...]) -> SpringPort | None:
 def _port_change(rig: Rig, keys: tuple[str, ...], at: int, spring: str) -> SpringPort:
     """Derivatives of the port of a spring with a key, at a coordinate, p parameters first."""
     stiffness = float(rig.layout.scalars()[spring])
-    changes = [
-        rig.reduction.port_change(_assembly_change(rig, key), at, stiffness, float(key == spring)) for key in keys
-    ]
+    own, still = _assembly_changes(rig, keys), _still(rig)
+    changes = [rig.reduction.port_change(own.get(key, still), at, stiffness, float(key == spring)) for key in keys]
     if VARIATION in keys:  # of the reaction alone
         whole = replace(rig, contact=replace(rig.contact, load_variation=1.0)).reduction.port(at, stiffness)
         changes[keys.index(VARIATION)].residual[-1] = whole.residual[-1]
     return SpringPort(*(np.array(parts) for parts in zip(*changes, strict=True)))
 
 
-def _assembly_change(rig: Rig, key: str) -> Assembly:
-    """Derivative of the assembly of a beam to a number of the rig, zero to those that it does not depend on."""
-    places = dict(zip(rig.layout_keys, rig.layout.scalars(), strict=True))
-    if key in places:
-        return assembled_changes(rig.layout, residual=rig.contact.residual_compliance)[places[key]]
+def _assembly_changes(rig: Rig, keys: tuple[str, ...]) -> dict[str, Assembly]:
+    """Derivatives of the assembly of a beam to those of some numbers of the rig that it depends on."""
+    places = {} if rig.beam is None else dict(zip(rig.layout_keys, rig.layout.scalars(), strict=True))
+    own = [key for key in keys if key in places]
+    changes = assembled_changes(rig.layout, residual=rig.contact.residual_compliance) if own else {}
+    return {key: changes[places[key]] for key in own}
+
+
+def _still(rig: Rig) -> Assembly:
+    """A change of nothing in the assembly of a rig."""
     return Assembly(*(np.zeros_like(part) for part in rig.reduction.assembly))
 
 
@@ -123,16 +127,13 @@ def structure_change(rig: Rig, keys: tuple[str, ...]) -> StructureChange:
     >>> (by_E.diagonal() / rig.structure.omega_n**2).round(12)
     array([1., 1., 1., 1., 1.])
     """
-    reduction = rig.reduction
-    still = Assembly(*(np.zeros_like(part) for part in reduction.assembly))
-    places = {} if rig.beam is None else dict(zip(rig.layout_keys, rig.layout.scalars(), strict=True))
+    reduction, own, still = rig.reduction, _assembly_changes(rig, keys), _still(rig)
     nothing: list[StructureChange] = []  # the same for all that change nothing
 
     def change(key: str) -> StructureChange:
         table, _, name = key.partition(".")
-        if key in places:
-            changes = assembled_changes(rig.layout, residual=rig.contact.residual_compliance)
-            return reduction.change(changes[places[key]])
+        if key in own:
+            return reduction.change(own[key])
         if key == VARIATION:
             return reduction.change_of_load_variation(still)
         if table == "damping" and name in DAMPING:

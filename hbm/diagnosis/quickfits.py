@@ -144,7 +144,7 @@ class QuickFits:
         seen = [missed for missed in self._missed.values() if missed > MISSED]
         return float(np.median(seen)) if seen else 1.0
 
-    @property
+    @cached_property
     def before(self) -> float:
         """Chi2 of these records before, as they weigh."""
         points = {n: int(np.sum(self.base.white.record == n)) for n in self._numbers}
@@ -180,8 +180,7 @@ class QuickFits:
     ) -> list[Candidate | None]:
         """Candidates where they stand, None where there is no fit; those that do not get to a chi2 of use end early."""
         self._compare(scores)
-        before = self.before
-        near = [_near(self._quick, before, s, self.compared[s.cause.label], most) for s in scores]
+        near = [_near(self._quick, self.before, s, self.compared[s.cause.label], most) for s in scores]
         begun = [{(s.cause.label, x.tobytes()): (s.cause, x) for x in xs} for s, xs in zip(scores, near, strict=True)]
         self._step({key: start for starts in begun for key, start in starts.items()}, steps, reach)
         descents = [[self.descents[key] for key in starts] for starts in begun]
