@@ -19,6 +19,11 @@ SUPPORT_STIFFNESS = "attachments.support_stiffness"
 LOAD = "contact.normal_load"
 
 
+def is_of_contact(key: str) -> bool:
+    """Whether a number is the load or one of the friction law: the structure does not know it."""
+    return key == LOAD or key.startswith("contact.friction.")
+
+
 class Scalar(NamedTuple):
     """A number of a rig and its unit."""
 

@@ -1,8 +1,8 @@
 """Balances of one rig with one contact at several frequencies and forces, solved together.
 
 What is worked out for each of them alone takes some hundred small operations; here records stand on a leading axis, and
-the same operations serve all. The equations are those of :class:`hbm.balance.equations.Balance`. Rigs whose elements
-act, whose clamp slips or whose tip lifts off are solved one by one.
+the same operations serve all. The equations are those of :class:`hbm.balance.equations.Balance`. Rigs with elements all
+along the beam, and those whose tip lifts off, are solved one by one.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,9 +12,14 @@ import numpy as np
 import numpy.typing as npt
 
 from hbm.aft.force import ContactForce, InputChange
+from hbm.balance.clamp import ClampChange
+from hbm.balance.places import Given, Places
 from hbm.balance.problem import HarmonicBalance, Kinematics
+from hbm.balance.slipping import slipping
 from hbm.channels import factor
 from hbm.fourier import Array
+from models.change import is_of_contact
+from models.elements import Reading
 from models.jointed import AnyRig
 from models.parts import Channel
 from models.rig import Rig
@@ -23,9 +28,11 @@ Which = npt.NDArray[np.intp]
 
 
 def is_batched(rig: AnyRig) -> TypeGuard[Rig]:
-    """Whether records of a rig can be solved together: its contact alone is nonlinear, and it is the same in all."""
-    same = not (rig.drift or rig.excitation.measured_harmonics)
-    return same and isinstance(rig, Rig) and not rig.acting and rig.attachments.clamp_limit is None
+    """Whether records of a rig can be solved together: nonlinear at single places, where alone it may drift."""
+    if not isinstance(rig, Rig) or rig.excitation.measured_harmonics:
+        return False
+    at_places = all(e.reads is Reading.POINT for e in rig.acting)
+    return at_places and all(is_of_contact(drift.parameter) for drift in rig.drift)
 
 
 def some(values: Array, which: Which | None) -> Array:
@@ -64,6 +71,8 @@ class Seen(NamedTuple):
         Balance of forces on each mode, and on the contact [N].
     norm : (R,) array
         The largest of these in the units of the residual.
+    given : (R, 2H+1, j) array
+        What places give that give way.
     """
 
     Gq: Array
@@ -72,11 +81,13 @@ class Seen(NamedTuple):
     modal: Array
     contact: Array
     norm: Array
+    given: Array
 
     def of(self, which: Any) -> "Seen":
         """What some of them do."""
         pull = None if self.pull is None else self.pull[which]
-        return Seen(self.Gq[which], pull, self.signals[which], self.modal[which], self.contact[which], self.norm[which])
+        parts = self.signals, self.modal, self.contact, self.norm, self.given
+        return Seen(self.Gq[which], pull, *(part[which] for part in parts))
 
 
 class Slopes(NamedTuple):
@@ -105,7 +116,7 @@ class Batch:
     Parameters
     ----------
     problems : sequence of HarmonicBalance
-        Of one rig; they differ in their level alone.
+        Of one rig; they differ in their level, and in what their contact is like.
     hz : (R,) array
         Frequency of each.
     """
@@ -117,18 +128,21 @@ class Batch:
         s, basis = self.structure, self.basis
         self.Omega = 2 * np.pi * hz[:, None]
         self.force = np.array([p.level for p in problems])[:, None] * first.force_shape
+        self.load = np.array([p.environment.load for p in problems])
         self.modal_unit = np.array([p.modal_force_ref for p in problems])
         self.q_unit = np.array([p.q_ref for p in problems])
         self.contact_unit = np.array([p.F_ref for p in problems])
         rate = self.Omega[:, :, None]
         self.direct = s.omega_n**2 - (rate * basis.k[:, None]) ** 2
         self._marched: list[Array] = [np.empty(0)] * len(problems)
+        self.places = Places.of(first)
+        self._given = [Given(np.empty((0, 0)), None, None)] * len(problems)
         self.crossed = rate * (basis.signed_k[:, None] * s.damping)
 
     def of(self, which: Which) -> "Batch":
         """Those of some records."""
         others = Batch([self.problems[i] for i in which], self.hz[which])
-        others._marched = [self._marched[i] for i in which]
+        others._marched, others._given = ([known[i] for i in which] for known in (self._marched, self._given))
         return others
 
     # ---- the equations
@@ -151,6 +165,11 @@ class Batch:
         """Change of the friction of record `i`, where it was marched last, at the samples (N_t, p)."""
         problem = self.problems[i]
         return problem.law.along(self._marched[i], float(self.Omega[i, 0]), problem.environment, change)
+
+    def slid_along(self, i: int, change: ClampChange) -> Array:
+        """Derivatives (2H+1, p) of what is slid in the clamp of record `i`, where it was looked at last."""
+        clamp, motion = slipping(self.problems[i], self._given[i].clamp)
+        return clamp.along(motion, float(self.Omega[i, 0]), change)
 
     def turned(self, Q: Array, which: Which | None = None) -> Array:
         """Dynamic stiffness times motions (R, 2H+1, n) or (R, 2H+1, n, p)."""
@@ -185,15 +204,21 @@ class Batch:
         if first.dynamic_lagrangian:
             u -= first.dynamic_lagrangian * T
         u += s.residual.slip_by_force * force
-        signals[..., 1] = Omega * basis.signed_k * u[:, basis.swapped]
         if first.varies:
             signals[..., 2] = self.reaction_of(rows[..., 1:4], which) - s.reaction.force_share * force
             signals[..., 3] = rows[..., 4]
             signals[:, 0, 3] -= s.reaction.friction_lever
-        signals[:, 0, 2] += first.rig.contact.normal_load
+        signals[:, 0, 2] += some(self.load, which)
         modal = self.turned(Q, which) - T[..., None] * s.slip_row - force[..., None] * s.excitation
         if pull is not None:
             modal += pull
+        given = self._gives(motions, which)
+        if self.places:
+            pushed = given[..., None]
+            u += self.places.onto(0, pushed)[..., 0]
+            signals[..., 2] += self.places.onto(-1, pushed)[..., 0]
+            modal -= self.places.onto_modes(pushed)[..., 0]
+        signals[..., 1] = Omega * basis.signed_k * u[:, basis.swapped]
         # record by record, as all products here: what one is does not depend on the others, to the last bit
         marched = [basis.analysis @ self.law(i, signals[at]) for at, i in enumerate(which)]
         contact = T - np.stack(marched)
@@ -201,7 +226,28 @@ class Batch:
             np.abs(modal).max(axis=(1, 2)) / some(self.modal_unit, which),
             np.abs(contact).max(axis=1) / some(self.contact_unit, which),
         )
-        return Seen(Gq, pull, signals, modal, contact, norm)
+        return Seen(Gq, pull, signals, modal, contact, norm, given)
+
+    def _gives(self, motions: Motions, which: Which) -> Array:
+        """What the places of some records give, (R, 2H+1, j)."""
+        if not self.places:
+            return np.zeros((*motions.T.shape, 0))
+        for at, i in enumerate(which):
+            self._given[i] = self._at(i, motions.Q[at], motions.T[at])
+        return np.stack([self._given[i].series for i in which])
+
+    def _at(self, i: int, Q: Array, T: Array) -> Given:
+        return self.places.given(self.problems[i], Q, T, self.force[i], float(self.Omega[i, 0]))
+
+    def yielding(self, which: Which, motions: Motions, seen: Seen) -> Array:
+        """Derivative (R, 2H+1, j, 2H+1, j) of what places give to what they read."""
+        slopes = []
+        for at, (i, Q) in enumerate(zip(which, motions.Q, strict=True)):
+            given = self._given[i]
+            if not np.array_equal(given.series, seen.given[at]):
+                given = self._at(i, Q, motions.T[at])
+            slopes.append(self.places.slope(self.problems[i], given, Q, self.force[i], float(self.Omega[i, 0])))
+        return np.stack(slopes)
 
     def law(self, i: int, signals: Array) -> Array:
         """Friction of record `i` at the samples (N_t,), for signals (2H+1, 4)."""
@@ -210,7 +256,8 @@ class Batch:
 
     def kinematics(self, i: int, seen: Seen) -> Kinematics:
         """Of record `i`, whose law was marched there last."""
-        return Kinematics(seen.Gq[i], None if seen.pull is None else seen.pull[i], self._marched[i])
+        pull, given = None if seen.pull is None else seen.pull[i], self._given[i]
+        return Kinematics(seen.Gq[i], pull, self._marched[i], given.elements, given.clamp)
 
     def slopes(self, signals: Array, which: Which) -> tuple[Slopes, Array]:
         """Derivatives of the friction of some records to their signals (R, 2H+1, 4), and to Omega, (R, 2H+1)."""

@@ -43,6 +43,10 @@ class Matrices:
         self._core = np.empty((R, c, c))
         self._factored: list[tuple[Which, Array, npt.NDArray[Any]]] = [(np.empty(0, dtype=int),) * 3] * R
         self._slopes = Slopes(None, None, None)
+        j = len(batch.places)
+        self.yielding = np.zeros((R, c, j, c, j))
+        self._by_given = np.zeros((R, c, s.n, c * j)), np.zeros((R, c, c * j))
+        self._given = np.zeros((R, c * j, c * j))
         self.known = np.zeros(R, dtype=bool)
 
     def of(self, which: Which) -> "Matrices":
@@ -52,10 +56,12 @@ class Matrices:
         others._core, others._factored = self._core[which], [self._factored[i] for i in which]
         others.known = self.known[which]
         others._slopes = self._slopes.at(which)
+        others.yielding, others._given = self.yielding[which], self._given[which]
+        others._by_given = self._by_given[0][which], self._by_given[1][which]
         return others
 
-    def work_out(self, which: Which, seen: Seen, T: Array) -> None:
-        """Those of some records, at their states."""
+    def work_out(self, which: Which, seen: Seen, motions: Motions) -> None:
+        """Those of some records, at their states, which were looked at last."""
         batch, m, first = self.batch, self.m, self.batch.first
         basis, size, k = batch.basis, batch.basis.size, len(which)
         slopes, _ = batch.slopes(seen.signals, which)
@@ -74,13 +80,40 @@ class Matrices:
             if first.varies:
                 law += self._law_by_rows(which, slopes)
             self._law_by_coupled[which] = law
-            by_T = basis.multiplication(np.ascontiguousarray(T.T))
+            by_T = basis.multiplication(np.ascontiguousarray(motions.T.T))
             for at, i in enumerate(which):
                 self._factored[i] = factored(first, self._stiffness[i], by_T[..., at])
             of = self._solve_coupled(which, slip.transpose(0, 1, 3, 2)).reshape(k, size * m, size)
             self._coupled_of[which] = of
             core -= law @ of
         self._core[which], self.known[which] = core, True
+        self._work_out_places(which, seen, motions)
+
+    def _work_out_places(self, which: Which, seen: Seen, motions: Motions) -> None:
+        """What places that give way add to them: solutions with what these give held, and how it feeds itself."""
+        places = self.batch.places
+        if not places:
+            return
+        yielding = self.batch.yielding(which, motions, seen)
+        c, j = yielding.shape[1:3]
+        self.yielding[which] = yielding
+        self._given[which] = np.eye(c * j)
+        acting = which[yielding.any(axis=(1, 2, 3, 4))]
+        if not len(acting):
+            return
+        unit = np.eye(c * j).reshape(c, j, c * j)
+        given = np.broadcast_to(unit, (len(acting), *unit.shape))
+        u, rho = places.onto(0, given), places.onto(-1, given)
+        contact = self._slopes.at(acting).of(u, rho, np.zeros_like(u))
+        Q, T = self._held(acting, places.onto_modes(given), contact)
+        self._by_given[0][acting], self._by_given[1][acting] = Q, T
+        self._given[acting] -= self._gives(acting, Q, T)
+
+    def _gives(self, which: Which, Q: Array, T: Array) -> Array:
+        """Change ((2H+1) j, p) of what the places of some records give with their motions and friction."""
+        read = self.batch.places.read(Q, T)
+        slope = self.yielding[which].reshape(len(which), *self._given.shape[1:])
+        return np.asarray(slope @ read.reshape(len(which), slope.shape[2], -1))
 
     def _law_by_rows(self, which: Which, slopes: Slopes) -> Array:
         """Change of the law's force coefficients with the coupled modes through the reaction, (R, 2H+1, (2H+1) m)."""
@@ -137,6 +170,18 @@ class Matrices:
 
     def solve(self, which: Which, modal: Array, contact: Array) -> tuple[Array, Array]:
         """Motion (R, 2H+1, n, p) and friction (R, 2H+1, p) whose balances are these, of the same shapes."""
+        motion, dT = self._held(which, modal, contact)
+        yields = np.flatnonzero(self.yielding[which].any(axis=(1, 2, 3, 4)))
+        if len(yields):
+            those = which[yields]
+            given = np.linalg.solve(self._given[those], self._gives(those, motion[yields], dT[yields]))
+            by_Q, by_T = (part[those] for part in self._by_given)
+            motion[yields] += (by_Q.reshape(len(those), -1, by_Q.shape[3]) @ given).reshape(motion[yields].shape)
+            dT[yields] += by_T @ given
+        return motion, dT
+
+    def _held(self, which: Which, modal: Array, contact: Array) -> tuple[Array, Array]:
+        """The same with what places give held."""
         m, batch, k = self.m, self.batch, len(which)
         motion, core = np.empty(modal.shape), contact.copy()
         if m:
@@ -194,7 +239,7 @@ def solve(batch: Batch, start: Motions, steps: int) -> Solved:
         which = np.flatnonzero(going)
         new = stale[which]
         if new.any():
-            matrices.work_out(which[new], seen.of(which[new]), motions.T[which[new]])
+            matrices.work_out(which[new], seen.of(which[new]), motions.of(which[new]))
             left[which[new]] -= 1
         dQ, dT = matrices.solve(which, -seen.modal[which, ..., None], -seen.contact[which, ..., None])
         trial = Motions(motions.Q[which] + dQ[..., 0], motions.T[which] + dT[..., 0])

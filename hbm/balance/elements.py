@@ -351,23 +351,25 @@ class ElementsOverPeriod:
         evaluate, found = buffered(self._functions.change, self._inputs)
         evaluate()
         slopes, places = [k.reshape(basis.N_t, -1) for k in found], self._functions.places
-        out, onto = np.zeros((basis.size, len(self.rows), len(change.Omega))), np.eye(len(self.rows))
+        out = np.zeros((len(self.rows), basis.size, len(change.Omega)))
         for k, (row, column), moved in zip(
             slopes[2:], places[2:], (change.rows.weight.T, change.parameters), strict=True
         ):
-            out += np.einsum("ke,ep,er->krp", basis.analysis @ k, moved[column], onto[row], optimize=True)
+            np.add.at(out, row, (basis.analysis @ k).T[:, :, None] * moved[column][:, None])
         faster = basis.derivative(Q @ self.rows.T)
         reads = change.rows.static[:, :, 0]
         touched = rows.any(axis=2) | (change.Omega != 0.0)[:, None] | (reads != 0.0)
         touched |= np.outer(change.force.any(axis=0), self.static[:, 0] != 0.0)
         for p in np.flatnonzero(touched.any(axis=1)):
-            seen = Q @ rows[p].T
-            d_y = basis.synthesis @ (seen + np.outer(F, reads[p]) + np.outer(change.force[:, p], self.static[:, 0]))
-            d_y_t = basis.synthesis @ (Omega * basis.derivative(seen) + change.Omega[p] * faster)
-            for k, (row, column), d in zip(slopes[:2], places[:2], (d_y, d_y_t), strict=True):
+            at = np.flatnonzero(touched[p])  # what is read along a row moves the force along few others
+            seen = Q @ rows[p, at].T
+            y = seen + np.outer(F, reads[p, at]) + np.outer(change.force[:, p], self.static[at, 0])
+            y_t = Omega * basis.derivative(seen) + change.Omega[p] * faster[:, at]
+            for k, (row, column), d in zip(slopes[:2], places[:2], (y, y_t), strict=True):
                 here = touched[p, column]
-                out[:, :, p] += basis.analysis @ (k[:, here] * d[:, column[here]]) @ onto[row[here]]
-        return out
+                moved = k[:, here] * (basis.synthesis @ d)[:, np.searchsorted(at, column[here])]
+                np.add.at(out[:, :, p], row[here], (basis.analysis @ moved).T)
+        return np.ascontiguousarray(out.transpose(1, 0, 2))
 
 
 @dataclass(frozen=True)

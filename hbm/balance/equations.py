@@ -64,13 +64,17 @@ class Balance(Scaled[Rig]):
         rig, basis, s = self.rig, self.basis, self.structure
         self.take(s)
         self.elements = ElementsOverPeriod(rig, basis) if rig.acting else None
-        port, limit = rig.clamp, rig.attachments.clamp_limit
-        self.clamp = None if port is None or limit is None else ClampOverPeriod(port, float(limit), basis)
+        self.clamp = self._slipping()
         self.law = LawOverPeriod(rig.contact.law, basis)
         self.environment, self.dynamic_lagrangian = self._environment(rig, like)
         self._blocks: dict[bytes, DenseBlock] = {}
         self.coupling = rig.contact.normal_load * np.diag(s.shortening)
         self.coupled = self._coupled_modes()
+
+    def _slipping(self) -> ClampOverPeriod | None:
+        """The clamp; None where it does not slip."""
+        port, limit = self.rig.clamp, self.rig.attachments.clamp_limit
+        return None if port is None or limit is None else ClampOverPeriod(port, float(limit), self.basis)
 
     def take(self, structure: ModalStructure) -> None:
         """Set the structure, with what is the same of it in all states."""
@@ -81,17 +85,19 @@ class Balance(Scaled[Rig]):
         self._crossed = self.basis.signed_k[:, None] * structure.damping
         self._turn: tuple[float, Turn | None] = (0.0, None)
 
-    def with_law_of(self, rig: Rig) -> Self:
-        """Return the same balance with the law's parameters of a rig that differs in nothing else."""
+    def with_contact_of(self, rig: Rig) -> Self:
+        """Return the same balance with the law's parameters and the load of a rig that differs in nothing else."""
         values = np.array([float(v) for v in parameters(rig.contact.law).values()])
         other = copy(self)
-        other.rig, other.environment = rig, replace(self.environment, parameters=values)
+        other.rig = rig
+        other.environment = replace(self.environment, parameters=values, load=rig.contact.normal_load)
         return other
 
     def at_level(self, level: float) -> Self:
         """Return the same balance with another force amplitude [N], in its units."""
         other = copy(self)
         other.level, other.law = level, LawOverPeriod(self.rig.contact.law, self.basis)
+        other.clamp = self._slipping()
         other._in_units(other._units())
         return other
 

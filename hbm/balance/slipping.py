@@ -81,7 +81,7 @@ class SlidRotation:
 
     def __init__(self, problem: Balance, state: State, kin: Kinematics, contact: ContactForce) -> None:
         self._problem, self._contact = problem, contact
-        self._clamp, motion = _slipping(problem, kin)
+        self._clamp, motion = slipping(problem, kin.clamp)
         self.slid = self._clamp.slope(motion, state.Omega)
 
     @cached_property
@@ -199,7 +199,7 @@ class SlippingBalance:
         return self.held.determinant_sign(row, row_lam) * self._yielded(row, row_lam).factors.sign
 
 
-def _slipping(problem: Balance, kin: Kinematics) -> tuple[ClampOverPeriod, ClampMotion]:
+def slipping(problem: Balance, motion: ClampMotion | None) -> tuple[ClampOverPeriod, ClampMotion]:
     """Clamp and its motion.
 
     Raises
@@ -207,6 +207,6 @@ def _slipping(problem: Balance, kin: Kinematics) -> tuple[ClampOverPeriod, Clamp
     ValueError
         If the clamp does not slip.
     """
-    if problem.clamp is None or kin.clamp is None:
+    if problem.clamp is None or motion is None:
         raise ValueError(f"{problem.rig.name}: no clamp that slips")
-    return problem.clamp, kin.clamp
+    return problem.clamp, motion

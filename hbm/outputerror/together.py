@@ -63,7 +63,7 @@ def simulated_together(
     done: dict[int, Simulated] = {}
     found = _solved(rig, basis, records, starts)
     if found is not None:
-        done = _differentiated(found, data, keys, [records[i] for i in found.which])
+        done = _differentiated(rig, found, data, keys, [records[i] for i in found.which])
     for i, (record, start) in enumerate(zip(records, starts, strict=True)):
         yield done[i] if i in done else simulated(rig, basis, data, keys, record, start)
 
@@ -83,8 +83,10 @@ def _solved(
     if not records or not is_batched(rig):
         return None
     try:
-        first = HarmonicBalance(rig, basis, level=records[0].force_on(rig))
-        problems = [first, *(first.at_level(r.force_on(rig)) for r in records[1:])]
+        rigs = [rig.at_record(record.number) for record in records]
+        balance = HarmonicBalance(rig, basis)
+        its_own = zip(map(balance.with_contact_of, rigs), records, strict=True)
+        problems = [own.at_level(record.force_on(rig)) for own, record in its_own]
         batch = Batch(problems, np.array([r.hz for r in records]))
         given = zip(batch.problems, records, starts, strict=True)
         begin = [_on(problem, _first_start(rig, r, start)) for problem, r, start in given]
@@ -119,10 +121,9 @@ def _described(found: _Found, i: int) -> PeriodicSolution:
 
 @one_thread
 def _differentiated(
-    found: _Found, data: Measurement, keys: tuple[str, ...], records: Sequence[Record]
+    rig: AnyRig, found: _Found, data: Measurement, keys: tuple[str, ...], records: Sequence[Record]
 ) -> dict[int, Simulated]:
     """Records found, with derivatives to keys; without those that have none."""
-    rig = found.solved.batch.first.rig
     in_records = [in_record(rig, keys, record) for record in records]
     own = in_records[0][0]
     try:
@@ -133,17 +134,18 @@ def _differentiated(
     p, done = len(own), {}
     for i in np.flatnonzero(by.solved).tolist():
         record, by_keys, solution = records[i], in_records[i][1], _described(found, i)
-        spare = spare_friction(rig, solution)
+        here = found.solved.batch.problems[i].rig
+        spare = spare_friction(here, solution)
         pushed = {name: series[i][:, None] for name, series in by.by_mean.items()}
         try:
-            left = left_by_transients(rig, solution, data)
+            left = left_by_transients(here, solution, data)
         except FAILURES:
             continue
         done[int(found.which[i])] = Simulated(
             solution=solution,
             amplitudes=amplitudes[i],
             by_keys=slopes[i, ..., :p] @ by_keys,
-            by_force=slopes[i, ..., p - 1] * rig.excitation.gain(record.level),
+            by_force=slopes[i, ..., p - 1] * here.excitation.gain(record.level),
             by_hz=slopes[i, ..., p],
             by_tones=None,
             by_history=history(spare, pushed, solution, data) if spare > 0.0 else None,

@@ -9,11 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hbm.balance.batch import Slopes, Which
+from hbm.balance.batch import Slopes, Which, some
 from hbm.balance.batchednewton import Solved
 from hbm.channels import DERIVATIVES
 from hbm.fourier import Array
 from hbm.sensitivity.held import mixing_of, still_of
+from hbm.sensitivity.heldplaces import HeldPlaces, places_change
 from hbm.sensitivity.moving import MOST_REFINEMENTS, REFINED, SLOW
 from hbm.sensitivity.scalars import FORCE, HZ, LOAD, SENSORS, law_keys
 from models.change import structure_change
@@ -60,6 +61,7 @@ class _Held:
         fine = batch.basis.exact_products
         self._q = fine.synthesis @ self.Q
         self._drawn = fine.analysis @ ((fine.synthesis @ self.T[..., None]) * self._q)  # T q
+        self.places = HeldPlaces.of(found, keys, self.force)
         self.u, self.rho, self.eta = self._signals()
         self.modal = self._modal()
 
@@ -79,6 +81,9 @@ class _Held:
         rho -= s.reaction.force_share * self.force + force * d.force_share
         eta = Q @ d.stretch.T
         eta[:, 0] -= d.friction_lever
+        if batch.places:
+            u += self.places.onto(0)
+            rho += self.places.onto(-1)
         return u, rho, eta
 
     def _modal(self) -> Array:
@@ -97,7 +102,7 @@ class _Held:
         ):
             for j in np.flatnonzero(matrices.any(axis=(1, 2))):
                 modal[..., j] += motion @ matrices[j].T
-        return np.asarray(modal)
+        return np.asarray(modal - self.places.onto_modes() if batch.places else modal)
 
     def friction(self, slopes: Slopes, by_Omega: Array) -> Array:
         """Derivatives of the law's force coefficients, (R, 2H+1, q), by their slopes (R, 2H+1, ...) to its signals."""
@@ -114,6 +119,7 @@ class _Balance:
     def __init__(self, found: Solved, slopes: Slopes) -> None:
         self.batch = batch = found.batch
         self.slopes = slopes
+        self._yielding = batch.yielding(np.arange(len(batch.problems)), found.motions, found.seen)
         synthesis = batch.basis.exact_products.synthesis
         self._T = (synthesis @ found.motions.T[..., None])[..., None]
         self._Gq = (synthesis @ found.seen.Gq)[..., None]
@@ -132,7 +138,17 @@ class _Balance:
             modal += (fine.analysis @ pulled.reshape(R, -1, n * q)).reshape(dQ.shape)
             u -= fine.analysis @ (Gq * moved).sum(axis=2)
         rho = batch.reaction_of(rows[:, :, 1:4], which)
+        if batch.places:
+            given = self.given(which, dQ, dT)
+            modal -= batch.places.onto_modes(given)
+            u, rho = u + batch.places.onto(0, given), rho + batch.places.onto(-1, given)
         return modal, dT - self.slopes.at(which).of(u, rho, rows[:, :, 4])
+
+    def given(self, which: Which, dQ: Array, dT: Array) -> Array:
+        """Change (R, 2H+1, j, q) of what places give with the unknowns of some records."""
+        read, slope = self.batch.places.read(dQ, dT), some(self._yielding, which)
+        R, c, j, q = read.shape
+        return np.asarray(slope.reshape(R, c * j, c * j) @ read.reshape(R, c * j, q)).reshape(read.shape)
 
 
 @np.errstate(all="ignore")  # what diverges is told by `solved`
@@ -140,7 +156,7 @@ def _refined(found: Solved, balance: _Balance, modal: Array, contact: Array) -> 
     """Solve the complete balances with matrices from nearby, refined until nothing changes; and tell which were."""
     if not found.matrices.known.all():  # of those that were solved where they started
         new = np.flatnonzero(~found.matrices.known)
-        found.matrices.work_out(new, found.seen.of(new), found.motions.T[new])
+        found.matrices.work_out(new, found.seen.of(new), found.motions.of(new))
     Q, T = np.zeros_like(modal), np.zeros_like(contact)
     units = found.batch.q_unit, found.batch.contact_unit
     which, sizes = np.arange(len(modal)), np.full((len(modal), modal.shape[3]), np.finfo(float).tiny)
@@ -159,7 +175,7 @@ def _refined(found: Solved, balance: _Balance, modal: Array, contact: Array) -> 
         done = (size * np.minimum(size / before, 1.0) <= REFINED * whole).all(axis=1)
         slow = which[~done & ~renewed[which] & ~(size <= SLOW * before).all(axis=1)]
         if count and len(slow):
-            found.matrices.work_out(slow, found.seen.of(slow), found.motions.T[slow])
+            found.matrices.work_out(slow, found.seen.of(slow), found.motions.of(slow))
             renewed[slow] = True
         which = which[~done]
         if not len(which):
@@ -192,7 +208,9 @@ def changes_together(found: Solved, keys: Sequence[str], sensors: Sequence[str])
     modal = np.concatenate([-held.modal, np.zeros((*found.motions.Q.shape, 1))], axis=3)
     slopes, by_Omega = batch.slopes(found.seen.signals, np.arange(len(modal)))
     contact = np.concatenate([held.friction(slopes, by_Omega), constant], axis=2)
-    Q, T, solved = _refined(found, _Balance(found, slopes), modal, contact)
+    balance = _Balance(found, slopes)
+    Q, T, solved = _refined(found, balance, modal, contact)
+    given = balance.given(np.arange(len(Q)), Q, T)
     by_mean, (Q, T) = (Q[..., -1], T[..., -1]), (Q[..., :-1], T[..., :-1])
     own_Q, own_T = (np.zeros((*a.shape, len(keys))) for a in found.motions)
     mixing = mixing_of(held.d, batch.structure.omega_n**2)
@@ -201,8 +219,11 @@ def changes_together(found: Solved, keys: Sequence[str], sensors: Sequence[str])
     own_T[..., acting] = T
     read = _Read(found, tuple(keys), change)
     reads = [read.reads(name) for name in sensors]
-    moved = [read.changed(name, r, acting, held.force, Q, T) for name, r in zip(sensors, reads, strict=True)]
-    pushed = {name: read.pushed(name, *by_mean) for name in sensors}
+    moved = [
+        read.changed(name, r, acting, held.force, Q, T, held.places.change + given[..., :-1])
+        for name, r in zip(sensors, reads, strict=True)
+    ]
+    pushed = {name: read.pushed(name, *by_mean, given[..., -1]) for name in sensors}
     return Changes(
         np.stack(reads, axis=1),
         np.stack(moved, axis=1),
@@ -218,6 +239,7 @@ class _Read:
 
     def __init__(self, found: Solved, keys: tuple[str, ...], change: StructureChange) -> None:
         self.batch, self.keys, self.d, (self.Q, self.T) = found.batch, keys, change, found.motions
+        self.given, self.d_places = found.seen.given, places_change(self.batch.first.rig, keys)
         self.hz = self._is(HZ)
         self.sensors = {c.name: c for c in self.batch.first.rig.response_channels}
         self.places = {name: place for place, name in enumerate(self.sensors, start=2)}
@@ -230,25 +252,34 @@ class _Read:
         s = self.batch.structure
         return s.channel_rows[name], *s.residual.channels.get(name, (0.0, 0.0))
 
+    def _beyond(self, name: str) -> Array:
+        """Motion by what places give, beyond the modes, (j,)."""
+        return self.batch.places.residual[:, self.places[name]]
+
     def reads(self, name: str) -> Array:
         """Coefficients (R, 2H+1)."""
         row, by_force, by_friction = self._rows(name)
-        displacement = self.Q @ row + by_force * self.batch.force + by_friction * self.T
+        displacement = (
+            self.Q @ row + by_force * self.batch.force + by_friction * self.T + self.given @ self._beyond(name)
+        )
         return self.batch.read(self.sensors[name], displacement)
 
-    def pushed(self, name: str, Q: Array, T: Array) -> Array:
-        """Change (R, 2H+1) with a change of the unknowns, (R, 2H+1, n) and (R, 2H+1)."""
+    def pushed(self, name: str, Q: Array, T: Array, given: Array) -> Array:
+        """Change (R, 2H+1) with that of the unknowns, and of what places give, (R, 2H+1, j)."""
         row, _, by_friction = self._rows(name)
-        return self.batch.read(self.sensors[name], Q @ row + by_friction * T)
+        return self.batch.read(self.sensors[name], Q @ row + by_friction * T + given @ self._beyond(name))
 
-    def changed(self, name: str, reads: Array, acting: list[int], force: Array, Q: Array, T: Array) -> Array:
-        """Change (R, 2H+1, p) of `reads`; numbers `acting` move force, Q and T, (2H+1, q) and (R, 2H+1, ..., q)."""
+    def changed(
+        self, name: str, reads: Array, acting: list[int], force: Array, Q: Array, T: Array, given: Array
+    ) -> Array:
+        """Change (R, 2H+1, p) of `reads`; numbers `acting` move force, Q, T and what places give, (R, 2H+1, ..., q)."""
         batch, d, place, sensor = self.batch, self.d, self.places[name], self.sensors[name]
         row, by_force, by_friction = self._rows(name)
         displacement = self.Q @ d.rows[:, place].T
         displacement += self.T[..., None] * d.flexibility[:, place, 0]
         displacement += batch.force[..., None] * d.flexibility[:, place, 1]
-        displacement[..., acting] += row @ Q + by_force * force + by_friction * T
+        displacement += self.given @ self.d_places.residual[:, :, place].T
+        displacement[..., acting] += row @ Q + by_force * force + by_friction * T + self._beyond(name) @ given
         change, seen = batch.read(sensor, displacement), reads[..., None]
         change += seen * (DERIVATIVES[sensor.quantity] / batch.hz)[:, None, None] * self.hz
         gain, delay = (self._is(f"{SENSORS}{name}.{what}") for what in ("gain", "delay"))

@@ -164,7 +164,7 @@ class ParameterBalance:
             return self.first
         rig = self.rig_at(lam)
         if isinstance(rig, Rig) and isinstance(self.first, HarmonicBalance) and self.key.name.startswith(FRICTION):
-            return self.first.with_law_of(rig)
+            return self.first.with_contact_of(rig)
         return balance_of(rig, self.basis, level=self.level_at(lam), like=self.first)
 
     # ---- signs of the modes

@@ -9,8 +9,10 @@ from hbm.balance.problem import State
 from hbm.fourier import FourierBasis
 from hbm.outputerror.records import Measurement, Record
 from hbm.outputerror.simulated import Simulated, simulated, steady
-from hbm.outputerror.together import simulated_together, steady_together
+from hbm.outputerror.together import _solved, simulated_together, steady_together
 from hbm.response.trace import steady_state
+from models import Attachments, ImpactStop, Rig
+from models.parts import Drift
 from models.published import PAPER_PENALTY, paper_rig
 
 RIG, H, BASIS = paper_rig(PAPER_PENALTY).with_modes(5), 3, FourierBasis(9, 128)
@@ -52,6 +54,15 @@ def same(a: Simulated, b: Simulated) -> None:
         assert np.abs(a.solution[name].samples - signal.samples).max() <= 1e-7 * np.abs(signal.samples).max(), name
 
 
+GIVING_WAY = replace(
+    RIG,
+    attachments=Attachments(clamp_stiffness=2e5, clamp_limit=0.05),
+    elements=(ImpactStop(4e-5, 3e3, 0.31),),
+    drift=(Drift("contact.friction.mu", 0.02), Drift("contact.normal_load", -0.03)),
+)
+"""A clamp that slips, a stop that is struck, and a contact that is not the same in all records."""
+
+
 @pytest.mark.parametrize("settled", [True, False])
 def test_records_are_what_each_is_alone(settled: bool) -> None:
     rig = replace(RIG, excitation=replace(RIG.excitation, settled=settled))
@@ -63,12 +74,24 @@ def test_records_are_what_each_is_alone(settled: bool) -> None:
         same(s, simulated(rig, BASIS, DATA, KEYS, r, None))
 
 
-def test_what_a_record_is_does_not_depend_on_the_others_to_the_last_bit() -> None:
+def test_places_that_give_way_and_a_contact_that_drifts_are_what_each_record_is_alone() -> None:
+    starts = [None] * len(AT)
+    keys = (*KEYS, "drift[0].rate", "contact.normal_load", "elements[0].gap", "attachments.clamp_limit")
+    near = [steady(GIVING_WAY, BASIS, r, None).state for r in DATA.records]
+    records = [replace(r, start=start) for r, start in zip(DATA.records, near, strict=True)]
+    found = _solved(GIVING_WAY, BASIS, records, starts)
+    assert found is not None and len(found.which) == len(AT)
+    for r, s in zip(records, simulated_together(GIVING_WAY, BASIS, DATA, keys, records, starts), strict=True):
+        same(s, simulated(GIVING_WAY, BASIS, DATA, keys, r, None))
+
+
+@pytest.mark.parametrize("rig", (RIG, GIVING_WAY))
+def test_what_a_record_is_does_not_depend_on_the_others_to_the_last_bit(rig: Rig) -> None:
     """Records are shared among as many processes as there are cores: files are the same whatever their number."""
     starts = [None] * len(AT)
-    whole = list(simulated_together(RIG, BASIS, DATA, KEYS, DATA.records, starts))
+    whole = list(simulated_together(rig, BASIS, DATA, KEYS, DATA.records, starts))
     for first in (0, 1):
-        part = simulated_together(RIG, BASIS, DATA, KEYS, DATA.records[first::2], starts[first::2])
+        part = simulated_together(rig, BASIS, DATA, KEYS, DATA.records[first::2], starts[first::2])
         for mine, other in zip(part, whole[first::2], strict=True):
             assert np.array_equal(mine.amplitudes, other.amplitudes) and np.array_equal(mine.by_keys, other.by_keys)
             assert np.array_equal(mine.solution.state.Q, other.solution.state.Q)

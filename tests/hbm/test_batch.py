@@ -9,14 +9,15 @@ from rigs import ON_THE_BEAM, beam
 from hbm import sensitivities, steady_state
 from hbm.balance.batch import Batch, Motions, is_batched
 from hbm.balance.batchednewton import Solved, solve
-from hbm.balance.problem import HarmonicBalance, State
+from hbm.balance.problem import TOLERANCE, HarmonicBalance, State
 from hbm.balance.solution import PeriodicSolution, described
 from hbm.outputerror.simulated import held_beside
 from hbm.sensitivity.batch import changes_together
 from hbm.sensitivity.derivatives import disturbed
 from hbm.sensitivity.scalars import solution_numbers
-from models import Attachments, FrictionLaw, PointMass, Rig
+from models import Attachments, FrictionLaw, ImpactStop, MidplaneStretching, PointMass, Rig
 from models.parts import Drift
+from models.published import ASSUMED_VLFM, PAPER_DAHL, PAPER_PENALTY
 
 AT = ((47.0, 6.5), (50.2, 6.5), (52.0, 2.0), (54.0, 0.3), (57.0, 6.5))
 """Frequencies [Hz] and levels [N]: one where the contact sticks."""
@@ -31,7 +32,22 @@ def together(rig: Rig, starts: list[PeriodicSolution], hz: list[float], levels: 
 @pytest.mark.parametrize("law", ON_THE_BEAM, ids=lambda law: law.name)
 def test_steady_states_and_derivatives_are_those_of_each_alone(law: FrictionLaw) -> None:
     rig = beam(law, modes=6, foreshortening=True)
-    rig = replace(rig, attachments=Attachments(masses=(PointMass(0.25, 0.02),), clamp_stiffness=2e5))
+    as_alone(replace(rig, attachments=Attachments(masses=(PointMass(0.25, 0.02),), clamp_stiffness=2e5)))
+
+
+@pytest.mark.parametrize("law", (PAPER_PENALTY, PAPER_DAHL, ASSUMED_VLFM), ids=lambda law: law.name)
+@pytest.mark.parametrize("limit", (None, 0.05, 0.3))
+def test_places_that_give_way_are_solved_together(law: FrictionLaw, limit: float | None) -> None:
+    rig = beam(law, modes=5, foreshortening=True, load_variation=1.0)
+    held = Attachments(masses=(PointMass(0.25, 0.02),), clamp_stiffness=2e5, clamp_limit=limit)
+    stops = (ImpactStop(4e-5, 3e3, 0.31), ImpactStop(1e-2, 1e4, 0.12))  # one is struck, the other is not
+    found = as_alone(replace(rig, attachments=held, elements=stops))
+    yields = found.matrices.yielding.any(axis=(0, 1, 3))
+    assert yields.any(axis=1).tolist() == [True, False, *([] if limit is None else [True])]
+
+
+def as_alone(rig: Rig) -> Solved:
+    """Records solved together, compared with each alone."""
     hz, levels = zip(*AT, strict=True)
     alone = [steady_state(rig, f, level=F, harmonics=9, samples=128) for f, F in AT]
     near = [steady_state(rig, 1.0005 * f, level=F, harmonics=9, samples=128) for f, F in AT]
@@ -47,7 +63,9 @@ def test_steady_states_and_derivatives_are_those_of_each_alone(law: FrictionLaw)
         here = described(batch.problems[i], state, hz[i], batch.kinematics(i, found.seen))
         one = sensitivities(rig, here, keys)
         for at, name in enumerate(names):
-            np.testing.assert_allclose(by.reads[i, at], here[name].coefficients, rtol=0, atol=1e-12 * here[name].peak)
+            # friction is unknown in the one, and marched in the other: they differ by what Newton's method leaves
+            atol = TOLERANCE * here[name].peak
+            np.testing.assert_allclose(by.reads[i, at], here[name].coefficients, rtol=0, atol=atol)
             there = one[name].coefficients
             assert np.all(np.abs(by.channels[i, at] - there).max(axis=0) <= 1e-8 * np.abs(there).max(axis=0)), name
         assert np.abs(by.own_Q[i] - one.own_Q).max() < 1e-9 * np.abs(one.own_Q).max()
@@ -56,6 +74,7 @@ def test_steady_states_and_derivatives_are_those_of_each_alone(law: FrictionLaw)
         for name, series in by.by_mean.items():
             # both are refined to a share of the friction itself, next to which it moves the sensors little
             assert np.abs(series[i] - pushed[name][:, 0]).max() <= 1e-5 * np.abs(pushed[name]).max(), name
+    return found
 
 
 def test_a_record_that_full_steps_do_not_bring_nearer_is_given_up_and_the_others_found() -> None:
@@ -66,9 +85,13 @@ def test_a_record_that_full_steps_do_not_bring_nearer_is_given_up_and_the_others
     assert found.converged.tolist() == [True, False, True]
 
 
-def test_what_can_be_solved_together_has_its_contact_alone_nonlinear_and_the_same_in_all_records() -> None:
+def test_what_can_be_solved_together_is_nonlinear_at_places_alone_and_the_same_in_all_records() -> None:
     rig = beam()
     assert is_batched(rig)
-    assert not is_batched(replace(rig, drift=(Drift("contact.normal_load", 1e-3),)))
+    assert is_batched(replace(rig, elements=(ImpactStop(1e-4, 1e4, 0.3),)))
+    assert is_batched(replace(rig, attachments=Attachments(clamp_stiffness=2e5, clamp_limit=0.3)))
+    assert not is_batched(replace(rig, elements=(MidplaneStretching(1.0),)))
+    assert not is_batched(replace(rig, contact=replace(rig.contact, lift_off=True)))
+    assert is_batched(replace(rig, drift=(Drift("contact.normal_load", 1e-3), Drift("contact.friction.mu", 1e-3))))
+    assert not is_batched(replace(rig, drift=(Drift("beam.density", 1e-3),)))
     assert not is_batched(replace(rig, excitation=replace(rig.excitation, measured_harmonics=True)))
-    assert not is_batched(replace(rig, attachments=Attachments(clamp_stiffness=2e5, clamp_limit=0.3)))
