@@ -1,11 +1,14 @@
 """What a record costs in a fit: solved and differentiated one by one, and together, in one run.
 
-The records of examples/diagnosed_beam, and of each some; CPU milliseconds a record, the least of five, in turn.
+The records of examples/diagnosed_beam, and of each some; with the rig as it is, and with more that is solved together.
+CPU milliseconds a record, the least of five, in turn.
 
 Run: python -m benchmarks.records
 """
 
 import time
+from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +16,17 @@ from rich.console import Console
 from rich.table import Table
 
 from hbm import load_rig, load_spectra
+from hbm.balance.scaled import State
 from hbm.diagnosis.calibrate import trusted
+from hbm.fourier import FourierBasis
 from hbm.outputerror.evaluation import evaluate
 from hbm.outputerror.measured import campaign_of
-from hbm.outputerror.simulated import Simulated, simulated
+from hbm.outputerror.records import Measurement, Record
+from hbm.outputerror.simulated import Simulated, simulated, steady
 from hbm.outputerror.together import simulated_together
 from hbm.parallel import one_thread
+from models import ImpactStop, Rig
+from models.parts import Drift
 
 EXAMPLE, REPEATS, MOVED = Path(__file__).parents[1] / "examples" / "diagnosed_beam", 5, 0.3
 """How far a step of the fit goes, in tolerances of every number."""
@@ -30,36 +38,54 @@ def _difference(mine: Simulated, other: Simulated) -> float:
     return max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in pairs)
 
 
+def _kinds(rig: Rig) -> dict[str, Rig]:
+    """The rig as it is, and with more of what is solved together."""
+    stop = ImpactStop(gap=2e-5, stiffness=3e3, position=0.5)
+    return {
+        "contact alone": rig,
+        "a stop that is struck": replace(rig, elements=(stop,)),
+        "a clamp that slips": replace(rig, attachments=replace(rig.attachments, clamp_stiffness=2e5, clamp_limit=0.05)),
+        "a load that drifts": replace(rig, drift=(Drift("contact.normal_load", 1e-3),)),
+    }
+
+
 @one_thread
 def main() -> None:
     """Time a step of a fit and print the table."""
     rig = load_rig(EXAMPLE / "rig.toml")
+    assert isinstance(rig, Rig)
     campaign, _ = campaign_of(rig, load_spectra(EXAMPLE / "spectra.csv", rig))
-    model = trusted(rig, campaign.data.channels, None)
+    model, working = trusted(rig, campaign.data.channels, None), campaign.numerics.working
     here = evaluate(model, campaign, model.start, {})
     x = model.start + MOVED * np.array([f.std for f in model.free])
-    there = campaign.numerics.working.rig(model.rig(x))
+    before, there = (_kinds(working.rig(model.rig(at))) for at in (model.start, x))
     keys, _ = model.by_x(x, model.rig(x))
-    basis, starts = campaign.numerics.working.basis, here.states(x)
-    table = Table("records", "one by one, ms", "together, ms", "times", "largest difference")
-    for number in (3, 6, 12, len(campaign.numbers)):
-        records = [r for r in campaign.data.records if r.number in starts][:: max(1, len(starts) // number)][:number]
-        begin = [starts[r.number] for r in records]
-        spent: dict[str, list[float]] = {"alone": [], "together": []}
-        for _ in range(REPEATS):
-            t = time.process_time()
-            alone = [simulated(there, basis, campaign.data, keys, r, s) for r, s in zip(records, begin, strict=True)]
-            spent["alone"].append((time.process_time() - t) / len(records) * 1e3)
-            t = time.process_time()
-            together = list(simulated_together(there, basis, campaign.data, keys, records, begin))
-            spent["together"].append((time.process_time() - t) / len(records) * 1e3)
-        found = [(a, b) for a, b in zip(together, alone, strict=True) if a is not None and b is not None]
-        off = max(_difference(a, b) for a, b in found)
-        one, all_at_once = min(spent["alone"]), min(spent["together"])
-        cells = f"{len(records)}", f"{one:.2f}", f"{all_at_once:.2f}", f"{one / all_at_once:.2f}", f"{off:.1g}"
-        table.add_row(*cells)
+    basis, starts = working.basis, here.states(x)
+    table = Table("rig", "records", "one by one, ms", "together, ms", "times", "largest difference")
+    whole = [r for r in campaign.data.records if r.number in starts]
+    for kind, number in product(there, (3, 6, 12, len(whole))):
+        found = [(r, steady(before[kind], basis, r, starts[r.number])) for r in whole[:: max(1, len(whole) // number)]]
+        known = [(r, s.state) for r, s in found if s is not None][:number]
+        table.add_row(kind, *_timed(there[kind], basis, campaign.data, keys, *map(list, zip(*known, strict=True))))
     Console().print(table)
-    print(f"{campaign.numerics}; {len(keys)} numbers, {len(model.free)} free")
+
+
+def _timed(
+    rig: Rig, basis: FourierBasis, data: Measurement, keys: tuple[str, ...], records: list[Record], begin: list[State]
+) -> tuple[str, ...]:
+    """How many records, milliseconds for each either way, their ratio, and how far the answers are apart."""
+    spent: dict[str, list[float]] = {"alone": [], "together": []}
+    for _ in range(REPEATS):
+        t = time.process_time()
+        alone = [simulated(rig, basis, data, keys, r, s) for r, s in zip(records, begin, strict=True)]
+        spent["alone"].append((time.process_time() - t) / len(records) * 1e3)
+        t = time.process_time()
+        together = list(simulated_together(rig, basis, data, keys, records, begin))
+        spent["together"].append((time.process_time() - t) / len(records) * 1e3)
+    found = [(a, b) for a, b in zip(together, alone, strict=True) if a is not None and b is not None]
+    off = max(_difference(a, b) for a, b in found)
+    one, all_at_once = min(spent["alone"]), min(spent["together"])
+    return f"{len(records)}", f"{one:.2f}", f"{all_at_once:.2f}", f"{one / all_at_once:.2f}", f"{off:.1g}"
 
 
 if __name__ == "__main__":

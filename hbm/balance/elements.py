@@ -352,9 +352,8 @@ class ElementsOverPeriod:
         evaluate()
         slopes, places = [k.reshape(basis.N_t, -1) for k in found], self._functions.places
         out = np.zeros((len(self.rows), basis.size, len(change.Omega)))
-        for k, (row, column), moved in zip(
-            slopes[2:], places[2:], (change.rows.weight.T, change.parameters), strict=True
-        ):
+        numbers = change.rows.weight.T, change.parameters
+        for k, (row, column), moved in zip(slopes[2:], places[2:], numbers, strict=True):
             np.add.at(out, row, (basis.analysis @ k).T[:, :, None] * moved[column][:, None])
         faster = basis.derivative(Q @ self.rows.T)
         reads = change.rows.static[:, :, 0]
