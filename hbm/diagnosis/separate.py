@@ -16,7 +16,7 @@ from hbm.outputerror.campaign import Campaign
 from hbm.outputerror.evaluation import Evaluation
 from hbm.outputerror.simulated import FAILURES
 from hbm.outputerror.whitened import uncorrelated
-from hbm.response.trace import first_solution
+from hbm.response.start import first_solution
 from hbm.sensitivity.derivatives import sensitivities
 from models.jointed import AnyRig
 from models.parts import Channel

@@ -70,6 +70,18 @@ class Row(NamedTuple):
 # ------------------------------------------------------------------------------------------------------------ reading
 
 
+def _refuse_copies(spectra: MeasuredSpectra) -> None:
+    """Refuse records that are others to the last digit: they say nothing of what does not repeat, and count twice."""
+    first: dict[bytes, int] = {}
+    for i, (hz, coefficients) in enumerate(zip(spectra.hz, spectra.coefficients, strict=True)):
+        before = first.setdefault(hz.tobytes() + coefficients.tobytes(), i)
+        if before != i:
+            copy, record = (spectra.label(int(spectra.records[j])) for j in (i, before))
+            raise InputError(
+                f"{spectra.source}: record {copy} is a copy of record {record}; must be measured anew, or left out"
+            )
+
+
 def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: float = 0.0) -> MeasuredSpectra:
     """Read a spectra file.
 
@@ -111,6 +123,7 @@ def load_spectra(path: StrPath, rig: AnyRig | None = None, *, repeatability: flo
     numbers = (_row(where, cells) for where, cells in rows if not _is_note(cells))
     notes = [(note["record"], note["text"]) for note in said if note is not None]
     spectra = _assembled(source, numbers, rig, notes)
+    _refuse_copies(spectra)
     if rig is not None:
         warn_far_below(rig, spectra)
     return with_std(rig, spectra, repeatability)

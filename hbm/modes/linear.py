@@ -255,7 +255,9 @@ class Touching:
         damping = free.T @ (damping + s.joints.T @ (K.imag / omega) @ s.joints) @ free
         m = len(stiffness)
         roots = np.linalg.eigvals(np.block([[np.zeros((m, m)), np.eye(m)], [-stiffness, -damping]]))
-        return _natural(roots, self._first_elastic)
+        unit, sizes = self._first_elastic, np.linalg.svd(stiffness, compute_uv=False)
+        least = max((STILL * unit) ** 2, m * np.finfo(float).eps * sizes.max(initial=0.0))
+        return _natural(roots, unit, int(np.count_nonzero(sizes <= least)))
 
     @property
     def _free(self) -> Array:
@@ -281,16 +283,19 @@ def _diagonal(damping: Array) -> bool:
     return np.ndim(damping) == 1 or not np.any(damping - np.diag(np.diag(damping)))
 
 
-def _natural(roots: Complex, unit: float) -> tuple[Array, Array]:
+def _natural(roots: Complex, unit: float, unheld: int) -> tuple[Array, Array]:
     """Natural frequencies and damping ratios of roots in pairs, the lowest first.
 
-    Real ones make a pair with what is as far from the end of their row: of several modes that do not oscillate the
+    Of motions that no stiffness holds, `unheld` of them, one root is zero, and both where nothing damps them. Real ones
+    make a pair with what is as far from the end of their row: of several modes that do not oscillate the
     slowest root and the fastest are one.
     """
     still = np.abs(roots) <= STILL * unit
     turning = roots[~still & (roots.imag > STILL * np.abs(roots))]
     decaying = np.sort(-roots[~still & (np.abs(roots.imag) <= STILL * np.abs(roots))].real)
-    rigid, alone = divmod(int(np.count_nonzero(still)), 2)
+    zeros = int(np.count_nonzero(still))
+    alone = max(2 * unheld - zeros, zeros % 2)
+    rigid = (zeros - alone) // 2
     slow, fast = decaying[alone:][: (len(decaying) - alone) // 2], decaying[::-1]
     between = np.sqrt(np.abs(slow * fast[: len(slow)]))
     omega = np.concatenate([np.zeros(rigid + alone), np.abs(turning), between])

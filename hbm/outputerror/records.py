@@ -18,7 +18,7 @@ from hbm.inverse.observed import motion_of
 from hbm.inverse.reconstruction import Reconstruction
 from hbm.inverse.sensing import Complex, Readings, Sensing
 from hbm.response.liftoff import solve_lifting
-from hbm.response.trace import first_solution
+from hbm.response.start import first_solution
 from models.jointed import AnyRig
 
 

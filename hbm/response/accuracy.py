@@ -4,6 +4,7 @@ Everything here is measured, not assumed: some points of the curve are solved ag
 more samples and more modes, and the change is the estimate.
 """
 
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
@@ -63,7 +64,7 @@ def frequency_response(
     on_point : callable, optional
         Progress: called with frequency and point number.
     budget : Budget, optional
-        Most points and seconds of the trace.
+        Most points of the curve, and seconds: the choice of harmonics takes up to half of them.
 
     Returns
     -------
@@ -80,18 +81,25 @@ def frequency_response(
     sweep = sweep_of(rig, hz, "frequency_response")
     expect_level(level, "frequency_response")
     expect_positive(tolerance, "tolerance", "frequency_response", "relative")
+    budget, began = budget or Budget(), time.monotonic()
     if harmonics is None:
-        H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance)
+        H, N_t, reason = choose_harmonics(rig, sweep, level=level, tolerance=tolerance, seconds=0.5 * budget.left)
     else:
         H = harmonics_for(rig, harmonics, "frequency_response")
         N_t, reason = default_samples(H), f"H = {H} as asked for"
+    budget = budget.after(time.monotonic() - began)
     curve = trace_frequency(rig, sweep, level=level, harmonics=H, samples=N_t, on_point=on_point, budget=budget)
     error = estimate_error(curve)
     return replace(curve, assessment=Assessment(error, reason, tuple(_warnings(curve, error, tolerance))))
 
 
 def choose_harmonics(
-    rig: AnyRig, hz: tuple[float, float], *, level: float | None = None, tolerance: float = TOLERANCE
+    rig: AnyRig,
+    hz: tuple[float, float],
+    *,
+    level: float | None = None,
+    tolerance: float = TOLERANCE,
+    seconds: float = Budget.seconds,
 ) -> tuple[int, int, str]:
     """Fewest harmonics and samples of the ladder that keep the curve within the tolerance.
 
@@ -99,13 +107,15 @@ def choose_harmonics(
     ----------
     rig, hz, level, tolerance
         As for :func:`frequency_response`.
+    seconds : float
+        Time for the coarse curve that tells where the peaks are; they are those of as much of it as there is by then.
 
     Returns
     -------
     H, N_t : int
     reason : str
     """
-    pilot = scout_frequency(rig, hz, level=level)
+    pilot = scout_frequency(rig, hz, level=level, budget=Budget(seconds=seconds))
     (where, found), scales, what = _telling_points(pilot), scales_of(pilot.rig, pilot.points), _in_words(rig)
     for H in ladder(rig):
         N_t = default_samples(finer(H))

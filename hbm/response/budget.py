@@ -43,10 +43,22 @@ class Budget:
         Points of the curve.
     seconds : float
         Time, by the clock; the curve then depends on the machine, which the points and the folds do not.
+    spent : float
+        Seconds of these that went before the trace.
     """
 
     points: int = 5000
     seconds: float = 300.0
+    spent: float = 0.0
+
+    @property
+    def left(self) -> float:
+        """Seconds for the trace."""
+        return self.seconds - self.spent
+
+    def after(self, seconds: float) -> "Budget":
+        """What is left after more seconds; half of all are kept for the trace."""
+        return replace(self, spent=min(self.spent + seconds, 0.5 * self.seconds))
 
 
 @dataclass(frozen=True)
@@ -123,7 +135,7 @@ class Watch:
             return f"{self.budget.points} {'point is' if self.budget.points == 1 else 'points are'} its budget"
         seconds = time.monotonic() - self.began
         are = "is" if self.budget.seconds == 1.0 else "are"
-        return f"{self.budget.seconds:g} s {are} its budget" if seconds > self.budget.seconds else ""
+        return f"{self.budget.seconds:g} s {are} its budget" if seconds > self.budget.left else ""
 
     @property
     def _alike(self) -> bool:

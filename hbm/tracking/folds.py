@@ -38,7 +38,7 @@ from hbm.fourier import Array
 from hbm.parallel import one_thread
 from hbm.response.curve import ResponseCurve
 from hbm.response.kinks import VALUE
-from hbm.response.trace import trace_settings
+from hbm.response.steps import trace_settings
 from hbm.sensitivity.derivatives import balance_change
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import Key, ParameterBalance, check_value, parameter_key

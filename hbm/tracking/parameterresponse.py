@@ -20,7 +20,9 @@ from hbm.parallel import one_thread
 from hbm.response.accuracy import TOLERANCE, finer, ladder, relative_change, scales_of
 from hbm.response.budget import Along, Budget, OnPoint, continue_within
 from hbm.response.curve import ResponseCurve
-from hbm.response.trace import EXCURSION, SCOUTED, first_solution, solve_near, trace_settings
+from hbm.response.start import first_solution
+from hbm.response.steps import EXCURSION, trace_settings
+from hbm.response.trace import SCOUTED, solve_near
 from hbm.sensitivity.scalars import FORCE, HZ
 from hbm.tracking.parameter import Key, ParameterBalance, check_value, parameter_key
 from models.jointed import AnyRig

@@ -10,7 +10,8 @@ from scipy.optimize import root
 
 from continuation import ChordCurve, FoldCurve, Kind
 from hbm.fourier import FourierBasis
-from hbm.response.trace import first_solution, trace_frequency
+from hbm.response.start import first_solution
+from hbm.response.trace import trace_frequency
 from hbm.tracking.folds import PlaneBalance, fold_path, isolas
 from hbm.tracking.parameter import ParameterBalance, parameter_key
 from models import ContactSample, Rig

@@ -14,7 +14,8 @@ from hbm.integration.handover import state_at_phase_zero
 from hbm.integration.integrate import steady_state as shoot
 from hbm.response import bifurcations
 from hbm.response.bifurcations import stability_of, with_stability
-from hbm.response.trace import first_solution, steady_state
+from hbm.response.start import first_solution
+from hbm.response.trace import steady_state
 from hbm.tracking.parameter import ParameterBalance, parameter_key
 from hbm.tracking.parameterresponse import parameter_response
 from models import ContactSample, Rig

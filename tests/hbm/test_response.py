@@ -9,7 +9,8 @@ from rigs import HZ, CubicSpring, beam, oscillator
 from hbm.balance.problem import HarmonicBalance
 from hbm.balance.solution import describe
 from hbm.fourier import FourierBasis
-from hbm.response.trace import CURVE_TOLERANCE, force_response, solve_near, steady_state, trace_frequency
+from hbm.response.steps import CURVE_TOLERANCE
+from hbm.response.trace import force_response, solve_near, steady_state, trace_frequency
 from models import Coulomb, Frictionless, Jenkins, Stribeck, Viscous
 
 

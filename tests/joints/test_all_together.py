@@ -10,7 +10,7 @@ from continuation import Branch, continue_branch
 from hbm.balance.jointed import JointBalance
 from hbm.integration.integrate import simulate
 from hbm.integration.jointed import joint_steady_state, state_at_phase_zero
-from hbm.response import trace
+from hbm.response import start
 from hbm.response.bifurcations import stability_of, with_stability
 from hbm.response.trace import steady_state, trace_frequency
 from hbm.rigfiles.load import load_rig
@@ -53,7 +53,7 @@ def test_a_first_solution_is_found_with_few_harmonics(rig: JointedRig, monkeypat
         ramps.append(problem.basis.H)
         return continue_branch(problem, *args)
 
-    monkeypatch.setattr(trace, "continue_branch", noted)
+    monkeypatch.setattr(start, "continue_branch", noted)
     solution = steady_state(rig, 44.0, harmonics=H, samples=512)
     assert ramps and max(ramps) < 10
     problem = JointBalance(rig, solution.basis)

@@ -7,7 +7,7 @@ from hbm import linear_modes, simulate
 from hbm.fourier import Array
 from models.bodies import MatrixBody, ModalModel
 from models.jointed import JointedRig
-from models.joints import Dashpot, Joint
+from models.joints import CubicSpring, Dashpot, Joint
 from models.parts import Channel, Damping, Excitation
 
 N, RATIO, BETWEEN = 12, 0.005, 1e6
@@ -82,3 +82,16 @@ def test_a_free_body_with_a_damper_has_a_motion_that_nothing_brings_back() -> No
     root = s[s.imag > 1.0][0]
     assert found.stuck_hz[1] == pytest.approx(abs(root) / (2 * np.pi), rel=1e-9)
     assert found.stuck_damping_ratio[1] == pytest.approx(-root.real / abs(root), rel=1e-8)
+
+
+def test_every_motion_that_nothing_brings_back_is_at_zero() -> None:
+    """Two masses on a spring that is free in two directions, each rubbing on the ground: two roots 0 and two -1 / s."""
+    pair = 1e4 * np.kron(np.eye(2), [[1.0, -1.0], [-1.0, 1.0]])
+    body = MatrixBody(np.eye(4), pair, damping_matrix=np.eye(4), dofs=("1.x", "2.x", "1.y", "2.y"), modes=4)
+    rig = JointedRig(
+        "free", body, Damping(), (Joint("spring", CubicSpring(1.0), ("1.x",), to=("2.x",)),), Excitation(1.0, at="1.x")
+    )
+    found = linear_modes(rig)
+    assert found.stuck_hz[:2].tolist() == [0.0, 0.0] and found.stuck_damping_ratio[:2].tolist() == [np.inf, np.inf]
+    assert found.stuck_hz[2:] == pytest.approx(2 * [np.sqrt(2e4) / (2 * np.pi)], rel=1e-9)
+    assert found.stuck_damping_ratio[2:] == pytest.approx(2 * [0.5 / np.sqrt(2e4)], rel=1e-6)

@@ -8,7 +8,8 @@ import pytest
 from continuation import ChordCurve, Correction, FoldCurve, correct
 from hbm.fourier import FourierBasis
 from hbm.response.curve import ResponseCurve
-from hbm.response.trace import first_solution, trace_frequency
+from hbm.response.start import first_solution
+from hbm.response.trace import trace_frequency
 from hbm.tracking.folds import PlaneBalance, fold_path
 from hbm.tracking.parameter import ParameterBalance, parameter_key
 from hbm.tracking.peaks import follow_peak

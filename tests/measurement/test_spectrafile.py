@@ -259,6 +259,17 @@ def test_a_bad_file_is_refused_in_one_line(text: str, line: str, rig: Rig, tmp_p
     assert str(refused.value) == f"{path}{line}"
 
 
+def test_a_copy_of_a_record_is_refused(rig: Rig, tmp_path: Path) -> None:
+    """A file that was appended to itself has no scatter, and each of its records twice."""
+    spectra, file = drawn(rig), tmp_path / "s.csv"
+    write_spectra(file, spectra)
+    heading, *rows = file.read_text().splitlines()
+    again = [f"{int(row.split(',')[0]) + 3},{row.split(',', 1)[1]}" for row in rows]
+    file.write_text("\n".join([heading, *rows, *again]))
+    with pytest.raises(InputError, match=r"s\.csv: record 4 is a copy of record 1; must be measured anew, or left out"):
+        load_spectra(file, rig)
+
+
 def test_what_is_not_a_spectra_file_is_refused(rig: Rig, tmp_path: Path) -> None:
     binary = tmp_path / "b.csv"
     binary.write_bytes(b"record,\xff\xfe")

@@ -11,9 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from continuation import DenseProblem, End, Point, Settings
-from hbm import load_rig
+from continuation import Branch, ConvergenceError, DenseProblem, End, Point, Settings
+from hbm import frequency_response, load_rig
+from hbm.balance.problem import HarmonicBalance
+from hbm.fourier import FourierBasis
 from hbm.modes.backbone import nonlinear_mode
+from hbm.response import start, trace
 from hbm.response.budget import CRAWL, FOLDS, Along, Budget, Watch, continue_within
 from hbm.response.trace import trace_frequency
 from hbm.tracking.parameterresponse import parameter_response
@@ -74,6 +77,33 @@ def test_the_budget_of_seconds_ends_a_curve() -> None:
     curve = trace_frequency(load_rig(PAPER), (45.0, 55.0), harmonics=1, samples=32, budget=Budget(seconds=1e-9))
     assert "1e-09 s are its budget" in curve.branch.message
     assert not curve.complete
+
+
+def test_what_goes_before_a_trace_is_of_its_budget_but_for_half() -> None:
+    assert Budget(seconds=10.0).after(3.0).left == 7.0
+    assert Budget(seconds=10.0).after(3.0).after(9.0).left == 5.0
+
+
+def test_the_choice_of_harmonics_and_the_first_solution_share_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: list[Budget] = []
+
+    def within(budget: Budget, *rest: object, **more: object) -> Branch:
+        given.append(budget)
+        return continue_within(budget, *rest, **more)
+
+    monkeypatch.setattr(trace, "continue_within", within)
+    frequency_response(load_rig(PAPER), (48.0, 52.0), budget=Budget(seconds=200.0))
+    scout, curve = given
+    assert (scout.seconds, scout.points, curve.seconds) == (100.0, Budget().points, 200.0)
+    assert 0.0 < scout.spent < 50.0 and scout.spent < curve.spent <= 100.0
+
+
+def test_a_first_solution_that_takes_too_long_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(start, "_from_rest", lambda problem, lam, late: None)
+    problem = HarmonicBalance(load_rig(PAPER), FourierBasis(3, 32))
+    assert np.isfinite(start.first_solution(problem, problem.lam_at(50.0))).all()
+    with pytest.raises(ConvergenceError, match=r"none at 50 Hz and 6\.5 N in its time; allow more seconds"):
+        start.first_solution(problem, problem.lam_at(50.0), 0.0)
 
 
 def test_hundreds_of_folds_in_a_tenth_of_the_sweep_turn_in_place() -> None:
