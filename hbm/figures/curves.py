@@ -17,6 +17,7 @@ from hbm.figures.style import (
     Color,
     align_labels,
     dressed,
+    expect_contact,
     headed,
     level_colors,
     new_axes,
@@ -136,8 +137,14 @@ def plot_contact(curves: Curves, axes: AxesArray | None = None) -> AxesArray:
     -------
     (3,) array of Axes
         Slip, friction, reaction.
+
+    Raises
+    ------
+    InputError
+        Of a rig with joints.
     """
     curves = listed(curves, "plot_contact")
+    expect_contact(curves[0].channels, "plot_contact")
     rows = panels(axes, 3, 1, 5.0, sharex=True).ravel()
     slip, friction, normal = rows
     draw_peaks(slip, curves, "slip", "Slip,\npeak")

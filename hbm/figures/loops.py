@@ -15,6 +15,7 @@ from hbm.figures.style import (
     AxesArray,
     closed,
     dressed,
+    expect_contact,
     label_all,
     legend_above,
     level_colors,
@@ -44,7 +45,13 @@ def plot_loop(
         Friction coefficient: the limits +mu R(t) and -mu R(t) are drawn too.
     color : optional
         Any Matplotlib colour.
+
+    Raises
+    ------
+    InputError
+        Of a rig with joints.
     """
+    expect_contact(solution.channels, "plot_loop")
     ax = new_axes(ax)
     slip, T, limit = (closed(solution.channels[name].samples) for name in ("slip", "friction", "normal"))
     (scale, unit), (by_force, of_force) = prefixed("m", slip), prefixed("N", T)

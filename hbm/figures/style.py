@@ -1,6 +1,6 @@
 """Common style of the figures: sizes, inks, axes, one colour per level."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from textwrap import wrap
 from typing import Any
 
@@ -39,6 +39,20 @@ def new_axes(ax: Axes | None) -> Axes:
     import matplotlib.pyplot as plt
 
     return plt.figure(layout="constrained").add_subplot()
+
+
+def expect_contact(channels: Container[str], figure: str) -> None:
+    """Refuse what has no contact of its own, but joints.
+
+    Raises
+    ------
+    InputError
+    """
+    if "slip" not in channels:
+        raise InputError(
+            f"{figure}: a rig with joints has no slip of its own; must have [contact]; plot_channel draws NAME.motion, "
+            "NAME.force of a joint"
+        )
 
 
 def level_colors(items: Sequence[Any]) -> list[Color]:

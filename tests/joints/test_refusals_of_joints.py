@@ -23,6 +23,7 @@ from hbm import (
 )
 from hbm.cli import app
 from hbm.errors import InputError
+from hbm.figures import plot_contact, plot_loop
 from hbm.inverse.jointed import reconstruct_joints
 from hbm.inverse.sensing import readings
 from hbm.measurement.spectra import MeasuredSpectra
@@ -296,6 +297,16 @@ def test_a_force_without_its_fundamental_is_refused(rig: JointedRig) -> None:
             'follow_peak: channel = "a9"; must be one of f, a1, drive, pad.motion, pad.force',
         ),
         (lambda rig: steady_state(rig, 18.0, harmonics=1)["a9"], KeyError, 'no channel "a9"; there are f, a1, drive'),
+        (
+            lambda rig: plot_contact(trace_frequency(rig, (18.0, 18.1), harmonics=1)),
+            InputError,
+            r"plot_contact: a rig with joints has no slip of its own; must have \[contact\]; plot_channel draws",
+        ),
+        (
+            lambda rig: plot_loop(steady_state(rig, 18.0, harmonics=1)),
+            InputError,
+            "plot_loop: a rig with joints has no slip of its own",
+        ),
         (
             lambda rig: trace_frequency(rig, (18.0, 18.1), harmonics=1)["a9"],
             KeyError,
