@@ -253,4 +253,6 @@ class Model:
 
     def values(self, x: Array, cause: int) -> dict[str, float]:
         """Parameters of a cause at coordinates, or with -1 what the coordinates of calibrated numbers say."""
-        return {f.name: f.value(v) for f, v in zip(self.free, x, strict=True) if f.cause == cause}
+        values = {f.name: f.value(v) for f, v in zip(self.free, x, strict=True) if f.cause == cause}
+        ordered = [u for u in self.unknowns[cause] if u.least] if cause >= 0 else []
+        return values | {u.name: max(values[u.name], values[u.least]) for u in ordered}

@@ -35,6 +35,8 @@ class Unknown:
         The number is so many times the parameter.
     known : bool
         Whether the neutral value is known as well as that number of a rig file is.
+    least : str
+        Another parameter of the cause that it does not fall below; none where empty.
     """
 
     name: str
@@ -46,6 +48,7 @@ class Unknown:
     starts: tuple[float, ...]
     times: float = 1.0
     known: bool = False
+    least: str = ""
 
     @property
     def shapes(self) -> bool:

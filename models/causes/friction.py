@@ -55,7 +55,7 @@ class StribeckWeakening(Cause):
         mu = _jenkins(rig).mu
         low, high = 1e-3 * mu, 1e2 * mu
         return (
-            Unknown("mu_static", "1", LAW + "mu_static", low, high, mu, (mu,)),
+            Unknown("mu_static", "1", LAW + "mu_static", low, high, mu, (mu,), least="mu"),
             Unknown("mu", "1", LAW + "mu", low, high, mu, ((1 - HARDLY) * mu, 0.9 * mu, 0.6 * mu)),
             Unknown("stribeck_velocity", "m/s", LAW + "stribeck_velocity", 1e-6, 1.0, nan, (1e-3, 1e-4, 1e-2)),
         )

@@ -16,13 +16,14 @@ from hbm.sensitivity.scalars import law_keys
 from models.bodies.modal import ModalModel
 from models.causes import all_candidates
 from models.causes.addedjoint import AddedJoint
+from models.causes.friction import StribeckWeakening
 from models.causes.parameter import WrongParameter
 from models.friction import LAWS, Iwan, Jenkins, Stribeck, describe, parameters
 from models.jointed import AnyRig, JointedRig
 from models.joints import JOINT_LAWS, Friction, Joint
 from models.joints.law import numbers
 from models.parts import Channel, Damping, Excitation
-from models.published import paper_rig
+from models.published import PAPER_PENALTY, paper_rig
 
 PLACES = ("a", "b", "c")
 BODY = ModalModel((31.0, 74.5), {"a": (0.8, 1.1), "b": (0.9, -1.2), "c": (0.5, 0.3)})
@@ -137,3 +138,15 @@ def test_every_number_of_a_cause_has_a_slope_at_its_bounds() -> None:
             assert np.isfinite(slopes).all(), (cause.label, f.name)
             checked.add(f.form)
     assert checked == {"linear", "logarithmic", "inverse"}
+
+
+def test_friction_at_rest_does_not_fall_below_that_of_sliding() -> None:
+    """Of a fit that takes it there the rig, its file and what is told are of a law without a fall."""
+    model = Model(paper_rig(PAPER_PENALTY), {}, (StribeckWeakening(),))
+    x = model.at({(0, "mu_static"): 0.3, (0, "mu"): 0.4, (0, "stribeck_velocity"): 1e-3})
+    rig = model.rig(x)
+    assert model.values(x, 0)["mu_static"] == model.values(x, 0)["mu"] == pytest.approx(0.4, rel=1e-12)
+    assert (rig.contact.law.mu_static, rig.contact.law.mu) == pytest.approx((0.4, 0.4), rel=1e-12)
+    keys, by_x = model.by_x(x, rig)
+    moved = {key: by_x[keys.index(key)] for key in ("contact.friction.mu_static", "contact.friction.mu")}
+    assert np.array_equal(*moved.values()) and np.count_nonzero(moved["contact.friction.mu"]) == 1
